@@ -1,0 +1,97 @@
+"""The command line: ``gse COMMAND``; each command is a module of its own, imported when it is called."""
+
+import importlib
+import sys
+
+import click
+
+from drivers.errors import CaptureError, CommandError, DriverError
+from gse.errors import GseError
+from protocols.errors import ProtocolError
+
+EXIT_FAIL = 1
+EXIT_USAGE = 2
+EXIT_DATA_LOST = 3
+EXIT_NO_DEVICE = 4
+EXIT_INCONCLUSIVE = 5
+EXIT_INTERNAL = 70
+EXIT_INTERRUPTED = 130
+
+_COMMANDS = {
+    "run": "live test: receive, record, identify, compare, show, judge",
+    "replay": "the same from a session, a raw capture or a panorama table",
+    "report": "the report of a session",
+    "view": "a session in rerun",
+    "identify": "one panorama table to stars, RA, DE and roll",
+    "extract": "an image to a panorama table, as the sensor does it",
+    "evaluate": "Monte-Carlo over the whole sky",
+    "simulate": "write a simulated session",
+    "emulate": "be the sensor on a pty or a TCP port",
+    "calibrate": "focal length, principal point, distortion, mirror, hot pixels from a session",
+    "align": "mount direction from a session",
+    "compare": "two sessions, or one session under two identifiers",
+    "session": "info, verify, recover, trim, export",
+    "decode": "frames and discarded bytes of a session or raw capture",
+    "config": "init, check or show a station file",
+    "catalog": "the star catalogue in use",
+    "ports": "serial ports, and who holds them",
+    "preflight": "is everything ready for the night?",
+    "sensor": "start, stop, status or exposure of the sensor",
+    "ci": "replay a folder of sessions and compare their reports",
+}
+
+
+class _Commands(click.Group):
+    """Commands by name, imported one at a time: ``gse --help`` must not wait for rerun, numba and astropy."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _COMMANDS:
+            return None
+        module = importlib.import_module(f"gse.cli.{cmd_name}")
+        command = module.command
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(_COMMANDS.items()))
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="gse-star-sensor", prog_name="gse")
+def cli() -> None:
+    """Ground test station for a star sensor: panoramas in, RA and DE against sidereal truth out."""
+
+
+def main() -> None:
+    """Run the command line; expected errors become one or two lines on stderr and an exit code."""
+    try:
+        code = cli.main(standalone_mode=False)
+    except click.exceptions.Exit as done:
+        code = done.exit_code
+    except click.ClickException as error:
+        error.show()
+        code = EXIT_USAGE
+    except (click.Abort, KeyboardInterrupt):
+        code = EXIT_INTERRUPTED
+    except (GseError, DriverError, ProtocolError) as error:
+        click.echo(f"gse: {error}", err=True)
+        code = exit_code_of(error)
+    except BrokenPipeError:
+        sys.stderr.close()
+        code = 0
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def exit_code_of(error: Exception) -> int:
+    """The exit code that stands for an expected error."""
+    if isinstance(error, GseError):
+        return error.exit_code
+    if isinstance(error, CaptureError | ProtocolError):
+        return EXIT_USAGE
+    if isinstance(error, CommandError):
+        return EXIT_FAIL
+    return EXIT_NO_DEVICE

@@ -1,0 +1,231 @@
+"""The station file: one YAML document, validated at the door."""
+
+import difflib
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from gse.camera import Camera
+from gse.errors import ConfigError
+
+MAX_FILE_BYTES = 1_000_000
+"""A station file is a page of text; anything bigger is another file."""
+
+_SOURCE_KEYS = ("version", "sensor", "site", "mount", "port", "protocol", "identifier", "catalog", "limits")
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Sensor(_Section):
+    """Detector and optics; lengths in pixels, 0-based at pixel centres."""
+
+    name: Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$")] = "sensor"
+    rows: Annotated[int, Field(ge=16, le=16384)]
+    columns: Annotated[int, Field(ge=16, le=16384)]
+    focal_length_px: Annotated[float, Field(gt=10, le=1e6)]
+    principal_point_px: tuple[float, float] | None = None
+    radial_distortion: tuple[Annotated[float, Field(ge=-1, le=1)], Annotated[float, Field(ge=-1, le=1)]] = (0.0, 0.0)
+    mirrored: bool = False
+    index_max: Annotated[int, Field(ge=1, le=65535)] = 4096
+    hot_pixels: tuple[tuple[int, int], ...] = ()
+    """Known hot pixels (x, y)."""
+
+    def camera(self) -> Camera:
+        """The camera model of this sensor."""
+        centre = self.principal_point_px or ((self.columns - 1) / 2, (self.rows - 1) / 2)
+        return Camera(self.rows, self.columns, self.focal_length_px, centre, self.radial_distortion, self.mirrored)
+
+
+class Site(_Section):
+    """Where the mount stands (geodetic, WGS 84) and its air, for refraction."""
+
+    name: str = "rooftop"
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    longitude_deg: Annotated[float, Field(ge=-180, le=360)]
+    height_m: Annotated[float, Field(ge=-500, le=9000)] = 0.0
+    pressure_hpa: Annotated[float, Field(ge=0, le=1100)] = 1010.0
+    temperature_c: Annotated[float, Field(ge=-80, le=60)] = 15.0
+    relative_humidity: Annotated[float, Field(ge=0, le=1)] = 0.5
+
+
+class Mount(_Section):
+    """The fixed direction of the sensor in the horizon frame.
+
+    Azimuth from north through east. ``roll_deg`` is the position angle of image up (towards row 0) from the direction
+    of the zenith, counter-clockwise as seen in the sky; at the zenith itself, "towards the zenith" is what it becomes
+    when the sensor is tilted up along its azimuth: image up points to azimuth + 180 at roll 0.
+    ``align`` fits the three angles from the first seconds of a session instead ("first 60 s").
+    """
+
+    azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    altitude_deg: Annotated[float, Field(ge=-90, le=90)] = 90.0
+    roll_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    align: Annotated[str, Field(pattern=r"^first \d+(\.\d+)? s$")] | None = None
+
+    @property
+    def align_s(self) -> float | None:
+        """Seconds at the start of a session that the mount is fitted on, or None."""
+        return float(self.align.split()[1]) if self.align else None
+
+
+class Port(_Section):
+    """Any pyserial URL."""
+
+    url: Annotated[str, Field(min_length=1)] = "sim://"
+    baudrate: Annotated[int, Field(ge=50, le=8_000_000)] = 115200
+
+
+class IdentifierOptions(_Section):
+    """The identifier under test, and its options (each used by the algorithm that knows it)."""
+
+    algorithm: Literal["neighbour", "pivot", "match-group", "robust"] = "neighbour"
+    catalog_stars: Annotated[int, Field(ge=100, le=100_000)] | Literal["auto"] = "auto"
+    tolerance_px: Annotated[float, Field(gt=0, le=20)] = 1.5
+    min_fit: Annotated[int, Field(ge=2, le=29)] = 6
+    """Fn and Fn2 of [S]."""
+    alpha_retries: Annotated[int, Field(ge=0, le=29)] = 29
+    """How many further objects may be the alpha star, after the brightest."""
+    selection: Literal["first-fit", "best-vote"] = "first-fit"
+    attitude: Literal["wahba", "paper-mean"] = "wahba"
+
+
+class Limits(_Section):
+    """What the verdict is measured against."""
+
+    d_ra_cosde_arcsec: Annotated[float, Field(gt=0)] = 60.0
+    d_de_arcsec: Annotated[float, Field(gt=0)] = 60.0
+    identification_ms: Annotated[float, Field(gt=0)] = 200.0
+    availability: Annotated[float, Field(ge=0, le=1)] = 0.95
+
+
+class Station(_Section):
+    """A whole station file."""
+
+    version: Literal[1]
+    sensor: Sensor
+    site: Site
+    mount: Mount = Mount()
+    port: Port = Port()
+    protocol: str = "panorama-v1"
+    identifier: IdentifierOptions = IdentifierOptions()
+    catalog: str = "gaia"
+    """``gaia`` (embedded), or the path of a Hipparcos (hip_main.dat, plain or .gz) or BSC5 (binary) file."""
+    limits: Limits = Limits()
+
+    @field_validator("protocol")
+    @classmethod
+    def _not_empty(cls, value: str) -> str:
+        if not value.strip():
+            raise ValueError("expected a protocol name or the path of a YAML description")
+        return value
+
+    @model_validator(mode="after")
+    def _principal_point_near_detector(self) -> "Station":
+        x, y = self.sensor.camera().principal_point_px
+        if not (-self.sensor.columns < x < 2 * self.sensor.columns and -self.sensor.rows < y < 2 * self.sensor.rows):
+            raise ValueError(f"sensor.principal_point_px ({x:g}, {y:g}) lies far outside the detector")
+        return self
+
+
+BUILT_IN_TEXT = f"""\
+# The built-in station: a LAPAN-like sensor on a rooftop, looking at the zenith.
+version: 1
+sensor:
+  name: LAPAN-like
+  rows: 1024
+  columns: 1024
+  focal_length_px: {512 / math.tan(math.radians(7)):.3f}   # 14 x 14 deg
+site:
+  name: rooftop
+  latitude_deg: -6.53
+  longitude_deg: 106.70
+  height_m: 250
+  pressure_hpa: 985
+  temperature_c: 25
+  relative_humidity: 0.8
+mount:
+  azimuth_deg: 0
+  altitude_deg: 90
+  roll_deg: 0
+port:
+  url: sim://
+"""
+
+
+def read_station(path: Path) -> tuple[Station, str]:
+    """The station of a file, and the file's text; ConfigError names file, line and key."""
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise ConfigError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no station file")
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise ConfigError(
+            f"cannot read the station file {path}: {reason}; 'gse config init' writes one to start from"
+        ) from error
+    return parse_station(text, str(path)), text
+
+
+def parse_station(text: str, source: str = "built-in station") -> Station:
+    """The station of a YAML text; ConfigError names source, line and key."""
+    try:
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        document = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark else ""
+        problem = getattr(error, "problem", None) or "not YAML"
+        raise ConfigError(f"{source}{line}: {problem}") from error
+    except (RecursionError, ValueError) as error:
+        raise ConfigError(f"{source}: no station file: {type(error).__name__}") from error
+    if not isinstance(document, dict):
+        raise ConfigError(f"{source}: expected a mapping with the keys {', '.join(_SOURCE_KEYS)}")
+    try:
+        return Station.model_validate(document)
+    except ValidationError as error:
+        lines = [_explain(item, node, source) for item in error.errors()]
+        raise ConfigError("\n".join(lines[:5])) from error
+
+
+def _explain(item: Any, node: yaml.Node | None, source: str) -> str:
+    path = [part for part in item["loc"] if isinstance(part, str) and part not in ("int", "literal['auto']")]
+    key = ".".join(path) or "station"
+    where = f"{source}, line {_line_of(node, path)}: "
+    if item["type"] == "extra_forbidden":
+        known = _known_keys(path[:-1])
+        near = difflib.get_close_matches(path[-1], known, n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}"
+        return f"{where}unknown key {key}; {hint}"
+    if item["type"] == "missing":
+        return f"{where}{key} is missing"
+    if item["type"] == "value_error":
+        return f"{where}{key}: {item['ctx']['error']}"
+    return f"{where}{key} is {item['input']!r:.60}: {item['msg'].lower()}"
+
+
+def _line_of(node: yaml.Node | None, path: list[str]) -> int:
+    line = 1
+    for part in path:
+        if not isinstance(node, yaml.MappingNode):
+            break
+        for key, value in node.value:
+            if key.value == part:
+                line, node = key.start_mark.line + 1, value
+                break
+        else:
+            break
+    return line
+
+
+def _known_keys(path: list[str]) -> list[str]:
+    model: type[BaseModel] = Station
+    for part in path:
+        annotation = model.model_fields[part].annotation
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            model = annotation
+    return list(model.model_fields)

@@ -1,0 +1,44 @@
+"""The errors of the station.
+
+GseError                exit code 70 unless a subclass says otherwise
+    UsageError          2: what was asked for does not make sense
+        ConfigError     2: the station file
+        CatalogError    2: a star catalogue file
+        TableError      2: a panorama table or another input file
+        TruthError      2: no truth for this instant or site
+    NoDeviceError       4: no such port, or nothing comes from it
+"""
+
+
+class GseError(Exception):
+    """Root of all errors of the station; the text is one or two lines for a person."""
+
+    exit_code = 70
+
+
+class UsageError(GseError):
+    """What was asked for does not make sense."""
+
+    exit_code = 2
+
+
+class ConfigError(UsageError):
+    """A station file that is missing, malformed or out of range; the text names file, line and key."""
+
+
+class CatalogError(UsageError):
+    """A star catalogue file that is missing, foreign or corrupt."""
+
+
+class TableError(UsageError):
+    """A panorama table or other input file that cannot be read; the text names file and line."""
+
+
+class TruthError(UsageError):
+    """There is no sidereal truth for this instant or site."""
+
+
+class NoDeviceError(GseError):
+    """No such port, or nothing comes from it."""
+
+    exit_code = 4

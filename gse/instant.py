@@ -1,0 +1,38 @@
+"""Instants: UTC as integer nanoseconds since 1970, and as text.
+
+Leap seconds are not counted, as in POSIX time; inside a leap second the instant is that of the second before.
+"""
+
+import re
+from datetime import UTC, datetime
+
+NS_PER_S = 1_000_000_000
+NS_PER_DAY = 86_400 * NS_PER_S
+UNIX_EPOCH_MJD = 40_587
+UNIX_EPOCH_JD = 2_440_587.5
+_RFC_3339 = re.compile(r"(\d{4}-\d{2}-\d{2})[T ](\d{2}:\d{2}:\d{2})(?:\.(\d{1,9}))?Z")
+
+
+def to_text(utc_ns: int, digits: int = 6) -> str:
+    """RFC 3339 with Z, cut (not rounded) to ``digits`` decimals of a second."""
+    seconds, ns = divmod(utc_ns, NS_PER_S)
+    whole = datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%S")
+    return f"{whole}.{ns:09d}"[: 20 + digits] + "Z" if digits else whole + "Z"
+
+
+def from_text(text: str) -> int:
+    """UTC nanoseconds of an RFC 3339 text that ends in Z; ValueError says what was expected."""
+    found = _RFC_3339.fullmatch(text.strip())
+    try:
+        if found is None:
+            raise ValueError
+        whole = datetime.fromisoformat(f"{found[1]}T{found[2]}+00:00")
+    except ValueError:
+        raise ValueError(f"{text!r} is no UTC instant: expected for example 2026-03-20T18:30:00Z") from None
+    return int(whole.timestamp()) * NS_PER_S + int((found[3] or "").ljust(9, "0"))
+
+
+def to_julian_date(utc_ns: int) -> tuple[float, float]:
+    """The two-part UTC (quasi) Julian date that ERFA takes: midnight, and the fraction of the day."""
+    days, ns = divmod(utc_ns, NS_PER_DAY)
+    return UNIX_EPOCH_JD + days, ns / NS_PER_DAY

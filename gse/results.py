@@ -1,0 +1,90 @@
+"""What the station finds out about each panorama, and what it counts on the way."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from gse.attitude import Attitude
+from gse.panorama import Panorama
+
+
+class Status(StrEnum):
+    """What became of a panorama; ``status`` in gse.frame/1."""
+
+    IDENTIFIED = "IDENTIFIED"
+    TOO_FEW = "TOO_FEW"
+    NO_MATCH = "NO_MATCH"
+    AMBIGUOUS = "AMBIGUOUS"
+    SENSOR_FAULT = "SENSOR_FAULT"
+
+
+class Verdict(StrEnum):
+    """What the station says of a session or of one measurement."""
+
+    PASS = "PASS"
+    FAIL = "FAIL"
+    INCONCLUSIVE = "INCONCLUSIVE"
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """One object that is a star: its row in the panorama, the star's name, and how far it lies from its place."""
+
+    object: int
+    star: str
+    residual_arcsec: float
+
+
+@dataclass(frozen=True, slots=True)
+class Discrepancy:
+    """Measured minus true attitude, all in arcsec.
+
+    ``d_ra_cosde`` is towards east and ``d_de`` towards north, at the true boresight (on the tangent plane there, so
+    that the poles are no special case); ``d_roll`` about the boresight; ``cross_x`` and ``cross_y`` are the
+    cross-boresight errors in the sensor frame: where the measured boresight lies along columns and rows.
+    """
+
+    d_ra_cosde_arcsec: float
+    d_de_arcsec: float
+    d_roll_arcsec: float
+    cross_x_arcsec: float
+    cross_y_arcsec: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameResult:
+    """All that is known of one panorama; one line of gse.frame/1.
+
+    ``attitude`` is what the sensor would answer: from catalogue places in ICRS, uncorrected for aberration and
+    refraction. ``discrepancy`` is found after these corrections. ``attitude_true`` is where the sensor looked
+    (geometric direction of the mount, ICRS axes). ``judge`` is the robust identifier's view of the same panorama:
+    ``correct``, ``false`` or ``absent`` for the answer under test, ``none`` where the judge itself has no answer.
+    ``others`` names objects that are no stars: (object, "hot pixel" | "Jupiter" | "unknown" ...).
+    """
+
+    panorama: Panorama
+    status: Status
+    detail: str
+    identifier: str
+    attitude: Attitude | None = None
+    matches: tuple[Match, ...] = ()
+    chance: float | None = None
+    elapsed_us: float | None = None
+    discrepancy: Discrepancy | None = None
+    attitude_true: Attitude | None = None
+    judge: str = "none"
+    others: tuple[tuple[int, str], ...] = ()
+
+
+@dataclass(slots=True)
+class LinkCounters:
+    """Where every received byte and every expected frame went."""
+
+    bytes_in: int = 0
+    bytes_framed: int = 0
+    bytes_discarded: int = 0
+    frames: int = 0
+    discards_by_reason: dict[str, int] = field(default_factory=dict)
+    duplicates: int = 0
+    frames_lost: int = 0
+    sensor_resets: int = 0
+    reconnects: int = 0
