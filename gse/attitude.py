@@ -33,7 +33,8 @@ class Attitude:
     @property
     def boresight_icrs(self) -> NDArray[np.float64]:
         """Unit vector of the boresight in ICRS axes."""
-        return self.icrs_to_sensor[2]
+        boresight: NDArray[np.float64] = self.icrs_to_sensor[2]
+        return boresight
 
     @property
     def ra_deg(self) -> float:

@@ -11,7 +11,9 @@ _UNDISTORTED_WITHIN_PX = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A pinhole with radial distortion; the sensor frame is x along columns, y along rows (down), z out of the boresight.
+    """A pinhole with radial distortion.
+
+    The sensor frame is x along columns, y along rows (down), z out of the boresight.
 
     Pixels are 0-based at pixel centres. ``radial_distortion`` (k1, k2):
     r_undistorted = r (1 + k1 s^2 + k2 s^4) with s = r / (columns / 2), r from the principal point.
@@ -34,7 +36,8 @@ class Camera:
         if self.mirrored:
             offset[:, 0] = -offset[:, 0]
         vectors = np.column_stack([offset, np.full(len(offset), self.focal_length_px)])
-        return vectors / np.sqrt((vectors**2).sum(axis=1))[:, None]
+        unit: NDArray[np.float64] = vectors / np.sqrt((vectors**2).sum(axis=1))[:, None]
+        return unit
 
     def pixels(self, directions_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
         """Pixels (N, 2) of directions (N, 3) in the sensor frame; NaN behind the camera."""
