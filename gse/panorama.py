@@ -15,7 +15,8 @@ class Panorama:
 
     ``xy_px`` is (N, 2), columns x then rows y, 0-based at pixel centres; ``index`` is (N,), the brightness on the
     sensor's scale; ``flags`` are the fault bits of the sensor by name (``overexposed``, ``detector fault``, ...).
-    ``time_us`` is the sensor's own clock.
+    ``time_us`` is the sensor's own clock, ``host_utc_ns`` the host's when the frame's first byte was read, ``sequence``
+    the frame's number on the wire.
     """
 
     utc_ns: int
@@ -24,5 +25,7 @@ class Panorama:
     frame_no: int = 0
     exposure_s: float = 0.0
     time_us: int = 0
+    host_utc_ns: int = 0
+    sequence: int = 0
     temperature_c: float = float("nan")
     flags: frozenset[str] = field(default_factory=frozenset)

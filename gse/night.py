@@ -1,0 +1,33 @@
+"""All that a session gave: the input of statistics, verdict, report and views."""
+
+from dataclasses import dataclass, field
+
+from drivers.chunk import LinkEvent
+from drivers.clock import ClockReading
+from gse.config import Station
+from gse.results import FrameResult, LinkCounters
+from protocols import AttitudeMessage, StatusMessage
+
+
+@dataclass(slots=True)
+class Night:
+    """One session, whole, in the order in which it happened.
+
+    ``sensor_attitudes`` are the sensor's own answers (ATTITUDE frames) with the UTC given to them; ``raw_sha256`` is
+    the hash of all received bytes; ``catalog`` describes the mission catalogue in use; ``versions`` the packages that
+    numbers depend on. A ``truncated`` session lost its end.
+    """
+
+    station: Station
+    station_text: str
+    protocol_name: str
+    frames: list[FrameResult] = field(default_factory=list)
+    link: LinkCounters = field(default_factory=LinkCounters)
+    events: list[LinkEvent] = field(default_factory=list)
+    clock: list[ClockReading] = field(default_factory=list)
+    statuses: list[tuple[int, StatusMessage]] = field(default_factory=list)
+    sensor_attitudes: list[tuple[int, AttitudeMessage]] = field(default_factory=list)
+    raw_sha256: str = ""
+    catalog: dict[str, object] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+    truncated: bool = False
