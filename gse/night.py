@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.config import Station
-from gse.results import FrameResult, LinkCounters
+from gse.frame_table import FrameTable
+from gse.results import LinkCounters
 from protocols import AttitudeMessage, StatusMessage
 
 
@@ -21,7 +22,7 @@ class Night:
     station: Station
     station_text: str
     protocol_name: str
-    frames: list[FrameResult] = field(default_factory=list)
+    frames: FrameTable = field(default_factory=FrameTable)
     link: LinkCounters = field(default_factory=LinkCounters)
     events: list[LinkEvent] = field(default_factory=list)
     clock: list[ClockReading] = field(default_factory=list)

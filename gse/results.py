@@ -1,9 +1,11 @@
 """What the station finds out about each panorama, and what it counts on the way."""
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 from gse.attitude import Attitude
+from gse.identifier.result import Identification
 from gse.panorama import Panorama
 
 
@@ -17,6 +19,15 @@ class Status(StrEnum):
     SENSOR_FAULT = "SENSOR_FAULT"
 
 
+class Judge(StrEnum):
+    """What the robust identifier says of the answer under test; NONE where it has no answer itself."""
+
+    CORRECT = "correct"
+    FALSE = "false"
+    ABSENT = "absent"
+    NONE = "none"
+
+
 class Verdict(StrEnum):
     """What the station says of a session or of one measurement."""
 
@@ -27,11 +38,20 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """One object that is a star: its row in the panorama, the star's name, and how far it lies from its place."""
+    """One object that is a star: its row in the panorama, the star's name, and how far it lies from its place.
+
+    The residual is measured minus expected direction, along columns and rows.
+    """
 
     object: int
     star: str
-    residual_arcsec: float
+    residual_x_arcsec: float
+    residual_y_arcsec: float
+
+    @property
+    def residual_arcsec(self) -> float:
+        """Length of the residual."""
+        return math.hypot(self.residual_x_arcsec, self.residual_y_arcsec)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,22 +76,21 @@ class FrameResult:
 
     ``attitude`` is what the sensor would answer: from catalogue places in ICRS, uncorrected for aberration and
     refraction. ``discrepancy`` is found after these corrections. ``attitude_true`` is where the sensor looked
-    (geometric direction of the mount, ICRS axes). ``judge`` is the robust identifier's view of the same panorama:
-    ``correct``, ``false`` or ``absent`` for the answer under test, ``none`` where the judge itself has no answer.
-    ``others`` names objects that are no stars: (object, "hot pixel" | "Jupiter" | "unknown" ...).
+    (geometric direction of the mount, ICRS axes). ``others`` names objects that are no stars:
+    (object, "hot pixel" | "Jupiter" | "unknown" ...).
     """
 
     panorama: Panorama
     status: Status
     detail: str
     identifier: str
+    identification: Identification | None = None
     attitude: Attitude | None = None
     matches: tuple[Match, ...] = ()
-    chance: float | None = None
     elapsed_us: float | None = None
     discrepancy: Discrepancy | None = None
     attitude_true: Attitude | None = None
-    judge: str = "none"
+    judge: Judge = Judge.NONE
     others: tuple[tuple[int, str], ...] = ()
 
 
