@@ -1,0 +1,16 @@
+"""Sidereal truth: where the sensor on its mount really looked, by ERFA and the IERS tables on disk."""
+
+from gse.truth.mounting import horizon_to_sensor, mount_of
+from gse.truth.orientation import EarthOrientation, Orientation
+from gse.truth.refraction import Refraction
+from gse.truth.sidereal import CORRECTIONS, SiderealTruth
+
+__all__ = [
+    "CORRECTIONS",
+    "EarthOrientation",
+    "Orientation",
+    "Refraction",
+    "SiderealTruth",
+    "horizon_to_sensor",
+    "mount_of",
+]

@@ -1,0 +1,135 @@
+"""The observer: one panorama in, everything the station can say about it out."""
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.attitude import Attitude, solve_attitude
+from gse.camera import Camera
+from gse.comparison import compare
+from gse.config import Mount
+from gse.errors import TruthError
+from gse.identifier import Identification, Identifier, Unidentified
+from gse.panorama import MAX_OBJECTS, Panorama
+from gse.results import Discrepancy, FrameResult, Judge, Match, Status
+from gse.truth import SiderealTruth
+
+CENTROID_SIGMA_PX = 0.3
+"""Position noise of a whole-pixel object, 1 / sqrt(12) px, for the covariance of an attitude."""
+
+SAME_BORESIGHT_RAD = math.radians(0.05)
+"""The answer under test is correct when its boresight is within this of the judge's."""
+
+ARCSEC_PER_RAD = 180 * 3600 / math.pi
+FAULT_FLAGS = frozenset({"detector fault", "memory fault"})
+_ZENITH_HORIZON = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Observer:
+    """What stands ready for each panorama: camera, identifier under test, judge, and sidereal truth for a mount."""
+
+    camera: Camera
+    index_max: int
+    identifier: Identifier
+    judge: Identifier | None
+    truth: SiderealTruth
+    mount: Mount
+
+    def observe(self, panorama: Panorama) -> FrameResult:
+        """Identify, solve, correct, compare, judge. ``elapsed_us`` is this host's time from objects to RA and DE."""
+        fault = self._fault(panorama)
+        if fault:
+            return FrameResult(panorama, Status.SENSOR_FAULT, fault, self.identifier.name)
+        started_ns = time.perf_counter_ns()
+        directions_sensor = self.camera.directions(panorama.xy_px)
+        answer = self.identifier.identify(directions_sensor, panorama.index)
+        attitude = None if isinstance(answer, Unidentified) else self._solve(answer, directions_sensor)
+        elapsed_us = (time.perf_counter_ns() - started_ns) / 1000
+        judge = self._judge(attitude, directions_sensor, panorama.index)
+        if isinstance(answer, Unidentified) or attitude is None:
+            status, detail = _explain(answer)
+            return FrameResult(panorama, status, detail, self.identifier.name, elapsed_us=elapsed_us, judge=judge)
+        discrepancy, attitude_true = self._compare(panorama.utc_ns, answer, attitude, directions_sensor)
+        return FrameResult(
+            panorama,
+            Status.IDENTIFIED,
+            "",
+            self.identifier.name,
+            identification=answer,
+            attitude=attitude,
+            matches=self._matches(answer, attitude, directions_sensor),
+            elapsed_us=elapsed_us,
+            discrepancy=discrepancy,
+            attitude_true=attitude_true,
+            judge=judge,
+        )
+
+    def _fault(self, panorama: Panorama) -> str:
+        faults = sorted(panorama.flags & FAULT_FLAGS)
+        if faults:
+            return f"the sensor reports {' and '.join(faults)}"
+        if len(panorama.index) > MAX_OBJECTS:
+            return f"{len(panorama.index)} objects came, at most {MAX_OBJECTS} were expected"
+        if len(panorama.index) and panorama.index.max() > self.index_max:
+            return f"index value {panorama.index.max():.0f} came, at most {self.index_max} was expected"
+        return ""
+
+    def _solve(self, answer: Identification, directions_sensor: NDArray[np.float64]) -> Attitude:
+        return solve_attitude(
+            directions_sensor[answer.objects],
+            self.identifier.catalog.icrs[answer.stars],
+            CENTROID_SIGMA_PX * self.camera.pixel_rad,
+        )
+
+    def _compare(
+        self, utc_ns: int, answer: Identification, attitude: Attitude, directions_sensor: NDArray[np.float64]
+    ) -> tuple[Discrepancy | None, Attitude | None]:
+        try:
+            icrs_to_horizon = self.truth.icrs_to_horizon(utc_ns)
+        except TruthError:
+            return None, None
+        zenith_sensor = attitude.icrs_to_sensor @ (icrs_to_horizon.T @ _ZENITH_HORIZON)
+        geometric = solve_attitude(
+            self.truth.unrefracted(directions_sensor[answer.objects], zenith_sensor),
+            self.truth.apparent(self.identifier.catalog.icrs[answer.stars], utc_ns),
+            CENTROID_SIGMA_PX * self.camera.pixel_rad,
+        )
+        attitude_true = self.truth.attitude_true(utc_ns, self.mount)
+        return compare(geometric, attitude_true), attitude_true
+
+    def _matches(
+        self, answer: Identification, attitude: Attitude, directions_sensor: NDArray[np.float64]
+    ) -> tuple[Match, ...]:
+        catalog = self.identifier.catalog
+        expected_sensor = catalog.icrs[answer.stars] @ attitude.icrs_to_sensor.T
+        residual = (directions_sensor[answer.objects] - expected_sensor)[:, :2] * ARCSEC_PER_RAD
+        return tuple(
+            Match(object_, catalog.name(star), x, y)
+            for object_, star, (x, y) in zip(
+                answer.objects.tolist(), answer.stars.tolist(), residual.tolist(), strict=True
+            )
+        )
+
+    def _judge(
+        self, attitude: Attitude | None, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]
+    ) -> Judge:
+        if self.judge is None:
+            return Judge.NONE
+        truth = self.judge.identify(directions_sensor, index)
+        if isinstance(truth, Unidentified):
+            return Judge.NONE
+        if attitude is None:
+            return Judge.ABSENT
+        judged = solve_attitude(directions_sensor[truth.objects], self.judge.catalog.icrs[truth.stars], 1e-4)
+        apart_rad = math.dist(attitude.boresight_icrs, judged.boresight_icrs)
+        return Judge.CORRECT if apart_rad < SAME_BORESIGHT_RAD else Judge.FALSE
+
+
+def _explain(answer: Identification | Unidentified) -> tuple[Status, str]:
+    if isinstance(answer, Unidentified):
+        return Status(answer.reason), answer.detail
+    return Status.NO_MATCH, "no attitude follows from the matches"

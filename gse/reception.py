@@ -1,0 +1,152 @@
+"""Reception: bytes with their host times become panoramas in UTC."""
+
+import hashlib
+from collections import deque
+
+from drivers.chunk import Chunk, LinkEvent
+from gse.instant import NS_PER_S
+from gse.panorama import Panorama
+from gse.results import LinkCounters
+from gse.sensor_clock import SensorClock
+from protocols import (
+    AttitudeMessage,
+    Discard,
+    Frame,
+    FrameDecoder,
+    PanoramaMessage,
+    Protocol,
+    SequenceTracker,
+    StatusMessage,
+)
+
+BITS_PER_BYTE = 10
+"""8N1: a start bit, eight data bits, a stop bit."""
+
+CLOCK_STEP_NS = 5_000_000
+"""UTC that moves this much against the monotonic clock between two frames was stepped, not slewed."""
+
+Received = Panorama | StatusMessage | AttitudeMessage | LinkEvent
+
+
+class Reception:
+    """Bytes in, panoramas out; every byte is counted, and what the wire tells besides becomes events.
+
+    A frame is stamped with the host time of its first byte: mid-exposure is half an exposure and one byte earlier.
+    With ``anchor_utc_ns`` the host times mean nothing (a raw capture): the first panorama is given that instant, the
+    others follow by the sensor's clock.
+    """
+
+    def __init__(self, protocol: Protocol, *, baudrate: int, anchor_utc_ns: int | None = None) -> None:
+        self.counters = LinkCounters()
+        self._protocol = protocol
+        self._decoder = FrameDecoder(protocol)
+        self._sequence = SequenceTracker()
+        self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
+        self._stamps: deque[tuple[int, Chunk]] = deque()
+        self._sha256 = hashlib.sha256()
+        self._clock = SensorClock()
+        self._anchor_utc_ns = anchor_utc_ns
+        self._anchor_time_us: int | None = None
+        self._last_time_us = -1
+        self._last_utc_ns = 0
+        self._utc_minus_mono_ns: int | None = None
+
+    @property
+    def raw_sha256(self) -> str:
+        """Hash of all bytes received."""
+        return self._sha256.hexdigest()
+
+    def receive(self, chunk: Chunk) -> list[Received]:
+        """What these bytes complete."""
+        self._stamps.append((self.counters.bytes_in, chunk))
+        self.counters.bytes_in += len(chunk.data)
+        self._sha256.update(chunk.data)
+        return self._take(self._decoder.feed(chunk.data))
+
+    def finish(self) -> list[Received]:
+        """What is left when the stream has ended."""
+        return self._take(self._decoder.finish())
+
+    def _take(self, pieces: list[Frame | Discard]) -> list[Received]:
+        received: list[Received] = []
+        for piece in pieces:
+            if isinstance(piece, Discard):
+                self._count_discard(piece)
+            else:
+                self.counters.frames += 1
+                self.counters.bytes_framed += piece.size
+                received += self._take_frame(piece)
+        return received
+
+    def _count_discard(self, discard: Discard) -> None:
+        self.counters.bytes_discarded += len(discard.data)
+        by_reason = self.counters.discards_by_reason
+        by_reason[discard.reason] = by_reason.get(discard.reason, 0) + len(discard.data)
+
+    def _take_frame(self, frame: Frame) -> list[Received]:
+        chunk = self._chunk_of(frame.start)
+        received: list[Received] = list(self._clock_step(chunk))
+        message = self._protocol.decode(frame)
+        reset = isinstance(message, PanoramaMessage) and self._is_reset(message)
+        if reset:
+            self._sequence.reset()
+        before = self._sequence.lost
+        if not self._sequence.accept(frame.sequence):
+            self.counters.duplicates += 1
+            return received
+        self.counters.frames_lost += self._sequence.lost - before
+        if isinstance(message, PanoramaMessage):
+            if reset:
+                self.counters.sensor_resets += 1
+                self._clock.reset()
+                text = f"the sensor's clock started anew at frame {message.frame_no}"
+                received.append(LinkEvent(chunk.utc_ns, chunk.mono_ns, "SENSOR_RESET", text))
+            received.append(self._panorama(message, frame, chunk))
+        elif isinstance(message, StatusMessage | AttitudeMessage):
+            received.append(message)
+        return received
+
+    def _chunk_of(self, start: int) -> Chunk:
+        while len(self._stamps) > 1 and self._stamps[1][0] <= start:
+            self._stamps.popleft()
+        return self._stamps[0][1]
+
+    def _clock_step(self, chunk: Chunk) -> list[LinkEvent]:
+        before, now = self._utc_minus_mono_ns, chunk.utc_ns - chunk.mono_ns
+        self._utc_minus_mono_ns = now
+        if self._anchor_utc_ns is not None or before is None or abs(now - before) < CLOCK_STEP_NS:
+            return []
+        text = f"the host's UTC clock stepped by {(now - before) / NS_PER_S:+.3f} s"
+        return [LinkEvent(chunk.utc_ns, chunk.mono_ns, "CLOCK_STEP", text)]
+
+    def _is_reset(self, message: PanoramaMessage) -> bool:
+        reset = message.time_us < self._last_time_us or "clock reset" in message.flags
+        self._last_time_us = message.time_us
+        return reset
+
+    def _panorama(self, message: PanoramaMessage, frame: Frame, chunk: Chunk) -> Panorama:
+        utc_ns = self._utc_of(message, chunk)
+        self._last_utc_ns = utc_ns
+        return Panorama(
+            utc_ns=utc_ns,
+            xy_px=message.xy_px,
+            index=message.index,
+            frame_no=message.frame_no,
+            exposure_s=message.exposure_s,
+            time_us=message.time_us,
+            temperature_c=message.temperature_c,
+            flags=message.flags | frozenset(message.problems),
+            host_utc_ns=chunk.utc_ns,
+            sequence=frame.sequence,
+        )
+
+    def _utc_of(self, message: PanoramaMessage, chunk: Chunk) -> int:
+        if self._anchor_utc_ns is None:
+            arrived_ns = chunk.mono_ns - self._byte_ns - round(message.exposure_s * NS_PER_S / 2)
+            return self._clock.utc_ns(
+                message.time_us, arrived_mono_ns=arrived_ns, utc_minus_mono_ns=chunk.utc_ns - chunk.mono_ns
+            )
+        if self._anchor_time_us is None or message.time_us < self._anchor_time_us:
+            self._anchor_utc_ns = max(self._anchor_utc_ns, self._last_utc_ns)
+            self._anchor_time_us = message.time_us
+        return self._anchor_utc_ns + (message.time_us - self._anchor_time_us) * 1000
