@@ -1,0 +1,49 @@
+"""Atmospheric refraction about the zenith: ERFA's A tan z + B tan^3 z."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import erfa
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.config import Site
+
+WAVELENGTH_UM = 0.6
+"""Where a silicon detector sees stars: Gaia's G band, which is one, has its mean at 0.62 um; from 0.5 to 0.7 um the
+refraction at 45 deg changes by 0.5 arcsec."""
+
+_MIN_COS_ZENITH = 0.05
+"""Below 3 deg of altitude the formula is held, as eraAtoiq does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refraction:
+    """Refraction constants in radians, for the observed (refracted) zenith distance."""
+
+    a_rad: float
+    b_rad: float
+
+    @classmethod
+    def at(cls, site: Site, wavelength_um: float = WAVELENGTH_UM) -> Self:
+        """The constants for the air of a site; a pressure of 0 means none."""
+        a, b = erfa.ufunc.refco(site.pressure_hpa, site.temperature_c, site.relative_humidity, wavelength_um)
+        return cls(float(a), float(b))
+
+    def removed(
+        self, directions_sensor: NDArray[np.float64], zenith_sensor: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """The directions (N, 3) that light had before it entered the air; ``zenith_sensor`` (3,) is a unit vector."""
+        cos_z = directions_sensor @ zenith_sensor
+        held = np.maximum(cos_z, _MIN_COS_ZENITH)
+        # tan z / sin z, the part of the formula that does not vanish at the zenith
+        per_sine = (self.a_rad + self.b_rad * (1 / held**2 - 1)) / held
+        away = cos_z[:, None] * directions_sensor - zenith_sensor
+        shift = per_sine * np.sqrt(np.maximum(1 - cos_z**2, 0.0))
+        turned = np.cos(shift)[:, None] * directions_sensor + (per_sine * np.sinc(shift / np.pi))[:, None] * away
+        return np.asarray(turned, dtype=np.float64)
+
+    def bend_rad(self, zenith_distance_rad: float) -> float:
+        """By how much an object at an observed zenith distance is lifted."""
+        tan_z = min(float(np.tan(zenith_distance_rad)), 20.0) if zenith_distance_rad < np.pi / 2 else 20.0
+        return (self.a_rad + self.b_rad * tan_z**2) * tan_z

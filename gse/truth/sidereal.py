@@ -1,0 +1,193 @@
+"""Sidereal truth: where a mount that is fixed on the Earth looks, and where the stars appear.
+
+All astrometry is ERFA's (IAU 2006/2000A). What is slow in it (precession, nutation, the Earth's motion) is computed
+once for each cell of 300 s at the middle of the cell, so that an answer depends on its instant only, not on what was
+asked before; inside a cell the Earth turns about its pole of date. Left out by that: 0.0006 arcsec of aberration,
+0.0003 of precession and nutation.
+"""
+
+import math
+from dataclasses import dataclass
+
+import erfa
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.attitude import Attitude
+from gse.config import Mount, Site
+from gse.errors import UsageError
+from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
+from gse.truth.mounting import horizon_to_sensor
+from gse.truth.orientation import EarthOrientation, tai_minus_utc_s
+from gse.truth.refraction import Refraction
+
+CORRECTIONS = (
+    "precession",
+    "nutation",
+    "UT1",
+    "polar motion",
+    "geodetic latitude",
+    "annual aberration",
+    "diurnal aberration",
+    "light deflection",
+    "refraction",
+)
+"""What ``omit`` of SiderealTruth may name, to study the size of each."""
+
+_CELL_NS = 300 * NS_PER_S
+"""Divides a day, so that no cell holds a leap second."""
+_CELLS_KEPT = 1024
+_MJD_JD = 2_400_000.5
+_TT_MINUS_TAI_S = 32.184
+_EARTH_RATE_RAD_PER_S = 2 * math.pi * 1.00273781191135448 / 86_400
+"""Earth rotation angle per second of UT1, IAU 2000 resolution B1.8."""
+_AU_M = 149_597_870_700.0
+"""IAU 2012 resolution B2."""
+_LIGHT_M_PER_S = 299_792_458.0
+_WGS84 = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cell:
+    """300 s of sky: ICRS to horizon is ``still`` + ``cosine`` cos a + ``sine`` sin a, a the angle from the middle."""
+
+    middle_ns: int
+    still: NDArray[np.float64]
+    cosine: NDArray[np.float64]
+    sine: NDArray[np.float64]
+    sun_to_earth_icrs: NDArray[np.float64]
+    sun_distance_au: float
+    earth_velocity_c: NDArray[np.float64]
+
+
+class SiderealTruth:
+    """The sky over a site.
+
+    ``omit`` names corrections (of CORRECTIONS) to leave out: for study, never for a verdict. Instants are UTC in
+    nanoseconds since 1970; directions are rows of unit vectors; the horizon frame is x east, y north, z up along the
+    ellipsoid's normal.
+    """
+
+    def __init__(
+        self, site: Site, earth_orientation: EarthOrientation, omit: frozenset[str] | set[str] = frozenset()
+    ) -> None:
+        if unknown := sorted(set(omit) - set(CORRECTIONS)):
+            raise UsageError(f"no correction is called {unknown[0]!r}; known are: {', '.join(CORRECTIONS)}")
+        self.site = site
+        self.earth_orientation = earth_orientation
+        self.omit = frozenset(omit)
+        self.refraction = Refraction(0.0, 0.0) if "refraction" in omit else Refraction.at(site)
+        self._itrs_to_horizon, self._site_speed_c = _place(site, geodetic="geodetic latitude" not in omit)
+        if "diurnal aberration" in omit:
+            self._site_speed_c = 0.0
+        self._cells: dict[int, _Cell] = {}
+
+    def icrs_to_horizon(self, utc_ns: int) -> NDArray[np.float64]:
+        """The rotation (3, 3) from ICRS (GCRS) axes to the horizon frame: no aberration, no refraction."""
+        cell = self._cell(utc_ns // _CELL_NS)
+        angle = (utc_ns - cell.middle_ns) * (_EARTH_RATE_RAD_PER_S / NS_PER_S)
+        rotation: NDArray[np.float64] = cell.still + cell.cosine * math.cos(angle) + cell.sine * math.sin(angle)
+        return rotation
+
+    def icrs_to_horizon_at(self, utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The rotations (M, 3, 3) at many instants (M,); the same values as one by one."""
+        numbers = utc_ns // _CELL_NS
+        rotations = np.empty((len(utc_ns), 3, 3))
+        for number in np.unique(numbers):
+            cell = self._cell(int(number))
+            rows = numbers == number
+            angle = ((utc_ns[rows] - cell.middle_ns) * (_EARTH_RATE_RAD_PER_S / NS_PER_S))[:, None, None]
+            rotations[rows] = cell.still + cell.cosine * np.cos(angle) + cell.sine * np.sin(angle)
+        return rotations
+
+    def apparent(self, stars_icrs: NDArray[np.float64], utc_ns: int) -> NDArray[np.float64]:
+        """Stars (N, 3) as they are seen from the site, still in ICRS axes.
+
+        Light deflection by the Sun, annual and diurnal aberration; no parallax (0.75 arcsec for the nearest star).
+        """
+        cell = self._cell(utc_ns // _CELL_NS)
+        east_icrs = self.icrs_to_horizon(utc_ns)[0]
+        velocity_c = cell.earth_velocity_c + self._site_speed_c * east_icrs
+        seen = np.asarray(stars_icrs, dtype=np.float64)
+        if "light deflection" not in self.omit:
+            seen = erfa.ufunc.ldsun(seen, cell.sun_to_earth_icrs, cell.sun_distance_au)
+        lorentz = math.sqrt(1 - float(velocity_c @ velocity_c))
+        seen = erfa.ufunc.ab(seen, velocity_c, cell.sun_distance_au, lorentz)
+        return np.asarray(seen, dtype=np.float64)
+
+    def unrefracted(
+        self, directions_sensor: NDArray[np.float64], zenith_sensor: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Measured directions (N, 3) without the refraction of the site's air, about the zenith (3,)."""
+        return self.refraction.removed(directions_sensor, zenith_sensor)
+
+    def attitude_true(self, utc_ns: int, mount: Mount) -> Attitude:
+        """Where the mount looks: the geometric direction, in ICRS axes, with zero covariance."""
+        return Attitude(horizon_to_sensor(mount) @ self.icrs_to_horizon(utc_ns), np.zeros((3, 3)))
+
+    def _cell(self, number: int) -> _Cell:
+        cell = self._cells.get(number)
+        if cell is None:
+            if len(self._cells) >= _CELLS_KEPT:
+                self._cells.clear()
+            cell = self._cells[number] = self._computed(number * _CELL_NS + _CELL_NS // 2)
+        return cell
+
+    def _computed(self, middle_ns: int) -> _Cell:
+        days, ns = divmod(middle_ns, NS_PER_DAY)
+        mjd, second = UNIX_EPOCH_MJD + days, ns / NS_PER_S
+        earth = self.earth_orientation.at(middle_ns)
+        tt = _MJD_JD + mjd, (second + tai_minus_utc_s(mjd) + _TT_MINUS_TAI_S) / 86_400
+        ut1 = _MJD_JD + mjd, (second + (0.0 if "UT1" in self.omit else earth.ut1_minus_utc_s)) / 86_400
+        icrs_to_date = self._icrs_to_date(tt)
+        sidereal_rad = float(
+            erfa.ufunc.gmst06(*ut1, *tt) if "nutation" in self.omit else erfa.ufunc.gst06(*ut1, *tt, _bpn(tt))
+        )
+        x_pole, y_pole = (0.0, 0.0) if "polar motion" in self.omit else (earth.x_pole_rad, earth.y_pole_rad)
+        polar = erfa.ufunc.pom00(x_pole, y_pole, erfa.ufunc.sp00(*tt))
+        to_horizon = self._itrs_to_horizon @ polar
+        heliocentric, barycentric = erfa.ufunc.epv00(*tt)[:2]  # TT for TDB: 2 ms
+        distance_au = float(np.linalg.norm(heliocentric["p"]))
+        moving = 0.0 if "annual aberration" in self.omit else _AU_M / 86_400 / _LIGHT_M_PER_S
+        sin_0, cos_0 = math.sin(sidereal_rad), math.cos(sidereal_rad)
+        turned = np.array([[cos_0, sin_0, 0.0], [-sin_0, cos_0, 0.0], [0.0, 0.0, 0.0]])
+        quarter_on = np.array([[-sin_0, cos_0, 0.0], [-cos_0, -sin_0, 0.0], [0.0, 0.0, 0.0]])
+        return _Cell(
+            middle_ns,
+            to_horizon @ np.diag([0.0, 0.0, 1.0]) @ icrs_to_date,
+            to_horizon @ turned @ icrs_to_date,
+            to_horizon @ quarter_on @ icrs_to_date,
+            heliocentric["p"] / distance_au,
+            distance_au,
+            barycentric["v"] * moving,
+        )
+
+    def _icrs_to_date(self, tt: tuple[float, float]) -> NDArray[np.float64]:
+        """ICRS to the true equator and equinox of date, or what is left of it."""
+        if not {"precession", "nutation"} & self.omit:
+            return _bpn(tt)
+        _, _, _, bias, precession, _, nutation, _ = erfa.ufunc.pn06a(*tt)
+        rotation = bias
+        if "precession" not in self.omit:
+            rotation = precession @ rotation
+        if "nutation" not in self.omit:
+            rotation = nutation @ rotation
+        return np.asarray(rotation, dtype=np.float64)
+
+
+def _bpn(tt: tuple[float, float]) -> NDArray[np.float64]:
+    return np.asarray(erfa.ufunc.pnm06a(*tt), dtype=np.float64)
+
+
+def _place(site: Site, *, geodetic: bool) -> tuple[NDArray[np.float64], float]:
+    """The rotation (3, 3) from Earth-fixed axes to the horizon frame, and the site's speed by the Earth's turning."""
+    longitude, latitude = math.radians(site.longitude_deg), math.radians(site.latitude_deg)
+    position_m, _ = erfa.ufunc.gd2gc(_WGS84, longitude, latitude, site.height_m)
+    speed_c = math.hypot(position_m[0], position_m[1]) * _EARTH_RATE_RAD_PER_S / _LIGHT_M_PER_S
+    if not geodetic:
+        latitude = math.atan2(position_m[2], math.hypot(position_m[0], position_m[1]))
+    sin_l, cos_l, sin_b, cos_b = math.sin(longitude), math.cos(longitude), math.sin(latitude), math.cos(latitude)
+    east = [-sin_l, cos_l, 0.0]
+    north = [-sin_b * cos_l, -sin_b * sin_l, cos_b]
+    up = [cos_b * cos_l, cos_b * sin_l, sin_b]
+    return np.array([east, north, up]), speed_c
