@@ -1,8 +1,9 @@
-"""Earth orientation: UT1 - UTC and the pole, from the IERS table that is installed, frozen around a night.
+"""Earth orientation: UT1 - UTC and the pole, from the IERS tables that are installed, frozen around a night.
 
-The table is ``finals2000A.all`` of the package astropy-iers-data: never a download. astropy's own reader takes 1.1 s
-for its 20,000 lines; lines are of one length and days without gaps, so that the few lines of a night are read by
-seeking (the test against astropy compares the values). Where the final values (bulletin B) stand, they are taken.
+The tables are those of the package astropy-iers-data, never a download: the series C04 for the past and
+``finals2000A.all`` for the last weeks and the predictions. astropy's own reader takes 1.1 s for them; their lines are
+of one length and without gaps, one per day, so that the few lines of a night are read by seeking (the test against
+astropy compares the values).
 """
 
 import functools
@@ -20,9 +21,12 @@ import erfa
 from gse.errors import TruthError
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD, to_text
 
-FIRST_MJD = 41_684
-"""1973-01-02, the first day of the table: there is no truth before."""
+FIRST_MJD = 41_317
+"""1972-01-01, when UTC began to go by leap seconds: there is no truth before."""
+_C04_FIRST_MJD, _FINALS_FIRST_MJD = 37_665, 41_684
 
+_Row = tuple[int, float, float, float, float, str]
+"""MJD, UT1 - UTC in s, x and y of the pole in arcsec, error of UT1 in s, kind."""
 _SCHEMA = "gse.earth-orientation/1"
 _MAX_ROWS = 4000
 _UT1_LIMIT_S = 0.9
@@ -59,21 +63,19 @@ class EarthOrientation:
     def from_disk(cls, utc_ns: int, days: int = 10) -> Self:
         """The rows within ``days`` of an instant, or the last rows where the instant is past the end.
 
-        TruthError before 1973-01-02.
+        TruthError before 1972.
         """
-        mjd = _mjd_from_1973(utc_ns)
-        path = Path(astropy_iers_data.IERS_A_FILE)
-        with path.open("rb") as table:
-            length = len(table.readline())
-            last = FIRST_MJD + _count_rows(path, length) - 1
-            begin = max(FIRST_MJD, min(mjd - days, last - days))
-            table.seek((begin - FIRST_MJD) * length)
-            lines = table.read((min(mjd + days, last) - begin + 1) * length).decode("ascii").splitlines()
-        rows = [_row(line) for line in lines]
-        if [row[0] for row in rows] != list(range(begin, begin + len(rows))):
-            raise TruthError(f"{path} is no IERS table finals2000A with one line per day; reinstall astropy-iers-data")
+        mjd = _mjd_from_1972(utc_ns)
+        finals, c04 = Path(astropy_iers_data.IERS_A_FILE), Path(astropy_iers_data.IERS_B_FILE)
+        last = _FINALS_FIRST_MJD + _rows_filled(finals) - 1
+        begin, end = max(_C04_FIRST_MJD, min(mjd, last) - days), min(mjd + days, last)
+        rows = [_c04_row(line) for line in _lines(c04, begin - _C04_FIRST_MJD, end - begin + 1)]
+        begin_finals = begin + len(rows)
+        rows += [_finals_row(line) for line in _lines(finals, begin_finals - _FINALS_FIRST_MJD, end - begin_finals + 1)]
+        if [row[0] for row in rows] != list(range(begin, end + 1)):
+            raise TruthError(f"{c04.parent} holds no IERS tables with one line per day; reinstall astropy-iers-data")
         version = importlib.metadata.version("astropy-iers-data")
-        return cls(f"IERS finals2000A, astropy-iers-data {version}", *zip(*rows, strict=True))
+        return cls(f"IERS C04 and finals2000A, astropy-iers-data {version}", *zip(*rows, strict=True))
 
     def to_json(self) -> str:
         """The table as one JSON object; ``from_json`` gives an equal one."""
@@ -100,7 +102,7 @@ class EarthOrientation:
 
     def at(self, utc_ns: int) -> Orientation:
         """Earth orientation at an instant: linear between days, held past the ends of the table."""
-        day = _mjd_from_1973(utc_ns) + (utc_ns % NS_PER_DAY) / NS_PER_DAY
+        day = _mjd_from_1972(utc_ns) + (utc_ns % NS_PER_DAY) / NS_PER_DAY
         left = min(max(bisect_right(self.mjd, day) - 1, 0), len(self.mjd) - 2)
         fraction = min(max(day - self.mjd[left], 0.0), 1.0)
         outside_days = max(self.mjd[0] - day, day - self.mjd[-1], 0.0)
@@ -136,11 +138,11 @@ def tai_minus_utc_s(mjd: int) -> float:
     return float(erfa.ufunc.dat(year, month, day, 0.0)[0])
 
 
-def _mjd_from_1973(utc_ns: int) -> int:
+def _mjd_from_1972(utc_ns: int) -> int:
     mjd = UNIX_EPOCH_MJD + utc_ns // NS_PER_DAY
     if mjd < FIRST_MJD:
         raise TruthError(
-            f"no sidereal truth for {to_text(utc_ns, 0)}: the Earth orientation table begins at 1973-01-02; "
+            f"no sidereal truth for {to_text(utc_ns, 0)}: the Earth orientation table begins at 1972-01-01; "
             "set the clock that stamps the frames"
         )
     return mjd
@@ -154,21 +156,31 @@ def _between(pair: list[float] | tuple[float, ...], fraction: float) -> float:
     return pair[0] + (pair[1] - pair[0]) * fraction
 
 
-def _count_rows(path: Path, length: int) -> int:
-    """Rows that hold a value: those of the far future are blank but for the date."""
+def _lines(path: Path, first: int, count: int) -> list[str]:
+    """Some lines of a table of lines of one length, counted after its head; fewer where the table ends."""
     with path.open("rb") as table:
-        rows = path.stat().st_size // length
-        while rows > 2:
-            table.seek((rows - 1) * length)
-            if table.read(length)[58:68].strip():
-                break
-            rows -= 1
+        begin = 0
+        while (line := table.readline()).startswith(b"#"):
+            begin = table.tell()
+        table.seek(begin + max(first, 0) * len(line))
+        return table.read(max(count, 0) * len(line)).decode("ascii").splitlines()
+
+
+def _rows_filled(finals: Path) -> int:
+    """Rows that hold a value: those of the far future are blank but for the date."""
+    rows = finals.stat().st_size // len((_lines(finals, 0, 1)[0] + "\n").encode())
+    while rows > 2 and not _lines(finals, rows - 1, 1)[0][58:68].strip():
+        rows -= 1
     return rows
 
 
-def _row(line: str) -> tuple[int, float, float, float, float, str]:
-    """One line of finals2000A (columns as in the ReadMe.finals2000A beside it): mjd, UT1 - UTC, pole, error, kind."""
-    final = bool(line[134:165].strip())
-    x, y, ut1 = (line[134:144], line[144:154], line[154:165]) if final else (line[18:27], line[37:46], line[58:68])
-    kind = "measured" if final or line[57] == "I" else "predicted"
-    return round(float(line[7:15])), float(ut1), float(x), float(y), float(line[68:78] or 0), kind
+def _c04_row(line: str) -> _Row:
+    """One line of C04: columns as in the ReadMe.eopc04 beside it."""
+    x, y, ut1, error_s = (float(line[a:b]) for a, b in ((26, 38), (38, 50), (50, 62), (146, 158)))
+    return round(float(line[16:26])), ut1, x, y, error_s, "measured"
+
+
+def _finals_row(line: str) -> _Row:
+    """One line of finals2000A: columns as in the ReadMe.finals2000A beside it."""
+    x, y, ut1, error_s = (float(line[a:b]) for a, b in ((18, 27), (37, 46), (58, 68), (68, 78)))
+    return round(float(line[7:15])), ut1, x, y, error_s, "measured" if line[57] == "I" else "predicted"
