@@ -11,10 +11,9 @@ from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
 from gse.comparison import compare
 from gse.config import Mount
-from gse.errors import TruthError
 from gse.identifier import Identification, Identifier, Unidentified
 from gse.panorama import MAX_OBJECTS, Panorama
-from gse.results import Discrepancy, FrameResult, Judge, Match, Status
+from gse.results import FrameResult, Judge, Match, Status
 from gse.truth import SiderealTruth
 
 CENTROID_SIGMA_PX = 0.3
@@ -25,19 +24,22 @@ SAME_BORESIGHT_RAD = math.radians(0.05)
 
 ARCSEC_PER_RAD = 180 * 3600 / math.pi
 FAULT_FLAGS = frozenset({"detector fault", "memory fault"})
-_ZENITH_HORIZON = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True)
 class Observer:
-    """What stands ready for each panorama: camera, identifier under test, judge, and sidereal truth for a mount."""
+    """What stands ready for each panorama: camera, identifier under test, judge, and sidereal truth for a mount.
+
+    There is no ``truth`` for instants before the Earth orientation table, and no ``mount`` while it is being fitted:
+    then nothing is compared.
+    """
 
     camera: Camera
     index_max: int
     identifier: Identifier
     judge: Identifier | None
-    truth: SiderealTruth
-    mount: Mount
+    truth: SiderealTruth | None
+    mount: Mount | None
 
     def observe(self, panorama: Panorama) -> FrameResult:
         """Identify, solve, correct, compare, judge. ``elapsed_us`` is this host's time from objects to RA and DE."""
@@ -53,7 +55,8 @@ class Observer:
         if isinstance(answer, Unidentified) or attitude is None:
             status, detail = _explain(answer)
             return FrameResult(panorama, status, detail, self.identifier.name, elapsed_us=elapsed_us, judge=judge)
-        discrepancy, attitude_true = self._compare(panorama.utc_ns, answer, attitude, directions_sensor)
+        geometric = self._geometric(panorama.utc_ns, answer, attitude, directions_sensor)
+        true = self.truth.attitude_true(panorama.utc_ns, self.mount) if self.truth and self.mount else None
         return FrameResult(
             panorama,
             Status.IDENTIFIED,
@@ -63,8 +66,9 @@ class Observer:
             attitude=attitude,
             matches=self._matches(answer, attitude, directions_sensor),
             elapsed_us=elapsed_us,
-            discrepancy=discrepancy,
-            attitude_true=attitude_true,
+            attitude_geometric=geometric,
+            discrepancy=compare(geometric, true) if geometric and true else None,
+            attitude_true=true,
             judge=judge,
         )
 
@@ -85,21 +89,18 @@ class Observer:
             CENTROID_SIGMA_PX * self.camera.pixel_rad,
         )
 
-    def _compare(
+    def _geometric(
         self, utc_ns: int, answer: Identification, attitude: Attitude, directions_sensor: NDArray[np.float64]
-    ) -> tuple[Discrepancy | None, Attitude | None]:
-        try:
-            icrs_to_horizon = self.truth.icrs_to_horizon(utc_ns)
-        except TruthError:
-            return None, None
-        zenith_sensor = attitude.icrs_to_sensor @ (icrs_to_horizon.T @ _ZENITH_HORIZON)
-        geometric = solve_attitude(
+    ) -> Attitude | None:
+        """The attitude from apparent places and un-refracted directions (DESIGN decision 5)."""
+        if self.truth is None:
+            return None
+        zenith_sensor = attitude.icrs_to_sensor @ self.truth.icrs_to_horizon(utc_ns)[2]
+        return solve_attitude(
             self.truth.unrefracted(directions_sensor[answer.objects], zenith_sensor),
             self.truth.apparent(self.identifier.catalog.icrs[answer.stars], utc_ns),
             CENTROID_SIGMA_PX * self.camera.pixel_rad,
         )
-        attitude_true = self.truth.attitude_true(utc_ns, self.mount)
-        return compare(geometric, attitude_true), attitude_true
 
     def _matches(
         self, answer: Identification, attitude: Attitude, directions_sensor: NDArray[np.float64]

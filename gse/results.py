@@ -75,8 +75,8 @@ class FrameResult:
     """All that is known of one panorama; one line of gse.frame/1.
 
     ``attitude`` is what the sensor would answer: from catalogue places in ICRS, uncorrected for aberration and
-    refraction. ``discrepancy`` is found after these corrections. ``attitude_true`` is where the sensor looked
-    (geometric direction of the mount, ICRS axes). ``others`` names objects that are no stars:
+    refraction. ``attitude_geometric`` is the same with these corrections, ``attitude_true`` where the mount looked
+    (geometric direction, ICRS axes), and ``discrepancy`` is between these two. ``others`` names objects that are no stars:
     (object, "hot pixel" | "Jupiter" | "unknown" ...).
     """
 
@@ -88,6 +88,7 @@ class FrameResult:
     attitude: Attitude | None = None
     matches: tuple[Match, ...] = ()
     elapsed_us: float | None = None
+    attitude_geometric: Attitude | None = None
     discrepancy: Discrepancy | None = None
     attitude_true: Attitude | None = None
     judge: Judge = Judge.NONE

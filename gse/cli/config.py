@@ -1,0 +1,59 @@
+"""``gse config``: write, check or show a station file."""
+
+import json
+from pathlib import Path
+
+import click
+
+from gse.config import BUILT_IN_TEXT, parse_station, read_station
+from gse.errors import ConfigError
+
+
+@click.group("config")
+def command() -> None:
+    """Station files: write one to start from, check one, show what is in force."""
+
+
+@command.command()
+@click.argument("path", type=click.Path(path_type=Path), default=Path("station.yaml"))
+def init(path: Path) -> None:
+    """Write the built-in station to PATH (default: station.yaml) to start from; an existing file is left alone."""
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(BUILT_IN_TEXT)
+    except FileExistsError:
+        raise ConfigError(f"{path} exists already; choose another name") from None
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror}") from error
+    click.echo(f"{path} written: now set sensor, site, mount and port, then: gse config check {path}", err=True)
+
+
+@command.command()
+@click.argument("path", type=click.Path(path_type=Path))
+def check(path: Path) -> None:
+    """Say whether PATH is a good station file; exit code 2 names file, line and key where it is not."""
+    from protocols import load_protocol
+
+    station, _ = read_station(path)
+    load_protocol(station.protocol)
+    camera = station.sensor.camera()
+    click.echo(
+        f"{path} is good: {station.sensor.name}, {camera.columns} x {camera.rows} px, "
+        f"at {station.site.latitude_deg:g}, {station.site.longitude_deg:g}, port {station.port.url}, "
+        f"protocol {station.protocol}, identifier {station.identifier.algorithm}"
+    )
+
+
+@command.command()
+@click.argument("path", type=click.Path(path_type=Path), required=False)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def show(path: Path | None, as_json: bool) -> None:
+    """Show every value in force of PATH, or of the built-in station, defaults included."""
+    import yaml
+
+    station = read_station(path)[0] if path else parse_station(BUILT_IN_TEXT)
+    values = station.model_dump(mode="json")
+    if as_json:
+        click.echo(json.dumps({"schema": "gse.station/1", **values}, indent=2))
+    else:
+        click.echo(yaml.safe_dump(values, sort_keys=False, default_flow_style=None), nl=False)

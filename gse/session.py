@@ -1,0 +1,103 @@
+"""A recorded session: what stands in it besides the bytes."""
+
+import json
+from array import array
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drivers.capture_reader import read_capture
+from drivers.chunk import LinkEvent
+from drivers.clock import ClockReading
+from drivers.records import CLOCK, EVENTS, Attachment, Damage, Message
+
+STATION = "station.yaml"
+PROTOCOL = "protocol.yaml"
+EARTH_ORIENTATION = "earth_orientation.json"
+TIMING_TOPIC = "/gse/timing"
+_SEARCH_AHEAD = 1000
+"""Timings that may be missing between two frames before the search for the next gives up."""
+
+
+class RecordedTimings:
+    """Identification times of the live run, in the order of its panoramas."""
+
+    def __init__(self) -> None:
+        self._time_us = array("Q")
+        self._elapsed_us = array("d")
+        self._next = 0
+
+    def add(self, time_us: int, elapsed_us: float) -> None:
+        """Append one."""
+        self._time_us.append(time_us)
+        self._elapsed_us.append(elapsed_us)
+
+    def take(self, time_us: int) -> float | None:
+        """The identification time of the panorama with this time tag, which comes after those already taken."""
+        for place in range(self._next, min(self._next + _SEARCH_AHEAD, len(self._time_us))):
+            if self._time_us[place] == time_us:
+                self._next = place + 1
+                return self._elapsed_us[place]
+        return None
+
+
+@dataclass(slots=True)
+class Recorded:
+    """What a session file tells besides its bytes; ``damage`` is every stretch of it that is no whole record."""
+
+    attachments: dict[str, str] = field(default_factory=dict)
+    events: list[LinkEvent] = field(default_factory=list)
+    clock: list[ClockReading] = field(default_factory=list)
+    timings: RecordedTimings = field(default_factory=RecordedTimings)
+    damage: list[Damage] = field(default_factory=list)
+
+
+def read_recorded(path: Path) -> Recorded:
+    """All but the bytes of a session; CaptureError where the file is missing or no session."""
+    recorded = Recorded()
+    for record in read_capture(path):
+        if isinstance(record, Damage):
+            recorded.damage.append(record)
+        elif isinstance(record, Attachment):
+            recorded.attachments.setdefault(record.name, record.data.decode("utf-8", "replace"))
+        elif record.topic == EVENTS:
+            recorded.events.append(record.event())
+        elif record.topic == CLOCK:
+            recorded.clock += _clock_reading(record)
+        elif record.topic == TIMING_TOPIC:
+            _add_timing(recorded.timings, record)
+    return recorded
+
+
+def timing_json(time_us: int, elapsed_us: float) -> bytes:
+    """The message of /gse/timing for one panorama."""
+    return json.dumps({"time_us": time_us, "elapsed_us": round(elapsed_us, 1)}).encode()
+
+
+def clock_json(reading: ClockReading) -> bytes:
+    """The message of /clock for one reading."""
+    return json.dumps({name: getattr(reading, name) for name in ClockReading.__slots__}).encode()
+
+
+def _add_timing(timings: RecordedTimings, message: Message) -> None:
+    try:
+        document = json.loads(message.data)
+        timings.add(int(document["time_us"]), float(document["elapsed_us"]))
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return
+
+
+def _clock_reading(message: Message) -> list[ClockReading]:
+    try:
+        document = json.loads(message.data)
+        return [
+            ClockReading(
+                utc_ns=int(document["utc_ns"]),
+                mono_ns=int(document["mono_ns"]),
+                source=str(document["source"]),
+                synchronised=bool(document["synchronised"]),
+                offset_s=float(document["offset_s"]),
+                error_bound_s=float(document["error_bound_s"]),
+            )
+        ]
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return []

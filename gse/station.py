@@ -1,0 +1,144 @@
+"""The station: the one loop that serves live, replayed and simulated sessions."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from drivers.chunk import Chunk, LinkEvent
+from drivers.clock import ClockReading
+from drivers.link import SerialLink
+from gse.equipment import Equipment, versions
+from gse.errors import TruthError
+from gse.night import Night
+from gse.observer import Observer
+from gse.panorama import Panorama
+from gse.reception import Received, Reception
+from gse.results import FrameResult
+from gse.session import RecordedTimings
+from gse.truth import EarthOrientation, SiderealTruth
+from protocols import AttitudeMessage, StatusMessage
+
+RECEIVE_TIMEOUT_S = 0.2
+
+
+class Sink(Protocol):
+    """Something that is told of each result and event as they come: a view, a stream of JSON, a calibration."""
+
+    def show(self, result: FrameResult, night: Night) -> None:
+        """One more panorama."""
+        ...
+
+    def log(self, event: LinkEvent) -> None:
+        """One more event."""
+        ...
+
+
+class StationLoop:
+    """Chunks of a link become a Night; what comes out on the way goes to the sinks.
+
+    ``recorded`` timings are given to frames of a replay; without them each frame has this host's own time.
+    """
+
+    def __init__(
+        self,
+        equipment: Equipment,
+        *,
+        earth_orientation: EarthOrientation | None = None,
+        anchor_utc_ns: int | None = None,
+        recorded: RecordedTimings | None = None,
+        sinks: Sequence[Sink] = (),
+    ) -> None:
+        station = equipment.station
+        self.night = Night(station, equipment.station_text, equipment.protocol.name)
+        self.night.catalog = equipment.catalog_facts()
+        self.night.versions = versions()
+        self.reception = Reception(equipment.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
+        self.night.link = self.reception.counters
+        self.earth_orientation = earth_orientation
+        self.own_elapsed_us: list[float] = []
+        self._recorded = recorded
+        self._sinks = sinks
+        self._observer = Observer(
+            equipment.camera, station.sensor.index_max, equipment.identifier, equipment.judge, None, station.mount
+        )
+        self._truth_sought = False
+
+    def run(
+        self,
+        link: SerialLink,
+        *,
+        record: Callable[[Chunk | LinkEvent], None] = lambda item: None,
+        stop: Callable[[], bool] = lambda: False,
+        each: Callable[[list[FrameResult]], None] = lambda results: None,
+    ) -> Night:
+        """Receive until the link is at its end or ``stop`` says so; ``record`` gets everything before it is decoded."""
+        while not link.at_end and not stop():
+            for item in link.receive(RECEIVE_TIMEOUT_S):
+                record(item)
+                each(self.take(item))
+        each(self.finish())
+        return self.night
+
+    def take(self, item: Chunk | LinkEvent) -> list[FrameResult]:
+        """Decode and judge what one chunk completes."""
+        if isinstance(item, LinkEvent):
+            self.log(item)
+            return []
+        return self._take(self.reception.receive(item))
+
+    def finish(self) -> list[FrameResult]:
+        """Account for what is left when the stream has ended."""
+        results = self._take(self.reception.finish())
+        self.night.raw_sha256 = self.reception.raw_sha256
+        return results
+
+    def log(self, event: LinkEvent) -> None:
+        """An event of the link or of the reception."""
+        self.night.events.append(event)
+        for sink in self._sinks:
+            sink.log(event)
+
+    def read_clock(self, reading: ClockReading) -> None:
+        """One more reading of the host clock's health."""
+        self.night.clock.append(reading)
+
+    def _take(self, received: list[Received]) -> list[FrameResult]:
+        results = []
+        for item in received:
+            if isinstance(item, Panorama):
+                results.append(self._observe(item))
+            elif isinstance(item, LinkEvent):
+                self.log(item)
+            elif isinstance(item, StatusMessage):
+                self.night.statuses.append((self.reception.last_host_utc_ns, item))
+            elif isinstance(item, AttitudeMessage):
+                self.night.sensor_attitudes.append((self.reception.last_host_utc_ns, item))
+        return results
+
+    def _observe(self, panorama: Panorama) -> FrameResult:
+        if not self._truth_sought:
+            self._seek_truth(panorama)
+        result = self._observer.observe(panorama)
+        if result.elapsed_us is not None:
+            self.own_elapsed_us.append(result.elapsed_us)
+        if self._recorded is not None:
+            result = replace(result, elapsed_us=self._recorded.take(panorama.time_us))
+        self.night.frames.append(result)
+        for sink in self._sinks:
+            sink.show(result, self.night)
+        return result
+
+    def _seek_truth(self, panorama: Panorama) -> None:
+        """The Earth orientation of the night: frozen in the session, or from disk around the first panorama."""
+        self._truth_sought = True
+        try:
+            if self.earth_orientation is None:
+                self.earth_orientation = EarthOrientation.from_disk(panorama.utc_ns)
+            warning = self.earth_orientation.warning(panorama.utc_ns)
+        except TruthError as error:
+            self.log(LinkEvent(panorama.utc_ns, 0, "NO_TRUTH", str(error)))
+            return
+        if warning:
+            self.log(LinkEvent(panorama.utc_ns, 0, "EARTH_ORIENTATION", warning))
+        truth = SiderealTruth(self.night.station.site, self.earth_orientation)
+        self._observer = replace(self._observer, truth=truth)
