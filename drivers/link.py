@@ -1,0 +1,308 @@
+"""The link to the sensor: any pyserial URL in, time-stamped chunks out.
+
+Here, and only here, received bytes meet the host clock. A live port is read by a thread of its own, which hands every
+chunk to the recorder before anybody else sees it; when the port goes away, the thread waits for it all night. Ports
+that carry recorded time (drivers/stamped.py) are read synchronously and bring their stamps along.
+"""
+
+import contextlib
+import os
+import queue
+import termios
+import threading
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Protocol
+
+import serial
+
+from drivers.chunk import Chunk, LinkEvent
+from drivers.errors import PortError
+from drivers.ports import PortInfo, is_device, open_port, ports_here
+from drivers.stamped import Item, StampedPort, StampedSerial
+
+FIRST_PAUSE_S = 0.1
+LONGEST_PAUSE_S = 5.0
+LONGEST_BLIND_PAUSE_S = 0.8
+"""For ports that can only be tried, not watched (sockets): back within a second of the port."""
+WATCH_S = 0.1
+BACKLOG_BYTES = 4 << 20
+"""Received and not yet fetched: more than 40 s at 921600 baud, so the station hangs."""
+ITEMS_AT_ONCE = 256
+
+# What pyserial raises on a port that goes away: close() from another thread gives TypeError, ioctls termios.error.
+_HANG_UPS = (OSError, TypeError, termios.error)
+
+
+class Recording(Protocol):
+    """Where everything goes first: a CaptureWriter or a Recorder."""
+
+    def rx(self, chunk: Chunk) -> None:
+        """Bytes that came."""
+
+    def tx(self, chunk: Chunk) -> None:
+        """Bytes that went."""
+
+    def event(self, event: LinkEvent) -> None:
+        """Something that happened to the link."""
+
+
+class _NoRecording:
+    def rx(self, chunk: Chunk) -> None:
+        """Nobody records."""
+
+    tx = rx
+
+    def event(self, event: LinkEvent) -> None:
+        """Nobody records."""
+
+
+class SerialLink:
+    """A port by its pyserial URL, as a context manager.
+
+    ``receive`` gives chunks and events in the order in which they happened. Nothing received is ever dropped here: the
+    queue has no limit, and an event BACKLOG tells when the station falls behind.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        baudrate: int = 115200,
+        *,
+        recorder: Recording | None = None,
+        wait_port: bool = False,
+        list_ports: Callable[[], list[PortInfo]] = ports_here,
+    ) -> None:
+        """Open the port; PortError says why not. With ``wait_port`` a port that is not there is waited for."""
+        self.url = url
+        self._recorder = recorder or _NoRecording()
+        self._stamped: StampedPort | None = None
+        self._live: _Receiver | None = None
+        try:
+            port = open_port(url, baudrate)
+        except PortError as error:
+            if not wait_port:
+                raise
+            self._live = _Receiver(url, baudrate, self._recorder, list_ports, None, str(error))
+        else:
+            if isinstance(port, StampedSerial):
+                self._stamped = port
+            else:
+                self._live = _Receiver(url, baudrate, self._recorder, list_ports, port, "")
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the bytes come now, from a port, stamped by the host clock."""
+        return self._live is not None
+
+    @property
+    def at_end(self) -> bool:
+        """Whether a recording or a simulation is over and everything was received; never for a live port."""
+        return self._stamped is not None and self._stamped.at_end
+
+    @property
+    def backlog_bytes(self) -> int:
+        """Bytes received from a live port that nobody fetched yet."""
+        return self._live.backlog_bytes if self._live else 0
+
+    def receive(self, timeout_s: float) -> list[Item]:
+        """What has come, waiting at most ``timeout_s`` for the first of it."""
+        if self._live:
+            return self._live.fetch(timeout_s)
+        assert self._stamped is not None
+        items: list[Item] = []
+        self._stamped.timeout = timeout_s
+        while len(items) < ITEMS_AT_ONCE:
+            item = self._stamped.read_stamped()
+            if item is None:
+                break
+            self._stamped.timeout = 0
+            if isinstance(item, LinkEvent):
+                self._recorder.event(item)
+            elif item.data:
+                self._recorder.rx(item)
+            else:
+                # A simulated sensor that is silent lets its time pass by empty chunks.
+                continue
+            items.append(item)
+        return items
+
+    def send(self, data: bytes) -> Chunk:
+        """Send a command; the chunk as recorded. PortError when it does not go out."""
+        if self._live:
+            return self._live.send(data)
+        assert self._stamped is not None
+        chunk = Chunk(*self._stamped.stamp(), data)
+        self._recorder.tx(chunk)
+        self._stamped.write(data)
+        return chunk
+
+    def close(self) -> None:
+        """Stop receiving; what came is still there to fetch."""
+        if self._live:
+            self._live.close()
+        elif isinstance(self._stamped, StampedSerial):
+            self._stamped.close()
+
+    def __enter__(self) -> "SerialLink":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _now() -> tuple[int, int]:
+    return time.time_ns(), time.monotonic_ns()
+
+
+class _Receiver:
+    """The thread that reads a live port, and finds it again."""
+
+    def __init__(
+        self,
+        url: str,
+        baudrate: int,
+        recorder: Recording,
+        list_ports: Callable[[], list[PortInfo]],
+        port: serial.Serial | None,
+        absent: str,
+    ) -> None:
+        self._url, self._baudrate, self._recorder, self._list_ports = url, baudrate, recorder, list_ports
+        self._port = port
+        self._adapter = self._adapter_of(port) if port else None
+        self._items: queue.SimpleQueue[Item] = queue.SimpleQueue()
+        self._received_bytes = self._fetched_bytes = 0
+        self._told_backlog = False
+        self._opened_before = port is not None
+        self._stop = threading.Event()
+        self._tell(*(("OPENED", f"{url} is open") if port else ("NO_PORT", f"waiting for the port: {absent}")))
+        self._thread = threading.Thread(target=self._run, name="receive", daemon=True)
+        self._thread.start()
+
+    @property
+    def backlog_bytes(self) -> int:
+        return self._received_bytes - self._fetched_bytes
+
+    def fetch(self, timeout_s: float) -> list[Item]:
+        items: list[Item] = []
+        try:
+            items.append(self._items.get(timeout=timeout_s) if timeout_s > 0 else self._items.get_nowait())
+            while len(items) < ITEMS_AT_ONCE:
+                items.append(self._items.get_nowait())
+        except queue.Empty:
+            pass
+        self._fetched_bytes += sum(len(item.data) for item in items if isinstance(item, Chunk))
+        return items
+
+    def send(self, data: bytes) -> Chunk:
+        port = self._port
+        if port is None:
+            raise PortError(f"cannot send: {self._url} is away; plug it in again, the link comes back by itself")
+        chunk = Chunk(*_now(), data)
+        self._recorder.tx(chunk)
+        try:
+            port.write(data)
+        except _HANG_UPS as error:
+            raise PortError(f"cannot send to {self._url}: {error}") from error
+        return chunk
+
+    def close(self) -> None:
+        self._stop.set()
+        port = self._port
+        if port is not None and hasattr(port, "cancel_read"):
+            with contextlib.suppress(*_HANG_UPS):
+                port.cancel_read()
+        self._thread.join(timeout=3.0)
+        if self._port is not None:
+            _close(self._port)
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            if self._port is None:
+                self._reopen()
+                continue
+            try:
+                data = self._port.read(self._port.in_waiting or 1)
+            except _HANG_UPS as error:
+                if not self._stop.is_set():
+                    self._lose(error)
+            else:
+                if data:
+                    self._take(data)
+
+    def _take(self, data: bytes) -> None:
+        chunk = Chunk(*_now(), data)
+        self._recorder.rx(chunk)
+        self._received_bytes += len(data)
+        self._items.put(chunk)
+        if not self._told_backlog and self.backlog_bytes > BACKLOG_BYTES:
+            self._told_backlog = True
+            self._tell("BACKLOG", f"the station is {self.backlog_bytes} bytes behind; they are recorded and wait")
+
+    def _tell(self, kind: str, text: str) -> None:
+        event = LinkEvent(*_now(), kind, text)
+        self._recorder.event(event)
+        self._items.put(event)
+
+    def _lose(self, error: BaseException) -> None:
+        port, self._port = self._port, None
+        if port is not None:
+            _close(port)
+        self._tell("LOST", f"{self._url} is gone ({_brief(error)}); waiting for it to come back")
+
+    def _reopen(self) -> None:
+        pause_s = FIRST_PAUSE_S
+        while not self._stop.is_set():
+            url = self._where()
+            if url is not None:
+                try:
+                    port = open_port(url, self._baudrate)
+                except PortError:
+                    pass
+                else:
+                    self._found(url, port)
+                    return
+            self._wait(pause_s, there=url is not None)
+            pause_s = min(2 * pause_s, LONGEST_PAUSE_S if is_device(self._url) else LONGEST_BLIND_PAUSE_S)
+
+    def _found(self, url: str, port: serial.Serial) -> None:
+        self._port = port
+        self._adapter = self._adapter or self._adapter_of(port)
+        name = self._url if url == self._url else f"{self._url}, now named {url},"
+        self._tell("REOPENED" if self._opened_before else "OPENED", f"{name} is open")
+        self._opened_before = True
+
+    def _where(self) -> str | None:
+        """The URL to try: that of the adapter wherever it is now, else the one we were given, None when not there."""
+        if not is_device(self._url):
+            return self._url
+        if self._adapter is not None:
+            for port in self._list_ports():
+                if port.is_same_adapter(self._adapter):
+                    return port.device
+        return self._url if os.path.exists(self._url) else None
+
+    def _wait(self, pause_s: float, there: bool) -> None:
+        """Pause before the next try, cut short when a port that was absent appears."""
+        until = time.monotonic() + pause_s
+        while (left_s := until - time.monotonic()) > 0 and not self._stop.wait(min(left_s, WATCH_S)):
+            if not there and is_device(self._url) and self._where() is not None:
+                return
+
+    def _adapter_of(self, port: serial.Serial) -> PortInfo | None:
+        device = os.path.realpath(str(port.port))
+        known = (info for info in self._list_ports() if os.path.realpath(info.device) == device)
+        return next((info for info in known if info.serial_number), None)
+
+
+def _close(port: serial.Serial) -> None:
+    # A device that is gone may refuse even this.
+    with contextlib.suppress(*_HANG_UPS):
+        port.close()
+
+
+def _brief(error: BaseException) -> str:
+    return (str(error) or type(error).__name__).split("\n")[0][:120]

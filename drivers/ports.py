@@ -1,0 +1,133 @@
+"""The serial ports of this computer: which there are, who holds them, why one does not open."""
+
+import errno
+import getpass
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import serial
+from serial.tools import list_ports
+
+from drivers.errors import DriverError, PortError
+
+MOCKS = ("replay", "sim")
+serial.protocol_handler_packages.append("drivers.urlhandlers")
+
+
+@dataclass(frozen=True, slots=True)
+class PortInfo:
+    """One serial port: its device, what it says of itself, and the USB identity where it has one."""
+
+    device: str
+    description: str
+    vid: int | None = None
+    pid: int | None = None
+    serial_number: str | None = None
+
+    def is_same_adapter(self, other: "PortInfo") -> bool:
+        """Whether both are the same USB adapter, under whatever name; False where that cannot be known."""
+        mine = (self.vid, self.pid, self.serial_number)
+        return bool(self.serial_number) and mine == (other.vid, other.pid, other.serial_number)
+
+
+def ports_here() -> list[PortInfo]:
+    """The serial ports that the system knows, sorted by device."""
+    found = (
+        PortInfo(port.device, port.description or "", port.vid, port.pid, port.serial_number)
+        for port in list_ports.comports()
+    )
+    return sorted(found, key=lambda port: port.device)
+
+
+def holders(device: str) -> list[str]:
+    """Other processes that have a device open, as ``name (pid N)``; those that /proc lets us see."""
+    target = os.path.realpath(device)
+    found = []
+    for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda path: int(path.name)):
+        if process.name != str(os.getpid()) and _has_open(process, target):
+            found.append(f"{_name(process)} (pid {process.name})")
+    return found
+
+
+def _has_open(process: Path, target: str) -> bool:
+    try:
+        return any(os.readlink(fd) == target for fd in (process / "fd").iterdir())
+    except OSError:
+        # Another user's process, or one that ended meanwhile.
+        return False
+
+
+def _name(process: Path) -> str:
+    try:
+        return (process / "comm").read_text().strip()
+    except OSError:
+        return "a process"
+
+
+def is_device(url: str) -> bool:
+    """Whether a URL is the plain name of a device."""
+    return "://" not in url
+
+
+def open_port(url: str, baudrate: int) -> serial.Serial:
+    """Open a port by its pyserial URL; PortError says why it does not open and what to do."""
+    try:
+        port = serial.serial_for_url(url, baudrate=baudrate, timeout=0.2, write_timeout=1.0, do_not_open=True)
+        if isinstance(port, serial.Serial):
+            port.exclusive = True
+            # pyserial empties the input on opening: bytes that the kernel has already received are part of the record.
+            setattr(port, "_reset_input_buffer", lambda: None)  # noqa: B010 - not in pyserial's type stubs
+        port.open()
+    except (OSError, ValueError) as error:
+        if isinstance(error.__cause__, DriverError):
+            raise error.__cause__ from None
+        raise PortError(explain(url, error)) from error
+    if isinstance(port, serial.Serial) and (names := _intruders(str(port.port))):
+        port.close()
+        raise PortError(_busy(url, names))
+    return port
+
+
+def _intruders(device: str) -> list[str]:
+    # A plain open still gets in beside our lock, and takes bytes away. A pty is held by whoever made it.
+    return [] if os.path.realpath(device).startswith("/dev/pts/") else holders(device)
+
+
+def explain(url: str, error: Exception) -> str:
+    """Why a port did not open, and what to do, in one or two lines."""
+    number = getattr(error, "errno", None)
+    if is_device(url) and not os.path.exists(url):
+        return f"there is no port {url}; {_known(ports_here())}"
+    if number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK):
+        return _busy(url, holders(url))
+    if number in (errno.EACCES, errno.EPERM):
+        return (
+            f"no permission for {url}: add yourself to its group and log in again:\n"
+            f"sudo usermod -aG {_group(url)} {getpass.getuser()}"
+        )
+    if url.lower().startswith("hwgrep://"):
+        return f"no port matches {url}; {_known(ports_here())}"
+    if isinstance(error, ValueError):
+        return f"{url} is no port that can be opened: {error}"
+    if is_device(url) and not number:
+        return f"{url} is no serial port: {error}"
+    return f"cannot open {url}: {error}"
+
+
+def _busy(url: str, names: list[str]) -> str:
+    by = ", ".join(names) or "another program"
+    return f"{url} is busy: held by {by}; close it and try again"
+
+
+def _known(ports: Iterable[PortInfo]) -> str:
+    text = ", ".join(f"{port.device} ({port.description})" for port in ports)
+    return f"ports here: {text}" if text else "there are no serial ports here: is the adapter plugged in?"
+
+
+def _group(device: str) -> str:
+    try:
+        return Path(device).group()
+    except (OSError, KeyError):
+        return "dialout"

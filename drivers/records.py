@@ -1,0 +1,80 @@
+"""What a session file holds: messages, attachments, and damage where there is some.
+
+A message stands in MCAP as (channel, sequence u32, log_time u64, publish_time u64, data). Here log_time is UTC and
+publish_time the monotonic clock, both in nanoseconds, and ``sequence`` (free for the publisher's use) carries the
+CRC-32 of the message, because an unchunked MCAP file has no checksum of its own until it is closed:
+
+    crc32( topic as UTF-8, 0x00, log_time u64 LE, publish_time u64 LE, data )
+"""
+
+import json
+import struct
+import zlib
+from dataclasses import dataclass
+
+from drivers.chunk import Chunk, LinkEvent
+
+RX = "/serial/rx"
+TX = "/serial/tx"
+EVENTS = "/events"
+CLOCK = "/clock"
+CONTINUED = "/continued"
+"""The last message of a segment that has a successor."""
+
+PROFILE = "gse-session"
+"""The MCAP profile of a session of this station."""
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One message of a session: raw bytes of a port, an event, a derived result."""
+
+    topic: str
+    utc_ns: int
+    mono_ns: int
+    data: bytes
+
+    def chunk(self) -> Chunk:
+        """The message of /serial/rx or /serial/tx as the chunk it was."""
+        return Chunk(self.utc_ns, self.mono_ns, self.data)
+
+    def event(self) -> LinkEvent:
+        """The message of /events as the event it was; an unreadable one says so."""
+        try:
+            document = json.loads(self.data)
+            return LinkEvent(self.utc_ns, self.mono_ns, str(document["kind"]), str(document["text"]))
+        except (ValueError, KeyError, TypeError, RecursionError):
+            return LinkEvent(self.utc_ns, self.mono_ns, "UNREADABLE", f"{self.data[:40]!r} is no event")
+
+
+@dataclass(frozen=True, slots=True)
+class Attachment:
+    """A file frozen into the session: the station file, the protocol description."""
+
+    name: str
+    media_type: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """Bytes of a session file that are no whole, true record."""
+
+    file: str
+    offset: int
+    size: int
+    reason: str
+
+
+Record = Message | Attachment | Damage
+
+
+def checksum(topic: str, utc_ns: int, mono_ns: int, data: bytes) -> int:
+    """The CRC-32 of a message, see the head of this module."""
+    return zlib.crc32(data, zlib.crc32(topic.encode() + b"\0" + struct.pack("<QQ", utc_ns, mono_ns)))
+
+
+def event_message(event: LinkEvent) -> Message:
+    """An event as the message of /events that holds it."""
+    document = {"kind": event.kind, "text": event.text}
+    return Message(EVENTS, event.utc_ns, event.mono_ns, json.dumps(document, ensure_ascii=False).encode())

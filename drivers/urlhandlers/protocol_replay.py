@@ -1,0 +1,56 @@
+"""The port replay://PATH: a recorded night instead of a sensor.
+
+Options, each once, after a question mark: ``speed`` (max, 1, or a factor), ``from`` and ``to`` (RFC 3339 UTC),
+``loop`` (passes), ``cut`` (most bytes per chunk), ``start_utc`` (for a raw capture).
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from drivers.chunk import LinkEvent
+from drivers.errors import CaptureError, PortError
+from drivers.recording import cut, is_session, raw_items, session_items, utc_option
+from drivers.stamped import Item, StampedSerial
+from drivers.urls import MockUrl, parse_mock_url
+
+OPTIONS = ("speed", "from", "to", "loop", "cut", "start_utc")
+
+
+class Serial(StampedSerial):
+    """A recording behind the interface of a serial port."""
+
+    def _open_items(self) -> tuple[Iterator[Item], float]:
+        url = parse_mock_url(str(self.port))
+        if unknown := sorted(set(url.options) - set(OPTIONS)):
+            raise PortError(f"replay:// has no option {', '.join(unknown)}; it has {', '.join(OPTIONS)}")
+        speed, loops, most = url.speed(), url.number("loop", 1, least=1), url.number("cut", 0, least=1)
+        first = _pass(url)
+        items = _repeated(first, url, loops)
+        return (cut(items, most) if most else items), speed
+
+    def _take(self, data: bytes) -> None:
+        """A recording does not answer; the command is ignored, as by a sensor with a cut transmit line."""
+
+
+def _pass(url: MockUrl) -> Iterator[Item]:
+    path = Path(url.path)
+    if not path.exists():
+        raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
+    start_utc_ns = utc_option("start_utc", url.options.get("start_utc"))
+    if is_session(path):
+        return session_items(path, utc_option("from", url.options.get("from")), utc_option("to", url.options.get("to")))
+    if start_utc_ns is None:
+        raise CaptureError(
+            f"{path} is no session; as a raw serial capture it needs the UTC of its start, "
+            "for example --start-utc 2026-03-20T18:30:00Z"
+        )
+    return raw_items(path, start_utc_ns)
+
+
+def _repeated(items: Iterator[Item], url: MockUrl, loops: int) -> Iterator[Item]:
+    yield from items
+    for number in range(2, loops + 1):
+        for position, item in enumerate(_pass(url)):
+            if position == 0:
+                yield LinkEvent(item.utc_ns, item.mono_ns, "LOOP", f"the recording begins again, pass {number}")
+            yield item

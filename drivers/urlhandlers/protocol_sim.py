@@ -1,0 +1,52 @@
+"""The port sim://: a simulated sensor.
+
+The simulation itself needs catalogue and camera, which the drivers do not know. Whoever has it registers a factory
+here, once, at start-up; the options of the URL (but ``speed`` and ``cut``, which are the port's) go to it as they are.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+from drivers.chunk import Chunk
+from drivers.errors import PortError
+from drivers.recording import cut
+from drivers.stamped import Item, StampedSerial
+from drivers.urls import parse_mock_url
+
+
+class SimulatedDevice(Protocol):
+    """What stands behind the port."""
+
+    def next_chunk(self) -> Chunk | None:
+        """The next bytes that the sensor sends, None when the scenario is over."""
+
+    def command(self, data: bytes, utc_ns: int) -> None:
+        """Bytes that were sent to the sensor at an instant of its own time."""
+
+
+Factory = Callable[[dict[str, str]], SimulatedDevice]
+
+_factories: list[Factory] = []
+
+
+def register(factory: Factory) -> None:
+    """Say who makes simulated sensors; the last one registered counts."""
+    _factories[:] = [factory]
+
+
+class Serial(StampedSerial):
+    """A simulated sensor behind the interface of a serial port."""
+
+    def _open_items(self) -> tuple[Iterator[Item], float]:
+        url = parse_mock_url(str(self.port))
+        if not _factories:
+            raise PortError(
+                "sim:// needs a simulator, and none is registered: use it through 'gse run' or 'gse simulate'"
+            )
+        speed, most = url.speed(), url.number("cut", 0, least=1)
+        self._device = _factories[0]({k: v for k, v in url.options.items() if k not in ("speed", "cut")})
+        items: Iterator[Item] = iter(self._device.next_chunk, None)
+        return (cut(items, most) if most else items), speed
+
+    def _take(self, data: bytes) -> None:
+        self._device.command(data, self.stamp()[0])

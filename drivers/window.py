@@ -1,0 +1,66 @@
+"""Bytes by offset: of a file through a window, or of a block in memory."""
+
+import os
+from pathlib import Path
+from types import TracebackType
+
+from drivers.errors import CaptureError
+
+WINDOW_BYTES = 1 << 20
+
+
+class BlockWindow:
+    """Bytes by offset of a block in memory."""
+
+    def __init__(self, block: bytes) -> None:
+        self._block = block
+        self.size = len(block)
+
+    def get(self, offset: int, size: int) -> bytes:
+        """At most ``size`` bytes from ``offset`` on, fewer at the end."""
+        return self._block[offset : offset + size]
+
+
+class FileWindow:
+    """Bytes by offset of a file.
+
+    Not a memory map: with one, a disk that fails to read kills the process instead of raising an error.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        try:
+            self._fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        except OSError as error:
+            raise CaptureError(f"cannot read {path}: {error.strerror}") from error
+        self.size = os.fstat(self._fd).st_size
+        self._start, self._block = 0, b""
+
+    def get(self, offset: int, size: int) -> bytes:
+        """At most ``size`` bytes from ``offset`` on, fewer at the end; CaptureError where the disk fails."""
+        begin = offset - self._start
+        if begin < 0 or begin + size > len(self._block):
+            size = max(0, min(size, self.size - offset))
+            self._start, self._block, begin = offset, self._read(offset, max(size, WINDOW_BYTES)), 0
+        return self._block[begin : begin + size]
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._fd)
+
+    def __enter__(self) -> "FileWindow":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _read(self, offset: int, size: int) -> bytes:
+        try:
+            return os.pread(self._fd, size, offset)
+        except OSError as error:
+            raise CaptureError(f"cannot read {self._path} at byte {offset}: {error.strerror}") from error
+
+
+Window = BlockWindow | FileWindow
