@@ -1,5 +1,6 @@
 """Star catalogues: unit vectors, magnitudes and names of stars, brightest first."""
 
+from gse.catalog.mission import merge_doubles, mission_catalog, stars_for_field
 from gse.catalog.stars import StarCatalog, load_catalog
 
-__all__ = ["StarCatalog", "load_catalog"]
+__all__ = ["StarCatalog", "load_catalog", "merge_doubles", "mission_catalog", "stars_for_field"]

@@ -5,10 +5,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.catalog import StarCatalog
+from gse.camera import Camera
+from gse.catalog import StarCatalog, mission_catalog
+from gse.config import IdentifierOptions
 from gse.identifier.result import Identification, Reason, Unidentified
 
-__all__ = ["Identification", "Identifier", "Reason", "Unidentified"]
+__all__ = ["Identification", "Identifier", "Reason", "Unidentified", "make_identifier"]
 
 
 class Identifier(Protocol):
@@ -23,3 +25,13 @@ class Identifier(Protocol):
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
         ...
+
+
+def make_identifier(options: IdentifierOptions, camera: Camera, source: StarCatalog) -> Identifier:
+    """The identifier that the options name, with its mission catalogue chosen from ``source`` for the camera.
+
+    The algorithms are imported here, one at a time: with their compiled parts they take a second.
+    """
+    from gse.identifier.neighbour import NeighbourIdentifier
+
+    return NeighbourIdentifier(mission_catalog(source, camera, options.catalog_stars), camera, options)

@@ -1,0 +1,75 @@
+"""The last word on an answer: it must be solvable as an attitude, and is told how likely chance alone is."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+
+from gse.attitude import davenport
+from gse.catalog import StarCatalog
+from gse.compiled import compiled
+from gse.identifier.result import Identification, Reason, Unidentified
+
+_ARCSEC = math.radians(1 / 3600)
+_GATE = 16.0
+"""Area, in squares of the tolerance, where an object fits two distances: a rhombus of (2 d_m)^2 / sin of the angle at
+the object, whose inverse sine is 2 in the mean, on either side of the line, for distances alone see no handedness."""
+
+
+@dataclass(frozen=True, slots=True)
+class RandomSky:
+    """The statistics of a catalogue that random objects meet."""
+
+    stars: int
+    pairs: int
+    widest_rad: float
+    tolerance_rad: float
+
+    def chance(self, objects: int, fit: int, alphas: int) -> float:
+        """Bound on the probability that random objects reach a fit of ``fit`` with any of ``alphas`` alpha stars.
+
+        The expected number of two-star matches (pairs grow with distance, so at most twice their mean density, each
+        either way round), times the probability that fit - 1 of the remaining objects find a star where they need one.
+        """
+        window = min(1.0, 4 * self.tolerance_rad / self.widest_rad)
+        matches = alphas * max(objects - 1, 0) * 2 * self.pairs * window
+        third = min(1.0, self.stars / (4 * math.pi) * _GATE * self.tolerance_rad**2)
+        return min(1.0, matches * float(bdtrc(fit - 2, max(objects - 2, fit - 1), third)))
+
+
+def accepted(
+    directions_sensor: NDArray[np.float64],
+    catalog: StarCatalog,
+    objects: NDArray[np.int64],
+    stars: NDArray[np.int64],
+    tolerance_rad: float,
+    chance: float,
+) -> Identification | Unidentified:
+    """The identification, or Unidentified where no attitude puts the stars on their objects within the tolerance."""
+    measured, icrs = directions_sensor[objects], catalog.icrs[stars]
+    rms_rad = wahba_residual_rad(measured, icrs)
+    if rms_rad <= tolerance_rad:
+        return Identification(objects, stars, chance)
+    mirrored_rad = wahba_residual_rad(measured * np.array([-1.0, 1.0, 1.0]), icrs)
+    residual = f"the stars found lie {rms_rad / _ARCSEC:.0f} arcsec rms off their objects"
+    if mirrored_rad <= tolerance_rad:
+        return Unidentified(
+            Reason.NO_MATCH, f"the image is mirrored: {residual}, {mirrored_rad / _ARCSEC:.0f} once flipped"
+        )
+    return Unidentified(Reason.NO_MATCH, f"{residual}: no attitude fits")
+
+
+@compiled
+def wahba_residual_rad(measured: NDArray[np.float64], stars: NDArray[np.float64]) -> float:
+    """Root mean square angle between directions (N, 3) and stars (N, 3) under the attitude that makes it least."""
+    rotation = np.empty((3, 3))
+    if not davenport(measured, stars, np.ones(len(measured)), rotation):
+        return np.inf
+    total = 0.0
+    for i in range(len(measured)):
+        for j in range(3):
+            placed = rotation[j, 0] * stars[i, 0] + rotation[j, 1] * stars[i, 1] + rotation[j, 2] * stars[i, 2]
+            total += (measured[i, j] - placed) ** 2
+    return math.sqrt(total / len(measured))

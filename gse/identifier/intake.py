@@ -1,0 +1,56 @@
+"""What every onboard identifier asks of a panorama before it looks for stars."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.compiled import compiled
+from gse.identifier.result import Reason, Unidentified
+from gse.panorama import MAX_OBJECTS
+
+_SOUND, _NOT_FINITE, _NOT_UNIT, _DARK, _NEGATIVE, _ALL_EQUAL = range(6)
+_UNIT_WITHIN = 1e-6
+
+_COMPLAINTS = {
+    _NOT_FINITE: "a position or index value is not a finite number",
+    _NOT_UNIT: "a direction is not a unit vector",
+    _DARK: "all index values are zero: the panorama holds no light",
+    _NEGATIVE: "an index value is negative; 0 is the darkest",
+    _ALL_EQUAL: "all index values are equal: no object is the brightest",
+}
+
+
+def refusal(directions_sensor: NDArray[np.float64], index: NDArray[np.float64], fewest: int) -> Unidentified | None:
+    """Why a panorama cannot be identified at all, or None.
+
+    The sensor's faults are answers; shapes that do not belong together are the caller's: ValueError.
+    """
+    if directions_sensor.ndim != 2 or directions_sensor.shape[1] != 3 or index.shape != directions_sensor.shape[:1]:
+        raise ValueError(
+            f"directions came with the shape {directions_sensor.shape} and index values with {index.shape}; "
+            "expected (N, 3) and (N,)"
+        )
+    objects = len(index)
+    if objects > MAX_OBJECTS:
+        return Unidentified(Reason.SENSOR_FAULT, f"{objects} objects: a panorama holds at most {MAX_OBJECTS}")
+    if objects < fewest:
+        return Unidentified(Reason.TOO_FEW, f"{objects} object(s): at least {fewest} are needed")
+    complaint = _COMPLAINTS.get(_soundness(directions_sensor, index))
+    return Unidentified(Reason.SENSOR_FAULT, complaint) if complaint else None
+
+
+@compiled
+def _soundness(directions: NDArray[np.float64], index: NDArray[np.float64]) -> int:
+    highest, lowest = -np.inf, np.inf
+    for i in range(len(index)):
+        x, y, z = directions[i]
+        norm2 = x * x + y * y + z * z
+        if not (np.isfinite(norm2) and np.isfinite(index[i])):
+            return _NOT_FINITE
+        if abs(norm2 - 1.0) > _UNIT_WITHIN:
+            return _NOT_UNIT
+        highest, lowest = max(highest, index[i]), min(lowest, index[i])
+    if lowest < 0.0:
+        return _NEGATIVE
+    if highest == 0.0:
+        return _DARK
+    return _ALL_EQUAL if highest == lowest else _SOUND

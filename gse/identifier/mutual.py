@@ -1,0 +1,174 @@
+"""Level 2 of [S]: the largest group of matched objects that fit each other pairwise.
+
+A candidate says "this object is that star". Two candidates agree when they name different objects and different stars,
+and the stars are as far apart as the objects. The agreements of a candidate are the bits of one 64-bit word, hence the
+limit on their number.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.compiled import compiled
+
+MOST_CANDIDATES = 64
+"""A true star of a mean field has some 25; of more, those most distant from the alpha star are left out."""
+
+_ROUNDING_RAD = 1e-6
+"""A distance in whole microradians is within this of the exact one: only that near a limit is it worked out."""
+
+_NONE = np.uint64(0)
+_ONE = np.uint64(1)
+
+
+class Candidates(NamedTuple):
+    """Objects and the stars they may be, row by row."""
+
+    object: NDArray[np.int64]
+    star: NDArray[np.int64]
+
+
+class Separations(NamedTuple):
+    """Cosine and sine (N, N) of the angle between each two of N objects."""
+
+    cosine: NDArray[np.float64]
+    sine: NDArray[np.float64]
+
+
+@compiled
+def separations(directions: NDArray[np.float64]) -> Separations:
+    """The angles between each two of N directions (N, 3)."""
+    cosine, sine = np.empty((len(directions), len(directions))), np.empty((len(directions), len(directions)))
+    for i in range(len(directions)):
+        for j in range(i, len(directions)):
+            c, s = _cosine_sine(directions[i], directions[j])
+            cosine[i, j] = cosine[j, i] = c
+            sine[i, j] = sine[j, i] = s
+    return Separations(cosine, sine)
+
+
+@compiled
+def _cosine_sine(a: NDArray[np.float64], b: NDArray[np.float64]) -> tuple[float, float]:
+    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2], math.sqrt(x * x + y * y + z * z)
+
+
+@compiled
+def angle_urad(cosine: float, sine: float) -> float:
+    """The angle in microradians."""
+    return 1e6 * math.atan2(sine, cosine)
+
+
+@compiled
+def stars_fit(
+    a: NDArray[np.float64], b: NDArray[np.float64], cosine: float, sine: float, tolerance_urad: float
+) -> bool:
+    """Whether two stars, by the whole microradians between them, fit two objects: |d_stars - d_objects| < tolerance.
+
+    ``cosine`` and ``sine`` are those of the angle between the objects. The stars' cosine settles all but a few cases.
+    """
+    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    t = 1e-6 * tolerance_urad
+    far = cosine * (1.0 - 0.5 * t * t) - sine * t
+    near = cosine * (1.0 - 0.5 * t * t) + sine * t
+    margin = _ROUNDING_RAD * (sine + t) + t * t * t + 1e-12
+    if dot < far - margin:
+        return False
+    if sine > 2.0 * t:
+        if dot > near + margin:
+            return False
+        if far + margin < dot < near - margin:
+            return True
+    whole = np.rint(angle_urad(*_cosine_sine(a, b)))
+    return bool(abs(whole - angle_urad(cosine, sine)) < tolerance_urad)
+
+
+@compiled
+def agreements(
+    candidates: Candidates, count: int, icrs: NDArray[np.float64], angles: Separations, tolerance_urad: float
+) -> NDArray[np.uint64]:
+    """For each of the first ``count`` candidates the bits of those that it agrees with."""
+    agrees = np.zeros(count, np.uint64)
+    for i in range(count):
+        for j in range(i):
+            p, q = candidates.object[i], candidates.object[j]
+            a, b = candidates.star[i], candidates.star[j]
+            if (
+                p != q
+                and a != b
+                and stars_fit(icrs[a], icrs[b], angles.cosine[p, q], angles.sine[p, q], tolerance_urad)
+            ):
+                agrees[i] |= _ONE << np.uint64(j)
+                agrees[j] |= _ONE << np.uint64(i)
+    return agrees
+
+
+@compiled
+def largest_group(agrees: NDArray[np.uint64], fewest: int) -> np.uint64:
+    """The largest group found of candidates that all agree, as bits; 0 where none has ``fewest`` members.
+
+    ``agrees`` (N,) are the bits of those that a candidate agrees with. From each candidate, those with most agreements
+    first, the group grows by the one that keeps most others in play, the first of equals.
+    """
+    alive = _able(agrees, fewest)
+    best, best_size = _NONE, fewest - 1
+    untried = alive
+    while untried != _NONE:
+        seed, degree = _most_agreements(agrees, untried, alive)
+        if degree + 1 <= best_size:
+            break
+        untried &= ~(_ONE << np.uint64(seed))
+        group = _grown(agrees, seed, alive)
+        if bits(group) > best_size:
+            best, best_size = group, bits(group)
+    return best
+
+
+@compiled
+def _able(agrees: NDArray[np.uint64], fewest: int) -> np.uint64:
+    """The candidates that can be in a group of ``fewest``: each agrees with enough others that can."""
+    alive = _NONE
+    for i in range(len(agrees)):
+        alive |= _ONE << np.uint64(i)
+    before = _NONE
+    while alive != before:
+        before = alive
+        for i in range(len(agrees)):
+            if bits(agrees[i] & alive) + 1 < fewest:
+                alive &= ~(_ONE << np.uint64(i))
+    return alive
+
+
+@compiled
+def _grown(agrees: NDArray[np.uint64], seed: int, alive: np.uint64) -> np.uint64:
+    group = _ONE << np.uint64(seed)
+    able = agrees[seed] & alive
+    while able != _NONE:
+        member, _ = _most_agreements(agrees, able, able)
+        group |= _ONE << np.uint64(member)
+        able &= agrees[member]
+    return group
+
+
+@compiled
+def _most_agreements(agrees: NDArray[np.uint64], among: np.uint64, counted: np.uint64) -> tuple[int, int]:
+    """Of the candidates ``among``, the first of those that agree with most of ``counted``, and with how many."""
+    best, most = -1, -1
+    for i in range(len(agrees)):
+        if among & (_ONE << np.uint64(i)) != _NONE:
+            degree = bits(agrees[i] & counted)
+            if degree > most:
+                best, most = i, degree
+    return best, most
+
+
+@compiled
+def bits(word: np.uint64) -> int:
+    """How many bits are set."""
+    count = 0
+    while word != _NONE:
+        word &= word - _ONE
+        count += 1
+    return count

@@ -1,0 +1,205 @@
+"""The neighbour technique of the LAPAN star sensor, [S] section 2.
+
+Alpha star: the brightest object. Level 1: for a catalogue star, Fn counts its neighbours whose distance fits that of an
+object from the alpha star, |d_k - d_l| < d_m. Level 2: Fn2 counts the objects of level 1 that also fit each other
+pairwise. Distances of stars are whole microradians, as in the onboard table (figure 2-5).
+
+``first-fit`` goes through the catalogue in its order, and the first star that reaches Fn and Fn2 is the alpha star, as
+on board. ``best-vote`` lets the ten objects nearest to the alpha star vote through the table of pairs, tries the 16
+stars with most votes, and takes the one with the greatest Fn2; where that names nothing, it is first-fit. It answers
+sooner, and differs only where several catalogue stars reach Fn and Fn2.
+
+With ``alpha_retries`` 0 a brightest object that is no star is the end of it: three false objects leave 20 % right. Fn =
+Fn2 = 4 lets false answers through; 6 let none through. Distances cannot tell a panorama from its mirror image, so an
+answer must also be solvable as an attitude.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.camera import Camera
+from gse.catalog import StarCatalog
+from gse.compiled import compiled
+from gse.config import IdentifierOptions
+from gse.identifier.acceptance import RandomSky, accepted
+from gse.identifier.intake import refusal
+from gse.identifier.mutual import MOST_CANDIDATES, Candidates, agreements, angle_urad, largest_group, separations
+from gse.identifier.result import Identification, Reason, Unidentified
+from gse.identifier.tables import PairTable, field_diameter_rad, pair_table
+
+_VOTERS = 10
+_STARS_TRIED = 16
+_FEWEST_VOTES = 2
+
+
+class Limits(NamedTuple):
+    """The options of a search; a tuple, because compiled functions take tuples whole."""
+
+    tolerance_urad: float
+    min_fit: int
+    alphas: int
+
+
+class NeighbourIdentifier:
+    """The neighbour technique with its catalogue and table."""
+
+    name = "neighbour"
+
+    def __init__(self, catalog: StarCatalog, camera: Camera, options: IdentifierOptions) -> None:
+        widest_rad = field_diameter_rad(camera)
+        self.catalog = catalog
+        self.table = pair_table(catalog, widest_rad)
+        self.tolerance_rad = 2 * math.atan2(options.tolerance_px / 2, camera.focal_length_px)  # eq 2-1
+        self._sky = RandomSky(len(catalog), len(self.table.distance_urad), widest_rad, self.tolerance_rad)
+        self._limits = Limits(1e6 * self.tolerance_rad, options.min_fit, 1 + options.alpha_retries)
+        self._search = first_fit if options.selection == "first-fit" else best_vote
+
+    def identify(
+        self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]
+    ) -> Identification | Unidentified:
+        """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
+        directions = np.ascontiguousarray(directions_sensor, dtype=np.float64)
+        refused = refusal(directions, np.asarray(index, dtype=np.float64), self._limits.min_fit + 1)
+        if refused:
+            return refused
+        objects, stars, alphas = self._search(directions, self.catalog.icrs, self.table, self._limits)
+        if len(objects) == 0:
+            return Unidentified(
+                Reason.NO_MATCH,
+                f"no catalogue star reached a fit of {self._limits.min_fit} with any of {alphas} alpha star(s)",
+            )
+        chance = self._sky.chance(len(directions), len(objects) - 1, alphas)
+        return accepted(directions, self.catalog, objects, stars, self.tolerance_rad, chance)
+
+
+@compiled
+def first_fit(
+    directions: NDArray[np.float64], icrs: NDArray[np.float64], table: PairTable, limits: Limits
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """Objects and their stars (M,), the alpha star first, and how many alpha stars were tried; M is 0 for no answer."""
+    angles = separations(directions)
+    room = Candidates(np.empty(MOST_CANDIDATES, np.int64), np.empty(MOST_CANDIDATES, np.int64))
+    tried = min(limits.alphas, len(directions))
+    for alpha in range(tried):
+        others, distances = _from_alpha(alpha, angles.cosine, angles.sine)
+        for star in range(len(icrs)):
+            fit, count = _level_1(star, others, distances, table, limits, room)
+            if fit < limits.min_fit:
+                continue
+            group = largest_group(agreements(room, count, icrs, angles, limits.tolerance_urad), limits.min_fit)
+            if group != 0:
+                return *_named(alpha, star, room, group), alpha + 1
+    return np.empty(0, np.int64), np.empty(0, np.int64), tried
+
+
+@compiled
+def best_vote(
+    directions: NDArray[np.float64], icrs: NDArray[np.float64], table: PairTable, limits: Limits
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """As ``first_fit``, but first among the stars with most votes, and of these the one with the greatest Fn2."""
+    angles = separations(directions)
+    room = Candidates(np.empty(MOST_CANDIDATES, np.int64), np.empty(MOST_CANDIDATES, np.int64))
+    tried = min(limits.alphas, len(directions))
+    for alpha in range(tried):
+        others, distances = _from_alpha(alpha, angles.cosine, angles.sine)
+        objects, stars = np.empty(0, np.int64), np.empty(0, np.int64)
+        for star in _most_voted(distances[:_VOTERS], table, limits.tolerance_urad):
+            fit, count = _level_1(star, others, distances, table, limits, room)
+            better = max(limits.min_fit, len(objects))
+            if fit < better:
+                continue
+            group = largest_group(agreements(room, count, icrs, angles, limits.tolerance_urad), better)
+            if group != 0:
+                objects, stars = _named(alpha, star, room, group)
+        if len(objects) > 0:
+            return objects, stars, alpha + 1
+    return first_fit(directions, icrs, table, limits)
+
+
+@compiled
+def _from_alpha(
+    alpha: int, cosine: NDArray[np.float64], sine: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The other objects and their distances in microradians from the alpha star, nearest first."""
+    distances = np.empty(len(cosine) - 1)
+    others = np.empty(len(cosine) - 1, np.int64)
+    for i in range(len(distances)):
+        other = i if i < alpha else i + 1
+        distance = angle_urad(cosine[alpha, other], sine[alpha, other])
+        place = i
+        while place > 0 and distances[place - 1] > distance:
+            distances[place], others[place] = distances[place - 1], others[place - 1]
+            place -= 1
+        distances[place], others[place] = distance, other
+    return others, distances
+
+
+@compiled
+def _level_1(
+    star: int,
+    others: NDArray[np.int64],
+    distances: NDArray[np.float64],
+    table: PairTable,
+    limits: Limits,
+    room: Candidates,
+) -> tuple[int, int]:
+    """Fn of a catalogue star, and how many candidates (object, neighbour) were put into ``room``.
+
+    Objects and neighbours both come nearest first, so one pass over each is enough.
+    """
+    low, end = table.first[star], table.first[star + 1]
+    counted = low
+    fit = count = 0
+    for i in range(len(others)):
+        while low < end and table.neighbour_urad[low] <= distances[i] - limits.tolerance_urad:
+            low += 1
+        k = low
+        while k < end and table.neighbour_urad[k] < distances[i] + limits.tolerance_urad:
+            if k >= counted:
+                fit, counted = fit + 1, k + 1
+            if count < MOST_CANDIDATES:
+                room.object[count], room.star[count] = others[i], table.neighbour[k]
+                count += 1
+            k += 1
+    return fit, count
+
+
+@compiled
+def _most_voted(distances: NDArray[np.float64], table: PairTable, tolerance_urad: float) -> NDArray[np.int64]:
+    """The stars with most votes, most first, then in catalogue order: one vote for each pair that fits a distance."""
+    votes = np.zeros(len(table.first) - 1, np.int32)
+    for distance in distances:
+        low = np.searchsorted(table.distance_urad, distance - tolerance_urad, side="right")
+        while low < len(table.distance_urad) and table.distance_urad[low] < distance + tolerance_urad:
+            votes[table.brighter[low]] += 1
+            votes[table.dimmer[low]] += 1
+            low += 1
+    stars = np.empty(_STARS_TRIED, np.int64)
+    count, fewest = 0, _FEWEST_VOTES
+    for star in range(len(votes)):
+        if votes[star] < fewest:
+            continue
+        place = min(count, _STARS_TRIED - 1)
+        while place > 0 and votes[stars[place - 1]] < votes[star]:
+            stars[place] = stars[place - 1]
+            place -= 1
+        stars[place] = star
+        count = min(count + 1, _STARS_TRIED)
+        if count == _STARS_TRIED:
+            fewest = votes[stars[count - 1]] + 1
+    return stars[:count]
+
+
+@compiled
+def _named(alpha: int, star: int, room: Candidates, group: np.uint64) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The objects and stars of a group, after the alpha star and its own."""
+    objects, stars = np.full(MOST_CANDIDATES + 1, alpha), np.full(MOST_CANDIDATES + 1, star)
+    size = 1
+    for i in range(MOST_CANDIDATES):
+        if group >> np.uint64(i) & np.uint64(1):
+            objects[size], stars[size] = room.object[i], room.star[i]
+            size += 1
+    return objects[:size], stars[:size]

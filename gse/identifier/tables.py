@@ -1,0 +1,146 @@
+"""The onboard table: every pair of catalogue stars that fits into the field, in whole microradians."""
+
+import hashlib
+import math
+import os
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from platformdirs import user_cache_dir
+from scipy.spatial import cKDTree
+
+from gse.camera import Camera
+from gse.catalog import StarCatalog
+from gse.errors import CatalogError
+
+MICRORADIANS = 1e6
+MOST_PAIRS = 20_000_000
+"""At 32 bytes a pair this bounds a table to 640 MB; the built-in station's has 0.28 million."""
+
+_FORMAT = b"pair table 1"
+_TABLES_KEPT = 8
+_DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError, RuntimeError)
+"""All that reading a damaged or foreign .npz file raises."""
+
+
+class PairTable(NamedTuple):
+    """Pairs of stars no farther apart than the field is wide; stars are row numbers of the catalogue.
+
+    A tuple, because compiled functions take tuples whole.
+
+    By pair (P,), in the order of their distance: ``distance_urad`` (whole microradians), ``brighter`` and ``dimmer``.
+    By star, figure 2-5 of [S]: the neighbours of star i are ``neighbour[first[i]:first[i + 1]]`` with the distances
+    ``neighbour_urad`` beside them, nearest first; ``first`` is (N + 1,) int64, the others int32.
+    """
+
+    distance_urad: NDArray[np.int32]
+    brighter: NDArray[np.int32]
+    dimmer: NDArray[np.int32]
+    first: NDArray[np.int64]
+    neighbour: NDArray[np.int32]
+    neighbour_urad: NDArray[np.int32]
+
+
+def field_diameter_rad(camera: Camera) -> float:
+    """The greatest angle between two corners of the detector, distortion included."""
+    right, bottom = camera.columns - 0.5, camera.rows - 0.5
+    corners = camera.directions(np.array([[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]]))
+    return float(max(angles_rad(corners[:1], corners[3:])[0], angles_rad(corners[1:2], corners[2:3])[0]))
+
+
+def angles_rad(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Angles (N,) between the rows of unit vectors (N, 3), exact for small ones."""
+    cross = np.cross(a, b)
+    angles: NDArray[np.float64] = np.arctan2(np.sqrt((cross**2).sum(axis=1)), (a * b).sum(axis=1))
+    return angles
+
+
+def pair_table(catalog: StarCatalog, widest_rad: float, cache: Path | None = None) -> PairTable:
+    """The table of all pairs up to ``widest_rad``, from the cache directory where it is there.
+
+    ``cache`` defaults to the user's cache directory. A damaged file there is replaced, and without a writable
+    directory the table is made anew each time.
+    """
+    folder = Path(user_cache_dir("gse")) if cache is None else cache
+    path = folder / f"pairs-{_key(catalog, widest_rad)}.npz"
+    table = _read(path, len(catalog))
+    if table is None:
+        table = build_pair_table(catalog, widest_rad)
+        _write(path, table)
+    return table
+
+
+def build_pair_table(catalog: StarCatalog, widest_rad: float) -> PairTable:
+    """The table of all pairs up to ``widest_rad``, made anew."""
+    tree = cKDTree(catalog.icrs)
+    reach = 2 * math.sin(min(widest_rad, math.pi) / 2)
+    expected = int(tree.count_neighbors(tree, reach) - len(catalog)) // 2
+    if expected > MOST_PAIRS:
+        raise CatalogError(
+            f"{len(catalog)} stars make {expected} pairs in a field of {math.degrees(widest_rad):.1f} deg; "
+            f"at most {MOST_PAIRS} are taken: ask for fewer catalog_stars"
+        )
+    pairs = tree.query_pairs(reach, output_type="ndarray")
+    urad = np.rint(MICRORADIANS * angles_rad(catalog.icrs[pairs[:, 0]], catalog.icrs[pairs[:, 1]])).astype(np.int32)
+    order = np.lexsort((pairs[:, 1], pairs[:, 0], urad))
+    urad, brighter, dimmer = urad[order], *pairs[order].T.astype(np.int32)
+    star, neighbour = np.concatenate([brighter, dimmer]), np.concatenate([dimmer, brighter])
+    by_star = np.lexsort((neighbour, np.tile(urad, 2), star))
+    first = np.searchsorted(star[by_star], np.arange(len(catalog) + 1))
+    return PairTable(urad, brighter, dimmer, first, neighbour[by_star], np.tile(urad, 2)[by_star])
+
+
+def _key(catalog: StarCatalog, widest_rad: float) -> str:
+    digest = hashlib.sha256(_FORMAT)
+    digest.update(np.float64(widest_rad).tobytes())
+    digest.update(np.ascontiguousarray(catalog.icrs, dtype="<f8").tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _read(path: Path, stars: int) -> PairTable | None:
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            table = PairTable(*(stored[name] for name in PairTable._fields))
+    except _DAMAGE:
+        return None
+    return table if _fits(table, stars) else None
+
+
+def _fits(table: PairTable, stars: int) -> bool:
+    """Whether every row number of the table exists: the compiled searches do not look again."""
+    pairs = len(table.distance_urad)
+    lengths = (pairs, pairs, pairs, stars + 1, 2 * pairs, 2 * pairs)
+    types = (np.int32, np.int32, np.int32, np.int64, np.int32, np.int32)
+    columns: tuple[NDArray[np.integer], ...] = tuple(table)
+    if any(c.shape != (n,) or c.dtype != t for c, n, t in zip(columns, lengths, types, strict=True)):
+        return False
+    rows = np.concatenate([table.brighter, table.dimmer, table.neighbour])
+    ordered = table.first[0] == 0 and table.first[-1] == 2 * pairs and bool((np.diff(table.first) >= 0).all())
+    return ordered and (pairs == 0 or bool(rows.min() >= 0 and rows.max() < stars))
+
+
+def _write(path: Path, table: PairTable) -> None:
+    """Put a table into the cache, whole or not at all; a cache that cannot be written is no error."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.savez(file, **table._asdict())
+            os.replace(name, path)
+        except OSError:
+            os.unlink(name)
+            raise
+        _forget_oldest(path.parent)
+    except OSError:
+        return
+
+
+def _forget_oldest(folder: Path) -> None:
+    tables = sorted(folder.glob("pairs-*.npz"), key=lambda path: path.stat().st_mtime_ns)
+    for path in tables[:-_TABLES_KEPT]:
+        path.unlink()
