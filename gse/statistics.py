@@ -1,0 +1,182 @@
+"""Figures of a session: what an assessor asks of accuracy, identification, time and clock.
+
+Accuracy is taken over the frames that were identified, not called false, and not left out by name; false answers are
+counted, not averaged in.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from gse.axis_figures import AxisFigures, axis_figures
+from gse.exclusions import Exclusion, exclusions, left_out
+from gse.frame_table import JUDGES, STATUSES
+from gse.night import Night
+from gse.results import Judge, Status
+
+AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y")
+EARTH_RATE_ARCSEC_PER_S = 15.041067
+"""Of the sidereal day, IERS Conventions 2010: 1.00273781 turns per UT1 day."""
+
+STRAY_ARCSEC = 1800.0
+"""An answer this far from the median of all is false, whatever the judge has seen: half a degree."""
+
+_MAX_DE_FOR_RA_DEG = 89.9
+_NAN = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Proportion:
+    """A share with its 95 % Clopper-Pearson bounds (two-sided); NaN of nothing."""
+
+    count: int
+    of: int
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Percentiles of something measured once per frame; ``n`` = 0 and NaN where nothing was."""
+
+    n: int
+    p50: float
+    p95: float
+    p99: float
+    max: float
+
+
+@dataclass(frozen=True, slots=True)
+class EarthRate:
+    """Rate of the boresight about the pole as measured, against that of the Earth, in arcsec/s.
+
+    Measured as the Earth's rate plus the robust drift of dRA* / cos DE, with the half-width of its 95 % interval.
+    """
+
+    measured_arcsec_per_s: float
+    error_arcsec_per_s: float
+    expected_arcsec_per_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Statistics:
+    """All figures of a session.
+
+    ``frames_expected`` are those received and those that the sequence numbers miss. ``available`` is identified and
+    not false, of the expected; ``false_answers`` is of the frames that were answered, with a one-sided 95 % upper
+    bound. ``outage_s`` is the longest time between answers.
+    """
+
+    frames: int
+    frames_expected: int
+    statuses: dict[str, int]
+    judged: dict[str, int]
+    available: Proportion
+    false_answers: Proportion
+    false_upper_95: float
+    axes: dict[str, AxisFigures]
+    mean_abs_d_ra_deg: float
+    mean_abs_d_de_deg: float
+    earth_rate: EarthRate
+    identification_ms: Spread
+    arrival_ms: Spread
+    acquisition_s: float
+    outage_s: float
+    left_out: tuple[tuple[Exclusion, int], ...]
+
+
+def statistics(night: Night, more: tuple[Exclusion, ...] = ()) -> Statistics:
+    """The figures of a night; ``more`` are stretches to leave out besides those that the events name."""
+    frames = night.frames.columns
+    named = (*exclusions(night.events), *more)
+    out = left_out(frames["utc_ns"], named)
+    kept = frames[~out]
+    answered = kept["status"] == STATUSES.index(Status.IDENTIFIED)
+    false = answered & ((kept["judge"] == JUDGES.index(Judge.FALSE)) | _stray(kept))
+    good = answered & ~false & np.isfinite(kept["d_de_arcsec"])
+    used = np.sort(kept[good], order="utc_ns", kind="stable")  # a step of the clock may turn the order
+    axes = {axis: axis_figures(used["utc_ns"], used[f"{axis}_arcsec"]) for axis in AXES}
+    expected = len(kept) + night.link.frames_lost
+    n_answered, n_false = int(answered.sum()), int(false.sum())
+    return Statistics(
+        frames=len(frames),
+        frames_expected=expected,
+        statuses={status.value: int((kept["status"] == place).sum()) for place, status in enumerate(STATUSES)},
+        judged={judge.value: int((kept["judge"] == place).sum()) for place, judge in enumerate(JUDGES)},
+        available=proportion(n_answered - n_false, expected),
+        false_answers=proportion(n_false, n_answered),
+        false_upper_95=_upper_95(n_false, n_answered),
+        axes=axes,
+        mean_abs_d_ra_deg=_mean_abs_d_ra_deg(used),
+        mean_abs_d_de_deg=axes["d_de"].mean_abs_arcsec / 3600,
+        earth_rate=_earth_rate(used, axes["d_ra_cosde"]),
+        identification_ms=spread(frames["elapsed_us"] / 1e3),
+        arrival_ms=spread((frames["host_utc_ns"] - frames["utc_ns"])[frames["host_utc_ns"] > 0] / 1e6),
+        acquisition_s=_acquisition_s(kept["utc_ns"], answered & ~false),
+        outage_s=_outage_s(kept["utc_ns"], answered & ~false),
+        left_out=tuple((item, int(left_out(frames["utc_ns"], (item,)).sum())) for item in named),
+    )
+
+
+def proportion(count: int, of: int) -> Proportion:
+    """A share with exact (Clopper-Pearson) bounds."""
+    if of == 0:
+        return Proportion(0, 0, _NAN, _NAN, _NAN)
+    interval = stats.binomtest(count, of).proportion_ci(0.95, method="exact")
+    return Proportion(count, of, count / of, float(interval.low), float(interval.high))
+
+
+def spread(values: NDArray[np.float64]) -> Spread:
+    """Percentiles of the finite values."""
+    finite = values[np.isfinite(values)]
+    if len(finite) == 0:
+        return Spread(0, _NAN, _NAN, _NAN, _NAN)
+    p50, p95, p99 = (float(value) for value in np.percentile(finite, [50, 95, 99]))
+    return Spread(len(finite), p50, p95, p99, float(finite.max()))
+
+
+def _upper_95(count: int, of: int) -> float:
+    if of == 0:
+        return _NAN
+    return float(stats.binomtest(count, of, alternative="less").proportion_ci(0.95, method="exact").high)
+
+
+def _stray(frames: NDArray[np.void]) -> NDArray[np.bool_]:
+    """Answers far from the median of all: a wrong mount moves all answers alike, a false answer only itself."""
+    x, y = frames["cross_x_arcsec"], frames["cross_y_arcsec"]
+    known = np.isfinite(x)
+    if not known.any():
+        return np.zeros(len(frames), dtype=bool)
+    distance = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
+    return np.asarray(distance > STRAY_ARCSEC, dtype=bool)  # NaN is not
+
+
+def _mean_abs_d_ra_deg(used: NDArray[np.void]) -> float:
+    """Mean |dRA| (not times cos DE), as in table 4-1 of [S]; NaN too near the pole, where RA means nothing."""
+    if len(used) == 0 or np.abs(used["de_true_deg"]).max() > _MAX_DE_FOR_RA_DEG:
+        return _NAN
+    d_ra_arcsec = used["d_ra_cosde_arcsec"] / np.cos(np.radians(used["de_true_deg"]))
+    return float(np.abs(d_ra_arcsec).mean()) / 3600
+
+
+def _earth_rate(used: NDArray[np.void], d_ra_cosde: AxisFigures) -> EarthRate:
+    if len(used) == 0 or abs(used["de_true_deg"][0]) > _MAX_DE_FOR_RA_DEG:
+        return EarthRate(_NAN, _NAN, EARTH_RATE_ARCSEC_PER_S)
+    per_hour = math.cos(math.radians(float(np.mean(used["de_true_deg"])))) * 3600
+    half_width = (d_ra_cosde.drift_high_arcsec_per_h - d_ra_cosde.drift_low_arcsec_per_h) / 2
+    measured = EARTH_RATE_ARCSEC_PER_S + d_ra_cosde.drift_arcsec_per_h / per_hour
+    return EarthRate(measured, half_width / per_hour, EARTH_RATE_ARCSEC_PER_S)
+
+
+def _acquisition_s(utc_ns: NDArray[np.int64], good: NDArray[np.bool_]) -> float:
+    """From the first panorama to the first good answer."""
+    return float(utc_ns[good][0] - utc_ns[0]) / 1e9 if good.any() else _NAN
+
+
+def _outage_s(utc_ns: NDArray[np.int64], good: NDArray[np.bool_]) -> float:
+    answers = utc_ns[good]
+    return float(np.diff(answers).max()) / 1e9 if len(answers) > 1 else _NAN
