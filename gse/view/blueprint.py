@@ -1,0 +1,138 @@
+"""The layout of the screen: which view stands where, over which stretch of time."""
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from gse.config import Station
+from gse.view.picture import RESIDUAL_SCALE
+from gse.view.series import TIMELINE
+
+LIVE_WINDOW_S = 600.0
+"""A live view shows the last ten minutes, and follows."""
+
+
+def layout(
+    station: Station, *, window_s: float | None, boresight_icrs: NDArray[np.float64] | None = None
+) -> rrb.Blueprint:
+    """All views of a station over the last ``window_s`` seconds, or over everything (None)."""
+    ranges = _time_ranges(window_s)
+    axis = rrb.TimeAxis(view_range=_time_range(window_s), link="LinkToGlobal" if window_s is None else None)
+    graphs = rrb.Vertical(
+        _error_view("d_ra", "dRA* (arcsec)", station.limits.d_ra_cosde_arcsec, axis),
+        _error_view("d_de", "dDE (arcsec)", station.limits.d_de_arcsec, axis),
+        _graph("/cross", "Cross-boresight error x, y (arcsec)", axis),
+        _graph("/roll", "Roll error (arcsec)", axis),
+        rrb.Tabs(
+            _graph("/identification_ms", f"Identification (ms), limit {station.limits.identification_ms:g}", axis),
+            _graph("/clock", "Host clock (ms)", axis),
+            _graph("/temperature_c", "Detector temperature (degC)", axis),
+        ),
+        rrb.StateTimelineView(origin="/link", name="Link state", time_view=axis),
+        row_shares=[3, 3, 2.4, 2, 2.2, 1.5],
+    )
+    pictures = rrb.Vertical(
+        _panorama_view(station),
+        rrb.Horizontal(_scatter_view(station, ranges), _sky_view(ranges, boresight_icrs)),
+        row_shares=[3, 2],
+    )
+    words = rrb.Vertical(
+        rrb.TextDocumentView(origin="/verdict", name="Verdict"),
+        _log_view(),
+        row_shares=[3, 2],
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(graphs, pictures, words, column_shares=[4, 4, 2.4]),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TopPanel(state="collapsed"),
+        rrb.TimePanel(
+            state="collapsed", timeline=TIMELINE, play_state="following" if window_s is not None else "paused"
+        ),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _time_range(window_s: float | None) -> rr.TimeRange:
+    if window_s is None:
+        return rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
+    return rr.TimeRange(
+        start=rr.TimeRangeBoundary.cursor_relative(seconds=-window_s),
+        end=rr.TimeRangeBoundary.cursor_relative(seconds=0.0),
+    )
+
+
+def _time_ranges(window_s: float | None) -> rrb.VisibleTimeRanges:
+    wanted = _time_range(window_s)
+    return rrb.VisibleTimeRanges(timeline=TIMELINE, start=wanted.start, end=wanted.end)
+
+
+def _error_view(path: str, name: str, limit: float, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"/{path}",
+        name=f"{name}, limit {limit:g}",
+        axis_x=axis,
+        axis_y=rrb.ScalarAxis(range=(-1.5 * limit, 1.5 * limit)),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def _graph(path: str, name: str, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(origin=path, name=name, axis_x=axis, plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop))
+
+
+def _log_view() -> rrb.TextLogView:
+    """Level and text; the time of day stands in the text, where it is not cut off."""
+    columns = rrb.TextLogColumns(
+        timeline_columns=[rrb.encodings.TimelineColumn(timeline=TIMELINE, visible=False)],
+        text_log_columns=[
+            rrb.encodings.TextLogColumn("EntityPath", visible=False),
+            rrb.encodings.TextLogColumn("LogLevel"),
+            rrb.encodings.TextLogColumn("Body"),
+        ],
+    )
+    return rrb.TextLogView(origin="/log", name="Log (UTC)", columns=columns)
+
+
+def _panorama_view(station: Station) -> rrb.Spatial2DView:
+    columns, rows = station.sensor.columns, station.sensor.rows
+    margin = 0.03 * columns
+    name = (
+        "Panorama (px): blue star, orange unidentified, red hot pixel, pink planet; "
+        f"arrows: residual x {RESIDUAL_SCALE}"
+    )
+    bounds = rrb.VisualBounds2D(x_range=(-margin, columns + margin), y_range=(-margin, rows + margin))
+    return rrb.Spatial2DView(origin="/panorama", name=name, visual_bounds=bounds)
+
+
+def _scatter_view(station: Station, ranges: rrb.VisibleTimeRanges) -> rrb.Spatial2DView:
+    x, y = 1.5 * station.limits.d_ra_cosde_arcsec, 1.5 * station.limits.d_de_arcsec
+    return rrb.Spatial2DView(
+        origin="/scatter",
+        name="dRA* and dDE (arcsec)",
+        visual_bounds=rrb.VisualBounds2D(x_range=(-x, x), y_range=(-y, y)),
+        overrides={"/scatter/points": ranges},
+    )
+
+
+def _sky_view(ranges: rrb.VisibleTimeRanges, boresight_icrs: NDArray[np.float64] | None) -> rrb.Spatial3DView:
+    """The sky from within the sphere, as one sees it, looking along the boresight."""
+    eye = None
+    if boresight_icrs is not None:
+        eye = rrb.EyeControls3D(
+            kind="Orbital", position=-0.4 * boresight_icrs, look_target=boresight_icrs, eye_up=_up(boresight_icrs)
+        )
+    return rrb.Spatial3DView(
+        origin="/sky",
+        name="Sky (ICRS): blue measured, red true",
+        eye_controls=eye,
+        line_grid=False,
+        overrides={"/sky/true": ranges, "/sky/measured": ranges},
+    )
+
+
+def _up(boresight_icrs: NDArray[np.float64]) -> tuple[float, float, float]:
+    """North, or the vernal equinox where the sensor looks at a celestial pole."""
+    return (1.0, 0.0, 0.0) if abs(boresight_icrs[2]) > 0.98 else (0.0, 0.0, 1.0)

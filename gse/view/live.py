@@ -1,0 +1,212 @@
+"""The live view: rerun, fed from a thread of its own behind a queue that drops.
+
+Nothing here can hold up the measurement: ``show`` puts a frame on a bounded queue or counts it as dropped. rerun's
+data go to a server in this process, bound to 127.0.0.1, from which viewers fetch them; so a viewer that is absent,
+frozen or killed blocks nobody. (A client connection to a viewer does block, after some 36,000 frames.)
+"""
+
+import queue
+import socket
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Literal, Self
+
+import rerun as rr
+
+from drivers.chunk import LinkEvent
+from drivers.clock import ClockReading
+from gse.catalog import StarCatalog
+from gse.config import Station
+from gse.instant import NS_PER_S
+from gse.night import Night
+from gse.results import FrameResult, LinkCounters
+from gse.view.blueprint import LIVE_WINDOW_S
+from gse.view.page import ViewerPage
+from gse.view.scene import Scene
+from gse.view.viewer import open_native_viewer
+from gse.view.words import verdict_at_end, verdict_so_far
+
+ViewMode = Literal["web", "native", "none"]
+
+QUEUE_FRAMES = 2000
+"""Three minutes at 10 Hz; some 10 MB."""
+
+BATCH_FRAMES = 250
+BATCH_EVERY_S = 0.1
+"""Frames go to rerun in batches: columns cost a tenth of single log calls."""
+
+MEMORY_LIMIT = "256MB"
+"""What rerun's server keeps for viewers that come late; older data are dropped."""
+
+_CLOSE_WITHIN_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Shown:
+    frame: FrameResult
+    link: LinkCounters
+    clock: tuple[ClockReading, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Concluded:
+    verdict: str
+    reasons: tuple[str, ...]
+
+
+_Item = _Shown | LinkEvent | _Concluded
+
+
+class LiveView:
+    """A view of a running session; a context manager.
+
+    ``mode`` is where it is looked at: ``web`` (``url`` says where), ``native`` (rerun's own window), or ``none``: then
+    only ``save_rrd`` is written. ``bind`` is the address of the web page and of rerun's server.
+    """
+
+    def __init__(
+        self,
+        station: Station,
+        *,
+        mode: ViewMode = "web",
+        save_rrd: Path | None = None,
+        catalog: StarCatalog | None = None,
+        bind: str = "127.0.0.1",
+        port: int = 0,
+    ) -> None:
+        self.url = ""
+        self.dropped = 0
+        self._readings = 0
+        self._queue: queue.Queue[_Item] = queue.Queue(QUEUE_FRAMES)
+        self._closing = threading.Event()
+        self._page: ViewerPage | None = None
+        self._stream = rr.RecordingStream("gse", send_properties=False)
+        self._window_s = LIVE_WINDOW_S
+        self._connect(mode, save_rrd, bind, port)
+        self._thread = threading.Thread(target=self._run, args=(station, catalog), name="live view", daemon=True)
+        self._thread.start()
+
+    def _connect(self, mode: ViewMode, save_rrd: Path | None, bind: str, port: int) -> None:
+        sinks: list[object] = [] if save_rrd is None else [rr.FileSink(str(save_rrd))]
+        grpc_port = _free_port(bind)
+        if mode != "none":
+            sinks.append(rr.GrpcServerSink(bind, grpc_port, server_memory_limit=MEMORY_LIMIT))
+        self._stream.set_sinks(*sinks)
+        if mode == "web":
+            self._page = ViewerPage(bind, port, grpc_port)
+            self.url = self._page.url
+        elif mode == "native":
+            open_native_viewer(f"rerun+http://{bind}:{grpc_port}/proxy")
+
+    def show(self, result: FrameResult, night: Night) -> None:
+        """Show a frame, and link and clock of the night as they are now; dropped and counted when the view lags."""
+        readings = tuple(night.clock[self._readings :])
+        self._readings += len(readings)
+        self._put(_Shown(result, replace(night.link), readings))
+
+    def log(self, event: LinkEvent) -> None:
+        """Show an event of the link."""
+        self._put(event)
+
+    def conclude(self, verdict: str, reasons: Sequence[str]) -> None:
+        """Show the verdict, at the end."""
+        self._put(_Concluded(verdict, tuple(reasons)))
+
+    def _put(self, item: _Item) -> None:
+        try:
+            self._queue.put_nowait(item)
+        except queue.Full:
+            self.dropped += 1
+
+    def close(self) -> None:
+        """Show what is still queued, for at most some seconds, and end."""
+        self._closing.set()
+        self._thread.join(_CLOSE_WITHIN_S)
+        if self._page is not None:
+            self._page.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _run(self, station: Station, catalog: StarCatalog | None) -> None:
+        teller = _Teller(Scene(self._stream, station, catalog, self._window_s))
+        while True:
+            last = self._closing.is_set()
+            while batch := self._take():
+                teller.tell(batch, self.dropped)
+            if last:
+                break
+            self._closing.wait(BATCH_EVERY_S)
+        teller.finish()
+        self._stream.flush()
+        self._stream.disconnect()
+
+    def _take(self) -> list[_Item]:
+        batch: list[_Item] = []
+        while len(batch) < BATCH_FRAMES:
+            try:
+                batch.append(self._queue.get_nowait())
+            except queue.Empty:
+                break
+        return batch
+
+
+class _Teller:
+    """Tells a scene what came off the queue, in order."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._link = LinkCounters()
+        self._clock: ClockReading | None = None
+        self._dropped = 0
+        self._panel_utc_ns = 0
+
+    def tell(self, batch: Sequence[_Item], dropped: int) -> None:
+        frames: list[FrameResult] = []
+        clock: list[ClockReading] = []
+        for item in batch:
+            if isinstance(item, _Shown):
+                frames.append(item.frame)
+                clock.extend(item.clock)
+                self._link = item.link
+        if frames:
+            self._scene.add(frames)
+        for item in batch:
+            if isinstance(item, LinkEvent):
+                self._scene.event(item)
+            elif isinstance(item, _Concluded):
+                self._conclude(item)
+        self._scene.clock(clock)
+        self._clock = clock[-1] if clock else self._clock
+        self._dropped = dropped
+        running = self._scene.running
+        if running.utc_ns - self._panel_utc_ns >= NS_PER_S:
+            self._panel_utc_ns = running.utc_ns
+            self._scene.words(running.utc_ns, self._so_far())
+
+    def _so_far(self) -> str:
+        return verdict_so_far(self._scene.running, self._link, self._clock, self._dropped)
+
+    def _conclude(self, item: _Concluded) -> None:
+        text = verdict_at_end(item.verdict, list(item.reasons), self._so_far())
+        self._panel_utc_ns = 1 << 62
+        self._scene.words(self._scene.running.utc_ns, text)
+
+    def finish(self) -> None:
+        self._scene.flush()
+
+
+def _free_port(bind: str) -> int:
+    """A port that is free now: rerun only prints an error when it is not."""
+    with socket.socket() as probe:
+        probe.bind((bind, 0))
+        port: int = probe.getsockname()[1]
+        return port

@@ -1,0 +1,98 @@
+"""Figures that grow with the frames: what the status line and the live verdict panel show."""
+
+import math
+from collections import Counter, deque
+from dataclasses import dataclass, field
+
+from gse.config import Limits
+from gse.instant import NS_PER_S
+from gse.results import Discrepancy, FrameResult, Status
+
+_RATE_WINDOW = 50
+"""Frames over which the rate is taken."""
+
+
+@dataclass(slots=True)
+class Moments:
+    """Mean and standard deviation by Welford's recurrence; ``nea`` from successive differences.
+
+    The differences of neighbours know nothing of bias and drift: std(differences) / sqrt(2).
+    """
+
+    n: int = 0
+    mean: float = 0.0
+    _m2: float = 0.0
+    _last: float = math.nan
+    _steps: int = 0
+    _steps_squared: float = 0.0
+
+    def add(self, value: float) -> None:
+        """Take in one more value."""
+        self.n += 1
+        step = value - self.mean
+        self.mean += step / self.n
+        self._m2 += step * (value - self.mean)
+        if not math.isnan(self._last):
+            self._steps += 1
+            self._steps_squared += (value - self._last) ** 2
+        self._last = value
+
+    @property
+    def std(self) -> float:
+        """Sample standard deviation; NaN of fewer than two values."""
+        return math.sqrt(self._m2 / (self.n - 1)) if self.n > 1 else math.nan
+
+    @property
+    def nea(self) -> float:
+        """Noise equivalent angle of the values; NaN of fewer than two values."""
+        return math.sqrt(self._steps_squared / (2 * self._steps)) if self._steps else math.nan
+
+
+@dataclass(slots=True)
+class Running:
+    """What is known so far of a session that goes on."""
+
+    limits: Limits
+    frames: int = 0
+    by_status: Counter[str] = field(default_factory=Counter)
+    false_answers: int = 0
+    d_ra: Moments = field(default_factory=Moments)
+    d_de: Moments = field(default_factory=Moments)
+    inside: int = 0
+    last: Discrepancy | None = None
+    utc_ns: int = 0
+    _recent_utc_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_RATE_WINDOW))
+
+    def add(self, frame: FrameResult) -> None:
+        """Take in one more frame."""
+        self.frames += 1
+        self.by_status[frame.status.value] += 1
+        self.false_answers += frame.judge == "false"
+        self.utc_ns = frame.panorama.utc_ns
+        self._recent_utc_ns.append(self.utc_ns)
+        found = frame.discrepancy
+        if found is None:
+            return
+        self.last = found
+        self.d_ra.add(found.d_ra_cosde_arcsec)
+        self.d_de.add(found.d_de_arcsec)
+        self.inside += self.is_inside(found)
+
+    def is_inside(self, found: Discrepancy) -> bool:
+        """Whether a discrepancy keeps both limits."""
+        return (
+            abs(found.d_ra_cosde_arcsec) <= self.limits.d_ra_cosde_arcsec
+            and abs(found.d_de_arcsec) <= self.limits.d_de_arcsec
+        )
+
+    @property
+    def identified(self) -> float:
+        """Share of frames that were identified, 0..1; NaN of none."""
+        return self.by_status[Status.IDENTIFIED.value] / self.frames if self.frames else math.nan
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames per second of sensor time, over the last frames; NaN of fewer than two."""
+        recent = self._recent_utc_ns
+        span_ns = recent[-1] - recent[0] if len(recent) > 1 else 0
+        return (len(recent) - 1) * NS_PER_S / span_ns if span_ns > 0 else math.nan

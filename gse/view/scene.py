@@ -1,0 +1,132 @@
+"""What rerun is told of a session: the same for a live one and for a saved night."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from drivers.chunk import LinkEvent
+from drivers.clock import ClockReading
+from gse import instant
+from gse.catalog import StarCatalog
+from gse.config import Station
+from gse.frame_table import FrameTable
+from gse.instant import NS_PER_S
+from gse.results import FrameResult, Status
+from gse.view.blueprint import layout
+from gse.view.palette import GREEN, GREY, ORANGE, VERMILLION
+from gse.view.picture import Picture
+from gse.view.running import Running
+from gse.view.series import begin_series, send_clock, send_series, times
+from gse.view.sky import begin_scatter, begin_sky, send_scatter, send_sky, unit_vectors
+
+_TRACK_ROW_NS = 2 * NS_PER_S
+"""Scatter and sky track get one row for so many seconds of frames."""
+
+_LINK_STATES = {
+    "OPENED": GREEN,
+    "REOPENED": GREEN,
+    "STREAMING": GREEN,
+    "STALE": ORANGE,
+    "LOST": VERMILLION,
+    "CLOSED": GREY,
+}
+"""Kinds of link events that are states of the link; the others are only logged."""
+
+_BAD_EVENTS = ("LOST", "STALE")
+
+
+class Scene:
+    """A rerun recording that grows with a session. Not for two threads at once."""
+
+    def __init__(
+        self, stream: rr.RecordingStream, station: Station, catalog: StarCatalog | None, window_s: float | None
+    ) -> None:
+        self._stream = stream
+        self._station = station
+        self._window_s = window_s
+        self._picture = Picture(station.sensor.camera(), station.sensor.index_max)
+        self._track = FrameTable()
+        self._track_from_ns = 0
+        self._aimed = False
+        self._status: Status | None = None
+        self.running = Running(station.limits)
+        stream.send_blueprint(layout(station, window_s=window_s))
+        begin_series(stream)
+        self._picture.begin(stream)
+        begin_sky(stream, catalog)
+        begin_scatter(stream, station.limits)
+        states = list(_LINK_STATES)
+        style = rr.StateConfiguration(values=states, labels=states, colors=list(_LINK_STATES.values()))
+        stream.log("/link", style, static=True)
+
+    def add(self, frames: Sequence[FrameResult]) -> None:
+        """Show some frames, in order of time."""
+        table = FrameTable()
+        for frame in frames:
+            table.append(frame)
+            self.running.add(frame)
+            self._grow_track(frame)
+        send_series(self._stream, table.columns, self._station.limits)
+        self._picture.send(self._stream, frames)
+        for frame in frames:
+            self._log_change(frame)
+
+    def _log_change(self, frame: FrameResult) -> None:
+        """A cloud gives ten unidentified frames a second: only the first and the last are news."""
+        if frame.status != self._status:
+            text = f"frame {frame.panorama.frame_no}: {frame.status.value} {frame.detail}".rstrip()
+            level = "INFO" if frame.status is Status.IDENTIFIED else "WARN"
+            self.log(frame.panorama.utc_ns, text, level)
+        self._status = frame.status
+
+    def _grow_track(self, frame: FrameResult) -> None:
+        utc_ns = frame.panorama.utc_ns
+        if len(self._track) and utc_ns - self._track_from_ns >= _TRACK_ROW_NS:
+            self.flush()
+        if not len(self._track):
+            self._track_from_ns = utc_ns
+        self._track.append(frame)
+
+    def flush(self) -> None:
+        """Show what scatter and sky track still hold back."""
+        if not len(self._track):
+            return
+        columns = self._track.columns
+        self._track = FrameTable()
+        self._aim(columns["ra_deg"], columns["de_deg"])
+        send_sky(self._stream, columns, self._picture.camera)
+        send_scatter(self._stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
+
+    def _aim(self, ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64]) -> None:
+        """Turn the eye of the sky view to the boresight, once it is known."""
+        known = np.flatnonzero(np.isfinite(ra_deg))
+        if self._aimed or not len(known):
+            return
+        boresight = unit_vectors(ra_deg[known[:1]], de_deg[known[:1]])[0]
+        self._stream.send_blueprint(layout(self._station, window_s=self._window_s, boresight_icrs=boresight))
+        self._aimed = True
+
+    def event(self, event: LinkEvent) -> None:
+        """Show an event of the link in its state bar and in the log."""
+        if event.kind in _LINK_STATES:
+            at = times([event.utc_ns])
+            self._stream.send_columns("/link", [at], rr.StateChange.columns(state=[event.kind]))
+        self.log(event.utc_ns, f"{event.kind}: {event.text}", "WARN" if event.kind in _BAD_EVENTS else "INFO")
+
+    def clock(self, readings: Sequence[ClockReading]) -> None:
+        """Show the health of the host clock."""
+        if readings:
+            send_clock(self._stream, readings)
+
+    def log(self, utc_ns: int, text: str, level: str = "INFO") -> None:
+        """Show one line in the log."""
+        time_of_day = instant.to_text(utc_ns, 0)[11:]
+        columns = rr.TextLog.columns(text=[f"{time_of_day} {text}"], level=[level])
+        self._stream.send_columns("/log", [times([utc_ns])], columns)
+
+    def words(self, utc_ns: int, markdown: str) -> None:
+        """Show a text in the verdict panel."""
+        columns = rr.TextDocument.columns(text=[markdown], media_type=["text/markdown"])
+        self._stream.send_columns("/verdict", [times([utc_ns])], columns)

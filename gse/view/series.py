@@ -1,0 +1,78 @@
+"""Time series of the frames, as rerun columns."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from drivers.clock import ClockReading
+from gse.config import Limits
+from gse.view.palette import BLUE, GREEN, GREY, ORANGE, PINK, SKY_BLUE, VERMILLION
+
+TIMELINE = "utc"
+EDGE = 1.4
+"""Points outside the limits are drawn at this many limits at most: one false answer is off by degrees."""
+
+_DECIMALS = 3
+"""Milliarcseconds, microseconds: rerun's tooltips print every digit there is."""
+
+
+def times(utc_ns: Sequence[int] | NDArray[np.int64]) -> rr.TimeColumn:
+    """The time column of instants in UTC nanoseconds."""
+    return rr.TimeColumn(TIMELINE, timestamp=np.asarray(utc_ns, dtype=np.int64).astype("datetime64[ns]"))
+
+
+def begin_series(stream: rr.RecordingStream) -> None:
+    """Names, colours and widths of every series; they hold for the whole recording."""
+    for path in ("d_ra", "d_de"):
+        _lines(stream, f"/{path}/value", ["value", "limit", "limit"], [SKY_BLUE, VERMILLION, VERMILLION])
+        points = rr.SeriesPoints(colors=[VERMILLION], markers=["cross"], names=["outside limit"], marker_sizes=[5.0])
+        stream.log(f"/{path}/outside", points, static=True)
+    _lines(stream, "/cross", ["x (columns)", "y (rows)"], [SKY_BLUE, ORANGE])
+    _lines(stream, "/roll", ["roll"], [PINK])
+    _lines(stream, "/identification_ms", ["identification"], [GREEN])
+    _lines(stream, "/temperature_c", ["detector"], [ORANGE])
+    _lines(stream, "/clock", ["offset", "+ error bound", "- error bound"], [BLUE, GREY, GREY])
+
+
+def _lines(stream: rr.RecordingStream, path: str, names: list[str], colours: list[tuple[int, int, int]]) -> None:
+    lines = rr.SeriesLines(names=names, colors=colours, widths=[1.5] * len(names), aggregation_policy="MinMax")
+    stream.log(path, lines, static=True)
+
+
+def send_series(stream: rr.RecordingStream, columns: NDArray[np.void], limits: Limits) -> None:
+    """All series of some frames (rows of FRAME); frames without a value leave a gap."""
+    utc_ns = columns["utc_ns"]
+    at = times(utc_ns)
+    for path, name, limit in (
+        ("d_ra", "d_ra_cosde_arcsec", limits.d_ra_cosde_arcsec),
+        ("d_de", "d_de_arcsec", limits.d_de_arcsec),
+    ):
+        values = columns[name]
+        bounds = np.full((len(values), 2), limit) * (1, -1)
+        _send(stream, f"/{path}/value", at, np.column_stack([values, bounds]))
+        outside = np.flatnonzero(np.abs(values) > limit)
+        if len(outside):
+            edge = np.clip(values[outside], -EDGE * limit, EDGE * limit)
+            _send(stream, f"/{path}/outside", times(utc_ns[outside]), edge[:, None])
+    _send(stream, "/cross", at, _stacked(columns, "cross_x_arcsec", "cross_y_arcsec"))
+    _send(stream, "/roll", at, _stacked(columns, "d_roll_arcsec"))
+    _send(stream, "/identification_ms", at, _stacked(columns, "elapsed_us") / 1000)
+    _send(stream, "/temperature_c", at, _stacked(columns, "temperature_c"))
+
+
+def _stacked(columns: NDArray[np.void], *names: str) -> NDArray[np.float64]:
+    return np.column_stack([columns[name].astype(np.float64) for name in names])
+
+
+def send_clock(stream: rr.RecordingStream, readings: Sequence[ClockReading]) -> None:
+    """Offset of the host clock and its error bound, in milliseconds."""
+    rows = [(r.offset_s, r.error_bound_s, -r.error_bound_s) for r in readings]
+    _send(stream, "/clock", times([r.utc_ns for r in readings]), np.array(rows) * 1000)
+
+
+def _send(stream: rr.RecordingStream, path: str, at: rr.TimeColumn, rows: NDArray[np.float64]) -> None:
+    values = np.round(rows, _DECIMALS)
+    columns = rr.Scalars.columns(scalars=values.ravel()).partition(np.full(len(values), values.shape[1]))
+    stream.send_columns(path, [at], columns)

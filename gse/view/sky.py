@@ -1,0 +1,128 @@
+"""Where the sensor looked: the track of its boresight on the celestial sphere, and the scatter of dRA* and dDE."""
+
+import itertools
+import math
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from gse.attitude import Attitude
+from gse.camera import Camera
+from gse.catalog import StarCatalog
+from gse.config import Limits
+from gse.view.palette import GREEN, GREY, PALE, SKY_BLUE, VERMILLION, YELLOW
+from gse.view.running import Moments
+from gse.view.series import EDGE, times
+
+MAX_CATALOG_STARS = 5000
+"""Stars of the sphere: enough for the eye, light enough for a browser."""
+
+_CIRCLE = np.linspace(0, 2 * math.pi, 73)
+
+
+def begin_sky(stream: rr.RecordingStream, catalog: StarCatalog | None) -> None:
+    """The catalogue on the unit sphere (ICRS axes) and the styles of the tracks."""
+    if catalog is not None:
+        shown = catalog.rows(slice(0, MAX_CATALOG_STARS))
+        faintest = float(shown.magnitude.max(initial=0.0))
+        radii = rr.Radius.ui_points(np.clip(0.6 + 0.5 * (faintest - shown.magnitude), 0.6, 4.0).tolist())
+        stars = rr.Points3D(shown.icrs.astype(np.float32), radii=radii, colors=[GREY])
+        stream.log("/sky/catalogue", stars, static=True)
+    for kind, colour, width in (("true", VERMILLION, 3.0), ("measured", SKY_BLUE, 2.0)):
+        style = rr.Points3D.from_fields(colors=[colour], radii=[rr.Radius.ui_points(width)])
+        stream.log(f"/sky/{kind}", style, static=True)
+    outline = rr.LineStrips3D.from_fields(colors=[YELLOW], radii=[rr.Radius.ui_points(1.0)])
+    stream.log("/sky/field", outline, static=True)
+
+
+def send_sky(stream: rr.RecordingStream, columns: NDArray[np.void], camera: Camera) -> None:
+    """Measured and true boresights of some frames (rows of FRAME), and the field of view of the last of them.
+
+    One row for all these frames: a row for each would be slow to draw over a whole night.
+    """
+    at = times(columns["utc_ns"][-1:])
+    for kind, suffix in (("true", "_true_deg"), ("measured", "_deg")):
+        known = columns[np.isfinite(columns["ra" + suffix])]
+        if not len(known):
+            continue
+        places = unit_vectors(known["ra" + suffix], known["de" + suffix]).astype(np.float32)
+        stream.send_columns(f"/sky/{kind}", [at], rr.Points3D.columns(positions=places).partition([len(places)]))
+        attitude = Attitude.from_angles(*(float(known[name + suffix][-1]) for name in ("ra", "de", "roll")))
+        outline = field_outline_icrs(attitude, camera).astype(np.float32)
+        stream.send_columns("/sky/field", [at], rr.LineStrips3D.columns(strips=[outline]).partition([1]))
+
+
+def unit_vectors(ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit vectors (N, 3) of right ascensions and declinations (N,)."""
+    ra, de = np.radians(ra_deg), np.radians(de_deg)
+    return np.column_stack([np.cos(de) * np.cos(ra), np.cos(de) * np.sin(ra), np.sin(de)])
+
+
+def field_outline_icrs(attitude: Attitude, camera: Camera) -> NDArray[np.float64]:
+    """The border of the detector on the celestial sphere, (N, 3) closed, ICRS axes."""
+    right, bottom, steps = camera.columns - 0.5, camera.rows - 0.5, np.linspace(0, 1, 9)
+    corners = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom], [-0.5, -0.5]])
+    sides = [a + (b - a) * steps[:, None] for a, b in itertools.pairwise(corners)]
+    return camera.directions(np.concatenate(sides)) @ attitude.icrs_to_sensor
+
+
+def begin_scatter(stream: rr.RecordingStream, limits: Limits) -> None:
+    """The box of the limits and the axes; rerun's pictures have no scales of their own."""
+    x, y = limits.d_ra_cosde_arcsec, limits.d_de_arcsec
+    box = [[-x, -y], [x, -y], [x, y], [-x, y], [-x, -y]]
+    stream.log(
+        "/scatter/limits",
+        rr.LineStrips2D([box], colors=[VERMILLION], radii=[rr.Radius.ui_points(1.0)]),
+        static=True,
+    )
+    axes = rr.LineStrips2D(
+        [[[-x * EDGE, 0], [x * EDGE, 0]], [[0, -y * EDGE], [0, y * EDGE]]],
+        colors=[PALE],
+        radii=[rr.Radius.ui_points(0.5)],
+    )
+    stream.log("/scatter/axes", axes, static=True)
+    names = rr.Points2D(
+        [[x * 1.2, 0], [0, -y * 1.2], [0, y * 1.12]],
+        labels=["+dRA*", "+dDE", f"limits {x:g} x {y:g} arcsec"],
+        colors=[GREY, GREY, VERMILLION],
+        radii=[rr.Radius.ui_points(0.0)],
+        show_labels=True,
+    )
+    stream.log("/scatter/names", names, static=True)
+    points = rr.Points2D.from_fields(colors=[SKY_BLUE], radii=[rr.Radius.ui_points(1.5)])
+    stream.log("/scatter/points", points, static=True)
+    rings = rr.LineStrips2D.from_fields(colors=[GREEN], radii=[rr.Radius.ui_points(1.2)])
+    stream.log("/scatter/rings", rings, static=True)
+    place = [[0.0, EDGE * limits.d_de_arcsec]]
+    text = rr.Points2D(place, colors=[GREEN], radii=[rr.Radius.ui_points(0.0)], show_labels=True)
+    stream.log("/scatter/sigma", text, static=True)
+
+
+def send_scatter(
+    stream: rr.RecordingStream, columns: NDArray[np.void], limits: Limits, spread: tuple[Moments, Moments]
+) -> None:
+    """dRA* to the right and dDE upwards of some frames, with the rings of ``spread`` (1 and 3 sigma) about the mean."""
+    found = columns[np.isfinite(columns["d_ra_cosde_arcsec"])]
+    if not len(found):
+        return
+    at = times(found["utc_ns"][-1:])
+    edge = EDGE * np.array([limits.d_ra_cosde_arcsec, limits.d_de_arcsec])
+    # Rows of a picture go down, so the sign of dDE is turned.
+    xy = np.column_stack([found["d_ra_cosde_arcsec"], -found["d_de_arcsec"]])
+    points = np.round(np.clip(xy, -edge, edge), 3).astype(np.float32)
+    stream.send_columns("/scatter/points", [at], rr.Points2D.columns(positions=points).partition([len(points)]))
+    rings = sigma_rings(*spread)
+    if rings:
+        columns = rr.LineStrips2D.columns(strips=[ring.astype(np.float32) for ring in rings])
+        stream.send_columns("/scatter/rings", [at], columns.partition([len(rings)]))
+        label = f"1 and 3 sigma; 1 sigma = {spread[0].std:.1f} x {spread[1].std:.1f} arcsec"
+        stream.send_columns("/scatter/sigma", [at], rr.Points2D.columns(labels=[label]).partition([1]))
+
+
+def sigma_rings(d_ra: Moments, d_de: Moments) -> list[NDArray[np.float64]]:
+    """Ellipses of 1 and 3 standard deviations about the mean, dDE upwards; none for fewer than two values."""
+    if d_ra.n < 2:
+        return []
+    circle = np.column_stack([np.cos(_CIRCLE) * d_ra.std, np.sin(_CIRCLE) * d_de.std])
+    return [circle * n + (d_ra.mean, -d_de.mean) for n in (1, 3)]

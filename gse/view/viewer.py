@@ -1,0 +1,35 @@
+"""The rerun program: found, and started without its telemetry."""
+
+import os
+import subprocess
+from pathlib import Path
+
+import rerun_cli  # type: ignore[import-untyped]
+
+from gse.errors import GseError
+
+
+def rerun_program() -> Path:
+    """The rerun binary itself; ``bin/rerun`` is a wrapper, and killing it would orphan the binary."""
+    folder = Path(rerun_cli.__file__).parent
+    for name in ("rerun", "rerun.exe", "Rerun.app/Contents/MacOS/Rerun"):
+        if (folder / name).is_file():
+            return folder / name
+    raise GseError(f"no rerun program in {folder}: reinstall rerun-sdk")
+
+
+def quiet_environment() -> dict[str, str]:
+    """An environment in which rerun sends no usage data: it sends none where CI is set."""
+    return {**os.environ, "CI": "1", "RUST_LOG": "error"}
+
+
+def open_native_viewer(url: str) -> subprocess.Popen[bytes]:
+    """Open rerun's own window on a server; it stays open when the session ends."""
+    return subprocess.Popen(
+        [str(rerun_program()), "--connect", url, "--port", "auto", "--hide-welcome-screen"],
+        env=quiet_environment(),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )

@@ -1,0 +1,76 @@
+"""The words of the verdict panel."""
+
+import math
+
+from drivers.clock import ClockReading
+from gse.results import LinkCounters
+from gse.view.running import Moments, Running
+
+_MARKS = {"PASS": "✔", "FAIL": "✘", "INCONCLUSIVE": "?"}
+
+
+def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | None = None, dropped: int = 0) -> str:
+    """Markdown on a session that goes on; ``dropped`` counts frames that the view could not keep up with."""
+    limits, last = running.limits, running.last
+    share = running.inside / running.d_ra.n if running.d_ra.n else math.nan
+    lines = [
+        f"# {_headline(running)}",
+        f"**{running.frames}** frames, **{percent(running.identified)}** identified, "
+        f"**{percent(share)}** of these inside the limits",
+        "",
+        "| arcsec | last | mean | std | NEA | limit |",
+        "|---|---|---|---|---|---|",
+        _row("dRA*", last.d_ra_cosde_arcsec if last else None, running.d_ra, limits.d_ra_cosde_arcsec),
+        _row("dDE", last.d_de_arcsec if last else None, running.d_de, limits.d_de_arcsec),
+        "",
+        *(f"- {status}: {count}" for status, count in sorted(running.by_status.items())),
+        f"- false answers: {running.false_answers}",
+        f"- frames lost: {link.frames_lost}, bytes discarded: {link.bytes_discarded} of {link.bytes_in}",
+        f"- reconnects: {link.reconnects}, sensor resets: {link.sensor_resets}",
+    ]
+    if clock is not None:
+        lines.append(f"- clock: {clock.source}, {clock_health(clock)}")
+    if not math.isnan(running.frames_per_s):
+        lines.append(f"- {running.frames_per_s:.1f} frames per second")
+    if dropped:
+        lines.append(f"- **not shown here: {dropped}** (the view was too slow; the session has them)")
+    return "\n".join(lines)
+
+
+def verdict_at_end(verdict: str, reasons: list[str], so_far: str) -> str:
+    """Markdown of the verdict, its reasons, and the figures that stood before."""
+    body = so_far.split("\n", 1)[1] if "\n" in so_far else so_far
+    return "\n".join([f"# {_MARKS.get(verdict, '')} {verdict}", *(f"- {reason}" for reason in reasons), "", body])
+
+
+def _headline(running: Running) -> str:
+    if not running.frames:
+        return "Waiting for frames"
+    if not running.d_ra.n:
+        return "Running: nothing compared yet"
+    limits = running.limits
+    kept = abs(running.d_ra.mean) <= limits.d_ra_cosde_arcsec and abs(running.d_de.mean) <= limits.d_de_arcsec
+    good = kept and running.identified >= limits.availability and not running.false_answers
+    return "Running: inside the limits" if good else "Running: OUTSIDE the limits"
+
+
+def _row(name: str, last: float | None, moments: Moments, limit: float) -> str:
+    cells = (last, moments.mean if moments.n else None, moments.std, moments.nea)
+    return f"| {name} | " + " | ".join(arcsec(cell) for cell in cells) + f" | {limit:g} |"
+
+
+def clock_health(clock: ClockReading) -> str:
+    """Whether the clock is synchronised, and how far off it may be."""
+    if not clock.synchronised:
+        return "NOT synchronised"
+    return f"within {1000 * clock.error_bound_s:.3g} ms"
+
+
+def arcsec(value: float | None) -> str:
+    """One decimal with sign, or a dash."""
+    return "-" if value is None or math.isnan(value) else f"{value:+.1f}"
+
+
+def percent(share: float) -> str:
+    """A share as percent, or a dash."""
+    return "-" if math.isnan(share) else f"{100 * share:.1f} %"
