@@ -71,17 +71,24 @@ class Walk:
         if self._window.get(0, len(MAGIC)) == MAGIC:
             try:
                 opcode, content, _ = self._content(len(MAGIC))
-                if opcode == Opcode.HEADER and Header.read(_stream(content)).profile == PROFILE:
+                if opcode == Opcode.HEADER and _header(content).profile == PROFILE:
                     return
             except (_NotBelievedError, *_BROKEN):
                 pass
         # The head may be damaged: one message that proves true makes it ours.
-        start = self._scan(min(len(MAGIC), self._window.size), min(FOREIGN_AFTER, self._window.size))
-        if start is None or not any(isinstance(record, Message) for record in self._try(start)[0]):
+        if not self._has_message(min(FOREIGN_AFTER, self._window.size)):
             raise CaptureError(
                 f"{self._file} is no session of this station (MCAP with profile {PROFILE!r} expected); "
                 "for a raw serial capture give the UTC of its start: --start-utc"
             )
+
+    def _has_message(self, end: int) -> bool:
+        offset = 0
+        while (start := self._scan(offset, end)) is not None:
+            records, offset = self._try(start)
+            if any(isinstance(record, Message) for record in records):
+                return True
+        return False
 
     def records(self) -> Iterator[Record]:
         """All that can be believed, in order of the file, with the damage between."""
@@ -168,7 +175,9 @@ class Walk:
             self._in_summary = True
         elif opcode == Opcode.FOOTER and self._window.get(offset + 9 + len(content), len(MAGIC)) == MAGIC:
             self.ended = True
-        elif not (self._in_summary or (opcode == Opcode.HEADER and offset == len(MAGIC)) or _is_index(opcode, content)):
+        elif opcode == Opcode.HEADER and offset == len(MAGIC):
+            _header(content)
+        elif not self._in_summary and not _is_index(opcode, content):
             # Nothing else stands in a session: this was a message before its opcode was damaged.
             raise _NotBelievedError("no record of a session")
         return []
@@ -200,6 +209,14 @@ class Walk:
                 raise _NotBelievedError("chunk with a wrong checksum")
             records.append(Damage(self._file, offset, len(content) + 9, "chunk with a wrong checksum, read in part"))
         return records
+
+
+def _header(content: bytes) -> Header:
+    stream = _stream(content)
+    header = Header.read(stream)
+    if stream.count != len(content):
+        raise _NotBelievedError("no header of a session")
+    return header
 
 
 def _channel(content: bytes) -> Channel:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-from drivers.capture_reader import read_capture
+from drivers.capture_reader import Capture, read_capture
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError, PortError
 from drivers.mcap_walk import MAGIC
@@ -23,17 +23,22 @@ def session_items(path: Path, from_utc_ns: int | None = None, to_utc_ns: int | N
     return _session_items(path, read_capture(path, from_utc_ns=from_utc_ns), from_utc_ns or 0, to_utc_ns)
 
 
-def _session_items(path: Path, capture: Iterator[object], from_utc_ns: int, to_utc_ns: int | None) -> Iterator[Item]:
+def _session_items(path: Path, capture: Capture, from_utc_ns: int, to_utc_ns: int | None) -> Iterator[Item]:
     stamp = (from_utc_ns, 0)
     for record in capture:
         if isinstance(record, Damage):
-            text = f"{record.file}: {record.size} bytes at {record.offset}: {record.reason}"
-            yield LinkEvent(*stamp, "TRUNCATED" if record.reason == "cut off" else "DAMAGED", text)
+            if record.reason != "cut off":
+                text = f"{record.file}: {record.size} bytes from {record.offset} on are damaged: {record.reason}"
+                yield LinkEvent(*stamp, "DAMAGED", text)
         elif isinstance(record, Message) and record.topic in (RX, EVENTS):
             if record.utc_ns < from_utc_ns or (to_utc_ns is not None and record.utc_ns >= to_utc_ns):
                 continue
             stamp = (record.utc_ns, record.mono_ns)
             yield record.chunk() if record.topic == RX else record.event()
+    if capture.missing:
+        yield LinkEvent(*stamp, "DAMAGED", f"missing: {', '.join(capture.missing)}")
+    elif capture.truncated:
+        yield LinkEvent(*stamp, "TRUNCATED", f"{path.name} was not closed: its end may be missing")
 
 
 def raw_items(path: Path, start_utc_ns: int) -> Iterator[Item]:
