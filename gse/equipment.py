@@ -43,7 +43,11 @@ def prepare(station: Station, station_text: str, *, protocol_text: str | None = 
 
     ``protocol_text`` is the frozen description of a recorded session; without it the station's protocol is loaded.
     """
-    protocol = parse_protocol(protocol_text, "the session's protocol.yaml") if protocol_text else load_protocol(station.protocol)
+    protocol = (
+        parse_protocol(protocol_text, "the session's protocol.yaml")
+        if protocol_text
+        else load_protocol(station.protocol)
+    )
     camera = station.sensor.camera()
     catalog = load_catalog(station.catalog)
     identifier = make_identifier(station.identifier, camera, catalog)

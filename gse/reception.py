@@ -25,7 +25,10 @@ BITS_PER_BYTE = 10
 CLOCK_STEP_NS = 5_000_000
 """UTC that moves this much against the monotonic clock between two frames was stepped, not slewed."""
 
-Received = Panorama | StatusMessage | AttitudeMessage | LinkEvent
+STORED_DATA = 0x01
+"""Flag bit 0 of a frame: the payload is stored data, not live."""
+
+Received = Panorama | StatusMessage | AttitudeMessage | Ack | Nak | LinkEvent
 
 
 class Reception:
@@ -38,6 +41,7 @@ class Reception:
 
     def __init__(self, protocol: Protocol, *, baudrate: int, anchor_utc_ns: int | None = None) -> None:
         self.counters = LinkCounters()
+        self.last_host_utc_ns = 0
         self._protocol = protocol
         self._decoder = FrameDecoder(protocol)
         self._sequence = SequenceTracker()
@@ -47,7 +51,6 @@ class Reception:
         self._clock = SensorClock()
         self._anchor_utc_ns = anchor_utc_ns
         self._anchor_time_us: int | None = None
-        self._last_time_us = -1
         self._last_utc_ns = 0
         self._utc_minus_mono_ns: int | None = None
 
@@ -61,6 +64,7 @@ class Reception:
         self._stamps.append((self.counters.bytes_in, chunk))
         self.counters.bytes_in += len(chunk.data)
         self._sha256.update(chunk.data)
+        self.last_host_utc_ns = chunk.utc_ns
         return self._take(self._decoder.feed(chunk.data))
 
     def finish(self) -> list[Received]:
@@ -87,24 +91,30 @@ class Reception:
         chunk = self._chunk_of(frame.start)
         received: list[Received] = list(self._clock_step(chunk))
         message = self._protocol.decode(frame)
-        reset = isinstance(message, PanoramaMessage) and self._is_reset(message)
-        if reset:
-            self._sequence.reset()
-        before = self._sequence.lost
-        if not self._sequence.accept(frame.sequence):
-            self.counters.duplicates += 1
+        arrival = self._arrival(frame, message)
+        if arrival is Arrival.DUPLICATE:
             return received
-        self.counters.frames_lost += self._sequence.lost - before
+        if arrival is Arrival.RESET:
+            self._clock.reset()
+            text = f"the sensor started anew: frame {frame.sequence} on the wire, its clock or counter jumped back"
+            received.append(LinkEvent(chunk.utc_ns, chunk.mono_ns, "SENSOR_RESET", text))
         if isinstance(message, PanoramaMessage):
-            if reset:
-                self.counters.sensor_resets += 1
-                self._clock.reset()
-                text = f"the sensor's clock started anew at frame {message.frame_no}"
-                received.append(LinkEvent(chunk.utc_ns, chunk.mono_ns, "SENSOR_RESET", text))
             received.append(self._panorama(message, frame, chunk))
-        elif isinstance(message, StatusMessage | AttitudeMessage):
+        elif isinstance(message, StatusMessage | AttitudeMessage | Ack | Nak):
             received.append(message)
         return received
+
+    def _arrival(self, frame: Frame, message: Message) -> Arrival:
+        """What the sequence number says; only panoramas' time tags tell a restart: a STATUS may carry a later one."""
+        if isinstance(message, PanoramaMessage) and not frame.flags & STORED_DATA:
+            restarted = "clock reset" in message.flags
+            arrival = self._sequence.accept(frame.sequence, time_us=message.time_us, restarted=restarted)
+        else:
+            arrival = self._sequence.accept(frame.sequence)
+        self.counters.duplicates = self._sequence.duplicates
+        self.counters.frames_lost = self._sequence.lost
+        self.counters.sensor_resets = self._sequence.resets
+        return arrival
 
     def _chunk_of(self, start: int) -> Chunk:
         while len(self._stamps) > 1 and self._stamps[1][0] <= start:
@@ -118,11 +128,6 @@ class Reception:
             return []
         text = f"the host's UTC clock stepped by {(now - before) / NS_PER_S:+.3f} s"
         return [LinkEvent(chunk.utc_ns, chunk.mono_ns, "CLOCK_STEP", text)]
-
-    def _is_reset(self, message: PanoramaMessage) -> bool:
-        reset = message.time_us < self._last_time_us or "clock reset" in message.flags
-        self._last_time_us = message.time_us
-        return reset
 
     def _panorama(self, message: PanoramaMessage, frame: Frame, chunk: Chunk) -> Panorama:
         utc_ns = self._utc_of(message, chunk)

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from drivers.capture_reader import read_capture
-from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
-from drivers.records import CLOCK, EVENTS, Attachment, Damage, Message
+from drivers.records import CLOCK, Attachment, Damage, Message
 
 STATION = "station.yaml"
 PROTOCOL = "protocol.yaml"
@@ -42,25 +41,22 @@ class RecordedTimings:
 
 @dataclass(slots=True)
 class Recorded:
-    """What a session file tells besides its bytes; ``damage`` is every stretch of it that is no whole record."""
+    """What a session file tells besides its bytes and events; ``damage`` is every stretch of it that is no whole record."""
 
     attachments: dict[str, str] = field(default_factory=dict)
-    events: list[LinkEvent] = field(default_factory=list)
     clock: list[ClockReading] = field(default_factory=list)
     timings: RecordedTimings = field(default_factory=RecordedTimings)
     damage: list[Damage] = field(default_factory=list)
 
 
 def read_recorded(path: Path) -> Recorded:
-    """All but the bytes of a session; CaptureError where the file is missing or no session."""
+    """What a session holds besides bytes and events; CaptureError where the file is missing or no session."""
     recorded = Recorded()
     for record in read_capture(path):
         if isinstance(record, Damage):
             recorded.damage.append(record)
         elif isinstance(record, Attachment):
             recorded.attachments.setdefault(record.name, record.data.decode("utf-8", "replace"))
-        elif record.topic == EVENTS:
-            recorded.events.append(record.event())
         elif record.topic == CLOCK:
             recorded.clock += _clock_reading(record)
         elif record.topic == TIMING_TOPIC:

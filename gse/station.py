@@ -46,9 +46,9 @@ class StationLoop:
         earth_orientation: EarthOrientation | None = None,
         anchor_utc_ns: int | None = None,
         recorded: RecordedTimings | None = None,
-        sinks: Sequence[Sink] = (),
     ) -> None:
         station = equipment.station
+        self.equipment = equipment
         self.night = Night(station, equipment.station_text, equipment.protocol.name)
         self.night.catalog = equipment.catalog_facts()
         self.night.versions = versions()
@@ -57,7 +57,7 @@ class StationLoop:
         self.earth_orientation = earth_orientation
         self.own_elapsed_us: list[float] = []
         self._recorded = recorded
-        self._sinks = sinks
+        self.sinks: Sequence[Sink] = ()
         self._observer = Observer(
             equipment.camera, station.sensor.index_max, equipment.identifier, equipment.judge, None, station.mount
         )
@@ -67,15 +67,15 @@ class StationLoop:
         self,
         link: SerialLink,
         *,
-        record: Callable[[Chunk | LinkEvent], None] = lambda item: None,
         stop: Callable[[], bool] = lambda: False,
         each: Callable[[list[FrameResult]], None] = lambda results: None,
     ) -> Night:
-        """Receive until the link is at its end or ``stop`` says so; ``record`` gets everything before it is decoded."""
+        """Receive until the link is at its end or ``stop`` says so; ``each`` gets the results of every round."""
         while not link.at_end and not stop():
+            results: list[FrameResult] = []
             for item in link.receive(RECEIVE_TIMEOUT_S):
-                record(item)
-                each(self.take(item))
+                results += self.take(item)
+            each(results)
         each(self.finish())
         return self.night
 
@@ -95,7 +95,7 @@ class StationLoop:
     def log(self, event: LinkEvent) -> None:
         """An event of the link or of the reception."""
         self.night.events.append(event)
-        for sink in self._sinks:
+        for sink in self.sinks:
             sink.log(event)
 
     def read_clock(self, reading: ClockReading) -> None:
@@ -106,7 +106,7 @@ class StationLoop:
         results = []
         for item in received:
             if isinstance(item, Panorama):
-                results.append(self._observe(item))
+                results.append(self.observe(item))
             elif isinstance(item, LinkEvent):
                 self.log(item)
             elif isinstance(item, StatusMessage):
@@ -115,7 +115,8 @@ class StationLoop:
                 self.night.sensor_attitudes.append((self.reception.last_host_utc_ns, item))
         return results
 
-    def _observe(self, panorama: Panorama) -> FrameResult:
+    def observe(self, panorama: Panorama) -> FrameResult:
+        """Judge one panorama and keep the result."""
         if not self._truth_sought:
             self._seek_truth(panorama)
         result = self._observer.observe(panorama)
@@ -124,7 +125,7 @@ class StationLoop:
         if self._recorded is not None:
             result = replace(result, elapsed_us=self._recorded.take(panorama.time_us))
         self.night.frames.append(result)
-        for sink in self._sinks:
+        for sink in self.sinks:
             sink.show(result, self.night)
         return result
 
@@ -140,5 +141,6 @@ class StationLoop:
             return
         if warning:
             self.log(LinkEvent(panorama.utc_ns, 0, "EARTH_ORIENTATION", warning))
+        self.night.earth_orientation = self.earth_orientation
         truth = SiderealTruth(self.night.station.site, self.earth_orientation)
         self._observer = replace(self._observer, truth=truth)

@@ -1,0 +1,56 @@
+"""The end of a session, live or replayed: judge, write the report, show it, and what the exit code is."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE
+from gse.night import Night
+
+
+def conclude(night: Night, folder: Path, own_elapsed_us: list[float], clock_error: str | None) -> dict[str, Any]:
+    """Judge a night, write its report into a folder and this host's own times beside it; the report."""
+    from gse.report import summarise, write_report
+    from gse.verdict import judge
+
+    judgement = judge(night)
+    report = summarise(night, judgement)
+    write_report(night, judgement, folder)
+    (folder / "timing.json").write_text(json.dumps(_timing(own_elapsed_us), indent=2) + "\n")
+    return report
+
+
+def show_report(report: dict[str, Any], folder: Path, *, as_json: bool) -> None:
+    """The verdict on the terminal, or the whole report as JSON on stdout; paths go to stderr."""
+    from gse.report.terminal import print_verdict
+
+    if as_json:
+        click.echo(json.dumps(report))
+    else:
+        print_verdict(report)
+    for name in ("session.mcap", "report.html"):
+        if (folder / name).exists():
+            click.echo(f"{'session' if name == 'session.mcap' else 'report'}: {folder / name}", err=True)
+
+
+def exit_code(report: dict[str, Any], *, data_lost: bool) -> int:
+    """The exit code of a report: lost or recovered data before the verdict, because the verdict is not on all of it."""
+    if data_lost:
+        return EXIT_DATA_LOST
+    return {"PASS": 0, "FAIL": EXIT_FAIL}.get(report["verdict"], EXIT_INCONCLUSIVE)
+
+
+def _timing(own_elapsed_us: list[float]) -> dict[str, Any]:
+    """Identification times of this host in this run: a replay's own, which are not in its report."""
+    times = np.array(own_elapsed_us) if own_elapsed_us else np.full(1, np.nan)
+    figures = {"p50": np.median(times), "p95": np.percentile(times, 95), "max": times.max()}
+    return {
+        "schema": "gse.timing/1",
+        "frames": len(own_elapsed_us),
+        "identification_us": {
+            name: round(float(value), 1) if own_elapsed_us else None for name, value in figures.items()
+        },
+    }

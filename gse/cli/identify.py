@@ -1,0 +1,74 @@
+"""``gse identify``: one panorama table to stars, RA, DE and roll."""
+
+import json
+from pathlib import Path
+
+import click
+
+from gse import instant
+from gse.cli.options import identifier_option, station_of, station_option, with_identifier
+from gse.errors import UsageError
+from gse.results import FrameResult, Status
+
+
+@click.command("identify")
+@click.argument("table", type=click.Path(path_type=Path))
+@station_option
+@identifier_option
+@click.option("--utc", "utc_text", help="UTC of the exposure, e.g. 2026-03-20T18:30:00Z: compares with the mount, too.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.frame/1.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    table: Path,
+    station_path: Path | None,
+    identifier: str | None,
+    utc_text: str | None,
+    as_json: bool,
+) -> None:
+    """Identify the stars of TABLE: lines of y, x, index, as the paper stores a panorama.
+
+    Exit code 1 where the panorama is not identified.
+    """
+    from gse.equipment import prepare
+    from gse.frame_json import frame_json
+    from gse.panorama import Panorama
+    from gse.panorama_table import read_panorama_table
+    from gse.station import StationLoop
+
+    xy_px, index = read_panorama_table(table)
+    station, text = station_of(station_path)
+    try:
+        utc_ns = instant.from_text(utc_text) if utc_text else 0
+    except ValueError as error:
+        raise UsageError(f"--utc: {error}") from error
+    equipment = prepare(with_identifier(station, identifier), text)
+    result = StationLoop(equipment).observe(Panorama(utc_ns, xy_px, index))
+    if as_json:
+        document = frame_json(result)
+        if utc_text is None:
+            document["utc"] = None
+        click.echo(json.dumps(document))
+    else:
+        _print(result)
+    ctx.exit(0 if result.status is Status.IDENTIFIED else 1)
+
+
+def _print(result: FrameResult) -> None:
+    attitude = result.attitude
+    if attitude is None:
+        click.echo(f"{result.status}: {result.detail}")
+        return
+    count = len(result.panorama.index)
+    click.echo(f"RA {attitude.ra_deg:.5f}  DE {attitude.de_deg:+.5f}  roll {attitude.roll_deg:.4f} deg (ICRS)")
+    chance = result.identification.chance if result.identification else 1.0
+    click.echo(f"{len(result.matches)} of {count} objects identified by {result.identifier}, chance {chance:.1g}")
+    if result.discrepancy:
+        error = result.discrepancy
+        click.echo(f"dRA* {error.d_ra_cosde_arcsec:+.1f}  dDE {error.d_de_arcsec:+.1f} arcsec from the mount")
+    names = {match.object: match for match in result.matches}
+    others = dict(result.others)
+    for row, ((x, y), index) in enumerate(zip(result.panorama.xy_px, result.panorama.index, strict=True)):
+        match = names.get(row)
+        what = f"{match.star:32} {match.residual_arcsec:6.1f} arcsec" if match else others.get(row, "-")
+        click.echo(f"  y {y:8.2f}  x {x:8.2f}  index {index:6.0f}  {what}")

@@ -1,0 +1,50 @@
+"""Options and steps that several commands share."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gse.config import BUILT_IN_TEXT, Station, parse_station, read_station
+
+ALGORITHMS = ("neighbour", "pivot", "match-group", "robust")
+
+station_option: Callable[[Any], Any] = click.option(
+    "--station", "station_path", type=click.Path(path_type=Path), help="Station file; default: the built-in station."
+)
+identifier_option: Callable[[Any], Any] = click.option(
+    "--identifier", type=click.Choice(ALGORITHMS), help="Identifier under test, instead of the station file's."
+)
+out_option: Callable[[Any], Any] = click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("sessions"),
+    show_default=True,
+    help="Folder for the new session folder.",
+)
+
+
+def station_of(path: Path | None) -> tuple[Station, str]:
+    """The station of a file, or the built-in one, with its text."""
+    if path is None:
+        return parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT
+    station, text = read_station(path)
+    return _beside(station, path), text
+
+
+def with_identifier(station: Station, algorithm: str | None) -> Station:
+    """The station with another identifier under test."""
+    if algorithm is None:
+        return station
+    return station.model_copy(update={"identifier": station.identifier.model_copy(update={"algorithm": algorithm})})
+
+
+def _beside(station: Station, path: Path) -> Station:
+    """Paths in a station file are relative to the file, not to the working directory."""
+    changes = {}
+    if station.catalog != "gaia":
+        changes["catalog"] = str(path.parent / station.catalog)
+    if station.protocol.endswith((".yaml", ".yml")):
+        changes["protocol"] = str(path.parent / station.protocol)
+    return station.model_copy(update=changes) if changes else station

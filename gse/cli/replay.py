@@ -1,0 +1,75 @@
+"""``gse replay``: the same as a live test, from a session, a raw capture or a panorama table."""
+
+from pathlib import Path
+
+import click
+
+from gse.cli.concluding import conclude, exit_code, show_report
+from gse.cli.options import (
+    identifier_option,
+    out_option,
+    station_of,
+    station_option,
+    with_identifier,
+)
+from gse.cli.watching import ViewMode, Watching
+
+
+@click.command("replay")
+@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@station_option
+@identifier_option
+@click.option("--speed", default="max", show_default=True, help="max, 1, or a factor such as 20.")
+@click.option("--from", "from_utc", help="Replay from this UTC on, e.g. 2026-03-20T18:30:00Z.")
+@click.option("--to", "to_utc", help="Replay up to this UTC.")
+@click.option("--loop", type=click.IntRange(min=1), help="Replay so many times in a row.")
+@click.option("--start-utc", help="UTC of the first panorama of a raw capture.")
+@click.option("--view", type=click.Choice(("web", "native", "none")), default="none", show_default=True)
+@click.option("--bind", default="127.0.0.1", show_default=True, help="Address that the web view is served on.")
+@click.option("--save-rrd", type=click.Path(path_type=Path, dir_okay=False), help="Also save the view to this file.")
+@click.option("--clock-error", help="Bound of the host clock's error that was measured otherwise, e.g. 0.1s")
+@click.option("--json", "as_json", is_flag=True, help="The report as one JSON object on stdout.")
+@click.option("--json-frames", is_flag=True, help="Each frame as a JSON line on stdout, schema gse.frame/1.")
+@out_option
+@click.pass_context
+def command(
+    ctx: click.Context,
+    *,
+    path: Path,
+    station_path: Path | None,
+    identifier: str | None,
+    speed: str,
+    from_utc: str | None,
+    to_utc: str | None,
+    loop: int | None,
+    start_utc: str | None,
+    view: ViewMode,
+    bind: str,
+    save_rrd: Path | None,
+    clock_error: str | None,
+    as_json: bool,
+    json_frames: bool,
+    out: Path,
+) -> None:
+    """Replay FILE through the same loop as a live sensor; the same bytes give the same report.
+
+    A session brings its station file along; --station replaces it. The report goes to a new folder under --out.
+    """
+    from gse.live_session import new_session_folder
+    from gse.replaying import Cut, StationText, replay_session
+
+    def change(recorded: StationText) -> StationText:
+        station, text = station_of(station_path) if station_path else recorded
+        return with_identifier(station, identifier), text
+
+    cut = Cut(speed=speed, from_utc=from_utc, to_utc=to_utc, loop=loop, start_utc=start_utc)
+    watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
+    with watching:
+        replay = replay_session(path, cut=cut, station=change, make_sinks=watching.sinks)
+        frames = replay.night.frames.columns
+        first_ns = int(frames["utc_ns"][0]) if len(frames) else 0
+        folder = new_session_folder(out, f"{replay.night.station.sensor.name}-replay", first_ns)
+        report = conclude(replay.night, folder, replay.own_elapsed_us, clock_error)
+        watching.conclude(report)
+    show_report(report, folder, as_json=as_json)
+    ctx.exit(exit_code(report, data_lost=replay.night.truncated))

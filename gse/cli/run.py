@@ -1,0 +1,112 @@
+"""``gse run``: the live test of a sensor, real or simulated."""
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+import click
+
+from gse.cli import EXIT_INTERRUPTED
+from gse.cli.concluding import conclude, exit_code, show_report
+from gse.cli.options import identifier_option, out_option, station_of, station_option, with_identifier
+from gse.cli.watching import ViewMode, Watching
+from gse.config import Station
+
+
+@click.command("run")
+@station_option
+@click.option(
+    "--port", "url", help="Port or pyserial URL, instead of the station file's: /dev/ttyUSB0, sim://?speed=10"
+)
+@identifier_option
+@click.option(
+    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), help="Stop after so many seconds."
+)
+@click.option(
+    "--view",
+    type=click.Choice(("web", "native", "none")),
+    default="none",
+    show_default=True,
+    help="Live view in rerun.",
+)
+@click.option("--bind", default="127.0.0.1", show_default=True, help="Address that the web view is served on.")
+@click.option(
+    "--save-rrd", type=click.Path(path_type=Path, dir_okay=False), help="Also save the live view to this file."
+)
+@click.option("--wait-port", is_flag=True, help="Wait for a port that is not there yet.")
+@click.option("--clock-error", help="Bound of the host clock's error that was measured otherwise, e.g. 0.1s")
+@click.option("--json", "as_json", is_flag=True, help="The report as one JSON object on stdout.")
+@click.option("--json-frames", is_flag=True, help="Each frame as a JSON line on stdout, schema gse.frame/1.")
+@out_option
+@click.pass_context
+def command(
+    ctx: click.Context,
+    *,
+    station_path: Path | None,
+    url: str | None,
+    identifier: str | None,
+    duration_s: float | None,
+    view: ViewMode,
+    bind: str,
+    save_rrd: Path | None,
+    wait_port: bool,
+    clock_error: str | None,
+    as_json: bool,
+    json_frames: bool,
+    out: Path,
+) -> None:
+    """Receive, record, identify, compare, show, judge.
+
+    With no arguments: a simulated sensor on the built-in station, 60 s of night. A session on a real port ends with
+    Ctrl-C or after --duration. The exit code is the verdict's.
+    """
+    from gse.live_session import run_live
+
+    station, text = station_of(station_path)
+    station = with_identifier(station, identifier)
+    if url is not None:
+        station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
+    if station.port.url.startswith("sim://"):
+        _register_simulator(station)
+    watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
+    with _stop_on_signal() as stopped, watching:
+        session = run_live(
+            station,
+            text,
+            out,
+            make_sinks=watching.sinks,
+            stop=stopped,
+            duration_s=duration_s,
+            wait_port=wait_port,
+        )
+        report = conclude(session.night, session.folder, session.own_elapsed_us, clock_error)
+        watching.conclude(report)
+    show_report(report, session.folder, as_json=as_json)
+    if session.lost_bytes:
+        click.echo(f"gse: {session.lost_bytes} bytes were received but could not be recorded", err=True)
+    ctx.exit(EXIT_INTERRUPTED if stopped() else exit_code(report, data_lost=session.lost_bytes > 0))
+
+
+def _register_simulator(station: Station) -> None:
+    from drivers.urlhandlers.protocol_sim import register
+    from gse.simulator import device_factory
+
+    register(device_factory(station))
+
+
+@contextmanager
+def _stop_on_signal() -> Iterator[Callable[[], bool]]:
+    """Ctrl-C and SIGTERM end the session, they do not kill it."""
+    received: list[int] = []
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: bool(received)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,73 @@
+"""What follows a session while it runs: the live view, the status line, frames as JSON lines."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+import click
+
+from drivers.chunk import LinkEvent
+from gse.frame_json import frame_json
+from gse.night import Night
+from gse.results import FrameResult
+from gse.station import Sink, StationLoop
+
+ViewMode = Literal["web", "native", "none"]
+
+
+class JsonFrames:
+    """Each frame as one line of JSON on stdout."""
+
+    def show(self, result: FrameResult, night: Night) -> None:
+        """Print the frame."""
+        click.echo(json.dumps(frame_json(result)))
+
+    def log(self, event: LinkEvent) -> None:
+        """Events are no frames."""
+
+
+class Watching:
+    """The sinks of a session, opened when the tables are there and closed with the session."""
+
+    def __init__(self, *, view: ViewMode, bind: str, save_rrd: Path | None, json_frames: bool) -> None:
+        self._view, self._bind, self._save_rrd = view, bind, save_rrd
+        self._json_frames = json_frames
+        self._live: Any = None
+
+    def sinks(self, loop: StationLoop) -> Sequence[Sink]:
+        """The sinks that were asked for."""
+        sinks: list[Sink] = [JsonFrames()] if self._json_frames else []
+        if self._view != "none" or self._save_rrd is not None:
+            sinks.append(self._open_view(loop))
+        return sinks
+
+    def conclude(self, report: dict[str, Any]) -> None:
+        """Show the verdict in the view."""
+        if self._live is not None:
+            self._live.conclude(report["verdict"], report["reasons"])
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._live is not None:
+            self._live.close()
+
+    def _open_view(self, loop: StationLoop) -> Sink:
+        from gse.view.live import LiveView
+
+        view = LiveView(
+            loop.equipment.station,
+            mode=self._view,
+            save_rrd=self._save_rrd,
+            catalog=loop.equipment.identifier.catalog,
+            bind=self._bind,
+        )
+        if view.url:
+            click.echo(f"live view: {view.url}", err=True)
+        self._live = view
+        return view

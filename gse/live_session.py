@@ -1,0 +1,135 @@
+"""A live session: receive, record, identify, compare, show; then judge and report."""
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.clock import ClockReading, read_clock
+from drivers.link import SerialLink
+from gse import instant
+from gse.config import Station
+from gse.equipment import prepare
+from gse.errors import UsageError
+from gse.night import Night
+from gse.recorder import Recorder
+from gse.results import FrameResult
+from gse.session import CLOCK, EARTH_ORIENTATION, PROTOCOL, STATION, TIMING_TOPIC, clock_json, timing_json
+from gse.station import Sink, StationLoop
+from protocols import load_protocol
+
+CLOCK_EVERY_NS = 60 * instant.NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class LiveSession:
+    """What a live session left: the night, its folder, this host's identification times, and what could not be kept."""
+
+    night: Night
+    folder: Path
+    own_elapsed_us: list[float]
+    lost_bytes: int
+
+
+def new_session_folder(out: Path, name: str, utc_ns: int) -> Path:
+    """A new folder <UTC>-<sensor>/ under ``out``; a number is added where there is one already."""
+    stem = instant.to_text(utc_ns, 0).replace(":", "").replace("-", "") + "-" + re.sub(r"[^A-Za-z0-9._-]+", "-", name)
+    for number in range(1, 10_000):
+        folder = out / (stem if number == 1 else f"{stem}-{number}")
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            if not out.is_dir():
+                raise UsageError(f"--out {out} is a file; expected a folder for the sessions") from None
+            continue
+        except OSError as error:
+            raise UsageError(f"cannot make the session folder {folder}: {error.strerror}") from error
+        return folder
+    raise UsageError(f"{out} is full of sessions called {stem}; choose another --out")
+
+
+def run_live(
+    station: Station,
+    station_text: str,
+    out: Path,
+    *,
+    make_sinks: Callable[[StationLoop], Sequence[Sink]] = lambda loop: (),
+    stop: Callable[[], bool] = lambda: False,
+    duration_s: float | None = None,
+    wait_port: bool = False,
+) -> LiveSession:
+    """Run until the port is at its end (simulated), ``duration_s`` of the data's time have passed, or ``stop``.
+
+    Recording begins with the first byte, before the tables are loaded. PortError where the port cannot be opened:
+    then nothing is left behind.
+    """
+    protocol = load_protocol(station.protocol)
+    folder = new_session_folder(out, station.sensor.name, read_clock().utc_ns)
+    recorder = Recorder(folder / "session.mcap")
+    try:
+        link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder, wait_port=wait_port)
+    except BaseException:
+        recorder.discard()
+        folder.rmdir()
+        raise
+    recorder.attach(STATION, "application/yaml", station_text.encode())
+    recorder.attach(PROTOCOL, "application/yaml", protocol.text.encode())
+    with recorder, link:
+        loop = StationLoop(prepare(station, station_text))
+        keeper = _Keeper(loop, recorder, link, duration_s)
+        loop.sinks = make_sinks(loop)
+        night = loop.run(link, stop=lambda: stop() or keeper.is_over(), each=keeper.keep)
+    return LiveSession(night, folder, loop.own_elapsed_us, recorder.lost_bytes)
+
+
+class _Keeper:
+    """Records what is derived, beside the bytes: times, clock readings, the Earth orientation of the night."""
+
+    def __init__(self, loop: StationLoop, recorder: Recorder, link: SerialLink, duration_s: float | None) -> None:
+        self._loop, self._recorder, self._link = loop, recorder, link
+        self._duration_ns = None if duration_s is None else round(duration_s * instant.NS_PER_S)
+        self._first_ns: int | None = None
+        self._last_ns = 0
+        self._clock_due_ns = 0
+        self._orientation_kept = False
+
+    def is_over(self) -> bool:
+        """Whether the session has lasted as long as it was to."""
+        if self._duration_ns is None:
+            return False
+        now_ns = read_clock().utc_ns if self._link.is_live else self._last_ns
+        if self._first_ns is None:
+            self._first_ns = now_ns or None
+            return False
+        return now_ns - self._first_ns >= self._duration_ns
+
+    def keep(self, results: list[FrameResult]) -> None:
+        """Record what these results bring."""
+        for result in results:
+            self._last_ns = result.panorama.host_utc_ns
+            if result.elapsed_us is not None:
+                data = timing_json(result.panorama.time_us, result.elapsed_us)
+                self._recorder.derived(TIMING_TOPIC, result.panorama.host_utc_ns, data)
+        if not self._orientation_kept and self._loop.earth_orientation is not None:
+            self._orientation_kept = True
+            text = self._loop.earth_orientation.to_json()
+            self._recorder.attach(EARTH_ORIENTATION, "application/json", text.encode())
+        self._read_clock()
+
+    def _read_clock(self) -> None:
+        reading = read_clock() if self._link.is_live else _simulated_clock(self._last_ns)
+        if reading.utc_ns >= self._clock_due_ns and (self._link.is_live or self._last_ns):
+            self._clock_due_ns = reading.utc_ns + CLOCK_EVERY_NS
+            self._loop.read_clock(reading)
+            self._recorder.derived(CLOCK, reading.utc_ns, clock_json(reading))
+
+
+def _simulated_clock(utc_ns: int) -> ClockReading:
+    return ClockReading(utc_ns, utc_ns, "simulated", synchronised=True, offset_s=0.0, error_bound_s=0.0)
+
+
+def disk_free_bytes(path: Path) -> int:
+    """Free bytes of the disk that a path lies on."""
+    status = os.statvfs(path)
+    return status.f_bavail * status.f_frsize
