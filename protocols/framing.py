@@ -1,0 +1,43 @@
+"""A sans-I/O frame decoder: bytes in, frames and discards out, every byte in exactly one of them."""
+
+from protocols.frame import Discard, Frame
+from protocols.protocol import Protocol
+from protocols.slip import SlipScanner
+from protocols.syncword import SyncWordScanner
+
+
+class FrameDecoder:
+    """Finds the frames in a stream, of either direction.
+
+    However the stream is cut into pieces, the same frames and the same discards come out, in the order of the stream.
+    Always bytes_in == bytes_framed + bytes_discarded + pending.
+    """
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.bytes_in = 0
+        self.bytes_framed = 0
+        self.bytes_discarded = 0
+        layout = protocol.frame_layout
+        self._scanner = SyncWordScanner(layout) if layout.sync_word else SlipScanner(layout)
+
+    @property
+    def pending(self) -> int:
+        """Bytes held back until it is known what they are; bounded by the largest frame and discard."""
+        return self._scanner.pending
+
+    def feed(self, data: bytes) -> list[Frame | Discard]:
+        """What these bytes complete."""
+        self.bytes_in += len(data)
+        return self._count(self._scanner.feed(data))
+
+    def finish(self) -> list[Frame | Discard]:
+        """What is left when the stream has ended; afterwards nothing is pending."""
+        return self._count(self._scanner.finish())
+
+    def _count(self, found: list[Frame | Discard]) -> list[Frame | Discard]:
+        for item in found:
+            if isinstance(item, Frame):
+                self.bytes_framed += item.size
+            else:
+                self.bytes_discarded += len(item.data)
+        return found

@@ -1,0 +1,145 @@
+"""The messages of a star sensor, in px, s and degC: what frames mean once the wire is left behind.
+
+    sensor to station                        station to sensor
+    PANORAMA    PanoramaMessage              PING          Ping
+    STATUS      StatusMessage                START         Start
+    ATTITUDE    AttitudeMessage              STOP          Stop
+    ACK         Ack                          REQUEST       Request
+    NAK         Nak                          SET_EXPOSURE  SetExposure
+    any other   Other
+
+A frame whose checksum is right is a valid frame, whatever it says: what the sensor should not have said stands in
+``problems``, one line each. A number that the protocol does not carry is NaN or 0, a word is empty.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """What all messages have: the values that are out of order, in words for the operator."""
+
+    problems: tuple[str, ...] = field(default=(), kw_only=True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PanoramaMessage(Message):
+    """The objects of one exposure, in the order of the wire (brightest first).
+
+    ``time_us`` is the sensor's clock at mid-exposure; ``xy_px`` (N, 2) is x = column, y = row; ``index`` (N,) the
+    brightness; ``flags`` the status bits by name.
+    """
+
+    time_us: int
+    frame_no: int
+    exposure_s: float
+    flags: frozenset[str]
+    temperature_c: float
+    xy_px: NDArray[np.float64]
+    index: NDArray[np.float64]
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, PanoramaMessage):
+            return NotImplemented
+        return (
+            (self.time_us, self.frame_no, self.flags, self.problems)
+            == (other.time_us, other.frame_no, other.flags, other.problems)
+            and _same(self.exposure_s, other.exposure_s)
+            and _same(self.temperature_c, other.temperature_c)
+            and np.array_equal(self.xy_px, other.xy_px, equal_nan=True)
+            and np.array_equal(self.index, other.index, equal_nan=True)
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # it holds arrays
+
+
+def _same(a: float, b: float) -> bool:
+    return a == b or (math.isnan(a) and math.isnan(b))
+
+
+@dataclass(frozen=True, slots=True)
+class StatusMessage(Message):
+    """The sensor's housekeeping; ``mode`` is ``standby`` or ``streaming``, ``firmware`` (major, minor, patch)."""
+
+    time_us: int = 0
+    frames_taken: int = 0
+    frames_sent: int = 0
+    commands_ok: int = 0
+    commands_bad: int = 0
+    temperature_c: float = math.nan
+    supply_v: float = math.nan
+    mode: str = ""
+    firmware: tuple[int, ...] = ()
+    serial: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeMessage(Message):
+    """The sensor's own solution for the exposure ``frame_no``; ``state`` is ``lost`` or ``acquired``."""
+
+    time_us: int
+    ra_deg: float
+    de_deg: float
+    roll_deg: float = math.nan
+    frame_no: int = 0
+    matched: int = 0
+    state: str = ""
+    latency_s: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Ack(Message):
+    """The sensor obeys the command of this name; ``sequence`` is that of the command's frame."""
+
+    command: str
+    sequence: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Nak(Message):
+    """The sensor refuses the command of this name, and says why."""
+
+    command: str
+    reason: str = ""
+    sequence: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Ping(Message):
+    """Asks for a STATUS."""
+
+
+@dataclass(frozen=True, slots=True)
+class Start(Message):
+    """Asks for panoramas at this period."""
+
+    period_s: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Stop(Message):
+    """Asks for silence."""
+
+
+@dataclass(frozen=True, slots=True)
+class Request(Message):
+    """Asks for one panorama."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetExposure(Message):
+    """Sets the exposure time."""
+
+    exposure_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Other(Message):
+    """A message that the protocol describes and the station has no use for."""
+
+    type: str
+    payload: bytes

@@ -1,0 +1,126 @@
+"""A protocol: what a description has become, ready to decode and encode."""
+
+from importlib import resources
+from pathlib import Path
+
+import yaml
+
+from protocols.codec import MessageCodec, PanoramaCodec
+from protocols.description import Description
+from protocols.errors import DescriptionError, EncodeError
+from protocols.frame import Frame
+from protocols.layout import FrameLayout, compile_frame, compile_messages
+from protocols.messages import Message, Other
+from protocols.reading import MAX_TEXT, Source, read_document, validate
+from protocols.slip import packed
+from protocols.vocabulary import NAME_OF
+
+
+class Protocol:
+    """Decodes and encodes the messages of one sensor.
+
+    ``text`` is the YAML that it was made from, complete in itself: what a session keeps.
+    """
+
+    def __init__(self, description: Description, text: str, source: Source) -> None:
+        self.name = description.name
+        self.text = text
+        self.frame_layout: FrameLayout = compile_frame(description, source)
+        layouts = compile_messages(description, source)
+        commands = {layout.code: name for name, layout in layouts.items() if not layout.from_sensor}
+        self._codecs = {
+            name: (PanoramaCodec if layout.slots else MessageCodec)(layout, commands)
+            for name, layout in layouts.items()
+        }
+
+    def __repr__(self) -> str:
+        return f"<Protocol {self.name}: {', '.join(self._codecs)}>"
+
+    @property
+    def types(self) -> tuple[str, ...]:
+        """The names of its messages."""
+        return tuple(self._codecs)
+
+    @property
+    def sequence_modulus(self) -> int:
+        """Where its sequence numbers wrap; 0 if it has none."""
+        return self.frame_layout.header.sequence_modulus
+
+    @property
+    def slots(self) -> int:
+        """How many objects one panorama holds; 0 if there are no panoramas."""
+        layout = self._codecs["PANORAMA"].layout if "PANORAMA" in self._codecs else None
+        return layout.slots.repeat if layout and layout.slots else 0
+
+    def is_from_sensor(self, type_name: str) -> bool:
+        """Whether messages of this type go from sensor to station."""
+        return self._codecs[type_name].layout.from_sensor
+
+    def flags_of(self, frame: Frame) -> frozenset[str]:
+        """The names of the header's flags that are set; ``stored`` is data that is not live."""
+        names = self.frame_layout.header.flag_names
+        bits = (bit for bit in range(frame.flags.bit_length()) if frame.flags >> bit & 1)
+        return frozenset(names.get(bit, f"bit {bit}") for bit in bits)
+
+    def decode(self, frame: Frame) -> Message:
+        """The message of a frame of this protocol's own decoder; what is odd about it stands in its ``problems``."""
+        return self._codecs[frame.type].decode(frame.payload)
+
+    def encode(self, message: Message, sequence: int, flags: int = 0) -> bytes:
+        """The bytes on the wire that say this message; EncodeError if this protocol cannot say it."""
+        name = message.type if isinstance(message, Other) else NAME_OF[type(message)]
+        if name not in self._codecs:
+            raise EncodeError(f"the protocol {self.name} has no {name}: it has {', '.join(self._codecs)}")
+        codec = self._codecs[name]
+        return self.encode_payload(name, codec.encode(message), sequence, flags)
+
+    def encode_payload(self, type_name: str, payload: bytes, sequence: int, flags: int = 0) -> bytes:
+        """The bytes on the wire of a payload, whatever it says."""
+        layout, frames = self._codecs[type_name].layout, self.frame_layout
+        if len(payload) != layout.size:
+            raise EncodeError(f"{type_name} has {layout.size} bytes of payload, not {len(payload)}")
+        header = frames.header.write(layout.code, flags, layout.size, sequence)
+        content = frames.sync_word + header + payload
+        content += frames.checksum_of(content)
+        return content if frames.sync_word else packed(content)
+
+
+def parse_protocol(text: str, source: str) -> Protocol:
+    """The protocol of a YAML text; DescriptionError names ``source``, line, key and reason."""
+    document, where = read_document(text, source)
+    if "extends" in document:
+        base = document.pop("extends")
+        if not isinstance(base, str) or base not in built_in_names():
+            raise where.error(f"is {base!r:.60}: expected one of {', '.join(built_in_names())}", ("extends",))
+        document = {**read_document(_built_in_text(base), base)[0], **document}
+        text = yaml.safe_dump(document, sort_keys=False)
+    return Protocol(validate(document, where), text, where)
+
+
+def load_protocol(name_or_path: str) -> Protocol:
+    """The protocol of a built-in name, or of a YAML file."""
+    if name_or_path in built_in_names():
+        return parse_protocol(_built_in_text(name_or_path), f"{name_or_path}.yaml")
+    path = Path(name_or_path)
+    try:
+        with path.open("rb") as file:
+            text = file.read(MAX_TEXT + 1).decode("utf-8")
+    except OSError as error:
+        raise DescriptionError(
+            f"{name_or_path}: neither a built-in protocol ({', '.join(built_in_names())}) "
+            f"nor a description that can be read: {error.strerror}"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise DescriptionError(f"{name_or_path}: no protocol description: it is not UTF-8 text") from error
+    return parse_protocol(text, name_or_path)
+
+
+def built_in_names() -> tuple[str, ...]:
+    """The protocols that come with the station."""
+    return tuple(
+        sorted(entry.name[:-5] for entry in resources.files("protocols").iterdir() if entry.name.endswith(".yaml"))
+    )
+
+
+def _built_in_text(name: str) -> str:
+    return resources.files("protocols").joinpath(f"{name}.yaml").read_text(encoding="utf-8")

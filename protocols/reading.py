@@ -1,0 +1,159 @@
+"""Reads a protocol description: YAML text to a validated Description, errors with file, line and key."""
+
+import difflib
+import reprlib
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from protocols.description import (
+    ChecksumDescription,
+    Description,
+    FieldDescription,
+    FramingDescription,
+    MessageDescription,
+    SlotsDescription,
+)
+from protocols.errors import DescriptionError
+
+MAX_TEXT = 100_000
+"""Characters of a description: the built-in ones have some 4000."""
+
+_MAX_PROBLEMS = 5
+_REPR = reprlib.Repr()
+_REPR.maxstring = _REPR.maxother = 60
+
+Path = Sequence[str | int]
+
+
+class Source:
+    """Where a description came from: names file, line and key of what is wrong with it."""
+
+    def __init__(self, name: str, root: yaml.Node | None = None) -> None:
+        self._name = name
+        self._root = root
+
+    def error(self, reason: str, path: Path = ()) -> DescriptionError:
+        """The error that says this of the key at this path."""
+        return DescriptionError(self.explain(reason, path))
+
+    def explain(self, reason: str, path: Path = ()) -> str:
+        """One line: file, line, key, reason."""
+        line = self._line(path)
+        where = f"{self._name}, line {line}" if line else self._name
+        return f"{where}: {_key(path)}: {reason}" if path else f"{where}: {reason}"
+
+    def _line(self, path: Path) -> int | None:
+        node, line = self._root, None
+        for part in path:
+            if isinstance(node, yaml.MappingNode):
+                found = next(((k, v) for k, v in node.value if k.value == str(part) or _int(k) == part), None)
+                if found is None:
+                    return line
+                line, node = found[0].start_mark.line + 1, found[1]
+            elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+                node = node.value[part]
+                line = node.start_mark.line + 1
+            else:
+                return line
+        return line
+
+
+def _int(key: yaml.Node) -> int | None:
+    try:
+        return int(key.value, 0)
+    except (ValueError, TypeError):
+        return None
+
+
+def _key(path: Path) -> str:
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def read_document(text: str, source_name: str) -> tuple[dict[str, Any], Source]:
+    """The YAML mapping of a text; DescriptionError where it is none, too large, or gives a key twice."""
+    source = Source(source_name)
+    if len(text) > MAX_TEXT:
+        raise source.error(f"longer than {MAX_TEXT} characters: this is no protocol description")
+    try:
+        if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text, Loader=yaml.SafeLoader)):
+            raise source.error("YAML aliases (*name) are not allowed here; write the fields out")
+        loader = yaml.SafeLoader(text)
+        root = loader.get_single_node()
+        document = loader.construct_document(root) if root else None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f"line {mark.line + 1}: " if mark else ""
+        raise source.error(f"{line}not YAML: {getattr(error, 'problem', None) or 'unreadable'}") from error
+    except (RecursionError, ValueError, TypeError, OverflowError) as error:
+        raise source.error(f"no protocol description: {type(error).__name__} while reading the YAML") from error
+    if not isinstance(document, dict) or root is None:
+        raise source.error(f"expected a mapping with the keys {', '.join(Description.model_fields)}")
+    source = Source(source_name, root)
+    _refuse_repeated_keys(root, (), source)
+    return document, source
+
+
+def _refuse_repeated_keys(node: yaml.Node, path: tuple[str | int, ...], source: Source) -> None:
+    if isinstance(node, yaml.MappingNode):
+        seen = set()
+        for key, value in node.value:
+            if key.value in seen:
+                raise source.error("this key is given twice", (*path, str(key.value)))
+            seen.add(key.value)
+            _refuse_repeated_keys(value, (*path, str(key.value)), source)
+    elif isinstance(node, yaml.SequenceNode):
+        for position, value in enumerate(node.value):
+            _refuse_repeated_keys(value, (*path, position), source)
+
+
+def validate(document: dict[str, Any], source: Source) -> Description:
+    """The Description of a document; DescriptionError names each wrong key."""
+    try:
+        return Description.model_validate(document)
+    except ValidationError as error:
+        lines = dict.fromkeys(_explain(item, source) for item in error.errors(include_url=False))
+        raise DescriptionError("\n".join(list(lines)[:_MAX_PROBLEMS])) from error
+
+
+_SHOWN: dict[str, Callable[[Any], str]] = {
+    "missing": lambda item: "is missing",
+    "value_error": lambda item: str(item["ctx"]["error"]),
+    "string_pattern_mismatch": lambda item: f"is {_REPR.repr(item['input'])}: {_PATTERNS.get(item['loc'][-1], _NAME)}",
+}
+_NAME = "expected a name of letters, digits, _ and -"
+_PATTERNS = {"sync_word": "expected 2 to 8 bytes as pairs of hexadecimal digits, in quotes"}
+_MODEL_OF = {
+    "framing": FramingDescription,
+    "checksum": ChecksumDescription,
+    "header": FieldDescription,
+    "fields": FieldDescription,
+    "slots": SlotsDescription,
+    "messages": MessageDescription,
+}
+
+
+def _explain(item: Any, source: Source) -> str:
+    path = [part for part in item["loc"] if not _is_pydantic_word(part)]
+    if item["type"] == "extra_forbidden":
+        return source.explain(f"unknown key; {_nearest(path)}", path)
+    shown = _SHOWN.get(item["type"])
+    reason = shown(item) if shown else f"is {_REPR.repr(item['input'])}: {item['msg'][0].lower()}{item['msg'][1:]}"
+    return source.explain(reason, path)
+
+
+def _is_pydantic_word(part: str | int) -> bool:
+    return isinstance(part, str) and (part in ("int", "float", "[key]") or "[" in part or ("-" in part and "(" in part))
+
+
+def _nearest(path: list[str | int]) -> str:
+    section = next((part for part in reversed(path[:-1]) if part in _MODEL_OF), None)
+    model: type[BaseModel] = _MODEL_OF[str(section)] if section else Description
+    known = list(model.model_fields)
+    near = difflib.get_close_matches(str(path[-1]), known, n=1, cutoff=0.6)
+    return f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}"

@@ -1,0 +1,100 @@
+"""Sequence accounting: duplicates, gaps and restarts of one direction of a link."""
+
+from collections import deque
+from enum import Enum
+
+MODULUS = 65536
+"""A sequence number of 16 bits wraps here."""
+
+RECENT = 64
+"""Frames that are remembered: a copy or a straggler that comes later than this is no longer recognised as one."""
+
+
+class Arrival(Enum):
+    """What a sequence number says of the frame that carries it."""
+
+    NEXT = "next"
+    """One after the frame before, or the first of all."""
+    GAP = "gap"
+    """Frames before it are missing; ``SequenceTracker.last_gap`` says how many."""
+    DUPLICATE = "duplicate"
+    """Seen before: to be dropped."""
+    LATE = "late"
+    """Counted as lost before, here after all: it came after a frame that was sent after it."""
+    RESET = "reset"
+    """The sensor has started anew: its clock or its counter jumped back, or it says so itself."""
+
+
+class SequenceTracker:
+    """Counts what the sequence numbers of one direction tell; all message types share one counter.
+
+    ``modulus`` is where the number wraps; 0 stands for a protocol without sequence numbers, where every frame is NEXT
+    unless its clock jumps back.
+    """
+
+    def __init__(self, modulus: int = MODULUS) -> None:
+        self.duplicates = 0
+        self.lost = 0
+        self.late = 0
+        self.resets = 0
+        self.last_gap = 0
+        self._modulus = modulus
+        self._forget()
+
+    def _forget(self) -> None:
+        self._last: int | None = None
+        self._last_time_us: int | None = None
+        self._seen: deque[tuple[int, int | None]] = deque(maxlen=RECENT)
+        self._missing: deque[int] = deque(maxlen=RECENT)
+
+    def accept(self, sequence: int, *, time_us: int | None = None, restarted: bool = False) -> Arrival:
+        """What this frame is, counted.
+
+        ``time_us`` is the sensor's clock where the message carries it; leave it out for stored data, which is older
+        than what came before. ``restarted`` is the sensor's own word that its clock was reset.
+        """
+        arrival = self._judge(sequence, time_us, restarted)
+        if arrival is Arrival.DUPLICATE:
+            self.duplicates += 1
+            return arrival
+        if arrival is Arrival.RESET:
+            self.resets += 1
+            self._forget()
+        elif arrival is Arrival.GAP:
+            self._count_gap(sequence)
+        elif arrival is Arrival.LATE:
+            self.late += 1
+            self.lost -= 1
+            self._missing.remove(sequence)
+        if arrival is not Arrival.LATE:
+            self._last = sequence
+            self._last_time_us = self._last_time_us if time_us is None else time_us
+        self._seen.append((sequence, time_us))
+        return arrival
+
+    def _judge(self, sequence: int, time_us: int | None, restarted: bool) -> Arrival:
+        clock_back = None not in (time_us, self._last_time_us) and time_us < self._last_time_us  # type: ignore[operator]
+        if self._modulus == 0:
+            return Arrival.RESET if restarted or clock_back else Arrival.NEXT
+        if (sequence, time_us) in self._seen or (sequence == self._last and not clock_back):
+            return Arrival.DUPLICATE
+        if restarted:
+            return Arrival.RESET
+        if self._last is None:
+            return Arrival.NEXT
+        if sequence in self._missing and (self._last - sequence) % self._modulus <= RECENT:
+            return Arrival.LATE
+        if clock_back:
+            return Arrival.RESET
+        step = (sequence - self._last) % self._modulus
+        if step == 1:
+            return Arrival.NEXT
+        # Without a clock, more than half a turn forward is taken for a step back: the counter started anew.
+        return Arrival.GAP if time_us is not None or step <= self._modulus // 2 else Arrival.RESET
+
+    def _count_gap(self, sequence: int) -> None:
+        assert self._last is not None
+        self.last_gap = (sequence - self._last) % self._modulus - 1
+        self.lost += self.last_gap
+        for back in range(min(self.last_gap, RECENT), 0, -1):
+            self._missing.append((sequence - back) % self._modulus)

@@ -1,0 +1,142 @@
+"""Frames between SLIP's END bytes (RFC 1055), found in a stream of bytes.
+
+    C0 | header, payload and checksum, with C0 sent as DB DC and DB sent as DB DD | C0
+
+A packet is what stands between two END bytes. The END after a packet belongs to it, and so does one END before it,
+where there is one; idle ENDs beyond that are `no sync`, as are bytes before the first END and a packet that is longer
+than the longest frame can be.
+"""
+
+from protocols.frame import (
+    BAD_CRC,
+    BAD_LENGTH,
+    MAX_DISCARD_BYTES,
+    NO_SYNC,
+    TRUNCATED,
+    UNKNOWN_TYPE,
+    Discard,
+    Frame,
+    Reason,
+    discards,
+)
+from protocols.layout import FrameLayout
+
+END = b"\xc0"
+_ESCAPE = b"\xdb"
+_ESCAPED_END = b"\xdb\xdc"
+_ESCAPED_ESCAPE = b"\xdb\xdd"
+
+
+def packed(content: bytes) -> bytes:
+    """The content of a frame as SLIP sends it, an END on both sides."""
+    return END + content.replace(_ESCAPE, _ESCAPED_ESCAPE).replace(END, _ESCAPED_END) + END
+
+
+def unpacked(packet: bytes) -> bytes | None:
+    """The content between two ENDs; None if an ESC byte is not followed as it must be."""
+    escapes = packet.count(_ESCAPE)
+    if escapes != packet.count(_ESCAPED_END) + packet.count(_ESCAPED_ESCAPE):
+        return None
+    return packet.replace(_ESCAPED_END, END).replace(_ESCAPED_ESCAPE, _ESCAPE) if escapes else packet
+
+
+class SlipScanner:
+    """Holds at most one incomplete packet, or one incomplete discard."""
+
+    def __init__(self, layout: FrameLayout) -> None:
+        self._layout = layout
+        self._largest = 2 * layout.largest
+        self._buffer = bytearray()
+        self._start = 0
+        self._scan = 0
+        self._ends = 0
+        self._synced = False
+        self._overlong = False
+
+    @property
+    def pending(self) -> int:
+        """Bytes held back."""
+        return len(self._buffer)
+
+    def feed(self, data: bytes) -> list[Frame | Discard]:
+        """What these bytes complete."""
+        self._buffer += data
+        out: list[Frame | Discard] = []
+        at = 0
+        while (end := self._buffer.find(END, self._scan)) >= 0:
+            at = self._close(out, at, end)
+            self._scan = end + 1
+        self._scan = len(self._buffer)
+        self._overlong = self._overlong or self._scan - at - self._ends > self._largest
+        if self._overlong:
+            self._ends = 0
+            whole = (self._scan - at) // MAX_DISCARD_BYTES * MAX_DISCARD_BYTES
+            at = self._discard(out, at, at + whole, NO_SYNC)
+        self._drop(at)
+        return out
+
+    def finish(self) -> list[Frame | Discard]:
+        """What is left at the end of the stream: a packet without its END is truncated."""
+        out: list[Frame | Discard] = []
+        at = self._discard(out, 0, max(0, self._ends - 1), NO_SYNC)
+        known = not self._overlong and (self._synced or self._ends > 0)
+        at = self._discard(out, at, len(self._buffer), TRUNCATED if known else NO_SYNC)
+        self._drop(at)
+        self._ends, self._synced, self._overlong = 0, False, False
+        return out
+
+    def _drop(self, count: int) -> None:
+        del self._buffer[:count]
+        self._start += count
+        self._scan -= count
+
+    def _discard(self, out: list[Frame | Discard], at: int, end: int, reason: Reason) -> int:
+        if end > at:
+            out += discards(self._start + at, bytes(self._buffer[at:end]), reason)
+        return end
+
+    def _close(self, out: list[Frame | Discard], at: int, end: int) -> int:
+        """Takes the packet that this END closes; returns where in the buffer the rest begins."""
+        if end == at + self._ends and not self._overlong:
+            return self._idle(out, at)
+        if self._overlong or end - at - self._ends > self._largest:
+            at = self._discard(out, at, end + 1, NO_SYNC)
+        else:
+            at = self._discard(out, at, at + max(0, self._ends - 1), NO_SYNC)
+            synced = self._synced or self._ends > 0
+            verdict = self._examine(at, at + min(self._ends, 1), end)
+            if isinstance(verdict, Frame):
+                out.append(verdict)
+                at = end + 1
+            else:
+                at = self._discard(out, at, end + 1, verdict if synced else NO_SYNC)
+        self._ends, self._synced, self._overlong = 0, True, False
+        return at
+
+    def _idle(self, out: list[Frame | Discard], at: int) -> int:
+        self._ends += 1
+        if self._ends > MAX_DISCARD_BYTES:
+            at = self._discard(out, at, at + MAX_DISCARD_BYTES, NO_SYNC)
+            self._ends -= MAX_DISCARD_BYTES
+        return at
+
+    def _examine(self, start: int, at: int, end: int) -> Frame | Reason:
+        """The frame of the packet from ``at`` to ``end``, or why there is none; ``start`` is its opening END."""
+        layout = self._layout
+        packet = bytes(self._buffer[at:end])
+        content = unpacked(packet)
+        shown = packet if content is None else content
+        if len(shown) < layout.header.size:
+            return BAD_LENGTH
+        code, flags, length, sequence = layout.header.read(shown, 0)
+        size = layout.sizes.get(code)
+        if size is None:
+            return UNKNOWN_TYPE
+        if content is None:
+            return BAD_CRC
+        if len(content) != layout.overhead + size or (length is not None and length != size):
+            return BAD_LENGTH
+        if not layout.is_checksum_right(content):
+            return BAD_CRC
+        payload = content[layout.header.size : layout.header.size + size]
+        return Frame(self._start + start, end + 1 - start, layout.names[code], flags, sequence, payload)

@@ -1,0 +1,120 @@
+"""Frames that begin with a sync word, found in a stream of bytes.
+
+    sync word | header | payload | checksum
+
+What follows a sync word is a frame if its type is known, its length is the one that the type allows, and its checksum
+is right; else the scan goes on one byte further, so that a frame inside a broken frame is found. The bytes from a
+refused sync word up to the next one are one discard.
+"""
+
+from protocols.frame import (
+    BAD_CRC,
+    BAD_LENGTH,
+    MAX_DISCARD_BYTES,
+    NO_SYNC,
+    TRUNCATED,
+    UNKNOWN_TYPE,
+    Discard,
+    Frame,
+    Reason,
+    discards,
+)
+from protocols.layout import FrameLayout
+
+
+class SyncWordScanner:
+    """Holds at most one incomplete frame, or one incomplete discard with the start of a sync word."""
+
+    def __init__(self, layout: FrameLayout) -> None:
+        self._layout = layout
+        self._sync_word = layout.sync_word
+        self._buffer = bytearray()
+        self._start = 0
+        self._scan = 0
+        self._reason: Reason = NO_SYNC
+
+    @property
+    def pending(self) -> int:
+        """Bytes held back."""
+        return len(self._buffer)
+
+    def feed(self, data: bytes) -> list[Frame | Discard]:
+        """What these bytes complete."""
+        self._buffer += data
+        out: list[Frame | Discard] = []
+        at = self._take(out, final=False)
+        self._drop(at)
+        return out
+
+    def finish(self) -> list[Frame | Discard]:
+        """What is left at the end of the stream: an incomplete frame is truncated."""
+        out: list[Frame | Discard] = []
+        at = self._take(out, final=True)
+        tail = max(self._scan, len(self._buffer) - self._begun_sync_word())
+        if self._reason is TRUNCATED:
+            tail = len(self._buffer)
+        out += discards(self._start + at, bytes(self._buffer[at:tail]), self._reason)
+        out += discards(self._start + tail, bytes(self._buffer[tail:]), TRUNCATED)
+        self._drop(len(self._buffer))
+        self._scan, self._reason = 0, NO_SYNC
+        return out
+
+    def _drop(self, count: int) -> None:
+        del self._buffer[:count]
+        self._start += count
+        self._scan = max(0, self._scan - count)
+
+    def _begun_sync_word(self) -> int:
+        """How many bytes at the end of the buffer may be the start of a sync word."""
+        lengths = range(len(self._sync_word) - 1, 0, -1)
+        return next((n for n in lengths if self._buffer.endswith(self._sync_word[:n])), 0)
+
+    def _take(self, out: list[Frame | Discard], *, final: bool) -> int:
+        """Appends what is complete; returns where in the buffer the rest begins."""
+        buffer, at, scan, reason = self._buffer, 0, self._scan, self._reason
+        while True:
+            found = buffer.find(self._sync_word, scan)
+            if found < 0:
+                scan = max(scan, len(buffer) - len(self._sync_word) + 1)
+                whole = (scan - at) // MAX_DISCARD_BYTES * MAX_DISCARD_BYTES
+                if whole:
+                    out += discards(self._start + at, bytes(buffer[at : at + whole]), reason)
+                    at, reason = at + whole, NO_SYNC
+                break
+            if found > at:
+                out += discards(self._start + at, bytes(buffer[at:found]), reason)
+            at, scan = found, found
+            verdict = self._examine(found)
+            if isinstance(verdict, Frame):
+                out.append(verdict)
+                at = scan = found + verdict.size
+                reason = NO_SYNC
+            elif verdict is TRUNCATED and not final:
+                reason = NO_SYNC
+                break
+            else:
+                scan, reason = found + 1, verdict
+        self._scan, self._reason = scan, reason
+        return at
+
+    def _examine(self, at: int) -> Frame | Reason:
+        """The frame at a sync word, or why there is none."""
+        layout, buffer = self._layout, self._buffer
+        header_at = at + len(self._sync_word)
+        payload_at = header_at + layout.header.size
+        if len(buffer) < payload_at:
+            return TRUNCATED
+        code, flags, length, sequence = layout.header.read(buffer, header_at)
+        size = layout.sizes.get(code)
+        if size is None:
+            return UNKNOWN_TYPE
+        if length is not None and length != size:
+            return BAD_LENGTH
+        end = payload_at + size
+        if len(buffer) < end + layout.checksum.size:
+            return TRUNCATED
+        if not layout.is_checksum_right(bytes(buffer[at : end + layout.checksum.size])):
+            return BAD_CRC
+        frame_size = end + layout.checksum.size - at
+        payload = bytes(buffer[payload_at:end])
+        return Frame(self._start + at, frame_size, layout.names[code], flags, sequence, payload)

@@ -1,0 +1,153 @@
+"""The words of a protocol description: names of messages, of their fields, of units.
+
+docs/protocols.md shows this table to those who describe a sensor of their own.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from fractions import Fraction
+
+from protocols.messages import (
+    Ack,
+    AttitudeMessage,
+    Message,
+    Nak,
+    PanoramaMessage,
+    Ping,
+    Request,
+    SetExposure,
+    Start,
+    StatusMessage,
+    Stop,
+)
+
+SPARE = "spare"
+"""A field that the station has no use for: written as zero, not looked at when read."""
+
+HEADER_FIELDS = ("type", "flags", "length", "sequence")
+
+
+class Kind(Enum):
+    """What a field's counts become."""
+
+    INTEGER = "integer"
+    NUMBER = "number"
+    BITS = "bits"
+    WORD = "word"
+    COMMAND = "command"
+    INTEGERS = "integers"
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A unit in terms of the station's: value = factor * (number in this unit) + zero."""
+
+    factor: Fraction = Fraction(1)
+    zero: Fraction = Fraction(0)
+
+
+_SECONDS = {
+    "ns": Unit(Fraction(1, 10**9)),
+    "us": Unit(Fraction(1, 10**6)),
+    "ms": Unit(Fraction(1, 1000)),
+    "s": Unit(),
+}
+_MICROSECONDS = {name: Unit(unit.factor * 10**6) for name, unit in _SECONDS.items()}
+_CELSIUS = {"degC": Unit(), "K": Unit(zero=Fraction("-273.15"))}
+_VOLTS = {"mV": Unit(Fraction(1, 1000)), "V": Unit()}
+_PIXELS = {"px": Unit()}
+_DEGREES = {
+    "deg": Unit(),
+    "mdeg": Unit(Fraction(1, 1000)),
+    "udeg": Unit(Fraction(1, 10**6)),
+    "arcsec": Unit(Fraction(1, 3600)),
+    "rad": Unit(Fraction("57.29577951308232")),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Role:
+    """A standard field: the attribute of the message that it fills, what it is, in which units it may come."""
+
+    attribute: str
+    kind: Kind = Kind.INTEGER
+    units: Mapping[str, Unit] = field(default_factory=dict)
+    required: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """A standard message: its class, the fields it may have, those of each slot."""
+
+    message: type[Message]
+    roles: Mapping[str, Role] = field(default_factory=dict)
+    slot_roles: Mapping[str, Role] = field(default_factory=dict)
+
+
+_TIME = Role("time_us", Kind.INTEGER, _MICROSECONDS, required=True)
+
+FORMS: Mapping[str, Form] = {
+    "PANORAMA": Form(
+        PanoramaMessage,
+        {
+            "time": _TIME,
+            "frame_no": Role("frame_no"),
+            "exposure": Role("exposure_s", Kind.NUMBER, _SECONDS),
+            "status": Role("flags", Kind.BITS),
+            "temperature": Role("temperature_c", Kind.NUMBER, _CELSIUS),
+            "count": Role("count"),
+        },
+        {
+            "y": Role("xy_px", Kind.NUMBER, _PIXELS, required=True),
+            "x": Role("xy_px", Kind.NUMBER, _PIXELS, required=True),
+            "index": Role("index", Kind.NUMBER, required=True),
+        },
+    ),
+    "STATUS": Form(
+        StatusMessage,
+        {
+            "time": Role("time_us", Kind.INTEGER, _MICROSECONDS),
+            "frames_taken": Role("frames_taken"),
+            "frames_sent": Role("frames_sent"),
+            "commands_ok": Role("commands_ok"),
+            "commands_bad": Role("commands_bad"),
+            "temperature": Role("temperature_c", Kind.NUMBER, _CELSIUS),
+            "supply": Role("supply_v", Kind.NUMBER, _VOLTS),
+            "mode": Role("mode", Kind.WORD),
+            "firmware": Role("firmware", Kind.INTEGERS),
+            "serial": Role("serial"),
+        },
+    ),
+    "ATTITUDE": Form(
+        AttitudeMessage,
+        {
+            "time": _TIME,
+            "frame_no": Role("frame_no"),
+            "ra": Role("ra_deg", Kind.NUMBER, _DEGREES, required=True),
+            "de": Role("de_deg", Kind.NUMBER, _DEGREES, required=True),
+            "roll": Role("roll_deg", Kind.NUMBER, _DEGREES),
+            "matched": Role("matched"),
+            "state": Role("state", Kind.WORD),
+            "latency": Role("latency_s", Kind.NUMBER, _SECONDS),
+        },
+    ),
+    "ACK": Form(Ack, {"command": Role("command", Kind.COMMAND, required=True), "sequence": Role("sequence")}),
+    "NAK": Form(
+        Nak,
+        {
+            "command": Role("command", Kind.COMMAND, required=True),
+            "reason": Role("reason", Kind.WORD),
+            "sequence": Role("sequence"),
+        },
+    ),
+    "PING": Form(Ping),
+    "START": Form(Start, {"period": Role("period_s", Kind.NUMBER, _SECONDS)}),
+    "STOP": Form(Stop),
+    "REQUEST": Form(Request),
+    "SET_EXPOSURE": Form(SetExposure, {"exposure": Role("exposure_s", Kind.NUMBER, _SECONDS, required=True)}),
+}
+"""Every message that the station understands."""
+
+NAME_OF = {form.message: name for name, form in FORMS.items()}
+"""The standard name of a message class."""
