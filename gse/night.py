@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.config import Station
+from gse.exclusions import Exclusion
 from gse.frame_table import FrameTable
 from gse.results import LinkCounters
+from gse.truth import Alignment, EarthOrientation
 from protocols import AttitudeMessage, StatusMessage
 
 
@@ -16,7 +18,9 @@ class Night:
 
     ``sensor_attitudes`` are the sensor's own answers (ATTITUDE frames) with the UTC given to them; ``raw_sha256`` is
     the hash of all received bytes; ``catalog`` describes the mission catalogue in use; ``versions`` the packages that
-    numbers depend on. A ``truncated`` session lost its end.
+    numbers depend on. A ``truncated`` session lost its end. ``alignment`` is the mount that was fitted on the session
+    itself, ``clock_error_s`` a bound of the host clock's error that the operator states, ``left_out`` what the operator
+    leaves out of the figures.
     """
 
     station: Station
@@ -32,3 +36,7 @@ class Night:
     catalog: dict[str, object] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
     truncated: bool = False
+    earth_orientation: EarthOrientation | None = None
+    alignment: Alignment | None = None
+    clock_error_s: float | None = None
+    left_out: tuple[Exclusion, ...] = ()

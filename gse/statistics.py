@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from gse.axis_figures import AxisFigures, axis_figures
+from gse.clock_health import ClockHealth, clock_health
 from gse.exclusions import Exclusion, exclusions, left_out
 from gse.frame_table import JUDGES, STATUSES
 from gse.night import Night
@@ -86,13 +87,14 @@ class Statistics:
     arrival_ms: Spread
     acquisition_s: float
     outage_s: float
+    clock: ClockHealth
     left_out: tuple[tuple[Exclusion, int], ...]
 
 
-def statistics(night: Night, more: tuple[Exclusion, ...] = ()) -> Statistics:
-    """The figures of a night; ``more`` are stretches to leave out besides those that the events name."""
+def statistics(night: Night) -> Statistics:
+    """The figures of a night, without what its events and its operator leave out."""
     frames = night.frames.columns
-    named = (*exclusions(night.events), *more)
+    named = (*exclusions(night.events), *night.left_out)
     out = left_out(frames["utc_ns"], named)
     kept = frames[~out]
     answered = kept["status"] == STATUSES.index(Status.IDENTIFIED)
@@ -118,6 +120,7 @@ def statistics(night: Night, more: tuple[Exclusion, ...] = ()) -> Statistics:
         arrival_ms=spread((frames["host_utc_ns"] - frames["utc_ns"])[frames["host_utc_ns"] > 0] / 1e6),
         acquisition_s=_acquisition_s(kept["utc_ns"], answered & ~false),
         outage_s=_outage_s(kept["utc_ns"], answered & ~false),
+        clock=clock_health(night.clock, night.events, frames, stated_error_s=night.clock_error_s),
         left_out=tuple((item, int(left_out(frames["utc_ns"], (item,)).sum())) for item in named),
     )
 

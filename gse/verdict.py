@@ -13,7 +13,7 @@ from gse.axis_figures import AxisFigures
 from gse.night import Night
 from gse.results import Verdict
 from gse.statistics import Statistics, statistics
-from gse.truth.budget import TruthBudget, truth_budget
+from gse.truth.budget import NightFacts, TruthBudget, truth_budget
 
 MIN_FRAMES = 30
 """Fewer compared frames than this decide nothing: 95 % of them would be all but one."""
@@ -47,7 +47,7 @@ class Judgement:
 def judge(night: Night) -> Judgement:
     """Measure a night and judge it."""
     figures = statistics(night)
-    budget = truth_budget(night)
+    budget = truth_budget(_facts(night, figures))
     measured = [
         *_accuracy("dRA*", figures.axes["d_ra_cosde"], night.station.limits.d_ra_cosde_arcsec, budget.ra_arcsec),
         *_accuracy("dDE", figures.axes["d_de"], night.station.limits.d_de_arcsec, budget.de_arcsec),
@@ -59,10 +59,31 @@ def judge(night: Night) -> Judgement:
     worst = (Verdict.FAIL, Verdict.INCONCLUSIVE)
     verdict = next((outcome for outcome in worst if outcome in outcomes), Verdict.PASS)
     reasons = [reason for measurement, reason in measured if reason and measurement.outcome is not Verdict.PASS]
-    reasons += budget.complaints(night.station.limits, TRUTH_SHARE) if verdict is not Verdict.PASS else []
+    reasons += _complaints(night, budget) if verdict is not Verdict.PASS else []
     return Judgement(
         verdict, tuple(dict.fromkeys(reasons)), tuple(measurement for measurement, _ in measured), figures, budget
     )
+
+
+def _facts(night: Night, figures: Statistics) -> NightFacts:
+    frames = night.frames.columns
+    epoch = night.catalog.get("epoch_jyear")
+    return NightFacts(
+        site=night.station.site,
+        mount=night.alignment.mount if night.alignment else night.station.mount,
+        earth_orientation=night.earth_orientation if len(frames) else None,
+        utc_ns=int(frames["utc_ns"][len(frames) // 2]) if len(frames) else 0,
+        clock_error_s=figures.clock.error_bound_s,
+        catalog_epoch_jyear=epoch if isinstance(epoch, float) else 2016.0,
+        proper_motions=bool(night.catalog.get("proper_motions")),
+        alignment=night.alignment,
+    )
+
+
+def _complaints(night: Night, budget: TruthBudget) -> list[str]:
+    limits = night.station.limits
+    rows = (("dRA*", limits.d_ra_cosde_arcsec), ("dDE", limits.d_de_arcsec))
+    return [line for axis, limit in rows if (line := budget.complaint(axis, limit, TRUTH_SHARE))]
 
 
 _Measured = tuple[Measurement, str]

@@ -1,5 +1,6 @@
 """Sidereal truth: where the sensor on its mount really looked, by ERFA and the IERS tables on disk."""
 
+from gse.truth.alignment import Alignment, fit_mount
 from gse.truth.mounting import horizon_to_sensor, mount_of
 from gse.truth.orientation import EarthOrientation, Orientation
 from gse.truth.refraction import Refraction
@@ -7,10 +8,12 @@ from gse.truth.sidereal import CORRECTIONS, SiderealTruth
 
 __all__ = [
     "CORRECTIONS",
+    "Alignment",
     "EarthOrientation",
     "Orientation",
     "Refraction",
     "SiderealTruth",
+    "fit_mount",
     "horizon_to_sensor",
     "mount_of",
 ]

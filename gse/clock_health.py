@@ -1,0 +1,91 @@
+"""The clocks of a session: how wrong the host's may be, its steps, and the drift of the sensor's against it."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from drivers.chunk import LinkEvent
+from drivers.clock import ClockReading
+
+_BLOCKS = 60
+_MIN_DRIFT_S = 30.0
+"""Arrival jitters by up to 20 ms, its least value by 30 us: over 30 s that is 1 ppm."""
+_NAN = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class ClockHealth:
+    """What is known of time in a session.
+
+    ``error_bound_s`` is inf where nothing bounds it: no reading, or one that was not synchronised, and nothing stated.
+    ``stated`` is true where the operator's bound took the kernel's place. ``steps`` are the texts of steps of the host
+    clock. ``sensor_drift_ppm`` is the sensor's clock against the host's, positive where it is slow, with the half-width
+    of its 95 % interval; NaN where the session is too short.
+    """
+
+    source: str
+    synchronised: bool
+    readings: int
+    offset_s: float
+    error_bound_s: float
+    stated: bool
+    steps: tuple[str, ...]
+    sensor_drift_ppm: float
+    sensor_drift_error_ppm: float
+
+
+def clock_health(
+    readings: Sequence[ClockReading],
+    events: Sequence[LinkEvent],
+    frames: NDArray[np.void],
+    *,
+    stated_error_s: float | None = None,
+) -> ClockHealth:
+    """The health of the clocks; ``frames`` is a structured array with utc_ns, host_utc_ns and time_us."""
+    synchronised = bool(readings) and all(reading.synchronised for reading in readings)
+    bound_s = max((abs(reading.offset_s) + reading.error_bound_s for reading in readings), default=math.inf)
+    sources = dict.fromkeys(reading.source for reading in readings)
+    steps = [event for event in events if event.kind == "CLOCK_STEP"]
+    drift_ppm, drift_error_ppm = _sensor_drift_ppm(frames, [event.utc_ns for event in steps])
+    return ClockHealth(
+        source=", ".join(sources) or "not recorded",
+        synchronised=synchronised,
+        readings=len(readings),
+        offset_s=max((reading.offset_s for reading in readings), key=abs, default=_NAN),
+        error_bound_s=stated_error_s if stated_error_s is not None else bound_s if synchronised else math.inf,
+        stated=stated_error_s is not None,
+        steps=tuple(event.text for event in steps),
+        sensor_drift_ppm=drift_ppm,
+        sensor_drift_error_ppm=drift_error_ppm,
+    )
+
+
+def _sensor_drift_ppm(frames: NDArray[np.void], steps_ns: list[int]) -> tuple[float, float]:
+    """Slope of the least (host - sensor) difference in the longest stretch without a reset or a step of a clock."""
+    frames = _longest_stretch(frames[frames["host_utc_ns"] > 0], steps_ns)
+    if len(frames) < 2 * _BLOCKS:
+        return _NAN, _NAN
+    sensor_s = (frames["time_us"] - frames["time_us"][0]).astype(np.float64) / 1e6
+    if sensor_s[-1] < _MIN_DRIFT_S:
+        return _NAN, _NAN
+    host_s = (frames["host_utc_ns"] - frames["host_utc_ns"][0]) / 1e9
+    late_s = host_s - sensor_s
+    edges = np.searchsorted(sensor_s, np.linspace(0, sensor_s[-1], _BLOCKS + 1)[1:-1])
+    earliest = [int(rows[late_s[rows].argmin()]) for rows in np.split(np.arange(len(late_s)), edges) if len(rows)]
+    fit = stats.theilslopes(late_s[earliest], sensor_s[earliest])
+    return float(fit.slope) * 1e6, float(fit.high_slope - fit.low_slope) / 2 * 1e6
+
+
+def _longest_stretch(frames: NDArray[np.void], steps_ns: list[int]) -> NDArray[np.void]:
+    if len(frames) == 0:
+        return frames
+    resets = np.flatnonzero(frames["time_us"][1:] < frames["time_us"][:-1]) + 1
+    stepped = [int(np.argmax(frames["host_utc_ns"] >= step_ns)) for step_ns in steps_ns]
+    edges = sorted({0, len(frames), *resets.tolist(), *stepped})
+    first, last = max(itertools.pairwise(edges), key=lambda pair: pair[1] - pair[0])
+    return frames[first:last]

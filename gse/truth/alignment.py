@@ -1,0 +1,117 @@
+"""The mount's direction from measured attitudes: a mean of rotations, with what it leaves.
+
+Works with rotations, not angles: the zenith and the poles are no special cases.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gse.config import Mount
+from gse.errors import UsageError
+from gse.truth.mounting import horizon_to_sensor, mount_of
+
+_REJECT_SIGMA = 5.0
+_MAD_TO_SIGMA = 1.4826
+_ROUNDS = 20
+_BLOCK_NS = 20_000_000_000
+"""Frames within 20 s share the errors of the same pixels: their means count as independent, not they."""
+_ARCSEC_PER_RAD = math.degrees(1) * 3600
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """A fitted mount: from the instants ``from_ns`` to ``until_ns``, on ``n`` frames, with ``rejected`` others.
+
+    ``covariance_arcsec2`` (3 x 3) is of the fitted direction's small rotation vector in the sensor frame (x, y across
+    the boresight, z about it), from the scatter of means over 20 s; ``scatter_arcsec`` is the standard deviation of a
+    single frame about the fit on the same axes.
+    """
+
+    mount: Mount
+    covariance_arcsec2: tuple[tuple[float, float, float], ...]
+    scatter_arcsec: tuple[float, float, float]
+    n: int
+    rejected: int
+    from_ns: int
+    until_ns: int
+
+    @property
+    def sigma_arcsec(self) -> tuple[float, float, float]:
+        """Standard deviations of the fit: across the boresight along columns and rows, and about it."""
+        x, y, z = (math.sqrt(max(self.covariance_arcsec2[i][i], 0.0)) for i in range(3))
+        return x, y, z
+
+    @property
+    def sigma_azimuth_altitude_roll_arcsec(self) -> tuple[float, float, float]:
+        """Standard deviations of the three angles; near the zenith azimuth and roll grow alike: only their sum is
+        known there."""
+        # Columns: by how much the sensor frame turns (about its own axes) per radian of azimuth, altitude and roll.
+        rotation = horizon_to_sensor(self.mount)
+        azimuth = math.radians(self.mount.azimuth_deg)
+        axes_horizon = np.column_stack([[0, 0, -1.0], [math.cos(azimuth), -math.sin(azimuth), 0.0], -rotation[2]])
+        turns = rotation @ axes_horizon
+        inverse = np.linalg.pinv(turns, rcond=1e-12)
+        variance = np.diag(inverse @ np.array(self.covariance_arcsec2) @ inverse.T)
+        one, two, three = (float(value) for value in np.sqrt(np.maximum(variance, 0.0)))
+        return one, two, three
+
+
+def fit_mount(utc_ns: Sequence[int], horizon_to_sensor_each: NDArray[np.float64]) -> Alignment:
+    """The mount from measured rotations (M, 3, 3), horizon frame to sensor frame, at instants (M,).
+
+    Frames further than 5 sigma from the median are rejected. UsageError where there is no frame.
+    """
+    if len(utc_ns) == 0:
+        raise UsageError("the mount cannot be fitted: no frame was identified; expected at least one")
+    instants = np.asarray(utc_ns, dtype=np.int64)
+    fitted = horizon_to_sensor_each[_most_central(horizon_to_sensor_each)]
+    kept: NDArray[np.bool_] = np.ones(len(instants), dtype=bool)
+    for _ in range(_ROUNDS):
+        residual = small_rotations(horizon_to_sensor_each, fitted)
+        middle = np.median(residual[kept], axis=0)
+        sigma = np.maximum(_MAD_TO_SIGMA * np.median(np.abs(residual[kept] - middle), axis=0), 1e-9)
+        before, kept = kept, np.all(np.abs(residual - middle) <= _REJECT_SIGMA * sigma, axis=1)
+        step = residual[kept].mean(axis=0)
+        fitted = Rotation.from_rotvec(step).as_matrix() @ fitted
+        if (kept == before).all() and float(np.abs(step).max()) < 1e-12:
+            break
+    residual = small_rotations(horizon_to_sensor_each[kept], fitted) * _ARCSEC_PER_RAD
+    scatter = residual.std(axis=0, ddof=1) if len(residual) > 1 else np.full(3, math.nan)
+    return Alignment(
+        mount_of(fitted),
+        tuple((row[0], row[1], row[2]) for row in _covariance(instants[kept], residual).tolist()),
+        (float(scatter[0]), float(scatter[1]), float(scatter[2])),
+        int(kept.sum()),
+        int((~kept).sum()),
+        int(instants[kept][0]),
+        int(instants[kept][-1]),
+    )
+
+
+def small_rotations(rotations: NDArray[np.float64], about: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation vectors (M, 3), in radians in the sensor frame, from one rotation (3, 3) to each of (M, 3, 3)."""
+    vectors: NDArray[np.float64] = Rotation.from_matrix(rotations @ about.T).as_rotvec().reshape(-1, 3)
+    return vectors
+
+
+def _most_central(rotations: NDArray[np.float64]) -> int:
+    """A frame among the majority: the one nearest to half of the others, of at most 200."""
+    some = rotations[:: max(len(rotations) // 200, 1)]
+    apart = ((some[:, None] - some[None]) ** 2).sum(axis=(2, 3))
+    return int(np.median(apart, axis=1).argmin()) * max(len(rotations) // 200, 1)
+
+
+def _covariance(utc_ns: NDArray[np.int64], residual: NDArray[np.float64]) -> NDArray[np.float64]:
+    blocks = (utc_ns - utc_ns[0]) // _BLOCK_NS
+    numbers = np.unique(blocks)
+    means = np.array([residual[blocks == number].mean(axis=0) for number in numbers])
+    if len(means) < 8:
+        means = residual
+    if len(means) < 2:
+        return np.full((3, 3), math.nan)
+    return np.asarray(np.cov(means.T) / len(means), dtype=np.float64)
