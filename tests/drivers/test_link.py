@@ -1,0 +1,190 @@
+"""SerialLink on live ports: ptys and loop://, the real driver."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from terminal import Terminal
+
+from drivers.capture import CaptureWriter
+from drivers.capture_reader import messages
+from drivers.chunk import Chunk, LinkEvent
+from drivers.errors import PortError
+from drivers.link import SerialLink
+from drivers.ports import PortInfo, explain, holders
+from drivers.records import EVENTS, RX, TX
+
+
+@pytest.fixture
+def terminal(tmp_path: Path) -> Iterator[Terminal]:
+    terminal = Terminal(tmp_path / "ttySENSOR")
+    yield terminal
+    if terminal.path.exists():
+        terminal.unplug()
+
+
+def fetch(link: SerialLink, enough: Callable[[list[Chunk | LinkEvent]], bool]) -> list[Chunk | LinkEvent]:
+    items: list[Chunk | LinkEvent] = []
+    until = time.monotonic() + 10
+    while not enough(items) and time.monotonic() < until:
+        items += link.receive(0.2)
+    return items
+
+
+def data_of(items: list[Chunk | LinkEvent]) -> bytes:
+    return b"".join(item.data for item in items if isinstance(item, Chunk))
+
+
+def kinds_of(items: list[Chunk | LinkEvent]) -> list[str]:
+    return [item.kind for item in items if isinstance(item, LinkEvent)]
+
+
+def test_bytes_arrive_whole_and_stamped_with_both_clocks(terminal: Terminal) -> None:
+    before = time.time_ns(), time.monotonic_ns()
+    with SerialLink(str(terminal.path)) as link:
+        assert link.is_live
+        assert not link.at_end
+        terminal.write(bytes(range(256)) * 12)
+        items = fetch(link, lambda items: len(data_of(items)) >= 256 * 12)
+    after = time.time_ns(), time.monotonic_ns()
+    assert kinds_of(items) == ["OPENED"]
+    assert data_of(items) == bytes(range(256)) * 12
+    for item in items:
+        assert before[0] <= item.utc_ns <= after[0]
+        assert before[1] <= item.mono_ns <= after[1]
+
+
+def test_bytes_that_came_before_the_port_was_opened_are_kept(tmp_path: Path) -> None:
+    terminal = Terminal(tmp_path / "tty")
+    terminal.write(b"early")
+    with SerialLink(str(terminal.path)) as link:
+        assert data_of(fetch(link, data_of)) == b"early"
+    terminal.unplug()
+
+
+def test_receive_does_not_wait_longer_than_asked(terminal: Terminal) -> None:
+    with SerialLink(str(terminal.path)) as link:
+        assert kinds_of(link.receive(0)) == ["OPENED"]
+        started = time.monotonic()
+        assert link.receive(0.05) == []
+        assert time.monotonic() - started < 1.0
+
+
+def test_a_port_that_goes_and_comes_back_loses_no_byte_and_says_so_once(terminal: Terminal) -> None:
+    sent = b""
+    items: list[Chunk | LinkEvent] = []
+    with SerialLink(str(terminal.path)) as link:
+        for round_no in range(4):
+            piece = bytes([round_no]) * 301
+            sent += piece
+            terminal.write(piece)
+            items += fetch(link, lambda got: len(data_of(got)) >= 301)
+            terminal.unplug()
+            items += fetch(link, lambda got: "LOST" in kinds_of(got))
+            early = b"partial"
+            sent += early
+            back_ns = time.monotonic_ns()
+            terminal.plug(early)
+            items += fetch(link, lambda got: "REOPENED" in kinds_of(got) and len(data_of(got)) >= 7)
+            reopened = next(item for item in reversed(items) if isinstance(item, LinkEvent))
+            assert reopened.mono_ns - back_ns < 1_000_000_000
+    assert data_of(items) == sent
+    assert kinds_of(items) == ["OPENED"] + ["LOST", "REOPENED"] * 4
+
+
+def test_a_usb_adapter_is_found_again_under_another_name(tmp_path: Path) -> None:
+    first, second = Terminal(tmp_path / "ttyUSB0"), Terminal(tmp_path / "ttyUSB1")
+    present = [PortInfo(str(first.path), "FT232R", 0x403, 0x6001, "A50285BI")]
+    with SerialLink(str(first.path), list_ports=lambda: present) as link:
+        first.write(b"one")
+        items = fetch(link, lambda got: data_of(got) == b"one")
+        present[:] = [PortInfo(str(second.path), "FT232R", 0x403, 0x6001, "A50285BI")]
+        second.write(b"two")
+        first.unplug()
+        items += fetch(link, lambda got: data_of(got) == b"two")
+    assert data_of(items) == b"onetwo"
+    assert f"now named {second.path}" in [i for i in items if isinstance(i, LinkEvent)][-1].text
+    second.unplug()
+
+
+def test_a_port_that_is_not_there_yet_can_be_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "late"
+    with SerialLink(str(path), wait_port=True) as link:
+        assert kinds_of(link.receive(1)) == ["NO_PORT"]
+        with pytest.raises(PortError, match="is away"):
+            link.send(b"x")
+        terminal = Terminal(path)
+        terminal.write(b"here")
+        items = fetch(link, lambda got: data_of(got) == b"here")
+        assert kinds_of(items) == ["OPENED"]
+    terminal.unplug()
+
+
+def test_commands_go_out_and_are_recorded(terminal: Terminal, tmp_path: Path) -> None:
+    with CaptureWriter(tmp_path / "s.mcap") as writer, SerialLink(str(terminal.path), recorder=writer) as link:
+        chunk = link.send(b"start")
+        assert terminal.read(100) == b"start"
+        terminal.write(b"ack")
+        fetch(link, data_of)
+    assert [message.chunk() for message in messages(tmp_path / "s.mcap", TX)] == [chunk]
+    assert b"".join(message.data for message in messages(tmp_path / "s.mcap", RX)) == b"ack"
+    assert [message.event().kind for message in messages(tmp_path / "s.mcap", EVENTS)] == ["OPENED"]
+
+
+def test_the_recorder_has_the_bytes_although_nobody_fetches_them(terminal: Terminal, tmp_path: Path) -> None:
+    with CaptureWriter(tmp_path / "s.mcap") as writer, SerialLink(str(terminal.path), recorder=writer) as link:
+        terminal.write(b"unread")
+        until = time.monotonic() + 5
+        while link.backlog_bytes < 6 and time.monotonic() < until:
+            pass
+    assert b"".join(message.data for message in messages(tmp_path / "s.mcap", RX)) == b"unread"
+
+
+def test_any_pyserial_url_will_do() -> None:
+    with SerialLink("loop://") as link:
+        link.send(b"round trip")
+        assert data_of(fetch(link, lambda got: len(data_of(got)) >= 10)) == b"round trip"
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("/dev/ttyNOWHERE", "there is no port /dev/ttyNOWHERE; .*ports? here"),
+        ("/etc/hostname", "is no serial port"),
+        ("nonsense://x", "not known"),
+        ("hwgrep://no such adapter", "no port matches"),
+        ("socket://127.0.0.1:9", "cannot open"),
+        ("sim://", "needs a simulator"),
+    ],
+)
+def test_a_port_that_does_not_open_says_why(url: str, words: str) -> None:
+    with pytest.raises(PortError, match=words):
+        SerialLink(url)
+
+
+def test_a_busy_port_is_refused_and_its_holder_named(terminal: Terminal) -> None:
+    with SerialLink(str(terminal.path)), pytest.raises(PortError, match="is busy"):
+        SerialLink(str(terminal.path))
+
+
+def test_no_permission_says_which_group_to_join() -> None:
+    text = explain("/dev/null", PermissionError(13, "Permission denied"))
+    assert "usermod -aG" in text
+
+
+def test_whoever_holds_a_device_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "held"
+    path.write_text("x")
+    hold = "import sys; held = open(sys.argv[1]); print('open', flush=True); sys.stdin.read()"
+    with subprocess.Popen(
+        [sys.executable, "-c", hold, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        found = holders(str(path))
+        child.communicate()
+    assert [holder for holder in found if f"(pid {child.pid})" in holder]
+    assert holders(str(path)) == []
