@@ -1,0 +1,5 @@
+"""A sensor that is not there: simulated sky, panoramas and firmware, independent of gse.truth."""
+
+from gse.simulator.device import device_factory
+
+__all__ = ["device_factory"]

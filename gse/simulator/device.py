@@ -1,0 +1,153 @@
+"""The simulated sensor behind sim://: its bytes as a serial port of a busy host would give them."""
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from drivers.chunk import Chunk
+from drivers.errors import PortError
+from gse.config import Station
+from gse.errors import GseError
+from gse.instant import NS_PER_S, from_text
+from gse.simulator.firmware import BITS_PER_BYTE, SensorFirmware, Transmission
+from gse.simulator.panorama import PanoramaSource
+from gse.simulator.scenario import DEFAULT, Scenario, load_scenario
+from protocols import load_protocol
+
+OPTIONS = ("scenario", "seed", "frames", "start", "rate_hz", "standby")
+DEFAULT_SEED = 1
+_IDLE_NS = 100_000_000
+"""A silent sensor lets its time pass in steps of this length."""
+_READ_EVERY_NS = 8_000_000
+"""A USB adapter hands over what has come every few milliseconds."""
+_BOOTED_NS = 3600 * NS_PER_S
+"""The host's monotonic clock at the start of the scenario."""
+
+
+class SimulatedSensor:
+    """A sensor and the host's side of its wire; chunks have the host's stamps, in simulated time."""
+
+    def __init__(
+        self, firmware: SensorFirmware, random: np.random.Generator, *, start_ns: int, end_ns: int, baudrate: int,
+        jitter_ms: tuple[float, float],
+    ) -> None:  # fmt: skip
+        self._firmware, self._random = firmware, random
+        self._now_ns, self._end_ns = start_ns, end_ns
+        self._mono_minus_utc_ns = _BOOTED_NS - start_ns
+        self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
+        self._jitter_ns = (jitter_ms[0] * 1e6, jitter_ms[1] * 1e6)
+        self._chunks: deque[Chunk] = deque()
+
+    def next_chunk(self) -> Chunk | None:
+        """The next bytes, an empty chunk while the sensor is silent, None when the scenario is over."""
+        if not self._chunks:
+            due_ns = self._firmware.due_ns
+            idle_ns = self._now_ns + _IDLE_NS
+            if min(idle_ns, due_ns if due_ns is not None else idle_ns) >= self._end_ns:
+                return None
+            if due_ns is None or due_ns > idle_ns:
+                self._pass(idle_ns, b"")
+            else:
+                self._receive(self._firmware.step())
+                if not self._chunks:
+                    self._pass(max(due_ns, self._now_ns), b"")
+        return self._chunks.popleft()
+
+    def command(self, data: bytes, utc_ns: int) -> None:
+        """Bytes that were sent to the sensor."""
+        arrived_ns = max(utc_ns, self._now_ns) + len(data) * self._byte_ns
+        self._receive(self._firmware.command(data, arrived_ns))
+
+    def _receive(self, transmissions: list[Transmission]) -> None:
+        """Cut what is sent into what is read: each read takes the bytes that are complete by then."""
+        for sent in transmissions:
+            given, read_ns = 0, sent.start_ns + self._byte_ns
+            while given < len(sent.data):
+                read_ns = max(read_ns, self._now_ns) + round(self._random.uniform(*self._jitter_ns))
+                complete = min((read_ns - sent.start_ns) // self._byte_ns, len(sent.data))
+                if complete > given:
+                    self._pass(read_ns, sent.data[given:complete])
+                    given = complete
+                read_ns = max(read_ns + _READ_EVERY_NS, sent.start_ns + (given + 1) * self._byte_ns)
+
+    def _pass(self, utc_ns: int, data: bytes) -> None:
+        self._now_ns = utc_ns
+        self._chunks.append(Chunk(utc_ns, utc_ns + self._mono_minus_utc_ns, data))
+
+
+def device_factory(station: Station) -> Callable[[dict[str, str]], SimulatedSensor]:
+    """What makes simulated sensors for sim:// when the station file says ``station``.
+
+    Options of the URL: ``scenario`` (a name or a YAML file), ``seed``, ``frames`` (exposures until the end), ``start``
+    (RFC 3339 UTC), ``rate_hz``, ``standby`` (yes: the sensor waits for START). PortError says what was expected.
+    """
+
+    def make(options: dict[str, str]) -> SimulatedSensor:
+        unknown = sorted(set(options) - set(OPTIONS))
+        if unknown:
+            raise PortError(f"sim://: unknown option {unknown[0]!r}; known are speed, cut, {', '.join(OPTIONS)}")
+        try:
+            scenario = scenario_of(options)
+            return _sensor(station, scenario, options)
+        except GseError as error:
+            raise PortError(f"sim://: {error}") from error
+
+    return make
+
+
+def scenario_of(options: dict[str, str]) -> Scenario:
+    """The scenario with what the options change in it; PortError or ConfigError says what was expected."""
+    scenario = load_scenario(options.get("scenario") or DEFAULT)
+    changes: dict[str, object] = {}
+    if "start" in options:
+        try:
+            from_text(options["start"])
+        except ValueError as error:
+            raise PortError(f"sim://: start: {error}") from error
+        changes["start"] = options["start"]
+    rate_hz = _number(options, "rate_hz", scenario.rate_hz, 0.001, 1000)
+    frames = round(_number(options, "frames", scenario.seconds * rate_hz, 1, 1e9))
+    changes |= {"rate_hz": rate_hz, "seconds": frames / rate_hz, "exposure_s": min(scenario.exposure_s, 1 / rate_hz)}
+    return scenario.model_copy(update=changes)
+
+
+def _sensor(station: Station, scenario: Scenario, options: dict[str, str]) -> SimulatedSensor:
+    standby = options.get("standby", "no")
+    if standby not in ("yes", "no"):
+        raise PortError(f"sim://: standby={standby} does not work: expected yes or no")
+    sky_random, firmware_random, host_random = np.random.default_rng(
+        int(_number(options, "seed", DEFAULT_SEED, 0, 2**63))
+    ).spawn(3)
+    device = scenario.device_for(station)
+    start_ns = scenario.start_utc_ns
+    firmware = SensorFirmware(
+        load_protocol(device.protocol),
+        PanoramaSource(device, scenario, sky_random),
+        scenario.firmware,
+        firmware_random,
+        start_ns=start_ns,
+        exposure_s=scenario.exposure_s,
+        period_s=None if standby == "yes" else 1 / scenario.rate_hz,
+        baudrate=device.port.baudrate,
+    )
+    return SimulatedSensor(
+        firmware,
+        host_random,
+        start_ns=start_ns,
+        end_ns=start_ns + round(scenario.seconds * NS_PER_S),
+        baudrate=device.port.baudrate,
+        jitter_ms=scenario.firmware.host_jitter_ms,
+    )
+
+
+def _number(options: dict[str, str], name: str, default: float, least: float, most: float) -> float:
+    try:
+        value = float(options[name]) if name in options else default
+    except ValueError:
+        value = float("nan")
+    if not least <= value <= most:
+        raise PortError(
+            f"sim://: {name}={options.get(name, '')} does not work: expected a number {least:g} to {most:g}"
+        )
+    return value

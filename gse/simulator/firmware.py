@@ -1,0 +1,229 @@
+"""The sensor's computer: exposures, clock, sequence numbers, commands; without a port or a clock of its own.
+
+Time is what the caller says: ``due_ns`` is when something happens next, ``step`` lets it happen, ``command`` is what
+the wire brings. A frame is sent as soon as its exposure ends and the wire is free; an exposure whose frame would have
+to wait longer than a period is not sent, and its number is missing.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol as Interface
+
+import numpy as np
+
+from gse.instant import NS_PER_S
+from gse.simulator.panorama import Exposure
+from gse.simulator.scenario import Firmware as Traits
+from protocols import (
+    Ack,
+    Discard,
+    Frame,
+    FrameDecoder,
+    Message,
+    Nak,
+    PanoramaMessage,
+    Ping,
+    Protocol,
+    Request,
+    SetExposure,
+    Start,
+    StatusMessage,
+    Stop,
+)
+
+BITS_PER_BYTE = 10
+"""8N1: a start bit, eight data bits, a stop bit."""
+_ANSWER_NS = 1_000_000
+"""What the sensor's computer takes to answer a command."""
+_SHORTEST_EXPOSURE_S, _LONGEST_EXPOSURE_S = 0.001, 2.0
+_LONGEST_PERIOD_S = 3600.0
+_WARM_UP_S = 600.0
+_VERSION = (1, 2, 0)
+_SERIAL = 14014
+_SUPPLY_V = 5.0
+_NAK_REASONS = {"bad crc": "bad CRC", "unknown type": "unknown", "bad length": "bad length"}
+
+
+class Detector(Interface):
+    """What takes the exposures."""
+
+    def expose(self, middle_utc_ns: int, exposure_s: float) -> Exposure:
+        """One exposure, by its middle."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Transmission:
+    """Bytes on the wire, and when their first bit leaves the sensor."""
+
+    start_ns: int
+    data: bytes
+
+
+class SensorFirmware:
+    """A star sensor from power-on; ``start_ns`` is when the scenario begins, UTC."""
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        detector: Detector,
+        traits: Traits,
+        random: np.random.Generator,
+        *,
+        start_ns: int,
+        exposure_s: float,
+        period_s: float | None,
+        baudrate: int,
+    ) -> None:
+        """``period_s`` is that of the panoramas that come from power-on, None for a sensor that waits for START."""
+        self._protocol, self._detector, self._traits, self._random = protocol, detector, traits, random
+        self._first_exposure_s, self._first_period_s = exposure_s, period_s
+        self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
+        self._resets_ns = [start_ns + round(second * NS_PER_S) for second in sorted(traits.resets_s)]
+        self._line_free_ns = start_ns
+        self._power_on(start_ns - round(traits.powered_before_start_s * NS_PER_S), start_ns)
+        self._clock_was_reset = False
+
+    def _power_on(self, power_on_ns: int, ready_ns: int) -> None:
+        self._power_on_ns = power_on_ns
+        self._exposure_s, self._period_s = self._first_exposure_s, self._first_period_s
+        self._next_start_ns = ready_ns if self._period_s is not None else None
+        self._sequence = self._frame_no = self._frames_sent = self._commands_ok = self._commands_bad = 0
+        self._clock_was_reset = True
+        self._ready_ns = ready_ns
+        self._decoder = FrameDecoder(self._protocol)
+
+    @property
+    def due_ns(self) -> int | None:
+        """When something happens next, None while the sensor only waits for commands."""
+        dues = self._resets_ns[:1]
+        if self._next_start_ns is not None:
+            dues.append(self._next_start_ns + self._exposure_ns)
+        return min(dues, default=None)
+
+    def step(self) -> list[Transmission]:
+        """Let happen what is due next."""
+        due_ns = self.due_ns
+        if due_ns is None:
+            return []
+        if self._resets_ns and due_ns == self._resets_ns[0]:
+            del self._resets_ns[0]
+            self._power_on(due_ns, due_ns + round(self._traits.boot_s * NS_PER_S))
+            return []
+        return self._expose()
+
+    def command(self, data: bytes, utc_ns: int) -> list[Transmission]:
+        """Bytes that came from the station."""
+        if utc_ns < self._ready_ns:
+            return []
+        sent: list[Transmission] = []
+        for piece in self._decoder.feed(data):
+            answers = self._obey(piece, utc_ns) if isinstance(piece, Frame) else self._refuse_bytes(piece)
+            for answer in answers:
+                sent.append(self._send(answer, utc_ns + _ANSWER_NS))
+        return sent
+
+    @property
+    def _exposure_ns(self) -> int:
+        return round(self._exposure_s * NS_PER_S)
+
+    def _expose(self) -> list[Transmission]:
+        assert self._next_start_ns is not None
+        start_ns, exposure_ns = self._next_start_ns, self._exposure_ns
+        end_ns, middle_ns = start_ns + exposure_ns, start_ns + exposure_ns // 2
+        number = self._frame_no
+        self._frame_no += 1
+        if self._period_s is None:
+            self._next_start_ns = None
+        else:
+            self._next_start_ns = start_ns + max(round(self._period_s * NS_PER_S), exposure_ns)
+            if self._line_free_ns > end_ns + round(self._period_s * NS_PER_S):
+                return []
+        seen = self._detector.expose(middle_ns, self._exposure_s)
+        flags = seen.flags | {"clock reset"} if self._clock_was_reset else seen.flags
+        self._clock_was_reset = False
+        message = PanoramaMessage(
+            time_us=self._clock_us(middle_ns),
+            frame_no=number,
+            exposure_s=self._exposure_s,
+            flags=flags,
+            temperature_c=self._temperature_c(middle_ns),
+            xy_px=seen.xy_px,
+            index=seen.index,
+        )
+        self._frames_sent += 1
+        return [self._send(message, end_ns)]
+
+    def _obey(self, frame: Frame, utc_ns: int) -> Iterator[Message]:
+        command = self._protocol.decode(frame)
+        if not isinstance(command, Ping | Start | Stop | Request | SetExposure):
+            yield self._refuse(frame.type, "unknown", frame.sequence)
+            return
+        if not self._is_in_range(command):
+            yield self._refuse(frame.type, "out of range", frame.sequence)
+            return
+        self._commands_ok = (self._commands_ok + 1) % 65536
+        match command:
+            case Ping():
+                yield self._status(utc_ns)
+                return
+            case Start():
+                self._period_s = command.period_s
+                self._next_start_ns = max(utc_ns, self._next_start_ns or 0)
+            case Stop():
+                self._period_s = self._next_start_ns = None
+            case Request():
+                self._next_start_ns = self._next_start_ns or utc_ns
+            case SetExposure():
+                self._exposure_s = command.exposure_s
+        yield Ack(frame.type, frame.sequence)
+
+    def _is_in_range(self, command: Message) -> bool:
+        if isinstance(command, Start):
+            return self._exposure_s <= command.period_s <= _LONGEST_PERIOD_S
+        if isinstance(command, SetExposure):
+            return _SHORTEST_EXPOSURE_S <= command.exposure_s <= _LONGEST_EXPOSURE_S
+        return True
+
+    def _refuse_bytes(self, discard: Discard) -> Iterator[Message]:
+        """NAK for what began as a frame; garbage between frames is not answered."""
+        layout = self._protocol.frame_layout
+        reason, offset = _NAK_REASONS.get(discard.reason), len(layout.sync_word)
+        if reason and offset and len(discard.data) >= offset + layout.header.size:
+            code, _, _, sequence = layout.header.read(discard.data, offset)
+            yield self._refuse(f"value {code}", reason, sequence)
+
+    def _refuse(self, command: str, reason: str, sequence: int) -> Nak:
+        self._commands_bad = (self._commands_bad + 1) % 65536
+        return Nak(command, reason, sequence)
+
+    def _send(self, message: Message, ready_ns: int) -> Transmission:
+        data = self._protocol.encode(message, self._sequence)
+        self._sequence = (self._sequence + 1) % 65536
+        start_ns = max(ready_ns, self._line_free_ns)
+        self._line_free_ns = start_ns + len(data) * self._byte_ns
+        return Transmission(start_ns, data)
+
+    def _status(self, utc_ns: int) -> StatusMessage:
+        return StatusMessage(
+            time_us=self._clock_us(utc_ns),
+            frames_taken=self._frame_no,
+            frames_sent=self._frames_sent,
+            commands_ok=self._commands_ok,
+            commands_bad=self._commands_bad,
+            temperature_c=self._temperature_c(utc_ns),
+            supply_v=_SUPPLY_V,
+            mode="standby" if self._period_s is None else "streaming",
+            firmware=_VERSION,
+            serial=_SERIAL,
+        )
+
+    def _clock_us(self, utc_ns: int) -> int:
+        since_ns = utc_ns - self._power_on_ns
+        return (since_ns + round(since_ns * self._traits.clock_drift_ppm * 1e-6)) // 1000
+
+    def _temperature_c(self, utc_ns: int) -> float:
+        cold, warm = self._traits.temperature_c
+        powered_s = (utc_ns - self._power_on_ns) / NS_PER_S
+        return warm + (cold - warm) * math.exp(-powered_s / _WARM_UP_S) + float(self._random.normal(0, 0.02))

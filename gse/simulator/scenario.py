@@ -1,0 +1,204 @@
+"""A scenario: what the simulated night, optics and firmware are like, from a YAML file."""
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from gse.config import BUILT_IN_TEXT, Station
+from gse.errors import ConfigError
+from gse.instant import from_text
+
+MAX_FILE_BYTES = 100_000
+"""A scenario is a page of text."""
+
+DEFAULT = "clear-zenith"
+
+_Profile = tuple[tuple[float, float], ...]
+"""(seconds since the start, value), linear between, held outside."""
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Optics(_Section):
+    """How stars become objects."""
+
+    faintest_magnitude: Annotated[float, Field(ge=-2, le=10)] = 6.2
+    """Limit of detection at ``exposure_s`` in a dark sky, Gaia G."""
+    saturation_magnitude: Annotated[float, Field(ge=-5, le=10)] = 1.5
+    """Brightness that reaches the highest index value at ``exposure_s``."""
+    magnitude_noise: Annotated[float, Field(ge=0, le=3)] = 0.1
+    position_noise_arcsec: Annotated[float, Field(ge=0, le=1000)] = 10.0
+    """Per axis, before positions are put on whole pixels."""
+
+
+class Detector(_Section):
+    """What is seen besides stars, and what is not seen."""
+
+    hot_pixels: Annotated[int, Field(ge=0, le=1000)] = 0
+    hot_pixel_index: tuple[float, float] = (100.0, 2000.0)
+    """The range of their index values."""
+    false_objects: Annotated[float, Field(ge=0, le=30)] = 0.0
+    """Mean number per frame, anywhere on the detector."""
+    missing: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Chance that a star is missed in a frame."""
+
+
+class Air(_Section):
+    """What stands before the stars."""
+
+    cloud_magnitudes: _Profile = ((0.0, 0.0),)
+    """Extinction in the middle of a cloud."""
+    cloud_cover: Annotated[float, Field(ge=0, le=1)] = 1.0
+    """Share of the sky that clouds cover while there are any."""
+    cloud_drift_px_per_s: tuple[float, float] = (20.0, 7.0)
+    sky_magnitudes: _Profile = ((0.0, 0.0),)
+    """By how much a bright sky (Moon, twilight) lifts the limit of detection."""
+    overexposed_from_magnitudes: Annotated[float, Field(gt=0)] = 5.0
+    """So much sky makes the sensor report ``overexposed``."""
+
+
+class Firmware(_Section):
+    """What the sensor's computer is like."""
+
+    clock_drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = 3.0
+    powered_before_start_s: Annotated[float, Field(ge=0)] = 2.0
+    resets_s: tuple[float, ...] = ()
+    """Seconds after the start at which the sensor restarts by itself."""
+    boot_s: Annotated[float, Field(ge=0, le=60)] = 2.0
+    temperature_c: tuple[float, float] = (21.0, 28.0)
+    """Detector at power-on, and when it is warm."""
+    host_jitter_ms: tuple[float, float] = (0.1, 2.0)
+    """How late the host reads a byte."""
+
+
+class Finding(_Section):
+    """What the station must find: the verdict, and words that its reasons must hold."""
+
+    verdict: Annotated[str, Field(pattern="^(PASS|FAIL|INCONCLUSIVE)$")] = "PASS"
+    reasons: tuple[str, ...] = ()
+    identified_at_least: Annotated[float, Field(ge=0, le=1)] = 0.0
+    identified_at_most: Annotated[float, Field(ge=0, le=1)] = 1.0
+    """Shares of the panoramas."""
+
+
+class Scenario(_Section):
+    """A whole scenario.
+
+    ``station`` changes the station file and the device alike; ``device`` changes the device only, behind the
+    station's back.
+    """
+
+    text: Annotated[str, Field(min_length=1)]
+    start: str = "2026-03-20T15:00:00Z"
+    seconds: Annotated[float, Field(gt=0)] = 60.0
+    rate_hz: Annotated[float, Field(gt=0, le=1000)] = 10.0
+    exposure_s: Annotated[float, Field(ge=0.001, le=2)] = 0.05
+    station: dict[str, Any] = {}
+    device: dict[str, Any] = {}
+    optics: Optics = Optics()
+    detector: Detector = Detector()
+    air: Air = Air()
+    firmware: Firmware = Firmware()
+    find: Finding = Finding()
+
+    @field_validator("start")
+    @classmethod
+    def _an_instant(cls, value: str) -> str:
+        from_text(value)
+        return value
+
+    @property
+    def start_utc_ns(self) -> int:
+        """Start in UTC nanoseconds."""
+        return from_text(self.start)
+
+    def station_for(self, station: Station) -> Station:
+        """The station file that fits this scenario."""
+        return _changed(station, self.station)
+
+    def device_for(self, station: Station) -> Station:
+        """What the device really is when the station file says ``station``."""
+        return _changed(_changed(station, self.station), self.device)
+
+    def station_text(self) -> str:
+        """The built-in station's file with this scenario's changes, as YAML."""
+        document = _merged(yaml.safe_load(BUILT_IN_TEXT), self.station)
+        return yaml.safe_dump(document, sort_keys=False)
+
+
+def scenario_names() -> list[str]:
+    """The scenarios that come with the station."""
+    return sorted(entry.name.removesuffix(".yaml") for entry in _folder().iterdir() if entry.name.endswith(".yaml"))
+
+
+def load_scenario(name_or_path: str) -> Scenario:
+    """A scenario by its name, or from a YAML file; ConfigError says what was expected."""
+    packaged = _folder() / f"{name_or_path}.yaml"
+    if name_or_path in scenario_names():
+        return parse_scenario(packaged.read_text(encoding="utf-8"), f"scenario {name_or_path}")
+    path = Path(name_or_path)
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise ConfigError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no scenario")
+        return parse_scenario(path.read_text(encoding="utf-8"), str(path))
+    except (OSError, UnicodeDecodeError):
+        names = ", ".join(scenario_names())
+        raise ConfigError(f"no scenario {name_or_path!r}: expected one of {names}, or a readable YAML file") from None
+
+
+def parse_scenario(text: str, source: str) -> Scenario:
+    """The scenario of a YAML text; ConfigError names source, key and reason."""
+    try:
+        document = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{source}: not YAML: {str(error).splitlines()[0]}") from error
+    if not isinstance(document, dict):
+        raise ConfigError(f"{source}: expected a mapping with the keys {', '.join(Scenario.model_fields)}")
+    try:
+        return Scenario.model_validate(document)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(f"{source}: {key}: {first['msg'].lower()}, got {first['input']!r:.60}") from error
+
+
+def profile_at(profile: _Profile, seconds: float) -> float:
+    """Value of a profile at a time since the start."""
+    before = profile[0]
+    for point in profile:
+        if seconds <= point[0]:
+            step_s = point[0] - before[0]
+            share = (seconds - before[0]) / step_s if step_s > 0 else 1.0
+            return before[1] + (point[1] - before[1]) * max(share, 0.0)
+        before = point
+    return before[1]
+
+
+def _changed(station: Station, changes: dict[str, Any]) -> Station:
+    if not changes:
+        return station
+    try:
+        return Station.model_validate(_merged(station.model_dump(), changes))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(
+            f"the scenario's change of the station does not work: {key}: {first['msg'].lower()}"
+        ) from error
+
+
+def _merged(document: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(document)
+    for key, value in changes.items():
+        old = merged.get(key)
+        merged[key] = _merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return merged
+
+
+def _folder() -> Any:
+    return files("gse.simulator") / "scenarios"

@@ -1,0 +1,128 @@
+"""The sky over a site as astropy's high-level frames show it.
+
+Catalogue stars go from ICRS to AltAz with refraction at four instants of each cell of 300 s; between them each
+direction is interpolated by a cubic, which is good to 1e-4 arcsec. Cells begin at fixed instants, so that an answer
+depends on its own instant only.
+"""
+
+import contextlib
+import functools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import astropy.units as u
+import numpy as np
+from astropy.coordinates import AltAz, EarthLocation, SkyCoord
+from astropy.time import Time
+from astropy.utils import iers
+from numpy.typing import NDArray
+
+from gse.catalog import StarCatalog, merge_doubles
+from gse.config import Site
+from gse.instant import NS_PER_S, to_julian_date
+
+CELL_NS = 300 * NS_PER_S
+_NODE_NS = CELL_NS // 3
+_EARTH_RATE_RAD_PER_S = 7.2921e-5
+_WAVELENGTH_UM = 0.6
+"""Where a silicon detector sees stars, for refraction."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkyCell:
+    """300 s of stars near a direction: ``nodes`` (4, N, 3) in the horizon frame, ``magnitude`` (N,)."""
+
+    start_ns: int
+    magnitude: NDArray[np.float64]
+    nodes: NDArray[np.float64]
+
+    def directions(self, utc_ns: int) -> NDArray[np.float64]:
+        """Unit vectors (N, 3), x east, y north, z up, of where the stars are seen; exact at the nodes."""
+        t = (utc_ns - self.start_ns) / _NODE_NS
+        weights = np.array(
+            [
+                -(t - 1) * (t - 2) * (t - 3) / 6,
+                t * (t - 2) * (t - 3) / 2,
+                -t * (t - 1) * (t - 3) / 2,
+                t * (t - 1) * (t - 2) / 6,
+            ]
+        )
+        seen: NDArray[np.float64] = np.tensordot(weights, self.nodes, axes=1)
+        return seen
+
+
+class Sky:
+    """Stars of a catalogue over a site, none below the horizon; those within ``merged_within_rad`` are one."""
+
+    def __init__(self, site: Site, catalog: StarCatalog, merged_within_rad: float = 0.0) -> None:
+        self._catalog = catalog
+        self._merged_within_rad = merged_within_rad
+        self._location = EarthLocation.from_geodetic(
+            site.longitude_deg * u.deg, site.latitude_deg * u.deg, site.height_m * u.m
+        )
+        self._air = {
+            "pressure": site.pressure_hpa * u.hPa,
+            "temperature": site.temperature_c * u.deg_C,
+            "relative_humidity": site.relative_humidity,
+            "obswl": _WAVELENGTH_UM * u.um,
+        }
+
+    def cell(
+        self, utc_ns: int, boresight_horizon: NDArray[np.float64], radius_rad: float, faintest_magnitude: float
+    ) -> SkyCell:
+        """The cell of an instant: all stars that come within ``radius_rad`` of a fixed direction (3,) during it."""
+        start_ns = utc_ns // CELL_NS * CELL_NS
+        reach_rad = min(radius_rad + _EARTH_RATE_RAD_PER_S * CELL_NS / NS_PER_S / 2 + 1e-3, math.pi)
+        with _earth_orientation():
+            centre_icrs = self._icrs(boresight_horizon, start_ns + CELL_NS // 2)
+            bright = int(np.searchsorted(self._catalog.magnitude, faintest_magnitude))
+            near = np.flatnonzero(self._catalog.icrs[:bright] @ centre_icrs > math.cos(reach_rad))
+            stars = self._catalog.rows(near)
+            if self._merged_within_rad > 0:
+                stars = merge_doubles(stars, self._merged_within_rad)
+            nodes = self._seen(stars.icrs, start_ns + _NODE_NS * np.arange(4))
+        above = nodes[:, :, 2].min(axis=0) > 0
+        return SkyCell(start_ns, stars.magnitude[above], np.ascontiguousarray(nodes[:, above]))
+
+    def _frame(self, utc_ns: NDArray[np.int64]) -> AltAz:
+        instants = [to_julian_date(int(ns)) for ns in utc_ns]
+        days, fractions = zip(*instants, strict=True)
+        return AltAz(
+            obstime=Time(np.array(days)[:, None], np.array(fractions)[:, None], format="jd", scale="utc"),
+            location=self._location,
+            **self._air,
+        )
+
+    def _seen(self, stars_icrs: NDArray[np.float64], utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Stars (N, 3) as seen at instants (M,): unit vectors (M, N, 3) in the horizon frame."""
+        x, y, z = stars_icrs.T
+        stars = SkyCoord(np.arctan2(y, x)[None] * u.rad, np.arctan2(z, np.hypot(x, y))[None] * u.rad, frame="icrs")
+        seen = stars.transform_to(self._frame(utc_ns))
+        azimuth, altitude = seen.az.rad, seen.alt.rad
+        level = np.cos(altitude)
+        return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(altitude)], axis=-1)
+
+    def _icrs(self, direction_horizon: NDArray[np.float64], utc_ns: int) -> NDArray[np.float64]:
+        east, north, up = (float(value) for value in direction_horizon)
+        altitude_rad = max(math.atan2(up, math.hypot(east, north)), math.radians(-1))
+        seen = SkyCoord(
+            az=math.atan2(east, north) * u.rad, alt=altitude_rad * u.rad, frame=self._frame(np.array([utc_ns]))
+        )
+        return np.asarray(seen.transform_to("icrs").cartesian.xyz.value, dtype=np.float64).reshape(3)
+
+
+@functools.lru_cache(maxsize=1)
+def _tables() -> iers.IERS:
+    return iers.IERS_A.open(iers.IERS_A_FILE)
+
+
+@contextlib.contextmanager
+def _earth_orientation() -> Iterator[None]:
+    """The IERS tables that are installed, never a download; outside them astropy's own approximation."""
+    with (
+        iers.earth_orientation_table.set(_tables()),
+        iers.conf.set_temp("auto_download", False),
+        iers.conf.set_temp("iers_degraded_accuracy", "ignore"),
+    ):
+        yield
