@@ -14,11 +14,14 @@ LIVE_WINDOW_S = 600.0
 
 
 def layout(
-    station: Station, *, window_s: float | None, boresight_icrs: NDArray[np.float64] | None = None
+    station: Station, *, live: bool, window_s: float | None = None, boresight_icrs: NDArray[np.float64] | None = None
 ) -> rrb.Blueprint:
-    """All views of a station over the last ``window_s`` seconds, or over everything (None)."""
+    """All views of a station over the last ``window_s`` seconds, or over everything (None).
+
+    A ``live`` view follows the newest data.
+    """
     ranges = _time_ranges(window_s)
-    axis = rrb.TimeAxis(view_range=_time_range(window_s), link="LinkToGlobal" if window_s is None else None)
+    axis = rrb.TimeAxis(view_range=_time_range(window_s))
     graphs = rrb.Vertical(
         _error_view("d_ra", "dRA* (arcsec)", station.limits.d_ra_cosde_arcsec, axis),
         _error_view("d_de", "dDE (arcsec)", station.limits.d_de_arcsec, axis),
@@ -47,9 +50,7 @@ def layout(
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TopPanel(state="collapsed"),
-        rrb.TimePanel(
-            state="collapsed", timeline=TIMELINE, play_state="following" if window_s is not None else "paused"
-        ),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following" if live else "paused"),
         auto_views=False,
         auto_layout=False,
     )
@@ -112,7 +113,7 @@ def _scatter_view(station: Station, ranges: rrb.VisibleTimeRanges) -> rrb.Spatia
     return rrb.Spatial2DView(
         origin="/scatter",
         name="dRA* and dDE (arcsec)",
-        visual_bounds=rrb.VisualBounds2D(x_range=(-x, x), y_range=(-y, y)),
+        visual_bounds=rrb.VisualBounds2D(x_range=(-x, x), y_range=(-y, 1.1 * y)),
         overrides={"/scatter/points": ranges},
     )
 

@@ -23,7 +23,6 @@ from gse.config import Station
 from gse.instant import NS_PER_S
 from gse.night import Night
 from gse.results import FrameResult, LinkCounters
-from gse.view.blueprint import LIVE_WINDOW_S
 from gse.view.page import ViewerPage
 from gse.view.scene import Scene
 from gse.view.viewer import open_native_viewer
@@ -84,7 +83,6 @@ class LiveView:
         self._closing = threading.Event()
         self._page: ViewerPage | None = None
         self._stream = rr.RecordingStream("gse", send_properties=False)
-        self._window_s = LIVE_WINDOW_S
         self._connect(mode, save_rrd, bind, port)
         self._thread = threading.Thread(target=self._run, args=(station, catalog), name="live view", daemon=True)
         self._thread.start()
@@ -137,7 +135,7 @@ class LiveView:
         self.close()
 
     def _run(self, station: Station, catalog: StarCatalog | None) -> None:
-        teller = _Teller(Scene(self._stream, station, catalog, self._window_s))
+        teller = _Teller(Scene(self._stream, station, catalog, live=True))
         while True:
             last = self._closing.is_set()
             while batch := self._take():

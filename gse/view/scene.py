@@ -14,7 +14,7 @@ from gse.config import Station
 from gse.frame_table import FrameTable
 from gse.instant import NS_PER_S
 from gse.results import FrameResult, Status
-from gse.view.blueprint import layout
+from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.palette import GREEN, GREY, ORANGE, VERMILLION
 from gse.view.picture import Picture
 from gse.view.running import Running
@@ -41,18 +41,20 @@ class Scene:
     """A rerun recording that grows with a session. Not for two threads at once."""
 
     def __init__(
-        self, stream: rr.RecordingStream, station: Station, catalog: StarCatalog | None, window_s: float | None
+        self, stream: rr.RecordingStream, station: Station, catalog: StarCatalog | None, *, live: bool
     ) -> None:
         self._stream = stream
         self._station = station
-        self._window_s = window_s
+        self._live = live
+        self._began_ns = 0
+        self._boresight_icrs: NDArray[np.float64] | None = None
+        self._window_s: float | None = None
         self._picture = Picture(station.sensor.camera(), station.sensor.index_max)
         self._track = FrameTable()
         self._track_from_ns = 0
-        self._aimed = False
         self._status: Status | None = None
         self.running = Running(station.limits)
-        stream.send_blueprint(layout(station, window_s=window_s))
+        stream.send_blueprint(layout(station, live=live))
         begin_series(stream)
         self._picture.begin(stream)
         begin_sky(stream, catalog)
@@ -95,18 +97,30 @@ class Scene:
             return
         columns = self._track.columns
         self._track = FrameTable()
-        self._aim(columns["ra_deg"], columns["de_deg"])
+        self._lay_out(columns)
         send_sky(self._stream, columns, self._picture.camera)
         send_scatter(self._stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
 
-    def _aim(self, ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64]) -> None:
-        """Turn the eye of the sky view to the boresight, once it is known."""
-        known = np.flatnonzero(np.isfinite(ra_deg))
-        if self._aimed or not len(known):
-            return
-        boresight = unit_vectors(ra_deg[known[:1]], de_deg[known[:1]])[0]
-        self._stream.send_blueprint(layout(self._station, window_s=self._window_s, boresight_icrs=boresight))
-        self._aimed = True
+    def _lay_out(self, columns: NDArray[np.void]) -> None:
+        """Send the layout anew when the boresight is first known, and when a live view has got its ten minutes.
+
+        Each time the user's own arrangement is lost, so it happens just then.
+        """
+        known = np.flatnonzero(np.isfinite(columns["ra_deg"]))
+        aims = self._boresight_icrs is None and len(known) > 0
+        if aims:
+            first = known[:1]
+            self._boresight_icrs = unit_vectors(columns["ra_deg"][first], columns["de_deg"][first])[0]
+        self._began_ns = self._began_ns or int(columns["utc_ns"][0])
+        age_s = (int(columns["utc_ns"][-1]) - self._began_ns) / NS_PER_S
+        narrows = self._live and self._window_s is None and age_s > LIVE_WINDOW_S
+        if narrows:
+            self._window_s = LIVE_WINDOW_S
+        if aims or narrows:
+            wanted = layout(
+                self._station, live=self._live, window_s=self._window_s, boresight_icrs=self._boresight_icrs
+            )
+            self._stream.send_blueprint(wanted)
 
     def event(self, event: LinkEvent) -> None:
         """Show an event of the link in its state bar and in the log."""
