@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,10 +12,13 @@ from scipy import stats
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
+from gse.errors import UsageError
 
 _BLOCKS = 60
 _MIN_DRIFT_S = 30.0
 """Arrival jitters by up to 20 ms, its least value by 30 us: over 30 s that is 1 ppm."""
+_DURATION = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(s|ms|us)")
+_UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 _NAN = float("nan")
 
 
@@ -89,3 +93,11 @@ def _longest_stretch(frames: NDArray[np.void], steps_ns: list[int]) -> NDArray[n
     edges = sorted({0, len(frames), *resets.tolist(), *stepped})
     first, last = max(itertools.pairwise(edges), key=lambda pair: pair[1] - pair[0])
     return frames[first:last]
+
+
+def stated_error_s(text: str) -> float:
+    """The seconds of a bound that an operator states: 0.1s, 20ms, 50us; UsageError says what was expected."""
+    found = _DURATION.fullmatch(text.strip())
+    if found is None:
+        raise UsageError(f"a clock error of {text!r} is no time; expected for example 0.1s, 20ms or 50us")
+    return float(found[1]) * _UNITS_S[found[2]]
