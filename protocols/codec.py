@@ -1,9 +1,11 @@
 """Payloads to messages, and back."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from protocols.conversion import FieldCodec
 from protocols.errors import EncodeError
@@ -17,6 +19,7 @@ class MessageCodec:
     def __init__(self, layout: MessageLayout, commands: Mapping[int, str]) -> None:
         self.layout = layout
         self._fields = tuple(FieldCodec(field, commands) for field in layout.fields)
+        self._checked = tuple((at, field) for at, field in enumerate(self._fields) if field.is_checked)
 
     def decode(self, payload: bytes) -> Message:
         """The message of a payload that has this type's length."""
@@ -26,31 +29,29 @@ class MessageCodec:
         return self.layout.form.message(**values, problems=tuple(problems))
 
     def _decode_fields(self, payload: bytes) -> tuple[dict[str, Any], list[str]]:
-        values: dict[str, Any] = {}
-        problems: list[str] = []
-        if self._fields:
-            counts = np.frombuffer(payload, self.layout.dtype, 1)[0].item()
-            for field, count in zip(self._fields, counts, strict=True):
-                values[field.attribute] = field.value_of(count)
-                problem = field.problem_of(count)
-                if problem is not None:
-                    problems.append(problem)
-        return values, problems
+        if not self._fields:
+            return {}, []
+        counts = np.frombuffer(payload, self.layout.dtype, 1)[0].item()
+        values = {field.attribute: field.value_of(count) for field, count in zip(self._fields, counts, strict=True)}
+        problems = (field.problem_of(counts[at]) for at, field in self._checked)
+        return values, [problem for problem in problems if problem is not None]
 
     def encode(self, message: Message) -> bytes:
         """The payload that says this message; EncodeError if a value does not fit."""
         if isinstance(message, Other):
-            if len(message.payload) != self.layout.size:
-                raise EncodeError(f"{message.type} has {self.layout.size} bytes, not {len(message.payload)}")
             return message.payload
-        record = np.zeros(1, self.layout.dtype) if self.layout.size else np.zeros(0, np.uint8)
-        for field in self._fields:
-            record[field.name] = field.count_of(getattr(message, field.attribute))
-        return record.tobytes()
+        payload = bytearray(self.layout.size)
+        self._encode_fields(payload, [getattr(message, field.attribute) for field in self._fields])
+        return bytes(payload)
+
+    def _encode_fields(self, payload: bytearray, values: Sequence[Any]) -> None:
+        if self._fields:
+            counts = tuple(field.count_of(value) for field, value in zip(self._fields, values, strict=True))
+            np.frombuffer(payload, self.layout.dtype, 1)[0] = counts
 
 
 class PanoramaCodec(MessageCodec):
-    """Converts panoramas: their slots are read as arrays."""
+    """Converts panoramas: their slots are read and written as arrays."""
 
     def __init__(self, layout: MessageLayout, commands: Mapping[int, str]) -> None:
         super().__init__(layout, commands)
@@ -58,27 +59,27 @@ class PanoramaCodec(MessageCodec):
         self._slots = layout.slots
         codecs = {field.name: FieldCodec(field, commands) for field in layout.slots.fields}
         self._x, self._y, self._index = codecs["x"], codecs["y"], codecs["index"]
+        self._checked_slots = tuple(field for field in codecs.values() if field.is_checked)
         self._end = self._slots.offset + self._slots.repeat * self._slots.dtype.itemsize
 
     def decode(self, payload: bytes) -> PanoramaMessage:
         """The panorama of a payload that has this type's length."""
         values, problems = self._decode_fields(payload)
-        count = self._used(payload, values.pop("count", None), problems)
-        slots = np.frombuffer(payload, self._slots.dtype, self._slots.repeat, self._slots.offset)[:count]
-        xy_px = np.empty((count, 2))
-        xy_px[:, 0] = self._x.value_of(slots["x"])
-        xy_px[:, 1] = self._y.value_of(slots["y"])
-        index = np.asarray(self._index.value_of(slots["index"]), dtype=np.float64)
-        if count:
-            self._check(slots, xy_px, index, problems)
+        used = self._used(payload, values.pop("count", None), problems)
+        slots = np.frombuffer(payload, self._slots.dtype, used, self._slots.offset)
+        xy_px = np.empty((used, 2))
+        xy_px[:, 0] = self._x.values_of(slots["x"])
+        xy_px[:, 1] = self._y.values_of(slots["y"])
+        if used:
+            problems += self._slot_problems(slots)
         return PanoramaMessage(
             time_us=values["time_us"],
             frame_no=values.get("frame_no", 0),
             exposure_s=values.get("exposure_s", 0.0),
             flags=values.get("flags", frozenset()),
-            temperature_c=values.get("temperature_c", float("nan")),
+            temperature_c=values.get("temperature_c", math.nan),
             xy_px=xy_px,
-            index=index,
+            index=self._index.values_of(slots["index"]),
             problems=tuple(problems),
         )
 
@@ -96,18 +97,16 @@ class PanoramaCodec(MessageCodec):
             problems.append(f"count is {count}, but a slot after that is not zero")
         return count
 
-    def _check(self, slots: Any, xy_px: Any, index: Any, problems: list[str]) -> None:
-        if not (np.isfinite(xy_px).all() and np.isfinite(index).all()):
-            problems.append("a position or index is not a finite number")
-        for field in (self._x, self._y, self._index):
-            if field.is_bounded:
-                counts = slots[field.name]
-                problem = field.problem_of(counts.min().item()) or field.problem_of(counts.max().item())
-                if problem is not None:
-                    problems.append(problem)
+    def _slot_problems(self, slots: NDArray[np.void]) -> Iterator[str]:
+        """One problem of each field, that of its first slot in disorder."""
+        for field in self._checked_slots:
+            counts = slots[field.name]
+            wrong = counts[~field.is_in_order(counts)]
+            if len(wrong):
+                yield field.problem_of(wrong[0].item()) or ""
 
     def encode(self, message: Message) -> bytes:
-        """The payload that says this panorama."""
+        """The payload that says this panorama; EncodeError if a value does not fit."""
         assert isinstance(message, PanoramaMessage)
         count = len(message.xy_px)
         if count > self._slots.repeat or len(message.index) != count:
@@ -116,10 +115,9 @@ class PanoramaCodec(MessageCodec):
                 f"expected as many of each, up to {self._slots.repeat}"
             )
         payload = bytearray(self.layout.size)
-        head = np.frombuffer(payload, self.layout.dtype, 1)
-        for field in self._fields:
-            head[field.name] = field.count_of(count if field.name == "count" else getattr(message, field.attribute))
-        slots = np.frombuffer(payload, self._slots.dtype, self._slots.repeat, self._slots.offset)[:count]
+        values = [count if f.name == "count" else getattr(message, f.attribute) for f in self._fields]
+        self._encode_fields(payload, values)
+        slots = np.frombuffer(payload, self._slots.dtype, count, self._slots.offset)
         slots["x"] = self._x.counts_of(message.xy_px[:, 0])
         slots["y"] = self._y.counts_of(message.xy_px[:, 1])
         slots["index"] = self._index.counts_of(message.index)

@@ -1,7 +1,7 @@
 """Wire counts to values in the station's units, and back."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from protocols.errors import EncodeError
 from protocols.layout import FieldLayout
 from protocols.vocabulary import Kind
 
-Count = Any  # a Python int or float, or a list of ints, as numpy gives it
+Count = Any  # a Python int or float, or an array of ints, as numpy gives it
 Value = Any  # int, float, str, frozenset[str] or tuple[int, ...], as the field's Kind says
 
 LARGEST_TIME_US = 2**53
@@ -19,42 +19,55 @@ LARGEST_TIME_US = 2**53
 
 
 class FieldCodec:
-    """Converts the numbers of one field; ``codes`` names the commands that ACK and NAK speak of."""
+    """Converts the numbers of one field; ``commands`` are the names of the codes that ACK and NAK speak of.
 
-    def __init__(self, field: FieldLayout, codes: Mapping[int, str]) -> None:
+    ``value_of`` is the value of a count; ``is_checked`` says whether some counts are out of order at all.
+    """
+
+    def __init__(self, field: FieldLayout, commands: Mapping[int, str]) -> None:
         self.name = field.name
         self.attribute = field.role.attribute
+        self.is_float = field.is_float
         self._field = field
-        self._words = codes if field.role.kind is Kind.COMMAND else field.words
-        self._numbers = {word: number for number, word in self._words.items()}
-        self._multiplier, self._divisor = field.factor.numerator, field.factor.denominator
+        self._is_time = self.attribute == "time_us"
+        self._multiplier, self._divisor = float(field.factor.numerator), float(field.factor.denominator)
         self._zero = float(field.zero)
+        self._is_plain = field.factor == 1 and field.zero == 0
+        self._words = commands if field.role.kind is Kind.COMMAND else field.words
+        self._numbers = {word: number for number, word in self._words.items()}
         self.value_of: Callable[[Count], Value] = self._reader()
 
+    @property
+    def is_checked(self) -> bool:
+        """Whether ``problem_of`` may find something."""
+        bounded = self._field.minimum is not None or self._field.maximum is not None
+        return bounded or self.is_float or self._is_time
+
     def _reader(self) -> Callable[[Count], Value]:
+        multiplier, divisor, zero = self._multiplier, self._divisor, self._zero
         match self._field.role.kind:
-            case Kind.NUMBER:
-                return self._number
             case Kind.BITS:
                 return self._bits
-            case Kind.WORD:
-                return self._word
-            case Kind.COMMAND:
+            case Kind.WORD | Kind.COMMAND:
                 return self._word
             case Kind.INTEGERS:
-                return lambda counts: tuple(int(c) for c in counts) if isinstance(counts, Iterable) else (counts,)
+                return lambda counts: tuple(np.atleast_1d(counts).tolist())
             case Kind.INTEGER:
-                plain = self._field.factor == 1 and self._field.zero == 0 and not self._field.is_float
-                return (lambda count: count) if plain else self._whole
+                return self._time if self._is_time else lambda count: count
+            case Kind.NUMBER if multiplier == 1 and zero == 0:
+                return lambda count: count / divisor
+            case Kind.NUMBER:
+                return lambda count: count * multiplier / divisor + zero
 
-    def _number(self, count: Count) -> float:
-        return count * self._multiplier / self._divisor + self._zero  # type: ignore[no-any-return]
-
-    def _whole(self, count: Count) -> int:
-        if isinstance(count, float):
+    def _time(self, count: Count) -> int:
+        if self.is_float:
             value = count * self._multiplier / self._divisor + self._zero
-            return round(value) if math.isfinite(value) and abs(value) < 2**63 else 0
-        return round(self._field.factor * count + self._field.zero)
+            time_us = round(value) if math.isfinite(value) else 0
+        elif self._is_plain:
+            time_us = count
+        else:
+            time_us = round(self._field.factor * count + self._field.zero)
+        return min(max(time_us, 0), LARGEST_TIME_US)
 
     def _bits(self, count: int) -> frozenset[str]:
         bits = (bit for bit in range(count.bit_length()) if count >> bit & 1)
@@ -63,18 +76,33 @@ class FieldCodec:
     def _word(self, count: int) -> str:
         return self._words.get(count, f"value {count}")
 
+    def values_of(self, counts: NDArray[Any]) -> NDArray[np.float64]:
+        """The values of many counts (N,)."""
+        values: NDArray[np.float64] = self.value_of(counts.astype(np.float64))
+        return values
+
     def problem_of(self, count: Count) -> str | None:
         """What is out of order with this count, in words; None if nothing is."""
-        field = self._field
-        if isinstance(count, float) and not math.isfinite(count):
+        low, high = self._field.minimum, self._field.maximum
+        if self.is_float and not math.isfinite(count):
             return f"{self.name} is {count}: not a finite number"
-        if field.minimum is not None and count < field.minimum:
-            return f"{self.name} is {count}, under the minimum of {field.minimum:g}"
-        if field.maximum is not None and count > field.maximum:
-            return f"{self.name} is {count}, over the maximum of {field.maximum:g}"
-        if self.attribute == "time_us" and not 0 <= count * self._multiplier / self._divisor <= LARGEST_TIME_US:
+        if low is not None and count < low:
+            return f"{self.name} is {count}, under the minimum of {low:.15g}"
+        if high is not None and count > high:
+            return f"{self.name} is {count}, over the maximum of {high:.15g}"
+        if self._is_time and not 0 <= count * self._multiplier / self._divisor + self._zero <= LARGEST_TIME_US:
             return f"time is {count}: no sensor clock runs that long"
         return None
+
+    def is_in_order(self, counts: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which of many counts (N,) have no problem."""
+        low, high = self._field.minimum, self._field.maximum
+        fine = np.isfinite(counts) if self.is_float else np.ones(len(counts), np.bool_)
+        if low is not None:
+            fine &= counts >= low
+        if high is not None:
+            fine &= counts <= high
+        return fine
 
     def count_of(self, value: Value) -> Count:
         """The count that says this value; EncodeError if there is none."""
@@ -82,58 +110,47 @@ class FieldCodec:
             count = self._count(value)
         except (TypeError, ValueError, OverflowError) as error:
             raise EncodeError(f"{self.name} cannot be {value!r:.60}") from error
-        self._check_fits(count, value)
+        if self.is_float:
+            return count
+        numbers = count if isinstance(count, tuple) else (count,)
+        if len(numbers) != (self._field.array or 1):
+            raise EncodeError(f"{self.name} has {len(numbers)} numbers: expected {self._field.array or 1}")
+        low, high = self._range()
+        if not all(low <= number <= high for number in numbers):
+            raise self._does_not_fit(value)
         return count
 
     def counts_of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """The counts that say these values (N,), whole numbers unless the wire carries floats; EncodeError."""
         counts = (np.asarray(values, dtype=np.float64) - self._zero) * self._divisor / self._multiplier
-        if self._field.is_float:
+        if self.is_float:
             return counts
         counts = np.rint(counts)
         low, high = self._range()
         fits = (counts >= low) & (counts <= high)
         if not fits.all():
-            raise self._does_not_fit(values[int(np.argmin(fits))])
+            raise self._does_not_fit(float(values[int(np.argmin(fits))]))
         return counts
-
-    @property
-    def is_bounded(self) -> bool:
-        """Whether the description says what counts are in order."""
-        return self._field.minimum is not None or self._field.maximum is not None
 
     def _count(self, value: Value) -> Count:
         match self._field.role.kind:
             case Kind.BITS:
-                return sum(1 << self._number_of(word, "bit ") for word in value)
+                return sum(1 << self._number(word, "bit ") for word in value)
             case Kind.WORD | Kind.COMMAND:
-                return self._number_of(value, "value ")
+                return self._number(value, "value ")
             case Kind.INTEGERS:
-                return list(value)
+                return tuple(int(number) for number in value)
+            case Kind.INTEGER if not self.is_float:
+                return round((int(value) - self._field.zero) / self._field.factor)
             case _:
-                if self._field.is_float:
-                    return (value - self._zero) * self._divisor / self._multiplier
-                if isinstance(value, int):
-                    return round((value - self._field.zero) / self._field.factor)
-                return round((value - self._zero) * self._divisor / self._multiplier)
+                count = (value - self._zero) * self._divisor / self._multiplier
+                return count if self.is_float else round(count)
 
-    def _number_of(self, word: str, prefix: str) -> int:
+    def _number(self, word: str, prefix: str) -> int:
         number = self._numbers.get(word)
-        if number is None:
-            if not word.startswith(prefix):
-                raise EncodeError(f"{self.name} cannot be {word!r:.60}: known are {', '.join(self._numbers) or 'none'}")
-            number = int(word.removeprefix(prefix))
-        return number
-
-    def _check_fits(self, count: Count, value: Value) -> None:
-        if self._field.is_float:
-            return
-        counts = count if isinstance(count, list) else [count]
-        if len(counts) != (self._field.array or 1):
-            raise EncodeError(f"{self.name} has {len(counts)} numbers: expected {self._field.array or 1}")
-        low, high = self._range()
-        if not all(low <= c <= high for c in counts):
-            raise self._does_not_fit(value)
+        if number is None and not word.startswith(prefix):
+            raise EncodeError(f"{self.name} cannot be {word!r:.60}: known are {', '.join(self._numbers) or 'none'}")
+        return int(word.removeprefix(prefix)) if number is None else number
 
     def _range(self) -> tuple[int, int]:
         width = 8 * int(self._field.format[-1])
@@ -141,4 +158,4 @@ class FieldCodec:
 
     def _does_not_fit(self, value: Value) -> EncodeError:
         low, high = self._range()
-        return EncodeError(f"{self.name} cannot be {value!r:.60}: on the wire it is {low} to {high} counts")
+        return EncodeError(f"{self.name} cannot be {value!r:.60}: on the wire it has {low} to {high} counts")

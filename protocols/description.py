@@ -16,8 +16,6 @@ MAX_REPEAT = 65535
 MAX_MESSAGES = 256
 MAX_FIELDS = 256
 
-TYPES = ("u8", "u16", "u32", "u64", "i8", "i16", "i32", "i64", "f32", "f64")
-
 
 def _fraction(value: object) -> object:
     """A number that is meant as it is written: 1/32, 0.01, 5."""
@@ -45,7 +43,6 @@ Name = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0
 Word = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=60)]
 Note = Annotated[str, StringConstraints(max_length=2000)]
 Code = Annotated[int, Field(strict=True, ge=0, le=2**64 - 1)]
-Bound = Annotated[int, Field(strict=True)] | float
 
 
 class Part(BaseModel):
@@ -64,8 +61,8 @@ class FieldDescription(Part):
     unit: str | None = None
     scale: Scale | None = None
     zero: Number = Fraction(0)
-    min: Bound | None = None
-    max: Bound | None = None
+    min: float | None = None
+    max: float | None = None
     bits: dict[Annotated[int, Field(strict=True, ge=0, le=63)], Word] | None = None
     values: dict[Annotated[int, Field(strict=True)], Word] | None = None
     note: Note = ""

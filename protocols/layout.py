@@ -67,7 +67,8 @@ class MessageLayout:
 class FrameLayout:
     """All that framing needs to know: [sync word] header payload checksum.
 
-    ``sync_word`` is empty where SLIP's END bytes tell frames apart; ``sizes`` maps each type code to its payload length.
+    ``sync_word`` is empty where SLIP's END bytes tell frames apart; ``names`` and ``sizes`` are the message and the
+    payload length of each type code.
     """
 
     sync_word: bytes

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from protocols.description import MAX_LENGTH_LIMIT, FieldDescription, SlotsDescription
 from protocols.errors import DescriptionError
@@ -57,7 +58,7 @@ def width(field: FieldDescription) -> int:
 
 def _refuse_overlaps(placed: Sequence[Placed], source: Source) -> None:
     ordered = sorted(placed, key=lambda p: p.offset)
-    for before, after in zip(ordered, ordered[1:], strict=False):
+    for before, after in pairwise(ordered):
         if after.offset < before.end:
             raise _overlap(before, after, source)
     for item in ordered:

@@ -2,7 +2,7 @@
 
 import difflib
 import reprlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import yaml
@@ -121,14 +121,7 @@ def validate(document: dict[str, Any], source: Source) -> Description:
         raise DescriptionError("\n".join(list(lines)[:_MAX_PROBLEMS])) from error
 
 
-_SHOWN: dict[str, Callable[[Any], str]] = {
-    "missing": lambda item: "is missing",
-    "value_error": lambda item: str(item["ctx"]["error"]),
-    "string_pattern_mismatch": lambda item: f"is {_REPR.repr(item['input'])}: {_PATTERNS.get(item['loc'][-1], _NAME)}",
-}
-_NAME = "expected a name of letters, digits, _ and -"
-_PATTERNS = {"sync_word": "expected 2 to 8 bytes as pairs of hexadecimal digits, in quotes"}
-_MODEL_OF = {
+_MODEL_OF: dict[str, type[BaseModel]] = {
     "framing": FramingDescription,
     "checksum": ChecksumDescription,
     "header": FieldDescription,
@@ -139,21 +132,31 @@ _MODEL_OF = {
 
 
 def _explain(item: Any, source: Source) -> str:
-    path = [part for part in item["loc"] if not _is_pydantic_word(part)]
-    if item["type"] == "extra_forbidden":
-        return source.explain(f"unknown key; {_nearest(path)}", path)
-    shown = _SHOWN.get(item["type"])
-    reason = shown(item) if shown else f"is {_REPR.repr(item['input'])}: {item['msg'][0].lower()}{item['msg'][1:]}"
-    return source.explain(reason, path)
+    path = [part for part in item["loc"] if part != "[key]"]
+    return source.explain(_reason(item, path), path)
 
 
-def _is_pydantic_word(part: str | int) -> bool:
-    return isinstance(part, str) and (part in ("int", "float", "[key]") or "[" in part or ("-" in part and "(" in part))
+def _reason(item: Any, path: list[str | int]) -> str:
+    match item["type"]:
+        case "extra_forbidden":
+            return f"unknown key; {_nearest(path)}"
+        case "missing":
+            return "is missing"
+        case "value_error":
+            return str(item["ctx"]["error"])
+        case "string_pattern_mismatch" if path[-1] == "sync_word":
+            return f"is {_REPR.repr(item['input'])}: expected 2 to 8 bytes as pairs of hexadecimal digits"
+        case "string_pattern_mismatch":
+            return f"is {_REPR.repr(item['input'])}: expected a name of letters, digits, _ and -"
+        case "string_type" if path[-1] == "sync_word":
+            return f"is {_REPR.repr(item['input'])}: expected hexadecimal digits in quotes"
+        case _:
+            return f"is {_REPR.repr(item['input'])}: {item['msg'][0].lower()}{item['msg'][1:]}"
 
 
 def _nearest(path: list[str | int]) -> str:
-    section = next((part for part in reversed(path[:-1]) if part in _MODEL_OF), None)
-    model: type[BaseModel] = _MODEL_OF[str(section)] if section else Description
+    section = next((part for part in reversed(path[:-1]) if part in _MODEL_OF), "")
+    model = _MODEL_OF.get(str(section), Description)
     known = list(model.model_fields)
     near = difflib.get_close_matches(str(path[-1]), known, n=1, cutoff=0.6)
     return f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}"
