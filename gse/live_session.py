@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.clock import ClockReading, read_clock
+from drivers.errors import PortError
 from drivers.link import SerialLink
+from drivers.records import CLOCK
 from gse import instant
 from gse.config import Station
 from gse.equipment import prepare
@@ -15,9 +17,12 @@ from gse.errors import UsageError
 from gse.night import Night
 from gse.recorder import Recorder
 from gse.results import FrameResult
-from gse.session import CLOCK, EARTH_ORIENTATION, PROTOCOL, STATION, TIMING_TOPIC, clock_json, timing_json
+from gse.session import EARTH_ORIENTATION, PROTOCOL, STATION, TIMING_TOPIC, clock_json, timing_json
 from gse.station import Sink, StationLoop
 from protocols import load_protocol
+
+MOCK_PORTS = ("sim://", "replay://")
+"""Ports that can wait for the disk."""
 
 CLOCK_EVERY_NS = 60 * instant.NS_PER_S
 
@@ -66,11 +71,12 @@ def run_live(
     """
     protocol = load_protocol(station.protocol)
     folder = new_session_folder(out, station.sensor.name, read_clock().utc_ns)
-    recorder = Recorder(folder / "session.mcap")
+    recorder = Recorder(folder / "session.mcap", live=not station.port.url.startswith(MOCK_PORTS))
     try:
         link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder, wait_port=wait_port)
-    except BaseException:
-        recorder.discard()
+    except PortError:
+        recorder.close()
+        recorder.path.unlink()
         folder.rmdir()
         raise
     recorder.attach(STATION, "application/yaml", station_text.encode())
@@ -111,10 +117,13 @@ class _Keeper:
             if result.elapsed_us is not None:
                 data = timing_json(result.panorama.time_us, result.elapsed_us)
                 self._recorder.derived(TIMING_TOPIC, result.panorama.host_utc_ns, data)
-        if not self._orientation_kept and self._loop.earth_orientation is not None:
+        orientation = self._loop.night.earth_orientation
+        if not self._orientation_kept and orientation is not None:
             self._orientation_kept = True
-            text = self._loop.earth_orientation.to_json()
-            self._recorder.attach(EARTH_ORIENTATION, "application/json", text.encode())
+            self._recorder.attach(EARTH_ORIENTATION, "application/json", orientation.to_json().encode())
+        for event in self._recorder.news():
+            self._recorder.event(event)
+            self._loop.log(event)
         self._read_clock()
 
     def _read_clock(self) -> None:

@@ -50,7 +50,7 @@ class Observer:
         directions_sensor = self.camera.directions(panorama.xy_px)
         answer = self.identifier.identify(directions_sensor, panorama.index)
         attitude = None if isinstance(answer, Unidentified) else self._solve(answer, directions_sensor)
-        elapsed_us = (time.perf_counter_ns() - started_ns) / 1000
+        elapsed_us = round((time.perf_counter_ns() - started_ns) / 1000, 1)
         judge = self._judge(attitude, directions_sensor, panorama.index)
         if isinstance(answer, Unidentified) or attitude is None:
             status, detail = _explain(answer)

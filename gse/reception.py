@@ -9,10 +9,14 @@ from gse.panorama import Panorama
 from gse.results import LinkCounters
 from gse.sensor_clock import SensorClock
 from protocols import (
+    Ack,
+    Arrival,
     AttitudeMessage,
     Discard,
     Frame,
     FrameDecoder,
+    Message,
+    Nak,
     PanoramaMessage,
     Protocol,
     SequenceTracker,

@@ -76,8 +76,8 @@ class FrameResult:
 
     ``attitude`` is what the sensor would answer: from catalogue places in ICRS, uncorrected for aberration and
     refraction. ``attitude_geometric`` is the same with these corrections, ``attitude_true`` where the mount looked
-    (geometric direction, ICRS axes), and ``discrepancy`` is between these two. ``others`` names objects that are no stars:
-    (object, "hot pixel" | "Jupiter" | "unknown" ...).
+    (geometric direction, ICRS axes), and ``discrepancy`` is between these two. ``others`` names objects that are no
+    stars: (object, "hot pixel" | "Jupiter" | "unknown" ...).
     """
 
     panorama: Panorama

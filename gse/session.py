@@ -41,7 +41,10 @@ class RecordedTimings:
 
 @dataclass(slots=True)
 class Recorded:
-    """What a session file tells besides its bytes and events; ``damage`` is every stretch of it that is no whole record."""
+    """What a session file tells besides its bytes and events.
+
+    ``damage`` is every stretch of it that is no whole record.
+    """
 
     attachments: dict[str, str] = field(default_factory=dict)
     clock: list[ClockReading] = field(default_factory=list)
@@ -66,7 +69,7 @@ def read_recorded(path: Path) -> Recorded:
 
 def timing_json(time_us: int, elapsed_us: float) -> bytes:
     """The message of /gse/timing for one panorama."""
-    return json.dumps({"time_us": time_us, "elapsed_us": round(elapsed_us, 1)}).encode()
+    return json.dumps({"time_us": time_us, "elapsed_us": elapsed_us}).encode()
 
 
 def clock_json(reading: ClockReading) -> bytes:

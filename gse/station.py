@@ -54,7 +54,7 @@ class StationLoop:
         self.night.versions = versions()
         self.reception = Reception(equipment.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
         self.night.link = self.reception.counters
-        self.earth_orientation = earth_orientation
+        self.night.earth_orientation = earth_orientation
         self.own_elapsed_us: list[float] = []
         self._recorded = recorded
         self.sinks: Sequence[Sink] = ()
@@ -76,8 +76,18 @@ class StationLoop:
             for item in link.receive(RECEIVE_TIMEOUT_S):
                 results += self.take(item)
             each(results)
-        each(self.finish())
+        each(self._drain(link) + self.finish())
         return self.night
+
+    def _drain(self, link: SerialLink) -> list[FrameResult]:
+        """What a live port still gave before it was closed: it is recorded, so it counts."""
+        results: list[FrameResult] = []
+        if link.is_live:
+            link.close()
+            while items := link.receive(0):
+                for item in items:
+                    results += self.take(item)
+        return results
 
     def take(self, item: Chunk | LinkEvent) -> list[FrameResult]:
         """Decode and judge what one chunk completes."""
@@ -133,14 +143,14 @@ class StationLoop:
         """The Earth orientation of the night: frozen in the session, or from disk around the first panorama."""
         self._truth_sought = True
         try:
-            if self.earth_orientation is None:
-                self.earth_orientation = EarthOrientation.from_disk(panorama.utc_ns)
-            warning = self.earth_orientation.warning(panorama.utc_ns)
+            orientation = self.night.earth_orientation or EarthOrientation.from_disk(panorama.utc_ns)
+            warning = orientation.warning(panorama.utc_ns)
         except TruthError as error:
             self.log(LinkEvent(panorama.utc_ns, 0, "NO_TRUTH", str(error)))
             return
         if warning:
             self.log(LinkEvent(panorama.utc_ns, 0, "EARTH_ORIENTATION", warning))
         self.night.earth_orientation = self.earth_orientation
-        truth = SiderealTruth(self.night.station.site, self.earth_orientation)
+        self.night.earth_orientation = orientation
+        truth = SiderealTruth(self.night.station.site, orientation)
         self._observer = replace(self._observer, truth=truth)

@@ -13,9 +13,11 @@ from gse.night import Night
 
 def conclude(night: Night, folder: Path, own_elapsed_us: list[float], clock_error: str | None) -> dict[str, Any]:
     """Judge a night, write its report into a folder and this host's own times beside it; the report."""
+    from gse.clock_health import stated_error_s
     from gse.report import summarise, write_report
     from gse.verdict import judge
 
+    night.clock_error_s = None if clock_error is None else stated_error_s(clock_error)
     judgement = judge(night)
     report = summarise(night, judgement)
     write_report(night, judgement, folder)

@@ -16,6 +16,28 @@ station_option: Callable[[Any], Any] = click.option(
 identifier_option: Callable[[Any], Any] = click.option(
     "--identifier", type=click.Choice(ALGORITHMS), help="Identifier under test, instead of the station file's."
 )
+view_option: Callable[[Any], Any] = click.option(
+    "--view",
+    type=click.Choice(("web", "native", "none")),
+    default="none",
+    show_default=True,
+    help="Live view in rerun.",
+)
+bind_option: Callable[[Any], Any] = click.option(
+    "--bind", default="127.0.0.1", show_default=True, help="Address that the web view is served on."
+)
+save_rrd_option: Callable[[Any], Any] = click.option(
+    "--save-rrd", type=click.Path(path_type=Path, dir_okay=False), help="Also save the view to this .rrd file."
+)
+clock_error_option: Callable[[Any], Any] = click.option(
+    "--clock-error", help="Bound of the host clock's error that was measured otherwise, e.g. 0.1s"
+)
+json_option: Callable[[Any], Any] = click.option(
+    "--json", "as_json", is_flag=True, help="The report as one JSON object on stdout."
+)
+json_frames_option: Callable[[Any], Any] = click.option(
+    "--json-frames", is_flag=True, help="Each frame as a JSON line on stdout, schema gse.frame/1."
+)
 out_option: Callable[[Any], Any] = click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),

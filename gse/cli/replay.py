@@ -6,10 +6,16 @@ import click
 
 from gse.cli.concluding import conclude, exit_code, show_report
 from gse.cli.options import (
+    bind_option,
+    clock_error_option,
     identifier_option,
+    json_frames_option,
+    json_option,
     out_option,
+    save_rrd_option,
     station_of,
     station_option,
+    view_option,
     with_identifier,
 )
 from gse.cli.watching import ViewMode, Watching
@@ -24,12 +30,12 @@ from gse.cli.watching import ViewMode, Watching
 @click.option("--to", "to_utc", help="Replay up to this UTC.")
 @click.option("--loop", type=click.IntRange(min=1), help="Replay so many times in a row.")
 @click.option("--start-utc", help="UTC of the first panorama of a raw capture.")
-@click.option("--view", type=click.Choice(("web", "native", "none")), default="none", show_default=True)
-@click.option("--bind", default="127.0.0.1", show_default=True, help="Address that the web view is served on.")
-@click.option("--save-rrd", type=click.Path(path_type=Path, dir_okay=False), help="Also save the view to this file.")
-@click.option("--clock-error", help="Bound of the host clock's error that was measured otherwise, e.g. 0.1s")
-@click.option("--json", "as_json", is_flag=True, help="The report as one JSON object on stdout.")
-@click.option("--json-frames", is_flag=True, help="Each frame as a JSON line on stdout, schema gse.frame/1.")
+@view_option
+@bind_option
+@save_rrd_option
+@clock_error_option
+@json_option
+@json_frames_option
 @out_option
 @click.pass_context
 def command(

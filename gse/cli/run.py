@@ -10,7 +10,19 @@ import click
 
 from gse.cli import EXIT_INTERRUPTED
 from gse.cli.concluding import conclude, exit_code, show_report
-from gse.cli.options import identifier_option, out_option, station_of, station_option, with_identifier
+from gse.cli.options import (
+    bind_option,
+    clock_error_option,
+    identifier_option,
+    json_frames_option,
+    json_option,
+    out_option,
+    save_rrd_option,
+    station_of,
+    station_option,
+    view_option,
+    with_identifier,
+)
 from gse.cli.watching import ViewMode, Watching
 from gse.config import Station
 
@@ -21,24 +33,14 @@ from gse.config import Station
     "--port", "url", help="Port or pyserial URL, instead of the station file's: /dev/ttyUSB0, sim://?speed=10"
 )
 @identifier_option
-@click.option(
-    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), help="Stop after so many seconds."
-)
-@click.option(
-    "--view",
-    type=click.Choice(("web", "native", "none")),
-    default="none",
-    show_default=True,
-    help="Live view in rerun.",
-)
-@click.option("--bind", default="127.0.0.1", show_default=True, help="Address that the web view is served on.")
-@click.option(
-    "--save-rrd", type=click.Path(path_type=Path, dir_okay=False), help="Also save the live view to this file."
-)
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="Stop after so many seconds.")
+@view_option
+@bind_option
+@save_rrd_option
 @click.option("--wait-port", is_flag=True, help="Wait for a port that is not there yet.")
-@click.option("--clock-error", help="Bound of the host clock's error that was measured otherwise, e.g. 0.1s")
-@click.option("--json", "as_json", is_flag=True, help="The report as one JSON object on stdout.")
-@click.option("--json-frames", is_flag=True, help="Each frame as a JSON line on stdout, schema gse.frame/1.")
+@clock_error_option
+@json_option
+@json_frames_option
 @out_option
 @click.pass_context
 def command(
