@@ -58,8 +58,12 @@ class CaptureWriter:
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """A file to freeze into the session."""
-        self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
+        self.put_attachment(name, media_type, data)
         self.flush()
+
+    def put_attachment(self, name: str, media_type: str, data: bytes) -> None:
+        """A file to freeze into the session, into memory only until ``flush``."""
+        self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
 
     def write(self, message: Message) -> None:
         """Any message. OSError when the disk refuses it: it is kept then, and written with the next one."""
@@ -95,6 +99,10 @@ class CaptureWriter:
     def pending(self) -> int:
         """Bytes that the disk has not taken yet."""
         return self._spool.pending
+
+    def vanished(self) -> bool:
+        """Whether somebody deleted the file or its folder."""
+        return self._spool.vanished()
 
     def restore_if_vanished(self) -> bool:
         """Write the file again where somebody deleted it or its folder; True when that was necessary."""

@@ -26,14 +26,17 @@ class Capture:
     there, ``segments`` those that are.
     """
 
-    def __init__(self, path: Path, *, from_utc_ns: int | None = None) -> None:
-        self.path = path
-        self.segments, self.missing = find_segments(path)
+    def __init__(
+        self, segments: list[Path], missing: list[str], *, from_utc_ns: int | None = None, alone: bool = False
+    ) -> None:
+        self.segments = segments
+        self.missing = missing
         self.truncated = False
         self.damages: list[Damage] = []
         self.damage_count = 0
         self.damaged_bytes = 0
         self._from_utc_ns = from_utc_ns
+        self._alone = alone
         self._records = self._read()
 
     def __iter__(self) -> Iterator[Record]:
@@ -57,10 +60,11 @@ class Capture:
                         self._count(record)
                     elif record.topic == CONTINUED:
                         continued = True
-                        continue
+                        if not self._alone:
+                            continue
                     yield record
             self.truncated |= not walk.ended
-            if continued and segment == self.segments[-1]:
+            if continued and segment == self.segments[-1] and not self._alone:
                 self.missing.append(f"what follows {segment.name}")
         self.truncated |= bool(self.missing)
 
@@ -80,7 +84,12 @@ def read_capture(path: Path | str, *, from_utc_ns: int | None = None) -> Capture
     path = session_file(Path(path))
     with FileWindow(path) as window:
         Walk(window, path.name).check_ours()
-    return Capture(path, from_utc_ns=from_utc_ns)
+    return Capture(*find_segments(path), from_utc_ns=from_utc_ns)
+
+
+def one_file(path: Path) -> Capture:
+    """The records of one file alone, its mention of a successor included."""
+    return Capture([path], [], alone=True)
 
 
 def session_file(path: Path) -> Path:
