@@ -1,6 +1,7 @@
 """Star catalogues: unit vectors, magnitudes and names of stars, brightest first."""
 
 from gse.catalog.mission import merge_doubles, mission_catalog, stars_for_field
-from gse.catalog.stars import StarCatalog, load_catalog
+from gse.catalog.readers import load_catalog
+from gse.catalog.stars import StarCatalog
 
 __all__ = ["StarCatalog", "load_catalog", "merge_doubles", "mission_catalog", "stars_for_field"]

@@ -17,8 +17,7 @@ def catalog():
 
 @pytest.fixture(scope="module")
 def identifiers(catalog):
-    made = {s: make_identifier(IdentifierOptions(selection=s), FIELD_14_DEG, catalog) for s in SELECTIONS}
-    return made
+    return {s: make_identifier(IdentifierOptions(selection=s), FIELD_14_DEG, catalog) for s in SELECTIONS}
 
 
 @pytest.fixture(scope="module")

