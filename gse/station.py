@@ -7,6 +7,7 @@ from typing import Protocol
 from drivers.chunk import Chunk, LinkEvent
 from drivers.clock import ClockReading
 from drivers.link import SerialLink
+from gse.alignment import FirstSeconds
 from gse.equipment import Equipment, versions
 from gse.errors import TruthError
 from gse.night import Night
@@ -58,8 +59,11 @@ class StationLoop:
         self.own_elapsed_us: list[float] = []
         self._recorded = recorded
         self.sinks: Sequence[Sink] = ()
+        align_s = station.mount.align_s
+        self._first_seconds = FirstSeconds(align_s) if align_s is not None else None
+        mount = station.mount if align_s is None else None
         self._observer = Observer(
-            equipment.camera, station.sensor.index_max, equipment.identifier, equipment.judge, None, station.mount
+            equipment.camera, station.sensor.index_max, equipment.identifier, equipment.judge, None, mount
         )
         self._truth_sought = False
 
@@ -129,15 +133,28 @@ class StationLoop:
         """Judge one panorama and keep the result."""
         if not self._truth_sought:
             self._seek_truth(panorama)
+        if self._first_seconds is not None:
+            self._align(self._first_seconds, panorama)
         result = self._observer.observe(panorama)
         if result.elapsed_us is not None:
             self.own_elapsed_us.append(result.elapsed_us)
         if self._recorded is not None:
             result = replace(result, elapsed_us=self._recorded.take(panorama.time_us))
         self.night.frames.append(result)
+        if self._first_seconds is not None and self._observer.truth is not None:
+            self._first_seconds.add(result, self._observer.truth)
         for sink in self.sinks:
             sink.show(result, self.night)
         return result
+
+    def _align(self, first_seconds: FirstSeconds, panorama: Panorama) -> None:
+        """Fit the mount once the first seconds are over; the frames that it was fitted on are not judged by it."""
+        alignment = first_seconds.alignment(panorama.utc_ns)
+            return
+        self._first_seconds = None
+        self._observer = replace(self._observer, mount=alignment.mount)
+        self.night.alignment = alignment
+        self.log(LinkEvent(panorama.utc_ns, 0, "ALIGNED", str(alignment)))
 
     def _seek_truth(self, panorama: Panorama) -> None:
         """The Earth orientation of the night: frozen in the session, or from disk around the first panorama."""
@@ -150,7 +167,6 @@ class StationLoop:
             return
         if warning:
             self.log(LinkEvent(panorama.utc_ns, 0, "EARTH_ORIENTATION", warning))
-        self.night.earth_orientation = self.earth_orientation
         self.night.earth_orientation = orientation
         truth = SiderealTruth(self.night.station.site, orientation)
         self._observer = replace(self._observer, truth=truth)
