@@ -5,6 +5,7 @@ the wire brings. A frame is sent as soon as its exposure ends and the wire is fr
 to wait longer than a period is not sent, and its number is missing.
 """
 
+import contextlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from gse.simulator.scenario import Firmware as Traits
 from protocols import (
     Ack,
     Discard,
+    EncodeError,
     Frame,
     FrameDecoder,
     Message,
@@ -39,6 +41,7 @@ _ANSWER_NS = 1_000_000
 _SHORTEST_EXPOSURE_S, _LONGEST_EXPOSURE_S = 0.001, 2.0
 _LONGEST_PERIOD_S = 3600.0
 _WARM_UP_S = 600.0
+_COUNTERS_WRAP_AT = 65536
 _VERSION = (1, 2, 0)
 _SERIAL = 14014
 _SUPPLY_V = 5.0
@@ -121,7 +124,9 @@ class SensorFirmware:
         for piece in self._decoder.feed(data):
             answers = self._obey(piece, utc_ns) if isinstance(piece, Frame) else self._refuse_bytes(piece)
             for answer in answers:
-                sent.append(self._send(answer, utc_ns + _ANSWER_NS))
+                # A protocol without ACK or STATUS makes a sensor that does not answer.
+                with contextlib.suppress(EncodeError):
+                    sent.append(self._send(answer, utc_ns + _ANSWER_NS))
         return sent
 
     @property
@@ -156,6 +161,10 @@ class SensorFirmware:
         return [self._send(message, end_ns)]
 
     def _obey(self, frame: Frame, utc_ns: int) -> Iterator[Message]:
+        if self._protocol.is_from_sensor(frame.type):
+            # An echo of its own frames: an answer would be echoed too, for ever.
+            self._commands_bad = (self._commands_bad + 1) % _COUNTERS_WRAP_AT
+            return
         command = self._protocol.decode(frame)
         if not isinstance(command, Ping | Start | Stop | Request | SetExposure):
             yield self._refuse(frame.type, "unknown", frame.sequence)
@@ -163,7 +172,7 @@ class SensorFirmware:
         if not self._is_in_range(command):
             yield self._refuse(frame.type, "out of range", frame.sequence)
             return
-        self._commands_ok = (self._commands_ok + 1) % 65536
+        self._commands_ok = (self._commands_ok + 1) % _COUNTERS_WRAP_AT
         match command:
             case Ping():
                 yield self._status(utc_ns)
@@ -177,7 +186,7 @@ class SensorFirmware:
                 self._next_start_ns = self._next_start_ns or utc_ns
             case SetExposure():
                 self._exposure_s = command.exposure_s
-        yield Ack(frame.type, frame.sequence)
+        yield Ack(frame.type, max(frame.sequence, 0))
 
     def _is_in_range(self, command: Message) -> bool:
         if isinstance(command, Start):
@@ -195,12 +204,12 @@ class SensorFirmware:
             yield self._refuse(f"value {code}", reason, sequence)
 
     def _refuse(self, command: str, reason: str, sequence: int) -> Nak:
-        self._commands_bad = (self._commands_bad + 1) % 65536
-        return Nak(command, reason, sequence)
+        self._commands_bad = (self._commands_bad + 1) % _COUNTERS_WRAP_AT
+        return Nak(command, reason, max(sequence, 0))
 
     def _send(self, message: Message, ready_ns: int) -> Transmission:
         data = self._protocol.encode(message, self._sequence)
-        self._sequence = (self._sequence + 1) % 65536
+        self._sequence = (self._sequence + 1) % (self._protocol.sequence_modulus or 1)
         start_ns = max(ready_ns, self._line_free_ns)
         self._line_free_ns = start_ns + len(data) * self._byte_ns
         return Transmission(start_ns, data)

@@ -8,6 +8,7 @@ depends on its own instant only.
 import contextlib
 import functools
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -16,6 +17,8 @@ import numpy as np
 from astropy.coordinates import AltAz, EarthLocation, SkyCoord
 from astropy.time import Time
 from astropy.utils import iers
+from astropy.utils.exceptions import AstropyWarning
+from erfa import ErfaWarning
 from numpy.typing import NDArray
 
 from gse.catalog import StarCatalog, merge_doubles
@@ -121,8 +124,12 @@ def _tables() -> iers.IERS:
 def _earth_orientation() -> Iterator[None]:
     """The IERS tables that are installed, never a download; outside them astropy's own approximation."""
     with (
+        warnings.catch_warnings(),
         iers.earth_orientation_table.set(_tables()),
         iers.conf.set_temp("auto_download", False),
         iers.conf.set_temp("iers_degraded_accuracy", "ignore"),
     ):
+        # Past the tables neither leap seconds nor the pole are known: a simulated sky need not be true to the second.
+        warnings.simplefilter("ignore", ErfaWarning)
+        warnings.simplefilter("ignore", AstropyWarning)
         yield

@@ -1,0 +1,210 @@
+"""The simulated sensor as a station meets it: through sim://."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from drivers.chunk import Chunk
+from drivers.errors import PortError
+from drivers.link import SerialLink
+from drivers.urlhandlers.protocol_sim import register
+from gse.config import BUILT_IN_TEXT, Station, parse_station
+from gse.reception import Reception
+from gse.simulator import device_factory
+from protocols import (
+    Ack,
+    FrameDecoder,
+    Message,
+    Nak,
+    PanoramaMessage,
+    Ping,
+    Request,
+    SetExposure,
+    Start,
+    StatusMessage,
+    Stop,
+    load_protocol,
+)
+
+STATION = parse_station(BUILT_IN_TEXT)
+PROTOCOL = load_protocol("panorama-v1")
+
+
+def chunks(station: Station = STATION, **options: str) -> list[Chunk]:
+    return list(iter(device_factory(station)(options).next_chunk, None))
+
+
+def messages(given: list[Chunk], station: Station = STATION) -> list[Message]:
+    protocol = load_protocol(station.protocol)
+    decoder = FrameDecoder(protocol)
+    pieces = [piece for chunk in given for piece in decoder.feed(chunk.data)] + decoder.finish()
+    return [protocol.decode(piece) for piece in pieces]
+
+
+def panoramas(given: list[Chunk], station: Station = STATION) -> list[PanoramaMessage]:
+    return [message for message in messages(given, station) if isinstance(message, PanoramaMessage)]
+
+
+def test_the_default_is_a_minute_of_night_at_10_hz() -> None:
+    given = chunks()
+    seen = panoramas(given)
+    assert [message.frame_no for message in seen] == list(range(600))
+    assert all(20 <= len(message.index) <= 30 for message in seen)
+    assert 59.8e9 < given[-1].utc_ns - given[0].utc_ns < 60e9
+
+
+def test_two_default_runs_give_the_same_bytes_at_the_same_times() -> None:
+    assert chunks(frames="50") == chunks(frames="50")
+
+
+def test_another_seed_gives_other_noise() -> None:
+    assert chunks(frames="5") != chunks(frames="5", seed="2")
+
+
+def test_the_sky_turns_between_frames() -> None:
+    seen = panoramas(chunks(frames="600"))
+    first, last = seen[0], seen[-1]
+    moved_px = np.linalg.norm(last.xy_px[0] - first.xy_px[0])
+    assert moved_px == pytest.approx(59.9 * 15.04 / 49.3, abs=2)
+
+
+def test_objects_come_brightest_first_on_whole_pixels() -> None:
+    for message in panoramas(chunks(frames="20")):
+        assert (np.diff(message.index) <= 0).all()
+        assert (message.xy_px == np.rint(message.xy_px)).all()
+        assert len(np.unique(message.xy_px[:, 1])) == len(message.xy_px)
+
+
+def test_the_sub_pixel_protocol_carries_32nds_of_a_pixel() -> None:
+    station = STATION.model_copy(update={"protocol": "panorama-v1-subpixel"})
+    xy_px = panoramas(chunks(station, frames="5"), station)[0].xy_px
+    assert (xy_px != np.rint(xy_px)).any()
+    assert (xy_px * 32 == np.rint(xy_px * 32)).all()
+
+
+def test_stamps_never_go_back_and_the_first_byte_is_read_after_the_exposure() -> None:
+    given = chunks(frames="100")
+    assert (np.diff([chunk.mono_ns for chunk in given]) >= 0).all()
+    assert len({chunk.utc_ns - chunk.mono_ns for chunk in given}) == 1
+    reception = Reception(PROTOCOL, baudrate=115200)
+    start_ns = 1774018800 * 10**9
+    late_ns = []
+    for chunk in given:
+        for number, panorama in enumerate(reception.receive(chunk), start=len(late_ns)):
+            late_ns.append(panorama.utc_ns - (start_ns + number * 10**8 + 25_000_000))
+    assert len(late_ns) == 100
+    assert 0 < min(late_ns) <= max(late_ns) < 2_000_000
+    assert 0 < np.mean(late_ns[50:]) < 300_000
+
+
+def test_a_slow_line_loses_exposures_not_bytes() -> None:
+    station = STATION.model_copy(update={"port": STATION.port.model_copy(update={"baudrate": 9600})})
+    given = chunks(station, frames="100")
+    numbers = [message.frame_no for message in panoramas(given)]
+    assert 35 < len(numbers) < 50  # 216 bytes of 10 bits at 9600 baud: 0.225 s
+    assert numbers == sorted(set(numbers))
+    assert sum(len(chunk.data) for chunk in given) == 216 * len(numbers)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"sceanrio": "x"}, "unknown option 'sceanrio'"),
+        ({"scenario": "nowhere"}, "expected one of clear-zenith"),
+        ({"start": "yesterday"}, "2026-03-20T18:30:00Z"),
+        ({"rate_hz": "fast"}, "expected a number"),
+        ({"frames": "-1"}, "expected a number"),
+        ({"seed": "-1"}, "expected a number"),
+        ({"standby": "perhaps"}, "yes or no"),
+    ],
+)
+def test_a_wrong_option_is_told_with_what_was_expected(options: dict[str, str], words: str) -> None:
+    with pytest.raises(PortError, match=words):
+        device_factory(STATION)(options)
+
+
+@pytest.fixture
+def ask() -> Callable[[list[Message]], list[Message]]:
+    """Sends commands to a sensor in standby through sim:// and gives all that it says in the next 2 s."""
+    register(device_factory(STATION))
+
+    def asked(commands: list[Message | bytes]) -> list[Message]:
+        with SerialLink("sim://?standby=yes&frames=20") as link:
+            for number, command in enumerate(commands):
+                link.send(command if isinstance(command, bytes) else PROTOCOL.encode(command, number))
+            given = []
+            while not link.at_end:
+                given += [item for item in link.receive(0) if isinstance(item, Chunk)]
+        return messages(given)
+
+    return asked
+
+
+def test_a_sensor_in_standby_is_silent(ask: Callable[[list[Message]], list[Message]]) -> None:
+    assert ask([]) == []
+
+
+def test_start_stop_and_status_are_obeyed() -> None:
+    device = device_factory(STATION)({"standby": "yes", "frames": "50"})
+    given = [device.next_chunk()]
+
+    def run_until(seconds: float) -> None:
+        while given[-1].utc_ns < given[0].utc_ns + seconds * 1e9:
+            given.append(device.next_chunk())
+
+    device.command(PROTOCOL.encode(Start(period_s=0.2), 0), given[-1].utc_ns)
+    run_until(2.0)
+    device.command(PROTOCOL.encode(Ping(), 1), given[-1].utc_ns)
+    device.command(PROTOCOL.encode(Stop(), 2), given[-1].utc_ns)
+    run_until(4.0)
+    device.command(PROTOCOL.encode(Request(), 3), given[-1].utc_ns)
+    run_until(4.5)
+    said = messages([chunk for chunk in given if chunk is not None])
+    assert said[0] == Ack("START", 0)
+    names = [type(message).__name__ for message in said[1:]]
+    stop = names.index("Ack")
+    assert names == ["PanoramaMessage"] * (stop - 1) + ["StatusMessage", "Ack", "Ack", "PanoramaMessage"]
+    assert 9 <= stop - 1 <= 11
+    status = next(message for message in said if isinstance(message, StatusMessage))
+    assert (status.mode, status.commands_ok, status.frames_sent) == ("streaming", 2, stop - 1)
+
+
+def test_what_is_out_of_range_or_broken_is_refused_and_echoes_are_not_answered(
+    ask: Callable[[list[Message | bytes]], list[Message]],
+) -> None:
+    broken = bytearray(PROTOCOL.encode(Ping(), 7))
+    broken[-1] ^= 1
+    said = ask(
+        [
+            SetExposure(exposure_s=3.0),
+            SetExposure(exposure_s=0.5),
+            Start(period_s=0.1),
+            bytes(broken),
+            PROTOCOL.encode(Ack("PING", 0), 4),
+            Ping(),
+        ]
+    )
+    status = said.pop()
+    assert isinstance(status, StatusMessage)
+    assert (status.commands_ok, status.commands_bad) == (2, 4)
+    assert said == [
+        Nak("SET_EXPOSURE", "out of range", 0),
+        Ack("SET_EXPOSURE", 1),
+        Nak("START", "out of range", 2),
+        Nak("PING", "bad CRC", 7),
+    ]
+
+
+def test_a_longer_exposure_shows_fainter_stars() -> None:
+    device = device_factory(STATION)({"standby": "yes", "frames": "50"})
+    given = [device.next_chunk()]
+    for number, exposure_s in enumerate((0.01, 0.5)):
+        device.command(PROTOCOL.encode(SetExposure(exposure_s=exposure_s), 2 * number), given[-1].utc_ns)
+        device.command(PROTOCOL.encode(Request(), 2 * number + 1), given[-1].utc_ns)
+        for _ in range(20):
+            given.append(device.next_chunk())
+    short, long = panoramas([chunk for chunk in given if chunk is not None])
+    assert (short.exposure_s, long.exposure_s) == (0.01, 0.5)
+    assert len(short.index) < len(long.index)
+    assert long.index[0] > 5 * short.index[0]
