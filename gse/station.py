@@ -150,6 +150,7 @@ class StationLoop:
     def _align(self, first_seconds: FirstSeconds, panorama: Panorama) -> None:
         """Fit the mount once the first seconds are over; the frames that it was fitted on are not judged by it."""
         alignment = first_seconds.alignment(panorama.utc_ns)
+        if alignment is None:
             return
         self._first_seconds = None
         self._observer = replace(self._observer, mount=alignment.mount)

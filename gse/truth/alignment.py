@@ -40,6 +40,14 @@ class Alignment:
     from_ns: int
     until_ns: int
 
+    def __str__(self) -> str:
+        x, y, roll = self.sigma_arcsec
+        return (
+            f"mount fitted on {self.n} frames: azimuth {self.mount.azimuth_deg:.5f}, altitude "
+            f"{self.mount.altitude_deg:.5f}, roll {self.mount.roll_deg:.4f} deg; good to {math.hypot(x, y):.2f} arcsec "
+            f"across and {roll:.1f} arcsec about the boresight (1 sigma)"
+        )
+
     @property
     def sigma_arcsec(self) -> tuple[float, float, float]:
         """Standard deviations of the fit: across the boresight along columns and rows, and about it."""
@@ -61,7 +69,7 @@ class Alignment:
         return one, two, three
 
 
-def fit_mount(utc_ns: Sequence[int], horizon_to_sensor_each: NDArray[np.float64]) -> Alignment:
+def fit_mount(utc_ns: Sequence[int] | NDArray[np.int64], horizon_to_sensor_each: NDArray[np.float64]) -> Alignment:
     """The mount from measured rotations (M, 3, 3), horizon frame to sensor frame, at instants (M,).
 
     Frames further than 5 sigma from the median are rejected. UsageError where there is no frame.
