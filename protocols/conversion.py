@@ -97,12 +97,12 @@ class FieldCodec:
     def is_in_order(self, counts: NDArray[Any]) -> NDArray[np.bool_]:
         """Which of many counts (N,) have no problem."""
         low, high = self._field.minimum, self._field.maximum
-        fine = np.isfinite(counts) if self.is_float else np.ones(len(counts), np.bool_)
+        fine = np.isfinite(counts) if self.is_float else True
         if low is not None:
-            fine &= counts >= low
+            fine = fine & (counts >= low)
         if high is not None:
-            fine &= counts <= high
-        return fine
+            fine = fine & (counts <= high)
+        return np.asarray(fine)
 
     def count_of(self, value: Value) -> Count:
         """The count that says this value; EncodeError if there is none."""
@@ -141,7 +141,8 @@ class FieldCodec:
             case Kind.INTEGERS:
                 return tuple(int(number) for number in value)
             case Kind.INTEGER if not self.is_float:
-                return round((int(value) - self._field.zero) / self._field.factor)
+                # Exactly: a 64-bit count does not fit a float.
+                return int(value) if self._is_plain else round((int(value) - self._field.zero) / self._field.factor)
             case _:
                 count = (value - self._zero) * self._divisor / self._multiplier
                 return count if self.is_float else round(count)

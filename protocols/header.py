@@ -37,6 +37,11 @@ class HeaderLayout:
         return int(256 ** self.widths["type"] - 1)
 
     @property
+    def largest_flags(self) -> int:
+        """All flags set; 0 without flags."""
+        return int(256 ** self.widths.get("flags", 0) - 1)
+
+    @property
     def sequence_modulus(self) -> int:
         """Where the sequence number wraps; 0 without one."""
         return int(256 ** self.widths["sequence"]) if "sequence" in self.widths else 0
@@ -57,12 +62,12 @@ class HeaderLayout:
         return values["type"], values.get("flags", 0), length, values.get("sequence", -1)
 
     def write(self, code: int, flags: int, size: int, sequence: int) -> bytes:
-        """The bytes of a header; the caller has checked that the numbers fit."""
+        """The bytes of a header; the sequence number wraps, the caller has checked that the others fit."""
         values = {
             "type": code,
             "flags": flags,
             "length": (size - self.length_zero) // self.length_factor,
-            "sequence": sequence,
+            "sequence": sequence % (self.sequence_modulus or 1),
         }
         return self.packed.pack(*(values[name] for name in self.names))
 

@@ -1,7 +1,9 @@
 """A protocol: what a description has become, ready to decode and encode."""
 
+import reprlib
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -67,7 +69,10 @@ class Protocol:
         return self._codecs[frame.type].decode(frame.payload)
 
     def encode(self, message: Message, sequence: int, flags: int = 0) -> bytes:
-        """The bytes on the wire that say this message; EncodeError if this protocol cannot say it."""
+        """The bytes on the wire that say this message, its sequence number wrapped as the protocol does.
+
+        EncodeError if this protocol cannot say it.
+        """
         name = message.type if isinstance(message, Other) else NAME_OF[type(message)]
         if name not in self._codecs:
             raise EncodeError(f"the protocol {self.name} has no {name}: it has {', '.join(self._codecs)}")
@@ -79,6 +84,8 @@ class Protocol:
         layout, frames = self._codecs[type_name].layout, self.frame_layout
         if len(payload) != layout.size:
             raise EncodeError(f"{type_name} has {layout.size} bytes of payload, not {len(payload)}")
+        if not 0 <= flags <= frames.header.largest_flags:
+            raise EncodeError(f"flags cannot be {flags}: the header has room for 0 to {frames.header.largest_flags}")
         header = frames.header.write(layout.code, flags, layout.size, sequence)
         content = frames.sync_word + header + payload
         content += frames.checksum_of(content)
@@ -89,12 +96,21 @@ def parse_protocol(text: str, source: str) -> Protocol:
     """The protocol of a YAML text; DescriptionError names ``source``, line, key and reason."""
     document, where = read_document(text, source)
     if "extends" in document:
-        base = document.pop("extends")
-        if not isinstance(base, str) or base not in built_in_names():
-            raise where.error(f"is {base!r:.60}: expected one of {', '.join(built_in_names())}", ("extends",))
-        document = {**read_document(_built_in_text(base), base)[0], **document}
+        document = _extended(document, where)
         text = yaml.safe_dump(document, sort_keys=False)
     return Protocol(validate(document, where), text, where)
+
+
+def _extended(document: dict[str, Any], where: Source) -> dict[str, Any]:
+    """The document with the top-level keys that it leaves out taken from the built-in description it extends."""
+    if "extends" not in document:
+        return document
+    base = document["extends"]
+    if not isinstance(base, str) or base not in built_in_names():
+        raise where.error(f"is {reprlib.repr(base)}: expected one of {', '.join(built_in_names())}", ("extends",))
+    merged = {**_extended(*read_document(_built_in_text(base), base)), **document}
+    del merged["extends"]
+    return merged
 
 
 def load_protocol(name_or_path: str) -> Protocol:

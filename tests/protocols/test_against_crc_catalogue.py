@@ -1,0 +1,60 @@
+"""Checksums against the published check values (CRC RevEng catalogue; CRC-32 also in the protocol's document)."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from protocols.checksum import CHECKSUMS
+
+CHECK_VALUES = {
+    "crc32": 0xCBF43926,
+    "crc16-ccitt-false": 0x29B1,
+    "crc16-xmodem": 0x31C3,
+    "crc16-genibus": 0xD64E,
+    "crc16-mcrf4xx": 0x6F91,
+    "crc16-x25": 0x906E,
+    "crc16-kermit": 0x2189,
+    "crc16-modbus": 0x4B37,
+}
+
+# name: polynomial, initial value, reflected, xor-out; as the catalogue gives them
+PARAMETERS = {
+    "crc32": (0x04C11DB7, 0xFFFFFFFF, True, 0xFFFFFFFF),
+    "crc16-ccitt-false": (0x1021, 0xFFFF, False, 0),
+    "crc16-xmodem": (0x1021, 0, False, 0),
+    "crc16-genibus": (0x1021, 0xFFFF, False, 0xFFFF),
+    "crc16-mcrf4xx": (0x1021, 0xFFFF, True, 0),
+    "crc16-x25": (0x1021, 0xFFFF, True, 0xFFFF),
+    "crc16-kermit": (0x1021, 0, True, 0),
+    "crc16-modbus": (0x8005, 0xFFFF, True, 0),
+}
+
+
+def test_every_checksum_has_a_published_check_value() -> None:
+    assert set(CHECKSUMS) == set(CHECK_VALUES)
+
+
+@pytest.mark.parametrize("name", CHECK_VALUES)
+def test_the_check_value_is_the_published_one(name: str) -> None:
+    assert CHECKSUMS[name].compute(b"123456789") == CHECK_VALUES[name]
+
+
+def bit_by_bit(name: str, data: bytes) -> int:
+    polynomial, value, reflected, xor_out = PARAMETERS[name]
+    width = 8 * CHECKSUMS[name].size
+    for byte in data:
+        for bit in range(8):
+            incoming = byte >> (bit if reflected else 7 - bit) & 1
+            top = value >> (width - 1) & 1
+            value = (value << 1) & ((1 << width) - 1)
+            if top ^ incoming:
+                value ^= polynomial
+    if reflected:
+        value = int(f"{value:0{width}b}"[::-1], 2)
+    return value ^ xor_out
+
+
+@given(st.binary(max_size=40))
+def test_any_bytes_give_what_the_definition_gives_bit_by_bit(data: bytes) -> None:
+    for name, checksum in CHECKSUMS.items():
+        assert checksum.compute(data) == bit_by_bit(name, data)
