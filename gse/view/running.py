@@ -7,6 +7,18 @@ from dataclasses import dataclass, field
 from gse.config import Limits
 from gse.instant import NS_PER_S
 from gse.results import Discrepancy, FrameResult, Status
+from gse.view.palette import GREEN, GREY, ORANGE, VERMILLION
+
+LINK_STATES = {
+    "OPENED": GREEN,
+    "REOPENED": GREEN,
+    "STREAMING": GREEN,
+    "NO_PORT": ORANGE,
+    "STALE": ORANGE,
+    "LOST": VERMILLION,
+    "CLOSED": GREY,
+}
+"""Kinds of link events that are states of the link, with their colours; the others are only logged."""
 
 _RATE_WINDOW = 50
 """Frames over which the rate is taken."""

@@ -15,26 +15,15 @@ from gse.frame_table import FrameTable
 from gse.instant import NS_PER_S
 from gse.results import FrameResult, Status
 from gse.view.blueprint import LIVE_WINDOW_S, layout
-from gse.view.palette import GREEN, GREY, ORANGE, VERMILLION
 from gse.view.picture import Picture
-from gse.view.running import Running
+from gse.view.running import LINK_STATES, Running
 from gse.view.series import begin_series, send_clock, send_series, times
 from gse.view.sky import begin_scatter, begin_sky, send_scatter, send_sky, unit_vectors
 
 _TRACK_ROW_NS = 2 * NS_PER_S
 """Scatter and sky track get one row for so many seconds of frames."""
 
-_LINK_STATES = {
-    "OPENED": GREEN,
-    "REOPENED": GREEN,
-    "STREAMING": GREEN,
-    "STALE": ORANGE,
-    "LOST": VERMILLION,
-    "CLOSED": GREY,
-}
-"""Kinds of link events that are states of the link; the others are only logged."""
-
-_BAD_EVENTS = ("LOST", "STALE")
+_GOOD_EVENTS = ("OPENED", "REOPENED", "STREAMING", "CLOSED", "ALIGNED", "FILE_RESTORED", "RECORDER_RECOVERED")
 
 
 class Scene:
@@ -59,8 +48,8 @@ class Scene:
         self._picture.begin(stream)
         begin_sky(stream, catalog)
         begin_scatter(stream, station.limits)
-        states = list(_LINK_STATES)
-        style = rr.StateConfiguration(values=states, labels=states, colors=list(_LINK_STATES.values()))
+        states = list(LINK_STATES)
+        style = rr.StateConfiguration(values=states, labels=states, colors=list(LINK_STATES.values()))
         stream.log("/link", style, static=True)
 
     def add(self, frames: Sequence[FrameResult]) -> None:
@@ -124,10 +113,10 @@ class Scene:
 
     def event(self, event: LinkEvent) -> None:
         """Show an event of the link in its state bar and in the log."""
-        if event.kind in _LINK_STATES:
+        if event.kind in LINK_STATES:
             at = times([event.utc_ns])
             self._stream.send_columns("/link", [at], rr.StateChange.columns(state=[event.kind]))
-        self.log(event.utc_ns, f"{event.kind}: {event.text}", "WARN" if event.kind in _BAD_EVENTS else "INFO")
+        self.log(event.utc_ns, f"{event.kind}: {event.text}", "INFO" if event.kind in _GOOD_EVENTS else "WARN")
 
     def clock(self, readings: Sequence[ClockReading]) -> None:
         """Show the health of the host clock."""

@@ -1,6 +1,5 @@
 """Where the sensor looked: the track of its boresight on the celestial sphere, and the scatter of dRA* and dDE."""
 
-import itertools
 import math
 
 import numpy as np
@@ -11,6 +10,7 @@ from gse.attitude import Attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.config import Limits
+from gse.view.outline import field_outline_icrs
 from gse.view.palette import GREEN, GREY, PALE, SKY_BLUE, VERMILLION, YELLOW
 from gse.view.running import Moments
 from gse.view.series import EDGE, times
@@ -57,14 +57,6 @@ def unit_vectors(ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64]) -> ND
     """Unit vectors (N, 3) of right ascensions and declinations (N,)."""
     ra, de = np.radians(ra_deg), np.radians(de_deg)
     return np.column_stack([np.cos(de) * np.cos(ra), np.cos(de) * np.sin(ra), np.sin(de)])
-
-
-def field_outline_icrs(attitude: Attitude, camera: Camera) -> NDArray[np.float64]:
-    """The border of the detector on the celestial sphere, (N, 3) closed, ICRS axes."""
-    right, bottom, steps = camera.columns - 0.5, camera.rows - 0.5, np.linspace(0, 1, 9)
-    corners = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom], [-0.5, -0.5]])
-    sides = [a + (b - a) * steps[:, None] for a, b in itertools.pairwise(corners)]
-    return camera.directions(np.concatenate(sides)) @ attitude.icrs_to_sensor
 
 
 def begin_scatter(stream: rr.RecordingStream, limits: Limits) -> None:

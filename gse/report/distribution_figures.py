@@ -1,0 +1,94 @@
+"""Figures of the distribution of the errors: scatter, histogram, spectrum."""
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse, Rectangle
+from numpy.typing import NDArray
+
+from gse.report.decimation import sample
+from gse.report.drawn import Drawn, edge_of
+from gse.report.spectrum import power_density
+from gse.view.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
+
+_MAX_POINTS = 3000
+_BINS = 60
+_AXES = (("d_ra_cosde_arcsec", "dRA*", SKY_BLUE), ("d_de_arcsec", "dDE", ORANGE))
+
+
+def draw_scatter(figure: Figure, drawn: Drawn) -> None:
+    """dRA* and dDE of the frames, as they lie within the limits, and close up with the 1 and 3 sigma rings."""
+    wide, close = figure.subplots(1, 2)
+    used, limits = drawn.used, drawn.night.station.limits
+    x, y = used["d_ra_cosde_arcsec"], used["d_de_arcsec"]
+    box = (limits.d_ra_cosde_arcsec, limits.d_de_arcsec)
+    wide.add_patch(Rectangle((-box[0], -box[1]), 2 * box[0], 2 * box[1], fill=False, edgecolor=hex_of(VERMILLION)))
+    _points(wide, x, y)
+    edge = max(edge_of(x, box[0]), edge_of(y, box[1]))
+    wide.set_xlim(-edge, edge)
+    wide.set_ylim(-edge, edge)
+    wide.set_title("Within the limits (box)")
+    _points(close, x, y)
+    if len(used) > 2:
+        _rings(close, x, y)
+    close.set_title("Close up: mean, 1 and 3 sigma")
+    for axes in (wide, close):
+        axes.set_aspect("equal")
+        axes.axhline(0, color=hex_of(GREY), linewidth=0.5)
+        axes.axvline(0, color=hex_of(GREY), linewidth=0.5)
+        axes.set_xlabel("dRA* (arcsec)")
+        axes.set_ylabel("dDE (arcsec)")
+
+
+def _points(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
+    rows = sample(len(x), _MAX_POINTS)
+    axes.plot(x[rows], y[rows], ".", color=hex_of(SKY_BLUE), markersize=2, markeredgewidth=0, zorder=1)
+
+
+def _rings(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
+    mean, std = (float(x.mean()), float(y.mean())), (float(x.std(ddof=1)), float(y.std(ddof=1)))
+    for n in (1, 3):
+        axes.add_patch(Ellipse(mean, 2 * n * std[0], 2 * n * std[1], fill=False, edgecolor=hex_of(GREEN), zorder=2))
+    axes.plot(*mean, marker="+", color=hex_of(GREEN), markersize=8)
+    half = 4.5 * max(*std, 1e-3)
+    axes.set_xlim(mean[0] - half, mean[0] + half)
+    axes.set_ylim(mean[1] - half, mean[1] + half)
+
+
+def draw_histogram(figure: Figure, drawn: Drawn) -> None:
+    """Histograms of both errors with the normal curve of the same mean and standard deviation."""
+    for axes, (name, label, colour) in zip(figure.subplots(1, 2), _AXES, strict=True):
+        values = drawn.used[name]
+        axes.set_xlabel(f"{label} (arcsec)")
+        axes.set_ylabel("frames")
+        if len(values) < 2:
+            continue
+        mean, std = float(values.mean()), max(float(values.std(ddof=1)), 1e-6)
+        inside = values[np.abs(values - mean) <= 5 * std]
+        counts, edges, _ = axes.hist(inside, bins=min(_BINS, max(8, len(inside) // 5)), color=hex_of(colour))
+        at = np.linspace(edges[0], edges[-1], 200)
+        normal = np.exp(-0.5 * ((at - mean) / std) ** 2) / (std * math.sqrt(2 * math.pi))
+        axes.plot(at, normal * len(values) * (edges[1] - edges[0]), color=hex_of(GREY))
+        far = len(values) - len(inside)
+        note = f"; {far} frames beyond 5 sigma" if far else ""
+        axes.set_title(f"{label}: mean {mean:+.2f}, std {std:.2f} arcsec{note}")
+        axes.set_ylim(0, 1.15 * float(np.max(counts)))
+
+
+def draw_spectrum(figure: Figure, drawn: Drawn) -> None:
+    """Power spectral density of both errors."""
+    axes = figure.subplots()
+    used = drawn.used
+    time_s = (used["utc_ns"] - used["utc_ns"][0]) / 1e9 if len(used) else np.empty(0)
+    time_s, first = np.unique(time_s, return_index=True)
+    for (name, label, _), colour in zip(_AXES, (BLUE, ORANGE), strict=True):
+        frequency, density = power_density(time_s, used[name][first])
+        if len(frequency):
+            axes.loglog(frequency, density, color=hex_of(colour), label=label)
+    axes.set_title("Spectrum of the errors less their mean (Lomb-Scargle)")
+    axes.set_xlabel("frequency (Hz)")
+    axes.set_ylabel("arcsec² / Hz")
+    if axes.lines:
+        axes.legend()

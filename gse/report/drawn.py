@@ -1,0 +1,59 @@
+"""What the figures of a report are drawn from."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.exclusions import exclusions, left_out
+from gse.frame_table import JUDGES, STATUSES
+from gse.night import Night
+from gse.results import Judge, Status
+from gse.statistics import STRAY_ARCSEC
+
+_EDGE_PERCENTILE = 99.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """Frames of a night in order of time, and which of them the accuracy figures are taken over.
+
+    ``frames`` are rows of FRAME, ``utc`` (N,) their instants, ``good`` (N,) marks identified frames that are neither
+    false nor left out; ``unidentified`` (N,) those without an answer.
+    """
+
+    night: Night
+    frames: NDArray[np.void]
+    utc: NDArray[np.datetime64]
+    good: NDArray[np.bool_]
+    unidentified: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, night: Night) -> "Drawn":
+        """The frames of a night."""
+        frames = np.sort(night.frames.columns, order="utc_ns", kind="stable")
+        answered = frames["status"] == STATUSES.index(Status.IDENTIFIED)
+        named_false = frames["judge"] == JUDGES.index(Judge.FALSE)
+        out = left_out(frames["utc_ns"], exclusions(night.events))
+        good = answered & ~named_false & ~out & np.isfinite(frames["d_de_arcsec"]) & _near(frames)
+        return cls(night, frames, frames["utc_ns"].astype("datetime64[ns]"), good, ~answered)
+
+    @property
+    def used(self) -> NDArray[np.void]:
+        """The good frames."""
+        return self.frames[self.good]
+
+
+def _near(frames: NDArray[np.void]) -> NDArray[np.bool_]:
+    x, y = frames["cross_x_arcsec"], frames["cross_y_arcsec"]
+    if not np.isfinite(x).any():
+        return np.zeros(len(frames), dtype=bool)
+    near: NDArray[np.bool_] = np.hypot(x - np.nanmedian(x), y - np.nanmedian(y)) <= STRAY_ARCSEC
+    return near
+
+
+def edge_of(values: NDArray[np.float64], limit: float) -> float:
+    """The range that a figure needs: 1.3 limits, or more where most of the values lie further out."""
+    finite = np.abs(values[np.isfinite(values)])
+    most = float(np.percentile(finite, _EDGE_PERCENTILE)) if len(finite) else 0.0
+    return max(1.3 * limit, 1.2 * most)

@@ -1,0 +1,44 @@
+"""The figures of a report, as SVG text."""
+
+import io
+import re
+from collections.abc import Callable
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from gse.view.palette import GREY, hex_of
+
+WIDTH_IN = 7.2
+"""The printed width of A4 less its margins."""
+
+_STYLE = {
+    "svg.fonttype": "path",
+    "svg.hashsalt": "gse",
+    "font.family": ["DejaVu Sans"],
+    "font.size": 8,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.5,
+    "axes.edgecolor": hex_of(GREY),
+    "axes.titlesize": 9,
+    "axes.titlelocation": "left",
+    "axes.formatter.useoffset": False,
+    "legend.fontsize": 7,
+    "legend.framealpha": 0.9,
+    "lines.linewidth": 0.8,
+    "figure.constrained_layout.use": True,
+    "path.simplify": False,
+}
+_IDS = re.compile(r'(?<=id=")(?=[^"])|(?<=href="#)|(?<=url\(#)')
+
+
+def svg_of(name: str, height_in: float, draw: Callable[[Figure], None]) -> str:
+    """The SVG element that ``draw`` makes; ``name`` keeps its ids apart from those of other figures on the page."""
+    with mpl.rc_context({**mpl.rcParamsDefault, **_STYLE, "backend": "svg"}):
+        figure = Figure(figsize=(WIDTH_IN, height_in))
+        draw(figure)
+        text = io.StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    svg = text.getvalue()
+    return _IDS.sub(f"{name}-", svg[svg.index("<svg") :])

@@ -1,0 +1,140 @@
+"""Figures on sky and detector: the track of the boresight, and the residuals of the stars."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from gse.attitude import Attitude
+from gse.camera import Camera
+from gse.report.decimation import sample
+from gse.report.drawn import Drawn
+from gse.view.outline import field_outline_icrs
+from gse.view.palette import BLUE, GREEN, GREY, VERMILLION, YELLOW, hex_of
+
+_MAX_POINTS = 1500
+_CELLS = 12
+_FEWEST = 3
+_NEAR_POLE_DEG = 75.0
+ARCSEC_PER_RAD = 180 * 3600 / np.pi
+
+
+def draw_sky(figure: Figure, drawn: Drawn) -> None:
+    """Measured and true boresight on the sky, and the field of view at the beginning and the end."""
+    answered = drawn.frames[~drawn.unidentified]
+    rows = sample(len(answered), _MAX_POINTS)
+    measured = answered[rows]
+    near_pole = len(measured) > 0 and bool(np.abs(measured["de_deg"]).max() > _NEAR_POLE_DEG)
+    axes = figure.subplots(subplot_kw={"projection": "polar"} if near_pole else {})
+    place = _Places(axes, measured, polar=near_pole)
+    place.draw(measured["ra_true_deg"], measured["de_true_deg"], color=hex_of(VERMILLION), linewidth=4, label="true")
+    place.draw(measured["ra_deg"], measured["de_deg"], color=hex_of(BLUE), linewidth=1, label="measured")
+    camera = drawn.night.station.sensor.camera()
+    for frame, style in ((measured[:1], ":"), (measured[-1:], "-")):
+        if len(frame):
+            place.draw(*_outline(frame[0], camera), color=hex_of(GREEN), linestyle=style)
+    axes.plot([], [], color=hex_of(GREEN), linestyle=":", label="field, first frame")
+    axes.plot([], [], color=hex_of(GREEN), label="field, last frame")
+    axes.set_title("Boresight on the sky (ICRS)")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
+
+
+class _Places:
+    """Right ascension to the left and declination up; about the pole, right ascension around and its distance out."""
+
+    def __init__(self, axes: Axes, frames: NDArray[np.void], *, polar: bool) -> None:
+        self._axes, self._polar = axes, polar
+        self._sign = 1.0 if not len(frames) or frames["de_deg"].mean() >= 0 else -1.0
+        self._zero_deg = float(frames["ra_deg"][0]) if len(frames) else 0.0
+        if polar:
+            return
+        de_deg = float(np.median(frames["de_deg"])) if len(frames) else 0.0
+        axes.set_aspect(1 / max(np.cos(np.radians(de_deg)), 0.1), adjustable="datalim")
+        axes.xaxis.set_inverted(True)
+        axes.set_xlabel("RA (deg)")
+        axes.set_ylabel("DE (deg)")
+        axes.xaxis.set_major_formatter(lambda value, _: f"{value % 360:g}")
+
+    def draw(self, ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64], **style: Any) -> None:
+        if self._polar:
+            self._axes.plot(np.radians(ra_deg), 90 - self._sign * de_deg, **style)
+            return
+        turned = self._zero_deg + np.unwrap(ra_deg - self._zero_deg, period=360) if len(ra_deg) else ra_deg
+        self._axes.plot(turned, de_deg, **style)
+
+
+def _outline(frame: np.void, camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    attitude = Attitude.from_angles(frame["ra_deg"], frame["de_deg"], frame["roll_deg"])
+    x, y, z = field_outline_icrs(attitude, camera).T
+    ra_deg = np.degrees(np.arctan2(y, x))
+    # The outline begins near the boresight's own right ascension, not a turn away.
+    ra_deg += 360 * np.round((frame["ra_deg"] - ra_deg[0]) / 360)
+    return ra_deg, np.degrees(np.arctan2(z, np.hypot(x, y)))
+
+
+def draw_residual_map(figure: Figure, drawn: Drawn) -> None:
+    """Mean residual of the stars in each cell of the detector, as an arrow, and its rms as a colour."""
+    axes = figure.subplots()
+    camera, matches = drawn.night.station.sensor.camera(), drawn.night.frames.matches
+    pixel_arcsec = camera.pixel_rad * ARCSEC_PER_RAD
+    axes.set_title("Residuals of the stars over the detector (measured - catalogue, after the frame's attitude)")
+    axes.set_xlabel("column (px)")
+    axes.set_ylabel("row (px)")
+    axes.set_xlim(-0.5, camera.columns - 0.5)
+    axes.set_ylim(camera.rows - 0.5, -0.5)
+    axes.set_aspect("equal")
+    axes.grid(visible=False)
+    if not len(matches):
+        return
+    size = max(camera.columns, camera.rows) / _CELLS
+    across, down = int(np.ceil(camera.columns / size)), int(np.ceil(camera.rows / size))
+    column = np.clip((matches["x_px"] + 0.5) / size, 0, across - 1).astype(np.int64)
+    cell = np.clip((matches["y_px"] + 0.5) / size, 0, down - 1).astype(np.int64) * across + column
+    x, y = (np.asarray(matches[f"residual_{axis}_arcsec"], dtype=np.float64) for axis in "xy")
+    x = -x if camera.mirrored else x
+    count, mean_x = _mean(cell, x, across * down)
+    mean_y = _mean(cell, y, across * down)[1]
+    rms = np.sqrt(_mean(cell, x**2 + y**2, across * down)[1])
+    image = axes.imshow(
+        np.where(count >= _FEWEST, rms, np.nan).reshape(down, across),
+        extent=(-0.5, across * size - 0.5, down * size - 0.5, -0.5),
+        cmap="cividis",
+        vmin=0,
+        interpolation="none",
+    )
+    figure.colorbar(image, ax=axes, label="rms of the residual (arcsec)", shrink=0.9)
+    full = np.flatnonzero(count >= _FEWEST)
+    if len(full):
+        centre_x, centre_y = (np.asarray((place + 0.5) * size) for place in (full % across, full // across))
+        _arrows(axes, (centre_x, centre_y), (mean_x[full], mean_y[full]), size, pixel_arcsec)
+
+
+def _mean(
+    cell: NDArray[np.int64], values: NDArray[np.float64], cells: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    count = np.bincount(cell, minlength=cells)
+    return count, np.bincount(cell, values, cells) / np.maximum(count, 1)
+
+
+def _arrows(
+    axes: Axes,
+    places: tuple[NDArray[np.float64], NDArray[np.float64]],
+    means: tuple[NDArray[np.float64], NDArray[np.float64]],
+    size_px: float,
+    pixel_arcsec: float,
+) -> None:
+    """The longest arrow is as long as a cell; the key below tells its scale."""
+    longest = max(float(np.hypot(*means).max()), 1e-9)
+    arrows = axes.quiver(
+        *places,
+        *means,
+        color=hex_of(YELLOW),
+        angles="xy",
+        scale_units="xy",
+        scale=longest / size_px,
+        width=0.004,
+    )
+    text = f"mean residual {longest:.2f} arcsec = {longest / pixel_arcsec:.3f} px"
+    axes.quiverkey(arrows, 0.05, -0.16, longest, text, labelpos="E", coordinates="axes", color=hex_of(GREY))

@@ -1,0 +1,150 @@
+"""The report as one JSON object: report.json, schema gse.report/1."""
+
+import dataclasses
+import hashlib
+import math
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse import instant
+from gse.night import Night
+from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, Row, this_sensor
+from gse.statistics import Statistics
+from gse.truth.budget import TruthBudget
+from gse.verdict import Judgement
+
+SCHEMA = "gse.report/1"
+DECIMALS = 6
+"""Of every number: 1e-6 deg is 0.004 arcsec. The same session gives the same text on any machine."""
+
+
+def summarise(night: Night, judgement: Judgement) -> dict[str, Any]:
+    """What is in report.json; every float is rounded to 6 decimals, and null where it is unknown or infinite."""
+    figures = judgement.statistics
+    report = {
+        "schema": SCHEMA,
+        "verdict": judgement.verdict,
+        "reasons": judgement.reasons,
+        "measurements": judgement.measurements,
+        "accuracy": figures.axes,
+        "identification": _identification(figures),
+        "timing": _timing(figures),
+        "link": {**dataclasses.asdict(night.link), "truncated": night.truncated},
+        "truth_budget": _budget(judgement.budget),
+        "table_4_1": _table_4_1(night, figures),
+        "left_out": [_left_out(item, count) for item, count in figures.left_out],
+        "session": _session(night),
+    }
+    plain: dict[str, Any] = _plain(report)
+    return plain
+
+
+def _identification(figures: Statistics) -> dict[str, Any]:
+    return {
+        "frames": figures.frames,
+        "frames_expected": figures.frames_expected,
+        "statuses": figures.statuses,
+        "judged": figures.judged,
+        "available": figures.available,
+        "false_answers": figures.false_answers,
+        "false_upper_95": figures.false_upper_95,
+        "time_ms": figures.identification_ms,
+    }
+
+
+def _timing(figures: Statistics) -> dict[str, Any]:
+    return {
+        "arrival_ms": figures.arrival_ms,
+        "acquisition_s": figures.acquisition_s,
+        "outage_s": figures.outage_s,
+        "earth_rate": figures.earth_rate,
+    }
+
+
+def _budget(budget: TruthBudget) -> dict[str, Any]:
+    return {"ra_arcsec": budget.ra_arcsec, "de_arcsec": budget.de_arcsec, "terms": budget.terms}
+
+
+def _table_4_1(night: Night, figures: Statistics) -> dict[str, Any]:
+    rows = (this_sensor(night.station.sensor.name, figures), *PAPER)
+    return {"rows": [_table_row(row) for row in rows], "limit_deg": LIMIT_DEG}
+
+
+def _table_row(row: Row) -> dict[str, Any]:
+    return {
+        "name": row.name,
+        "mean_d_ra_deg": row.d_ra_deg,
+        "mean_d_de_deg": row.d_de_deg,
+        "mean_d_ra_arcmin": row.d_ra_deg * ARCMIN_PER_DEG,
+        "mean_d_de_arcmin": row.d_de_deg * ARCMIN_PER_DEG,
+        "time": row.time,
+    }
+
+
+def _left_out(item: Any, count: int) -> dict[str, Any]:
+    return {
+        "from": instant.to_text(item.from_ns),
+        "until": instant.to_text(item.until_ns),
+        "reason": item.reason,
+        "frames": count,
+    }
+
+
+def _session(night: Night) -> dict[str, Any]:
+    station = night.station
+    utc_ns = night.frames.columns["utc_ns"]
+    return {
+        "sensor": station.sensor.name,
+        "site": station.site.model_dump(mode="json"),
+        "mount": station.mount.model_dump(mode="json"),
+        "protocol": night.protocol_name,
+        "identifier": station.identifier.model_dump(mode="json"),
+        "first_utc": instant.to_text(int(utc_ns.min())) if len(utc_ns) else None,
+        "last_utc": instant.to_text(int(utc_ns.max())) if len(utc_ns) else None,
+        "duration_s": float(utc_ns.max() - utc_ns.min()) / instant.NS_PER_S if len(utc_ns) else None,
+        "events": len(night.events),
+        "clock": _clock(night),
+        "temperature_c": _range(night.frames.columns["temperature_c"]),
+        "raw_sha256": night.raw_sha256,
+        "station_sha256": hashlib.sha256(night.station_text.encode()).hexdigest(),
+        "catalog": night.catalog,
+        "versions": night.versions,
+    }
+
+
+def _clock(night: Night) -> dict[str, Any]:
+    readings = night.clock
+    return {
+        "sources": sorted({reading.source for reading in readings}),
+        "readings": len(readings),
+        "synchronised": bool(readings) and all(reading.synchronised for reading in readings),
+        "worst_offset_s": max((abs(reading.offset_s) for reading in readings), default=None),
+        "worst_error_bound_s": max((reading.error_bound_s for reading in readings), default=None),
+        "steps": sum(event.kind == "CLOCK_STEP" for event in night.events),
+    }
+
+
+def _range(values: NDArray[np.float32]) -> dict[str, Any]:
+    finite = values[np.isfinite(values)].astype(np.float64)
+    return {"min": finite.min(), "max": finite.max()} if len(finite) else {"min": None, "max": None}
+
+
+def _plain(value: Any) -> Any:
+    """Only what JSON knows: enums as text, dataclasses as objects, floats rounded, NaN and infinity as null."""
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, bool | int | str) or value is None:
+        return value
+    if isinstance(value, float):  # numpy's float64 too
+        # + 0.0 makes a zero of a rounded-off negative number
+        return round(float(value), DECIMALS) + 0.0 if math.isfinite(value) else None
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    raise TypeError(f"{type(value).__name__} has no place in a report")

@@ -1,0 +1,101 @@
+"""The verdict on the terminal: what came out, why, and the paper's Table 4-1 beside it."""
+
+from typing import Any
+
+from rich.console import Console
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+_COLOURS = {"PASS": "green", "FAIL": "red", "INCONCLUSIVE": "yellow"}
+
+
+def print_verdict(report: dict[str, Any], console: Console | None = None) -> None:
+    """Print a report (as ``summarise`` gives it) to stdout; without boxes and colours where that is no terminal."""
+    console = console or Console(highlight=False)
+    if not console.is_terminal:
+        console.print("\n".join(plain_lines(report)), markup=False, soft_wrap=True)
+        return
+    colour = _COLOURS[report["verdict"]]
+    reasons = [Text(f"  {reason}") for reason in report["reasons"]]
+    headline = Text(report["verdict"], style=f"bold {colour}")
+    console.print(Panel(Text("\n").join([headline, *reasons]), border_style=colour, expand=False))
+    console.print(_boxed(("measurement", "value", "limit", "outcome"), measurement_rows(report)))
+    console.print(_boxed(TABLE_4_1_HEAD, table_4_1_rows(report), title="as table 4-1 of [S]"))
+    console.print("\n".join(facts(report)), markup=False)
+
+
+def plain_lines(report: dict[str, Any]) -> list[str]:
+    """The same as lines of plain text."""
+    return [
+        report["verdict"],
+        *(f"  {reason}" for reason in report["reasons"]),
+        "",
+        *_aligned(("measurement", "value", "limit", "outcome"), measurement_rows(report)),
+        "",
+        *_aligned(TABLE_4_1_HEAD, table_4_1_rows(report)),
+        "",
+        *facts(report),
+    ]
+
+
+TABLE_4_1_HEAD = ("table 4-1 of [S]", "mean |dRA|", "mean |dDE|", "time")
+
+
+def measurement_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
+    """Name, value, limit and outcome of each measurement."""
+    return [
+        (item["name"], quantity(item["value"], item["unit"]), quantity(item["limit"], item["unit"]), item["outcome"])
+        for item in report["measurements"]
+    ]
+
+
+def table_4_1_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
+    """The sensor under test above those of the paper, in degrees and arcmin."""
+    return [
+        (row["name"], _degrees(row["mean_d_ra_deg"]), _degrees(row["mean_d_de_deg"]), row["time"])
+        for row in report["table_4_1"]["rows"]
+    ]
+
+
+def facts(report: dict[str, Any]) -> list[str]:
+    """Frames, link, and what truth leaves open, a line each."""
+    found, link, budget = report["identification"], report["link"], report["truth_budget"]
+    lines = [
+        f"frames: {found['frames']} of {found['frames_expected']} expected, "
+        f"{found['statuses'].get('IDENTIFIED', 0)} identified",
+        f"link: {link['bytes_in']} bytes, {link['bytes_discarded']} discarded, {link['frames_lost']} frames lost, "
+        f"{link['duplicates']} duplicates, {link['reconnects']} reconnects",
+        f"truth is good to {quantity(budget['ra_arcsec'], 'arcsec')} in dRA* "
+        f"and {quantity(budget['de_arcsec'], 'arcsec')} in dDE",
+    ]
+    return [*lines, "the session lost its end"] if link["truncated"] else lines
+
+
+def quantity(value: float | None, unit: str) -> str:
+    """A value with its unit; shares (no unit, below 1) with four decimals."""
+    if value is None:
+        return "unknown"
+    if unit:
+        return f"{value:.2f} {unit}" if abs(value) < 1000 else f"{value:.0f} {unit}"
+    return str(value) if isinstance(value, int) else f"{value:.4f}"
+
+
+def _degrees(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.6f} deg = {60 * value:.3f} arcmin"
+
+
+def _boxed(head: tuple[str, ...], rows: list[tuple[str, ...]], title: str | None = None) -> Table:
+    table = Table(title=title, title_justify="left")
+    for name in head:
+        table.add_column(name)
+    for row in rows:
+        table.add_row(*(Text(cell, style=_COLOURS.get(cell, "")) for cell in row))
+    return table
+
+
+def _aligned(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+    widths = [max(len(row[place]) for row in (head, *rows)) for place in range(len(head))]
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in (head, *rows)
+    ]

@@ -1,0 +1,199 @@
+"""Figures against time: the errors, as in figures 3-1 to 3-6 of [S], and what surrounds them."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+from numpy.typing import NDArray
+
+from gse.exclusions import exclusions
+from gse.instant import NS_PER_S
+from gse.report.decimation import extremes, sample
+from gse.report.drawn import Drawn, edge_of
+from gse.report.paper import LIMIT_DEG
+from gse.view.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
+from gse.view.running import LINK_STATES
+
+_MAX_MARKS = 400
+_SHARE_BINS = 120
+_GAP_STEPS = 3
+"""A line is broken where frames are this many median steps apart."""
+
+
+def draw_errors(figure: Figure, drawn: Drawn) -> None:
+    """dRA* and dDE with their limits, frames outside, frames without an answer, and stretches left out."""
+    limits = drawn.night.station.limits
+    top, bottom = figure.subplots(2, 1, sharex=True)
+    _error_panel(top, drawn, "d_ra_cosde_arcsec", "dRA* (arcsec)", limits.d_ra_cosde_arcsec)
+    _error_panel(bottom, drawn, "d_de_arcsec", "dDE (arcsec)", limits.d_de_arcsec)
+    top.set_title("dRA* = dRA cos DE, and dDE, against their limits")
+    handles, labels = top.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=5)
+    time_axis(bottom)
+
+
+def _error_panel(axes: Axes, drawn: Drawn, name: str, label: str, limit: float) -> None:
+    values = np.where(drawn.good, drawn.frames[name], np.nan)
+    edge = edge_of(values, limit)
+    for sign in (1, -1):
+        text = f"limit {limit:g} arcsec" if sign > 0 else None
+        axes.axhline(sign * limit, color=hex_of(VERMILLION), linewidth=1, label=text)
+    line(axes, drawn, values, SKY_BLUE, "measured - true")
+    outside = np.flatnonzero(np.abs(values) > limit)
+    shown = outside[sample(len(outside), _MAX_MARKS)]
+    clipped = np.clip(values[shown], -edge, edge)
+    style: dict[str, Any] = {"linestyle": "", "markersize": 4}
+    axes.plot(drawn.utc[shown], clipped, marker="x", color=hex_of(VERMILLION), label="outside", **style)
+    missing = np.flatnonzero(drawn.unidentified)
+    missing = missing[sample(len(missing), _MAX_MARKS)]
+    ground = np.full(len(missing), -edge)
+    axes.plot(drawn.utc[missing], ground, marker="|", color=hex_of(ORANGE), label="no answer", **style)
+    _shade(axes, drawn)
+    axes.set_ylim(-1.05 * edge, 1.05 * edge)
+    axes.set_ylabel(label)
+
+
+def _shade(axes: Axes, drawn: Drawn) -> None:
+    for number, item in enumerate(exclusions(drawn.night.events)):
+        axes.axvspan(_day(item.from_ns), _day(item.until_ns), color="#dddddd", label=None if number else "left out")
+
+
+def _day(utc_ns: int) -> float:
+    """An instant as matplotlib counts it."""
+    return float(date2num(np.datetime64(utc_ns, "ns")))
+
+
+def draw_paper(figure: Figure, drawn: Drawn) -> None:
+    """dRA (not times cos DE) and dDE in degrees, as [S] draws them for each of its sensors."""
+    top, bottom = figure.subplots(2, 1, sharex=True)
+    cos_de = np.cos(np.radians(drawn.frames["de_true_deg"]))
+    d_ra_deg = np.where(drawn.good, drawn.frames["d_ra_cosde_arcsec"], np.nan) / cos_de / 3600
+    d_de_deg = np.where(drawn.good, drawn.frames["d_de_arcsec"], np.nan) / 3600
+    for axes, values, label in ((top, d_ra_deg, "dRA (deg)"), (bottom, d_de_deg, "dDE (deg)")):
+        for sign in (1, -1):
+            axes.axhline(sign * LIMIT_DEG, color=hex_of(VERMILLION), linewidth=1, linestyle="--")
+        line(axes, drawn, values, BLUE, label)
+        edge = edge_of(values, LIMIT_DEG)
+        axes.set_ylim(-1.05 * edge, 1.05 * edge)
+        axes.set_ylabel(label)
+    top.set_title("dRA and dDE, as figures 3-1 to 3-6 of [S]; dashed: its limit of 1 arcmin")
+    time_axis(bottom)
+
+
+def draw_identification_time(figure: Figure, drawn: Drawn) -> None:
+    """Time of the identification against time, and its distribution."""
+    left, right = figure.subplots(1, 2, width_ratios=[3, 1], sharey=True)
+    values = drawn.frames["elapsed_us"].astype(np.float64) / 1000
+    limit = drawn.night.station.limits.identification_ms
+    left.set_title("Identification time (as recorded in the session)")
+    left.set_ylabel("ms")
+    finite = values[np.isfinite(values) & (values > 0)]
+    if not len(finite):
+        _nothing(left, "no times were recorded")
+        right.set_axis_off()
+        return
+    left.axhline(limit, color=hex_of(VERMILLION), linewidth=1)
+    line(left, drawn, values, GREEN, "identification")
+    left.set_yscale("log")
+    left.set_ylim(float(finite.min()) / 1.5, 1.5 * max(limit, float(finite.max())))
+    left.text(0.01, limit, f"limit {limit:g} ms", transform=left.get_yaxis_transform(), va="bottom", fontsize=7)
+    bins = np.geomspace(finite.min() / 1.01, finite.max() * 1.01, 60)
+    right.hist(finite, bins=bins, orientation="horizontal", color=hex_of(GREEN))
+    right.set_xlabel("frames")
+    time_axis(left)
+
+
+def draw_timelines(figure: Figure, drawn: Drawn) -> None:
+    """Share of frames identified, link state, host clock, detector temperature."""
+    share, link, clock, temperature = figure.subplots(4, 1, sharex=True, height_ratios=[2, 0.7, 1.6, 1.6])
+    _share(share, drawn)
+    _link(link, drawn)
+    _clock(clock, drawn)
+    line(temperature, drawn, drawn.frames["temperature_c"].astype(np.float64), ORANGE, "detector")
+    temperature.set_ylabel("detector\n(degC)")
+    time_axis(temperature)
+
+
+def _share(axes: Axes, drawn: Drawn) -> None:
+    axes.set_ylabel("identified")
+    axes.set_ylim(-0.03, 1.05)
+    axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+    availability = drawn.night.station.limits.availability
+    axes.axhline(availability, color=hex_of(VERMILLION), linewidth=1)
+    if not len(drawn.frames):
+        return
+    utc_ns = drawn.frames["utc_ns"]
+    edges = np.linspace(utc_ns[0], utc_ns[-1] + 1, min(_SHARE_BINS, len(utc_ns)) + 1)
+    place = np.clip(np.searchsorted(edges, utc_ns, side="right") - 1, 0, len(edges) - 2)
+    total = np.bincount(place, minlength=len(edges) - 1)
+    good = np.bincount(place, ~drawn.unidentified, len(edges) - 1)
+    with np.errstate(invalid="ignore"):
+        values = good / total
+    axes.stairs(values, edges.astype(np.int64).astype("datetime64[ns]"), color=hex_of(BLUE), baseline=None)
+
+
+def _link(axes: Axes, drawn: Drawn) -> None:
+    """Coloured stretches, each from an event to the next."""
+    axes.set_ylabel("link")
+    axes.set_yticks([])
+    axes.set_ylim(0, 1)
+    states = [event for event in drawn.night.events if event.kind in LINK_STATES]
+    ends = [event.utc_ns for event in states[1:]]
+    ends.append(max(int(drawn.frames["utc_ns"][-1]) if len(drawn.frames) else 0, states[-1].utc_ns if states else 0))
+    for event, end in zip(states, ends, strict=False):
+        axes.axvspan(_day(event.utc_ns), _day(end), color=hex_of(LINK_STATES[event.kind]), linewidth=0)
+    shown = dict.fromkeys(event.kind for event in states)
+    for kind in shown:
+        axes.plot([], [], linewidth=5, color=hex_of(LINK_STATES[kind]), label=kind.lower())
+    if shown:
+        axes.legend(loc="center left", ncols=len(shown), borderpad=0.2)
+
+
+def _clock(axes: Axes, drawn: Drawn) -> None:
+    axes.set_ylabel("host clock\n(ms)")
+    readings = drawn.night.clock
+    if not readings:
+        _nothing(axes, "the clock was not read")
+        return
+    at = np.array([reading.utc_ns for reading in readings]).astype("datetime64[ns]")
+    offset = 1000 * np.array([reading.offset_s for reading in readings])
+    bound = 1000 * np.array([reading.error_bound_s for reading in readings])
+    colour = GREY if all(reading.synchronised for reading in readings) else VERMILLION
+    axes.fill_between(at, offset - bound, offset + bound, color=hex_of(colour), alpha=0.3, linewidth=0)
+    axes.plot(at, offset, color=hex_of(BLUE), marker="." if len(at) < 100 else "", markersize=3)
+
+
+def _nothing(axes: Axes, text: str) -> None:
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=hex_of(GREY))
+
+
+def line(axes: Axes, drawn: Drawn, values: NDArray[np.float64], colour: tuple[int, int, int], label: str) -> None:
+    """A line over the frames, broken where frames are missing; thinned to its extremes."""
+    rows = extremes(values)
+    utc_ns, shown = drawn.frames["utc_ns"][rows], values[rows].copy()
+    if len(drawn.frames) > 2:
+        gaps = _after_gaps(drawn.frames["utc_ns"])
+        broken = np.searchsorted(rows, gaps)
+        broken = broken[broken < len(rows)]
+        utc_ns = np.insert(utc_ns, broken, utc_ns[broken] - 1)
+        shown = np.insert(shown, broken, np.nan)
+    marker = "." if np.isfinite(values).sum() < 60 else ""
+    axes.plot(utc_ns.astype("datetime64[ns]"), shown, color=hex_of(colour), label=label, marker=marker)
+
+
+def _after_gaps(utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    steps = np.diff(utc_ns)
+    usual = max(float(np.median(steps)), 1.0)
+    rows: NDArray[np.int64] = np.flatnonzero(steps > max(_GAP_STEPS * usual, NS_PER_S)) + 1
+    return rows
+
+
+def time_axis(axes: Axes) -> None:
+    """UTC along the bottom, with its date."""
+    locator = AutoDateLocator(minticks=4, maxticks=9)
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=True))
+    axes.set_xlabel("UTC")

@@ -1,0 +1,34 @@
+"""The files of a report, written into the folder of a session."""
+
+import json
+from pathlib import Path
+
+from gse.errors import UsageError
+from gse.night import Night
+from gse.report.frames_csv import frames_csv
+from gse.report.junit import junit_xml
+from gse.report.page import report_html
+from gse.report.summary import summarise
+from gse.verdict import Judgement
+
+
+def write_report(night: Night, judgement: Judgement, folder: Path) -> dict[str, Path]:
+    """Write report.json, report.html, frames.csv and junit.xml; their paths by name.
+
+    All four follow from the night alone: the same session gives the same bytes. An earlier report in the folder is
+    replaced.
+    """
+    report = summarise(night, judgement)
+    texts = {
+        "report.json": json.dumps(report, indent=2, allow_nan=False) + "\n",
+        "report.html": report_html(night, judgement, report),
+        "frames.csv": frames_csv(night.frames.columns),
+        "junit.xml": junit_xml(report),
+    }
+    paths = {name: folder / name for name in texts}
+    try:
+        for name, path in paths.items():
+            path.write_text(texts[name], encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise UsageError(f"cannot write the report into {folder}: {error.strerror}; is the disk full?") from error
+    return paths
