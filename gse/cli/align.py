@@ -1,0 +1,123 @@
+"""``gse align``: the mount's direction from a session."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from gse.alignment import CrossJudged, MeasuredMounts, cross_judged
+from gse.attitude import Attitude
+from gse.cli.options import station_of, station_option
+from gse.cli.writing import write_new
+from gse.comparison import compare
+from gse.config import Mount
+from gse.station_text import with_values
+from gse.truth import horizon_to_sensor
+
+_NEAR_ZENITH_DEG = 89.9
+
+
+@click.command("align")
+@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@station_option
+@click.option("--from", "from_utc", help="Use the session from this UTC on, e.g. 2026-03-20T18:30:00Z.")
+@click.option("--to", "to_utc", help="Use it up to this UTC.")
+@click.option(
+    "--write",
+    "write_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write a station file with this mount.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.alignment/1.")
+def command(
+    path: Path,
+    station_path: Path | None,
+    from_utc: str | None,
+    to_utc: str | None,
+    write_path: Path | None,
+    as_json: bool,
+) -> None:
+    """Fit azimuth, altitude and roll of the mount to the identified frames of FILE, with covariance.
+
+    Fits on even minutes are judged on odd ones and the other way round. The verdict of a session must not rest on a
+    mount that was fitted on the same frames: use --write for the next session, or `mount: {align: first 60 s}`.
+    """
+    from gse.replaying import Cut, StationText, replay_session
+
+    def change(recorded: StationText) -> StationText:
+        return station_of(station_path) if station_path else recorded
+
+    measured = MeasuredMounts()
+    replay = replay_session(
+        path, cut=Cut(from_utc=from_utc, to_utc=to_utc), station=change, make_sinks=lambda loop: [measured]
+    )
+    judged = cross_judged(measured)
+    if write_path is not None:
+        mount = judged.alignment.mount.model_dump(exclude={"align"})
+        angles = {name: round(value, 6) for name, value in mount.items()}
+        write_new(write_path, with_values(replay.night.station_text, "mount", angles, drop=("align",)))
+    report = alignment_report(judged, replay.night.station.mount)
+    click.echo(json.dumps(report) if as_json else "\n".join(_lines(report)))
+
+
+def alignment_report(judged: CrossJudged, stated: Mount) -> dict[str, Any]:
+    """The JSON of schema gse.alignment/1; ``stated`` is the mount of the station file."""
+    fit = judged.alignment
+    true, measured = (Attitude(horizon_to_sensor(mount), np.zeros((3, 3))) for mount in (stated, fit.mount))
+    from_stated = compare(measured, true)
+    sigma = fit.sigma_azimuth_altitude_roll_arcsec
+    return {
+        "schema": "gse.alignment/1",
+        "azimuth_deg": round(fit.mount.azimuth_deg, 6),
+        "altitude_deg": round(fit.mount.altitude_deg, 6),
+        "roll_deg": round(fit.mount.roll_deg, 6),
+        "sigma_arcsec": dict(zip(("azimuth", "altitude", "roll"), _rounded(sigma), strict=True)),
+        "sigma_sensor_arcsec": _axes(fit.sigma_arcsec[1::-1] + fit.sigma_arcsec[2:]),
+        "covariance_arcsec2": [_rounded(row, 6) for row in fit.covariance_arcsec2],
+        "scatter_arcsec": _axes(fit.scatter_arcsec[1::-1] + fit.scatter_arcsec[2:]),
+        "frames": fit.n,
+        "rejected": fit.rejected,
+        "repeatability_arcsec": _axes(judged.repeatability_arcsec),
+        "mean_abs_on_other_half_arcsec": _axes(judged.mean_abs_arcsec),
+        "rms_on_other_half_arcsec": _axes(judged.rms_arcsec),
+        "from_stated_mount_arcsec": _axes(
+            (from_stated.cross_x_arcsec, from_stated.cross_y_arcsec, from_stated.d_roll_arcsec)
+        ),
+    }
+
+
+def _axes(values: tuple[float, ...]) -> dict[str, float | None]:
+    return dict(zip(("columns", "rows", "roll"), _rounded(values), strict=True))
+
+
+def _rounded(values: tuple[float, ...], digits: int = 3) -> list[float | None]:
+    return [round(value, digits) if math.isfinite(value) else None for value in values]
+
+
+def _lines(report: dict[str, Any]) -> list[str]:
+    """The report for a person."""
+    sigma = report["sigma_arcsec"]
+    rows = (
+        ("scatter of one frame (1 sigma)", "scatter_arcsec"),
+        ("fit (1 sigma)", "sigma_sensor_arcsec"),
+        ("even against odd minutes", "repeatability_arcsec"),
+        ("mean error on the other minutes", "mean_abs_on_other_half_arcsec"),
+        ("from the mount in the station file", "from_stated_mount_arcsec"),
+    )
+    zenith = report["altitude_deg"] > _NEAR_ZENITH_DEG
+    note = ["so near the zenith azimuth and roll are only known together"] if zenith else []
+    return [
+        *(f"{name:9}{report[f'{name}_deg']:12.5f} deg  +- {_text(sigma[name])} arcsec" for name in sigma),
+        *note,
+        f"{report['frames']} frames, {report['rejected']} rejected",
+        "",
+        f"{'arcsec along':36}{'columns':>10}{'rows':>10}{'roll':>10}",
+        *(f"{title:36}" + "".join(f"{_text(report[key][axis]):>10}" for axis in report[key]) for title, key in rows),
+    ]
+
+
+def _text(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.2f}"

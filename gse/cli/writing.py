@@ -1,0 +1,19 @@
+"""Files that commands write for the user: nothing is overwritten."""
+
+from pathlib import Path
+
+import click
+
+from gse.errors import UsageError
+
+
+def write_new(path: Path, text: str) -> None:
+    """Write a new text file and say so on stderr; UsageError where it exists or cannot be written."""
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise UsageError(f"{path} exists already; choose another name") from None
+    except OSError as error:
+        raise UsageError(f"cannot write {path}: {error.strerror}") from error
+    click.echo(f"{path} written", err=True)
