@@ -17,6 +17,9 @@ Value = Any  # int, float, str, frozenset[str] or tuple[int, ...], as the field'
 LARGEST_TIME_US = 2**53
 """A sensor clock of 285 years is no clock; beyond it nanoseconds no longer fit 64 bits."""
 
+LARGEST_FLOAT = 1e18
+"""Beyond it a float on the wire is garbage; also what keeps scaled values finite."""
+
 
 class FieldCodec:
     """Converts the numbers of one field; ``commands`` are the names of the codes that ACK and NAK speak of.
@@ -78,14 +81,21 @@ class FieldCodec:
 
     def values_of(self, counts: NDArray[Any]) -> NDArray[np.float64]:
         """The values of many counts (N,)."""
+        if not self.is_float:
+            return self._values(counts)
+        with np.errstate(invalid="ignore", over="ignore"):  # a signalling NaN, say: a problem, not a warning
+            return self._values(counts)
+
+    def _values(self, counts: NDArray[Any]) -> NDArray[np.float64]:
+        # As float64 first: a u16 times a scale would stay a u16.
         values: NDArray[np.float64] = self.value_of(counts.astype(np.float64))
         return values
 
     def problem_of(self, count: Count) -> str | None:
         """What is out of order with this count, in words; None if nothing is."""
         low, high = self._field.minimum, self._field.maximum
-        if self.is_float and not math.isfinite(count):
-            return f"{self.name} is {count}: not a finite number"
+        if self.is_float and not abs(count) <= LARGEST_FLOAT:
+            return f"{self.name} is {count}: no number of ordinary size"
         if low is not None and count < low:
             return f"{self.name} is {count}, under the minimum of {low:.15g}"
         if high is not None and count > high:
@@ -97,7 +107,7 @@ class FieldCodec:
     def is_in_order(self, counts: NDArray[Any]) -> NDArray[np.bool_]:
         """Which of many counts (N,) have no problem."""
         low, high = self._field.minimum, self._field.maximum
-        fine = np.isfinite(counts) if self.is_float else True
+        fine = np.abs(counts) <= LARGEST_FLOAT if self.is_float else True
         if low is not None:
             fine = fine & (counts >= low)
         if high is not None:

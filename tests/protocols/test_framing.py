@@ -1,0 +1,261 @@
+"""The receiver rules: every byte framed or discarded with its reason, however the stream is cut."""
+
+import random
+from collections import Counter
+from collections.abc import Iterable
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from protocols import REASONS, Ack, Discard, Frame, FrameDecoder, Ping, Protocol, StatusMessage, load_protocol
+from protocols.frame import MAX_DISCARD_BYTES
+
+SYNC = load_protocol("panorama-v1")
+SLIP = load_protocol("panorama-slip")
+PROTOCOLS = [SYNC, SLIP]
+both = pytest.mark.parametrize("protocol", PROTOCOLS, ids=lambda p: p.name)
+
+MARKS = {SYNC.name: b"\x1a\xcf\xfc\x1d", SLIP.name: b"\xc0\xdb\xdc\xdd"}
+"""Bytes that mean something to the framing: what a test of it must throw in."""
+
+
+def decode(protocol: Protocol, *pieces: bytes) -> list[Frame | Discard]:
+    """All that a stream in these pieces gives, its accounting checked at every moment."""
+    decoder = FrameDecoder(protocol)
+    found: list[Frame | Discard] = []
+    for piece in pieces:
+        found += decoder.feed(piece)
+        assert decoder.bytes_in == decoder.bytes_framed + decoder.bytes_discarded + decoder.pending
+        assert decoder.pending <= 2 * protocol.frame_layout.largest + 2 * MAX_DISCARD_BYTES
+    found += decoder.finish()
+    assert decoder.pending == 0
+    assert decoder.bytes_in == decoder.bytes_framed + decoder.bytes_discarded == sum(map(len, pieces))
+    return found
+
+
+def frames(found: Iterable[Frame | Discard]) -> list[Frame]:
+    return [item for item in found if isinstance(item, Frame)]
+
+
+def reasons(found: Iterable[Frame | Discard]) -> list[str]:
+    return [item.reason for item in found if isinstance(item, Discard)]
+
+
+def panorama(protocol: Protocol, sequence: int, fill: int = 7) -> bytes:
+    size = protocol.frame_layout.sizes[0x01 if protocol is SYNC else 0x21]
+    return protocol.encode_payload("PANORAMA", bytes([fill]) * size, sequence)
+
+
+def cut(data: bytes, cuts: Iterable[int]) -> list[bytes]:
+    edges = [0, *sorted(c % (len(data) + 1) for c in cuts), len(data)]
+    return [data[a:b] for a, b in pairwise(edges)]
+
+
+def stream_of(protocol: Protocol) -> st.SearchStrategy[bytes]:
+    """Whole frames, broken frames, noise, and bytes that mean something to the framing, in any order."""
+    mark = MARKS[protocol.name]
+    frame = st.builds(
+        lambda n, fill: panorama(protocol, n, fill), st.integers(0, 255), st.sampled_from([0, 7, mark[0]])
+    )
+    small = st.integers(0, 255).map(lambda n: protocol.encode(Ping(), n))
+    broken = st.builds(lambda f, at: f[: at % len(f)], frame, st.integers(0, 300))
+    flipped = st.builds(
+        lambda f, at, bit: flip(f, at % len(f), 1 << bit), frame, st.integers(0, 300), st.integers(0, 7)
+    )
+    marks = st.lists(st.sampled_from([bytes([b]) for b in mark] + [mark]), max_size=12).map(b"".join)
+    noise = st.binary(max_size=60)
+    long = st.binary(min_size=1, max_size=4).map(lambda b: b * 1500)
+    return st.lists(st.one_of(frame, small, broken, flipped, marks, noise, long), max_size=8).map(b"".join)
+
+
+def flip(data: bytes, at: int, mask: int) -> bytes:
+    return data[:at] + bytes([data[at] ^ mask]) + data[at + 1 :]
+
+
+@both
+@given(data=st.data())
+@settings(deadline=None, max_examples=150)
+def test_every_byte_is_in_exactly_one_frame_or_discard_in_order(protocol: Protocol, data: st.DataObject) -> None:
+    stream = data.draw(stream_of(protocol))
+    at = 0
+    for item in decode(protocol, stream):
+        assert item.start == at
+        if isinstance(item, Frame):
+            at += item.size
+        else:
+            assert item.reason in REASONS
+            assert 0 < len(item.data) <= MAX_DISCARD_BYTES
+            assert item.data == stream[at : at + len(item.data)]
+            at += len(item.data)
+    assert at == len(stream)
+
+
+@both
+@given(data=st.data(), cuts=st.lists(st.integers(0, 20_000), max_size=30))
+@settings(deadline=None, max_examples=200)
+def test_cuts_change_neither_frames_nor_discards(protocol: Protocol, data: st.DataObject, cuts: list[int]) -> None:
+    stream = data.draw(stream_of(protocol))
+    assert decode(protocol, *cut(stream, cuts)) == decode(protocol, stream)
+
+
+@both
+def test_one_byte_at_a_time_gives_the_same_as_all_at_once(protocol: Protocol) -> None:
+    noise = random.Random(3).randbytes(9_000)
+    stream = noise + panorama(protocol, 1) + noise[:50] + panorama(protocol, 2)[:-1]
+    assert decode(protocol, *(bytes([b]) for b in stream)) == decode(protocol, stream)
+
+
+@both
+def test_frames_in_noise_are_all_found(protocol: Protocol) -> None:
+    noise = random.Random(1)
+    sent = [panorama(protocol, n) for n in range(200)]
+    stream = b"".join(noise.randbytes(noise.randrange(300)) + MARKS[protocol.name][:1] + frame for frame in sent)
+    found = frames(decode(protocol, stream))
+    assert [f.sequence for f in found if f.type == "PANORAMA"] == list(range(200))
+
+
+@both
+def test_frames_of_both_directions_are_told_apart_by_their_type(protocol: Protocol) -> None:
+    sent = [StatusMessage(supply_v=5, temperature_c=20, mode="standby", firmware=(1, 0, 0)), Ping(), Ack("PING", 4)]
+    found = frames(decode(protocol, *(protocol.encode(message, n) for n, message in enumerate(sent))))
+    assert [(f.type, f.sequence) for f in found] == [("STATUS", 0), ("PING", 1), ("ACK", 2)]
+
+
+@both
+@given(at=st.integers(0, 10_000), bit=st.integers(0, 7))
+@settings(deadline=None)
+def test_one_flipped_bit_costs_one_frame_at_most(protocol: Protocol, at: int, bit: int) -> None:
+    sent = [panorama(protocol, n, fill=n) for n in range(5)]
+    stream = b"".join(sent)
+    found = frames(decode(protocol, flip(stream, at % len(stream), 1 << bit)))
+    whole = {f.sequence: f.payload for f in found}
+    assert len(found) >= 4
+    assert all(whole[n] == frames(decode(protocol, sent[n]))[0].payload for n in whole)
+
+
+@both
+@given(at=st.integers(0, 10_000), inserted=st.binary(max_size=1))
+@settings(deadline=None)
+def test_one_byte_more_or_less_costs_one_frame_at_most(protocol: Protocol, at: int, inserted: bytes) -> None:
+    stream = b"".join(panorama(protocol, n) for n in range(5))
+    at %= len(stream)
+    changed = stream[:at] + (inserted + stream[at:] if inserted else stream[at + 1 :])
+    assert len(frames(decode(protocol, changed))) >= 4
+
+
+def test_a_frame_inside_a_broken_frame_is_found() -> None:
+    inner = SYNC.encode(Ping(), 9)
+    outer = panorama(SYNC, 1)
+    stream = flip(outer[:50] + inner + outer[50 + len(inner) :], 20, 1)
+    found = decode(SYNC, stream)
+    assert [f.type for f in frames(found)] == ["PING"]
+    assert reasons(found) == ["bad crc", "no sync"]
+
+
+def test_a_frame_inside_a_truncated_frame_is_found_at_the_end() -> None:
+    inner = SYNC.encode(Ping(), 9)
+    found = decode(SYNC, panorama(SYNC, 1)[:100] + inner)
+    assert [f.type for f in frames(found)] == ["PING"]
+    assert reasons(found) == ["truncated"]
+
+
+def test_a_frame_that_lost_bytes_does_not_take_the_next_one_with_it() -> None:
+    found = decode(SYNC, panorama(SYNC, 1)[:100] + panorama(SYNC, 2) + panorama(SYNC, 3))
+    assert [f.sequence for f in frames(found)] == [2, 3]
+    assert reasons(found) == ["bad crc"]
+
+
+def test_a_length_that_the_type_does_not_allow_is_not_believed_and_holds_nothing_up() -> None:
+    decoder = FrameDecoder(SYNC)
+    long_claim = b"\x1a\xcf\xfc\x1d\x01\x00\x04\x00\x00\x05"
+    found = decoder.feed(long_claim + panorama(SYNC, 1))
+    assert [type(item) for item in found] == [Discard, Frame]
+    assert reasons(found) == ["bad length"]
+
+
+def test_each_reason_is_given_for_what_it_says() -> None:
+    good = panorama(SYNC, 1)
+    cases = {
+        "no sync": b"hello" + good,
+        "unknown type": flip(good, 4, 0x40) + good,
+        "bad length": flip(good, 7, 1) + good,
+        "bad crc": flip(good, 100, 1) + good,
+        "truncated": good + good[:-1],
+    }
+    for reason, stream in cases.items():
+        found = decode(SYNC, stream)
+        assert reasons(found) == [reason]
+        assert len(frames(found)) == 1
+
+
+def test_each_reason_is_given_for_what_it_says_over_slip_too() -> None:
+    good = panorama(SLIP, 1)
+    cases = {
+        "no sync": b"hello" + good,
+        "unknown type": flip(good, 1, 0x40) + good,
+        "bad length": good[:50] + good[51:] + good,
+        "bad crc": flip(good, 100, 1) + good,
+        "truncated": good + good[:-1],
+    }
+    for reason, stream in cases.items():
+        found = decode(SLIP, stream)
+        assert reasons(found) == [reason]
+        assert len(frames(found)) == 1
+
+
+def test_one_broken_frame_is_one_discard_of_all_its_bytes() -> None:
+    for protocol in PROTOCOLS:
+        good = panorama(protocol, 1)
+        broken = flip(good, 60, 0x10)
+        found = decode(protocol, good + broken + good)
+        [discard] = [item for item in found if isinstance(item, Discard)]
+        assert (discard.start, discard.data) == (len(good), broken)
+
+
+def test_the_start_of_a_sync_word_at_the_end_of_the_stream_is_truncated() -> None:
+    found = decode(SYNC, b"noise\x1a\xcf")
+    assert reasons(found) == ["no sync", "truncated"]
+
+
+def test_slip_frames_with_one_end_between_them_are_found() -> None:
+    stream = b"".join(panorama(SLIP, n)[1:] for n in range(4))
+    found = decode(SLIP, stream)
+    assert [f.sequence for f in frames(found)] == [0, 1, 2, 3]
+    assert reasons(found) == []
+
+
+def test_idle_slip_ends_are_one_discard_not_one_each() -> None:
+    found = decode(SLIP, panorama(SLIP, 0) + b"\xc0" * 1000 + panorama(SLIP, 1))
+    assert reasons(found) == ["no sync"]
+    assert len(frames(found)) == 2
+
+
+def test_a_wrong_slip_escape_is_no_frame_even_if_the_checksum_would_fit() -> None:
+    good = panorama(SLIP, 1, fill=0x41)
+    found = decode(SLIP, good[:20] + b"\xdb" + good[20:] + good)
+    assert reasons(found) == ["bad crc"]
+
+
+@both
+def test_garbage_without_end_is_given_back_in_bounded_pieces(protocol: Protocol) -> None:
+    found = decode(protocol, *[b"\x55" * 1000] * 50)
+    assert set(reasons(found)) == {"no sync"}
+    assert max(len(item.data) for item in found if isinstance(item, Discard)) == MAX_DISCARD_BYTES
+    assert len(found) == -(-50_000 // MAX_DISCARD_BYTES)
+
+
+def test_the_worst_garbage_costs_no_more_than_a_checksum_per_sync_word() -> None:
+    header = b"\x1a\xcf\xfc\x1d\x01\x00\x00\xca\x00\x00"
+    found = decode(SYNC, header * 2000)
+    assert Counter(reasons(found)) == {"bad crc": 2000 - 21, "truncated": 21}
+
+
+@both
+def test_after_the_end_the_decoder_takes_a_new_stream(protocol: Protocol) -> None:
+    decoder = FrameDecoder(protocol)
+    first = decoder.feed(panorama(protocol, 1) + b"half" + panorama(protocol, 2)[:40]) + decoder.finish()
+    second = decoder.feed(panorama(protocol, 3))
+    assert len(frames(first)) == 1
+    assert [(f.sequence, f.start) for f in frames(second)] == [(3, decoder.bytes_in - len(panorama(protocol, 3)))]
