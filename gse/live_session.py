@@ -24,6 +24,9 @@ from protocols import load_protocol
 MOCK_PORTS = ("sim://", "replay://")
 """Ports that can wait for the disk."""
 
+FIRST_WITHIN_S = 1.0
+"""A live port tells at once that it is open, a simulated one sends its first bytes."""
+
 CLOCK_EVERY_NS = 60 * instant.NS_PER_S
 
 
@@ -82,10 +85,11 @@ def run_live(
     recorder.attach(STATION, "application/yaml", station_text.encode())
     recorder.attach(PROTOCOL, "application/yaml", protocol.text.encode())
     with recorder, link:
-        loop = StationLoop(prepare(station, station_text))
+        first = link.receive(FIRST_WITHIN_S)
+        loop = StationLoop(prepare(station, station_text, utc_ns=first[0].utc_ns if first else None))
         keeper = _Keeper(loop, recorder, link, duration_s)
         loop.sinks = make_sinks(loop)
-        night = loop.run(link, stop=lambda: stop() or keeper.is_over(), each=keeper.keep)
+        night = loop.run(link, first, stop=lambda: stop() or keeper.is_over(), each=keeper.keep)
     return LiveSession(night, folder, loop.own_elapsed_us, recorder.lost_bytes)
 
 

@@ -17,6 +17,7 @@ from gse.session import EARTH_ORIENTATION, PROTOCOL, STATION, Recorded, read_rec
 from gse.station import Sink, StationLoop
 from gse.truth import EarthOrientation
 
+FIRST_WITHIN_S = 1.0
 StationText = tuple[Station, str]
 
 
@@ -80,21 +81,26 @@ def replay_session(
             f"{path} is no session; a raw serial capture needs the UTC of its first panorama, "
             "for example --start-utc 2026-03-20T18:30:00Z"
         )
-    loop = _loop(recorded, cut, station)
-    loop.sinks = make_sinks(loop)
-    with SerialLink(cut.url(path), loop.night.station.port.baudrate) as link:
-        night = loop.run(link, stop=stop, each=each)
+    with SerialLink(cut.url(path)) as link:
+        first = link.receive(FIRST_WITHIN_S)
+        loop = _loop(recorded, cut, station, first[0].utc_ns if first else None)
+        loop.sinks = make_sinks(loop)
+        night = loop.run(link, first, stop=stop, each=each)
     if recorded is not None:
         night.truncated = bool(recorded.damage)
     return Replay(night, loop.own_elapsed_us)
 
 
-def _loop(recorded: Recorded | None, cut: Cut, change: Callable[[StationText], StationText]) -> StationLoop:
+def _loop(
+    recorded: Recorded | None, cut: Cut, change: Callable[[StationText], StationText], utc_ns: int | None
+) -> StationLoop:
     attachments = recorded.attachments if recorded else {}
     text = attachments.get(STATION, BUILT_IN_TEXT)
     station, text = change((parse_station(text, "the session's station.yaml"), text))
     same_protocol = station.protocol == parse_station(attachments.get(STATION, BUILT_IN_TEXT)).protocol
-    equipment = prepare(station, text, protocol_text=attachments.get(PROTOCOL) if same_protocol else None)
+    equipment = prepare(
+        station, text, utc_ns=utc_ns, protocol_text=attachments.get(PROTOCOL) if same_protocol else None
+    )
     loop = StationLoop(
         equipment,
         earth_orientation=_frozen_orientation(attachments.get(EARTH_ORIENTATION)),

@@ -70,11 +70,16 @@ class StationLoop:
     def run(
         self,
         link: SerialLink,
+        first: Sequence[Chunk | LinkEvent] = (),
         *,
         stop: Callable[[], bool] = lambda: False,
         each: Callable[[list[FrameResult]], None] = lambda results: None,
     ) -> Night:
-        """Receive until the link is at its end or ``stop`` says so; ``each`` gets the results of every round."""
+        """Receive until the link is at its end or ``stop`` says so.
+
+        ``first`` is what was received already, ``each`` gets the results of every round.
+        """
+        each([result for item in first for result in self.take(item)])
         while not link.at_end and not stop():
             results: list[FrameResult] = []
             for item in link.receive(RECEIVE_TIMEOUT_S):

@@ -21,6 +21,9 @@ from protocols import PanoramaMessage, load_protocol
 HERE = Path(__file__).parent
 BYTE_NS = BITS_PER_BYTE * instant.NS_PER_S // 115200
 SENSOR_TIME_US = 1_000_000
+ALTITUDE_INDEX_ERROR_DEG = 1.4
+"""The five frames, looking in four directions, all stand 1.1 to 1.6 deg higher than the altitude scale says."""
+
 KINDS = {"": "panorama-v1", "-literal": "panorama-v1", "-subpixel": "panorama-v1-subpixel"}
 
 STATION = """\
@@ -39,9 +42,9 @@ NOORDWIJK = """\
   latitude_deg: 52.22
   longitude_deg: 4.42
   height_m: 20
-mount:
+mount:      # the scales said azimuth {azimuth_deg}, altitude {altitude_deg}; README.md tells of the 1.4 deg
   azimuth_deg: {azimuth_deg}
-  altitude_deg: {altitude_deg}
+  altitude_deg: {mount_altitude_deg}
 limits:     # the mount was read off its scales, and the time of each frame off a stopwatch
   d_ra_cosde_arcsec: 1800
   d_de_arcsec: 1800
@@ -60,6 +63,8 @@ def station_text(name: str, truth: dict[str, Any], protocol: str) -> str:
     title = f"{name}: " + ("ESA's star camera on a rooftop" if rooftop else "a camera on a tripod, at a time unknown")
     words = {"title": title, "camera": "rooftop-camera" if rooftop else "tripod-camera"}
     words["site"] = "Noordwijk (nominal)" if rooftop else "Granada (nominal)"
+    if rooftop:
+        words["mount_altitude_deg"] = f"{truth['altitude_deg'] + ALTITUDE_INDEX_ERROR_DEG:g}"
     return head.format(**truth, **words) + f"protocol: {protocol}\n"
 
 
