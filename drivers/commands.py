@@ -1,0 +1,59 @@
+"""Commands to the sensor: send, wait for the answer, repeat.
+
+What a command or an answer looks like is the protocol's affair; here are only the sending, the waiting and the
+repetition, in the time of the link: the host's for a live port, the data's for a simulated one.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import TypeVar
+
+from drivers.errors import CommandError
+from drivers.link import SerialLink
+from drivers.stamped import Item
+
+ANSWER_S = 0.5
+"""A command not answered within this time may be repeated, ICD of the panorama protocol."""
+REPEATS = 3
+_POLL_S = 0.05
+
+Answer = TypeVar("Answer")
+
+
+def send_command(
+    link: SerialLink,
+    make_frame: Callable[[int], bytes],
+    deliver: Callable[[Item], None],
+    answer_to: Callable[[range], Answer | None],
+    *,
+    first_sequence: int = 0,
+) -> Answer:
+    """The sensor's answer to a command.
+
+    ``make_frame`` gives the frame for a sequence number, each repetition takes the next one. ``deliver`` gets
+    everything that comes meanwhile, so that nothing is taken from whoever else reads; ``answer_to`` says whether the
+    answer to one of the sequence numbers sent so far was among it. CommandError where no answer comes.
+    """
+    for attempt in range(1 + REPEATS):
+        link.send(make_frame(first_sequence + attempt))
+        sequences = range(first_sequence, first_sequence + attempt + 1)
+        answer = receive_until(link, partial(answer_to, sequences), deliver, ANSWER_S)
+        if answer is not None:
+            return answer
+    raise CommandError(
+        f"the sensor on {link.url} did not answer, asked {1 + REPEATS} times and waited {ANSWER_S} s each time; "
+        "is it powered, is its transmit line connected, do baud rate and protocol match?"
+    )
+
+
+def receive_until(
+    link: SerialLink, found: Callable[[], Answer | None], deliver: Callable[[Item], None], timeout_s: float
+) -> Answer | None:
+    """Receive until something is found, for so many seconds of the link's time; None where it is not found."""
+    until_ns = link.mono_ns() + round(timeout_s * 1e9)
+    answer = found()
+    while answer is None and link.mono_ns() < until_ns and not link.at_end:
+        for item in link.receive(_POLL_S):
+            deliver(item)
+        answer = found()
+    return answer

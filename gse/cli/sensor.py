@@ -1,0 +1,101 @@
+"""``gse sensor``: commands to the sensor."""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from drivers.urlhandlers.protocol_sim import register
+from gse.cli import EXIT_DATA_LOST
+from gse.cli.options import out_option, station_of, station_option
+from protocols import Message, Ping, Request, SetExposure, Start, StatusMessage, Stop
+
+
+@click.group("sensor")
+def command() -> None:
+    """Start, stop, question or set up the sensor. Each command and its answer are recorded."""
+
+
+def _shared(function: Callable[..., None]) -> Callable[..., None]:
+    port_option: Callable[[Any], Any] = click.option(
+        "--port", "url", help="Port or pyserial URL, instead of the station file's."
+    )
+    json_option: Callable[[Any], Any] = click.option(
+        "--json", "as_json", is_flag=True, help="The answer as one JSON object on stdout."
+    )
+    return station_option(port_option(out_option(json_option(function))))  # type: ignore[no-any-return]
+
+
+@command.command()
+@click.option(
+    "--period",
+    "period_s",
+    type=click.FloatRange(min=0.001, max=3600),
+    default=0.1,
+    show_default=True,
+    help="Seconds from one panorama to the next.",
+)
+@_shared
+def start(period_s: float, **options: Any) -> None:
+    """START: send panoramas."""
+    _send(Start(period_s), **options)
+
+
+@command.command()
+@_shared
+def stop(**options: Any) -> None:
+    """STOP: send nothing more."""
+    _send(Stop(), **options)
+
+
+@command.command()
+@_shared
+def status(**options: Any) -> None:
+    """PING: ask how the sensor is."""
+    _send(Ping(), **options)
+
+
+@command.command()
+@_shared
+def request(**options: Any) -> None:
+    """REQUEST: ask for one panorama, and record it."""
+    _send(Request(), **options)
+
+
+@command.command()
+@click.argument("exposure_s", metavar="SECONDS", type=click.FloatRange(min=0, min_open=True, max=3600))
+@_shared
+def exposure(exposure_s: float, **options: Any) -> None:
+    """SET_EXPOSURE: expose so many SECONDS."""
+    _send(SetExposure(exposure_s), **options)
+
+
+def _send(message: Message, *, station_path: Path | None, url: str | None, out: Path, as_json: bool) -> None:
+    from gse.commanding import command_sensor
+    from gse.simulator import device_factory
+
+    station, text = station_of(station_path)
+    if url is not None:
+        station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
+    if station.port.url.startswith("sim://"):
+        register(device_factory(station))
+    done = command_sensor(station, text, message, out)
+    answer = {name: value for name, value in asdict(done.answer).items() if name != "problems"}
+    if as_json:
+        kind = "STATUS" if isinstance(done.answer, StatusMessage) else "ACK"
+        document = {"schema": "gse.sensor/1", "answer": kind, **answer, "session": str(done.session)}
+        click.echo(json.dumps(document, default=str))
+    elif isinstance(done.answer, StatusMessage):
+        for name, value in answer.items():
+            click.echo(f"{name:<14} {'.'.join(map(str, value)) if isinstance(value, tuple) else value}")
+    else:
+        click.echo(f"the sensor obeys {done.answer.command}")
+    for problem in done.answer.problems:
+        click.echo(f"gse: {problem}", err=True)
+    click.echo(f"recorded in {done.session}", err=True)
+    if done.lost_bytes:
+        click.echo(f"gse: {done.lost_bytes} bytes could not be recorded", err=True)
+        click.get_current_context().exit(EXIT_DATA_LOST)
