@@ -72,8 +72,9 @@ def draw_histogram(figure: Figure, drawn: Drawn) -> None:
         normal = np.exp(-0.5 * ((at - mean) / std) ** 2) / (std * math.sqrt(2 * math.pi))
         axes.plot(at, normal * len(values) * (edges[1] - edges[0]), color=hex_of(GREY))
         far = len(values) - len(inside)
-        note = f"; {far} frames beyond 5 sigma" if far else ""
-        axes.set_title(f"{label}: mean {mean:+.2f}, std {std:.2f} arcsec{note}")
+        axes.set_title(f"{label}: mean {mean:+.2f}, std {std:.2f} arcsec")
+        if far:
+            axes.text(0.98, 0.95, f"{far} beyond 5 std", transform=axes.transAxes, ha="right", va="top", fontsize=7)
         axes.set_ylim(0, 1.15 * float(np.max(counts)))
 
 

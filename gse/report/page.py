@@ -1,5 +1,6 @@
 """report.html: one page, readable offline, printable."""
 
+from functools import partial
 from importlib import resources
 from typing import Any
 
@@ -59,9 +60,7 @@ def report_html(night: Night, judgement: Judgement, report: dict[str, Any]) -> s
     )
     environment.filters.update(quantity=quantity, number=_number)
     template = environment.from_string(_resource("report.html.jinja"))
-    figures = {
-        name: svg_of(name, height, lambda figure, draw=draw: draw(figure, drawn)) for name, height, draw in _FIGURES
-    }
+    figures = {name: svg_of(name, height_in, partial(draw, drawn=drawn)) for name, height_in, draw in _FIGURES}
     return template.render(
         report=report,
         style=_resource("report.css"),

@@ -12,7 +12,7 @@ from gse.camera import Camera
 from gse.report.decimation import sample
 from gse.report.drawn import Drawn
 from gse.view.outline import field_outline_icrs
-from gse.view.palette import BLUE, GREEN, GREY, VERMILLION, YELLOW, hex_of
+from gse.view.palette import BLUE, GREEN, VERMILLION, hex_of
 
 _MAX_POINTS = 1500
 _CELLS = 12
@@ -79,7 +79,7 @@ def draw_residual_map(figure: Figure, drawn: Drawn) -> None:
     axes = figure.subplots()
     camera, matches = drawn.night.station.sensor.camera(), drawn.night.frames.matches
     pixel_arcsec = camera.pixel_rad * ARCSEC_PER_RAD
-    axes.set_title("Residuals of the stars over the detector (measured - catalogue, after the frame's attitude)")
+    axes.set_title("Residuals of the stars over the detector")
     axes.set_xlabel("column (px)")
     axes.set_ylabel("row (px)")
     axes.set_xlim(-0.5, camera.columns - 0.5)
@@ -97,12 +97,12 @@ def draw_residual_map(figure: Figure, drawn: Drawn) -> None:
     count, mean_x = _mean(cell, x, across * down)
     mean_y = _mean(cell, y, across * down)[1]
     rms = np.sqrt(_mean(cell, x**2 + y**2, across * down)[1])
-    image = axes.imshow(
+    image = axes.pcolormesh(
+        np.arange(across + 1) * size - 0.5,
+        np.arange(down + 1) * size - 0.5,
         np.where(count >= _FEWEST, rms, np.nan).reshape(down, across),
-        extent=(-0.5, across * size - 0.5, down * size - 0.5, -0.5),
         cmap="cividis",
         vmin=0,
-        interpolation="none",
     )
     figure.colorbar(image, ax=axes, label="rms of the residual (arcsec)", shrink=0.9)
     full = np.flatnonzero(count >= _FEWEST)
@@ -125,16 +125,9 @@ def _arrows(
     size_px: float,
     pixel_arcsec: float,
 ) -> None:
-    """The longest arrow is as long as a cell; the key below tells its scale."""
+    """The longest arrow is as long as a cell; the title tells its scale."""
     longest = max(float(np.hypot(*means).max()), 1e-9)
-    arrows = axes.quiver(
-        *places,
-        *means,
-        color=hex_of(YELLOW),
-        angles="xy",
-        scale_units="xy",
-        scale=longest / size_px,
-        width=0.004,
-    )
-    text = f"mean residual {longest:.2f} arcsec = {longest / pixel_arcsec:.3f} px"
-    axes.quiverkey(arrows, 0.05, -0.16, longest, text, labelpos="E", coordinates="axes", color=hex_of(GREY))
+    style: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": longest / size_px, "width": 0.004}
+    axes.quiver(*places, *means, color=hex_of(VERMILLION), **style)
+    scale = f"the longest {longest:.2f} arcsec = {longest / pixel_arcsec:.3f} px"
+    axes.set_title(f"Residuals of the stars over the detector\narrows: mean in a cell, {scale}")

@@ -32,6 +32,7 @@ def summarise(night: Night, judgement: Judgement) -> dict[str, Any]:
         "accuracy": figures.axes,
         "identification": _identification(figures),
         "timing": _timing(figures),
+        "clock": figures.clock,
         "link": {**dataclasses.asdict(night.link), "truncated": night.truncated},
         "truth_budget": _budget(judgement.budget),
         "table_4_1": _table_4_1(night, figures),
@@ -99,31 +100,19 @@ def _session(night: Night) -> dict[str, Any]:
     return {
         "sensor": station.sensor.name,
         "site": station.site.model_dump(mode="json"),
-        "mount": station.mount.model_dump(mode="json"),
+        "mount": (night.alignment.mount if night.alignment else station.mount).model_dump(mode="json"),
         "protocol": night.protocol_name,
         "identifier": station.identifier.model_dump(mode="json"),
         "first_utc": instant.to_text(int(utc_ns.min())) if len(utc_ns) else None,
         "last_utc": instant.to_text(int(utc_ns.max())) if len(utc_ns) else None,
         "duration_s": float(utc_ns.max() - utc_ns.min()) / instant.NS_PER_S if len(utc_ns) else None,
+        "alignment": str(night.alignment) if night.alignment else None,
         "events": len(night.events),
-        "clock": _clock(night),
         "temperature_c": _range(night.frames.columns["temperature_c"]),
         "raw_sha256": night.raw_sha256,
         "station_sha256": hashlib.sha256(night.station_text.encode()).hexdigest(),
         "catalog": night.catalog,
         "versions": night.versions,
-    }
-
-
-def _clock(night: Night) -> dict[str, Any]:
-    readings = night.clock
-    return {
-        "sources": sorted({reading.source for reading in readings}),
-        "readings": len(readings),
-        "synchronised": bool(readings) and all(reading.synchronised for reading in readings),
-        "worst_offset_s": max((abs(reading.offset_s) for reading in readings), default=None),
-        "worst_error_bound_s": max((reading.error_bound_s for reading in readings), default=None),
-        "steps": sum(event.kind == "CLOCK_STEP" for event in night.events),
     }
 
 

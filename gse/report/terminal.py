@@ -66,8 +66,7 @@ def facts(report: dict[str, Any]) -> list[str]:
         f"{found['statuses'].get('IDENTIFIED', 0)} identified",
         f"link: {link['bytes_in']} bytes, {link['bytes_discarded']} discarded, {link['frames_lost']} frames lost, "
         f"{link['duplicates']} duplicates, {link['reconnects']} reconnects",
-        f"truth is good to {quantity(budget['ra_arcsec'], 'arcsec')} in dRA* "
-        f"and {quantity(budget['de_arcsec'], 'arcsec')} in dDE",
+        f"truth: may be off by {_amount(budget['ra_arcsec'])} in dRA* and {_amount(budget['de_arcsec'])} in dDE",
     ]
     return [*lines, "the session lost its end"] if link["truncated"] else lines
 
@@ -79,6 +78,10 @@ def quantity(value: float | None, unit: str) -> str:
     if unit:
         return f"{value:.2f} {unit}" if abs(value) < 1000 else f"{value:.0f} {unit}"
     return str(value) if isinstance(value, int) else f"{value:.4f}"
+
+
+def _amount(arcsec: float | None) -> str:
+    return "an unknown amount" if arcsec is None else f"{arcsec:.2f} arcsec"
 
 
 def _degrees(value: float | None) -> str:

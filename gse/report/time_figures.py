@@ -15,7 +15,7 @@ from gse.report.decimation import extremes, sample
 from gse.report.drawn import Drawn, edge_of
 from gse.report.paper import LIMIT_DEG
 from gse.view.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
-from gse.view.running import LINK_STATES
+from gse.view.running import LINK_COLOURS, LINK_WORDS
 
 _MAX_MARKS = 400
 _SHARE_BINS = 120
@@ -57,7 +57,7 @@ def _error_panel(axes: Axes, drawn: Drawn, name: str, label: str, limit: float) 
 
 
 def _shade(axes: Axes, drawn: Drawn) -> None:
-    for number, item in enumerate(exclusions(drawn.night.events)):
+    for number, item in enumerate((*exclusions(drawn.night.events), *drawn.night.left_out)):
         axes.axvspan(_day(item.from_ns), _day(item.until_ns), color="#dddddd", label=None if number else "left out")
 
 
@@ -98,7 +98,7 @@ def draw_identification_time(figure: Figure, drawn: Drawn) -> None:
     left.axhline(limit, color=hex_of(VERMILLION), linewidth=1)
     line(left, drawn, values, GREEN, "identification")
     left.set_yscale("log")
-    left.set_ylim(float(finite.min()) / 1.5, 1.5 * max(limit, float(finite.max())))
+    left.set_ylim(float(finite.min()) / 1.5, 4 * max(limit, float(finite.max())))
     left.text(0.01, limit, f"limit {limit:g} ms", transform=left.get_yaxis_transform(), va="bottom", fontsize=7)
     bins = np.geomspace(finite.min() / 1.01, finite.max() * 1.01, 60)
     right.hist(finite, bins=bins, orientation="horizontal", color=hex_of(GREEN))
@@ -140,16 +140,15 @@ def _link(axes: Axes, drawn: Drawn) -> None:
     axes.set_ylabel("link")
     axes.set_yticks([])
     axes.set_ylim(0, 1)
-    states = [event for event in drawn.night.events if event.kind in LINK_STATES]
+    states = [event for event in drawn.night.events if event.kind in LINK_WORDS]
     ends = [event.utc_ns for event in states[1:]]
     ends.append(max(int(drawn.frames["utc_ns"][-1]) if len(drawn.frames) else 0, states[-1].utc_ns if states else 0))
     for event, end in zip(states, ends, strict=False):
-        axes.axvspan(_day(event.utc_ns), _day(end), color=hex_of(LINK_STATES[event.kind]), linewidth=0)
-    shown = dict.fromkeys(event.kind for event in states)
-    for kind in shown:
-        axes.plot([], [], linewidth=5, color=hex_of(LINK_STATES[kind]), label=kind.lower())
-    if shown:
-        axes.legend(loc="center left", ncols=len(shown), borderpad=0.2)
+        axes.axvspan(_day(event.utc_ns), _day(end), color=hex_of(LINK_COLOURS[LINK_WORDS[event.kind]]), linewidth=0)
+    for word in dict.fromkeys(LINK_WORDS[event.kind] for event in states):
+        axes.plot([], [], linewidth=5, color=hex_of(LINK_COLOURS[word]), label=word)
+    if states:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, frameon=False, borderpad=0)
 
 
 def _clock(axes: Axes, drawn: Drawn) -> None:

@@ -9,16 +9,18 @@ from gse.instant import NS_PER_S
 from gse.results import Discrepancy, FrameResult, Status
 from gse.view.palette import GREEN, GREY, ORANGE, VERMILLION
 
-LINK_STATES = {
-    "OPENED": GREEN,
-    "REOPENED": GREEN,
-    "STREAMING": GREEN,
-    "NO_PORT": ORANGE,
-    "STALE": ORANGE,
-    "LOST": VERMILLION,
-    "CLOSED": GREY,
+LINK_WORDS = {
+    "OPENED": "up",
+    "REOPENED": "up",
+    "STREAMING": "up",
+    "NO_PORT": "waiting",
+    "STALE": "waiting",
+    "LOST": "lost",
+    "CLOSED": "closed",
 }
-"""Kinds of link events that are states of the link, with their colours; the others are only logged."""
+"""The state of the link after each kind of event that changes it; the other kinds are only logged."""
+
+LINK_COLOURS = {"up": GREEN, "waiting": ORANGE, "lost": VERMILLION, "closed": GREY}
 
 _RATE_WINDOW = 50
 """Frames over which the rate is taken."""

@@ -16,7 +16,7 @@ from gse.instant import NS_PER_S
 from gse.results import FrameResult, Status
 from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.picture import Picture
-from gse.view.running import LINK_STATES, Running
+from gse.view.running import LINK_COLOURS, LINK_WORDS, Running
 from gse.view.series import begin_series, send_clock, send_series, times
 from gse.view.sky import begin_scatter, begin_sky, send_scatter, send_sky, unit_vectors
 
@@ -48,8 +48,8 @@ class Scene:
         self._picture.begin(stream)
         begin_sky(stream, catalog)
         begin_scatter(stream, station.limits)
-        states = list(LINK_STATES)
-        style = rr.StateConfiguration(values=states, labels=states, colors=list(LINK_STATES.values()))
+        words = list(LINK_COLOURS)
+        style = rr.StateConfiguration(values=words, labels=words, colors=list(LINK_COLOURS.values()))
         stream.log("/link", style, static=True)
 
     def add(self, frames: Sequence[FrameResult]) -> None:
@@ -113,9 +113,10 @@ class Scene:
 
     def event(self, event: LinkEvent) -> None:
         """Show an event of the link in its state bar and in the log."""
-        if event.kind in LINK_STATES:
+        word = LINK_WORDS.get(event.kind)
+        if word is not None:
             at = times([event.utc_ns])
-            self._stream.send_columns("/link", [at], rr.StateChange.columns(state=[event.kind]))
+            self._stream.send_columns("/link", [at], rr.StateChange.columns(state=[word]))
         self.log(event.utc_ns, f"{event.kind}: {event.text}", "INFO" if event.kind in _GOOD_EVENTS else "WARN")
 
     def clock(self, readings: Sequence[ClockReading]) -> None:

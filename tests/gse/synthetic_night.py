@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
+
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
-
 from gse.attitude import Attitude
 from gse.catalog import StarCatalog, load_catalog
 from gse.config import BUILT_IN_TEXT, parse_station
@@ -14,6 +14,7 @@ from gse.instant import NS_PER_S, from_text
 from gse.night import Night
 from gse.panorama import Panorama
 from gse.results import Discrepancy, FrameResult, Judge, LinkCounters, Match, Status
+from gse.truth import EarthOrientation
 
 START_NS = from_text("2026-03-20T18:30:00Z")
 ARCSEC = math.pi / (180 * 3600)
@@ -48,7 +49,15 @@ def _frame(number, utc_ns, true, camera, catalog, generator, noise_arcsec, bias_
     xy = np.vstack([xy, [[300.0, 700.0], [811.0, 122.0], [640.0, 500.0]]])
     index = np.concatenate([index, [900.0, 300.0, 120.0]])
     panorama = Panorama(
-        utc_ns, xy, index, number, 0.1, number * 100_000, utc_ns + 5_000_000, number % 65536, 21.5 + math.sin(number / 500)
+        utc_ns,
+        xy,
+        index,
+        number,
+        0.1,
+        number * 100_000,
+        utc_ns + 5_000_000,
+        number % 65536,
+        21.5 + math.sin(number / 500),
     )
     others = ((len(stars), "hot pixel"), (len(stars) + 1, "Jupiter"), (len(stars) + 2, "unknown"))
     if trouble and number % 50 == 49:
@@ -94,6 +103,7 @@ def synthetic_night(count, **options):
         LinkEvent(end_ns, 0, "CLOSED", "end of session"),
     ]
     night.link = LinkCounters(count * 216 + 40, count * 216, 40, count, {"no sync": 40}, 1, 3, 0, 1)
+    night.earth_orientation = EarthOrientation.from_disk(START_NS)
     night.raw_sha256 = "0" * 64
     night.catalog = {"source": "Gaia DR3", "stars": 4200, "sha256": "1" * 64}
     night.versions = {"gse": "0.1.0", "numpy": "2"}
@@ -102,3 +112,7 @@ def synthetic_night(count, **options):
 
 def reading_at(utc_ns):
     return ClockReading(utc_ns, 0, "simulated", True, 2e-5, 1e-3)
+
+
+def _temperature_c(number):
+    return 21.5 + math.sin(number / 500)
