@@ -102,7 +102,8 @@ class EarthOrientation:
 
     def at(self, utc_ns: int) -> Orientation:
         """Earth orientation at an instant: linear between days, held past the ends of the table."""
-        day = _mjd_from_1972(utc_ns) + (utc_ns % NS_PER_DAY) / NS_PER_DAY
+        mjd = _mjd_from_1972(utc_ns)
+        day = mjd + (utc_ns % NS_PER_DAY) / NS_PER_DAY
         left = min(max(bisect_right(self.mjd, day) - 1, 0), len(self.mjd) - 2)
         fraction = min(max(day - self.mjd[left], 0.0), 1.0)
         outside_days = max(self.mjd[0] - day, day - self.mjd[-1], 0.0)
@@ -111,7 +112,7 @@ class EarthOrientation:
         kinds = self.kind[left : left + 2]
         error_s = max(self.ut1_error_s[left : left + 2]) + _UT1_WANDER_S_PER_DAY * outside_days
         return Orientation(
-            _between(ut1_minus_tai, fraction) + tai_minus_utc_s(math.floor(day)),
+            _between(ut1_minus_tai, fraction) + tai_minus_utc_s(mjd),
             math.radians(_between(self.x_pole_arcsec[left : left + 2], fraction) / 3600),
             math.radians(_between(self.y_pole_arcsec[left : left + 2], fraction) / 3600),
             min(error_s, _UT1_LIMIT_S),
