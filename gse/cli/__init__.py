@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+from collections.abc import Sequence
 
 import click
 
@@ -66,10 +67,10 @@ def cli() -> None:
     """Ground test station for a star sensor: panoramas in, RA and DE against sidereal truth out."""
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; expected errors become one or two lines on stderr and an exit code."""
     try:
-        code = cli.main(standalone_mode=False)
+        code = cli.main(None if arguments is None else list(arguments), prog_name="gse", standalone_mode=False)
     except click.exceptions.Exit as done:
         code = done.exit_code
     except click.ClickException as error:
