@@ -1,0 +1,114 @@
+"""``gse extract``: an image to a panorama table, as the sensor does it."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from gse.cli.options import station_of
+from gse.errors import TableError, UsageError
+
+if TYPE_CHECKING:
+    from gse.extraction import Objects
+
+MAX_MAP_BYTES = 1_000_000
+"""Some 100,000 hot pixels: a detector with more is dead."""
+
+
+@click.command("extract")
+@click.argument("image", type=click.Path(path_type=Path))
+@click.option(
+    "--sub-pixel", is_flag=True, help="Centres of light over the local background instead of brightest pixels."
+)
+@click.option(
+    "--hot-pixels",
+    "hot_pixels_path",
+    type=click.Path(path_type=Path),
+    help="Hot pixels to leave out: a table of y, x, for example what this command gives of a dark image.",
+)
+@click.option(
+    "--station", "station_path", type=click.Path(path_type=Path), help="Leave out this station file's hot pixels."
+)
+@click.option(
+    "--bits", type=click.IntRange(1, 16), help="Bits of the stored values that count; default: as in the file."
+)
+@click.option("--out", "out_path", type=click.Path(path_type=Path, dir_okay=False), help="Write here, not to stdout.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.panorama/1.")
+def command(
+    image: Path,
+    sub_pixel: bool,
+    hot_pixels_path: Path | None,
+    station_path: Path | None,
+    bits: int | None,
+    out_path: Path | None,
+    as_json: bool,
+) -> None:
+    """Extract the panorama of IMAGE: PNG, TIFF (8, 12 or 16 bit) or FITS, rows in the order of the file.
+
+    The brightest pixel of each row, neighbours of one star made one, the 30 highest; index values 0..4096.
+    """
+    from gse.extraction import extract, extract_sub_pixel, without_hot_pixels
+    from gse.image_file import read_image
+
+    hot_xy_px = _read_map(hot_pixels_path) if hot_pixels_path else []
+    if station_path:
+        hot_xy_px += station_of(station_path)[0].sensor.hot_pixels
+    values = read_image(image, bits)
+    if hot_xy_px:
+        values = without_hot_pixels(values, hot_xy_px)
+    objects = extract_sub_pixel(values) if sub_pixel else extract(values)
+    text = _as_json(objects, image) if as_json else _as_table(objects, decimals=3 if sub_pixel else 0)
+    if out_path is None:
+        click.echo(text, nl=False)
+    else:
+        _write(out_path, text)
+
+
+def _as_table(objects: "Objects", decimals: int) -> str:
+    xy_px, index = objects
+    rows = [f"{y:.{decimals}f},{x:.{decimals}f},{value:.0f}" for (x, y), value in zip(xy_px, index, strict=True)]
+    return "\n".join(["y,x,index", *rows]) + "\n"
+
+
+def _as_json(objects: "Objects", image: Path) -> str:
+    xy_px, index = objects
+    document = {
+        "schema": "gse.panorama/1",
+        "image": str(image),
+        "xy_px": [[round(float(x), 3), round(float(y), 3)] for x, y in xy_px],
+        "index": [round(float(value)) for value in index],
+    }
+    return json.dumps(document) + "\n"
+
+
+def _read_map(path: Path) -> list[tuple[int, int]]:
+    """Hot pixels (x, y) of a table of y, x; further columns are not looked at."""
+    try:
+        if path.stat().st_size > MAX_MAP_BYTES:
+            raise TableError(f"{path} is larger than {MAX_MAP_BYTES} bytes: this is no table of hot pixels")
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except OSError as error:
+        raise TableError(f"cannot read {path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise TableError(f"{path} is not text: expected a table of y, x") from error
+    hot_xy_px = []
+    for number, line in enumerate(lines, start=1):
+        fields = line.partition("#")[0].replace(",", " ").split()
+        if not fields or fields[0].lower() == "y":
+            continue
+        try:
+            hot_xy_px.append((round(float(fields[1])), round(float(fields[0]))))
+        except (ValueError, IndexError, OverflowError):
+            raise TableError(f"{path}, line {number}: {line.strip()[:60]!r} is not y, x") from None
+    return hot_xy_px
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise UsageError(f"{path} exists already; choose another name") from None
+    except OSError as error:
+        raise UsageError(f"cannot write {path}: {error.strerror}") from error
