@@ -1,0 +1,137 @@
+"""The state of the link, from what comes over it.
+
+    NO_PORT     there is no port
+    WAITING     the port is open, nothing has come
+    SYNCING     bytes come, valid frames do not
+    STREAMING   valid frames come
+    STALE       frames came, now nothing does
+
+The states depend on the stamps of the data alone: how chunks are cut, and how often ``pass_time`` is called, changes
+neither the changes of state nor their times. A state that is left in silence is left at the instant at which the
+silence had lasted long enough, whenever that is found out.
+"""
+
+from collections.abc import Mapping
+
+from drivers.chunk import Chunk, LinkEvent
+
+NO_PORT = "NO_PORT"
+WAITING = "WAITING"
+SYNCING = "SYNCING"
+STREAMING = "STREAMING"
+STALE = "STALE"
+UNKNOWN = ""
+"""Before anything is known: a simulated port says nothing when it opens."""
+
+SILENCE_S = 3.0
+"""The slowest sensor known exposes for 2 s."""
+SAMPLE_BYTES = 4096
+FEW_VALUES = 16
+"""A line read much too fast shows a handful of byte values, a frame of any protocol many more."""
+_NS = 1_000_000_000
+_NO_START = {"no sync", "truncated"}
+
+
+class LinkMonitor:
+    """Feed it every event of the link, and every chunk with the counts of what it completed.
+
+    Each call returns the changes of state that it brings, as events with their times, and besides once per silence
+    ``SILENT``, once per stretch of unreadable bytes ``NO_FRAMES`` with what is probably wrong.
+    """
+
+    def __init__(self, baudrate: int, silence_s: float = SILENCE_S) -> None:
+        self.state = UNKNOWN
+        self._baudrate = baudrate
+        self._silence_s = silence_s
+        self._patience_ns = round(silence_s * _NS)
+        self._utc_minus_mono_ns = 0
+        self._now_ns = 0
+        self._bytes_ns = 0
+        self._since_ns = 0
+        self._told = False
+        self._sample = bytearray()
+        self._unframed_bytes = 0
+        self._reasons: set[str] = set()
+
+    def port_event(self, event: LinkEvent) -> list[LinkEvent]:
+        """An event of the port: it came, or went."""
+        changes = self.pass_time(event.utc_ns, event.mono_ns)
+        if event.kind in ("LOST", "NO_PORT"):
+            changes += self._change(NO_PORT, event.mono_ns, event.text)
+        elif event.kind in ("OPENED", "REOPENED"):
+            changes += self._change(WAITING, event.mono_ns, event.text)
+        return changes
+
+    def received(self, chunk: Chunk, frames: int, discards: Mapping[str, int]) -> list[LinkEvent]:
+        """A chunk, the number of valid frames that it completed, and by reason the bytes that it had discarded."""
+        changes = self.pass_time(chunk.utc_ns, chunk.mono_ns)
+        self._bytes_ns = chunk.mono_ns
+        if self.state not in (SYNCING, STREAMING):
+            changes += self._change(SYNCING, chunk.mono_ns, "bytes come")
+        if frames:
+            changes += self._change(STREAMING, chunk.mono_ns, "valid frames come")
+            self._begin(chunk.mono_ns)
+        elif self.state == SYNCING or chunk.mono_ns > self._since_ns:
+            # What comes at the very instant of a frame may or may not have been in the frame's own chunk.
+            self._unframed_bytes += len(chunk.data)
+            self._sample += chunk.data[: SAMPLE_BYTES - len(self._sample)]
+            self._reasons.update(reason for reason, count in discards.items() if count)
+        return changes
+
+    def pass_time(self, utc_ns: int, mono_ns: int) -> list[LinkEvent]:
+        """What the time that has passed without anything new means."""
+        self._utc_minus_mono_ns = utc_ns - mono_ns
+        if mono_ns < self._now_ns:
+            # The host was booted anew: what was measured by its old clock begins anew as well.
+            self._bytes_ns = self._since_ns = mono_ns
+        self._now_ns = mono_ns
+        changes: list[LinkEvent] = []
+        due_ns = self._since_ns + self._patience_ns
+        if mono_ns > due_ns and not self._told:
+            changes += self._lose_patience(due_ns)
+        if self.state == SYNCING and mono_ns > self._bytes_ns + self._patience_ns:
+            changes += self._change(STALE, self._bytes_ns + self._patience_ns, self._nothing_comes())
+        return changes
+
+    def _lose_patience(self, due_ns: int) -> list[LinkEvent]:
+        if self.state == STREAMING and self._unframed_bytes == 0:
+            return self._change(STALE, due_ns, self._nothing_comes())
+        self._told = True
+        if self.state == WAITING:
+            text = f"the port is open, but no bytes for {self._silence_s:g} s: is the sensor powered, and started?"
+            return [self._event("SILENT", due_ns, text)]
+        if self.state == SYNCING:
+            return [self._event("NO_FRAMES", due_ns, self._why_no_frames())]
+        if self.state == STREAMING:
+            self.state = SYNCING
+            return [self._event(SYNCING, due_ns, self._why_no_frames())]
+        return []
+
+    def _begin(self, mono_ns: int) -> None:
+        """Measure anew: since the port was opened, since bytes come, since the last frame."""
+        self._since_ns = mono_ns
+        self._told = False
+        self._sample.clear()
+        self._unframed_bytes = 0
+        self._reasons.clear()
+
+    def _change(self, state: str, mono_ns: int, text: str) -> list[LinkEvent]:
+        if state == self.state:
+            return []
+        self.state = state
+        self._begin(mono_ns)
+        return [self._event(state, mono_ns, text)]
+
+    def _event(self, kind: str, mono_ns: int, text: str) -> LinkEvent:
+        return LinkEvent(mono_ns + self._utc_minus_mono_ns, mono_ns, kind, text)
+
+    def _nothing_comes(self) -> str:
+        return f"nothing comes any more: no bytes for {self._silence_s:g} s"
+
+    def _why_no_frames(self) -> str:
+        head = f"{self._unframed_bytes} bytes in {self._silence_s:g} s, but no valid frame: "
+        if reasons := sorted(self._reasons - _NO_START):
+            return head + f"frames begin, but none is whole ({', '.join(reasons)}); noise, or another protocol?"
+        if len(set(self._sample)) <= FEW_VALUES < len(self._sample):
+            return head + f"wrong baud rate: it looks as if the sensor is much slower than {self._baudrate}"
+        return head + f"the baud rate is wrong ({self._baudrate} here), or the protocol is another one"

@@ -1,0 +1,127 @@
+"""The states of the link, each with its time, whatever way the data is cut."""
+
+from itertools import pairwise
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.chunk import Chunk, LinkEvent
+from drivers.link_state import NO_PORT, STALE, STREAMING, SYNCING, WAITING, LinkMonitor
+from drivers.uart import received_at
+
+S = 1_000_000_000
+UTC = 1_774_000_000 * S
+NOISE = bytes(range(100, 200))
+
+
+def at(seconds: float) -> tuple[int, int]:
+    return UTC + round(seconds * S), 77 + round(seconds * S)
+
+
+def chunk(seconds: float, data: bytes = NOISE) -> Chunk:
+    return Chunk(*at(seconds), data)
+
+
+def opened() -> LinkMonitor:
+    monitor = LinkMonitor(115200)
+    monitor.port_event(LinkEvent(*at(0), "OPENED", "open"))
+    return monitor
+
+
+def seconds_of(events: list[LinkEvent]) -> list[tuple[str, float]]:
+    return [(event.kind, (event.utc_ns - UTC) / S) for event in events]
+
+
+def test_a_night_from_the_port_to_silence() -> None:
+    monitor = LinkMonitor(115200)
+    events = monitor.port_event(LinkEvent(*at(0), "NO_PORT", "none"))
+    events += monitor.port_event(LinkEvent(*at(1), "OPENED", "open"))
+    events += monitor.received(chunk(2), 0, {})
+    events += monitor.received(chunk(2.1), 1, {})
+    events += monitor.received(chunk(2.2), 1, {})
+    events += monitor.pass_time(*at(9))
+    events += monitor.received(chunk(10), 1, {})
+    events += monitor.port_event(LinkEvent(*at(11), "LOST", "gone"))
+    assert seconds_of(events) == [
+        (NO_PORT, 0),
+        (WAITING, 1),
+        (SYNCING, 2),
+        (STREAMING, 2.1),
+        (STALE, 5.2),
+        (SYNCING, 10),
+        (STREAMING, 10),
+        (NO_PORT, 11),
+    ]
+
+
+def test_no_bytes_and_no_valid_frames_are_told_apart() -> None:
+    silent, unreadable = opened(), opened()
+    silence = silent.pass_time(*at(20))
+    noise = [event for n in range(40) for event in unreadable.received(chunk(n * 0.5), 0, {"no sync": 100})]
+    assert seconds_of(silence) == [("SILENT", 3)]
+    assert "no bytes" in silence[0].text
+    assert silent.state == WAITING
+    assert seconds_of(noise) == [(SYNCING, 0), ("NO_FRAMES", 3)]
+    assert "but no valid frame" in noise[1].text
+    assert unreadable.state == SYNCING
+
+
+def test_frames_that_stop_while_bytes_go_on_are_not_called_silence() -> None:
+    monitor = opened()
+    monitor.received(chunk(0), 1, {})
+    events = [event for n in range(1, 20) for event in monitor.received(chunk(n * 0.5), 0, {"bad crc": 100})]
+    assert seconds_of(events) == [(SYNCING, 3)]
+    assert "bad crc" in events[0].text
+
+
+def test_a_wrong_baud_rate_is_recognised_and_said() -> None:
+    sent = bytes.fromhex("1acffc1d0100") + bytes(range(0, 210))
+    for sensor_baud in (9600, 19200):
+        monitor = opened()
+        heard = received_at(sent, sensor_baud, 115200)
+        events = [event for n in range(8) for event in monitor.received(chunk(n * 0.5, heard), 0, {"no sync": 1})]
+        assert "wrong baud rate" in events[-1].text
+        assert "slower than 115200" in events[-1].text
+
+
+def test_a_trickle_of_noise_is_not_called_a_baud_rate() -> None:
+    monitor = opened()
+    events = [event for n in range(8) for event in monitor.received(chunk(n * 0.5, b"?"), 0, {})]
+    assert "slower than" not in events[-1].text
+
+
+def test_silence_is_told_at_its_own_time_however_late_it_is_found_out() -> None:
+    early, late = opened(), opened()
+    for monitor in (early, late):
+        monitor.received(chunk(1), 1, {})
+    found_early = [event for n in range(10, 500) for event in early.pass_time(*at(n * 0.1))]
+    assert found_early == late.pass_time(*at(50)) == [LinkEvent(*at(4), STALE, found_early[0].text)]
+
+
+def test_a_host_that_was_booted_anew_is_not_silence() -> None:
+    monitor = opened()
+    monitor.received(chunk(1000), 1, {})
+    assert monitor.received(Chunk(at(1010)[0], 5, NOISE), 1, {}) == []
+    assert monitor.state == STREAMING
+
+
+@given(
+    pieces=st.lists(st.tuples(st.sampled_from([0.0, 0.1, 1.0, 2.9, 3.5, 8.0]), st.integers(0, 1)), max_size=12),
+    cut=st.integers(1, 60),
+)
+def test_cutting_the_chunks_changes_nothing(pieces: list[tuple[float, int]], cut: int) -> None:
+    whole, parts = opened(), opened()
+    events_whole, events_parts = [], []
+    seconds = 0.0
+    for pause_s, frames in pieces:
+        seconds += pause_s
+        events_whole += whole.received(chunk(seconds), frames, {})
+        # The frame, if there is one, is complete somewhere within the bytes.
+        events_parts += parts.received(chunk(seconds, NOISE[:cut]), 0, {})
+        events_parts += parts.received(chunk(seconds, NOISE[cut:80]), frames, {})
+        events_parts += parts.received(chunk(seconds, NOISE[80:]), 0, {})
+    events_whole += whole.pass_time(*at(seconds + 9))
+    events_parts += parts.pass_time(*at(seconds + 9))
+    assert seconds_of(events_whole) == seconds_of(events_parts)
+    times = [event.mono_ns for event in events_whole]
+    assert all(before <= after for before, after in pairwise(times))
