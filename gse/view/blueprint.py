@@ -14,12 +14,9 @@ LIVE_WINDOW_S = 600.0
 
 
 def layout(
-    station: Station, *, live: bool, window_s: float | None = None, boresight_icrs: NDArray[np.float64] | None = None
+    station: Station, *, window_s: float | None = None, boresight_icrs: NDArray[np.float64] | None = None
 ) -> rrb.Blueprint:
-    """All views of a station over the last ``window_s`` seconds, or over everything (None).
-
-    A ``live`` view follows the newest data.
-    """
+    """All views of a station over the last ``window_s`` seconds, or over everything (None), at the newest data."""
     ranges = _time_ranges(window_s)
     axis = rrb.TimeAxis(view_range=_time_range(window_s))
     graphs = rrb.Vertical(
@@ -50,7 +47,7 @@ def layout(
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TopPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following" if live else "paused"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
         auto_views=False,
         auto_layout=False,
     )

@@ -6,7 +6,6 @@ frozen or killed blocks nobody. (A client connection to a viewer does block, aft
 """
 
 import queue
-import socket
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +23,8 @@ from gse.instant import NS_PER_S
 from gse.night import Night
 from gse.results import FrameResult, LinkCounters
 from gse.view.page import ViewerPage
+from gse.view.ports import free_port
+from gse.view.saved import file_sink
 from gse.view.scene import Scene
 from gse.view.viewer import open_native_viewer
 from gse.view.words import verdict_at_end, verdict_so_far
@@ -88,13 +89,13 @@ class LiveView:
         self._thread.start()
 
     def _connect(self, mode: ViewMode, save_rrd: Path | None, bind: str, port: int) -> None:
-        sinks: list[object] = [] if save_rrd is None else [rr.FileSink(str(save_rrd))]
-        grpc_port = _free_port(bind)
+        sinks: list[object] = [] if save_rrd is None else [file_sink(save_rrd)]
+        grpc_port = free_port(bind)
         if mode != "none":
             sinks.append(rr.GrpcServerSink(bind, grpc_port, server_memory_limit=MEMORY_LIMIT))
         self._stream.set_sinks(*sinks)
         if mode == "web":
-            self._page = ViewerPage(bind, port, grpc_port)
+            self._page = ViewerPage(bind, port, grpc_port=grpc_port)
             self.url = self._page.url
         elif mode == "native":
             open_native_viewer(f"rerun+http://{bind}:{grpc_port}/proxy")
@@ -200,11 +201,3 @@ class _Teller:
 
     def finish(self) -> None:
         self._scene.flush()
-
-
-def _free_port(bind: str) -> int:
-    """A port that is free now: rerun only prints an error when it is not."""
-    with socket.socket() as probe:
-        probe.bind((bind, 0))
-        port: int = probe.getsockname()[1]
-        return port

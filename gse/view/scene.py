@@ -43,7 +43,7 @@ class Scene:
         self._track_from_ns = 0
         self._status: Status | None = None
         self.running = Running(station.limits)
-        stream.send_blueprint(layout(station, live=live))
+        stream.send_blueprint(layout(station))
         begin_series(stream)
         self._picture.begin(stream)
         begin_sky(stream, catalog)
@@ -106,9 +106,7 @@ class Scene:
         if narrows:
             self._window_s = LIVE_WINDOW_S
         if aims or narrows:
-            wanted = layout(
-                self._station, live=self._live, window_s=self._window_s, boresight_icrs=self._boresight_icrs
-            )
+            wanted = layout(self._station, window_s=self._window_s, boresight_icrs=self._boresight_icrs)
             self._stream.send_blueprint(wanted)
 
     def event(self, event: LinkEvent) -> None:
@@ -134,3 +132,8 @@ class Scene:
         """Show a text in the verdict panel."""
         columns = rr.TextDocument.columns(text=[markdown], media_type=["text/markdown"])
         self._stream.send_columns("/verdict", [times([utc_ns])], columns)
+
+    def words_for_all_times(self, markdown: str) -> None:
+        """Show a text in the verdict panel, wherever the time cursor stands."""
+        document = rr.TextDocument(markdown, media_type="text/markdown")
+        self._stream.log("/verdict", document, static=True)

@@ -1,0 +1,54 @@
+"""``gse report``: the report of a session."""
+
+from pathlib import Path
+
+import click
+
+from gse.cli.concluding import conclude, exit_code, show_report
+
+
+@click.command("report")
+@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="New folder for the report; default: 'report' beside FILE, numbered where there is one.",
+)
+@click.option("--clock-error", help="Bound of the host clock's error that was measured otherwise, e.g. 0.1s")
+@click.option("--pdf", is_flag=True, help="Also print report.html to report.pdf, by Chromium or Chrome.")
+@click.option("--json", "as_json", is_flag=True, help="The report as one JSON object on stdout.")
+@click.pass_context
+def command(
+    ctx: click.Context, *, path: Path, out: Path | None, clock_error: str | None, pdf: bool, as_json: bool
+) -> None:
+    """Write report.html, report.json, frames.csv and junit.xml of a session FILE.
+
+    The same session gives the same report, byte for byte. The exit code is the verdict's.
+    """
+    from gse.cli.progress import replay_with_progress
+    from gse.report.printing import find_browser, print_to_pdf
+
+    browser = find_browser() if pdf else None
+    replay = replay_with_progress(path)
+    folder = _new_folder(out, path)
+    report = conclude(replay.night, folder, replay.own_elapsed_us, clock_error)
+    if browser is not None:
+        click.echo(f"printed: {print_to_pdf(browser, folder / 'report.html')}", err=True)
+    show_report(report, folder, as_json=as_json)
+    ctx.exit(exit_code(report, data_lost=replay.night.truncated))
+
+
+def _new_folder(out: Path | None, session: Path) -> Path:
+    from gse.errors import UsageError
+
+    beside = session if session.is_dir() else session.parent
+    names = [out] if out else [beside / ("report" if n == 1 else f"report-{n}") for n in range(1, 1000)]
+    for folder in names:
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise UsageError(f"cannot make the folder {folder}: {error.strerror}; choose another --out") from error
+        return folder
+    raise UsageError(f"{names[-1]} is there already, and nothing is overwritten; choose another --out")

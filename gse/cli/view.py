@@ -1,0 +1,78 @@
+"""``gse view``: a session in rerun."""
+
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+@click.command("view")
+@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.option("--web", is_flag=True, help="Serve it as a web page, until Ctrl-C.")
+@click.option("--bind", default="127.0.0.1", show_default=True, help="Address that the web page is served on.")
+@click.option(
+    "--http-port", type=click.IntRange(0, 65535), default=0, help="Port of the web page; default: a free one."
+)
+@click.option("--save", type=click.Path(path_type=Path, dir_okay=False), help="Save the recording for rerun, .rrd")
+@click.option("--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Save a picture of it, .png")
+@click.option("--clock-error", help="Bound of the host clock's error that was measured otherwise, e.g. 0.1s")
+def command(
+    *,
+    path: Path,
+    web: bool,
+    bind: str,
+    http_port: int,
+    save: Path | None,
+    screenshot: Path | None,
+    clock_error: str | None,
+) -> None:
+    """Show a session FILE in rerun: in a window of its own, unless one of the options says otherwise."""
+    from gse.view.page import ViewerPage, wait_for_interrupt
+    from gse.view.screenshot import save_screenshot
+    from gse.view.viewer import open_native_viewer
+
+    with ExitStack() as stack:
+        recording = save
+        if recording is None:
+            recording = Path(tempfile.mkdtemp(prefix="gse-view-")) / "session.rrd"
+            if web or screenshot:
+                stack.callback(_remove, recording)
+        _write_recording(path, recording, clock_error)
+        if save is not None:
+            click.echo(f"saved: {save}", err=True)
+        if screenshot is not None:
+            save_screenshot(recording, screenshot)
+            click.echo(f"picture: {screenshot}", err=True)
+        if web:
+            page = stack.enter_context(ViewerPage(bind, http_port, recording=recording))
+            click.echo(f"view: {page.url} (Ctrl-C ends it)", err=True)
+            wait_for_interrupt()
+        elif save is None and screenshot is None:
+            open_native_viewer(str(recording))
+            click.echo(f"opened in rerun: {recording}", err=True)
+
+
+def _write_recording(path: Path, recording: Path, clock_error: str | None) -> None:
+    from gse.cli.progress import replay_with_progress
+    from gse.clock_health import stated_error_s
+    from gse.station import Sink, StationLoop
+    from gse.verdict import judge
+    from gse.view.saved import SavedView
+
+    views: list[Any] = []
+
+    def sinks_of(loop: StationLoop) -> list[Sink]:
+        views.append(SavedView(loop.equipment.station, loop.equipment.identifier.catalog, recording))
+        return list(views)
+
+    night = replay_with_progress(path, sinks_of).night
+    night.clock_error_s = None if clock_error is None else stated_error_s(clock_error)
+    judgement = judge(night)
+    views[0].finish(night, judgement.verdict.value, judgement.reasons)
+
+
+def _remove(recording: Path) -> None:
+    recording.unlink(missing_ok=True)
+    recording.parent.rmdir()

@@ -1,0 +1,68 @@
+"""A whole night in rerun: the same scene as a live one, but complete, and with its verdict from the start."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import rerun as rr
+
+from drivers.chunk import LinkEvent
+from gse.catalog import StarCatalog
+from gse.config import Station
+from gse.errors import UsageError
+from gse.night import Night
+from gse.results import FrameResult
+from gse.view.scene import Scene
+from gse.view.words import verdict_at_end, verdict_so_far
+
+BATCH_FRAMES = 1000
+"""Frames that go to rerun at once; nothing is dropped."""
+
+
+class SavedView:
+    """A sink that writes a recording for rerun (.rrd): every frame of a session.
+
+    ``finish`` ends it. UsageError where the file cannot be written.
+    """
+
+    def __init__(self, station: Station, catalog: StarCatalog | None, path: Path) -> None:
+        self._stream = rr.RecordingStream("gse", send_properties=False)
+        self._stream.set_sinks(file_sink(path))
+        self._scene = Scene(self._stream, station, catalog, live=False)
+        self._frames: list[FrameResult] = []
+
+    def show(self, result: FrameResult, night: Night) -> None:
+        """Take in one more frame."""
+        self._frames.append(result)
+        if len(self._frames) >= BATCH_FRAMES:
+            self._send()
+
+    def log(self, event: LinkEvent) -> None:
+        """Take in one more event."""
+        self._scene.event(event)
+
+    def finish(self, night: Night, verdict: str, reasons: Sequence[str]) -> None:
+        """Write what is left, the clock, and the verdict, and close the file."""
+        self._send()
+        self._scene.flush()
+        self._scene.clock(night.clock)
+        clock = night.clock[-1] if night.clock else None
+        text = verdict_so_far(self._scene.running, night.link, clock)
+        self._scene.words_for_all_times(verdict_at_end(verdict, list(reasons), text))
+        self._stream.flush()
+        self._stream.disconnect()
+
+    def _send(self) -> None:
+        if self._frames:
+            self._scene.add(self._frames)
+            self._frames = []
+
+
+def file_sink(path: Path) -> object:
+    """A sink that writes a new file; UsageError where it cannot be written: rerun itself only prints an error."""
+    try:
+        path.touch(exist_ok=False)
+    except FileExistsError:
+        raise UsageError(f"{path} exists already; choose another name") from None
+    except OSError as error:
+        raise UsageError(f"cannot write {path}: {error.strerror}") from error
+    return rr.FileSink(str(path))

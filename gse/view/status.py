@@ -1,0 +1,123 @@
+"""The status line: how a running session does, for a terminal without a viewer."""
+
+import math
+import shutil
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from drivers.chunk import LinkEvent
+from gse import instant
+from gse.config import Station
+from gse.night import Night
+from gse.results import FrameResult
+from gse.view.running import LINK_WORDS, Running
+from gse.view.words import clock_health, percent
+
+PLAIN_EVERY_NS = 10 * instant.NS_PER_S
+"""Of the data's time, between two lines where there is no terminal."""
+
+_LINK_STYLES = {"up": "green", "waiting": "yellow", "lost": "bold red", "closed": "dim"}
+_NO_LINK = "no link"
+
+
+class StatusLine:
+    """A sink and a context manager: one line that is renewed each second, or plain lines where that is no terminal.
+
+    It is written to stderr. ``folder`` is where the session is recorded: its free disk is shown.
+    """
+
+    def __init__(self, station: Station, folder: Path | None = None, console: Console | None = None) -> None:
+        self._console = console or Console(stderr=True, highlight=False)
+        self._folder = folder
+        self._running = Running(station.limits)
+        self._night: Night | None = None
+        self._link = _NO_LINK
+        self._due_ns = 0
+        self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=1, transient=True)
+
+    def show(self, result: FrameResult, night: Night) -> None:
+        """Take in one more frame."""
+        self._running.add(result)
+        self._night = night
+        if not self._console.is_terminal and self._running.utc_ns >= self._due_ns:
+            self._due_ns = self._running.utc_ns + PLAIN_EVERY_NS
+            self._console.print(self.line(), soft_wrap=True)
+
+    def log(self, event: LinkEvent) -> None:
+        """Show what happens to the link; what it is now stays in the line."""
+        self._link = LINK_WORDS.get(event.kind, self._link)
+        time_of_day = instant.to_text(event.utc_ns, 0)[11:]
+        self._console.print(f"{time_of_day} {event.kind}: {event.text}", soft_wrap=True, markup=False)
+
+    def line(self) -> Text:
+        """The line as it is now."""
+        running = self._running
+        parts = [
+            (f"{instant.to_text(running.utc_ns, 0)[11:]} " if running.frames else "", ""),
+            (f"link {self._link}" if self._link != _NO_LINK else self._link, _LINK_STYLES.get(self._link, "")),
+            (f"  {running.frames} frames{_rate(running)}", ""),
+            (f"  {percent(running.identified)} identified", _warning(self._misses_availability())),
+            (f"  dRA* {_mean(running.d_ra.mean, running.d_ra.n)}", _warning(self._outside("d_ra"))),
+            (f"  dDE {_mean(running.d_de.mean, running.d_de.n)}", _warning(self._outside("d_de"))),
+            (f"  NEA {_nea(running.d_ra.nea)}, {_nea(running.d_de.nea)} arcsec", ""),
+            (f"  clock {self._clock()}", _warning(self._clock_is_bad())),
+            (self._disk(), ""),
+        ]
+        return Text.assemble(*parts)
+
+    def _misses_availability(self) -> bool:
+        return self._running.identified < self._running.limits.availability
+
+    def _outside(self, axis: str) -> bool:
+        limits = self._running.limits
+        moments, limit = {
+            "d_ra": (self._running.d_ra, limits.d_ra_cosde_arcsec),
+            "d_de": (self._running.d_de, limits.d_de_arcsec),
+        }[axis]
+        return abs(moments.mean) > limit
+
+    def _clock(self) -> str:
+        return clock_health(self._night.clock[-1]) if self._night and self._night.clock else "not read"
+
+    def _clock_is_bad(self) -> bool:
+        return bool(self._night and self._night.clock and not self._night.clock[-1].synchronised)
+
+    def _disk(self) -> str:
+        if self._folder is None:
+            return ""
+        return f"  disk {shutil.disk_usage(self._folder).free / 1e9:.1f} GB free"
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Take the line away; the last state stays in no one's way."""
+        self._live.stop()
+
+
+def _rate(running: Running) -> str:
+    return "" if math.isnan(running.frames_per_s) else f" at {running.frames_per_s:.1f}/s"
+
+
+def _mean(value: float, n: int) -> str:
+    return f"{value:+.1f}" if n else "-"
+
+
+def _nea(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.1f}"
+
+
+def _warning(is_bad: bool) -> str:
+    return "bold red" if is_bad else ""
