@@ -1,7 +1,14 @@
 """Star catalogues: unit vectors, magnitudes and names of stars, brightest first."""
 
-from gse.catalog.mission import merge_doubles, mission_catalog, stars_for_field
+from gse.catalog.mission import brightest_per_field, merge_doubles, mission_catalog, stars_for_field
 from gse.catalog.readers import load_catalog
 from gse.catalog.stars import StarCatalog
 
-__all__ = ["StarCatalog", "load_catalog", "merge_doubles", "mission_catalog", "stars_for_field"]
+__all__ = [
+    "StarCatalog",
+    "brightest_per_field",
+    "load_catalog",
+    "merge_doubles",
+    "mission_catalog",
+    "stars_for_field",
+]

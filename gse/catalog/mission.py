@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from gse.camera import Camera
 from gse.catalog.stars import StarCatalog
+from gse.spiral import spiral_directions
 
 STARS_PER_FIELD = 20
 """Catalogue stars in a mean field under ``auto``: it leaves at least 8 in nearly every field.
@@ -21,6 +22,10 @@ FEWEST_STARS = 1500
 MOST_STARS = 50_000
 MERGED_WITHIN_PX = 2.0
 """Closer stars make one object: their light overlaps on the detector."""
+
+STARS_OF_A_FIELD = 5
+DIRECTIONS = 20_000
+"""Fields over which the brightest stars are gathered: 1.4 deg apart."""
 
 _STARS_SEARCHED_FOR_COMPANIONS = 2
 """As a multiple of the stars wanted: it reaches 0.6 mag below the faintest of them."""
@@ -37,6 +42,18 @@ def mission_catalog(source: StarCatalog, camera: Camera, stars: int | Literal["a
     wanted = stars_for_field(camera) if stars == "auto" else stars
     searched = source.rows(slice(0, _STARS_SEARCHED_FOR_COMPANIONS * wanted))
     return merge_doubles(searched, MERGED_WITHIN_PX * camera.pixel_rad).rows(slice(0, wanted))
+
+
+def brightest_per_field(
+    catalog: StarCatalog, field_rad: float, *, stars: int = STARS_OF_A_FIELD, directions: int = DIRECTIONS
+) -> StarCatalog:
+    """The union of the brightest stars of each circular field of this diameter, anywhere in the sky, [N] section 3."""
+    radius = 2 * math.sin(field_rad / 4)
+    tree = cKDTree(catalog.icrs)
+    chosen: set[int] = set()
+    for direction in spiral_directions(directions):
+        chosen.update(sorted(tree.query_ball_point(direction, radius))[:stars])
+    return catalog.rows(np.array(sorted(chosen), dtype=np.int64))
 
 
 def merge_doubles(catalog: StarCatalog, within_rad: float) -> StarCatalog:

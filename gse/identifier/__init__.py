@@ -1,12 +1,13 @@
 """Star identification: each algorithm is a module, each answers in the shapes of ``result``."""
 
+import math
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.camera import Camera
-from gse.catalog import StarCatalog, mission_catalog
+from gse.catalog import StarCatalog, brightest_per_field, mission_catalog
 from gse.config import IdentifierOptions
 from gse.identifier.result import Identification, Reason, Unidentified
 
@@ -32,6 +33,20 @@ def make_identifier(options: IdentifierOptions, camera: Camera, source: StarCata
 
     The algorithms are imported here, one at a time: with their compiled parts they take a second.
     """
-    from gse.identifier.neighbour import NeighbourIdentifier
+    mission = mission_catalog(source, camera, options.catalog_stars)
+    if options.algorithm == "neighbour":
+        from gse.identifier.neighbour import NeighbourIdentifier
 
-    return NeighbourIdentifier(mission_catalog(source, camera, options.catalog_stars), camera, options)
+        return NeighbourIdentifier(mission, camera, options)
+    if options.algorithm == "robust":
+        from gse.identifier.robust import RobustIdentifier
+
+        return RobustIdentifier(camera, source)
+    brightest = brightest_per_field(mission, 2 * math.sqrt(camera.solid_angle_sr / math.pi))
+    if options.algorithm == "pivot":
+        from gse.identifier.pivot import PivotIdentifier
+
+        return PivotIdentifier.for_camera(brightest, camera, options)
+    from gse.identifier.match_group import MatchGroupIdentifier
+
+    return MatchGroupIdentifier.for_camera(brightest, camera, options)

@@ -9,6 +9,8 @@ from gse.panorama import MAX_OBJECTS
 
 _SOUND, _NOT_FINITE, _NOT_UNIT, _DARK, _NEGATIVE, _ALL_EQUAL = range(6)
 _UNIT_WITHIN = 1e-6
+_SAME_PLACE_RAD2 = 1e-6**2
+"""Square of 0.2 arcsec: objects closer than this are one object listed twice."""
 
 _COMPLAINTS = {
     _NOT_FINITE: "a position or index value is not a finite number",
@@ -54,3 +56,18 @@ def _soundness(directions: NDArray[np.float64], index: NDArray[np.float64]) -> i
     if highest == 0.0:
         return _DARK
     return _ALL_EQUAL if highest == lowest else _SOUND
+
+
+@compiled
+def distinct_objects(directions: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The rows of directions (N, 3) without those at the place of an earlier, brighter one."""
+    kept = np.empty(len(directions), np.int64)
+    count = 0
+    for i in range(len(directions)):
+        new = True
+        for k in range(count):
+            new = new and ((directions[i] - directions[kept[k]]) ** 2).sum() > _SAME_PLACE_RAD2
+        if new:
+            kept[count] = i
+            count += 1
+    return kept[:count]

@@ -14,7 +14,6 @@ Fn2 = 4 lets false answers through; 6 let none through. Distances cannot tell a 
 answer must also be solvable as an attitude.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -25,10 +24,10 @@ from gse.catalog import StarCatalog
 from gse.compiled import compiled
 from gse.config import IdentifierOptions
 from gse.identifier.acceptance import RandomSky, accepted
-from gse.identifier.intake import refusal
+from gse.identifier.intake import distinct_objects, refusal
 from gse.identifier.mutual import MOST_CANDIDATES, Candidates, agreements, angle_urad, largest_group, separations
 from gse.identifier.result import Identification, Reason, Unidentified
-from gse.identifier.tables import PairTable, field_diameter_rad, pair_table
+from gse.identifier.tables import PairTable, field_diameter_rad, pair_table, tolerance_rad
 
 _VOTERS = 10
 _STARS_TRIED = 16
@@ -51,10 +50,10 @@ class NeighbourIdentifier:
     def __init__(self, catalog: StarCatalog, camera: Camera, options: IdentifierOptions) -> None:
         widest_rad = field_diameter_rad(camera)
         self.catalog = catalog
-        self.table = pair_table(catalog, widest_rad)
-        self.tolerance_rad = 2 * math.atan2(options.tolerance_px / 2, camera.focal_length_px)  # eq 2-1
-        self._sky = RandomSky(len(catalog), len(self.table.distance_urad), widest_rad, self.tolerance_rad)
-        self._limits = Limits(1e6 * self.tolerance_rad, options.min_fit, 1 + options.alpha_retries)
+        self._table = pair_table(catalog, widest_rad)
+        self._tolerance_rad = tolerance_rad(camera, options.tolerance_px)
+        self._sky = RandomSky(len(catalog), len(self._table.distance_urad), widest_rad, self._tolerance_rad)
+        self._limits = Limits(1e6 * self._tolerance_rad, options.min_fit, 1 + options.alpha_retries)
         self._search = first_fit if options.selection == "first-fit" else best_vote
 
     def identify(
@@ -65,14 +64,16 @@ class NeighbourIdentifier:
         refused = refusal(directions, np.asarray(index, dtype=np.float64), self._limits.min_fit + 1)
         if refused:
             return refused
-        objects, stars, alphas = self._search(directions, self.catalog.icrs, self.table, self._limits)
+        distinct = distinct_objects(directions)
+        rows, stars, alphas = self._search(directions[distinct], self.catalog.icrs, self._table, self._limits)
+        objects = distinct[rows]
         if len(objects) == 0:
             return Unidentified(
                 Reason.NO_MATCH,
                 f"no catalogue star reached a fit of {self._limits.min_fit} with any of {alphas} alpha star(s)",
             )
         chance = self._sky.chance(len(directions), len(objects) - 1, alphas)
-        return accepted(directions, self.catalog, objects, stars, self.tolerance_rad, chance)
+        return accepted(directions, self.catalog, objects, stars, self._tolerance_rad, chance)
 
 
 @compiled

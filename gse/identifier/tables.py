@@ -52,6 +52,11 @@ def field_diameter_rad(camera: Camera) -> float:
     return float(max(angles_rad(corners[:1], corners[3:])[0], angles_rad(corners[1:2], corners[2:3])[0]))
 
 
+def tolerance_rad(camera: Camera, tolerance_px: float) -> float:
+    """d_m of [S] eq 2-1, the angle of ``tolerance_px`` at the boresight."""
+    return 2 * math.atan2(tolerance_px / 2, camera.focal_length_px)
+
+
 def angles_rad(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Angles (N,) between the rows of unit vectors (N, 3), exact for small ones."""
     cross = np.cross(a, b)

@@ -1,0 +1,33 @@
+"""The Match Group Algorithm as [N] compares itself with it: the pivot pattern, and a gate on each star's magnitude.
+
+Magnitudes are -2.5 log10 of the index plus a zero point, which is a matter of calibration. Where it is not known, each
+group is given the zero point that suits it best, which makes the gate a little wider than it is.
+"""
+
+from gse.camera import Camera
+from gse.catalog import StarCatalog
+from gse.config import IdentifierOptions
+from gse.identifier.pivot import PivotIdentifier
+from gse.identifier.tables import field_diameter_rad, tolerance_rad
+
+MAGNITUDE_GATE = 1.0
+"""Of 0.5 to 1.5 mag, what comes nearest to the curve of [N] figure 14."""
+
+
+class MatchGroupIdentifier(PivotIdentifier):
+    """The Match Group Algorithm with its catalogue, pairs and cells, for fields of one diameter."""
+
+    name = "match-group"
+
+    def __init__(
+        self, catalog: StarCatalog, field_rad: float, tolerance_rad: float, *, zero_point: float | None = None
+    ) -> None:
+        super().__init__(catalog, field_rad, tolerance_rad)
+        self._gates = self._gates._replace(
+            magnitude=MAGNITUDE_GATE, zero_point=float("nan") if zero_point is None else zero_point
+        )
+
+    @classmethod
+    def for_camera(cls, catalog: StarCatalog, camera: Camera, options: IdentifierOptions) -> "MatchGroupIdentifier":
+        """The identifier for a camera, its zero point unknown."""
+        return cls(catalog, field_diameter_rad(camera), tolerance_rad(camera, options.tolerance_px))

@@ -1,0 +1,213 @@
+"""The compiled search of the pivot algorithm, over angles between objects, the table of pairs, and cells."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.compiled import compiled
+from gse.identifier.mutual import angle_urad, stars_fit
+from gse.identifier.tables import PairTable
+
+PIVOT_MEMBERS = 4
+"""K of [N]: the pivot and its members."""
+
+FEWEST_OBJECTS = 3
+NO_GATE = math.inf
+FOUND, NO_GROUP, TIE = 0, 1, 2
+
+_MOST_GROUPS = 1_000_000
+"""Cap for one pivot, where the tolerance lets everything fit: such a search is a tie."""
+
+
+class PivotSky(NamedTuple):
+    """What the search knows of the sky.
+
+    ``cell`` (S,) is the cell of each star, ``around`` (C, C) tells which cells touch.
+    """
+
+    table: PairTable
+    icrs: NDArray[np.float64]
+    magnitude: NDArray[np.float64]
+    cell: NDArray[np.int64]
+    around: NDArray[np.bool_]
+
+
+class Gates(NamedTuple):
+    """How far objects may be from stars: in distance, and in magnitude after a zero point (NaN: that of the group)."""
+
+    tolerance_urad: float
+    magnitude: float
+    zero_point: float
+
+
+class Objects(NamedTuple):
+    """The objects, brightest first: cosine and sine (N, N) of their angles, and -2.5 log10 of their index (N,)."""
+
+    cosine: NDArray[np.float64]
+    sine: NDArray[np.float64]
+    magnitude: NDArray[np.float64]
+
+
+class Group(NamedTuple):
+    """Objects, the pivot first, and the stars that they are thought to be."""
+
+    object: NDArray[np.int64]
+    star: NDArray[np.int64]
+
+
+@compiled
+def search(objects: Objects, sky: PivotSky, gates: Gates) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:
+    """Both steps: FOUND, NO_GROUP or TIE, and the named objects with their stars, the pivot first."""
+    count = len(objects.magnitude)
+    outcome = NO_GROUP
+    for pivot in range(count - FEWEST_OBJECTS + 1):
+        members = np.arange(pivot, min(pivot + PIVOT_MEMBERS, count))
+        group = Group(members, np.full(len(members), -1))
+        found = _best_group(group, objects, sky, gates)
+        if found == FOUND:
+            named = _with_others(group, objects, sky, gates)
+            return FOUND, named.object, named.star
+        if found == TIE:
+            outcome = TIE
+    return outcome, np.empty(0, np.int64), np.empty(0, np.int64)
+
+
+@compiled
+def _best_group(best: Group, objects: Objects, sky: PivotSky, gates: Gates) -> int:
+    """Step 1 for one pivot: put the stars of the best group into ``best``."""
+    table, size = sky.table, len(best.object)
+    group = Group(best.object, best.star.copy())
+    best_score, tie, groups = -1, False, 0
+    low, high = _window(table.distance_urad, group, 1, objects, gates)
+    for pair in range(low, high):
+        group.star[0], group.star[1] = table.brighter[pair], table.dimmer[pair]
+        begin, end = table.first[group.star[0]], table.first[group.star[0] + 1]
+        distances = table.neighbour_urad[begin:end]
+        low_2, high_2 = _window(distances, group, 2, objects, gates)
+        low_3, high_3 = (0, 1) if size == 3 else _window(distances, group, 3, objects, gates)
+        groups += (high_2 - low_2) * (high_3 - low_3)
+        if groups > _MOST_GROUPS:
+            return TIE
+        for second in range(low_2, high_2):
+            group.star[2] = table.neighbour[begin + second]
+            for third in range(low_3, high_3):
+                if size > 3:
+                    group.star[3] = table.neighbour[begin + third]
+                score = _concurrence(group, objects, sky, gates)
+                if score > best_score:
+                    best_score, tie = score, False
+                    best.star[:] = group.star
+                elif score == best_score and group.star[0] != best.star[0]:
+                    tie = True
+    if best_score < 0:
+        return NO_GROUP
+    return TIE if tie else FOUND
+
+
+@compiled
+def _window(
+    distances_urad: NDArray[np.int32], group: Group, member: int, objects: Objects, gates: Gates
+) -> tuple[int, int]:
+    """Where, among sorted distances, those lie that fit a member's distance from the pivot."""
+    p, q = group.object[0], group.object[member]
+    distance = angle_urad(objects.cosine[p, q], objects.sine[p, q])
+    low = np.searchsorted(distances_urad, distance - gates.tolerance_urad, side="right")
+    high = np.searchsorted(distances_urad, distance + gates.tolerance_urad, side="left")
+    return int(low), int(high)
+
+
+@compiled
+def _concurrence(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> int:
+    """How well a group concurs; -1 where its pivot is not the brightest star, or too few mutual distances fit."""
+    fits = ordered = 0
+    for i in range(1, len(group.star)):
+        if group.star[i] <= group.star[0]:
+            return -1
+        for j in range(1, i):
+            if group.star[i] == group.star[j]:
+                return -1
+            if _pair_fits(group.object[j], group.star[j], group.object[i], group.star[i], objects, sky, gates):
+                fits += 1
+                ordered += group.star[j] < group.star[i]
+    if fits < len(group.star) - 2 or not _magnitudes_fit(group, objects, sky, gates):
+        return -1
+    return PIVOT_MEMBERS * fits + ordered
+
+
+@compiled
+def _pair_fits(p: int, a: int, q: int, b: int, objects: Objects, sky: PivotSky, gates: Gates) -> bool:
+    """Whether objects p and q are as far apart as stars a and b."""
+    return stars_fit(sky.icrs[a], sky.icrs[b], objects.cosine[p, q], objects.sine[p, q], gates.tolerance_urad)
+
+
+@compiled
+def _magnitudes_fit(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> bool:
+    zero_point = _zero_point(group, objects, sky, gates)
+    for i in range(len(group.star)):
+        if not _magnitude_fits(group.object[i], group.star[i], objects, sky, gates, zero_point):
+            return False
+    return True
+
+
+@compiled
+def _magnitude_fits(p: int, a: int, objects: Objects, sky: PivotSky, gates: Gates, zero_point: float) -> bool:
+    return bool(abs(objects.magnitude[p] + zero_point - sky.magnitude[a]) <= gates.magnitude)
+
+
+@compiled
+def _zero_point(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> float:
+    """What makes magnitudes of -2.5 log10 index: the given number, else the one that suits the group best."""
+    if not np.isnan(gates.zero_point):
+        return gates.zero_point
+    total = 0.0
+    for i in range(len(group.star)):
+        total += sky.magnitude[group.star[i]] - objects.magnitude[group.object[i]]
+    return total / len(group.star)
+
+
+@compiled
+def _with_others(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> Group:
+    """Step 2: the group, and after it the other objects, brightest first, that one star in the cells around fits."""
+    cells = np.zeros(len(sky.around), np.bool_)
+    for star in group.star:
+        cells |= sky.around[sky.cell[star]]
+    zero_point = _zero_point(group, objects, sky, gates)
+    count, named = len(objects.magnitude), len(group.object)
+    rows, stars = np.empty(count, np.int64), np.empty(count, np.int64)
+    rows[:named], stars[:named] = group.object, group.star
+    for other in range(count):
+        if group.object[0] <= other <= group.object[-1]:
+            continue
+        star = _only_star(other, group, cells, objects, sky, gates)
+        if star < 0 or (stars[:named] == star).any():
+            continue
+        if _magnitude_fits(other, star, objects, sky, gates, zero_point):
+            rows[named], stars[named] = other, star
+            named += 1
+    return Group(rows[:named], stars[:named])
+
+
+@compiled
+def _only_star(
+    other: int, group: Group, cells: NDArray[np.bool_], objects: Objects, sky: PivotSky, gates: Gates
+) -> int:
+    """The one star in ``cells`` at an object's distances from the first three of a group; -1 for none or several."""
+    table = sky.table
+    begin, end = table.first[group.star[0]], table.first[group.star[0] + 1]
+    with_other = Group(np.array([group.object[0], other]), group.star)
+    low, high = _window(table.neighbour_urad[begin:end], with_other, 1, objects, gates)
+    found = -1
+    for k in range(begin + low, begin + high):
+        star = table.neighbour[k]
+        if not cells[sky.cell[star]]:
+            continue
+        fits = True
+        for i in range(1, FEWEST_OBJECTS):
+            fits = fits and _pair_fits(other, star, group.object[i], group.star[i], objects, sky, gates)
+        if fits:
+            if found >= 0:
+                return -1
+            found = star
+    return found
