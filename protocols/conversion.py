@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocols.errors import EncodeError
-from protocols.layout import FieldLayout
+from protocols.record import FieldLayout
 from protocols.vocabulary import Kind
 
 Count = Any  # a Python int or float, or an array of ints, as numpy gives it
@@ -149,7 +149,8 @@ class FieldCodec:
             case Kind.WORD | Kind.COMMAND:
                 return self._number(value, "value ")
             case Kind.INTEGERS:
-                return tuple(int(number) for number in value)
+                numbers = tuple(int(number) for number in value)
+                return numbers if self._field.array or len(numbers) != 1 else numbers[0]
             case Kind.INTEGER if not self.is_float:
                 # Exactly: a 64-bit count does not fit a float.
                 return int(value) if self._is_plain else round((int(value) - self._field.zero) / self._field.factor)

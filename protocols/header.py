@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from protocols.description import FieldDescription
-from protocols.placement import place, width
+from protocols.placement import check_words, place, width
 from protocols.reading import Source
 from protocols.vocabulary import HEADER_FIELDS, SPARE
 
@@ -124,3 +124,4 @@ def _check(
     }
     for key in (key for key, is_wrong in given.items() if is_wrong):
         raise source.error(f"a header's {field.name} has no {key}, or not this one", (*path, key))
+    check_words(field, source, path)

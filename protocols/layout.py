@@ -1,39 +1,17 @@
-"""Compiles a protocol description: offsets, numpy dtypes, conversions from wire counts to the station's units."""
+"""Compiles a protocol description: the layout of its frames and of its messages."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 
 from protocols.checksum import CHECKSUMS, Checksum
-from protocols.description import ChecksumDescription, Description, FieldDescription, MessageDescription
+from protocols.description import ChecksumDescription, Description, MessageDescription
 from protocols.header import HeaderLayout, compile_header
 from protocols.placement import Placed, place
 from protocols.reading import Path, Source
-from protocols.vocabulary import FORMS, SPARE, Form, Kind, Role, Unit
-
-_ONLY_STANDARD = ("unit", "scale", "min", "max", "bits", "values")
-
-
-@dataclass(frozen=True, slots=True)
-class FieldLayout:
-    """A standard field: value = factor * count + zero, in the unit of its attribute's name."""
-
-    name: str
-    role: Role
-    format: str
-    array: int | None
-    factor: Fraction
-    zero: Fraction
-    minimum: float | None
-    maximum: float | None
-    words: Mapping[int, str]
-
-    @property
-    def is_float(self) -> bool:
-        """Whether the wire carries a floating-point number."""
-        return self.format[-2] == "f"
+from protocols.record import FieldLayout, compile_record, order_of
+from protocols.vocabulary import FORMS, Form, Role
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +85,7 @@ def compile_frame(description: Description, source: Source) -> FrameLayout:
         raise source.error(wanted, ("framing", "sync_word"))
     if checksum.covers_sync_word and framing.kind == "slip":
         raise source.error("SLIP has no sync word", ("checksum", "covers_sync_word"))
-    header = compile_header(description.header, _order(description.byte_order), source)
+    header = compile_header(description.header, order_of(description.byte_order), source)
     _check_codes(description, header, source)
     return FrameLayout(
         sync_word=bytes.fromhex(framing.sync_word or ""),
@@ -125,10 +103,6 @@ def compile_messages(description: Description, source: Source) -> dict[str, Mess
     return {
         name: _compile_message(name, message, description, source) for name, message in description.messages.items()
     }
-
-
-def _order(byte_order: str) -> str:
-    return ">" if byte_order == "big" else "<"
 
 
 def _checksum(description: ChecksumDescription, source: Source) -> Checksum:
@@ -159,9 +133,11 @@ def _check_codes(description: Description, header: HeaderLayout, source: Source)
 
 def _size(message: MessageDescription, source: Source, name: str) -> int:
     path = ("messages", name)
+    if message.ignored:
+        if message.length is None or message.fields or message.slots:
+            raise source.error("an ignored message has a length instead of fields", path)
+        return message.length
     end = max((p.end for p in _placed(message, source, path)), default=0)
-    if message.ignored and message.length is not None:
-        end = max(end, message.length)
     if message.length is not None and message.length != end:
         raise source.error(f"is {message.length}, but the fields take {end} bytes", (*path, "length"))
     return end
@@ -174,125 +150,46 @@ def _placed(message: MessageDescription, source: Source, path: Path) -> list[Pla
 
 def _compile_message(name: str, message: MessageDescription, description: Description, source: Source) -> MessageLayout:
     path = ("messages", name)
-    form = FORMS.get(name)
+    form = None if message.ignored else FORMS.get(name)
     if form is None and not message.ignored:
         raise source.error(
             f"unknown message; known are {', '.join(FORMS)}; `ignored: true` describes one that the station skips", path
         )
-    if message.ignored:
-        form = None
+    roles = form.roles if form else {}
     placed = _placed(message, source, path)
     size = _size(message, source, name)
-    order = _order(description.byte_order)
-    fields = [p for p in placed if p.field is not None and p.field.name != SPARE] if form else []
-    layouts = _fields(fields, form.roles if form else {}, order, source)
-    slots = _slots(message, next((p for p in placed if p.field is None), None), form, description, source)
-    _check_required(form.roles if form else {}, [f.name for f in layouts], source, (*path, "fields"))
-    if form and form.slot_roles and slots is None:
-        raise source.error("is missing: a panorama is a number of slots with y, x and index", (*path, "slots"))
+    fields, dtype = compile_record([p for p in placed if p.field], roles, size, description, source)
+    _check_required(roles, fields, source, (*path, "fields"))
     return MessageLayout(
         name=name,
         code=message.code,
         from_sensor=message.direction == "from sensor",
         size=size,
         form=form,
-        dtype=_dtype(layouts, [p.offset for p in fields], size),
-        fields=layouts,
-        slots=slots,
+        dtype=dtype,
+        fields=fields,
+        slots=_slots(message, placed, form, description, source) if form else None,
     )
 
 
 def _slots(
-    message: MessageDescription, block: Placed | None, form: Form | None, description: Description, source: Source
+    message: MessageDescription, placed: Sequence[Placed], form: Form, description: Description, source: Source
 ) -> SlotsLayout | None:
-    if form is None or message.slots is None or block is None:
+    slots, path = message.slots, ("messages", "PANORAMA", "slots")
+    if slots is None:
+        if form.slot_roles:
+            raise source.error("is missing: a panorama is a number of slots with y, x and index", path)
         return None
-    path = block.path
+    block = placed[-1]
     if not form.slot_roles:
-        raise source.error("only PANORAMA has slots", path)
-    inner = place(message.slots.fields, source, (*path, "fields"))
-    used = [p for p in inner if p.field is not None and p.field.name != SPARE]
-    order = _order(description.byte_order)
-    layouts = _fields(used, form.slot_roles, order, source, pixel_scale=description.scale)
-    _check_required(form.slot_roles, [f.name for f in layouts], source, (*path, "fields"))
-    dtype = _dtype(layouts, [p.offset for p in used], block.size // message.slots.repeat)
-    return SlotsLayout(message.slots.repeat, block.offset, dtype, layouts)
+        raise source.error("only PANORAMA has slots", block.path)
+    inner = place(slots.fields, source, (*path, "fields"))
+    fields, dtype = compile_record(inner, form.slot_roles, block.size // slots.repeat, description, source)
+    _check_required(form.slot_roles, fields, source, (*path, "fields"))
+    return SlotsLayout(slots.repeat, block.offset, dtype, fields)
 
 
-def _check_required(roles: Mapping[str, Role], names: Sequence[str], source: Source, path: Path) -> None:
+def _check_required(roles: Mapping[str, Role], fields: Sequence[FieldLayout], source: Source, path: Path) -> None:
     for name, role in roles.items():
-        if role.required and name not in names:
+        if role.required and all(field.name != name for field in fields):
             raise source.error(f"{name} is missing", path)
-
-
-def _dtype(layouts: Sequence[FieldLayout], offsets: Sequence[int], size: int) -> np.dtype[np.void]:
-    formats = [(f.format, (f.array,)) if f.array else f.format for f in layouts]
-    return np.dtype(
-        {"names": [f.name for f in layouts], "formats": formats, "offsets": list(offsets), "itemsize": size}
-    )
-
-
-def _fields(
-    placed: Sequence[Placed],
-    roles: Mapping[str, Role],
-    order: str,
-    source: Source,
-    pixel_scale: Fraction = Fraction(1),
-) -> tuple[FieldLayout, ...]:
-    layouts: list[FieldLayout] = []
-    for item in placed:
-        field, path = item.field, item.path
-        assert field is not None
-        if field.name not in roles:
-            known = ", ".join(roles) or "no field at all"
-            raise source.error(f"is {field.name!r}: known here: {known}; or {SPARE}", (*path, "name"))
-        if any(field.name == other.name for other in layouts):
-            raise source.error(f"{field.name} is given twice", (*path, "name"))
-        role = roles[field.name]
-        _check_field(field, role, source, path)
-        default_scale = pixel_scale if "px" in role.units else Fraction(1)
-        unit = role.units[field.unit] if field.unit else Unit()
-        layouts.append(
-            FieldLayout(
-                name=field.name,
-                role=role,
-                format=order + field.type[0] + str(int(field.type[1:]) // 8),
-                array=field.array,
-                factor=unit.factor * (default_scale if field.scale is None else field.scale),
-                zero=unit.factor * field.zero + unit.zero,
-                minimum=field.min,
-                maximum=field.max,
-                words=field.bits or field.values or {},
-            )
-        )
-    return tuple(layouts)
-
-
-def _check_field(field: FieldDescription, role: Role, source: Source, path: Path) -> None:
-    if role.units and field.unit not in role.units:
-        was = f"is {field.unit!r:.60}: " if field.unit is not None else "is missing: "
-        raise source.error(f"{was}expected one of {', '.join(role.units)}", (*path, "unit"))
-    has_scale = role.kind is Kind.NUMBER or bool(role.units)
-    wrong = {
-        "unit": field.unit is not None and not role.units,
-        "scale": field.scale is not None and not has_scale,
-        "zero": field.zero != 0 and not has_scale,
-        "bits": field.bits is not None and role.kind is not Kind.BITS,
-        "values": field.values is not None and role.kind is not Kind.WORD,
-        "array": field.array is not None and role.kind is not Kind.INTEGERS,
-        "type": field.type[0] == "f" and not has_scale,
-    }
-    for key in (key for key, is_wrong in wrong.items() if is_wrong):
-        reason = "expected an integer type" if key == "type" else f"{field.name} has none"
-        raise source.error(reason, (*path, key))
-    _check_words(field, source, path)
-
-
-def _check_words(field: FieldDescription, source: Source, path: Path) -> None:
-    width = int(field.type[1:])
-    for key, words, largest in (("bits", field.bits or {}, width - 1), ("values", field.values or {}, 2**width - 1)):
-        for number in words:
-            if number > largest:
-                raise source.error(f"{number} does not fit {field.type}", (*path, key))
-        if len(set(words.values())) < len(words):
-            raise source.error("the same word is given twice", (*path, key))

@@ -56,6 +56,17 @@ def width(field: FieldDescription) -> int:
     return int(field.type[1:]) // 8
 
 
+def check_words(field: FieldDescription, source: Source, path: Path) -> None:
+    """Refuses names of bits and values that the type does not have, and a name that stands twice."""
+    bits = 8 * width(field)
+    for key, words, largest in (("bits", field.bits or {}, bits - 1), ("values", field.values or {}, 2**bits - 1)):
+        for number in words:
+            if number > largest:
+                raise source.error(f"{number} does not fit {field.type}", (*path, key))
+        if len(set(words.values())) < len(words):
+            raise source.error("the same word is given twice", (*path, key))
+
+
 def _refuse_overlaps(placed: Sequence[Placed], source: Source) -> None:
     ordered = sorted(placed, key=lambda p: p.offset)
     for before, after in pairwise(ordered):

@@ -118,6 +118,8 @@ def load_protocol(name_or_path: str) -> Protocol:
     if name_or_path in built_in_names():
         return parse_protocol(_built_in_text(name_or_path), f"{name_or_path}.yaml")
     path = Path(name_or_path)
+    if path.exists() and not path.is_file():
+        raise DescriptionError(f"{name_or_path} is no file: expected a built-in protocol or the path of a description")
     try:
         with path.open("rb") as file:
             text = file.read(MAX_TEXT + 1).decode("utf-8")

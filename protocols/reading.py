@@ -88,8 +88,8 @@ def read_document(text: str, source_name: str) -> tuple[dict[str, Any], Source]:
         document = loader.construct_document(root) if root else None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        line = f"line {mark.line + 1}: " if mark else ""
-        raise source.error(f"{line}not YAML: {getattr(error, 'problem', None) or 'unreadable'}") from error
+        line = f" at line {mark.line + 1}" if mark else ""
+        raise source.error(f"no YAML{line}: {getattr(error, 'problem', None) or 'unreadable'}") from error
     except (RecursionError, ValueError, TypeError, OverflowError) as error:
         raise source.error(f"no protocol description: {type(error).__name__} while reading the YAML") from error
     if not isinstance(document, dict) or root is None:
@@ -117,7 +117,8 @@ def validate(document: dict[str, Any], source: Source) -> Description:
     try:
         return Description.model_validate(document)
     except ValidationError as error:
-        lines = dict.fromkeys(_explain(item, source) for item in error.errors(include_url=False))
+        items = sorted(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
+        lines = dict.fromkeys(_explain(item, source) for item in items)
         raise DescriptionError("\n".join(list(lines)[:_MAX_PROBLEMS])) from error
 
 
@@ -157,6 +158,6 @@ def _reason(item: Any, path: list[str | int]) -> str:
 def _nearest(path: list[str | int]) -> str:
     section = next((part for part in reversed(path[:-1]) if part in _MODEL_OF), "")
     model = _MODEL_OF.get(str(section), Description)
-    known = list(model.model_fields)
+    known = [*model.model_fields, *(["extends"] if model is Description else [])]
     near = difflib.get_close_matches(str(path[-1]), known, n=1, cutoff=0.6)
     return f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}"
