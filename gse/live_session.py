@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading, read_clock
 from drivers.errors import PortError
 from drivers.link import SerialLink
@@ -62,7 +63,7 @@ def run_live(
     station_text: str,
     out: Path,
     *,
-    make_sinks: Callable[[StationLoop], Sequence[Sink]] = lambda loop: (),
+    make_sinks: Callable[[StationLoop, Path], Sequence[Sink]] = lambda loop, folder: (),
     stop: Callable[[], bool] = lambda: False,
     duration_s: float | None = None,
     wait_port: bool = False,
@@ -88,8 +89,9 @@ def run_live(
         first = link.receive(FIRST_WITHIN_S)
         loop = StationLoop(prepare(station, station_text, utc_ns=first[0].utc_ns if first else None))
         keeper = _Keeper(loop, recorder, link, duration_s)
-        loop.sinks = make_sinks(loop)
+        loop.sinks = make_sinks(loop, folder)
         night = loop.run(link, first, stop=lambda: stop() or keeper.is_over(), each=keeper.keep)
+        keeper.close()
     return LiveSession(night, folder, loop.own_elapsed_us, recorder.lost_bytes)
 
 
@@ -130,8 +132,18 @@ class _Keeper:
             self._loop.log(event)
         self._read_clock()
 
+    def close(self) -> None:
+        """Record when the session ended: what nobody heard up to then belongs to it."""
+        if self._link.is_live:
+            now = read_clock()
+            event = LinkEvent(now.utc_ns, now.mono_ns, "CLOSED", "the session was ended")
+            self._recorder.event(event)
+            self._loop.take(event)
+
     def _read_clock(self) -> None:
         reading = read_clock() if self._link.is_live else _simulated_clock(self._last_ns)
+        if self._link.is_live:
+            self._loop.pass_time(reading.utc_ns, reading.mono_ns)
         if reading.utc_ns >= self._clock_due_ns and (self._link.is_live or self._last_ns):
             self._clock_due_ns = reading.utc_ns + CLOCK_EVERY_NS
             self._loop.read_clock(reading)

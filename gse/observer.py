@@ -76,6 +76,8 @@ class Observer:
         faults = sorted(panorama.flags & FAULT_FLAGS)
         if faults:
             return f"the sensor reports {' and '.join(faults)}"
+        if panorama.problems:
+            return f"the sensor sent what it should not: {panorama.problems[0]}"
         if len(panorama.index) > MAX_OBJECTS:
             return f"{len(panorama.index)} objects came, at most {MAX_OBJECTS} were expected"
         if len(panorama.index) and panorama.index.max() > self.index_max:

@@ -16,7 +16,7 @@ class Panorama:
     ``xy_px`` is (N, 2), columns x then rows y, 0-based at pixel centres; ``index`` is (N,), the brightness on the
     sensor's scale; ``flags`` are the fault bits of the sensor by name (``overexposed``, ``detector fault``, ...).
     ``time_us`` is the sensor's own clock, ``host_utc_ns`` the host's when the frame's first byte was read, ``sequence``
-    the frame's number on the wire.
+    the frame's number on the wire, ``problems`` what the sensor should not have sent, in words.
     """
 
     utc_ns: int
@@ -27,5 +27,6 @@ class Panorama:
     time_us: int = 0
     host_utc_ns: int = 0
     sequence: int = 0
+    problems: tuple[str, ...] = ()
     temperature_c: float = float("nan")
     flags: frozenset[str] = field(default_factory=frozenset)

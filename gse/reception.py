@@ -144,9 +144,10 @@ class Reception:
             exposure_s=message.exposure_s,
             time_us=message.time_us,
             temperature_c=message.temperature_c,
-            flags=message.flags | frozenset(message.problems),
+            flags=message.flags,
             host_utc_ns=chunk.utc_ns,
             sequence=frame.sequence,
+            problems=message.problems,
         )
 
     def _utc_of(self, message: PanoramaMessage, chunk: Chunk) -> int:

@@ -62,7 +62,7 @@ def replay_session(
     *,
     cut: Cut = Cut(),
     station: Callable[[StationText], StationText] = lambda recorded: recorded,
-    make_sinks: Callable[[StationLoop], Sequence[Sink]] = lambda loop: (),
+    make_sinks: Callable[[StationLoop, Path | None], Sequence[Sink]] = lambda loop, folder: (),
     stop: Callable[[], bool] = lambda: False,
     each: Callable[[list[FrameResult]], None] = lambda results: None,
 ) -> Replay:
@@ -84,7 +84,7 @@ def replay_session(
     with SerialLink(cut.url(path)) as link:
         first = link.receive(FIRST_WITHIN_S)
         loop = _loop(recorded, cut, station, first[0].utc_ns if first else None)
-        loop.sinks = make_sinks(loop)
+        loop.sinks = make_sinks(loop, None)
         night = loop.run(link, first, stop=stop, each=each)
     if recorded is not None:
         night.truncated = bool(recorded.damage)

@@ -7,6 +7,7 @@ from typing import Protocol
 from drivers.chunk import Chunk, LinkEvent
 from drivers.clock import ClockReading
 from drivers.link import SerialLink
+from drivers.link_state import LinkMonitor
 from gse.alignment import FirstSeconds
 from gse.equipment import Equipment, versions
 from gse.errors import TruthError
@@ -65,6 +66,7 @@ class StationLoop:
         self._observer = Observer(
             equipment.camera, station.sensor.index_max, equipment.identifier, equipment.judge, None, mount
         )
+        self._monitor = LinkMonitor(station.port.baudrate)
         self._truth_sought = False
 
     def run(
@@ -102,8 +104,18 @@ class StationLoop:
         """Decode and judge what one chunk completes."""
         if isinstance(item, LinkEvent):
             self.log(item)
+            self._log_all(self._monitor.port_event(item))
             return []
-        return self._take(self.reception.receive(item))
+        counters = self.reception.counters
+        frames, discards = counters.frames, dict(counters.discards_by_reason)
+        received = self.reception.receive(item)
+        new = {reason: count - discards.get(reason, 0) for reason, count in counters.discards_by_reason.items()}
+        self._log_all(self._monitor.received(item, counters.frames - frames, new))
+        return self._take(received)
+
+    def pass_time(self, utc_ns: int, mono_ns: int) -> None:
+        """Tell the link's state that nothing came until now."""
+        self._log_all(self._monitor.pass_time(utc_ns, mono_ns))
 
     def finish(self) -> list[FrameResult]:
         """Account for what is left when the stream has ended."""
@@ -114,8 +126,13 @@ class StationLoop:
     def log(self, event: LinkEvent) -> None:
         """An event of the link or of the reception."""
         self.night.events.append(event)
+        self.night.link.reconnects += event.kind == "REOPENED"
         for sink in self.sinks:
             sink.log(event)
+
+    def _log_all(self, events: list[LinkEvent]) -> None:
+        for event in events:
+            self.log(event)
 
     def read_clock(self, reading: ClockReading) -> None:
         """One more reading of the host clock's health."""

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import click
 
@@ -13,6 +13,10 @@ from gse.frame_json import frame_json
 from gse.night import Night
 from gse.results import FrameResult
 from gse.station import Sink, StationLoop
+from gse.view.status import StatusLine
+
+if TYPE_CHECKING:
+    from gse.view.live import LiveView
 
 ViewMode = Literal["web", "native", "none"]
 
@@ -34,17 +38,21 @@ class Watching:
     def __init__(self, *, view: ViewMode, bind: str, save_rrd: Path | None, json_frames: bool) -> None:
         self._view, self._bind, self._save_rrd = view, bind, save_rrd
         self._json_frames = json_frames
-        self._live: Any = None
+        self._live: LiveView | None = None
+        self._status: StatusLine | None = None
 
-    def sinks(self, loop: StationLoop) -> Sequence[Sink]:
-        """The sinks that were asked for."""
+    def sinks(self, loop: StationLoop, folder: Path | None) -> Sequence[Sink]:
+        """The sinks that were asked for, and the status line, always."""
         sinks: list[Sink] = [JsonFrames()] if self._json_frames else []
+        sinks.append(self._open_status(loop, folder))
         if self._view != "none" or self._save_rrd is not None:
             sinks.append(self._open_view(loop))
         return sinks
 
     def conclude(self, report: dict[str, Any]) -> None:
         """Show the verdict in the view."""
+        if self._status is not None:
+            self._status.close()
         if self._live is not None:
             self._live.conclude(report["verdict"], report["reasons"])
 
@@ -54,8 +62,20 @@ class Watching:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self._status is not None:
+            self._status.close()
         if self._live is not None:
             self._live.close()
+
+    def _open_status(self, loop: StationLoop, folder: Path | None) -> Sink:
+        if folder is not None:
+            click.echo(f"recording: {folder / 'session.mcap'}", err=True)
+        if self._view == "none":
+            click.echo("to see it live: --view web", err=True)
+        status = StatusLine(loop.equipment.station, folder)
+        status.__enter__()
+        self._status = status
+        return status
 
     def _open_view(self, loop: StationLoop) -> Sink:
         from gse.view.live import LiveView
