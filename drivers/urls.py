@@ -54,7 +54,7 @@ def parse_mock_url(url: str) -> MockUrl:
 def replay_url(path: Path | str, **options: object) -> str:
     """The URL that replays a recording; any path works, spaces and question marks included.
 
-    Options: speed, from and to (RFC 3339 UTC; write ``from_`` in Python), loop, cut, faults, seed, start_utc.
+    Options: speed, from and to (RFC 3339 UTC; write ``from_`` in Python), loop, cut, start_utc, faults, seed.
     """
     query = urlencode(
         {name.rstrip("_"): value for name, value in options.items() if value is not None}, quote_via=quote

@@ -1,7 +1,8 @@
 """The port replay://PATH: a recorded night instead of a sensor.
 
 Options, each once, after a question mark: ``speed`` (max, 1, or a factor), ``from`` and ``to`` (RFC 3339 UTC),
-``loop`` (passes), ``cut`` (most bytes per chunk), ``start_utc`` (for a raw capture).
+``loop`` (passes), ``cut`` (most bytes per chunk), ``start_utc`` (for a raw capture), and those of drivers/faults.py:
+``faults``, ``seed``, ``frame_start``, ``ack_start``.
 """
 
 from collections.abc import Iterator
@@ -9,11 +10,14 @@ from pathlib import Path
 
 from drivers.chunk import LinkEvent
 from drivers.errors import CaptureError, PortError
+from drivers.fault_injection import inject
+from drivers.faults import OPTIONS as FAULT_OPTIONS
+from drivers.faults import parse_faults
 from drivers.recording import cut, is_session, raw_items, session_items, utc_option
 from drivers.stamped import Item, StampedSerial
 from drivers.urls import MockUrl, parse_mock_url
 
-OPTIONS = ("speed", "from", "to", "loop", "cut", "start_utc")
+OPTIONS = ("speed", "from", "to", "loop", "cut", "start_utc", *FAULT_OPTIONS)
 
 
 class Serial(StampedSerial):
@@ -24,8 +28,11 @@ class Serial(StampedSerial):
         if unknown := sorted(set(url.options) - set(OPTIONS)):
             raise PortError(f"replay:// has no option {', '.join(unknown)}; it has {', '.join(OPTIONS)}")
         speed, loops, most = url.speed(), url.number("loop", 1, least=1), url.number("cut", 0, least=1)
+        faults = parse_faults(url.options)
         first = _pass(url)
         items = _repeated(first, url, loops)
+        if faults is not None:
+            items = inject(items, faults, int(self.baudrate))
         return (cut(items, most) if most else items), speed
 
     def _take(self, data: bytes) -> None:

@@ -1,7 +1,8 @@
 """The port sim://: a simulated sensor.
 
 The simulation itself needs catalogue and camera, which the drivers do not know. Whoever has it registers a factory
-here, once, at start-up; the options of the URL (but ``speed`` and ``cut``, which are the port's) go to it as they are.
+here, once, at start-up; the options of the URL go to it as they are, but those that are the port's own: ``speed``,
+``cut``, ``faults``, ``frame_start``, ``ack_start`` (drivers/faults.py). ``seed`` serves both.
 """
 
 from collections.abc import Callable, Iterator
@@ -9,9 +10,13 @@ from typing import Protocol
 
 from drivers.chunk import Chunk
 from drivers.errors import PortError
+from drivers.fault_injection import inject
+from drivers.faults import parse_faults
 from drivers.recording import cut
 from drivers.stamped import Item, StampedSerial
 from drivers.urls import parse_mock_url
+
+OWN_OPTIONS = ("speed", "cut", "faults", "frame_start", "ack_start")
 
 
 class SimulatedDevice(Protocol):
@@ -44,8 +49,11 @@ class Serial(StampedSerial):
                 "sim:// needs a simulator, and none is registered: use it through 'gse run' or 'gse simulate'"
             )
         speed, most = url.speed(), url.number("cut", 0, least=1)
-        self._device = _factories[0]({k: v for k, v in url.options.items() if k not in ("speed", "cut")})
+        faults = parse_faults(url.options)
+        self._device = _factories[0]({name: value for name, value in url.options.items() if name not in OWN_OPTIONS})
         items: Iterator[Item] = iter(self._device.next_chunk, None)
+        if faults is not None:
+            items = inject(items, faults, int(self.baudrate))
         return (cut(items, most) if most else items), speed
 
     def _take(self, data: bytes) -> None:
