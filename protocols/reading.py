@@ -75,21 +75,28 @@ def _key(path: Path) -> str:
     return text
 
 
+class _Loader(yaml.SafeLoader):
+    """PyYAML's safe loader without aliases, which can make much of little text."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases (*name) are not allowed here")
+        return super().compose_node(parent, index)
+
+
 def read_document(text: str, source_name: str) -> tuple[dict[str, Any], Source]:
     """The YAML mapping of a text; DescriptionError where it is none, too large, or gives a key twice."""
     source = Source(source_name)
     if len(text) > MAX_TEXT:
         raise source.error(f"longer than {MAX_TEXT} characters: this is no protocol description")
     try:
-        if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text, Loader=yaml.SafeLoader)):
-            raise source.error("YAML aliases (*name) are not allowed here; write the fields out")
-        loader = yaml.SafeLoader(text)
+        loader = _Loader(text)
         root = loader.get_single_node()
         document = loader.construct_document(root) if root else None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f" at line {mark.line + 1}" if mark else ""
-        raise source.error(f"no YAML{line}: {getattr(error, 'problem', None) or 'unreadable'}") from error
+        raise source.error(f"no YAML{line}: {getattr(error, 'problem', None) or str(error).splitlines()[0]}") from error
     except (RecursionError, ValueError, TypeError, OverflowError) as error:
         raise source.error(f"no protocol description: {type(error).__name__} while reading the YAML") from error
     if not isinstance(document, dict) or root is None:
