@@ -10,12 +10,13 @@ from drivers.errors import PortError
 from gse.config import Station
 from gse.errors import GseError
 from gse.instant import NS_PER_S, from_text
-from gse.simulator.firmware import BITS_PER_BYTE, SensorFirmware, Transmission
+from gse.simulator.firmware import BITS_PER_BYTE, Detector, SensorFirmware, Transmission
 from gse.simulator.panorama import PanoramaSource
 from gse.simulator.scenario import DEFAULT, Scenario, load_scenario
 from protocols import load_protocol
 
-OPTIONS = ("scenario", "seed", "frames", "start", "rate_hz", "standby")
+OPTIONS = ("scenario", "seed", "frames", "start", "rate_hz", "standby", "level")
+LEVELS = ("panorama", "image", "image-sub-pixel")
 DEFAULT_SEED = 1
 _IDLE_NS = 100_000_000
 """A silent sensor lets its time pass in steps of this length."""
@@ -80,7 +81,8 @@ def device_factory(station: Station) -> Callable[[dict[str, str]], SimulatedSens
     """What makes simulated sensors for sim:// when the station file says ``station``.
 
     Options of the URL: ``scenario`` (a name or a YAML file), ``seed``, ``frames`` (exposures until the end), ``start``
-    (RFC 3339 UTC), ``rate_hz``, ``standby`` (yes: the sensor waits for START). PortError says what was expected.
+    (RFC 3339 UTC), ``rate_hz``, ``standby`` (yes: the sensor waits for START), ``level`` (``panorama``, or the slower
+    ``image`` and ``image-sub-pixel``: whole images, extracted). PortError says what was expected.
     """
 
     def make(options: dict[str, str]) -> SimulatedSensor:
@@ -123,7 +125,7 @@ def _sensor(station: Station, scenario: Scenario, options: dict[str, str]) -> Si
     start_ns = scenario.start_utc_ns
     firmware = SensorFirmware(
         load_protocol(device.protocol),
-        PanoramaSource(device, scenario, sky_random),
+        _detector(options.get("level", LEVELS[0]), device, scenario, sky_random),
         scenario.firmware,
         firmware_random,
         start_ns=start_ns,
@@ -139,6 +141,16 @@ def _sensor(station: Station, scenario: Scenario, options: dict[str, str]) -> Si
         baudrate=device.port.baudrate,
         jitter_ms=scenario.firmware.host_jitter_ms,
     )
+
+
+def _detector(level: str, device: Station, scenario: Scenario, random: np.random.Generator) -> Detector:
+    if level not in LEVELS:
+        raise PortError(f"sim://: level={level} does not work: expected one of {', '.join(LEVELS)}")
+    if level == "panorama":
+        return PanoramaSource(device, scenario, random)
+    from gse.simulator.image import ImageSource  # numba takes a second to import
+
+    return ImageSource(device, scenario, random, sub_pixel=level == "image-sub-pixel")
 
 
 def _number(options: dict[str, str], name: str, default: float, least: float, most: float) -> float:

@@ -51,7 +51,7 @@ _NAK_REASONS = {"bad crc": "bad CRC", "unknown type": "unknown", "bad length": "
 class Detector(Interface):
     """What takes the exposures."""
 
-    def expose(self, middle_utc_ns: int, exposure_s: float) -> Exposure:
+    def expose(self, middle_utc_ns: int, exposure_s: float, temperature_c: float) -> Exposure:
         """One exposure, by its middle."""
         ...
 
@@ -145,7 +145,8 @@ class SensorFirmware:
             self._next_start_ns = start_ns + max(round(self._period_s * NS_PER_S), exposure_ns)
             if self._line_free_ns > end_ns + round(self._period_s * NS_PER_S):
                 return []
-        seen = self._detector.expose(middle_ns, self._exposure_s)
+        temperature_c = self._temperature_c(middle_ns)
+        seen = self._detector.expose(middle_ns, self._exposure_s, temperature_c)
         flags = seen.flags | {"clock reset"} if self._clock_was_reset else seen.flags
         self._clock_was_reset = False
         message = PanoramaMessage(
@@ -153,7 +154,7 @@ class SensorFirmware:
             frame_no=number,
             exposure_s=self._exposure_s,
             flags=flags,
-            temperature_c=self._temperature_c(middle_ns),
+            temperature_c=temperature_c,
             xy_px=seen.xy_px,
             index=seen.index,
         )

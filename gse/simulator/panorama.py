@@ -10,20 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.camera import Camera
-from gse.catalog import load_catalog
 from gse.config import Station
 from gse.panorama import MAX_OBJECTS
-from gse.simulator.pointing import horizon_to_sensor
-from gse.simulator.scenario import Detector, Scenario, profile_at
-from gse.simulator.sky import CELL_NS, Sky, SkyCell
+from gse.simulator.bodies import MOON
+from gse.simulator.photometry import Photometry
+from gse.simulator.scenario import Scenario
+from gse.simulator.scene import Scene
 
 ARCSEC_PER_RAD = 180 * 3600 / math.pi
 _FOOTPRINT_PX = 2.0
 _NOISE_SIGMAS = 5
 """Fainter stars than the limit by so much noise are never seen."""
-_CLOUD_PX = 300.0
-"""Size of a cloud's structure, in pixels."""
+_HOT_NOISE = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,84 +37,89 @@ class PanoramaSource:
     """The detector behind its optics under the simulated sky; ``station`` is what the device really is."""
 
     def __init__(self, station: Station, scenario: Scenario, random: np.random.Generator) -> None:
-        self._camera = station.sensor.camera()
-        self._index_max = station.sensor.index_max
-        self._horizon_to_sensor = horizon_to_sensor(station.mount)
-        self._scenario = scenario
-        self._random = random
+        self._scenario, self._random = scenario, random
+        self._scene = Scene(station, scenario, random, _FOOTPRINT_PX)
+        self._camera = self._scene.camera
+        self._photometry = Photometry.of(station.sensor, scenario)
         self._noise_px = scenario.optics.position_noise_arcsec / ARCSEC_PER_RAD / self._camera.pixel_rad
-        self._sky = Sky(station.site, load_catalog(), _FOOTPRINT_PX * self._camera.pixel_rad)
-        self._hot_xy_px, self._hot_index = _hot_pixels(self._camera, scenario.detector, random)
-        self._cell: SkyCell | None = None
-        self._cell_faintest = -math.inf
+        self._last_px = np.array([self._camera.columns - 1, self._camera.rows - 1], dtype=np.float64)
+        self._hot_xy_px, self._hot_index = _hot_pixels(station, scenario, random)
 
-    def expose(self, middle_utc_ns: int, exposure_s: float) -> Exposure:
+    def expose(self, middle_utc_ns: int, exposure_s: float, temperature_c: float) -> Exposure:
         """One exposure, by its middle."""
-        optics, air = self._scenario.optics, self._scenario.air
-        since_start_s = (middle_utc_ns - self._scenario.start_utc_ns) * 1e-9
-        gain_mag = 2.5 * math.log10(exposure_s / self._scenario.exposure_s)
-        sky_mag = max(profile_at(air.sky_magnitudes, since_start_s) + gain_mag / 2, 0.0)
-        if sky_mag >= air.overexposed_from_magnitudes:
+        sky_magnitude = self._scene.boresight_sky_magnitude(middle_utc_ns)
+        background = self._photometry.background_index(sky_magnitude, exposure_s)
+        if self._photometry.is_overexposed(background):
             return Exposure(np.empty((0, 2)), np.empty(0), frozenset({"overexposed"}))
-        xy_px, magnitude = self._stars(middle_utc_ns, gain_mag)
-        magnitude = magnitude - gain_mag + self._cloud_mag(xy_px, since_start_s)
-        magnitude = magnitude + self._random.normal(0, optics.magnitude_noise, len(magnitude))
+        limit = self._photometry.faintest_magnitude(sky_magnitude, exposure_s, temperature_c)
+        xy_px, magnitude = self._stars(middle_utc_ns, limit)
+        index = self._photometry.peak_index(magnitude, exposure_s)
+        xy_px, index = self._with_hot_pixels(xy_px, index, exposure_s, temperature_c)
+        xy_px, index = self._with_false_objects(xy_px, index)
+        xy_px, index = self._behind_the_moon(xy_px, index, middle_utc_ns)
+        return self._kept(xy_px, index + background)
+
+    def _stars(self, utc_ns: int, limit: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        noise = self._scenario.optics.magnitude_noise
+        # The cell is asked for to the next half magnitude: the limit wanders a little with the temperature.
+        deepest = math.ceil(2 * (limit + _NOISE_SIGMAS * noise)) / 2
+        (xy_px,), magnitude = self._scene.objects(utc_ns, deepest)
+        near = self._camera.contains(xy_px)
+        xy_px, magnitude = xy_px[near], magnitude[near]
+        magnitude = magnitude + self._random.normal(0, noise, len(magnitude))
         xy_px = xy_px + self._random.normal(0, self._noise_px, xy_px.shape)
-        seen = self._camera.contains(xy_px) & (magnitude < optics.faintest_magnitude - sky_mag)
+        seen = magnitude < limit
         if self._scenario.detector.missing:
             seen &= self._random.random(len(seen)) >= self._scenario.detector.missing
-        index = self._index_max * 10 ** (-0.4 * (magnitude[seen] - optics.saturation_magnitude))
-        xy_px, index = self._with_others(xy_px[seen], index)
-        return self._kept(xy_px, index)
+        return xy_px[seen], magnitude[seen]
 
-    def _stars(self, utc_ns: int, gain_mag: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        optics, cell = self._scenario.optics, self._cell
-        faintest = optics.faintest_magnitude + _NOISE_SIGMAS * optics.magnitude_noise + max(gain_mag, 0.0)
-        if cell is None or not 0 <= utc_ns - cell.start_ns < CELL_NS or faintest > self._cell_faintest:
-            radius_rad = 0.55 * self._camera.diagonal_rad
-            cell = self._sky.cell(utc_ns, self._horizon_to_sensor[2], radius_rad, faintest)
-            self._cell, self._cell_faintest = cell, faintest
-        xy_px = self._camera.pixels(cell.directions(utc_ns) @ self._horizon_to_sensor.T)
-        near = self._camera.contains(xy_px)
-        return xy_px[near], cell.magnitude[near]
+    def _with_hot_pixels(
+        self, xy_px: NDArray[np.float64], index: NDArray[np.float64], exposure_s: float, temperature_c: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        count = len(self._hot_index)
+        if not count:
+            return xy_px, index
+        factor = self._photometry.dark_factor(temperature_c) * exposure_s / self._scenario.exposure_s
+        hot = self._hot_index * factor * self._random.normal(1, _HOT_NOISE, count)
+        return np.concatenate([xy_px, self._hot_xy_px]), np.concatenate([index, hot])
 
-    def _cloud_mag(self, xy_px: NDArray[np.float64], since_start_s: float) -> NDArray[np.float64] | float:
-        """Extinction of moving clouds: a sum of waves, cut so that it covers the share of the sky that is asked."""
-        air = self._scenario.air
-        deepest_mag = profile_at(air.cloud_magnitudes, since_start_s)
-        if deepest_mag <= 0:
-            return 0.0
-        x, y = ((xy_px - np.multiply(air.cloud_drift_px_per_s, since_start_s)) / _CLOUD_PX).T
-        wave = (np.sin(x + 0.7 * np.sin(y)) + np.sin(0.6 * x - 1.1 * y + 2.0)) / 4 + 0.5
-        depth = np.clip((wave - (1 - air.cloud_cover)) * 4 + air.cloud_cover, 0, 1)
-        cloud_mag: NDArray[np.float64] = deepest_mag * depth
-        return cloud_mag
-
-    def _with_others(
+    def _with_false_objects(
         self, xy_px: NDArray[np.float64], index: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        detector = self._scenario.detector
-        if len(self._hot_index):
-            xy_px = np.concatenate([xy_px, self._hot_xy_px])
-            index = np.concatenate([index, self._hot_index * self._random.normal(1, 0.02, len(self._hot_index))])
-        if detector.false_objects:
-            count = self._random.poisson(detector.false_objects)
-            size = (self._camera.columns - 1, self._camera.rows - 1)
-            xy_px = np.concatenate([xy_px, self._random.random((count, 2)) * size])
-            index = np.concatenate([index, self._index_max * 10 ** self._random.uniform(-2, 0, count)])
-        return xy_px, index
+        mean = self._scenario.detector.false_objects
+        count = int(self._random.poisson(mean)) if mean else 0
+        if not count:
+            return xy_px, index
+        false_index = self._photometry.index_max * 10 ** self._random.uniform(-2, 0, count)
+        xy_px = np.concatenate([xy_px, self._random.random((count, 2)) * self._last_px])
+        return xy_px, np.concatenate([index, false_index])
+
+    def _behind_the_moon(
+        self, xy_px: NDArray[np.float64], index: NDArray[np.float64], utc_ns: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The Moon in the field is the brightest pixel of all its rows: one object, and no other there."""
+        bodies = self._scene.bodies(utc_ns)
+        moon_horizon = bodies.track.directions(utc_ns)[MOON]
+        moon_px = self._camera.pixels((self._scene.horizon_to_sensor @ moon_horizon)[None])
+        radius_px = bodies.moon_radius_rad / self._camera.pixel_rad
+        if moon_horizon[2] <= 0 or not self._camera.contains(moon_px)[0]:
+            return xy_px, index
+        left = np.abs(xy_px[:, 1] - moon_px[0, 1]) > radius_px
+        return np.concatenate([xy_px[left], moon_px]), np.append(index[left], np.inf)
 
     def _kept(self, xy_px: NDArray[np.float64], index: NDArray[np.float64]) -> Exposure:
         order = np.argsort(-index, kind="stable")
-        xy_px = np.clip(xy_px[order], 0, (self._camera.columns - 1, self._camera.rows - 1))
+        xy_px = np.minimum(np.maximum(xy_px[order], 0), self._last_px)
         _, first = np.unique(np.rint(xy_px[:, 1]), return_index=True)
         brightest_of_row = np.sort(first)[:MAX_OBJECTS]
-        index = np.clip(np.rint(index[order]), 1, self._index_max)
+        index = np.clip(np.rint(index[order]), 1, self._photometry.index_max)
         return Exposure(xy_px[brightest_of_row], index[brightest_of_row], frozenset())
 
 
 def _hot_pixels(
-    camera: Camera, detector: Detector, random: np.random.Generator
+    station: Station, scenario: Scenario, random: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    xy_px = random.integers(0, (camera.columns, camera.rows), (detector.hot_pixels, 2)).astype(np.float64)
+    """Places (N, 2) and index values (N,) at 20 degC."""
+    detector, sensor = scenario.detector, station.sensor
+    xy_px = random.integers(0, (sensor.columns, sensor.rows), (detector.hot_pixels, 2)).astype(np.float64)
     return xy_px, random.uniform(*detector.hot_pixel_index, detector.hot_pixels)

@@ -28,12 +28,19 @@ class Optics(_Section):
     """How stars become objects."""
 
     faintest_magnitude: Annotated[float, Field(ge=-2, le=10)] = 6.2
-    """Limit of detection at ``exposure_s`` in a dark sky, Gaia G."""
+    """Limit of detection at ``exposure_s`` in a dark sky, Gaia G at the zenith; panorama level only."""
     saturation_magnitude: Annotated[float, Field(ge=-5, le=10)] = 1.5
-    """Brightness that reaches the highest index value at ``exposure_s``."""
+    """Brightness whose peak reaches the highest index value at ``exposure_s``."""
     magnitude_noise: Annotated[float, Field(ge=0, le=3)] = 0.1
+    """Panorama level only."""
     position_noise_arcsec: Annotated[float, Field(ge=0, le=1000)] = 10.0
-    """Per axis, before positions are put on whole pixels."""
+    """Per axis, before positions are put on whole pixels; panorama level only."""
+    psf_sigma_px: Annotated[float, Field(ge=0.3, le=5)] = 0.9
+    """Width of the Gaussian that a star makes."""
+    electrons_per_index: Annotated[float, Field(gt=0, le=1000)] = 10.0
+    read_noise_electrons: Annotated[float, Field(ge=0, le=1000)] = 15.0
+    dark_electrons_per_s: Annotated[float, Field(ge=0, le=1e6)] = 50.0
+    """Mean of a pixel at 20 degC; doubles every 7 degC."""
 
 
 class Detector(_Section):
@@ -45,7 +52,9 @@ class Detector(_Section):
     false_objects: Annotated[float, Field(ge=0, le=30)] = 0.0
     """Mean number per frame, anywhere on the detector."""
     missing: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Chance that a star is missed in a frame."""
+    """Chance that a star is missed in a frame; panorama level only."""
+    dead_pixels: Annotated[int, Field(ge=0, le=100_000)] = 0
+    """Image level only."""
 
 
 class Air(_Section):
@@ -56,10 +65,9 @@ class Air(_Section):
     cloud_cover: Annotated[float, Field(ge=0, le=1)] = 1.0
     """Share of the sky that clouds cover while there are any."""
     cloud_drift_px_per_s: tuple[float, float] = (20.0, 7.0)
-    sky_magnitudes: _Profile = ((0.0, 0.0),)
-    """By how much a bright sky (Moon, twilight) lifts the limit of detection."""
-    overexposed_from_magnitudes: Annotated[float, Field(gt=0)] = 5.0
-    """So much sky makes the sensor report ``overexposed``."""
+    satellites_per_minute: Annotated[float, Field(ge=0, le=60)] = 0.0
+    dark_magnitude: Annotated[float, Field(ge=15, le=23)] = 21.3
+    """Surface brightness of the moonless night, per square arcsecond."""
 
 
 class Firmware(_Section):

@@ -26,23 +26,24 @@ from gse.config import Site
 from gse.instant import NS_PER_S, to_julian_date
 
 CELL_NS = 300 * NS_PER_S
-_NODE_NS = CELL_NS // 3
+NODE_NS = CELL_NS // 3
 _EARTH_RATE_RAD_PER_S = 7.2921e-5
 _WAVELENGTH_UM = 0.6
 """Where a silicon detector sees stars, for refraction."""
+_LOWEST_RAD = math.radians(-1)
+"""Refraction has no inverse far below the horizon; what looks there sees nothing anyway."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SkyCell:
-    """300 s of stars near a direction: ``nodes`` (4, N, 3) in the horizon frame, ``magnitude`` (N,)."""
+class Track:
+    """300 s of directions: ``nodes`` (4, N, 3), unit vectors at four instants, x east, y north, z up."""
 
     start_ns: int
-    magnitude: NDArray[np.float64]
     nodes: NDArray[np.float64]
 
     def directions(self, utc_ns: int) -> NDArray[np.float64]:
-        """Unit vectors (N, 3), x east, y north, z up, of where the stars are seen; exact at the nodes."""
-        t = (utc_ns - self.start_ns) / _NODE_NS
+        """The directions (N, 3) at an instant; exact at the nodes, some 100 s outside them still good."""
+        t = (utc_ns - self.start_ns) / NODE_NS
         weights = np.array(
             [
                 -(t - 1) * (t - 2) * (t - 3) / 6,
@@ -55,13 +56,19 @@ class SkyCell:
         return seen
 
 
-class Sky:
-    """Stars of a catalogue over a site, none below the horizon; those within ``merged_within_rad`` are one."""
+@dataclass(frozen=True, slots=True, eq=False)
+class SkyCell:
+    """300 s of stars near a direction, with their magnitudes (N,)."""
 
-    def __init__(self, site: Site, catalog: StarCatalog, merged_within_rad: float = 0.0) -> None:
-        self._catalog = catalog
-        self._merged_within_rad = merged_within_rad
-        self._location = EarthLocation.from_geodetic(
+    track: Track
+    magnitude: NDArray[np.float64]
+
+
+class AstropySite:
+    """A site as astropy knows it: its place, and the air that refracts."""
+
+    def __init__(self, site: Site) -> None:
+        self.location = EarthLocation.from_geodetic(
             site.longitude_deg * u.deg, site.latitude_deg * u.deg, site.height_m * u.m
         )
         self._air = {
@@ -71,48 +78,61 @@ class Sky:
             "obswl": _WAVELENGTH_UM * u.um,
         }
 
+    def horizon(self, times: Time) -> AltAz:
+        """The frame of what is seen from here at some times."""
+        return AltAz(obstime=times, location=self.location, **self._air)
+
+
+class Sky:
+    """Stars of a catalogue over a site, none below the horizon; those within ``merged_within_rad`` are one."""
+
+    def __init__(self, site: AstropySite, catalog: StarCatalog, merged_within_rad: float = 0.0) -> None:
+        self._site = site
+        self._catalog = catalog
+        self._merged_within_rad = merged_within_rad
+
     def cell(
         self, utc_ns: int, boresight_horizon: NDArray[np.float64], radius_rad: float, faintest_magnitude: float
     ) -> SkyCell:
         """The cell of an instant: all stars that come within ``radius_rad`` of a fixed direction (3,) during it."""
         start_ns = utc_ns // CELL_NS * CELL_NS
         reach_rad = min(radius_rad + _EARTH_RATE_RAD_PER_S * CELL_NS / NS_PER_S / 2 + 1e-3, math.pi)
-        with _earth_orientation():
+        with earth_orientation():
             centre_icrs = self._icrs(boresight_horizon, start_ns + CELL_NS // 2)
             bright = int(np.searchsorted(self._catalog.magnitude, faintest_magnitude))
             near = np.flatnonzero(self._catalog.icrs[:bright] @ centre_icrs > math.cos(reach_rad))
             stars = self._catalog.rows(near)
             if self._merged_within_rad > 0:
                 stars = merge_doubles(stars, self._merged_within_rad)
-            nodes = self._seen(stars.icrs, start_ns + _NODE_NS * np.arange(4))
+            nodes = self._seen(stars.icrs, times_of(start_ns))
         above = nodes[:, :, 2].min(axis=0) > 0
-        return SkyCell(start_ns, stars.magnitude[above], np.ascontiguousarray(nodes[:, above]))
+        return SkyCell(Track(start_ns, np.ascontiguousarray(nodes[:, above])), stars.magnitude[above])
 
-    def _frame(self, utc_ns: NDArray[np.int64]) -> AltAz:
-        instants = [to_julian_date(int(ns)) for ns in utc_ns]
-        days, fractions = zip(*instants, strict=True)
-        return AltAz(
-            obstime=Time(np.array(days)[:, None], np.array(fractions)[:, None], format="jd", scale="utc"),
-            location=self._location,
-            **self._air,
-        )
-
-    def _seen(self, stars_icrs: NDArray[np.float64], utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _seen(self, stars_icrs: NDArray[np.float64], times: Time) -> NDArray[np.float64]:
         """Stars (N, 3) as seen at instants (M,): unit vectors (M, N, 3) in the horizon frame."""
         x, y, z = stars_icrs.T
         stars = SkyCoord(np.arctan2(y, x)[None] * u.rad, np.arctan2(z, np.hypot(x, y))[None] * u.rad, frame="icrs")
-        seen = stars.transform_to(self._frame(utc_ns))
-        azimuth, altitude = seen.az.rad, seen.alt.rad
-        level = np.cos(altitude)
-        return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(altitude)], axis=-1)
+        return horizon_vectors(stars.transform_to(self._site.horizon(times[:, None])))
 
     def _icrs(self, direction_horizon: NDArray[np.float64], utc_ns: int) -> NDArray[np.float64]:
         east, north, up = (float(value) for value in direction_horizon)
-        altitude_rad = max(math.atan2(up, math.hypot(east, north)), math.radians(-1))
-        seen = SkyCoord(
-            az=math.atan2(east, north) * u.rad, alt=altitude_rad * u.rad, frame=self._frame(np.array([utc_ns]))
-        )
-        return np.asarray(seen.transform_to("icrs").cartesian.xyz.value, dtype=np.float64).reshape(3)
+        altitude_rad = max(math.atan2(up, math.hypot(east, north)), _LOWEST_RAD)
+        frame = self._site.horizon(Time(*to_julian_date(utc_ns), format="jd", scale="utc"))
+        seen = SkyCoord(az=math.atan2(east, north) * u.rad, alt=altitude_rad * u.rad, frame=frame)
+        return np.asarray(seen.transform_to("icrs").cartesian.xyz.value, dtype=np.float64)
+
+
+def times_of(start_ns: int) -> Time:
+    """The four instants of a cell."""
+    days, fractions = zip(*(to_julian_date(start_ns + NODE_NS * node) for node in range(4)), strict=True)
+    return Time(np.array(days), np.array(fractions), format="jd", scale="utc")
+
+
+def horizon_vectors(seen: SkyCoord) -> NDArray[np.float64]:
+    """Unit vectors (..., 3), x east, y north, z up, of coordinates in AltAz."""
+    azimuth, altitude = seen.az.rad, seen.alt.rad
+    level = np.cos(altitude)
+    return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(altitude)], axis=-1)
 
 
 @functools.lru_cache(maxsize=1)
@@ -121,7 +141,7 @@ def _tables() -> iers.IERS:
 
 
 @contextlib.contextmanager
-def _earth_orientation() -> Iterator[None]:
+def earth_orientation() -> Iterator[None]:
     """The IERS tables that are installed, never a download; outside them astropy's own approximation."""
     with (
         warnings.catch_warnings(),

@@ -13,7 +13,7 @@ from gse.catalog import load_catalog
 from gse.config import Mount, Site
 from gse.instant import NS_PER_S, from_text, to_text
 from gse.simulator.pointing import horizon_to_sensor
-from gse.simulator.sky import Sky
+from gse.simulator.sky import AstropySite, Sky
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.truth.mounting import horizon_to_sensor as horizon_to_sensor_of_truth
 
@@ -33,7 +33,7 @@ MOUNTS = [
 def test_between_the_anchors_stars_are_where_astropy_sees_them(seconds: float) -> None:
     utc_ns = START_NS + round(seconds * NS_PER_S)
     catalog = load_catalog()
-    cell = Sky(SITE, catalog).cell(utc_ns, horizon_to_sensor(Mount())[2], math.radians(10), 5.0)
+    cell = Sky(AstropySite(SITE), catalog).cell(utc_ns, horizon_to_sensor(Mount())[2], math.radians(10), 5.0)
     location = EarthLocation.from_geodetic(106.7 * u.deg, -6.53 * u.deg, 250 * u.m)
     frame = AltAz(
         obstime=Time(to_text(utc_ns, 9)[:-1], scale="utc"),
@@ -52,7 +52,7 @@ def test_between_the_anchors_stars_are_where_astropy_sees_them(seconds: float) -
     ):
         seen = stars.transform_to(frame).cartesian.xyz.value.T
     seen = seen[:, [1, 0, 2]]  # astropy's horizon is north, east, up
-    nearest = np.linalg.norm(cell.directions(utc_ns)[:, None] - seen[None], axis=2).min(axis=1)
+    nearest = np.linalg.norm(cell.track.directions(utc_ns)[:, None] - seen[None], axis=2).min(axis=1)
     assert len(nearest) > 5
     assert nearest.max() < 1e-3 * ARCSEC
 
@@ -61,11 +61,11 @@ def test_between_the_anchors_stars_are_where_astropy_sees_them(seconds: float) -
 def test_the_truth_puts_stars_where_the_simulated_sky_has_them(mount: Mount) -> None:
     catalog = load_catalog().rows(slice(0, 3000))
     truth = SiderealTruth(SITE, EarthOrientation.from_disk(START_NS))
-    sky = Sky(SITE, catalog)
+    sky = Sky(AstropySite(SITE), catalog)
     to_sensor = horizon_to_sensor(mount)
     for seconds in (3, 160, 4000, 40_000):
         utc_ns = START_NS + seconds * NS_PER_S
-        seen_sensor = sky.cell(utc_ns, to_sensor[2], math.radians(7), 9.0).directions(utc_ns) @ to_sensor.T
+        seen_sensor = sky.cell(utc_ns, to_sensor[2], math.radians(7), 9.0).track.directions(utc_ns) @ to_sensor.T
         measured = truth.unrefracted(seen_sensor, to_sensor[:, 2])
         true = truth.apparent(catalog.icrs, utc_ns) @ truth.icrs_to_horizon(utc_ns).T @ to_sensor.T
         apart = np.linalg.norm(measured[:, None] - true[None], axis=2).min(axis=1)
@@ -80,13 +80,15 @@ def test_both_readings_of_the_mount_are_the_same(mount: Mount) -> None:
 
 
 def test_no_star_is_seen_below_the_horizon() -> None:
-    cell = Sky(SITE, load_catalog()).cell(START_NS, horizon_to_sensor(Mount(altitude_deg=0))[2], math.radians(10), 7.0)
+    cell = Sky(AstropySite(SITE), load_catalog()).cell(
+        START_NS, horizon_to_sensor(Mount(altitude_deg=0))[2], math.radians(10), 7.0
+    )
     assert len(cell.magnitude) > 20
-    assert cell.nodes[:, :, 2].min() > 0
+    assert cell.track.nodes[:, :, 2].min() > 0
 
 
 def test_an_instant_past_the_iers_tables_has_a_sky_too() -> None:
-    sky = Sky(SITE, load_catalog().rows(slice(0, 3000)))
+    sky = Sky(AstropySite(SITE), load_catalog().rows(slice(0, 3000)))
     cell = sky.cell(from_text("2055-01-01T00:00:00Z"), horizon_to_sensor(Mount())[2], math.radians(10), 6.0)
     assert len(cell.magnitude) > 5
 
@@ -94,7 +96,7 @@ def test_an_instant_past_the_iers_tables_has_a_sky_too() -> None:
 def test_stars_closer_than_the_footprint_are_one_with_the_light_of_both() -> None:
     catalog = load_catalog()
     boresight = horizon_to_sensor(Mount())[2]
-    single = Sky(SITE, catalog).cell(START_NS, boresight, math.radians(10), 9.0)
-    merged = Sky(SITE, catalog, math.radians(100 / 3600)).cell(START_NS, boresight, math.radians(10), 9.0)
+    single = Sky(AstropySite(SITE), catalog).cell(START_NS, boresight, math.radians(10), 9.0)
+    merged = Sky(AstropySite(SITE), catalog, math.radians(100 / 3600)).cell(START_NS, boresight, math.radians(10), 9.0)
     assert len(merged.magnitude) < len(single.magnitude)
     assert (10 ** (-0.4 * merged.magnitude)).sum() == pytest.approx((10 ** (-0.4 * single.magnitude)).sum(), rel=1e-9)

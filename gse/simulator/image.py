@@ -1,0 +1,198 @@
+"""Images of the simulated sky: electrons on a detector, then index values.
+
+Stars are Gaussians integrated over pixels, smeared along their way during the exposure. Shot noise is drawn as Gaussian
+with its own variance, which differs from Poisson's only where there is nothing to see. The Moon is a full disc,
+whatever its phase. Light that is scattered inside the optics, and blooming, are left out.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.compiled import compiled
+from gse.config import Station
+from gse.extraction import extract, extract_sub_pixel
+from gse.simulator.bodies import MOON
+from gse.simulator.panorama import Exposure
+from gse.simulator.photometry import BIAS_INDEX, Photometry
+from gse.simulator.scenario import Scenario
+from gse.simulator.scene import Scene
+
+FAINTEST_MAGNITUDE = 9.0
+_GRID = 17
+"""The sky's own light is computed on 17 x 17 places of the detector, and is bilinear between."""
+_STEP_PX = 0.5
+"""A smeared star is a sum of stars so far apart."""
+_LONGEST_SMEAR_STEPS = 400
+_RESPONSE_SPREAD = 0.01
+_DARK_SPREAD = 0.3
+_LEAST_ELECTRONS = 0.5
+"""Where a star's Gaussian gives less in a pixel, it ends."""
+_LARGEST_RADIUS_PX = 40
+
+
+class ImageSource:
+    """The same detector as PanoramaSource, pixel by pixel; ``sub_pixel`` extracts centres of light."""
+
+    def __init__(
+        self, station: Station, scenario: Scenario, random: np.random.Generator, *, sub_pixel: bool = False
+    ) -> None:
+        self._scenario, self._random, self._sub_pixel = scenario, random, sub_pixel
+        self._scene = Scene(station, scenario, random)
+        self._camera = self._scene.camera
+        self._photometry = Photometry.of(station.sensor, scenario)
+        self._response, self._dark = _detector(station, scenario, random)
+
+    def expose(self, middle_utc_ns: int, exposure_s: float, temperature_c: float) -> Exposure:
+        """One exposure, by its middle, extracted as the sensor does."""
+        image = self.image(middle_utc_ns, exposure_s, temperature_c)
+        if self._photometry.is_overexposed(float(np.median(image[::16, ::16]))):
+            return Exposure(np.empty((0, 2)), np.empty(0), frozenset({"overexposed"}))
+        xy_px, index = extract_sub_pixel(image) if self._sub_pixel else extract(image)
+        return Exposure(xy_px, index, frozenset())
+
+    def image(self, middle_utc_ns: int, exposure_s: float, temperature_c: float = 20.0) -> NDArray[np.uint16]:
+        """Index values (rows, columns) of one exposure, by its middle."""
+        optics = self._scenario.optics
+        light = np.zeros((self._camera.rows, self._camera.columns), dtype=np.float32)
+        self._add_stars(light, middle_utc_ns, exposure_s)
+        self._add_moon(light, middle_utc_ns, exposure_s)
+        noise = self._random.standard_normal(light.shape, dtype=np.float32)
+        return _developed(
+            light,
+            self._sky_electrons(middle_utc_ns, exposure_s).astype(np.float32),
+            self._response,
+            self._dark * np.float32(exposure_s * self._photometry.dark_factor(temperature_c)),
+            noise,
+            np.array(
+                [
+                    optics.read_noise_electrons**2,
+                    1 / optics.electrons_per_index,
+                    BIAS_INDEX,
+                    self._photometry.index_max,
+                ],
+                dtype=np.float32,
+            ),
+        )
+
+    def _add_stars(self, light: NDArray[np.float32], middle_ns: int, exposure_s: float) -> None:
+        half_ns = round(exposure_s * 5e8)
+        (start_px, end_px), magnitude = self._scene.objects(middle_ns, FAINTEST_MAGNITUDE, (-half_ns, half_ns))
+        margin_px = _LARGEST_RADIUS_PX + np.abs(end_px - start_px).max(axis=1)
+        size = np.array([self._camera.columns, self._camera.rows])
+        near = ((start_px > -margin_px[:, None]) & (start_px < size + margin_px[:, None])).all(axis=1)
+        electrons = self._photometry.star_electrons(magnitude[near], exposure_s)
+        _add_smeared(light, start_px[near], end_px[near], electrons, self._scenario.optics.psf_sigma_px)
+
+    def _add_moon(self, light: NDArray[np.float32], utc_ns: int, exposure_s: float) -> None:
+        bodies = self._scene.bodies(utc_ns)
+        moon_horizon = bodies.track.directions(utc_ns)[MOON]
+        x, y = self._camera.pixels((self._scene.horizon_to_sensor @ moon_horizon)[None])[0]
+        radius_px = bodies.moon_radius_rad / self._camera.pixel_rad
+        rows, columns = light.shape
+        if moon_horizon[2] > 0 and -radius_px < x < columns + radius_px and -radius_px < y < rows + radius_px:
+            rows_px, columns_px = np.ogrid[:rows, :columns]
+            disc = (columns_px - x) ** 2 + (rows_px - y) ** 2 <= radius_px**2
+            electrons = self._photometry.star_electrons(bodies.magnitude[MOON : MOON + 1], exposure_s)[0]
+            light[disc] += electrons / (math.pi * radius_px**2)
+
+    def _sky_electrons(self, utc_ns: int, exposure_s: float) -> NDArray[np.float64]:
+        """Electrons of the sky in a pixel, on the grid (17, 17)."""
+        x = np.linspace(0, self._camera.columns - 1, _GRID)
+        y = np.linspace(0, self._camera.rows - 1, _GRID)
+        xy_px = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        directions_horizon = self._camera.directions(xy_px) @ self._scene.horizon_to_sensor
+        magnitudes = self._scene.sky_magnitudes(directions_horizon, utc_ns)
+        electrons = [self._photometry.sky_electrons(float(magnitude), exposure_s) for magnitude in magnitudes]
+        return np.array(electrons).reshape(_GRID, _GRID)
+
+
+def _detector(
+    station: Station, scenario: Scenario, random: np.random.Generator
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Response and dark electrons per second at 20 degC of each pixel (rows, columns)."""
+    shape = station.sensor.rows, station.sensor.columns
+    optics, detector = scenario.optics, scenario.detector
+    response = 1 + _RESPONSE_SPREAD * random.standard_normal(shape, dtype=np.float32)
+    dark = optics.dark_electrons_per_s * np.exp(_DARK_SPREAD * random.standard_normal(shape, dtype=np.float32))
+    dead = random.choice(response.size, min(detector.dead_pixels, response.size), replace=False)
+    response.flat[dead] = 0.0
+    hot = random.choice(dark.size, min(detector.hot_pixels, dark.size), replace=False)
+    hot_index = random.uniform(*detector.hot_pixel_index, len(hot))
+    dark.flat[hot] = hot_index * optics.electrons_per_index / scenario.exposure_s
+    return response, dark.astype(np.float32)
+
+
+@compiled
+def _add_smeared(
+    light: NDArray[np.float32],
+    start_px: NDArray[np.float64],
+    end_px: NDArray[np.float64],
+    electrons: NDArray[np.float64],
+    sigma_px: float,
+) -> None:
+    """Add stars that move from ``start_px`` to ``end_px`` (N, 2) with so many electrons each."""
+    for star in range(len(electrons)):
+        if not electrons[star] > 0.0:
+            continue
+        length_px = math.hypot(end_px[star, 0] - start_px[star, 0], end_px[star, 1] - start_px[star, 1])
+        steps = min(int(length_px / _STEP_PX) + 1, _LONGEST_SMEAR_STEPS)
+        share = electrons[star] / steps
+        for step in range(steps):
+            way = (step + 0.5) / steps
+            x = start_px[star, 0] + way * (end_px[star, 0] - start_px[star, 0])
+            y = start_px[star, 1] + way * (end_px[star, 1] - start_px[star, 1])
+            _add_star(light, x, y, share, sigma_px)
+
+
+@compiled
+def _add_star(light: NDArray[np.float32], x: float, y: float, electrons: float, sigma_px: float) -> None:
+    rows, columns = light.shape
+    brightest = electrons / (2 * math.pi * sigma_px**2)
+    if brightest <= _LEAST_ELECTRONS:
+        return
+    radius = min(int(sigma_px * math.sqrt(2 * math.log(brightest / _LEAST_ELECTRONS))) + 2, _LARGEST_RADIUS_PX)
+    left, right = max(math.floor(x) - radius, 0), min(math.floor(x) + radius + 1, columns - 1)
+    top, bottom = max(math.floor(y) - radius, 0), min(math.floor(y) + radius + 1, rows - 1)
+    scale = 1 / (sigma_px * math.sqrt(2.0))
+    along = np.empty(2 * _LARGEST_RADIUS_PX + 2)
+    for column in range(left, right + 1):
+        along[column - left] = math.erf((column + 0.5 - x) * scale) - math.erf((column - 0.5 - x) * scale)
+    for row in range(top, bottom + 1):
+        in_row = (math.erf((row + 0.5 - y) * scale) - math.erf((row - 0.5 - y) * scale)) * electrons / 4
+        for column in range(left, right + 1):
+            light[row, column] += in_row * along[column - left]
+
+
+@compiled
+def _developed(
+    light: NDArray[np.float32],
+    sky: NDArray[np.float32],
+    response: NDArray[np.float32],
+    dark: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    electronics: NDArray[np.float32],
+) -> NDArray[np.uint16]:
+    """Index values; ``electronics`` is read noise squared, index per electron, bias and the highest index value."""
+    read_noise2, index_per_electron, bias, index_max = electronics
+    rows, columns = light.shape
+    image = np.empty((rows, columns), dtype=np.uint16)
+    across = np.empty(sky.shape[1], dtype=np.float32)
+    for row in range(rows):
+        down = np.float32(row * (sky.shape[0] - 1) / max(rows - 1, 1))
+        above = min(int(down), sky.shape[0] - 2)
+        down -= above
+        for node in range(sky.shape[1]):
+            across[node] = sky[above, node] * (1 - down) + sky[above + 1, node] * down
+        per_column = np.float32((sky.shape[1] - 1) / max(columns - 1, 1))
+        for column in range(columns):
+            place = np.float32(column) * per_column
+            left = min(int(place), sky.shape[1] - 2)
+            place -= left
+            background = across[left] + (across[left + 1] - across[left]) * place
+            electrons = (light[row, column] + background) * response[row, column] + dark[row, column]
+            electrons += noise[row, column] * math.sqrt(electrons + read_noise2)
+            index = electrons * index_per_electron + bias
+            image[row, column] = np.uint16(min(max(index, np.float32(0.0)), index_max))
+    return image

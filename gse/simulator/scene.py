@@ -1,0 +1,134 @@
+"""The scene before the lens: stars, planets and satellites on the detector's plane, behind clouds."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.camera import Camera
+from gse.catalog import load_catalog
+from gse.config import Station
+from gse.simulator.bodies import FIRST_PLANET, BodyCell, bodies_over
+from gse.simulator.pointing import horizon_to_sensor
+from gse.simulator.scenario import Air, Scenario, profile_at
+from gse.simulator.sky import CELL_NS, AstropySite, Sky, SkyCell
+from gse.simulator.skylight import EXTINCTION_PER_AIRMASS, airmass, sky_magnitude
+
+_CLOUD_PX = 300.0
+"""Size of a cloud's structure, in pixels of 49 arcsec."""
+_CLOUD_PIXEL_RAD = 2.4e-4
+_SKYLIGHT_EVERY_NS = 10_000_000_000
+"""In 10 s a twilight sky changes by 0.06 mag."""
+
+
+class Scene:
+    """What the camera of a device looks at; ``merged_within_px`` makes stars one that the optics do not tell apart."""
+
+    def __init__(
+        self, station: Station, scenario: Scenario, random: np.random.Generator, merged_within_px: float = 0.0
+    ) -> None:
+        self.camera: Camera = station.sensor.camera()
+        self.horizon_to_sensor = horizon_to_sensor(station.mount)
+        self._scenario = scenario
+        self._site = AstropySite(station.site)
+        self._sky = Sky(self._site, load_catalog(), merged_within_px * self.camera.pixel_rad)
+        self._satellites = Satellites(self.camera, scenario, random)
+        self._stars: SkyCell | None = None
+        self._faintest = -math.inf
+        self._bodies: BodyCell | None = None
+        self._skylight: tuple[int, float] = (-1, 0.0)
+
+    def since_start_s(self, utc_ns: int) -> float:
+        """Seconds of the scenario."""
+        return (utc_ns - self._scenario.start_utc_ns) * 1e-9
+
+    def objects(
+        self, middle_ns: int, faintest_magnitude: float, offsets_ns: tuple[int, ...] = (0,)
+    ) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+        """Pixels (N, 2) at each offset from an instant, and magnitudes (N,) behind air and clouds.
+
+        Among them are objects that lie outside the detector; the row of an object is the same at each offset.
+        """
+        stars, bodies = self._star_cell(middle_ns, faintest_magnitude), self.bodies(middle_ns)
+        directions = np.concatenate([stars.track.directions(middle_ns), self._planets(bodies, middle_ns)])
+        magnitude = np.concatenate([stars.magnitude, bodies.magnitude[FIRST_PLANET:]])
+        places = [self._pixels(stars, bodies, middle_ns + offset_ns) for offset_ns in offsets_ns]
+        magnitude = magnitude + EXTINCTION_PER_AIRMASS * (airmass(directions) - 1)
+        magnitude = np.where(directions[:, 2] > 0, magnitude, np.inf)
+        satellites = [self._satellites.pixels(self.since_start_s(middle_ns + offset_ns)) for offset_ns in offsets_ns]
+        magnitude = np.concatenate([magnitude, self._satellites.magnitude])
+        places = [np.concatenate(pair) for pair in zip(places, satellites, strict=True)]
+        return places, magnitude + self.cloud_magnitudes(places[0], self.since_start_s(middle_ns))
+
+    def bodies(self, utc_ns: int) -> BodyCell:
+        """Sun, Moon and planets."""
+        if self._bodies is None or not 0 <= utc_ns - self._bodies.track.start_ns < CELL_NS:
+            self._bodies = bodies_over(self._site, utc_ns)
+        return self._bodies
+
+    def boresight_sky_magnitude(self, utc_ns: int) -> float:
+        """Surface brightness of the sky in the middle of the detector."""
+        step = utc_ns // _SKYLIGHT_EVERY_NS
+        if step != self._skylight[0]:
+            middle_ns = step * _SKYLIGHT_EVERY_NS + _SKYLIGHT_EVERY_NS // 2
+            self._skylight = step, float(self.sky_magnitudes(self.horizon_to_sensor[2:], middle_ns)[0])
+        return self._skylight[1]
+
+    def sky_magnitudes(self, directions_horizon: NDArray[np.float64], utc_ns: int) -> NDArray[np.float64]:
+        """Surface brightness (N,) of the sky in directions (N, 3)."""
+        return sky_magnitude(directions_horizon, self.bodies(utc_ns), utc_ns, self._scenario.air.dark_magnitude)
+
+    def cloud_magnitudes(self, xy_px: NDArray[np.float64], since_start_s: float) -> NDArray[np.float64]:
+        """Extinction (N,) of the clouds that drift before the pixels (N, 2)."""
+        return cloud_magnitudes(xy_px * (self.camera.pixel_rad / _CLOUD_PIXEL_RAD), since_start_s, self._scenario.air)
+
+    def _star_cell(self, utc_ns: int, faintest_magnitude: float) -> SkyCell:
+        cell = self._stars
+        if (
+            cell is None
+            or not 0 <= utc_ns - cell.track.start_ns < CELL_NS
+            or faintest_magnitude > self._faintest
+        ):  # fmt: skip
+            radius_rad = 0.55 * self.camera.diagonal_rad
+            cell = self._sky.cell(utc_ns, self.horizon_to_sensor[2], radius_rad, faintest_magnitude)
+            self._stars, self._faintest = cell, faintest_magnitude
+        return cell
+
+    def _planets(self, bodies: BodyCell, utc_ns: int) -> NDArray[np.float64]:
+        planets: NDArray[np.float64] = bodies.track.directions(utc_ns)[FIRST_PLANET:]
+        return planets
+
+    def _pixels(self, stars: SkyCell, bodies: BodyCell, utc_ns: int) -> NDArray[np.float64]:
+        directions = np.concatenate([stars.track.directions(utc_ns), self._planets(bodies, utc_ns)])
+        return self.camera.pixels(directions @ self.horizon_to_sensor.T)
+
+
+class Satellites:
+    """Satellites that cross the field in straight lines, at times and on ways that the seed decides."""
+
+    def __init__(self, camera: Camera, scenario: Scenario, random: np.random.Generator) -> None:
+        air = scenario.air
+        count = int(random.poisson(air.satellites_per_minute * scenario.seconds / 60))
+        self._middle_s = random.uniform(0, scenario.seconds, count)
+        self._middle_px = random.uniform(0, 1, (count, 2)) * (camera.columns, camera.rows)
+        way = random.uniform(0, 2 * math.pi, count)
+        speed_px_per_s = np.radians(random.uniform(0.3, 1.0, count)) / camera.pixel_rad
+        self._velocity_px_per_s = speed_px_per_s[:, None] * np.column_stack([np.cos(way), np.sin(way)])
+        self.magnitude = random.uniform(1.0, 5.0, count)
+
+    def pixels(self, since_start_s: float) -> NDArray[np.float64]:
+        """Where they are (N, 2), on the detector or off it."""
+        after_middle_s = (since_start_s - self._middle_s)[:, None]
+        places: NDArray[np.float64] = self._middle_px + self._velocity_px_per_s * after_middle_s
+        return places
+
+
+def cloud_magnitudes(xy: NDArray[np.float64], since_start_s: float, air: Air) -> NDArray[np.float64]:
+    """Extinction of moving clouds: a sum of waves, cut so that it covers the share of the sky that is asked."""
+    deepest = profile_at(air.cloud_magnitudes, since_start_s)
+    if deepest <= 0:
+        return np.zeros(len(xy))
+    x, y = ((xy - np.multiply(air.cloud_drift_px_per_s, since_start_s)) / _CLOUD_PX).T
+    wave = (np.sin(x + 0.7 * np.sin(y)) + np.sin(0.6 * x - 1.1 * y + 2.0)) / 4 + 0.5
+    depth = np.clip((wave - (1 - air.cloud_cover)) * 4 + air.cloud_cover, 0, 1)
+    return np.asarray(deepest * depth, dtype=np.float64)
