@@ -13,6 +13,8 @@ WAVELENGTH_UM = 0.6
 """Where a silicon detector sees stars: Gaia's G band, which is one, has its mean at 0.62 um; from 0.5 to 0.7 um the
 refraction at 45 deg changes by 0.5 arcsec."""
 
+_INVERSE_ROUNDS = 5
+"""Each gains a factor of 100 or more above 10 deg of altitude."""
 _MIN_COS_ZENITH = 0.05
 """Below 3 deg of altitude the formula is held, as eraAtoiq does."""
 
@@ -42,6 +44,14 @@ class Refraction:
         shift = per_sine * np.sqrt(np.maximum(1 - cos_z**2, 0.0))
         turned = np.cos(shift)[:, None] * directions_sensor + (per_sine * np.sinc(shift / np.pi))[:, None] * away
         return np.asarray(turned, dtype=np.float64)
+
+    def added(self, directions_sensor: NDArray[np.float64], zenith_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The directions (N, 3) in which light arrives: the inverse of ``removed``, above some 5 deg of altitude."""
+        seen = directions_sensor
+        for _ in range(_INVERSE_ROUNDS):
+            seen = seen + (directions_sensor - self.removed(seen, zenith_sensor))
+            seen = seen / np.linalg.norm(seen, axis=1)[:, None]
+        return seen
 
     def bend_rad(self, zenith_distance_rad: float) -> float:
         """By how much an object at an observed zenith distance is lifted."""

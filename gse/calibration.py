@@ -1,0 +1,241 @@
+"""The camera fitted to identified stars: focal length, principal point, radial distortion.
+
+Each panorama has an attitude of its own, so that neither mount nor clock enter. What is made small is the difference of
+the undistorted measured place and the place of the star by the pinhole, in pixels (Gauss-Newton with Cauchy weights;
+the attitudes are eliminated by the Schur complement). Stars must be given as they are seen: apparent and refracted.
+
+To first order the principal point cannot be told from the attitude, nor the focal length from an even compression of
+the field by refraction: with 14 deg of field and 10,000 stars a principal point is good to half a pixel. Weak priors
+keep what a session cannot tell at its value.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.attitude import solve_attitude
+from gse.camera import Camera
+from gse.errors import UsageError
+
+MIN_STARS = 50
+"""Five parameters and three per panorama want more equations than that many stars give."""
+
+_MIN_PER_FRAME = 4
+_ROUNDS = 30
+_STEADY_PX = 1e-7
+_CAUCHY = 2.4
+"""Weights 1 / (1 + (r / (2.4 sigma))^2): 95 % efficient for Gaussian noise (Holland & Welsch 1977)."""
+_MAD_TO_SIGMA = 1.4826
+_NOISE_FLOOR_PX = 1e-6
+_MAP_CELLS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StarField:
+    """One panorama with names: where objects are, (N, 2) px, and the directions (N, 3) in which their stars are seen,
+    in any axes that are fixed during the exposure; ``numbers`` (N,) tell one star from another."""
+
+    xy_px: NDArray[np.float64]
+    stars: NDArray[np.float64]
+    numbers: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """How far stars lie from their places, in pixels; ``outliers`` are further than 5 sigma off."""
+
+    n: int
+    rms_px: float
+    median_px: float
+    sigma_axis_px: float
+    outliers: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """A fitted camera.
+
+    ``sigma`` are the standard deviations of focal length, principal point x and y (px), k1 and k2, from ``covariance``
+    (5, 5) in that order. The errors of one star are taken as dependent on each other, however many panoramas it is in:
+    it lies on the same pixels in many of them. ``map_px`` (8, 8, 3) holds the mean residual along x and y and the
+    number of stars in each cell of the detector, rows first.
+    """
+
+    camera: Camera
+    before: Residuals
+    after: Residuals
+    covariance: NDArray[np.float64]
+    map_px: NDArray[np.float64]
+    panoramas: int
+
+    @property
+    def sigma(self) -> tuple[float, ...]:
+        """Standard deviations of focal length, principal point x and y, k1, k2."""
+        return tuple(float(value) for value in np.sqrt(np.diag(self.covariance)))
+
+
+def calibrate(camera: Camera, fields: Sequence[StarField]) -> Calibration:
+    """Fit a camera, starting from one that identified the stars; UsageError where there are too few."""
+    fields = [field for field in fields if len(field.xy_px) >= _MIN_PER_FRAME]
+    stars = sum(len(field.xy_px) for field in fields)
+    if stars < MIN_STARS:
+        raise UsageError(f"{stars} identified stars are too few to calibrate on; expected at least {MIN_STARS}")
+    rotations = [_attitude(camera, field) for field in fields]
+    before = _residuals(camera, fields, rotations)
+    fitted, normal = camera, np.eye(5)
+    for _ in range(_ROUNDS):
+        fitted, rotations, normal, step_px = _improve(fitted, camera, fields, rotations)
+        if step_px < _STEADY_PX:
+            break
+    after = _residuals(fitted, fields, rotations)
+    covariance = _covariance(fitted, fields, rotations, normal)
+    return Calibration(fitted, before, after, covariance, _map(fitted, fields, rotations), len(fields))
+
+
+def _attitude(camera: Camera, field: StarField) -> NDArray[np.float64]:
+    return solve_attitude(camera.directions(field.xy_px), field.stars, camera.pixel_rad).icrs_to_sensor
+
+
+def _parameters(camera: Camera) -> NDArray[np.float64]:
+    return np.array([camera.focal_length_px, *camera.principal_point_px, *camera.radial_distortion])
+
+
+def _with(camera: Camera, parameters: NDArray[np.float64]) -> Camera:
+    f, x, y, k1, k2 = (float(value) for value in parameters)
+    return replace(camera, focal_length_px=f, principal_point_px=(x, y), radial_distortion=(k1, k2))
+
+
+def _prior(camera: Camera) -> NDArray[np.float64]:
+    """Inverse variances that keep parameters which the stars do not tell: a tenth of f and of the width, 0.1 in k."""
+    return np.array([camera.focal_length_px / 10, camera.columns / 10, camera.columns / 10, 0.1, 0.1]) ** -2.0
+
+
+def _misfit(
+    camera: Camera, field: StarField, rotation: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Residuals (N, 2), their derivatives by the camera (N, 2, 5) and by a small rotation of the attitude (N, 2, 3)."""
+    offset = field.xy_px - camera.principal_point_px
+    s2 = (offset**2).sum(axis=1) / (camera.columns / 2) ** 2
+    k1, k2 = camera.radial_distortion
+    stretch = 1 + s2 * (k1 + s2 * k2)
+    x, y, z = (field.stars @ rotation.T).T
+    flip = np.array([-1.0 if camera.mirrored else 1.0, 1.0])
+    pinhole = np.column_stack([x / z, y / z]) * flip
+    residual = offset * stretch[:, None] - camera.focal_length_px * pinhole
+    by_s2 = (k1 + 2 * k2 * s2) * 2 / (camera.columns / 2) ** 2
+    by_camera = np.empty((len(offset), 2, 5))
+    by_camera[:, :, 0] = -pinhole
+    by_camera[:, :, 1:3] = -(
+        stretch[:, None, None] * np.eye(2) + by_s2[:, None, None] * offset[:, :, None] * offset[:, None, :]
+    )
+    by_camera[:, :, 3] = offset * s2[:, None]
+    by_camera[:, :, 4] = offset * (s2**2)[:, None]
+    # v + w x v: d(x/z) and d(y/z) by w
+    u, v = x / z, y / z
+    by_rotation = np.empty((len(offset), 2, 3))
+    by_rotation[:, 0] = np.column_stack([-u * v, 1 + u * u, -v])
+    by_rotation[:, 1] = np.column_stack([-(1 + v * v), u * v, u])
+    by_rotation *= -camera.focal_length_px * flip[None, :, None]
+    return residual, by_camera, by_rotation
+
+
+def _improve(
+    camera: Camera, first: Camera, fields: Sequence[StarField], rotations: list[NDArray[np.float64]]
+) -> tuple[Camera, list[NDArray[np.float64]], NDArray[np.float64], float]:
+    """One Gauss-Newton step: camera, attitudes, normal matrix of the camera, and how far the step moves a corner."""
+    parts = [_misfit(camera, field, rotation) for field, rotation in zip(fields, rotations, strict=True)]
+    sigma = _sigma_axis_px(np.concatenate([residual for residual, _, _ in parts]))
+    prior = _prior(first)
+    normal = np.diag(prior)
+    right = prior * (_parameters(first) - _parameters(camera))
+    solved = []
+    for residual, by_camera, by_rotation in parts:
+        weight = _weight(residual, sigma)
+        rotation_normal = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_rotation)
+        cross = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_camera)
+        rotation_right = -np.einsum("n,nki,nk->i", weight, by_rotation, residual)
+        eliminated = np.linalg.solve(rotation_normal, np.column_stack([cross, rotation_right]))
+        normal = normal + np.einsum("n,nki,nkj->ij", weight, by_camera, by_camera) - cross.T @ eliminated[:, :5]
+        right = right - np.einsum("n,nki,nk->i", weight, by_camera, residual) - cross.T @ eliminated[:, 5]
+        solved.append(eliminated)
+    step = np.linalg.solve(normal, right)
+    turned = [
+        _turned(rotation, eliminated[:, 5] - eliminated[:, :5] @ step)
+        for rotation, eliminated in zip(rotations, solved, strict=True)
+    ]
+    half = camera.columns / 2
+    reach = np.array([half / camera.focal_length_px, 1, 1, half, half])
+    return _with(camera, _parameters(camera) + step), turned, normal, float(np.abs(step * reach).max())
+
+
+def _covariance(
+    camera: Camera, fields: Sequence[StarField], rotations: Sequence[NDArray[np.float64]], normal: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Covariance (5, 5) that is clustered by star (the sandwich of Liang & Zeger 1986)."""
+    sigma = _sigma_axis_px(_all_residuals(camera, fields, rotations))
+    scores, numbers = [], np.concatenate([field.numbers for field in fields])
+    for field, rotation in zip(fields, rotations, strict=True):
+        residual, by_camera, by_rotation = _misfit(camera, field, rotation)
+        weight = _weight(residual, sigma)
+        rotation_normal = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_rotation)
+        cross = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_camera)
+        free = by_camera - by_rotation @ np.linalg.solve(rotation_normal, cross)
+        scores.append(np.einsum("n,nki,nk->ni", weight, free, residual))
+    stars, cluster = np.unique(numbers, return_inverse=True)
+    summed = np.zeros((len(stars), 5))
+    np.add.at(summed, cluster, np.concatenate(scores))
+    inverse = np.linalg.inv(normal)
+    few = len(stars) / max(len(stars) - 5, 1)
+    return np.asarray(few * inverse @ (summed.T @ summed) @ inverse, dtype=np.float64)
+
+
+def _weight(residual: NDArray[np.float64], sigma_px: float) -> NDArray[np.float64]:
+    weight = 1 / sigma_px**2 / (1 + (residual**2).sum(axis=1) / (_CAUCHY * sigma_px) ** 2)
+    return np.asarray(weight, dtype=np.float64)
+
+
+def _turned(rotation: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:
+    angle = float(np.linalg.norm(by))
+    if angle == 0:
+        return rotation
+    x, y, z = by / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    return np.asarray(turn @ rotation, dtype=np.float64)
+
+
+def _all_residuals(
+    camera: Camera, fields: Sequence[StarField], rotations: Sequence[NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    pairs = zip(fields, rotations, strict=True)
+    return np.concatenate([_misfit(camera, field, rotation)[0] for field, rotation in pairs])
+
+
+def _sigma_axis_px(residual: NDArray[np.float64]) -> float:
+    return max(_MAD_TO_SIGMA * float(np.median(np.abs(residual))), _NOISE_FLOOR_PX)
+
+
+def _residuals(camera: Camera, fields: Sequence[StarField], rotations: Sequence[NDArray[np.float64]]) -> Residuals:
+    residual = _all_residuals(camera, fields, rotations)
+    length = np.hypot(residual[:, 0], residual[:, 1])
+    sigma = _sigma_axis_px(residual)
+    good = length <= 5 * sigma
+    rms = float(np.sqrt((length[good] ** 2).mean())) if good.any() else math.nan
+    return Residuals(len(length), rms, float(np.median(length)), sigma, int((~good).sum()))
+
+
+def _map(camera: Camera, fields: Sequence[StarField], rotations: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Mean residual along x and y and number of stars in 8 x 8 cells of the detector, outliers left out."""
+    residual = _all_residuals(camera, fields, rotations)
+    xy_px = np.concatenate([field.xy_px for field in fields])
+    good = np.hypot(residual[:, 0], residual[:, 1]) <= 5 * _sigma_axis_px(residual)
+    size = np.array([camera.columns, camera.rows])
+    cell = np.clip(((xy_px[good] + 0.5) / size * _MAP_CELLS).astype(int), 0, _MAP_CELLS - 1)
+    place = cell[:, 1] * _MAP_CELLS + cell[:, 0]
+    count = np.bincount(place, minlength=_MAP_CELLS**2)
+    sums = [np.bincount(place, weights=residual[good, axis], minlength=_MAP_CELLS**2) for axis in (0, 1)]
+    means = [np.divide(total, count, out=np.zeros(len(total)), where=count > 0) for total in sums]
+    return np.column_stack([*means, count]).reshape(_MAP_CELLS, _MAP_CELLS, 3)

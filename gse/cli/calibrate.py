@@ -1,0 +1,158 @@
+"""``gse calibrate``: the camera from a session."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from gse.calibration import Calibration
+from gse.calibration_session import PanoramaSample, SessionCalibration, calibrate_session
+from gse.cli.options import station_of, station_option
+from gse.cli.writing import write_new
+from gse.errors import TruthError
+from gse.station_text import with_values
+from gse.truth import EarthOrientation, SiderealTruth
+
+if TYPE_CHECKING:
+    from gse.recorded_panoramas import Recording
+
+_NAMES = ("focal_length_px", "principal_point_x_px", "principal_point_y_px", "k1", "k2")
+_DIGITS = (4, 4, 4, 8, 8)
+
+
+@click.command("calibrate")
+@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@station_option
+@click.option("--from", "from_utc", help="Use the session from this UTC on, e.g. 2026-03-20T18:30:00Z.")
+@click.option("--to", "to_utc", help="Use it up to this UTC.")
+@click.option(
+    "--write",
+    "write_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write a station file with this camera and these hot pixels.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.calibration/1.")
+def command(
+    path: Path,
+    station_path: Path | None,
+    from_utc: str | None,
+    to_utc: str | None,
+    write_path: Path | None,
+    as_json: bool,
+) -> None:
+    """Fit focal length, principal point, radial distortion and mirror to the identified stars of FILE.
+
+    Starts from the station file's camera, whose focal length may be wrong by 3 %; the session's own site and times
+    correct for aberration and refraction. The new station file is for `gse replay --station`.
+    """
+    from gse.equipment import prepare
+    from gse.recorded_panoramas import open_recording
+    from gse.replaying import Cut, StationText
+
+    def change(recorded: StationText) -> StationText:
+        return station_of(station_path) if station_path else recorded
+
+    recording = open_recording(path, Cut(from_utc=from_utc, to_utc=to_utc), change)
+    sample = PanoramaSample()
+    for panorama in recording.panoramas():
+        sample.add(panorama)
+    first_ns = sample.panoramas[0].utc_ns if sample.panoramas else None
+    equipment = prepare(recording.station, recording.station_text, utc_ns=first_ns)
+    result = calibrate_session(sample, equipment.camera, equipment.identifier, _truth(recording, first_ns))
+    if write_path is not None:
+        write_new(write_path, with_values(recording.station_text, "sensor", _sensor_values(result)))
+    click.echo(json.dumps(calibration_report(result)) if as_json else "\n".join(_lines(result)))
+
+
+def _truth(recording: "Recording", utc_ns: int | None) -> SiderealTruth | None:
+    """Truth for aberration and refraction; none for a clock before 1972, whose stars are taken as catalogued."""
+    try:
+        orientation = recording.earth_orientation or EarthOrientation.from_disk(utc_ns or 0)
+    except TruthError as error:
+        click.echo(f"gse: {error}; stars are taken without aberration and refraction", err=True)
+        return None
+    return SiderealTruth(recording.station.site, orientation)
+
+
+def calibration_report(result: SessionCalibration) -> dict[str, Any]:
+    """The JSON of schema gse.calibration/1."""
+    fitted = result.calibration
+    return {
+        "schema": "gse.calibration/1",
+        **_values(fitted),
+        "mirrored": fitted.camera.mirrored,
+        "sigma": dict(zip(_NAMES, _rounded(fitted.sigma), strict=True)),
+        "covariance": [[float(f"{value:.6g}") for value in row] for row in fitted.covariance.tolist()],
+        "covariance_order": list(_NAMES),
+        "tried": result.tried,
+        "identified_before": result.identified_before,
+        "panoramas": result.panoramas,
+        "identified_after": result.identified_after,
+        "first_scale": round(result.first_scale, 6),
+        "before": _residuals(fitted, "before"),
+        "after": _residuals(fitted, "after"),
+        "residual_map_px": [[_rounded(cell, 3) for cell in row] for row in fitted.map_px.tolist()],
+        "hot_pixels": [list(pixel) for pixel in result.hot_pixels],
+    }
+
+
+def _values(fitted: Calibration) -> dict[str, float]:
+    camera = fitted.camera
+    values = (camera.focal_length_px, *camera.principal_point_px, *camera.radial_distortion)
+    return {name: round(value, digits) for name, value, digits in zip(_NAMES, values, _DIGITS, strict=True)}
+
+
+def _sensor_values(result: SessionCalibration) -> dict[str, object]:
+    values = _values(result.calibration)
+    return {
+        "focal_length_px": values["focal_length_px"],
+        "principal_point_px": [values["principal_point_x_px"], values["principal_point_y_px"]],
+        "radial_distortion": [values["k1"], values["k2"]],
+        "mirrored": result.calibration.camera.mirrored,
+        "hot_pixels": [list(pixel) for pixel in result.hot_pixels],
+    }
+
+
+def _residuals(fitted: Calibration, when: str) -> dict[str, float | int]:
+    residuals = fitted.before if when == "before" else fitted.after
+    return {
+        "stars": residuals.n,
+        "rms_px": round(residuals.rms_px, 4),
+        "median_px": round(residuals.median_px, 4),
+        "sigma_axis_px": round(residuals.sigma_axis_px, 4),
+        "outliers": residuals.outliers,
+    }
+
+
+def _rounded(values: tuple[float, ...] | list[float], digits: int = 8) -> list[float]:
+    return [round(value, digits) for value in values]
+
+
+def _lines(result: SessionCalibration) -> list[str]:
+    """The result for a person, with the map of residuals over the detector."""
+    fitted = result.calibration
+    rows = zip(_NAMES, _values(fitted).values(), fitted.sigma, _DIGITS, strict=True)
+    scale = [f"the focal length was changed by {result.first_scale - 1:+.1%} first"] if result.first_scale != 1 else []
+    hot = ", ".join(f"({x}, {y})" for x, y in result.hot_pixels) or "none seen"
+    return [
+        *(f"{name:22}{value:14.{digits}f}  +- {sigma:.{digits}f}" for name, value, sigma, digits in rows),
+        f"mirrored              {'yes' if fitted.camera.mirrored else 'no'}",
+        *scale,
+        f"hot pixels            {hot}",
+        f"identified            {result.identified_before} of {result.tried} panoramas tried before, "
+        f"{result.identified_after} of {result.panoramas} after",
+        *(
+            f"residual {when:7}      {numbers['rms_px']:.3f} px rms, {numbers['median_px']:.3f} median, "
+            f"{numbers['stars']} stars, {numbers['outliers']} outliers"
+            for when in ("before", "after")
+            for numbers in [_residuals(fitted, when)]
+        ),
+        "",
+        "mean residual over the detector after the fit, px (x, y); - where fewer than 5 stars were:",
+        *("  ".join(_cell(cell) for cell in row) for row in fitted.map_px.tolist()),
+    ]
+
+
+def _cell(cell: list[float]) -> str:
+    return f"{cell[0]:+5.2f},{cell[1]:+5.2f}" if cell[2] >= 5 else f"{'-':^11}"
