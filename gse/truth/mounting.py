@@ -1,5 +1,6 @@
 """The mount: a direction in the horizon frame (x east, y north, z up) as a rotation, and back."""
 
+import functools
 import math
 
 import numpy as np
@@ -8,11 +9,12 @@ from numpy.typing import NDArray
 from gse.config import Mount
 
 
+@functools.lru_cache(maxsize=16)
 def horizon_to_sensor(mount: Mount) -> NDArray[np.float64]:
     """The rotation (3, 3) from the horizon frame to the sensor frame; its rows are the sensor's axes.
 
     Image up is the direction of the zenith turned by the roll counter-clockwise as seen in the sky, that is towards
-    smaller azimuth.
+    smaller azimuth. It is asked for with every frame: the array is kept, and read-only.
     """
     azimuth, altitude, roll = np.radians([mount.azimuth_deg, mount.altitude_deg, mount.roll_deg])
     sin_a, cos_a, sin_h, cos_h = math.sin(azimuth), math.cos(azimuth), math.sin(altitude), math.cos(altitude)
@@ -20,7 +22,9 @@ def horizon_to_sensor(mount: Mount) -> NDArray[np.float64]:
     zenithwards = np.array([-sin_h * sin_a, -sin_h * cos_a, cos_h])
     left = np.array([-cos_a, sin_a, 0.0])
     up = math.cos(roll) * zenithwards + math.sin(roll) * left
-    return np.array([np.cross(-up, boresight), -up, boresight])
+    rotation = np.array([np.cross(-up, boresight), -up, boresight])
+    rotation.flags.writeable = False
+    return rotation
 
 
 def mount_of(rotation: NDArray[np.float64]) -> Mount:
