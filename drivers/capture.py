@@ -38,7 +38,7 @@ class CaptureWriter:
         self._writer.start(profile=PROFILE, library="gse-star-sensor")
         for topic in (RX, TX, EVENTS):
             self._channel(topic)
-        self.flush()
+        self._writer.flush()
 
     def rx(self, chunk: Chunk) -> None:
         """Bytes that came from the port."""
@@ -118,6 +118,8 @@ class CaptureWriter:
     def close(self) -> None:
         """Write the summary and close; OSError when the disk refuses, the messages before stay readable."""
         try:
+            # finish() leaves records that are not flushed out of the checksum of the data section (mcap 1.6).
+            self._writer.flush()
             self._writer.finish()
             self._spool.flush()
             self._spool.sync()

@@ -16,7 +16,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment as McapAttachment
-from mcap.records import Channel, Header
+from mcap.records import Channel, DataEnd, Footer, Header
 from mcap.records import Chunk as McapChunk
 
 from drivers.errors import CaptureError
@@ -61,7 +61,10 @@ class Walk:
         self._file = file
         self._from_utc_ns = from_utc_ns or 0
         self._topics = {} if topics is None else topics
-        self._in_summary = False
+        self.data_end: tuple[int, int] | None = None
+        """Where the data section ends, and the CRC-32 that is said to be of everything before."""
+        self.footer: tuple[int, int, int] | None = None
+        """Where the footer stands, where the summary starts, and the CRC-32 that is said to be of both."""
         self.ended = False
 
     def check_ours(self) -> None:
@@ -172,12 +175,14 @@ class Walk:
             channel = _channel(content)
             self._topics[channel.id] = channel.topic
         elif opcode == Opcode.DATA_END and len(content) == 4:
-            self._in_summary = True
+            self.data_end = (offset, DataEnd.read(_stream(content)).data_section_crc)
         elif opcode == Opcode.FOOTER and self._window.get(offset + 9 + len(content), len(MAGIC)) == MAGIC:
+            footer = Footer.read(_stream(content))
+            self.footer = (offset, footer.summary_start, footer.summary_crc)
             self.ended = True
         elif opcode == Opcode.HEADER and offset == len(MAGIC):
             _header(content)
-        elif not self._in_summary and not _is_index(opcode, content):
+        elif self.data_end is None and not _is_index(opcode, content):
             # Nothing else stands in a session: this was a message before its opcode was damaged.
             raise _NotBelievedError("no record of a session")
         return []

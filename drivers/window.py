@@ -38,10 +38,14 @@ class FileWindow:
 
     def get(self, offset: int, size: int) -> bytes:
         """At most ``size`` bytes from ``offset`` on, fewer at the end; CaptureError where the disk fails."""
+        size = max(0, min(size, self.size - offset))
         begin = offset - self._start
         if begin < 0 or begin + size > len(self._block):
-            size = max(0, min(size, self.size - offset))
-            self._start, self._block, begin = offset, self._read(offset, max(size, WINDOW_BYTES)), 0
+            self._start, self._block, begin = (
+                offset,
+                self._read(offset, max(size, min(WINDOW_BYTES, self.size - offset))),
+                0,
+            )
         return self._block[begin : begin + size]
 
     def close(self) -> None:

@@ -14,7 +14,7 @@ from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
 from drivers.records import EVENTS, RX, TX, Attachment, Damage, Message
 
-MESSAGES = 12
+MESSAGES = 6
 
 
 def write_session(path: Path, count: int = MESSAGES) -> list[bytes]:

@@ -157,12 +157,17 @@ def test_any_pyserial_url_will_do() -> None:
         ("nonsense://x", "not known"),
         ("hwgrep://no such adapter", "no port matches"),
         ("socket://127.0.0.1:9", "cannot open"),
-        ("sim://", "needs a simulator"),
     ],
 )
 def test_a_port_that_does_not_open_says_why(url: str, words: str) -> None:
     with pytest.raises(PortError, match=words):
         SerialLink(url)
+
+
+def test_a_simulated_port_without_a_simulator_says_so() -> None:
+    script = "from drivers.link import SerialLink; SerialLink('sim://')"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert "PortError: sim:// needs a simulator" in done.stderr
 
 
 def test_a_busy_port_is_refused_and_its_holder_named(terminal: Terminal) -> None:
