@@ -5,6 +5,7 @@ data go to a server in this process, bound to 127.0.0.1, from which viewers fetc
 frozen or killed blocks nobody. (A client connection to a viewer does block, after some 36,000 frames.)
 """
 
+import logging
 import queue
 import threading
 from collections.abc import Sequence
@@ -28,6 +29,8 @@ from gse.view.saved import file_sink
 from gse.view.scene import Scene
 from gse.view.viewer import open_native_viewer
 from gse.view.words import verdict_at_end, verdict_so_far
+
+_LOG = logging.getLogger(__name__)
 
 ViewMode = Literal["web", "native", "none"]
 
@@ -64,7 +67,8 @@ class LiveView:
     """A view of a running session; a context manager.
 
     ``mode`` is where it is looked at: ``web`` (``url`` says where), ``native`` (rerun's own window), or ``none``: then
-    only ``save_rrd`` is written. ``bind`` is the address of the web page and of rerun's server.
+    only ``save_rrd`` is written. Viewers get the data from rerun's server on ``grpc_port``; ``bind`` is the address of
+    this server and of the web page.
     """
 
     def __init__(
@@ -76,11 +80,13 @@ class LiveView:
         catalog: StarCatalog | None = None,
         bind: str = "127.0.0.1",
         port: int = 0,
+        queue_frames: int = QUEUE_FRAMES,
     ) -> None:
         self.url = ""
+        self.grpc_port = 0
         self.dropped = 0
         self._readings = 0
-        self._queue: queue.Queue[_Item] = queue.Queue(QUEUE_FRAMES)
+        self._queue: queue.Queue[_Item] = queue.Queue(queue_frames)
         self._closing = threading.Event()
         self._page: ViewerPage | None = None
         self._stream = rr.RecordingStream("gse", send_properties=False)
@@ -90,15 +96,15 @@ class LiveView:
 
     def _connect(self, mode: ViewMode, save_rrd: Path | None, bind: str, port: int) -> None:
         sinks: list[object] = [] if save_rrd is None else [file_sink(save_rrd)]
-        grpc_port = free_port(bind)
         if mode != "none":
-            sinks.append(rr.GrpcServerSink(bind, grpc_port, server_memory_limit=MEMORY_LIMIT))
+            self.grpc_port = free_port(bind)
+            sinks.append(rr.GrpcServerSink(bind, self.grpc_port, server_memory_limit=MEMORY_LIMIT))
         self._stream.set_sinks(*sinks)
         if mode == "web":
-            self._page = ViewerPage(bind, port, grpc_port=grpc_port)
+            self._page = ViewerPage(bind, port, grpc_port=self.grpc_port)
             self.url = self._page.url
         elif mode == "native":
-            open_native_viewer(f"rerun+http://{bind}:{grpc_port}/proxy")
+            open_native_viewer(f"rerun+http://{bind}:{self.grpc_port}/proxy")
 
     def show(self, result: FrameResult, night: Night) -> None:
         """Show a frame, and link and clock of the night as they are now; dropped and counted when the view lags."""
@@ -136,6 +142,13 @@ class LiveView:
         self.close()
 
     def _run(self, station: Station, catalog: StarCatalog | None) -> None:
+        try:
+            self._tell(station, catalog)
+        except Exception as error:
+            # Whatever goes wrong in a view must not reach the session, which goes on without it.
+            _LOG.warning("the live view has ended (%s: %s); the session goes on", type(error).__name__, error)
+
+    def _tell(self, station: Station, catalog: StarCatalog | None) -> None:
         teller = _Teller(Scene(self._stream, station, catalog, live=True))
         while True:
             last = self._closing.is_set()

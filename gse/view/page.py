@@ -39,7 +39,9 @@ class ViewerPage:
             ) from error
         self._server.daemon_threads = True
         self.url = f"http://{bind}:{self._server.server_port}/"
-        self._thread = threading.Thread(target=self._server.serve_forever, name="viewer page", daemon=True)
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, kwargs={"poll_interval": 0.05}, name="viewer page", daemon=True
+        )
         self._thread.start()
 
     def close(self) -> None:

@@ -37,18 +37,19 @@ def begin_sky(stream: rr.RecordingStream, catalog: StarCatalog | None) -> None:
 
 
 def send_sky(stream: rr.RecordingStream, columns: NDArray[np.void], camera: Camera) -> None:
-    """Measured and true boresights of some frames (rows of FRAME), and the field of view of the last of them.
+    """Measured and true boresights of some frames (rows of FRAME), and the field of view of the last answer.
 
     One row for all these frames: a row for each would be slow to draw over a whole night.
     """
     at = times(columns["utc_ns"][-1:])
     for kind, suffix in (("true", "_true_deg"), ("measured", "_deg")):
         known = columns[np.isfinite(columns["ra" + suffix])]
-        if not len(known):
-            continue
-        places = unit_vectors(known["ra" + suffix], known["de" + suffix]).astype(np.float32)
-        stream.send_columns(f"/sky/{kind}", [at], rr.Points3D.columns(positions=places).partition([len(places)]))
-        attitude = Attitude.from_angles(*(float(known[name + suffix][-1]) for name in ("ra", "de", "roll")))
+        if len(known):
+            places = unit_vectors(known["ra" + suffix], known["de" + suffix]).astype(np.float32)
+            stream.send_columns(f"/sky/{kind}", [at], rr.Points3D.columns(positions=places).partition([len(places)]))
+    answered = columns[np.isfinite(columns["ra_deg"])]
+    if len(answered):
+        attitude = Attitude.from_angles(*(float(answered[name][-1]) for name in ("ra_deg", "de_deg", "roll_deg")))
         outline = field_outline_icrs(attitude, camera).astype(np.float32)
         stream.send_columns("/sky/field", [at], rr.LineStrips3D.columns(strips=[outline]).partition([1]))
 

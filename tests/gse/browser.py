@@ -1,0 +1,51 @@
+"""Chromium as a device under test: Debian's package, driven by playwright."""
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+SOFTWARE_GRAPHICS = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+
+@dataclass
+class Visit:
+    """A page, every request that it made or tried, and what its console called an error."""
+
+    page: Any
+    requests: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+
+    def hosts(self) -> set[str | None]:
+        """The hosts of all requests that need a network."""
+        urls = [urlsplit(url) for url in self.requests]
+        return {url.hostname for url in urls if url.scheme not in ("file", "data", "blob")}
+
+
+def chromium() -> str:
+    """The browser's path; the test is skipped where there is none."""
+    found = shutil.which("chromium") or shutil.which("chromium-browser")
+    if found is None:
+        pytest.skip("no Chromium on this machine (Debian: apt install chromium)")
+    return found
+
+
+@contextmanager
+def visit(*, offline: bool = False, size: tuple[int, int] = (1000, 600)) -> Iterator[Visit]:
+    """A fresh page."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with sync_api.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium(), args=["--no-sandbox", *SOFTWARE_GRAPHICS])
+        context = browser.new_context(offline=offline, viewport={"width": size[0], "height": size[1]})
+        opened = Visit(context.new_page())
+        context.on("request", lambda request: opened.requests.append(request.url))
+        opened.page.on("pageerror", lambda error: opened.errors.append(str(error)))
+        opened.page.on("console", lambda text: opened.errors.append(text.text) if text.type == "error" else None)
+        try:
+            yield opened
+        finally:
+            browser.close()
