@@ -1,0 +1,47 @@
+"""Says of discarded bytes what a frame would have needed instead."""
+
+from protocols.frame import Discard
+from protocols.layout import FrameLayout
+from protocols.slip import END, unpacked
+
+
+def explain(layout: FrameLayout, discard: Discard) -> str:
+    """One line: what was expected and what came, as far as the discarded bytes show it."""
+    if discard.reason == "no sync":
+        return f"no frame begins in these {len(discard.data)} bytes"
+    content = _content(layout, discard.data)
+    if content is None:
+        return "an ESC byte is followed by neither DC nor DD"
+    if len(content) < layout.header.size:
+        return f"{len(content)} bytes of a header of {layout.header.size}"
+    code, _, length, sequence = layout.header.read(content, 0)
+    if code not in layout.sizes:
+        return f"no message has type {code:02X}; known are {', '.join(f'{c:02X}' for c in sorted(layout.sizes))}"
+    name = layout.names[code] + (f", sequence {sequence}" if sequence >= 0 else "")
+    size = layout.sizes[code]
+    there = len(content) - layout.header.size - layout.checksum.size
+    match discard.reason:
+        case "bad length" if length is not None and length != size:
+            return f"{name}: the header says {length} bytes of payload; it has {size}"
+        case "bad length":
+            return f"{name}: {max(there, 0)} bytes of payload came; it has {size}"
+        case "bad crc" if there >= size:
+            return f"{name}: {_checksums(layout, content, size)}"
+        case "bad crc":
+            return f"{name}: {layout.checksum.name} is wrong; the next sync word comes {size - there} bytes too early"
+        case _:
+            return f"{name}: the stream ends {size - there} bytes before the frame does"
+
+
+def _content(layout: FrameLayout, data: bytes) -> bytes | None:
+    """Header, payload and checksum, as far as they are there; None where SLIP's escapes are wrong."""
+    return data[len(layout.sync_word) :] if layout.sync_word else unpacked(data.strip(END))
+
+
+def _checksums(layout: FrameLayout, content: bytes, size: int) -> str:
+    end = layout.header.size + size
+    expected = layout.checksum_of(layout.sync_word + content[:end])
+    found = content[end : end + layout.checksum.size]
+    return (
+        f"{layout.checksum.name} is {found.hex().upper()} on the wire, {expected.hex().upper()} by the bytes before it"
+    )
