@@ -23,6 +23,9 @@ MOST_PAIRS = 20_000_000
 
 _FORMAT = b"pair table 1"
 _TABLES_KEPT = 8
+_SAMPLED_STARS = 200
+"""Stars whose neighbours are counted to know how big a table will be, before memory is taken for it."""
+
 _DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError, RuntimeError)
 """All that reading a damaged or foreign .npz file raises."""
 
@@ -83,10 +86,12 @@ def build_pair_table(catalog: StarCatalog, widest_rad: float) -> PairTable:
     """The table of all pairs up to ``widest_rad``, made anew."""
     tree = cKDTree(catalog.icrs)
     reach = 2 * math.sin(min(widest_rad, math.pi) / 2)
-    expected = int(tree.count_neighbors(tree, reach) - len(catalog)) // 2
+    sample = catalog.icrs[:: max(1, len(catalog) // _SAMPLED_STARS)]
+    neighbours = tree.query_ball_point(sample, reach, return_length=True)
+    expected = int(neighbours.sum() / max(len(sample), 1) * len(catalog) / 2)
     if expected > MOST_PAIRS:
         raise CatalogError(
-            f"{len(catalog)} stars make {expected} pairs in a field of {math.degrees(widest_rad):.1f} deg; "
+            f"{len(catalog)} stars make about {expected} pairs in a field of {math.degrees(widest_rad):.1f} deg; "
             f"at most {MOST_PAIRS} are taken: ask for fewer catalog_stars"
         )
     pairs = tree.query_pairs(reach, output_type="ndarray")
@@ -108,7 +113,7 @@ def _key(catalog: StarCatalog, widest_rad: float) -> str:
 
 def _read(path: Path, stars: int) -> PairTable | None:
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             table = PairTable(*(stored[name] for name in PairTable._fields))
     except _DAMAGE:
         return None
