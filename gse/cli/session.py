@@ -1,0 +1,173 @@
+"""``gse session``: look into sessions, verify, rescue, cut and export them."""
+
+import json
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gse.cli import EXIT_DATA_LOST
+from gse.errors import UsageError
+
+_session = click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+_json = click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")
+_out = click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="The new file.")
+
+
+@click.group("session")
+def command() -> None:
+    """Look into recorded sessions. FILE is a .mcap file, or the folder that gse run made."""
+
+
+@command.command()
+@_session
+@_json
+def info(path: Path, as_json: bool) -> None:
+    """Say what stands in a session."""
+    from gse.session_tools import session_info
+
+    document = session_info(path)
+    if as_json:
+        click.echo(json.dumps(document))
+        return
+    for name, value in document.items():
+        if name != "schema":
+            click.echo(f"{name:<12} {_text(value)}")
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {count}" for name, count in value.items()) or "none"
+    if isinstance(value, list):
+        return ", ".join(map(str, value)) or "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "unknown" if value is None else str(value)
+
+
+@command.command()
+@_session
+@_json
+@click.pass_context
+def verify(ctx: click.Context, path: Path, as_json: bool) -> None:
+    """Read every byte: is the session whole? The exit code is 3 where it is not."""
+    from drivers.verification import verify as verify_session
+    from gse.session_tools import describe, verify_json
+
+    check = verify_session(path)
+    click.echo(json.dumps(verify_json(check)) if as_json else "\n".join(describe(check)))
+    if not check.is_whole:
+        click.echo("gse: the session is not whole; 'gse session recover' makes one of all that is", err=True)
+        ctx.exit(EXIT_DATA_LOST)
+
+
+@command.command()
+@_session
+@_out
+@_json
+@click.pass_context
+def recover(ctx: click.Context, path: Path, out: Path | None, as_json: bool) -> None:
+    """Make a new session of every whole record. The exit code is 3 where something was lost."""
+    from gse.session_tools import recover as recover_session
+
+    _report(ctx, recover_session(path, out or _beside(path, "recovered")), as_json)
+
+
+@command.command()
+@_session
+@click.option("--from", "from_utc", help="From this UTC on, e.g. 2026-03-20T18:30:00Z.")
+@click.option("--to", "to_utc", help="Up to this UTC.")
+@_out
+@_json
+@click.pass_context
+def trim(
+    ctx: click.Context, path: Path, from_utc: str | None, to_utc: str | None, out: Path | None, as_json: bool
+) -> None:
+    """Make a new session of a part of one."""
+    from gse.session_tools import trim as trim_session
+
+    if from_utc is None and to_utc is None:
+        raise UsageError("which part? Give --from, --to or both, e.g. --from 2026-03-20T18:30:00Z")
+    _report(ctx, trim_session(path, out or _beside(path, "trimmed"), _utc(from_utc), _utc(to_utc)), as_json)
+
+
+@command.command()
+@_session
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(("csv", "ndjson", "raw", "rrd")),
+    required=True,
+    help="Panoramas as CSV, all records as NDJSON, the received bytes, or a rerun recording.",
+)
+@_out
+@click.pass_context
+def export(ctx: click.Context, path: Path, form: str, out: Path | None) -> None:
+    """Write a session for other programs; to stdout without -o (rrd needs it)."""
+    if form == "rrd":
+        _export_rrd(ctx, path, out)
+        return
+    from gse.session_export import export_csv, export_ndjson, export_raw
+
+    with ExitStack() as stack:
+        if form == "raw":
+            count = export_raw(path, stack.enter_context(_new(out, "xb")) if out else sys.stdout.buffer)
+        else:
+            text = stack.enter_context(_new(out, "x")) if out else sys.stdout
+            count = export_csv(path, text) if form == "csv" else export_ndjson(path, text)
+    what = {"csv": "panoramas", "ndjson": "records", "raw": "bytes"}[form]
+    click.echo(f"{count} {what} exported", err=True)
+
+
+def _export_rrd(ctx: click.Context, path: Path, out: Path | None) -> None:
+    from gse.cli.view import command as view
+
+    if out is None:
+        raise UsageError("a rerun recording needs a name: -o night.rrd")
+    if out.exists():
+        raise UsageError(f"{out} exists already; choose another name")
+    ctx.invoke(view, path=path, web=False, bind="127.0.0.1", http_port=0, save=out, screenshot=None, clock_error=None)
+
+
+def _new(out: Path, mode: str) -> Any:
+    try:
+        return out.open(mode, encoding=None if "b" in mode else "utf-8")
+    except FileExistsError:
+        raise UsageError(f"{out} exists already; choose another name") from None
+    except OSError as error:
+        raise UsageError(f"cannot write {out}: {error.strerror}") from error
+
+
+def _beside(path: Path, what: str) -> Path:
+    from drivers.capture_reader import session_file
+
+    first = session_file(path)
+    return first.with_name(f"{first.stem}.{what}.mcap")
+
+
+def _utc(text: str | None) -> int | None:
+    from gse import instant
+
+    try:
+        return None if text is None else instant.from_text(text)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+
+
+def _report(ctx: click.Context, copied: Any, as_json: bool) -> None:
+    if as_json:
+        names = ("messages", "attachments", "rx_bytes", "damaged_bytes", "damaged_places", "missing", "truncated")
+        document = {name: getattr(copied, name) for name in names}
+        click.echo(json.dumps({"schema": "gse.session.copy/1", "path": str(copied.path), **document}))
+    else:
+        click.echo(f"{copied.path}: {copied.messages} messages with {copied.rx_bytes} received bytes")
+        if copied.damaged_places:
+            click.echo(f"left out: {copied.damaged_bytes} damaged bytes in {copied.damaged_places} places")
+        if copied.missing:
+            click.echo(f"missing: {', '.join(copied.missing)}")
+        if copied.truncated:
+            click.echo("the session was never closed: what came after its last whole record is unknown")
+    if not copied.is_all:
+        ctx.exit(EXIT_DATA_LOST)
