@@ -13,10 +13,10 @@ from gse.replaying import Cut, Replay, replay_session
 from gse.results import FrameResult
 from gse.station import Sink, StationLoop
 
+SinkMaker = Callable[[StationLoop, Path | None], Sequence[Sink]]
 
-def replay_with_progress(
-    path: Path, make_sinks: Callable[[StationLoop], Sequence[Sink]] = lambda loop: (), cut: Cut | None = None
-) -> Replay:
+
+def replay_with_progress(path: Path, make_sinks: SinkMaker = lambda loop, folder: (), cut: Cut | None = None) -> Replay:
     """Replay a session at full speed; a bar shows its progress where stderr is a terminal."""
     cut = cut or Cut()
     console = Console(stderr=True)
@@ -27,9 +27,9 @@ def replay_with_progress(
         task = progress.add_task("replaying", total=_bytes_of(path))
         loops: list[StationLoop] = []
 
-        def sinks_of(loop: StationLoop) -> Sequence[Sink]:
+        def sinks_of(loop: StationLoop, folder: Path | None) -> Sequence[Sink]:
             loops.append(loop)
-            return make_sinks(loop)
+            return make_sinks(loop, folder)
 
         def each(results: list[FrameResult]) -> None:
             progress.update(task, completed=loops[0].night.link.bytes_in)

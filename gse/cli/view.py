@@ -63,7 +63,7 @@ def _write_recording(path: Path, recording: Path, clock_error: str | None) -> No
 
     views: list[Any] = []
 
-    def sinks_of(loop: StationLoop) -> list[Sink]:
+    def sinks_of(loop: StationLoop, folder: Path | None) -> list[Sink]:
         views.append(SavedView(loop.equipment.station, loop.equipment.identifier.catalog, recording))
         return list(views)
 

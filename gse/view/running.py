@@ -7,20 +7,29 @@ from dataclasses import dataclass, field
 from gse.config import Limits
 from gse.instant import NS_PER_S
 from gse.results import Discrepancy, FrameResult, Status
-from gse.view.palette import GREEN, GREY, ORANGE, VERMILLION
+from gse.view.palette import GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLOW
 
 LINK_WORDS = {
-    "OPENED": "up",
-    "REOPENED": "up",
-    "STREAMING": "up",
-    "NO_PORT": "waiting",
-    "STALE": "waiting",
-    "LOST": "lost",
+    "NO_PORT": "no port",
+    "LOST": "no port",
+    "OPENED": "waiting",
+    "REOPENED": "waiting",
+    "WAITING": "waiting",
+    "SYNCING": "syncing",
+    "STREAMING": "streaming",
+    "STALE": "silent",
     "CLOSED": "closed",
 }
 """The state of the link after each kind of event that changes it; the other kinds are only logged."""
 
-LINK_COLOURS = {"up": GREEN, "waiting": ORANGE, "lost": VERMILLION, "closed": GREY}
+LINK_COLOURS = {
+    "streaming": GREEN,
+    "syncing": SKY_BLUE,
+    "waiting": YELLOW,
+    "silent": ORANGE,
+    "no port": VERMILLION,
+    "closed": GREY,
+}
 
 _RATE_WINDOW = 50
 """Frames over which the rate is taken."""

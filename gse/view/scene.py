@@ -23,7 +23,11 @@ from gse.view.sky import begin_scatter, begin_sky, send_scatter, send_sky, unit_
 _TRACK_ROW_NS = 2 * NS_PER_S
 """Scatter and sky track get one row for so many seconds of frames."""
 
-_GOOD_EVENTS = ("OPENED", "REOPENED", "STREAMING", "CLOSED", "ALIGNED", "FILE_RESTORED", "RECORDER_RECOVERED")
+_GOOD_EVENTS = {"OPENED", "REOPENED", "WAITING", "SYNCING", "STREAMING", "CLOSED", "ALIGNED"} | {
+    "FILE_RESTORED",
+    "RECORDER_RECOVERED",
+    "RECORDER_SEGMENT",
+}
 
 
 class Scene:

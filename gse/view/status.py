@@ -15,13 +15,14 @@ from gse import instant
 from gse.config import Station
 from gse.night import Night
 from gse.results import FrameResult
+from gse.telling import Teller
 from gse.view.running import LINK_WORDS, Running
 from gse.view.words import clock_health, percent
 
 PLAIN_EVERY_NS = 10 * instant.NS_PER_S
 """Of the data's time, between two lines where there is no terminal."""
 
-_LINK_STYLES = {"up": "green", "waiting": "yellow", "lost": "bold red", "closed": "dim"}
+_LINK_STYLES = {"streaming": "green", "silent": "bold red", "no port": "bold red", "closed": "dim"}
 _NO_LINK = "no link"
 
 
@@ -38,6 +39,8 @@ class StatusLine:
         self._night: Night | None = None
         self._link = _NO_LINK
         self._due_ns = 0
+        self._closed = False
+        self._teller = Teller(lambda text: self._console.print(text, soft_wrap=True, markup=False))
         self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=1, transient=True)
 
     def show(self, result: FrameResult, night: Night) -> None:
@@ -49,10 +52,9 @@ class StatusLine:
             self._console.print(self.line(), soft_wrap=True)
 
     def log(self, event: LinkEvent) -> None:
-        """Show what happens to the link; what it is now stays in the line."""
+        """Tell what happens, each kind once; the state of the link stays in the line."""
         self._link = LINK_WORDS.get(event.kind, self._link)
-        time_of_day = instant.to_text(event.utc_ns, 0)[11:]
-        self._console.print(f"{time_of_day} {event.kind}: {event.text}", soft_wrap=True, markup=False)
+        self._teller.log(event)
 
     def line(self) -> Text:
         """The line as it is now."""
@@ -103,8 +105,11 @@ class StatusLine:
         self.close()
 
     def close(self) -> None:
-        """Take the line away; the last state stays in no one's way."""
+        """Take the line away, and say how often events came again. Once is enough."""
         self._live.stop()
+        if not self._closed:
+            self._closed = True
+            self._teller.conclude()
 
 
 def _rate(running: Running) -> str:

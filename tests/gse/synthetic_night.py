@@ -96,11 +96,14 @@ def synthetic_night(count, **options):
         if frame.panorama.frame_no % 100 == 0:
             night.clock.append(reading_at(frame.panorama.utc_ns))
     end_ns = START_NS + count * NS_PER_S // 10
+    half_ns, back_ns = START_NS + (end_ns - START_NS) // 2, START_NS + (end_ns - START_NS) * 6 // 10
     night.events = [
-        LinkEvent(START_NS, 0, "OPENED", "sim://"),
-        LinkEvent(START_NS + (end_ns - START_NS) // 2, 0, "LOST", "device disconnected"),
-        LinkEvent(START_NS + (end_ns - START_NS) * 6 // 10, 0, "REOPENED", "sim://"),
-        LinkEvent(end_ns, 0, "CLOSED", "end of session"),
+        LinkEvent(START_NS, 0, "OPENED", "sim:// is open"),
+        LinkEvent(START_NS, 0, "STREAMING", "valid frames come"),
+        LinkEvent(half_ns, 0, "LOST", "device disconnected"),
+        LinkEvent(back_ns, 0, "REOPENED", "sim:// is open"),
+        LinkEvent(back_ns, 0, "STREAMING", "valid frames come"),
+        LinkEvent(end_ns, 0, "CLOSED", "the session was ended"),
     ]
     night.link = LinkCounters(count * 216 + 40, count * 216, 40, count, {"no sync": 40}, 1, 3, 0, 1)
     night.earth_orientation = EarthOrientation.from_disk(START_NS)

@@ -134,7 +134,7 @@ def test_the_verdict_is_seen_at_any_time_and_says_why(rows) -> None:
 
 def test_link_states_and_log_tell_what_happened(rows) -> None:
     states = [row["StateChange:state"][0] for row in moving(rows["/link"])]
-    assert states == ["up", "lost", "up", "closed"]
+    assert states == ["waiting", "streaming", "no port", "waiting", "streaming", "closed"]
     log = [row["TextLog:text"][0] for row in moving(rows["/log"])]
     assert any("LOST: device disconnected" in line for line in log)
     assert "18:30:04Z frame 49: NO_MATCH no star reached Fn = 6" in log
