@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from protocols.conversion import FieldCodec
 from protocols.errors import EncodeError
@@ -33,8 +32,11 @@ class MessageCodec:
             return {}, []
         counts = np.frombuffer(payload, self.layout.dtype, 1)[0].item()
         values = {field.attribute: field.value_of(count) for field, count in zip(self._fields, counts, strict=True)}
-        problems = (field.problem_of(counts[at]) for at, field in self._checked)
-        return values, [problem for problem in problems if problem is not None]
+        return values, self._problems(field.problem_of(counts[at]) for at, field in self._checked)
+
+    @staticmethod
+    def _problems(found: Iterator[str | None]) -> list[str]:
+        return [problem for problem in found if problem is not None]
 
     def encode(self, message: Message) -> bytes:
         """The payload that says this message; EncodeError if a value does not fit."""
@@ -70,8 +72,7 @@ class PanoramaCodec(MessageCodec):
         xy_px = np.empty((used, 2))
         xy_px[:, 0] = self._x.values_of(slots["x"])
         xy_px[:, 1] = self._y.values_of(slots["y"])
-        if used:
-            problems += self._slot_problems(slots)
+        problems += self._problems(field.problem_among(slots[field.name]) for field in self._checked_slots)
         return PanoramaMessage(
             time_us=values["time_us"],
             frame_no=values.get("frame_no", 0),
@@ -96,14 +97,6 @@ class PanoramaCodec(MessageCodec):
         if unused.count(0) != len(unused):
             problems.append(f"count is {count}, but a slot after that is not zero")
         return count
-
-    def _slot_problems(self, slots: NDArray[np.void]) -> Iterator[str]:
-        """One problem of each field, that of its first slot in disorder."""
-        for field in self._checked_slots:
-            counts = slots[field.name]
-            wrong = counts[~field.is_in_order(counts)]
-            if len(wrong):
-                yield field.problem_of(wrong[0].item()) or ""
 
     def encode(self, message: Message) -> bytes:
         """The payload that says this panorama; EncodeError if a value does not fit."""

@@ -1,7 +1,7 @@
 """Wire counts to values in the station's units, and back."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ LARGEST_TIME_US = 2**53
 
 LARGEST_FLOAT = 1e18
 """Beyond it a float on the wire is garbage; also what keeps scaled values finite."""
+
+_NO_BITS: frozenset[str] = frozenset()
 
 
 class FieldCodec:
@@ -73,6 +75,8 @@ class FieldCodec:
         return min(max(time_us, 0), LARGEST_TIME_US)
 
     def _bits(self, count: int) -> frozenset[str]:
+        if count == 0:
+            return _NO_BITS
         bits = (bit for bit in range(count.bit_length()) if count >> bit & 1)
         return frozenset(self._words.get(bit, f"bit {bit}") for bit in bits)
 
@@ -87,8 +91,13 @@ class FieldCodec:
             return self._values(counts)
 
     def _values(self, counts: NDArray[Any]) -> NDArray[np.float64]:
-        # As float64 first: a u16 times a scale would stay a u16.
-        values: NDArray[np.float64] = self.value_of(counts.astype(np.float64))
+        values = counts.astype(np.float64)  # first of all: a u16 times a scale would stay a u16
+        if self._multiplier != 1:
+            values *= self._multiplier
+        if self._divisor != 1:
+            values /= self._divisor
+        if self._zero != 0:
+            values += self._zero
         return values
 
     def problem_of(self, count: Count) -> str | None:
@@ -104,15 +113,21 @@ class FieldCodec:
             return f"time is {count}: no sensor clock runs that long"
         return None
 
-    def is_in_order(self, counts: NDArray[Any]) -> NDArray[np.bool_]:
-        """Which of many counts (N,) have no problem."""
+    def problem_among(self, counts: NDArray[Any]) -> str | None:
+        """What is out of order with one of many counts (N,); None if nothing is."""
+        for wrong in self._out_of_order(counts):
+            if np.count_nonzero(wrong):
+                return self.problem_of(counts[wrong][0].item())
+        return None
+
+    def _out_of_order(self, counts: NDArray[Any]) -> Iterator[NDArray[np.bool_]]:
         low, high = self._field.minimum, self._field.maximum
-        fine = np.abs(counts) <= LARGEST_FLOAT if self.is_float else True
+        if self.is_float:
+            yield ~(np.abs(counts) <= LARGEST_FLOAT)
         if low is not None:
-            fine = fine & (counts >= low)
+            yield counts < low
         if high is not None:
-            fine = fine & (counts <= high)
-        return np.asarray(fine)
+            yield counts > high
 
     def count_of(self, value: Value) -> Count:
         """The count that says this value; EncodeError if there is none."""
