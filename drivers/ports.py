@@ -12,7 +12,7 @@ from serial.tools import list_ports
 
 from drivers.errors import DriverError, PortError
 
-MOCKS = ("replay", "sim")
+MOCKS = ("replay://", "sim://")
 serial.protocol_handler_packages.append("drivers.urlhandlers")
 
 
@@ -64,6 +64,16 @@ def _name(process: Path) -> str:
         return (process / "comm").read_text().strip()
     except OSError:
         return "a process"
+
+
+def is_mock(url: str) -> bool:
+    """Whether a URL names a recording or a simulation."""
+    return url.lower().startswith(MOCKS)
+
+
+def is_accessible(device: str) -> bool:
+    """Whether we may read and write a device."""
+    return os.access(device, os.R_OK | os.W_OK)
 
 
 def is_device(url: str) -> bool:

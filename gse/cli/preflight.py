@@ -1,0 +1,60 @@
+"""``gse preflight``: is everything ready for the night?"""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from gse.cli import EXIT_FAIL
+from gse.cli.options import out_option, station_of, station_option
+from gse.errors import ConfigError
+
+
+@click.command("preflight")
+@station_option
+@click.option("--port", "url", help="Port or pyserial URL, instead of the station file's.")
+@click.option(
+    "--hours",
+    type=click.FloatRange(min=0.1, max=1000),
+    default=10.0,
+    show_default=True,
+    help="How long the night will be.",
+)
+@out_option
+@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")
+@click.pass_context
+def command(
+    ctx: click.Context, *, station_path: Path | None, url: str | None, hours: float, out: Path, as_json: bool
+) -> None:
+    """Check station file, port, clock, disk, Earth orientation, catalogue and viewer; say what to do about each.
+
+    The exit code is 1 where something would spoil the night.
+    """
+    from gse.preflight import Check, Outcome, checks
+
+    found: list[Check] = []
+
+    def show(check: Check) -> None:
+        found.append(check)
+        if not as_json:
+            click.echo(f"{check.outcome:<5} {check.name:<10} {check.text}")
+            if check.advice:
+                click.echo(f"{'':<16} -> {check.advice}")
+
+    try:
+        station, _ = station_of(station_path)
+    except ConfigError as error:
+        show(Check("station", Outcome.FAIL, str(error), "'gse config check' tells more, 'gse config init' writes one"))
+    else:
+        show(Check("station", Outcome.OK, f"{station_path or 'built-in'}: {station.sensor.name}, {station.site.name}"))
+        if url is not None:
+            station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
+        for check in checks(station, out, hours):
+            show(check)
+    failed = any(check.outcome is Outcome.FAIL for check in found)
+    if as_json:
+        document = {"schema": "gse.preflight/1", "ready": not failed, "checks": [asdict(check) for check in found]}
+        click.echo(json.dumps(document))
+    if failed:
+        ctx.exit(EXIT_FAIL)
