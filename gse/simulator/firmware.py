@@ -40,8 +40,8 @@ _ANSWER_NS = 1_000_000
 """What the sensor's computer takes to answer a command."""
 _SHORTEST_EXPOSURE_S, _LONGEST_EXPOSURE_S = 0.001, 2.0
 _LONGEST_PERIOD_S = 3600.0
-_WARM_UP_S = 600.0
 _COUNTERS_WRAP_AT = 65536
+_SLOWEST_BOOT = 1.005
 _VERSION = (1, 2, 0)
 _SERIAL = 14014
 _SUPPLY_V = 5.0
@@ -85,7 +85,8 @@ class SensorFirmware:
         self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
         self._resets_ns = [start_ns + round(second * NS_PER_S) for second in sorted(traits.resets_s)]
         self._line_free_ns = start_ns
-        self._power_on(start_ns - round(traits.powered_before_start_s * NS_PER_S), start_ns)
+        power_on_ns = start_ns - round(traits.powered_before_start_s * NS_PER_S)
+        self._power_on(power_on_ns, max(start_ns, power_on_ns + round(traits.boot_s * NS_PER_S)))
         self._clock_was_reset = False
 
     def _power_on(self, power_on_ns: int, ready_ns: int) -> None:
@@ -112,7 +113,9 @@ class SensorFirmware:
             return []
         if self._resets_ns and due_ns == self._resets_ns[0]:
             del self._resets_ns[0]
-            self._power_on(due_ns, due_ns + round(self._traits.boot_s * NS_PER_S))
+            # No two starts take the same time to the microsecond.
+            boot_s = self._traits.boot_s * float(self._random.uniform(1, _SLOWEST_BOOT))
+            self._power_on(due_ns, due_ns + round(boot_s * NS_PER_S))
             return []
         return self._expose()
 
@@ -236,4 +239,6 @@ class SensorFirmware:
     def _temperature_c(self, utc_ns: int) -> float:
         cold, warm = self._traits.temperature_c
         powered_s = (utc_ns - self._power_on_ns) / NS_PER_S
-        return warm + (cold - warm) * math.exp(-powered_s / _WARM_UP_S) + float(self._random.normal(0, 0.02))
+        return (
+            warm + (cold - warm) * math.exp(-powered_s / self._traits.warm_up_s) + float(self._random.normal(0, 0.02))
+        )

@@ -78,8 +78,11 @@ class Firmware(_Section):
     resets_s: tuple[float, ...] = ()
     """Seconds after the start at which the sensor restarts by itself."""
     boot_s: Annotated[float, Field(ge=0, le=60)] = 2.0
+    """From power-on to the first exposure."""
     temperature_c: tuple[float, float] = (21.0, 28.0)
     """Detector at power-on, and when it is warm."""
+    warm_up_s: Annotated[float, Field(gt=0, le=36_000)] = 600.0
+    """Time in which the difference falls to a third (1/e)."""
     host_jitter_ms: tuple[float, float] = (0.1, 2.0)
     """How late the host reads a byte."""
 
@@ -92,6 +95,8 @@ class Finding(_Section):
     identified_at_least: Annotated[float, Field(ge=0, le=1)] = 0.0
     identified_at_most: Annotated[float, Field(ge=0, le=1)] = 1.0
     """Shares of the panoramas."""
+    events: tuple[str, ...] = ()
+    """Kinds of events that must be told."""
 
 
 class Scenario(_Section):
@@ -170,9 +175,7 @@ def parse_scenario(text: str, source: str) -> Scenario:
     try:
         return Scenario.model_validate(document)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{source}: {key}: {first['msg'].lower()}, got {first['input']!r:.60}") from error
+        raise ConfigError(f"{source}: {_first_of(error)}") from error
 
 
 def profile_at(profile: _Profile, seconds: float) -> float:
@@ -198,6 +201,13 @@ def _changed(station: Station, changes: dict[str, Any]) -> Station:
         raise ConfigError(
             f"the scenario's change of the station does not work: {key}: {first['msg'].lower()}"
         ) from error
+
+
+def _first_of(error: ValidationError) -> str:
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    reason = first.get("ctx", {}).get("error") or f"{first['msg'].lower()}, got {first['input']!r:.60}"
+    return f"{key}: {reason}"
 
 
 def _merged(document: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,102 @@
+"""Each scenario through sim:// and the station's own loop: the station finds what the scenario says it must."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.link import SerialLink
+from drivers.urlhandlers.protocol_sim import register
+from gse.config import BUILT_IN_TEXT, parse_station
+from gse.equipment import Equipment, prepare
+from gse.errors import ConfigError
+from gse.simulator import device_factory
+from gse.simulator.scenario import load_scenario, parse_scenario, profile_at, scenario_names
+from gse.station import StationLoop
+from gse.verdict import judge
+
+SECONDS_PER_FRAME = {"twilight": 20.0}
+"""Fewer frames than the scenario's own: enough for a verdict. One a second for the others."""
+
+
+@pytest.fixture(scope="module")
+def equipment() -> Equipment:
+    return prepare(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT)
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_the_station_finds_what_the_scenario_says(name: str, equipment: Equipment) -> None:
+    scenario = load_scenario(name)
+    station = parse_station(scenario.station_text())
+    assert station.sensor == equipment.station.sensor
+    register(device_factory(station))
+    loop = StationLoop(replace(equipment, station=station))
+    with SerialLink(f"sim://?scenario={name}&rate_hz={1 / SECONDS_PER_FRAME.get(name, 1.0)}") as link:
+        night = loop.run(link)
+    night.clock_error_s = 0.0
+    judgement = judge(night)
+    share = judgement.statistics.available.value
+    assert judgement.verdict.value == scenario.find.verdict, judgement.reasons
+    for words in scenario.find.reasons:
+        assert any(words in reason for reason in judgement.reasons)
+    assert scenario.find.identified_at_least <= share <= scenario.find.identified_at_most
+    assert set(scenario.find.events) <= {event.kind for event in night.events}
+    assert judgement.statistics.false_answers.count == 0
+    assert night.link.bytes_in == night.link.bytes_framed
+
+
+def test_the_eight_scenarios_come_with_the_station() -> None:
+    assert set(scenario_names()) >= {
+        "clear-zenith",
+        "inclined",
+        "cloudy-night",
+        "moonlit",
+        "twilight",
+        "cold-start",
+        "hot-pixels",
+        "wrong-focal-length",
+    }
+
+
+def test_the_device_may_be_other_than_the_station_file_says() -> None:
+    scenario = load_scenario("wrong-focal-length")
+    station = scenario.station_for(parse_station(BUILT_IN_TEXT))
+    assert station == parse_station(BUILT_IN_TEXT)
+    assert scenario.device_for(station).sensor.focal_length_px == 4211.6
+    assert scenario.device_for(station).sensor.columns == 1024
+
+
+def test_a_scenario_of_ones_own_is_read_from_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("text: mine\nseconds: 3\ndetector: {false_objects: 3}\n")
+    scenario = load_scenario(str(path))
+    assert (scenario.seconds, scenario.detector.false_objects, scenario.rate_hz) == (3, 3, 10)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("text: [", "not YAML"),
+        ("- a", "expected a mapping"),
+        ("seconds: 3", "text"),
+        ("text: a\nsecnods: 3", "secnods"),
+        ("text: a\nseconds: -3", "seconds"),
+        ("text: a\nstart: tomorrow", "2026-03-20T18:30:00Z"),
+        ("text: a\nfind: {verdict: MAYBE}", "find.verdict"),
+    ],
+)
+def test_a_wrong_scenario_is_refused_with_source_key_and_reason(text: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words) as error:
+        parse_scenario(text, "mine.yaml")
+    assert str(error.value).startswith("mine.yaml: ")
+
+
+def test_a_change_that_makes_no_station_is_refused() -> None:
+    scenario = parse_scenario("text: a\nstation: {site: {latitude_deg: 95}}", "mine.yaml")
+    with pytest.raises(ConfigError, match=r"site\.latitude_deg"):
+        scenario.station_for(parse_station(BUILT_IN_TEXT))
+
+
+def test_a_profile_is_linear_between_its_points_and_held_outside() -> None:
+    profile = ((0.0, 1.0), (10.0, 3.0), (10.0, 5.0))
+    assert [profile_at(profile, at) for at in (-5, 0, 5, 10, 11)] == [1, 1, 2, 3, 5]
