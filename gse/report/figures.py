@@ -30,7 +30,7 @@ _STYLE = {
     "figure.constrained_layout.use": True,
     "path.simplify": False,
 }
-_IDS = re.compile(r'(?<=id=")(?=[^"])|(?<=href="#)|(?<=url\(#)')
+_IDS = re.compile(r'(?<=\bid=")[^"]+|(?<=href="#)[^"]+|(?<=url\(#)[^)]+')
 
 
 def svg_of(name: str, height_in: float, draw: Callable[[Figure], None]) -> str:
@@ -41,4 +41,10 @@ def svg_of(name: str, height_in: float, draw: Callable[[Figure], None]) -> str:
         text = io.StringIO()
         figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     svg = text.getvalue()
-    return _IDS.sub(f"{name}-", svg[svg.index("<svg") :])
+    return _renumbered(svg[svg.index("<svg") :], name)
+
+
+def _renumbered(svg: str, name: str) -> str:
+    """The figure with its ids numbered in their order: some of matplotlib's are addresses in memory."""
+    numbers: dict[str, str] = {}
+    return _IDS.sub(lambda found: numbers.setdefault(found[0], f"{name}-{len(numbers)}"), svg)

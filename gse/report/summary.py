@@ -28,6 +28,7 @@ def summarise(night: Night, judgement: Judgement) -> dict[str, Any]:
         "schema": SCHEMA,
         "verdict": judgement.verdict,
         "reasons": judgement.reasons,
+        "findings": judgement.findings,
         "measurements": judgement.measurements,
         "accuracy": figures.axes,
         "identification": _identification(figures),

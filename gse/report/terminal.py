@@ -68,6 +68,7 @@ def facts(report: dict[str, Any]) -> list[str]:
         f"{link['duplicates']} duplicates, {link['reconnects']} reconnects",
         f"truth: may be off by {_amount(budget['ra_arcsec'])} in dRA* and {_amount(budget['de_arcsec'])} in dDE",
     ]
+    lines += [f"note: {finding}" for finding in report["findings"] if finding not in report["reasons"]]
     return [*lines, "the session lost its end"] if link["truncated"] else lines
 
 

@@ -18,6 +18,8 @@ def write_report(night: Night, judgement: Judgement, folder: Path) -> dict[str, 
     All four follow from the night alone: the same session gives the same bytes. An earlier report in the folder is
     replaced.
     """
+    if not folder.is_dir():
+        raise UsageError(f"cannot write the report into {folder}: there is no such folder")
     report = summarise(night, judgement)
     texts = {
         "report.json": json.dumps(report, indent=2, allow_nan=False) + "\n",
