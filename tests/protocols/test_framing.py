@@ -145,6 +145,35 @@ def test_one_byte_more_or_less_costs_one_frame_at_most(protocol: Protocol, at: i
     assert len(frames(decode(protocol, changed))) >= 4
 
 
+def damaged(rng: random.Random, frame: bytes) -> bytes:
+    """A frame with one byte changed, dropped, doubled or inserted, or a burst of noise in it or before it."""
+    at = rng.randrange(len(frame))
+    match rng.choice(["change", "drop", "double", "insert", "burst", "noise"]):
+        case "change":
+            return flip(frame, at, rng.randrange(1, 256))
+        case "drop":
+            return frame[:at] + frame[at + 1 :]
+        case "double":
+            return frame[: at + 1] + frame[at:]
+        case "insert":
+            return frame[:at] + rng.randbytes(1) + frame[at:]
+        case "burst":
+            return frame[:at] + rng.randbytes(20) + frame[at + 20 :]
+    return rng.randbytes(40) + frame
+
+
+@both
+def test_faults_cost_the_frames_that_they_hit_and_nothing_false_is_accepted(protocol: Protocol) -> None:
+    rng = random.Random(7)
+    sent = [panorama(protocol, n, fill=rng.randrange(256)) for n in range(2000)]
+    hit = [rng.random() < 0.1 for _ in sent]
+    stream = b"".join(damaged(rng, frame) if bad else frame for frame, bad in zip(sent, hit, strict=True))
+    found = frames(decode(protocol, *cut(stream, [rng.randrange(len(stream)) for _ in range(500)])))
+    payloads = {frames(decode(protocol, frame))[0].payload for frame in sent}
+    assert {frame.payload for frame in found} <= payloads
+    assert len(sent) - sum(hit) <= len(found) <= len(sent)
+
+
 def test_a_frame_inside_a_broken_frame_is_found() -> None:
     inner = SYNC.encode(Ping(), 9)
     outer = panorama(SYNC, 1)
