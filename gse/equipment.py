@@ -9,6 +9,7 @@ from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config import Station
 from gse.identifier import Identifier, make_identifier
+from gse.identifier.robust import RobustIdentifier
 from gse.instant import NS_PER_DAY
 from protocols import Protocol, load_protocol, parse_protocol
 
@@ -58,7 +59,7 @@ def prepare(
     if utc_ns is not None:
         catalog = catalog.at_epoch(_epoch_jyear(utc_ns))
     identifier = make_identifier(station.identifier, camera, catalog)
-    judge = None
+    judge = None if station.identifier.algorithm == "robust" else RobustIdentifier(camera, catalog)
     equipment = Equipment(station, station_text, protocol, camera, identifier, judge)
     _warm_up(equipment)
     return equipment

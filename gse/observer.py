@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude, solve_attitude
+from gse.attitude import Attitude, paper_mean, solve_attitude
 from gse.camera import Camera
 from gse.comparison import compare
 from gse.config import Mount
 from gse.identifier import Identification, Identifier, Unidentified
+from gse.non_stars import NonStars
 from gse.panorama import MAX_OBJECTS, Panorama
 from gse.results import FrameResult, Judge, Match, Status
 from gse.truth import SiderealTruth
@@ -31,15 +32,17 @@ class Observer:
     """What stands ready for each panorama: camera, identifier under test, judge, and sidereal truth for a mount.
 
     There is no ``truth`` for instants before the Earth orientation table, and no ``mount`` while it is being fitted:
-    then nothing is compared.
+    then nothing is compared. ``paper_mean`` takes the boresight as [S] does, instead of Wahba's.
     """
 
     camera: Camera
     index_max: int
     identifier: Identifier
     judge: Identifier | None
+    non_stars: NonStars
     truth: SiderealTruth | None
     mount: Mount | None
+    paper_mean: bool = False
 
     def observe(self, panorama: Panorama) -> FrameResult:
         """Identify, solve, correct, compare, judge. ``elapsed_us`` is this host's time from objects to RA and DE."""
@@ -70,6 +73,9 @@ class Observer:
             discrepancy=compare(geometric, true) if geometric and true else None,
             attitude_true=true,
             judge=judge,
+            others=self.non_stars.name(
+                panorama, answer.objects, geometric or attitude, truth_known=self.truth is not None
+            ),
         )
 
     def _fault(self, panorama: Panorama) -> str:
@@ -85,11 +91,12 @@ class Observer:
         return ""
 
     def _solve(self, answer: Identification, directions_sensor: NDArray[np.float64]) -> Attitude:
-        return solve_attitude(
-            directions_sensor[answer.objects],
-            self.identifier.catalog.icrs[answer.stars],
-            CENTROID_SIGMA_PX * self.camera.pixel_rad,
-        )
+        return self._attitude(directions_sensor[answer.objects], self.identifier.catalog.icrs[answer.stars])
+
+    def _attitude(self, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64]) -> Attitude:
+        """Wahba's attitude, or the mean about the sensor centre of [S] where the station file says so."""
+        attitude = solve_attitude(directions_sensor, stars_icrs, CENTROID_SIGMA_PX * self.camera.pixel_rad)
+        return paper_mean(attitude, directions_sensor, stars_icrs) if self.paper_mean else attitude
 
     def _geometric(
         self, utc_ns: int, answer: Identification, attitude: Attitude, directions_sensor: NDArray[np.float64]
@@ -98,10 +105,9 @@ class Observer:
         if self.truth is None:
             return None
         zenith_sensor = attitude.icrs_to_sensor @ self.truth.icrs_to_horizon(utc_ns)[2]
-        return solve_attitude(
+        return self._attitude(
             self.truth.unrefracted(directions_sensor[answer.objects], zenith_sensor),
             self.truth.apparent(self.identifier.catalog.icrs[answer.stars], utc_ns),
-            CENTROID_SIGMA_PX * self.camera.pixel_rad,
         )
 
     def _matches(

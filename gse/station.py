@@ -12,6 +12,7 @@ from gse.alignment import FirstSeconds
 from gse.equipment import Equipment, versions
 from gse.errors import TruthError
 from gse.night import Night
+from gse.non_stars import NonStars
 from gse.observer import Observer
 from gse.panorama import Panorama
 from gse.reception import Received, Reception
@@ -64,7 +65,14 @@ class StationLoop:
         self._first_seconds = FirstSeconds(align_s) if align_s is not None else None
         mount = station.mount if align_s is None else None
         self._observer = Observer(
-            equipment.camera, station.sensor.index_max, equipment.identifier, equipment.judge, None, mount
+            camera=equipment.camera,
+            index_max=station.sensor.index_max,
+            identifier=equipment.identifier,
+            judge=equipment.judge,
+            non_stars=NonStars(equipment.camera, station.site, station.sensor.hot_pixels),
+            truth=None,
+            mount=mount,
+            paper_mean=station.identifier.attitude == "paper-mean",
         )
         self._monitor = LinkMonitor(station.port.baudrate)
         self._truth_sought = False
