@@ -66,7 +66,10 @@ def distinct_objects(directions: NDArray[np.float64]) -> NDArray[np.int64]:
     for i in range(len(directions)):
         new = True
         for k in range(count):
-            new = new and ((directions[i] - directions[kept[k]]) ** 2).sum() > _SAME_PLACE_RAD2
+            x = directions[i, 0] - directions[kept[k], 0]
+            y = directions[i, 1] - directions[kept[k], 1]
+            z = directions[i, 2] - directions[kept[k], 2]
+            new = new and x * x + y * y + z * z > _SAME_PLACE_RAD2
         if new:
             kept[count] = i
             count += 1

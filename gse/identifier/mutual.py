@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gse.compiled import compiled
 
 MOST_CANDIDATES = 64
-"""A true star of a mean field has some 25; of more, those most distant from the alpha star are left out."""
+"""A true star of a mean field has some 25; of more, the most distant from the alpha star are left out."""
 
 _ROUNDING_RAD = 1e-6
 """A distance in whole microradians is within this of the exact one: only that near a limit is it worked out."""
@@ -43,16 +43,18 @@ def separations(directions: NDArray[np.float64]) -> Separations:
     cosine, sine = np.empty((len(directions), len(directions))), np.empty((len(directions), len(directions)))
     for i in range(len(directions)):
         for j in range(i, len(directions)):
-            c, s = _cosine_sine(directions[i], directions[j])
+            c, s = _cosine_sine(directions, i, j)
             cosine[i, j] = cosine[j, i] = c
             sine[i, j] = sine[j, i] = s
     return Separations(cosine, sine)
 
 
 @compiled
-def _cosine_sine(a: NDArray[np.float64], b: NDArray[np.float64]) -> tuple[float, float]:
-    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2], math.sqrt(x * x + y * y + z * z)
+def _cosine_sine(vectors: NDArray[np.float64], a: int, b: int) -> tuple[float, float]:
+    ax, ay, az = vectors[a, 0], vectors[a, 1], vectors[a, 2]
+    bx, by, bz = vectors[b, 0], vectors[b, 1], vectors[b, 2]
+    x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return ax * bx + ay * by + az * bz, math.sqrt(x * x + y * y + z * z)
 
 
 @compiled
@@ -62,14 +64,12 @@ def angle_urad(cosine: float, sine: float) -> float:
 
 
 @compiled
-def stars_fit(
-    a: NDArray[np.float64], b: NDArray[np.float64], cosine: float, sine: float, tolerance_urad: float
-) -> bool:
-    """Whether two stars, by the whole microradians between them, fit two objects: |d_stars - d_objects| < tolerance.
+def stars_fit(icrs: NDArray[np.float64], a: int, b: int, cosine: float, sine: float, tolerance_urad: float) -> bool:
+    """Whether stars a and b, by their whole microradians, fit two objects: |d_stars - d_objects| < tolerance.
 
     ``cosine`` and ``sine`` are those of the angle between the objects. The stars' cosine settles all but a few cases.
     """
-    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    dot = icrs[a, 0] * icrs[b, 0] + icrs[a, 1] * icrs[b, 1] + icrs[a, 2] * icrs[b, 2]
     t = 1e-6 * tolerance_urad
     far = cosine * (1.0 - 0.5 * t * t) - sine * t
     near = cosine * (1.0 - 0.5 * t * t) + sine * t
@@ -81,7 +81,7 @@ def stars_fit(
             return False
         if far + margin < dot < near - margin:
             return True
-    whole = np.rint(angle_urad(*_cosine_sine(a, b)))
+    whole = np.rint(angle_urad(*_cosine_sine(icrs, a, b)))
     return bool(abs(whole - angle_urad(cosine, sine)) < tolerance_urad)
 
 
@@ -95,11 +95,7 @@ def agreements(
         for j in range(i):
             p, q = candidates.object[i], candidates.object[j]
             a, b = candidates.star[i], candidates.star[j]
-            if (
-                p != q
-                and a != b
-                and stars_fit(icrs[a], icrs[b], angles.cosine[p, q], angles.sine[p, q], tolerance_urad)
-            ):
+            if p != q and a != b and stars_fit(icrs, a, b, angles.cosine[p, q], angles.sine[p, q], tolerance_urad):
                 agrees[i] |= _ONE << np.uint64(j)
                 agrees[j] |= _ONE << np.uint64(i)
     return agrees
@@ -110,28 +106,31 @@ def largest_group(agrees: NDArray[np.uint64], fewest: int) -> np.uint64:
     """The largest group found of candidates that all agree, as bits; 0 where none has ``fewest`` members.
 
     ``agrees`` (N,) are the bits of those that a candidate agrees with. From each candidate, those with most agreements
-    first, the group grows by the one that keeps most others in play, the first of equals.
+    first, the group grows by the one that keeps most others in play, the first of equals. Whoever cannot be in a group
+    larger than the largest so far is out.
     """
-    alive = _able(agrees, fewest)
-    best, best_size = _NONE, fewest - 1
+    best, size = _NONE, fewest - 1
+    alive = _able(agrees, _all(len(agrees)), size + 1)
     untried = alive
     while untried != _NONE:
-        seed, degree = _most_agreements(agrees, untried, alive)
-        if degree + 1 <= best_size:
-            break
+        seed = _most_agreements(agrees, untried, alive)
         untried &= ~(_ONE << np.uint64(seed))
         group = _grown(agrees, seed, alive)
-        if bits(group) > best_size:
-            best, best_size = group, bits(group)
+        if bits(group) > size:
+            best, size = group, bits(group)
+            alive = _able(agrees, alive, size + 1)
+            untried &= alive
     return best
 
 
 @compiled
-def _able(agrees: NDArray[np.uint64], fewest: int) -> np.uint64:
-    """The candidates that can be in a group of ``fewest``: each agrees with enough others that can."""
-    alive = _NONE
-    for i in range(len(agrees)):
-        alive |= _ONE << np.uint64(i)
+def _all(count: int) -> np.uint64:
+    return ~_NONE >> np.uint64(MOST_CANDIDATES - count) if count else _NONE
+
+
+@compiled
+def _able(agrees: NDArray[np.uint64], alive: np.uint64, fewest: int) -> np.uint64:
+    """Those that can be in a group of ``fewest``: each agrees with enough others that can."""
     before = _NONE
     while alive != before:
         before = alive
@@ -146,22 +145,22 @@ def _grown(agrees: NDArray[np.uint64], seed: int, alive: np.uint64) -> np.uint64
     group = _ONE << np.uint64(seed)
     able = agrees[seed] & alive
     while able != _NONE:
-        member, _ = _most_agreements(agrees, able, able)
+        member = _most_agreements(agrees, able, able)
         group |= _ONE << np.uint64(member)
         able &= agrees[member]
     return group
 
 
 @compiled
-def _most_agreements(agrees: NDArray[np.uint64], among: np.uint64, counted: np.uint64) -> tuple[int, int]:
-    """Of the candidates ``among``, the first of those that agree with most of ``counted``, and with how many."""
+def _most_agreements(agrees: NDArray[np.uint64], among: np.uint64, counted: np.uint64) -> int:
+    """Of the candidates ``among``, the first of those that agree with most of ``counted``."""
     best, most = -1, -1
     for i in range(len(agrees)):
         if among & (_ONE << np.uint64(i)) != _NONE:
             degree = bits(agrees[i] & counted)
             if degree > most:
                 best, most = i, degree
-    return best, most
+    return best
 
 
 @compiled

@@ -32,6 +32,7 @@ from gse.identifier.tables import PairTable, field_diameter_rad, pair_table, tol
 _VOTERS = 10
 _STARS_TRIED = 16
 _FEWEST_VOTES = 2
+_BIN_URAD = 128
 
 
 class Limits(NamedTuple):
@@ -40,6 +41,18 @@ class Limits(NamedTuple):
     tolerance_urad: float
     min_fit: int
     alphas: int
+
+
+class Alpha(NamedTuple):
+    """The other objects as seen from an alpha star: rows and distances in microradians, nearest first.
+
+    A neighbour whose distance falls into bin b can only be one of the objects ``begin[b]`` to ``end[b]``.
+    """
+
+    others: NDArray[np.int64]
+    distances: NDArray[np.float64]
+    begin: NDArray[np.int8]
+    end: NDArray[np.int8]
 
 
 class NeighbourIdentifier:
@@ -85,9 +98,9 @@ def first_fit(
     room = Candidates(np.empty(MOST_CANDIDATES, np.int64), np.empty(MOST_CANDIDATES, np.int64))
     tried = min(limits.alphas, len(directions))
     for alpha in range(tried):
-        others, distances = _from_alpha(alpha, angles.cosine, angles.sine)
+        seen = _seen_from(alpha, angles.cosine, angles.sine, limits.tolerance_urad)
         for star in range(len(icrs)):
-            fit, count = _level_1(star, others, distances, table, limits, room)
+            fit, count = _level_1(star, seen, table, limits, room)
             if fit < limits.min_fit:
                 continue
             group = largest_group(agreements(room, count, icrs, angles, limits.tolerance_urad), limits.min_fit)
@@ -105,10 +118,10 @@ def best_vote(
     room = Candidates(np.empty(MOST_CANDIDATES, np.int64), np.empty(MOST_CANDIDATES, np.int64))
     tried = min(limits.alphas, len(directions))
     for alpha in range(tried):
-        others, distances = _from_alpha(alpha, angles.cosine, angles.sine)
+        seen = _seen_from(alpha, angles.cosine, angles.sine, limits.tolerance_urad)
         objects, stars = np.empty(0, np.int64), np.empty(0, np.int64)
-        for star in _most_voted(distances[:_VOTERS], table, limits.tolerance_urad):
-            fit, count = _level_1(star, others, distances, table, limits, room)
+        for star in _most_voted(seen.distances[:_VOTERS], table, limits.tolerance_urad):
+            fit, count = _level_1(star, seen, table, limits, room)
             better = max(limits.min_fit, len(objects))
             if fit < better:
                 continue
@@ -121,10 +134,8 @@ def best_vote(
 
 
 @compiled
-def _from_alpha(
-    alpha: int, cosine: NDArray[np.float64], sine: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The other objects and their distances in microradians from the alpha star, nearest first."""
+def _seen_from(alpha: int, cosine: NDArray[np.float64], sine: NDArray[np.float64], tolerance_urad: float) -> Alpha:
+    """The panorama as seen from an alpha star."""
     distances = np.empty(len(cosine) - 1)
     others = np.empty(len(cosine) - 1, np.int64)
     for i in range(len(distances)):
@@ -135,36 +146,38 @@ def _from_alpha(
             distances[place], others[place] = distances[place - 1], others[place - 1]
             place -= 1
         distances[place], others[place] = distance, other
-    return others, distances
+    return _binned(others, distances, tolerance_urad)
 
 
 @compiled
-def _level_1(
-    star: int,
-    others: NDArray[np.int64],
-    distances: NDArray[np.float64],
-    table: PairTable,
-    limits: Limits,
-    room: Candidates,
-) -> tuple[int, int]:
-    """Fn of a catalogue star, and how many candidates (object, neighbour) were put into ``room``.
+def _binned(others: NDArray[np.int64], distances: NDArray[np.float64], tolerance_urad: float) -> Alpha:
+    last = 0 if len(distances) == 0 else int(distances[-1] + tolerance_urad) // _BIN_URAD
+    begin, end = np.zeros(last + 1, np.int8), np.zeros(last + 1, np.int8)
+    for i in range(len(distances)):
+        low = max(int(distances[i] - tolerance_urad), 0) // _BIN_URAD
+        for place in range(low, int(distances[i] + tolerance_urad) // _BIN_URAD + 1):
+            if end[place] == 0:
+                begin[place] = i
+            end[place] = i + 1
+    return Alpha(others, distances, begin, end)
 
-    Objects and neighbours both come nearest first, so one pass over each is enough.
-    """
-    low, end = table.first[star], table.first[star + 1]
-    counted = low
+
+@compiled
+def _level_1(star: int, alpha: Alpha, table: PairTable, limits: Limits, room: Candidates) -> tuple[int, int]:
+    """Fn of a catalogue star, and how many candidates (object, neighbour) were put into ``room``, nearest first."""
     fit = count = 0
-    for i in range(len(others)):
-        while low < end and table.neighbour_urad[low] <= distances[i] - limits.tolerance_urad:
-            low += 1
-        k = low
-        while k < end and table.neighbour_urad[k] < distances[i] + limits.tolerance_urad:
-            if k >= counted:
-                fit, counted = fit + 1, k + 1
-            if count < MOST_CANDIDATES:
-                room.object[count], room.star[count] = others[i], table.neighbour[k]
-                count += 1
-            k += 1
+    for k in range(table.first[star], table.first[star + 1]):
+        place = table.neighbour_urad[k] // _BIN_URAD
+        if place >= len(alpha.end):
+            break
+        fits = 0
+        for i in range(alpha.begin[place], alpha.end[place]):
+            if abs(table.neighbour_urad[k] - alpha.distances[i]) < limits.tolerance_urad:
+                fits = 1
+                if count < MOST_CANDIDATES:
+                    room.object[count], room.star[count] = alpha.others[i], table.neighbour[k]
+                    count += 1
+        fit += fits
     return fit, count
 
 

@@ -139,7 +139,7 @@ def _concurrence(group: Group, objects: Objects, sky: PivotSky, gates: Gates) ->
 @compiled
 def _pair_fits(p: int, a: int, q: int, b: int, objects: Objects, sky: PivotSky, gates: Gates) -> bool:
     """Whether objects p and q are as far apart as stars a and b."""
-    return stars_fit(sky.icrs[a], sky.icrs[b], objects.cosine[p, q], objects.sine[p, q], gates.tolerance_urad)
+    return stars_fit(sky.icrs, a, b, objects.cosine[p, q], objects.sine[p, q], gates.tolerance_urad)
 
 
 @compiled

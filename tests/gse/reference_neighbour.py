@@ -70,8 +70,8 @@ class ReferenceNeighbour:
         """Fn (eq 2-5), and which object may be which neighbour."""
         candidates = [
             (k, neighbour)
-            for distance, k in distances
             for listed, neighbour in self.table[star]
+            for distance, k in distances
             if abs(listed - distance) < self.tolerance_urad
         ]
         return len({neighbour for _, neighbour in candidates}), candidates[:MOST_CANDIDATES]
@@ -79,12 +79,10 @@ class ReferenceNeighbour:
     def level_2(self, objects, candidates, fewest):
         """The largest group, of ``fewest`` or more, whose members fit each other pairwise (Fn2, eq 2-6)."""
         agrees = {c: [other for other in candidates if self.agree(objects, c, other)] for c in candidates}
-        able, before = candidates, None
-        while able != before:
-            before = able
-            able = [c for c in able if sum(other in able for other in agrees[c]) + 1 >= fewest]
-        best = []
-        for seed in sorted(able, key=lambda c: -sum(other in able for other in agrees[c])):
+        best, able, tried = [], self.able(agrees, candidates, fewest), []
+        while untried := [c for c in able if c not in tried]:
+            seed = max(untried, key=lambda c: sum(other in able for other in agrees[c]))
+            tried.append(seed)
             group, open_ = [seed], [c for c in able if c in agrees[seed]]
             while open_:
                 member = max(open_, key=lambda c: sum(other in open_ for other in agrees[c]))
@@ -92,7 +90,16 @@ class ReferenceNeighbour:
                 open_ = [c for c in open_ if c in agrees[member]]
             if len(group) > max(len(best), fewest - 1):
                 best = group
+                able = self.able(agrees, able, len(best) + 1)
         return dict(best)
+
+    def able(self, agrees, candidates, fewest):
+        """Those that can be in a group of ``fewest``: each agrees with enough others that can."""
+        able, before = candidates, None
+        while able != before:
+            before = able
+            able = [c for c in able if sum(other in able for other in agrees[c]) + 1 >= fewest]
+        return able
 
     def agree(self, objects, one, other):
         (p, a), (q, b) = one, other
