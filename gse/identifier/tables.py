@@ -73,13 +73,18 @@ def pair_table(catalog: StarCatalog, widest_rad: float, cache: Path | None = Non
     ``cache`` defaults to the user's cache directory. A damaged file there is replaced, and without a writable
     directory the table is made anew each time.
     """
-    folder = Path(user_cache_dir("gse")) if cache is None else cache
-    path = folder / f"pairs-{_key(catalog, widest_rad)}.npz"
+    path = cache_path(catalog, widest_rad, cache)
     table = _read(path, len(catalog))
     if table is None:
         table = build_pair_table(catalog, widest_rad)
         _write(path, table)
     return table
+
+
+def cache_path(catalog: StarCatalog, widest_rad: float, cache: Path | None = None) -> Path:
+    """Where the table of these stars is kept."""
+    folder = Path(user_cache_dir("gse")) if cache is None else cache
+    return folder / f"pairs-{_key(catalog, widest_rad)}.npz"
 
 
 def build_pair_table(catalog: StarCatalog, widest_rad: float) -> PairTable:

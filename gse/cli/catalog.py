@@ -1,0 +1,110 @@
+"""``gse catalog``: the star catalogue in use."""
+
+import json
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from gse.camera import Camera
+from gse.cli.options import json_option, station_of, station_option
+from gse.config import Station
+
+if TYPE_CHECKING:
+    from gse.catalog import StarCatalog
+
+Facts = dict[str, Any]
+Result = TypeVar("Result")
+
+
+@click.group("catalog")
+def command() -> None:
+    """Star catalogues."""
+
+
+@command.command()
+@station_option
+@json_option
+def info(station_path: Path | None, as_json: bool) -> None:
+    """Say which stars a station works with: source, epoch, counts, tables, build time, credit and licence."""
+    station, _ = station_of(station_path)
+    sections = _sections(station)
+    if as_json:
+        click.echo(json.dumps({"schema": "gse.catalog/1", **sections}))
+        return
+    for section, facts in sections.items():
+        click.echo(section)
+        for name, value in (facts or {"none": "the identifier makes its own tables"}).items():
+            click.echo(f"  {name:<22} {_text(value)}")
+
+
+def _sections(station: Station) -> dict[str, Facts | None]:
+    from gse.catalog import load_catalog
+    from gse.catalog.credits import credit_of
+
+    source, load_s = _timed(lambda: load_catalog(station.catalog))
+    credit = credit_of(source.designation)
+    return {
+        "source": {
+            "name": source.source,
+            "catalog": station.catalog,
+            "epoch_jyear": source.epoch_jyear,
+            "proper_motions": source.motion_rad_yr is not None,
+            "stars": len(source),
+            "brightest_magnitude": round(float(source.magnitude[0]), 2),
+            "faintest_magnitude": round(float(source.magnitude[-1]), 2),
+            "load_s": load_s,
+            "credit": credit.text,
+            "licence": credit.licence,
+        },
+        **_mission(station, source),
+    }
+
+
+def _mission(station: Station, source: "StarCatalog") -> dict[str, Facts | None]:
+    from gse.identifier import make_identifier
+
+    camera = station.sensor.camera()
+    identifier, ready_s = _timed(lambda: make_identifier(station.identifier, camera, source))
+    stars = identifier.catalog
+    mission = {
+        "identifier": identifier.name,
+        "catalog_stars": station.identifier.catalog_stars,
+        "stars": len(stars),
+        "faintest_magnitude": round(float(stars.magnitude[-1]), 2),
+        "stars_per_mean_field": round(len(stars) * camera.solid_angle_sr / (4 * math.pi), 1),
+        "ready_s": ready_s,
+    }
+    return {"mission_catalog": mission, "pair_table": None if identifier.name == "robust" else _pairs(camera, stars)}
+
+
+def _pairs(camera: Camera, stars: "StarCatalog") -> Facts:
+    from gse.identifier.tables import build_pair_table, cache_path, field_diameter_rad
+
+    widest_rad = field_diameter_rad(camera)
+    table, build_s = _timed(lambda: build_pair_table(stars, widest_rad))
+    path = cache_path(stars, widest_rad)
+    return {
+        "pairs": len(table.distance_urad),
+        "widest_deg": round(math.degrees(widest_rad), 2),
+        "unit": "whole microradians",
+        "bytes": sum(column.nbytes for column in table),
+        "build_s": build_s,
+        "cache": str(path),
+        "cached": path.exists(),
+    }
+
+
+def _timed(action: Callable[[], Result]) -> tuple[Result, float]:
+    start = time.perf_counter()
+    result = action()
+    return result, round(time.perf_counter() - start, 3)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return str(value)
