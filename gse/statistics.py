@@ -73,6 +73,7 @@ class Statistics:
     """
 
     frames: int
+    duration_s: float
     frames_expected: int
     statuses: dict[str, int]
     judged: dict[str, int]
@@ -106,6 +107,7 @@ def statistics(night: Night) -> Statistics:
     n_answered, n_false = int(answered.sum()), int(false.sum())
     return Statistics(
         frames=len(frames),
+        duration_s=float(np.ptp(frames["utc_ns"])) / 1e9 if len(frames) else 0.0,
         frames_expected=expected,
         statuses={status.value: int((kept["status"] == place).sum()) for place, status in enumerate(STATUSES)},
         judged={judge.value: int((kept["judge"] == place).sum()) for place, judge in enumerate(JUDGES)},

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 from gse.axis_figures import AxisFigures
+from gse.diagnosis import findings
 from gse.night import Night
 from gse.results import Verdict
 from gse.statistics import Statistics, statistics
@@ -35,13 +36,14 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """The verdict, one line per reason where it is not PASS, and all that it was made from."""
+    """The verdict, one line per reason where it is not PASS, what it was made from, and what the errors look like."""
 
     verdict: Verdict
     reasons: tuple[str, ...]
     measurements: tuple[Measurement, ...]
     statistics: Statistics
     budget: TruthBudget
+    findings: tuple[str, ...] = ()
 
 
 def judge(night: Night) -> Judgement:
@@ -59,10 +61,11 @@ def judge(night: Night) -> Judgement:
     worst = (Verdict.FAIL, Verdict.INCONCLUSIVE)
     verdict = next((outcome for outcome in worst if outcome in outcomes), Verdict.PASS)
     reasons = [reason for measurement, reason in measured if reason and measurement.outcome is not Verdict.PASS]
-    reasons += _complaints(night, budget) if verdict is not Verdict.PASS else []
-    return Judgement(
-        verdict, tuple(dict.fromkeys(reasons)), tuple(measurement for measurement, _ in measured), figures, budget
-    )
+    found = findings(night, figures)
+    if verdict is not Verdict.PASS:
+        reasons += [*_complaints(night, budget), *found]
+    measurements = tuple(measurement for measurement, _ in measured)
+    return Judgement(verdict, tuple(dict.fromkeys(reasons)), measurements, figures, budget, found)
 
 
 def _facts(night: Night, figures: Statistics) -> NightFacts:
