@@ -52,7 +52,7 @@ def command(
 
     measured = MeasuredMounts()
     replay = replay_session(
-        path, cut=Cut(from_utc=from_utc, to_utc=to_utc), station=change, make_sinks=lambda loop: [measured]
+        path, cut=Cut(from_utc=from_utc, to_utc=to_utc), station=change, make_sinks=lambda loop, folder: [measured]
     )
     judged = cross_judged(measured)
     if write_path is not None:

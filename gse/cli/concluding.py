@@ -25,14 +25,19 @@ def conclude(night: Night, folder: Path, own_elapsed_us: list[float], clock_erro
     return report
 
 
-def show_report(report: dict[str, Any], folder: Path, *, as_json: bool) -> None:
-    """The verdict on the terminal, or the whole report as JSON on stdout; paths go to stderr."""
+def show_report(report: dict[str, Any], folder: Path, *, as_json: bool, json_frames: bool) -> None:
+    """The verdict on stdout, or the whole report as JSON; beside a stream of frames the verdict goes to stderr.
+
+    Paths go to stderr, always.
+    """
+    from rich.console import Console
+
     from gse.report.terminal import print_verdict
 
     if as_json:
         click.echo(json.dumps(report))
     else:
-        print_verdict(report)
+        print_verdict(report, Console(stderr=True) if json_frames else None)
     for name in ("session.mcap", "report.html"):
         if (folder / name).exists():
             click.echo(f"{'session' if name == 'session.mcap' else 'report'}: {folder / name}", err=True)

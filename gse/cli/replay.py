@@ -77,5 +77,5 @@ def command(
         folder = new_session_folder(out, f"{replay.night.station.sensor.name}-replay", first_ns)
         report = conclude(replay.night, folder, replay.own_elapsed_us, clock_error)
         watching.conclude(report)
-    show_report(report, folder, as_json=as_json)
+    show_report(report, folder, as_json=as_json, json_frames=json_frames)
     ctx.exit(exit_code(report, data_lost=replay.night.truncated))

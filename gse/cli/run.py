@@ -85,7 +85,7 @@ def command(
         )
         report = conclude(session.night, session.folder, session.own_elapsed_us, clock_error)
         watching.conclude(report)
-    show_report(report, session.folder, as_json=as_json)
+    show_report(report, session.folder, as_json=as_json, json_frames=json_frames)
     if session.lost_bytes:
         click.echo(f"gse: {session.lost_bytes} bytes were received but could not be recorded", err=True)
     ctx.exit(EXIT_INTERRUPTED if stopped() else exit_code(report, data_lost=session.lost_bytes > 0))
