@@ -275,6 +275,24 @@ def test_garbage_without_end_is_given_back_in_bounded_pieces(protocol: Protocol)
     assert len(found) == -(-50_000 // MAX_DISCARD_BYTES)
 
 
+@both
+def test_garbage_after_a_broken_frame_is_no_sync_beyond_the_first_piece(protocol: Protocol) -> None:
+    stream = flip(panorama(protocol, 1), 60, 0x10) + b"\x55" * 10_000
+    whole, in_pieces = decode(protocol, stream), decode(protocol, *cut(stream, range(0, len(stream), 100)))
+    assert whole == in_pieces
+    assert reasons(whole)[0] == "bad crc"
+    assert set(reasons(whole)[1:]) == {"no sync"}
+
+
+def test_idle_slip_ends_before_garbage_belong_to_it() -> None:
+    found = decode(SLIP, b"\xc0" * 3 + b"\x55" * 1000)
+    assert [(item.start, len(item.data)) for item in found if isinstance(item, Discard)] == [(0, 1003)]
+
+
+def test_a_truncated_frame_that_ends_like_a_sync_word_begins_is_one_discard() -> None:
+    assert reasons(decode(SYNC, panorama(SYNC, 1)[:100] + b"\x1a\xcf")) == ["truncated"]
+
+
 def test_the_worst_garbage_costs_no_more_than_a_checksum_per_sync_word() -> None:
     header = b"\x1a\xcf\xfc\x1d\x01\x00\x00\xca\x00\x00"
     found = decode(SYNC, header * 2000)
