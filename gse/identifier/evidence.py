@@ -1,0 +1,171 @@
+"""Evidence for an attitude against chance: how much better it explains a panorama than random objects would.
+
+The Bayes factor of "this attitude" against "all objects are random": under chance, objects are uniform over the field
+and their brightness has nothing to do with their place. The factor is averaged over what is not known (direction of
+the boresight over the whole sky, roll, noise, how deep the sensor sees, how many stars it misses and objects it makes
+up), so its mean over random panoramas is at most 1, and by Markov's inequality a random panorama reaches a factor of x
+with a probability of at most 1 / x. ``chance`` is 1 / factor: a calibrated bound without a count of hypotheses tried;
+the search over the sky is paid by the volume of the attitude's covariance in the volume of all rotations, 8 pi^2.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.compiled import compiled
+
+_MAGNITUDE_SIGMA = 0.5
+"""Brightness is used weakly: colours, extinction and peak pixels make errors of this size."""
+
+_MAGNITUDE_FLOOR = 0.05
+"""Likelihood, relative to the best, of any brightness at all: variable stars, clouds, saturation."""
+
+_SEEN = (0.97, 0.80)
+"""Shares of the stars brighter than the panorama's limit that are seen: on a clean sky, on a bad one."""
+
+_LIMIT_WIDTH = 0.25
+"""The limit is blurred by errors of brightness: magnitudes in the logistic curve about it."""
+
+_SIGMA_FACTOR = 1.7
+
+_SIGMA_STEPS = 6
+"""Noise is averaged over 6 values from the smallest, 14 times apart."""
+
+
+@compiled
+def log_evidence(
+    matched: int,
+    squares: float,
+    covariance: NDArray[np.float64],
+    sigma: float,
+    scale_and_prior: tuple[float, float],
+    smallest_sigma: float,
+    area: float,
+) -> float:
+    """Natural logarithm of the geometric part of the Bayes factor.
+
+    Laplace's approximation around the fit: ``squares`` is the sum of squared residuals, ``covariance`` (4, 4) that of
+    rotation vector and scale at noise ``sigma``; ``area`` is the field's on the tangent plane.
+    """
+    scale, scale_sigma = scale_and_prior
+    volume = 0.5 * _log_determinant(covariance) + 2.0 * math.log(2.0 * math.pi) - math.log(8.0 * math.pi**2)
+    volume -= 0.5 * math.log(2.0 * math.pi) + math.log(scale_sigma) + 0.5 * ((scale - 1.0) / scale_sigma) ** 2
+    best = -np.inf
+    value = smallest_sigma
+    for _ in range(_SIGMA_STEPS):
+        # Three angles shrink with the noise, the scale too unless its prior holds it: the smaller volume is taken.
+        shrink = math.log(value / sigma)
+        shrink *= 4.0 if shrink < 0.0 else 3.0
+        fit = matched * math.log(area / (2.0 * math.pi * value * value)) - squares / (2.0 * value * value)
+        best = max(best, fit + volume + shrink)
+        value *= _SIGMA_FACTOR
+    return best - math.log(_SIGMA_STEPS)
+
+
+@compiled
+def _log_determinant(symmetric: NDArray[np.float64]) -> float:
+    """Of a positive definite matrix (4, 4)."""
+    a = symmetric.copy()
+    total = 0.0
+    for j in range(4):
+        total += math.log(max(a[j, j], 1e-300))
+        for i in range(j + 1, 4):
+            factor = a[i, j] / a[j, j]
+            for k in range(j + 1, 4):
+                a[i, k] -= factor * a[j, k]
+    return total
+
+
+@compiled
+def log_labels(
+    star_magnitude: NDArray[np.float64],
+    object_of: NDArray[np.int64],
+    magnitude: NDArray[np.float64],
+    brightest: float,
+) -> float:
+    """Logarithm of the probability that just these objects belong to the matched stars.
+
+    Stars are taken in their order of brightness, and each picks its object among those left with a probability that
+    falls with the error of brightness: in a field where brightness says nothing that is 1 / n, 1 / (n - 1), ...
+    ``object_of`` (F,) is the object of each star of the field or -1, ``magnitude`` (N,) that of the objects on the
+    sensor's scale, ``brightest`` the one of saturated objects.
+    """
+    n = len(magnitude)
+    errors = np.empty(n)
+    matched = 0
+    for f in range(len(object_of)):
+        if object_of[f] >= 0:
+            value = magnitude[object_of[f]] - star_magnitude[f]
+            k = matched
+            while k > 0 and errors[k - 1] > value:
+                errors[k] = errors[k - 1]
+                k -= 1
+            errors[k] = value
+            matched += 1
+    zero = 0.5 * (errors[matched // 2] + errors[(matched - 1) // 2])
+    free = np.ones(n, dtype=np.bool_)
+    total = 0.0
+    for f in range(len(object_of)):
+        if object_of[f] < 0:
+            continue
+        likelihoods, own = 0.0, 0.0
+        for i in range(n):
+            if free[i]:
+                error = magnitude[i] - star_magnitude[f] - zero
+                if magnitude[i] == brightest and error > 0.0:
+                    error = 0.0
+                value = 1.0 / (1.0 + 0.25 * (error / _MAGNITUDE_SIGMA) ** 2) ** 2 + _MAGNITUDE_FLOOR
+                likelihoods += value
+                if i == object_of[f]:
+                    own = value
+        total += math.log(own / likelihoods)
+        free[object_of[f]] = False
+    return total
+
+
+@compiled
+def log_completeness(star_magnitude: NDArray[np.float64], object_of: NDArray[np.int64], objects: int) -> float:
+    """Logarithm of the probability that the sensor sees just these stars of the field, and makes up the other objects.
+
+    ``object_of`` (F,) tells of the stars of the field, brightest first, which object each is, or -1. The number of
+    stars among the objects is as likely any as another, but all of them stars is likeliest; given the number, stars are
+    mostly seen down to the magnitude that lets one expect this number, and mostly not beyond.
+    """
+    matched = 0
+    for f in range(len(object_of)):
+        matched += object_of[f] >= 0
+    best = -np.inf
+    for sky in range(len(_SEEN)):
+        limit = _limit_for(star_magnitude, matched, _SEEN[sky])
+        value, variance = 0.0, 0.0
+        for f in range(len(object_of)):
+            seen = _share_seen(limit - star_magnitude[f], _SEEN[sky])
+            value += math.log(seen if object_of[f] >= 0 else 1.0 - seen)
+            variance += seen * (1.0 - seen)
+        best = max(best, value + 0.5 * math.log(1.0 + 2.0 * math.pi * variance))
+    share = 0.25 + 0.75 / (objects + 1.0) if matched == objects else 0.75 / (objects + 1.0)
+    return float(best + math.log(share / len(_SEEN)))
+
+
+@compiled
+def _share_seen(above_limit: float, share: float) -> float:
+    """How probably a star is seen that is brighter than the limit by so many magnitudes."""
+    x = above_limit / _LIMIT_WIDTH
+    return 0.02 + (share - 0.02) * 0.5 * (1.0 + x / math.sqrt(1.0 + x * x))
+
+
+@compiled
+def _limit_for(star_magnitude: NDArray[np.float64], stars: int, share: float) -> float:
+    """The limiting magnitude at which as many stars of the field are expected to be seen."""
+    low, high = star_magnitude[0] - 4.0, star_magnitude[-1] + 4.0
+    for _ in range(10):
+        middle = 0.5 * (low + high)
+        expected = 0.0
+        for f in range(len(star_magnitude)):
+            expected += _share_seen(middle - star_magnitude[f], share)
+        if expected < stars:
+            low = middle
+        else:
+            high = middle
+    return float(0.5 * (low + high))

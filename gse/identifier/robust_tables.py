@@ -1,0 +1,189 @@
+"""Tables of the robust identifier: star pairs by distance, with their directions, and stars by sky cell.
+
+Rows of the tables are stars brightest first, doubles already merged to what the sensor sees of them.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from gse.catalog import StarCatalog
+from gse.compiled import compiled
+
+MAX_FIELD_STARS = 96
+"""No more of the brightest catalogue stars in a field are looked at: a panorama has 30 objects."""
+
+_PAIR_STARS_PER_FIELD = 36.0
+"""Mean number of stars in a field that pairs are made of: a panorama's 30 objects and some that it missed."""
+
+_MAX_PAIR_STARS = 65_000
+"""Rows of pair stars fit 16 bits."""
+
+_MAX_PAIRS = 1_500_000
+"""12 MB of pairs; the longest distances are given up first."""
+
+_BUCKETS = 4096
+
+_NEAR_CELLS = 573.0
+"""Cells of the map of stars per unit of length: 0.1 deg."""
+
+_NEAR_RAD = math.radians(200 / 3600)
+"""A star is near within this: what the attitude of two stars errs by over the field."""
+
+_NEAR_BITS = 1 << 22
+"""Half a megabyte, which fits the second-level cache."""
+
+_TURN = 65_536
+"""Position angles are kept in 1/65,536 turn (20 arcsec)."""
+
+
+class SkyTables(NamedTuple):
+    """What the compiled search reads.
+
+    ``icrs`` (S, 3) and ``magnitude`` (S,) of the stars. ``pairs`` (P, 4) uint16 of the first ``pair_stars``: rows of
+    the brighter and the dimmer star, position angle of the dimmer at the brighter and of the brighter at the dimmer in
+    1/65,536 turn; those of distance bucket b (of ``bucket_rad``) are ``pair_start[b]`` to ``pair_start[b + 1]``,
+    sorted by their dimmer star. Cell c of ring r (of ``ring_rad``) holds the stars
+    ``cell_stars[cell_start[c] : cell_start[c + 1]]`` that a field with its centre in the cell can contain, brightest
+    first; ring r has its first cell at ``ring_start[r]``. ``near_star`` maps the sky (see ``near_bit``): a bit is
+    set where one of the pair stars is near.
+    """
+
+    icrs: NDArray[np.float64]
+    magnitude: NDArray[np.float64]
+    pairs: NDArray[np.uint16]
+    pair_start: NDArray[np.int32]
+    ring_start: NDArray[np.int32]
+    cell_start: NDArray[np.int32]
+    cell_stars: NDArray[np.int32]
+    near_star: NDArray[np.uint8]
+    pair_stars: int
+    bucket_rad: float
+    ring_rad: float
+
+
+def merge_doubles(
+    catalog: StarCatalog, stars: int, separation_rad: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """The brightest ``stars`` of a catalogue as a sensor sees them: unit vectors, magnitudes, and catalogue rows.
+
+    Stars closer than ``separation_rad`` to a brighter one give it their light and move it to the centre of light.
+    """
+    icrs, magnitude = catalog.icrs[:stars].copy(), catalog.magnitude[:stars].astype(np.float64)
+    flux = 10 ** (-0.4 * magnitude)
+    brighter_of = np.arange(len(icrs))
+    pairs = cKDTree(icrs).query_pairs(separation_rad, output_type="ndarray")
+    pairs.sort(axis=1)
+    for bright, dim in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]:
+        if brighter_of[bright] == bright and brighter_of[dim] == dim:
+            brighter_of[dim] = bright
+    light = np.zeros((len(icrs), 4))
+    np.add.at(light, brighter_of, np.column_stack([icrs * flux[:, None], flux]))
+    rows = np.flatnonzero(brighter_of == np.arange(len(icrs)))
+    merged_magnitude = -2.5 * np.log10(light[rows, 3])
+    rows = rows[np.argsort(merged_magnitude, kind="stable")]
+    centre = light[rows, :3]
+    return centre / np.linalg.norm(centre, axis=1)[:, None], -2.5 * np.log10(light[rows, 3]), rows
+
+
+def build_tables(
+    icrs: NDArray[np.float64], magnitude: NDArray[np.float64], radius_rad: float, solid_angle_sr: float
+) -> SkyTables:
+    """The tables for fields of this radius and solid angle, of stars brightest first."""
+    pairs, pair_start, bucket_rad = _pair_table(icrs, 2 * radius_rad, solid_angle_sr)
+    return SkyTables(
+        icrs,
+        magnitude,
+        pairs,
+        pair_start,
+        *_cells(icrs, radius_rad),
+        near_map(icrs[: _pair_stars(len(icrs), solid_angle_sr)]),
+        _pair_stars(len(icrs), solid_angle_sr),
+        bucket_rad,
+        radius_rad / 3,
+    )
+
+
+@compiled
+def near_bit(x: float, y: float, z: float) -> int:
+    """The bit of a direction: a cell of 0.1 deg of the cube around the sphere, hashed into the map."""
+    i = np.int64((x + 2.0) * _NEAR_CELLS)
+    j = np.int64((y + 2.0) * _NEAR_CELLS)
+    k = np.int64((z + 2.0) * _NEAR_CELLS)
+    return int((i * 73_856_093 ^ j * 19_349_663 ^ k * 83_492_791) & (_NEAR_BITS - 1))
+
+
+@compiled
+def near_map(icrs: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """The map with the bits of all cells set that come within 200 arcsec or so of a star (N, 3)."""
+    bits = np.zeros(_NEAR_BITS // 8, dtype=np.uint8)
+    for row in range(len(icrs)):
+        for i in range(-1, 2):
+            for j in range(-1, 2):
+                for k in range(-1, 2):
+                    bit = near_bit(
+                        icrs[row, 0] + i * _NEAR_RAD, icrs[row, 1] + j * _NEAR_RAD, icrs[row, 2] + k * _NEAR_RAD
+                    )
+                    bits[bit >> 3] |= np.uint8(1 << (bit & 7))
+    return bits
+
+
+def _pair_stars(stars: int, solid_angle_sr: float) -> int:
+    return min(stars, _MAX_PAIR_STARS, round(_PAIR_STARS_PER_FIELD * 4 * math.pi / solid_angle_sr))
+
+
+def _pair_table(
+    icrs: NDArray[np.float64], diameter_rad: float, solid_angle_sr: float
+) -> tuple[NDArray[np.uint16], NDArray[np.int32], float]:
+    count = _pair_stars(len(icrs), solid_angle_sr)
+    stars = np.ascontiguousarray(icrs[:count])
+    mean_pairs = count**2 / 4
+    reach = min(diameter_rad, math.acos(max(-1.0, 1 - _MAX_PAIRS / max(mean_pairs, 1.0))))
+    found = cKDTree(stars).query_pairs(2 * math.sin(reach / 2), output_type="ndarray")
+    found.sort(axis=1)
+    first, second = stars[found[:, 0]], stars[found[:, 1]]
+    distance = 2 * np.arcsin(np.minimum(np.linalg.norm(first - second, axis=1) / 2, 1.0))
+    bucket_rad = reach / _BUCKETS
+    bucket = np.minimum((distance / bucket_rad).astype(np.int64), _BUCKETS - 1)
+    order = np.lexsort((found[:, 1], bucket))
+    pairs = np.column_stack([found, _turn(first, second), _turn(second, first)])[order].astype(np.uint16)
+    start = np.zeros(_BUCKETS + 1, dtype=np.int32)
+    np.cumsum(np.bincount(bucket, minlength=_BUCKETS), out=start[1:])
+    return pairs, start, bucket_rad
+
+
+def _turn(at: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Position angle of stars (N, 3) seen from others (N, 3), east through north, in 1/65,536 turn."""
+    east = np.column_stack([-at[:, 1], at[:, 0], np.zeros(len(at))])
+    east[np.hypot(at[:, 0], at[:, 1]) < 1e-9] = (0.0, 1.0, 0.0)
+    east /= np.linalg.norm(east, axis=1)[:, None]
+    north = np.cross(at, east)
+    angle = np.arctan2((north * towards).sum(axis=1), (east * towards).sum(axis=1))
+    turns: NDArray[np.int64] = np.round(angle * (_TURN / (2 * math.pi))).astype(np.int64) % _TURN
+    return turns
+
+
+def _cells(
+    icrs: NDArray[np.float64], radius_rad: float
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+    """Rings of declination cut into cells of about a third of the field's radius, and the stars around each."""
+    height = radius_rad / 3
+    rings = math.ceil(math.pi / height)
+    middle = (np.arange(rings) + 0.5) * height
+    per_ring = np.maximum(1, np.ceil(2 * math.pi * np.sin(np.minimum(middle, math.pi)) / height)).astype(np.int64)
+    ring_start = np.concatenate([[0], np.cumsum(per_ring)]).astype(np.int32)
+    ring = np.repeat(np.arange(rings), per_ring)
+    ra = (np.arange(ring_start[-1]) - ring_start[ring] + 0.5) * 2 * math.pi / per_ring[ring]
+    colatitude = middle[ring]
+    sine = np.sin(colatitude)
+    centres = np.column_stack([sine * np.cos(ra), sine * np.sin(ra), np.cos(colatitude)])
+    # 0.71 of a cell to its corner, and some more: a cell of a ring that touches the pole is a wide wedge.
+    reach = min(radius_rad + 1.2 * height, math.pi)
+    lists = cKDTree(icrs).query_ball_point(centres, 2 * math.sin(reach / 2), return_sorted=True)
+    lists = [found[: 4 * MAX_FIELD_STARS] for found in lists]
+    cell_start = np.concatenate([[0], np.cumsum([len(found) for found in lists])]).astype(np.int32)
+    cell_stars = np.fromiter((star for found in lists for star in found), dtype=np.int32, count=cell_start[-1])
+    return ring_start, cell_start, cell_stars
