@@ -171,6 +171,8 @@ class StationLoop:
         if self._recorded is not None:
             result = replace(result, elapsed_us=self._recorded.take(panorama.time_us))
         self.night.frames.append(result)
+        if result.detail.startswith("the image is mirrored"):
+            self.log(LinkEvent(panorama.utc_ns, 0, "MIRRORED", result.detail))
         if self._first_seconds is not None and self._observer.truth is not None:
             self._first_seconds.add(result, self._observer.truth)
         for sink in self.sinks:
