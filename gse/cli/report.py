@@ -28,6 +28,7 @@ def command(
     from gse.cli.progress import replay_with_progress
     from gse.report.printing import find_browser, print_to_pdf
 
+    _check_free(out)
     browser = find_browser() if pdf else None
     replay = replay_with_progress(path)
     folder = _new_folder(out, path)
@@ -38,12 +39,19 @@ def command(
     ctx.exit(exit_code(report, data_lost=replay.night.truncated))
 
 
+def _check_free(out: Path | None) -> None:
+    from gse.errors import UsageError
+
+    if out is not None and out.exists():
+        raise UsageError(f"{out} is there already, and nothing is overwritten; choose another --out")
+
+
 def _new_folder(out: Path | None, session: Path) -> Path:
     from gse.errors import UsageError
 
     beside = session if session.is_dir() else session.parent
-    names = [out] if out else [beside / ("report" if n == 1 else f"report-{n}") for n in range(1, 1000)]
-    for folder in names:
+    numbered = ["report", *(f"report-{number}" for number in range(2, 1000))]
+    for folder in [out] if out else [beside / name for name in numbered]:
         try:
             folder.mkdir(parents=True)
         except FileExistsError:
@@ -51,4 +59,4 @@ def _new_folder(out: Path | None, session: Path) -> Path:
         except OSError as error:
             raise UsageError(f"cannot make the folder {folder}: {error.strerror}; choose another --out") from error
         return folder
-    raise UsageError(f"{names[-1]} is there already, and nothing is overwritten; choose another --out")
+    raise UsageError(f"no room for another report in {beside}; choose another place by --out")
