@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import click
 
 from gse.cli.options import station_of
-from gse.errors import TableError, UsageError
+from gse.cli.writing import write_new
+from gse.errors import TableError
 
 if TYPE_CHECKING:
     from gse.extraction import Objects
@@ -62,7 +63,7 @@ def command(
     if out_path is None:
         click.echo(text, nl=False)
     else:
-        _write(out_path, text)
+        write_new(out_path, text)
 
 
 def _as_table(objects: "Objects", decimals: int) -> str:
@@ -102,13 +103,3 @@ def _read_map(path: Path) -> list[tuple[int, int]]:
         except (ValueError, IndexError, OverflowError):
             raise TableError(f"{path}, line {number}: {line.strip()[:60]!r} is not y, x") from None
     return hot_xy_px
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise UsageError(f"{path} exists already; choose another name") from None
-    except OSError as error:
-        raise UsageError(f"cannot write {path}: {error.strerror}") from error

@@ -114,36 +114,46 @@ def scenario_of(options: dict[str, str]) -> Scenario:
     return scenario.model_copy(update=changes)
 
 
-def _sensor(station: Station, scenario: Scenario, options: dict[str, str]) -> SimulatedSensor:
+def firmware_of(
+    station: Station, scenario: Scenario, options: dict[str, str], detector: Detector, start_ns: int
+) -> SensorFirmware:
+    """The sensor's computer, from ``start_ns`` on, as ``seed`` and ``standby`` of the options say."""
     standby = options.get("standby", "no")
     if standby not in ("yes", "no"):
         raise PortError(f"sim://: standby={standby} does not work: expected yes or no")
-    sky_random, firmware_random, host_random = np.random.default_rng(
-        int(_number(options, "seed", DEFAULT_SEED, 0, 2**63))
-    ).spawn(3)
     device = scenario.device_for(station)
-    start_ns = scenario.start_utc_ns
-    firmware = SensorFirmware(
+    return SensorFirmware(
         load_protocol(device.protocol),
-        _detector(options.get("level", LEVELS[0]), device, scenario, sky_random),
+        detector,
         scenario.firmware,
-        firmware_random,
+        _generators(options)[1],
         start_ns=start_ns,
         exposure_s=scenario.exposure_s,
         period_s=None if standby == "yes" else 1 / scenario.rate_hz,
         baudrate=device.port.baudrate,
     )
+
+
+def _sensor(station: Station, scenario: Scenario, options: dict[str, str]) -> SimulatedSensor:
+    start_ns = scenario.start_utc_ns
     return SimulatedSensor(
-        firmware,
-        host_random,
+        firmware_of(station, scenario, options, detector_of(station, scenario, options), start_ns),
+        _generators(options)[2],
         start_ns=start_ns,
         end_ns=start_ns + round(scenario.seconds * NS_PER_S),
-        baudrate=device.port.baudrate,
+        baudrate=scenario.device_for(station).port.baudrate,
         jitter_ms=scenario.firmware.host_jitter_ms,
     )
 
 
-def _detector(level: str, device: Station, scenario: Scenario, random: np.random.Generator) -> Detector:
+def _generators(options: dict[str, str]) -> list[np.random.Generator]:
+    """Noise of the sky, of the sensor's computer and of the host, each its own."""
+    return np.random.default_rng(int(_number(options, "seed", DEFAULT_SEED, 0, 2**63))).spawn(3)
+
+
+def detector_of(station: Station, scenario: Scenario, options: dict[str, str]) -> Detector:
+    """What takes the exposures, as ``seed`` and ``level`` of the options say."""
+    level, device, random = options.get("level", LEVELS[0]), scenario.device_for(station), _generators(options)[0]
     if level not in LEVELS:
         raise PortError(f"sim://: level={level} does not work: expected one of {', '.join(LEVELS)}")
     if level == "panorama":

@@ -138,10 +138,9 @@ class Scenario(_Section):
         """What the device really is when the station file says ``station``."""
         return _changed(_changed(station, self.station), self.device)
 
-    def station_text(self) -> str:
-        """The built-in station's file with this scenario's changes, as YAML."""
-        document = _merged(yaml.safe_load(BUILT_IN_TEXT), self.station)
-        return yaml.safe_dump(document, sort_keys=False)
+    def station_text(self, text: str = BUILT_IN_TEXT) -> str:
+        """A station file with this scenario's changes, as YAML."""
+        return yaml.safe_dump(_merged(yaml.safe_load(text), self.station), sort_keys=False) if self.station else text
 
 
 def scenario_names() -> list[str]:

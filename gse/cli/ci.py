@@ -1,0 +1,66 @@
+"""``gse ci``: replay a folder of sessions and compare their reports."""
+
+import json
+from pathlib import Path
+
+import click
+
+from gse.cli import EXIT_FAIL
+
+
+@click.command("ci")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--junit", "junit_path", type=click.Path(path_type=Path, dir_okay=False), help="Write a JUnit file here.")
+@click.option("--update", is_flag=True, help="Make the reports of this version the expected ones.")
+@click.option("--speed", default="max", show_default=True, help="max, 1, or a factor such as 20.")
+@click.option(
+    "--cut", "cut_bytes", type=click.IntRange(min=1), help="Cut what is replayed into chunks of so many bytes."
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.ci/1.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    folder: Path,
+    junit_path: Path | None,
+    update: bool,
+    speed: str,
+    cut_bytes: int | None,
+    as_json: bool,
+) -> None:
+    """Replay every session (.mcap) in FOLDER and compare its report with NAME.report.json beside it, exactly.
+
+    Only the versions of packages may differ. The exit code is 1 where a report differs, is missing, or cannot be made.
+    """
+    from gse.regression import check, junit_of, recordings_in
+    from gse.replaying import Cut
+
+    outcomes = []
+    for recording in recordings_in(folder):
+        name = recording.relative_to(folder).as_posix().removesuffix(".mcap")
+        outcome = check(recording, name, Cut(speed=speed, cut=cut_bytes), update=update)
+        outcomes.append(outcome)
+        if not as_json:
+            what = "ERROR" if outcome.error else "DIFFERS" if outcome.differences else "kept" if update else "same"
+            click.echo(f"{what:8} {outcome.verdict:13} {name}")
+            for line in (*outcome.error.splitlines(), *outcome.differences):
+                click.echo(f"         {line}")
+    failed = [outcome.name for outcome in outcomes if not outcome.passed]
+    if as_json:
+        rows = [
+            {"name": o.name, "verdict": o.verdict, "differences": o.differences, "error": o.error} for o in outcomes
+        ]
+        click.echo(json.dumps({"schema": "gse.ci/1", "recordings": rows}))
+    else:
+        click.echo(f"{len(outcomes) - len(failed)} of {len(outcomes)} recordings give the report that they must give")
+    if junit_path is not None:
+        _write_junit(junit_path, junit_of(outcomes, folder))
+    ctx.exit(EXIT_FAIL if failed else 0)
+
+
+def _write_junit(path: Path, text: str) -> None:
+    from gse.errors import UsageError
+
+    try:
+        path.write_text(text, encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise UsageError(f"cannot write {path}: {error.strerror}") from error

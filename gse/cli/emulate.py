@@ -1,0 +1,86 @@
+"""``gse emulate``: be the sensor on a pty or a TCP port."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from gse.cli.options import station_of, station_option
+from gse.errors import UsageError
+
+if TYPE_CHECKING:
+    from gse.simulator.endpoints import Endpoint
+
+
+@click.command("emulate")
+@click.option("--pty", "use_pty", is_flag=True, help="On a new pseudo-terminal.")
+@click.option(
+    "--tcp", "tcp_address", metavar="HOST:PORT", help="On a TCP port, e.g. 127.0.0.1:4000; 0 is any free one."
+)
+@station_option
+@click.option("--scenario", default="clear-zenith", show_default=True, help="Name, or a YAML file.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the noise.")
+@click.option("--rate-hz", type=click.FloatRange(0.001, 1000), help="Panoramas per second, instead of the scenario's.")
+@click.option("--standby", is_flag=True, help="Wait for START instead of streaming from power-on.")
+@click.option("--start", help="Look at the sky of this UTC, e.g. 2026-03-20T15:00:00Z; default: now.")
+@click.option(
+    "--level", type=click.Choice(("panorama", "image", "image-sub-pixel")), default="panorama", show_default=True
+)
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="End after so many seconds.")
+def command(
+    *,
+    use_pty: bool,
+    tcp_address: str | None,
+    station_path: Path | None,
+    scenario: str,
+    seed: int,
+    rate_hz: float | None,
+    standby: bool,
+    start: str | None,
+    level: str,
+    duration_s: float | None,
+) -> None:
+    """Be the sensor of a station file in real time, for the station itself or for other ground software.
+
+    Prints the address to open on stdout. Ends with Ctrl-C or after --duration.
+    """
+    from drivers.clock import read_clock
+    from gse.instant import NS_PER_S, to_text
+    from gse.simulator.device import detector_of, firmware_of, scenario_of
+    from gse.simulator.emulator import Emulator
+
+    if use_pty == (tcp_address is not None):
+        raise UsageError("say where the sensor shall be: --pty, or --tcp 127.0.0.1:4000")
+    options = {"scenario": scenario, "seed": str(seed), "start": start or to_text(read_clock().utc_ns, 9)}
+    options |= {"level": level, "standby": "yes" if standby else "no"}
+    night = scenario_of(options | ({"rate_hz": str(rate_hz)} if rate_hz else {}))
+    station, _ = station_of(station_path)
+    device = night.device_for(station)
+    detector = detector_of(station, night, options)
+    # Catalogue, ephemeris and Earth orientation are loaded by a first exposure, which nobody sees.
+    detector.expose(night.start_utc_ns, night.exposure_s, night.firmware.temperature_c[0])
+    began_ns = read_clock().utc_ns
+    offset_ns = night.start_utc_ns - began_ns if start else 0
+    firmware = firmware_of(station, night, options, detector, began_ns + offset_ns)
+    endpoint = _endpoint(tcp_address)
+    click.echo(endpoint.address)
+    click.echo(f"{device.sensor.name} speaks {device.protocol}; Ctrl-C ends it", err=True)
+    try:
+        now_ns: Callable[[], int] = lambda: read_clock().utc_ns + offset_ns  # noqa: E731
+        Emulator(firmware, endpoint, now_ns, baudrate=device.port.baudrate).run(
+            lambda: duration_s is not None and read_clock().utc_ns > began_ns + duration_s * NS_PER_S
+        )
+    finally:
+        endpoint.close()
+
+
+def _endpoint(tcp_address: str | None) -> "Endpoint":
+    from gse.simulator.endpoints import PtyEndpoint, TcpEndpoint
+
+    if tcp_address is None:
+        return PtyEndpoint()
+    host, _, port = tcp_address.rpartition(":")
+    if not host or not port.isdecimal():
+        raise UsageError(f"--tcp {tcp_address} is no address; expected for example 127.0.0.1:4000")
+    return TcpEndpoint(host.strip("[]"), int(port))

@@ -1,0 +1,75 @@
+"""``gse simulate``: write a simulated session."""
+
+from pathlib import Path
+
+import click
+
+from gse.cli.options import out_option, station_of, station_option
+
+
+@click.command("simulate")
+@click.option("--scenario", default="clear-zenith", show_default=True, help="Name, or a YAML file.")
+@click.option("--list", "as_list", is_flag=True, help="Tell the scenarios that come with the station.")
+@station_option
+@click.option("--seconds", type=click.FloatRange(min=0.001), help="Length, instead of the scenario's.")
+@click.option("--rate-hz", type=click.FloatRange(0.001, 1000), help="Panoramas per second, instead of the scenario's.")
+@click.option("--start", help="UTC of the start, e.g. 2026-03-20T15:00:00Z, instead of the scenario's.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of noise and faults.")
+@click.option(
+    "--level",
+    type=click.Choice(("panorama", "image", "image-sub-pixel")),
+    default="panorama",
+    show_default=True,
+    help="Simulate lists of stars, or whole images and their extraction.",
+)
+@click.option("--faults", help="Faults of cable and adapter, e.g. flip:1e-4,disconnect:12.5s/3s")
+@click.option("--file", "path", type=click.Path(path_type=Path, dir_okay=False), help="Write this file, not a folder.")
+@out_option
+def command(
+    *,
+    scenario: str,
+    as_list: bool,
+    station_path: Path | None,
+    seconds: float | None,
+    rate_hz: float | None,
+    start: str | None,
+    seed: int,
+    level: str,
+    faults: str | None,
+    path: Path | None,
+    out: Path,
+) -> None:
+    """Write the session of a simulated night; the same options give the same bytes.
+
+    The session is a new folder under --out, or the file that --file names; its path goes to stdout. The station file in
+    it is the one that fits the scenario. Replay it with gse replay.
+    """
+    from drivers.faults import parse_faults
+    from drivers.urls import sim_url
+    from gse.config import parse_station
+    from gse.live_session import new_session_folder
+    from gse.simulator.device import scenario_of
+    from gse.simulator.recording import record_simulation
+    from gse.simulator.scenario import load_scenario, scenario_names
+    from gse.truth import EarthOrientation
+
+    if as_list:
+        for name in scenario_names():
+            click.echo(f"{name:20} {load_scenario(name).text}")
+        return
+    changes = {"scenario": scenario, "start": start, "rate_hz": rate_hz, "seed": seed, "level": level}
+    options = {name: str(value) for name, value in changes.items() if value is not None}
+    night = scenario_of(options)
+    parse_faults({"faults": faults or "", "seed": str(seed)})
+    if seconds is not None:
+        options["frames"] = str(max(round(seconds * night.rate_hz), 1))
+    base, text = station_of(station_path)
+    text = night.station_text(text)
+    station = parse_station(text, f"station of scenario {scenario}") if night.station else base
+    port = station.port.model_copy(update={"url": sim_url(**options, faults=faults)})
+    orientation = EarthOrientation.from_disk(night.start_utc_ns)
+    if path is None:
+        path = new_session_folder(out, f"{station.sensor.name}-{scenario}", night.start_utc_ns) / "session.mcap"
+    size = record_simulation(path, station.model_copy(update={"port": port}), text, orientation.to_json())
+    click.echo(path)
+    click.echo(f"{size} bytes of {scenario}: {night.text}", err=True)

@@ -1,0 +1,52 @@
+"""The emulator: the simulated sensor in real time, behind a real cable."""
+
+from collections import deque
+from collections.abc import Callable
+
+from gse.instant import NS_PER_S
+from gse.simulator.endpoints import Endpoint
+from gse.simulator.firmware import BITS_PER_BYTE, SensorFirmware, Transmission
+
+_LONGEST_WAIT_S = 0.1
+_PIECE_NS = 8_000_000
+"""How often the line is served while bytes are on it."""
+
+
+class Emulator:
+    """Serves a firmware on an endpoint; ``now_ns`` gives the time of the sky that it looks at."""
+
+    def __init__(
+        self, firmware: SensorFirmware, endpoint: Endpoint, now_ns: Callable[[], int], *, baudrate: int
+    ) -> None:
+        self._firmware, self._endpoint, self._now_ns = firmware, endpoint, now_ns
+        self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
+        self._line: deque[tuple[int, bytes]] = deque()
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Serve until told to stop."""
+        while not stop():
+            data = self._endpoint.wait(self._wait_s())
+            if data:
+                self._put(self._firmware.command(data, self._now_ns()))
+            while (due_ns := self._firmware.due_ns) is not None and due_ns <= self._now_ns() and not stop():
+                self._put(self._firmware.step())
+            while self._line and self._line[0][0] <= self._now_ns():
+                self._endpoint.send(self._line.popleft()[1])
+
+    def _wait_s(self) -> float:
+        dues = [self._line[0][0]] if self._line else []
+        if self._firmware.due_ns is not None:
+            dues.append(self._firmware.due_ns)
+        if not dues:
+            return _LONGEST_WAIT_S
+        return min(max((min(dues) - self._now_ns()) / NS_PER_S, 0.0), _LONGEST_WAIT_S)
+
+    def _put(self, transmissions: list[Transmission]) -> None:
+        """Lay bytes on the line: the first when it is complete, the others in pieces as they follow."""
+        for sent in transmissions:
+            at, size = 0, 1
+            while at < len(sent.data):
+                piece = sent.data[at : at + size]
+                at += len(piece)
+                self._line.append((sent.start_ns + at * self._byte_ns, piece))
+                size = max(_PIECE_NS // self._byte_ns, 1)

@@ -1,0 +1,126 @@
+"""Where an emulated sensor is plugged in: a pseudo-terminal, or a TCP port for one client.
+
+Neither waits for a reader: a sensor goes on sending into a cable that nobody holds, and what nobody takes is gone.
+"""
+
+import fcntl
+import os
+import pty
+import select
+import socket
+import struct
+import termios
+import tty
+from typing import Protocol
+
+from gse.errors import UsageError
+
+_READ_BYTES = 4096
+_UNREAD_LIMIT_BYTES = 3072
+"""More than this waits in the terminal only when nobody reads; the kernel's own limit is 4095."""
+
+
+class Endpoint(Protocol):
+    """The sensor's end of a cable."""
+
+    address: str
+
+    def wait(self, timeout_s: float) -> bytes:
+        """Bytes from the station, none when none came within the time."""
+
+    def send(self, data: bytes) -> None:
+        """Bytes to the station, or into the void."""
+
+    def close(self) -> None:
+        """Unplug."""
+
+
+class PtyEndpoint:
+    """A pseudo-terminal; ``address`` is the device that the station opens."""
+
+    def __init__(self) -> None:
+        self._sensor, self._station = pty.openpty()
+        tty.setraw(self._station)
+        os.set_blocking(self._sensor, False)
+        self.address = os.ttyname(self._station)
+
+    def wait(self, timeout_s: float) -> bytes:
+        """Bytes from the station, none when none came within the time."""
+        readable, _, _ = select.select([self._sensor], [], [], timeout_s)
+        return os.read(self._sensor, _READ_BYTES) if readable else b""
+
+    def send(self, data: bytes) -> None:
+        """Bytes to the station; when nobody reads, what waits is dropped, so that who comes later gets fresh ones."""
+        unread = struct.unpack("i", fcntl.ioctl(self._station, termios.FIONREAD, b"\0\0\0\0"))[0]
+        if unread + len(data) > _UNREAD_LIMIT_BYTES:
+            termios.tcflush(self._station, termios.TCIFLUSH)
+        try:
+            os.write(self._sensor, data)
+        except BlockingIOError:
+            return
+
+    def close(self) -> None:
+        """Remove the device."""
+        os.close(self._sensor)
+        os.close(self._station)
+
+
+class TcpEndpoint:
+    """A TCP port, one client at a time; ``address`` is the pyserial URL that the station opens."""
+
+    def __init__(self, host: str, port: int) -> None:
+        """Listen; UsageError where that is not possible."""
+        try:
+            family = socket.AF_INET6 if ":" in host else socket.AF_INET
+            self._listener = socket.create_server((host, port), family=family)
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise UsageError(f"cannot listen on {host} port {port}: {reason}; port 0 takes any free one") from error
+        self._client: socket.socket | None = None
+        name = f"[{host}]" if ":" in host else host
+        self.address = f"socket://{name}:{self._listener.getsockname()[1]}"
+
+    def wait(self, timeout_s: float) -> bytes:
+        """Bytes from the station, none when none came within the time."""
+        ends = [self._listener, *([self._client] if self._client else [])]
+        readable, _, _ = select.select(ends, [], [], timeout_s)
+        if self._listener in readable:
+            self._accept()
+            return b""
+        if not readable or self._client is None:
+            return b""
+        try:
+            data = self._client.recv(_READ_BYTES)
+        except OSError:
+            data = b""
+        if not data:
+            self._hang_up()
+        return data
+
+    def send(self, data: bytes) -> None:
+        """Bytes to the client; one that does not keep up is hung up on, none gets half a frame without knowing."""
+        if self._client is None:
+            return
+        try:
+            self._client.sendall(data)
+        except OSError:
+            self._hang_up()
+
+    def close(self) -> None:
+        """Hang up and listen no more."""
+        self._hang_up()
+        self._listener.close()
+
+    def _accept(self) -> None:
+        client, _ = self._listener.accept()
+        if self._client is not None:
+            client.close()
+            return
+        client.setblocking(False)
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._client = client
+
+    def _hang_up(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None

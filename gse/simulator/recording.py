@@ -1,0 +1,52 @@
+"""Simulated sessions: what the simulated sensor sends, as a session file."""
+
+from pathlib import Path
+
+from drivers.chunk import Chunk
+from drivers.clock import ClockReading
+from drivers.errors import PortError
+from drivers.link import SerialLink
+from drivers.records import CLOCK
+from drivers.urlhandlers.protocol_sim import register
+from gse.config import Station
+from gse.instant import NS_PER_S
+from gse.recorder import Recorder
+from gse.session import EARTH_ORIENTATION, PROTOCOL, STATION, clock_json
+from gse.simulator.device import device_factory
+from protocols import load_protocol
+
+CLOCK_EVERY_NS = 60 * NS_PER_S
+_RECEIVE_S = 0.2
+
+
+def record_simulation(path: Path, station: Station, station_text: str, orientation_json: str) -> int:
+    """Record the simulated sensor of the station's port (a sim:// URL) from start to end; how many bytes it sent.
+
+    The clock readings say what is true: the simulated host's clock is right. The Earth orientation that a replay shall
+    use is frozen in the session, as a live session does. PortError where the URL is wrong: then nothing is left behind.
+    """
+    register(device_factory(station))
+    recorder = Recorder(path, live=False)
+    try:
+        link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder)
+    except PortError:
+        recorder.close()
+        path.unlink()
+        raise
+    with recorder, link:
+        recorder.attach(STATION, "application/yaml", station_text.encode())
+        recorder.attach(PROTOCOL, "application/yaml", load_protocol(station.protocol).text.encode())
+        recorder.attach(EARTH_ORIENTATION, "application/json", orientation_json.encode())
+        return _record(link, recorder)
+
+
+def _record(link: SerialLink, recorder: Recorder) -> int:
+    size, clock_due_ns = 0, 0
+    while not link.at_end:
+        for item in link.receive(_RECEIVE_S):
+            size += len(item.data) if isinstance(item, Chunk) else 0
+            if item.utc_ns >= clock_due_ns:
+                clock_due_ns = item.utc_ns + CLOCK_EVERY_NS
+                reading = ClockReading(item.utc_ns, item.mono_ns, "simulated", True, 0.0, 0.0)
+                recorder.derived(CLOCK, item.utc_ns, clock_json(reading))
+    return size

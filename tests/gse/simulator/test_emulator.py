@@ -1,0 +1,172 @@
+"""The emulated sensor behind a real terminal and a real socket, spoken to through the real driver."""
+
+import contextlib
+import itertools
+import socket
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+from click.testing import CliRunner
+
+from drivers.chunk import Chunk
+from drivers.clock import read_clock
+from drivers.link import SerialLink
+from gse.cli.emulate import command
+from gse.config import BUILT_IN_TEXT, parse_station
+from gse.errors import UsageError
+from gse.simulator.device import detector_of, firmware_of, scenario_of
+from gse.simulator.emulator import Emulator
+from gse.simulator.endpoints import Endpoint, PtyEndpoint, TcpEndpoint
+from gse.simulator.firmware import Detector
+from protocols import (
+    Ack,
+    Frame,
+    FrameDecoder,
+    Message,
+    PanoramaMessage,
+    Ping,
+    Start,
+    StatusMessage,
+    Stop,
+    load_protocol,
+)
+
+STATION = parse_station(BUILT_IN_TEXT)
+PROTOCOL = load_protocol("panorama-v1")
+OPTIONS = {"rate_hz": "20"}
+BAUDRATE = 921600
+PATIENCE_S = 10.0
+
+
+@pytest.fixture(scope="module")
+def detector() -> Detector:
+    night = scenario_of(OPTIONS)
+    made = detector_of(STATION, night, OPTIONS)
+    made.expose(night.start_utc_ns, 0.05, 20.0)
+    return made
+
+
+@contextlib.contextmanager
+def emulated(endpoint: Endpoint, detector: Detector, standby: str = "no") -> Iterator[str]:
+    """A sensor at work on an endpoint; gives the address to open."""
+    night = scenario_of(OPTIONS)
+    offset_ns = night.start_utc_ns - read_clock().utc_ns
+    firmware = firmware_of(STATION, night, OPTIONS | {"standby": standby}, detector, night.start_utc_ns)
+    stopped = threading.Event()
+    emulator = Emulator(firmware, endpoint, lambda: read_clock().utc_ns + offset_ns, baudrate=BAUDRATE)
+    thread = threading.Thread(target=emulator.run, args=[stopped.is_set])
+    thread.start()
+    try:
+        yield endpoint.address
+    finally:
+        stopped.set()
+        thread.join(PATIENCE_S)
+        endpoint.close()
+
+
+class Listener:
+    """Messages that come through a link."""
+
+    def __init__(self, link: SerialLink) -> None:
+        self._link = link
+        self._decoder = FrameDecoder(PROTOCOL)
+        self.heard: list[Message] = []
+
+    def until(self, enough: Callable[[list[Message]], bool]) -> list[Message]:
+        began_ns = read_clock().mono_ns
+        while not enough(self.heard):
+            assert read_clock().mono_ns < began_ns + PATIENCE_S * 1e9, f"only heard {self.heard}"
+            for item in self._link.receive(0.2):
+                if isinstance(item, Chunk):
+                    pieces = self._decoder.feed(item.data)
+                    self.heard += [PROTOCOL.decode(piece) for piece in pieces if isinstance(piece, Frame)]
+        return self.heard
+
+
+def panoramas(heard: list[Message]) -> list[PanoramaMessage]:
+    return [message for message in heard if isinstance(message, PanoramaMessage)]
+
+
+@pytest.mark.parametrize("make", [PtyEndpoint, lambda: TcpEndpoint("127.0.0.1", 0)], ids=["pty", "tcp"])
+def test_commands_are_obeyed_as_the_interface_says(make: Callable[[], Endpoint], detector: Detector) -> None:
+    with emulated(make(), detector, standby="yes") as address, SerialLink(address, BAUDRATE) as link:
+        listener = Listener(link)
+        link.send(PROTOCOL.encode(Ping(), 0))
+        status = listener.until(lambda heard: len(heard) == 1)[0]
+        assert isinstance(status, StatusMessage)
+        assert status.mode == "standby"
+        link.send(PROTOCOL.encode(Start(period_s=0.05), 1))
+        heard = listener.until(lambda heard: len(panoramas(heard)) == 10)
+        assert heard[1] == Ack("START", 1)
+        assert [message.frame_no for message in panoramas(heard)] == list(range(10))
+        tags_us = [message.time_us for message in panoramas(heard)]
+        assert {later - earlier for earlier, later in itertools.pairwise(tags_us)} <= {50_000, 50_001}
+        link.send(PROTOCOL.encode(Stop(), 2))
+        listener.until(lambda heard: Ack("STOP", 2) in heard)
+
+
+def test_frames_come_in_real_time(detector: Detector) -> None:
+    with emulated(PtyEndpoint(), detector) as address, SerialLink(address, BAUDRATE) as link:
+        listener = Listener(link)
+        listener.until(lambda heard: len(panoramas(heard)) >= 1)
+        began_ns, first = read_clock().mono_ns, panoramas(listener.heard)[-1]
+        listener.until(lambda heard: panoramas(heard)[-1].frame_no >= first.frame_no + 20)
+        assert read_clock().mono_ns - began_ns == pytest.approx(1e9, rel=0.5)
+
+
+def test_a_sensor_that_nobody_listens_to_goes_on_and_sends_fresh_frames_later(detector: Detector) -> None:
+    endpoint = PtyEndpoint()
+    for number in range(100):
+        endpoint.send(bytes([number]) * 216)
+    with emulated(endpoint, detector) as address, SerialLink(address, BAUDRATE) as link:
+        listener = Listener(link)
+        heard = listener.until(lambda heard: len(panoramas(heard)) >= 3)
+        assert panoramas(heard)[0].frame_no < 40
+
+
+def test_a_client_may_leave_and_another_come(detector: Detector) -> None:
+    with emulated(TcpEndpoint("127.0.0.1", 0), detector) as address:
+        for _ in range(2):
+            with SerialLink(address) as link:
+                Listener(link).until(lambda heard: len(panoramas(heard)) >= 2)
+
+
+def test_a_second_client_is_turned_away_while_the_first_listens(detector: Detector) -> None:
+    with emulated(TcpEndpoint("127.0.0.1", 0), detector) as address, SerialLink(address) as link:
+        listener = Listener(link)
+        listener.until(lambda heard: len(panoramas(heard)) >= 1)
+        port = int(address.rpartition(":")[2])
+        with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S) as second:
+            assert second.recv(1) == b""
+        listener.until(lambda heard: len(panoramas(heard)) >= 4)
+
+
+def test_a_port_that_is_taken_is_told_with_what_to_do() -> None:
+    endpoint = TcpEndpoint("127.0.0.1", 0)
+    try:
+        with pytest.raises(UsageError, match="port 0 takes any free one"):
+            TcpEndpoint("127.0.0.1", int(endpoint.address.rpartition(":")[2]))
+    finally:
+        endpoint.close()
+
+
+def test_the_command_prints_the_address_and_ends_after_its_time() -> None:
+    result = CliRunner().invoke(command, ["--tcp", "127.0.0.1:0", "--duration", "0.2"], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert result.stdout.startswith("socket://127.0.0.1:")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "--pty, or --tcp"),
+        (["--pty", "--tcp", "127.0.0.1:0"], "--pty, or --tcp"),
+        (["--tcp", "4000"], "127.0.0.1:4000"),
+        (["--tcp", "127.0.0.1:99999"], "cannot listen"),
+    ],
+)
+def test_an_impossible_address_is_told_with_what_was_expected(arguments: list[str], words: str) -> None:
+    result = CliRunner().invoke(command, arguments)
+    assert isinstance(result.exception, UsageError)
+    assert words in str(result.exception)
