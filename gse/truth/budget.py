@@ -65,18 +65,21 @@ class TruthBudget:
         return sum(term.de_arcsec for term in self.terms)
 
     def complaint(self, axis: str, limit_arcsec: float, share: float) -> str | None:
-        """One line where what remains is above a limit / ``share``, with the largest term named, else None."""
-        remains = [term.ra_arcsec if axis == "dRA*" else term.de_arcsec for term in self.terms]
-        total = sum(remains)
+        """One line where what remains is above a limit / ``share``, with the terms that make most of it, else None."""
+        remains = {term: term.ra_arcsec if axis == "dRA*" else term.de_arcsec for term in self.terms}
+        total = sum(remains.values())
         if total * share <= limit_arcsec:
             return None
-        largest = max(range(len(remains)), key=remains.__getitem__)
-        term = self.terms[largest]
-        amount = f"{remains[largest]:.1f} of {total:.1f} arcsec" if math.isfinite(total) else "an unknown error"
-        return (
-            f"truth is not good enough for {axis}: {term.name} leaves {amount}, and a third of the limit is "
-            f"{limit_arcsec / share:.3g} arcsec" + (f"; {term.remark}" if term.remark else "")
-        )
+        large = sorted((term for term in remains if remains[term] >= total / 4), key=remains.__getitem__, reverse=True)
+        parts = " and ".join(f"{term.name} leaves {_amount(remains[term])}" for term in large)
+        whole = f" of {total:.1f} arcsec" if math.isfinite(total) else ""
+        remark = f"; {large[0].remark}" if large[0].remark else ""
+        allowed = f"a third of the limit is {limit_arcsec / share:.3g} arcsec"
+        return f"truth is not good enough for {axis}: {parts}{whole}, and {allowed}{remark}"
+
+
+def _amount(arcsec: float) -> str:
+    return f"{arcsec:.1f}" if math.isfinite(arcsec) else "an unknown error"
 
 
 @dataclass(frozen=True, slots=True)
