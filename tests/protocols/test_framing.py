@@ -284,6 +284,18 @@ def test_garbage_after_a_broken_frame_is_no_sync_beyond_the_first_piece(protocol
     assert set(reasons(whole)[1:]) == {"no sync"}
 
 
+def test_endless_idle_slip_ends_are_given_back_in_bounded_pieces() -> None:
+    found = decode(SLIP, *[b"\xc0" * 1000] * 20, panorama(SLIP, 1))
+    assert set(reasons(found)) == {"no sync"}
+    assert [f.size for f in frames(found)] == [len(panorama(SLIP, 1))]
+
+
+def test_a_slip_end_at_the_end_of_a_stream_opens_no_frame_of_the_next() -> None:
+    decoder = FrameDecoder(SLIP)
+    assert len(decoder.feed(panorama(SLIP, 1) + b"\xc0") + decoder.finish()) == 2
+    assert [f.sequence for f in frames(decoder.feed(panorama(SLIP, 2)[1:]))] == [2]
+
+
 def test_idle_slip_ends_before_garbage_belong_to_it() -> None:
     found = decode(SLIP, b"\xc0" * 3 + b"\x55" * 1000)
     assert [(item.start, len(item.data)) for item in found if isinstance(item, Discard)] == [(0, 1003)]
