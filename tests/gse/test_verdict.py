@@ -332,7 +332,7 @@ def test_a_turn_about_the_pole_is_named_as_clock_offset():
     de = math.radians(TRUTH.attitude_true(START_NS, STATION.mount).de_deg)
     offset_s = 4.0
     turn = offset_s * 15.041067
-    text = found(night(bias=(turn * math.cos(de), 0.0, turn * math.sin(de))))
+    text = found(night(bias=(turn * math.cos(de), 0.0, -turn * math.sin(de))))
     assert "clock offset" in text
     assert "4.0" in text
     assert "slow" in text
