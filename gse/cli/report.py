@@ -35,7 +35,7 @@ def command(
     report = conclude(replay.night, folder, replay.own_elapsed_us, clock_error)
     if browser is not None:
         click.echo(f"printed: {print_to_pdf(browser, folder / 'report.html')}", err=True)
-    show_report(report, folder, as_json=as_json)
+    show_report(report, folder, as_json=as_json, json_frames=False)
     ctx.exit(exit_code(report, data_lost=replay.night.truncated))
 
 

@@ -8,6 +8,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from gse.camera import Camera
+from gse.non_stars import HOT_PIXEL, UNKNOWN
 from gse.results import FrameResult
 from gse.view.palette import GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
 from gse.view.series import times
@@ -15,9 +16,10 @@ from gse.view.series import times
 RESIDUAL_SCALE = 100
 """Residual arrows are drawn this many times as long as they are."""
 
-_KINDS = ("named", "stars", "unidentified", "hot", "planets")
+_KINDS = {"named": SKY_BLUE, "stars": SKY_BLUE, "unidentified": ORANGE, "hot": VERMILLION, "planets": PINK}
+"""Kinds of objects, with their colours."""
+
 _LABELLED = ("named", "hot", "planets")
-_COLOURS = {"named": SKY_BLUE, "stars": SKY_BLUE, "unidentified": ORANGE, "hot": VERMILLION, "planets": PINK}
 ARCSEC = np.pi / (180 * 3600)
 """In radians."""
 
@@ -47,75 +49,55 @@ class Picture:
         cross = [[[x - arm, y], [x + arm, y]], [[x, y - arm], [x, y + arm]]]
         strips = rr.LineStrips2D([outline, *cross], colors=[GREY], radii=[rr.Radius.ui_points(0.7)])
         stream.log("/panorama/detector", strips, static=True)
-        for kind in _KINDS:
-            style = rr.Points2D.from_fields(colors=[_COLOURS[kind]], show_labels=kind in _LABELLED)
+        for kind, colour in _KINDS.items():
+            style = rr.Points2D.from_fields(colors=[colour], show_labels=kind in _LABELLED)
             stream.log(f"/panorama/{kind}", style, static=True)
         arrows = rr.Arrows2D.from_fields(colors=[YELLOW], radii=[rr.Radius.ui_points(0.8)])
         stream.log("/panorama/residuals", arrows, static=True)
 
     def send(self, stream: rr.RecordingStream, frames: Sequence[FrameResult]) -> None:
-        """The objects of some frames: identified, unidentified, hot and planets apart, and residual arrows."""
-        at = times([frame.panorama.utc_ns for frame in frames])
-        sorted_objects = [_objects_by_kind(frame) for frame in frames]
+        """The objects of some frames: named stars, other stars, unidentified, hot pixels and planets apart."""
+        panoramas = [frame.panorama for frame in frames]
+        at = times([panorama.utc_ns for panorama in panoramas])
+        xy_px = np.concatenate([panorama.xy_px for panorama in panoramas]).reshape(-1, 2).astype(np.float32)
+        radii = self._radii(np.concatenate([panorama.index for panorama in panoramas]))
+        row = np.repeat(np.arange(len(frames)), [len(panorama.index) for panorama in panoramas])
+        objects = [_objects(frame) for frame in frames]
+        kinds = np.array([kind for kinds, _ in objects for kind in kinds], dtype=np.str_)
+        labels = [label for _, labels in objects for label in labels]
         for kind in _KINDS:
-            self._send_kind(stream, at, frames, [objects[kind] for objects in sorted_objects], kind)
-        self._send_arrows(stream, at, frames)
+            chosen = np.flatnonzero(kinds == kind)
+            columns = rr.Points2D.columns(
+                positions=xy_px[chosen], radii=radii[chosen], labels=[labels[place] for place in chosen]
+            )
+            lengths = np.bincount(row[chosen], minlength=len(frames))
+            stream.send_columns(f"/panorama/{kind}", [at], columns.partition(lengths))
 
-    def _send_kind(
-        self,
-        stream: rr.RecordingStream,
-        at: rr.TimeColumn,
-        frames: Sequence[FrameResult],
-        chosen: list[dict[int, str]],
-        kind: str,
-    ) -> None:
-        lengths = [len(objects) for objects in chosen]
-        xy = [frame.panorama.xy_px[list(objects)] for frame, objects in zip(frames, chosen, strict=True)]
-        radii = [self._radii(frame, objects) for frame, objects in zip(frames, chosen, strict=True)]
-        columns = rr.Points2D.columns(
-            positions=np.concatenate(xy).reshape(-1, 2).astype(np.float32),
-            radii=np.concatenate(radii).astype(np.float32),
-            labels=[text for objects in chosen for text in objects.values()],
-        )
-        stream.send_columns(f"/panorama/{kind}", [at], columns.partition(lengths))
-
-    def _radii(self, frame: FrameResult, objects: dict[int, str]) -> NDArray[np.float64]:
-        share = np.sqrt(np.clip(frame.panorama.index[list(objects)] / self.index_max, 0, 1))
+    def _radii(self, index: NDArray[np.float64]) -> NDArray[np.float32]:
+        share = np.sqrt(np.clip(index / self.index_max, 0, 1))
         low, high = _RADIUS_SHARE
-        return self.camera.columns * (low + (high - low) * share)
+        return (self.camera.columns * (low + (high - low) * share)).astype(np.float32)
 
-    def _send_arrows(self, stream: rr.RecordingStream, at: rr.TimeColumn, frames: Sequence[FrameResult]) -> None:
-        residuals = [residual_px(frame, self.camera) for frame in frames]
-        columns = rr.Arrows2D.columns(
-            origins=np.concatenate([place for place, _ in residuals]).astype(np.float32),
-            vectors=np.concatenate([arrow for _, arrow in residuals]).astype(np.float32) * RESIDUAL_SCALE,
-        )
-        stream.send_columns("/panorama/residuals", [at], columns.partition([len(place) for place, _ in residuals]))
-
-
-def residual_px(frame: FrameResult, camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places (M, 2) of a frame's identified objects, and their residuals (M, 2) along columns and rows, in pixels."""
-    places = frame.panorama.xy_px[[match.object for match in frame.matches]].reshape(-1, 2)
-    arcsec = np.array([(m.residual_x_arcsec, m.residual_y_arcsec) for m in frame.matches]).reshape(-1, 2)
-    pixels = arcsec * ARCSEC / camera.pixel_rad
-    return places, pixels * (-1, 1) if camera.mirrored else pixels
+    def send_residuals(self, stream: rr.RecordingStream, columns: NDArray[np.void], matches: NDArray[np.void]) -> None:
+        """Residuals of identified objects as arrows: frames as rows of FRAME, and all their rows of MATCH."""
+        lengths = columns["matched"].astype(np.int64)
+        origins = np.column_stack([matches["x_px"], matches["y_px"]])
+        arcsec = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]])
+        vectors = arcsec * (RESIDUAL_SCALE * ARCSEC / self.camera.pixel_rad)
+        if self.camera.mirrored:
+            vectors[:, 0] = -vectors[:, 0]
+        arrows = rr.Arrows2D.columns(origins=origins, vectors=vectors.astype(np.float32))
+        stream.send_columns("/panorama/residuals", [times(columns["utc_ns"])], arrows.partition(lengths))
 
 
-def _objects_by_kind(frame: FrameResult) -> dict[str, dict[int, str]]:
-    """Objects of each kind with their labels."""
-    kinds: dict[str, dict[int, str]] = {kind: {} for kind in _KINDS}
-    stars = {match.object: match.star for match in frame.matches}
-    others = dict(frame.others)
-    for row in range(len(frame.panorama.index)):
-        if row in stars:
-            kinds["stars" if stars[row].startswith(_ANONYMOUS) else "named"][row] = stars[row]
-        else:
-            name = others.get(row, "unknown")
-            kinds[_kind_of(name)][row] = name
-    return kinds
-
-
-def _kind_of(name: str) -> str:
-    if name == "hot pixel":
-        return "hot"
-    return "unidentified" if name == "unknown" else "planets"
+def _objects(frame: FrameResult) -> tuple[list[str], list[str]]:
+    """What each object of a frame is: its kind, and its label (a star's name, a planet's, or what else it is)."""
+    count = len(frame.panorama.index)
+    kinds, labels = ["unidentified"] * count, [UNKNOWN] * count
+    for row, name in frame.others:
+        if name != UNKNOWN:
+            kinds[row], labels[row] = "hot" if name == HOT_PIXEL else "planets", name
+    for match in frame.matches:
+        row, name = match.object, match.star
+        kinds[row], labels[row] = "stars" if name.startswith(_ANONYMOUS) else "named", name
+    return kinds, labels

@@ -34,15 +34,20 @@ class SavedView:
         """Take in one more frame."""
         self._frames.append(result)
         if len(self._frames) >= BATCH_FRAMES:
-            self._send()
+            self._send_objects()
 
     def log(self, event: LinkEvent) -> None:
         """Take in one more event."""
         self._scene.event(event)
 
     def finish(self, night: Night, verdict: str, reasons: Sequence[str]) -> None:
-        """Write what is left, the clock, and the verdict, and close the file."""
-        self._send()
+        """Write all that is in the night's columns, the clock, and the verdict, and close the file.
+
+        ``night`` has the very frames that were shown.
+        """
+        self._send_objects()
+        if len(night.frames):
+            self._scene.add_columns(night.frames.columns, night.frames.matches)
         self._scene.flush()
         self._scene.clock(night.clock)
         clock = night.clock[-1] if night.clock else None
@@ -51,9 +56,9 @@ class SavedView:
         self._stream.flush()
         self._stream.disconnect()
 
-    def _send(self) -> None:
+    def _send_objects(self) -> None:
         if self._frames:
-            self._scene.add(self._frames)
+            self._scene.add_objects(self._frames)
             self._frames = []
 
 

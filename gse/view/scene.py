@@ -18,10 +18,7 @@ from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.picture import Picture
 from gse.view.running import LINK_COLOURS, LINK_WORDS, Running
 from gse.view.series import begin_series, send_clock, send_series, times
-from gse.view.sky import begin_scatter, begin_sky, send_scatter, send_sky, unit_vectors
-
-_TRACK_ROW_NS = 2 * NS_PER_S
-"""Scatter and sky track get one row for so many seconds of frames."""
+from gse.view.sky import TRACK_ROW_NS, begin_scatter, begin_sky, send_scatter, send_sky, unit_vectors
 
 _GOOD_EVENTS = {"OPENED", "REOPENED", "WAITING", "SYNCING", "STREAMING", "CLOSED", "ALIGNED"} | {
     "FILE_RESTORED",
@@ -43,8 +40,7 @@ class Scene:
         self._boresight_icrs: NDArray[np.float64] | None = None
         self._window_s: float | None = None
         self._picture = Picture(station.sensor.camera(), station.sensor.index_max)
-        self._track = FrameTable()
-        self._track_from_ns = 0
+        self._track: list[NDArray[np.void]] = []
         self._status: Status | None = None
         self.running = Running(station.limits)
         stream.send_blueprint(layout(station))
@@ -61,12 +57,33 @@ class Scene:
         table = FrameTable()
         for frame in frames:
             table.append(frame)
-            self.running.add(frame)
-            self._grow_track(frame)
-        send_series(self._stream, table.columns, self._station.limits)
+        self.add_objects(frames)
+        self.add_columns(table.columns, table.matches)
+
+    def add_objects(self, frames: Sequence[FrameResult]) -> None:
+        """Show the objects of some frames, log what changes, and count."""
         self._picture.send(self._stream, frames)
         for frame in frames:
+            self.running.add(frame)
             self._log_change(frame)
+
+    def add_columns(self, columns: NDArray[np.void], matches: NDArray[np.void]) -> None:
+        """Show all but the objects of some frames: rows of FRAME, and their rows of MATCH."""
+        send_series(self._stream, columns, self._station.limits)
+        self._picture.send_residuals(self._stream, columns, matches)
+        self._track.append(columns)
+        if columns["utc_ns"][-1] - self._track[0]["utc_ns"][0] >= TRACK_ROW_NS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Show what scatter and sky track still hold back."""
+        if not self._track:
+            return
+        columns = np.concatenate(self._track)
+        self._track = []
+        self._lay_out(columns)
+        send_sky(self._stream, columns, self._picture.camera)
+        send_scatter(self._stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
 
     def _log_change(self, frame: FrameResult) -> None:
         """A cloud gives ten unidentified frames a second: only the first and the last are news."""
@@ -75,24 +92,6 @@ class Scene:
             level = "INFO" if frame.status is Status.IDENTIFIED else "WARN"
             self.log(frame.panorama.utc_ns, text, level)
         self._status = frame.status
-
-    def _grow_track(self, frame: FrameResult) -> None:
-        utc_ns = frame.panorama.utc_ns
-        if len(self._track) and utc_ns - self._track_from_ns >= _TRACK_ROW_NS:
-            self.flush()
-        if not len(self._track):
-            self._track_from_ns = utc_ns
-        self._track.append(frame)
-
-    def flush(self) -> None:
-        """Show what scatter and sky track still hold back."""
-        if not len(self._track):
-            return
-        columns = self._track.columns
-        self._track = FrameTable()
-        self._lay_out(columns)
-        send_sky(self._stream, columns, self._picture.camera)
-        send_scatter(self._stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
 
     def _lay_out(self, columns: NDArray[np.void]) -> None:
         """Send the layout anew when the boresight is first known, and when a live view has got its ten minutes.

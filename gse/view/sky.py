@@ -10,6 +10,7 @@ from gse.attitude import Attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.config import Limits
+from gse.instant import NS_PER_S
 from gse.view.outline import field_outline_icrs
 from gse.view.palette import GREEN, GREY, PALE, SKY_BLUE, VERMILLION, YELLOW
 from gse.view.running import Moments
@@ -17,6 +18,8 @@ from gse.view.series import EDGE, times
 
 MAX_CATALOG_STARS = 5000
 """Stars of the sphere: enough for the eye, light enough for a browser."""
+
+TRACK_ROW_NS = 2 * NS_PER_S
 
 _CIRCLE = np.linspace(0, 2 * math.pi, 73)
 
@@ -37,21 +40,35 @@ def begin_sky(stream: rr.RecordingStream, catalog: StarCatalog | None) -> None:
 
 
 def send_sky(stream: rr.RecordingStream, columns: NDArray[np.void], camera: Camera) -> None:
-    """Measured and true boresights of some frames (rows of FRAME), and the field of view of the last answer.
-
-    One row for all these frames: a row for each would be slow to draw over a whole night.
-    """
-    at = times(columns["utc_ns"][-1:])
+    """Measured and true boresights of some frames (rows of FRAME), and the field of view of the last of each row."""
     for kind, suffix in (("true", "_true_deg"), ("measured", "_deg")):
         known = columns[np.isfinite(columns["ra" + suffix])]
         if len(known):
+            ends, lengths = grouped(known["utc_ns"])
             places = unit_vectors(known["ra" + suffix], known["de" + suffix]).astype(np.float32)
-            stream.send_columns(f"/sky/{kind}", [at], rr.Points3D.columns(positions=places).partition([len(places)]))
+            track = rr.Points3D.columns(positions=places).partition(lengths)
+            stream.send_columns(f"/sky/{kind}", [times(known["utc_ns"][ends])], track)
     answered = columns[np.isfinite(columns["ra_deg"])]
     if len(answered):
-        attitude = Attitude.from_angles(*(float(answered[name][-1]) for name in ("ra_deg", "de_deg", "roll_deg")))
-        outline = field_outline_icrs(attitude, camera).astype(np.float32)
-        stream.send_columns("/sky/field", [at], rr.LineStrips3D.columns(strips=[outline]).partition([1]))
+        lasts = answered[grouped(answered["utc_ns"])[0]]
+        fields = [_field_of(frame, camera) for frame in lasts]
+        strips = rr.LineStrips3D.columns(strips=fields).partition(np.ones(len(fields), dtype=np.int64))
+        stream.send_columns("/sky/field", [times(lasts["utc_ns"])], strips)
+
+
+def grouped(utc_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Frames (N,) in stretches of TRACK_ROW_NS: the last frame of each, and how many there are in each.
+
+    Tracks and scatter get one row for such a stretch: a row for each frame would be slow to draw over a whole night.
+    """
+    stretch = (utc_ns - utc_ns[0]) // TRACK_ROW_NS
+    ends = np.flatnonzero(np.append(np.diff(stretch) != 0, True))
+    return ends, np.diff(ends, prepend=-1)
+
+
+def _field_of(frame: np.void, camera: Camera) -> NDArray[np.float32]:
+    attitude = Attitude.from_angles(frame["ra_deg"], frame["de_deg"], frame["roll_deg"])
+    return field_outline_icrs(attitude, camera).astype(np.float32)
 
 
 def unit_vectors(ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -99,14 +116,16 @@ def send_scatter(
     found = columns[np.isfinite(columns["d_ra_cosde_arcsec"])]
     if not len(found):
         return
-    at = times(found["utc_ns"][-1:])
+    ends, lengths = grouped(found["utc_ns"])
     edge = EDGE * np.array([limits.d_ra_cosde_arcsec, limits.d_de_arcsec])
     # Rows of a picture go down, so the sign of dDE is turned.
     xy = np.column_stack([found["d_ra_cosde_arcsec"], -found["d_de_arcsec"]])
     points = np.round(np.clip(xy, -edge, edge), 3).astype(np.float32)
-    stream.send_columns("/scatter/points", [at], rr.Points2D.columns(positions=points).partition([len(points)]))
+    rows = rr.Points2D.columns(positions=points).partition(lengths)
+    stream.send_columns("/scatter/points", [times(found["utc_ns"][ends])], rows)
     rings = sigma_rings(*spread)
     if rings:
+        at = times(found["utc_ns"][:1])
         columns = rr.LineStrips2D.columns(strips=[ring.astype(np.float32) for ring in rings])
         stream.send_columns("/scatter/rings", [at], columns.partition([len(rings)]))
         label = f"1 and 3 sigma; 1 sigma = {spread[0].std:.1f} x {spread[1].std:.1f} arcsec"

@@ -89,7 +89,7 @@ def test_the_live_page_draws_what_is_sent_and_no_request_leaves_the_machine() ->
 
 def test_a_saved_night_is_shown_by_the_same_page(tmp_path: Path) -> None:
     chromium()
-    night = synthetic_night(20)
+    night = synthetic_night(FRAMES)
     saved = SavedView(night.station, small_catalog(), tmp_path / "night.rrd")
     for frame in synthetic_frames(FRAMES):
         saved.show(frame, night)
