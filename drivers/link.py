@@ -6,7 +6,6 @@ that carry recorded time (drivers/stamped.py) are read synchronously and bring t
 """
 
 import contextlib
-import os
 import queue
 import termios
 import threading
@@ -19,17 +18,14 @@ import serial
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import PortError
-from drivers.ports import PortInfo, is_device, open_port, ports_here
+from drivers.ports import READ_TIMEOUT_S, PortInfo, is_awaitable, open_port, ports_here
+from drivers.reconnect import PortFinder
 from drivers.stamped import Item, StampedPort, StampedSerial
 
-FIRST_PAUSE_S = 0.1
-LONGEST_PAUSE_S = 5.0
-LONGEST_BLIND_PAUSE_S = 0.8
-"""For ports that can only be tried, not watched (sockets): back within a second of the port."""
-WATCH_S = 0.1
 BACKLOG_BYTES = 4 << 20
 """Received and not yet fetched: more than 40 s at 921600 baud, so the station hangs."""
 ITEMS_AT_ONCE = 256
+SOCKET_BYTES = 65536
 
 # What pyserial raises on a port that goes away: close() from another thread gives TypeError, ioctls termios.error.
 _HANG_UPS = (OSError, TypeError, termios.error)
@@ -79,17 +75,18 @@ class SerialLink:
         self._recorder = recorder or _NoRecording()
         self._stamped: StampedPort | None = None
         self._live: _Receiver | None = None
+        finder = PortFinder(url, baudrate, list_ports)
         try:
             port = open_port(url, baudrate)
         except PortError as error:
-            if not wait_port:
+            if not wait_port or not is_awaitable(url, error):
                 raise
-            self._live = _Receiver(url, baudrate, self._recorder, list_ports, None, str(error))
+            self._live = _Receiver(url, finder, self._recorder, None, str(error))
         else:
             if isinstance(port, StampedSerial):
                 self._stamped = port
             else:
-                self._live = _Receiver(url, baudrate, self._recorder, list_ports, port, "")
+                self._live = _Receiver(url, finder, self._recorder, port)
 
     @property
     def is_live(self) -> bool:
@@ -169,17 +166,11 @@ class _Receiver:
     """The thread that reads a live port, and finds it again."""
 
     def __init__(
-        self,
-        url: str,
-        baudrate: int,
-        recorder: Recording,
-        list_ports: Callable[[], list[PortInfo]],
-        port: serial.Serial | None,
-        absent: str,
+        self, url: str, finder: PortFinder, recorder: Recording, port: serial.Serial | None, absent: str = ""
     ) -> None:
-        self._url, self._baudrate, self._recorder, self._list_ports = url, baudrate, recorder, list_ports
-        self._port = port
-        self._adapter = self._adapter_of(port) if port else None
+        self._url, self._finder, self._recorder, self._port = url, finder, recorder, port
+        if port is not None:
+            finder.remember(port)
         self._items: queue.SimpleQueue[Item] = queue.SimpleQueue()
         self._received_bytes = self._fetched_bytes = 0
         self._told_backlog = False
@@ -232,13 +223,22 @@ class _Receiver:
                 self._reopen()
                 continue
             try:
-                data = self._port.read(self._port.in_waiting or 1)
-            except _HANG_UPS as error:
+                data = _read(self._port)
+            except Exception as error:
+                # pyserial raises OSError, TypeError, termios.error, each handler its own besides: whatever it is, the
+                # port is of no use any more, and the night goes on with the next one.
                 if not self._stop.is_set():
                     self._lose(error)
             else:
                 if data:
                     self._take(data)
+        self._take_rest()
+
+    def _take_rest(self) -> None:
+        """What has come by the end belongs to the record."""
+        with contextlib.suppress(*_HANG_UPS):
+            if self._port is not None and self._port.in_waiting:
+                self._take(_read(self._port))
 
     def _take(self, data: bytes) -> None:
         chunk = Chunk(*_now(), data)
@@ -261,48 +261,29 @@ class _Receiver:
         self._tell("LOST", f"{self._url} is gone ({_brief(error)}); waiting for it to come back")
 
     def _reopen(self) -> None:
-        pause_s = FIRST_PAUSE_S
-        while not self._stop.is_set():
-            url = self._where()
-            if url is not None:
-                try:
-                    port = open_port(url, self._baudrate)
-                except PortError:
-                    pass
-                else:
-                    self._found(url, port)
-                    return
-            self._wait(pause_s, there=url is not None)
-            pause_s = min(2 * pause_s, LONGEST_PAUSE_S if is_device(self._url) else LONGEST_BLIND_PAUSE_S)
-
-    def _found(self, url: str, port: serial.Serial) -> None:
-        self._port = port
-        self._adapter = self._adapter or self._adapter_of(port)
+        found = self._finder.open_again(self._stop)
+        if found is None:
+            return
+        url, self._port = found
+        self._finder.remember(self._port)
         name = self._url if url == self._url else f"{self._url}, now named {url},"
         self._tell("REOPENED" if self._opened_before else "OPENED", f"{name} is open")
         self._opened_before = True
 
-    def _where(self) -> str | None:
-        """The URL to try: that of the adapter wherever it is now, else the one we were given, None when not there."""
-        if not is_device(self._url):
-            return self._url
-        if self._adapter is not None:
-            for port in self._list_ports():
-                if port.is_same_adapter(self._adapter):
-                    return port.device
-        return self._url if os.path.exists(self._url) else None
 
-    def _wait(self, pause_s: float, there: bool) -> None:
-        """Pause before the next try, cut short when a port that was absent appears."""
-        until = time.monotonic() + pause_s
-        while (left_s := until - time.monotonic()) > 0 and not self._stop.wait(min(left_s, WATCH_S)):
-            if not there and is_device(self._url) and self._where() is not None:
-                return
-
-    def _adapter_of(self, port: serial.Serial) -> PortInfo | None:
-        device = os.path.realpath(str(port.port))
-        known = (info for info in self._list_ports() if os.path.realpath(info.device) == device)
-        return next((info for info in known if info.serial_number), None)
+def _read(port: serial.Serial) -> bytes:
+    """What has come, or what comes first within the port's timeout; asking for more loses it all at a hang-up."""
+    if not str(port.port).startswith("socket://"):
+        return port.read(port.in_waiting or 1)
+    # A socket says of what waits only that there is some.
+    first = port.read(1)
+    if not first:
+        return first
+    port.timeout = 0
+    try:
+        return first + port.read(SOCKET_BYTES)
+    finally:
+        port.timeout = READ_TIMEOUT_S
 
 
 def _close(port: serial.Serial) -> None:

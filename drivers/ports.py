@@ -13,6 +13,8 @@ from serial.tools import list_ports
 from drivers.errors import DriverError, PortError
 
 MOCKS = ("replay://", "sim://")
+READ_TIMEOUT_S = 0.2
+"""How long a read waits for the first byte: also how long closing takes where a read cannot be cancelled."""
 serial.protocol_handler_packages.append("drivers.urlhandlers")
 
 
@@ -71,6 +73,11 @@ def is_mock(url: str) -> bool:
     return url.lower().startswith(MOCKS)
 
 
+def is_awaitable(url: str, error: PortError) -> bool:
+    """Whether a port that did not open may open later: not a mock, and not a URL that nobody understands."""
+    return not is_mock(url) and not isinstance(error.__cause__, ValueError)
+
+
 def is_accessible(device: str) -> bool:
     """Whether we may read and write a device."""
     return os.access(device, os.R_OK | os.W_OK)
@@ -84,11 +91,14 @@ def is_device(url: str) -> bool:
 def open_port(url: str, baudrate: int) -> serial.Serial:
     """Open a port by its pyserial URL; PortError says why it does not open and what to do."""
     try:
-        port = serial.serial_for_url(url, baudrate=baudrate, timeout=0.2, write_timeout=1.0, do_not_open=True)
+        port = serial.serial_for_url(
+            url, baudrate=baudrate, timeout=READ_TIMEOUT_S, write_timeout=1.0, do_not_open=True
+        )
+        # pyserial empties the input on opening: bytes that have already been received are part of the record.
+        for name in ("reset_input_buffer", "_reset_input_buffer"):
+            setattr(port, name, lambda: None)
         if isinstance(port, serial.Serial):
             port.exclusive = True
-            # pyserial empties the input on opening: bytes that the kernel has already received are part of the record.
-            setattr(port, "_reset_input_buffer", lambda: None)  # noqa: B010 - not in pyserial's type stubs
         port.open()
     except (OSError, ValueError) as error:
         if isinstance(error.__cause__, DriverError):

@@ -17,9 +17,9 @@ class Terminal:
 
     def plug(self, before: bytes = b"") -> None:
         """Make the port appear, with bytes that arrived before anybody opened it."""
-        self._master, slave = os.openpty()
+        self.master, slave = os.openpty()
         tty.setraw(slave)
-        os.write(self._master, before)
+        os.write(self.master, before)
         # The driver must see the name only when the port behind it is ready.
         temporary = self.path.with_suffix(".new")
         os.symlink(os.ttyname(slave), temporary)
@@ -29,11 +29,11 @@ class Terminal:
     def write(self, data: bytes) -> None:
         """Send bytes as the sensor does."""
         while data:
-            data = data[os.write(self._master, data) :]
+            data = data[os.write(self.master, data) :]
 
     def read(self, size: int) -> bytes:
         """Bytes that the station sent."""
-        return os.read(self._master, size)
+        return os.read(self.master, size)
 
     def unread(self) -> int:
         """Bytes that the driver has not read yet."""
@@ -45,6 +45,6 @@ class Terminal:
     def unplug(self) -> None:
         """Make the port disappear."""
         self.path.unlink()
-        os.close(self._master)
+        os.close(self.master)
         if self._slave is not None:
             os.close(self._slave)

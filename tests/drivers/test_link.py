@@ -1,9 +1,11 @@
 """SerialLink on live ports: ptys and loop://, the real driver."""
 
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -128,7 +130,7 @@ def test_commands_go_out_and_are_recorded(terminal: Terminal, tmp_path: Path) ->
         chunk = link.send(b"start")
         assert terminal.read(100) == b"start"
         terminal.write(b"ack")
-        fetch(link, data_of)
+        fetch(link, lambda got: len(data_of(got)) >= 1)
     assert [message.chunk() for message in messages(tmp_path / "s.mcap", TX)] == [chunk]
     assert b"".join(message.data for message in messages(tmp_path / "s.mcap", RX)) == b"ack"
     assert [message.event().kind for message in messages(tmp_path / "s.mcap", EVENTS)] == ["OPENED"]
@@ -141,6 +143,32 @@ def test_the_recorder_has_the_bytes_although_nobody_fetches_them(terminal: Termi
         while link.backlog_bytes < 6 and time.monotonic() < until:
             pass
     assert b"".join(message.data for message in messages(tmp_path / "s.mcap", RX)) == b"unread"
+
+
+def test_waiting_is_only_for_ports_that_may_come() -> None:
+    with pytest.raises(PortError, match="not known"):
+        SerialLink("nonsense://x", wait_port=True)
+
+
+def test_a_tcp_port_is_read_in_large_pieces_to_its_last_byte_and_found_again() -> None:
+    data = bytes(range(256)) * 400
+    with socket.create_server(("127.0.0.1", 0)) as server, ThreadPoolExecutor(1) as pool:
+
+        def serve() -> None:
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(data)
+
+        serving = pool.submit(serve)
+        with SerialLink(f"socket://127.0.0.1:{server.getsockname()[1]}") as link:
+            serving.result()
+            items = fetch(link, lambda got: "LOST" in kinds_of(got))
+            assert data_of(items) == data
+            assert len(items) < 1000
+            pool.submit(serve).result()
+            items += fetch(link, lambda got: len(data_of(got)) >= len(data))
+    assert kinds_of(items)[:3] == ["OPENED", "LOST", "REOPENED"]
+    assert data_of(items) == data + data
 
 
 def test_any_pyserial_url_will_do() -> None:
