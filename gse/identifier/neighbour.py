@@ -9,9 +9,12 @@ on board. ``best-vote`` lets the ten objects nearest to the alpha star vote thro
 stars with most votes, and takes the one with the greatest Fn2; where that names nothing, it is first-fit. It answers
 sooner, and differs only where several catalogue stars reach Fn and Fn2.
 
-With ``alpha_retries`` 0 a brightest object that is no star is the end of it: three false objects leave 20 % right. Fn =
-Fn2 = 4 lets false answers through; 6 let none through. Distances cannot tell a panorama from its mirror image, so an
-answer must also be solvable as an attitude.
+Measured (14 x 14 deg, 1024 px, whole pixels, 10 arcsec, 30 objects of which some are false): Fn = Fn2 = 6 names the
+right stars in 99.9 % and false ones in none of 10,000 panoramas with 0 or 3 false objects. Fn = Fn2 = 3 names false
+ones in 8 and 18 % with 3 and 8 false objects, and in a quarter of panoramas without a star; from 4 on, in none of 1000.
+With ``alpha_retries`` 0 a brightest object that is no star is the end of it: 3 false objects then leave 59 % right.
+
+Distances cannot tell a panorama from its mirror image, so an answer must also be solvable as an attitude.
 """
 
 from typing import NamedTuple
