@@ -81,6 +81,14 @@ def test_a_frame_that_comes_after_its_successor_is_late_and_no_longer_lost() -> 
     assert (tracker.lost, tracker.late, tracker.resets) == (0, 1, 0)
 
 
+def test_a_copy_that_comes_after_another_frame_is_a_duplicate_not_a_reset() -> None:
+    tracker = SequenceTracker()
+    for sequence in (5, 6):
+        tracker.accept(sequence, time_us=100 * sequence)
+    assert tracker.accept(5, time_us=500) is Arrival.DUPLICATE
+    assert tracker.accept(7, time_us=700) is Arrival.NEXT
+
+
 def test_frames_without_a_clock_share_the_counter_with_those_that_have_one() -> None:
     tracker = SequenceTracker()
     assert tracker.accept(5, time_us=500) is Arrival.NEXT
@@ -90,9 +98,9 @@ def test_frames_without_a_clock_share_the_counter_with_those_that_have_one() -> 
 
 def test_a_number_that_was_lost_one_turn_ago_is_not_taken_for_a_late_frame() -> None:
     tracker = SequenceTracker(modulus=256)
-    for sequence in (*range(10), *range(11, 256), *range(10)):
+    for sequence in (*range(10), *range(11, 256), *range(9)):
         tracker.accept(sequence)
-    assert tracker.accept(11) is Arrival.GAP
+    assert tracker.accept(10) is Arrival.GAP
     assert (tracker.lost, tracker.late) == (2, 0)
 
 
