@@ -118,10 +118,15 @@ def _blocks(time_s: NDArray[np.float64], parts: int) -> list[NDArray[np.int64]]:
     return [rows for rows in np.split(np.arange(len(time_s)), np.searchsorted(time_s, edges)) if len(rows)]
 
 
-def _bias_error(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> float:
-    """Half-width of the 95 % interval of the mean, from means of blocks of 20 s (single frames where too short)."""
+def block_means(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Means over 20 s, which count as independent; the values themselves where there are fewer than 8 such."""
     blocks = _blocks(time_s, max(int(time_s[-1] / WINDOW_S), 1))
-    means = np.array([error[rows].mean() for rows in blocks]) if len(blocks) >= 8 else error
+    return np.array([values[rows].mean() for rows in blocks]) if len(blocks) >= 8 else values
+
+
+def _bias_error(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> float:
+    """Half-width of the 95 % interval of the mean."""
+    means = block_means(time_s, error)
     if len(means) < 2:
         return _NAN
     return float(stats.t.ppf(0.975, len(means) - 1) * means.std(ddof=1) / np.sqrt(len(means)))

@@ -99,7 +99,7 @@ def statistics(night: Night) -> Statistics:
     out = left_out(frames["utc_ns"], named)
     kept = frames[~out]
     answered = kept["status"] == STATUSES.index(Status.IDENTIFIED)
-    false = answered & ((kept["judge"] == JUDGES.index(Judge.FALSE)) | _stray(kept))
+    false = false_answers(kept)
     good = answered & ~false & np.isfinite(kept["d_de_arcsec"])
     used = np.sort(kept[good], order="utc_ns", kind="stable")  # a step of the clock may turn the order
     axes = {axis: axis_figures(used["utc_ns"], used[f"{axis}_arcsec"]) for axis in AXES}
@@ -125,6 +125,13 @@ def statistics(night: Night) -> Statistics:
         clock=clock_health(night.clock, night.events, frames, stated_error_s=night.clock_error_s),
         left_out=tuple((item, int(left_out(frames["utc_ns"], (item,)).sum())) for item in named),
     )
+
+
+def false_answers(frames: NDArray[np.void]) -> NDArray[np.bool_]:
+    """Which frames (M,) were answered falsely: the judge says so, or all other answers are far away."""
+    answered = frames["status"] == STATUSES.index(Status.IDENTIFIED)
+    false = (frames["judge"] == JUDGES.index(Judge.FALSE)) | _stray(frames)
+    return np.asarray(answered & false, dtype=bool)
 
 
 def proportion(count: int, of: int) -> Proportion:

@@ -1,0 +1,136 @@
+"""``gse compare``: two sessions, or one session under two identifiers or two station files."""
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from gse.cli import EXIT_FAIL
+from gse.cli.options import ALGORITHMS, station_of, with_identifier
+from gse.errors import UsageError
+from gse.side_by_side import Row, SideBySide, side_by_side
+
+if TYPE_CHECKING:
+    from gse.night import Night
+
+
+@click.command("compare")
+@click.argument("first", metavar="A", type=click.Path(path_type=Path))
+@click.argument("second", metavar="[B]", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--identifier",
+    "identifiers",
+    multiple=True,
+    type=click.Choice(ALGORITHMS),
+    help="Identifier of the second night; given twice: of the first and the second.",
+)
+@click.option(
+    "--station",
+    "stations",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="Station file of the second night; given twice: of the first and the second.",
+)
+@click.option(
+    "--sigmas", type=click.FloatRange(min=0), default=3.0, show_default=True, help="From where on a difference counts."
+)
+@click.option(
+    "--allow",
+    "allowed_share",
+    type=click.FloatRange(min=0),
+    default=0.01,
+    show_default=True,
+    help="Share of a limit by which a figure may become worse.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.compare/1.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    *,
+    first: Path,
+    second: Path | None,
+    identifiers: tuple[str, ...],
+    stations: tuple[Path, ...],
+    sigmas: float,
+    allowed_share: float,
+    as_json: bool,
+) -> None:
+    """Figures of session A and session B side by side, or of A alone under two identifiers or two station files.
+
+    Exit code 1 where the second night is worse: beyond --sigmas, and by more than --allow of a limit.
+    """
+    if second is None and not identifiers and not stations:
+        raise UsageError("one session alone compares with nothing; name a second one, or --identifier, or --station")
+    nights = [
+        _night(path, _of(identifiers, place), _of(stations, place))
+        for place, path in enumerate((first, second or first))
+    ]
+    result = side_by_side(*nights, sigmas=sigmas, allowed_share=allowed_share)
+    click.echo(json.dumps(compare_report(result)) if as_json else "\n".join(_lines(result)))
+    ctx.exit(EXIT_FAIL if result.regressions else 0)
+
+
+def _of(options: tuple[Any, ...], place: int) -> Any:
+    """The option of the first (0) or second (1) night: one value is for the second."""
+    if len(options) > 2:
+        raise UsageError(f"{len(options)} values were given where two nights are compared: expected one or two")
+    return options[place] if len(options) == 2 else options[0] if options and place == 1 else None
+
+
+def _night(path: Path, identifier: str | None, station_path: Path | None) -> "Night":
+    from gse.replaying import StationText, replay_session
+
+    def change(recorded: StationText) -> StationText:
+        station, text = station_of(station_path) if station_path else recorded
+        return with_identifier(station, identifier), text
+
+    return replay_session(path, station=change).night
+
+
+def compare_report(result: SideBySide) -> dict[str, Any]:
+    """The JSON of schema gse.compare/1."""
+    return {
+        "schema": "gse.compare/1",
+        "regression": bool(result.regressions),
+        "paired": result.paired,
+        "rows": [
+            {
+                "name": row.name,
+                "unit": row.unit,
+                "first": _number(row.first),
+                "second": _number(row.second),
+                "difference": _number(row.difference),
+                "sigmas": _number(row.sigmas, 2),
+                "gated": row.gate,
+                "worse": row.worse,
+            }
+            for row in result.rows
+        ],
+    }
+
+
+def _number(value: float, digits: int = 6) -> float | None:
+    return round(value, digits) if math.isfinite(value) else None
+
+
+def _lines(result: SideBySide) -> list[str]:
+    """The result for a person."""
+    head = f"{'':28}{'first':>12}{'second':>12}{'difference':>12}{'sigmas':>9}"
+    words = ", ".join(row.name for row in result.regressions)
+    paired = "the same panoramas in both" if result.paired else "different panoramas"
+    return [
+        f"REGRESSION in {words}" if words else "no regression",
+        paired,
+        "",
+        head,
+        *(_line(row) for row in result.rows),
+    ]
+
+
+def _line(row: Row) -> str:
+    name = f"{row.name} ({row.unit})" if row.unit else row.name
+    note = "  WORSE" if row.worse else "" if row.gate else "  (not judged)"
+    sigmas = f"{row.sigmas:9.1f}" if math.isfinite(row.sigmas) else f"{'-':>9}"
+    return f"{name:28}{row.first:12.4f}{row.second:12.4f}{row.difference:+12.4f}{sigmas}{note}"
