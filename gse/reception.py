@@ -3,6 +3,8 @@
 import hashlib
 from collections import deque
 
+import numpy as np
+
 from drivers.chunk import Chunk, LinkEvent
 from gse.instant import NS_PER_S
 from gse.panorama import Panorama
@@ -29,9 +31,6 @@ BITS_PER_BYTE = 10
 CLOCK_STEP_NS = 5_000_000
 """UTC that moves this much against the monotonic clock between two frames was stepped, not slewed."""
 
-STORED_DATA = 0x01
-"""Flag bit 0 of a frame: the payload is stored data, not live."""
-
 Received = Panorama | StatusMessage | AttitudeMessage | Ack | Nak | LinkEvent
 
 
@@ -48,7 +47,7 @@ class Reception:
         self.last_host_utc_ns = 0
         self._protocol = protocol
         self._decoder = FrameDecoder(protocol)
-        self._sequence = SequenceTracker()
+        self._sequence = SequenceTracker(protocol.sequence_modulus)
         self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
         self._stamps: deque[tuple[int, Chunk]] = deque()
         self._sha256 = hashlib.sha256()
@@ -110,7 +109,7 @@ class Reception:
 
     def _arrival(self, frame: Frame, message: Message) -> Arrival:
         """What the sequence number says; only panoramas' time tags tell a restart: a STATUS may carry a later one."""
-        if isinstance(message, PanoramaMessage) and not frame.flags & STORED_DATA:
+        if isinstance(message, PanoramaMessage) and "stored" not in self._protocol.flags_of(frame):
             restarted = "clock reset" in message.flags
             arrival = self._sequence.accept(frame.sequence, time_us=message.time_us, restarted=restarted)
         else:
@@ -135,11 +134,12 @@ class Reception:
 
     def _panorama(self, message: PanoramaMessage, frame: Frame, chunk: Chunk) -> Panorama:
         utc_ns = self._utc_of(message, chunk)
+        brightest_first = np.argsort(-message.index, kind="stable")
         self._last_utc_ns = utc_ns
         return Panorama(
             utc_ns=utc_ns,
-            xy_px=message.xy_px,
-            index=message.index,
+            xy_px=message.xy_px[brightest_first],
+            index=message.index[brightest_first],
             frame_no=message.frame_no,
             exposure_s=message.exposure_s,
             time_us=message.time_us,
