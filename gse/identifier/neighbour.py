@@ -5,7 +5,7 @@ object from the alpha star, |d_k - d_l| < d_m. Level 2: Fn2 counts the objects o
 pairwise. Distances of stars are whole microradians, as in the onboard table (figure 2-5).
 
 ``first-fit`` goes through the catalogue in its order, and the first star that reaches Fn and Fn2 is the alpha star, as
-on board. ``best-vote`` lets the ten objects nearest to the alpha star vote through the table of pairs, tries the 16
+on board. ``best-vote`` lets the ten nearest of the 15 brightest objects vote through the table of pairs, tries the 12
 stars with most votes, and takes the one with the greatest Fn2; where that names nothing, it is first-fit. It answers
 sooner, and differs only where several catalogue stars reach Fn and Fn2.
 
@@ -33,7 +33,10 @@ from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.tables import PairTable, field_diameter_rad, pair_table, tolerance_rad
 
 _VOTERS = 10
-_STARS_TRIED = 16
+_BRIGHT_OBJECTS = 15
+"""Only these vote: the fainter an object, the less likely it is in the catalogue."""
+
+_STARS_TRIED = 12
 _FEWEST_VOTES = 2
 _BIN_URAD = 128
 
@@ -123,7 +126,7 @@ def best_vote(
     for alpha in range(tried):
         seen = _seen_from(alpha, angles.cosine, angles.sine, limits.tolerance_urad)
         objects, stars = np.empty(0, np.int64), np.empty(0, np.int64)
-        for star in _most_voted(seen.distances[:_VOTERS], table, limits.tolerance_urad):
+        for star in _most_voted(seen, table, limits.tolerance_urad):
             fit, count = _level_1(star, seen, table, limits, room)
             better = max(limits.min_fit, len(objects))
             if fit < better:
@@ -185,10 +188,10 @@ def _level_1(star: int, alpha: Alpha, table: PairTable, limits: Limits, room: Ca
 
 
 @compiled
-def _most_voted(distances: NDArray[np.float64], table: PairTable, tolerance_urad: float) -> NDArray[np.int64]:
+def _most_voted(alpha: Alpha, table: PairTable, tolerance_urad: float) -> NDArray[np.int64]:
     """The stars with most votes, most first, then in catalogue order: one vote for each pair that fits a distance."""
     votes = np.zeros(len(table.first) - 1, np.int32)
-    for distance in distances:
+    for distance in alpha.distances[alpha.others < _BRIGHT_OBJECTS][:_VOTERS]:
         low = np.searchsorted(table.distance_urad, distance - tolerance_urad, side="right")
         while low < len(table.distance_urad) and table.distance_urad[low] < distance + tolerance_urad:
             votes[table.brighter[low]] += 1

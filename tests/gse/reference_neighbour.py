@@ -7,7 +7,7 @@ import math
 from itertools import combinations
 
 MOST_CANDIDATES = 64
-VOTERS, STARS_TRIED, FEWEST_VOTES = 10, 16, 2
+VOTERS, BRIGHT_OBJECTS, STARS_TRIED, FEWEST_VOTES = 10, 15, 12, 2
 
 
 def angle_urad(a, b):
@@ -51,7 +51,7 @@ class ReferenceNeighbour:
         for alpha in range(min(self.alphas, len(objects))):
             distances = self.from_alpha(objects, alpha)
             best = {}
-            for star in self.most_voted(distances[:VOTERS]):
+            for star in self.most_voted([(d, k) for d, k in distances if k < BRIGHT_OBJECTS][:VOTERS]):
                 fit, candidates = self.level_1(star, distances)
                 fewest = max(self.min_fit, len(best))
                 if fit >= fewest:
