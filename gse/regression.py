@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from drivers.capture_reader import find_segments
 from drivers.errors import DriverError
 from gse.errors import GseError, UsageError
 from gse.replaying import Cut, replay_session
@@ -44,14 +45,15 @@ class Outcome:
 def recordings_in(folder: Path) -> list[Path]:
     """The session files of a folder and of those in it, in the order of their names; UsageError where there are none.
 
-    The further segments of a session are found with its first; what holds no bytes of a port is no recording.
+    The further segments of a session are read with its first.
     """
     if not folder.is_dir():
         raise UsageError(f"{folder} is no folder; expected one that holds sessions (.mcap)")
-    found = sorted(path for path in folder.rglob("*.mcap") if path.is_file())
+    found = [path for path in folder.rglob("*.mcap") if path.is_file()]
+    further = {segment for path in found for segment in find_segments(path)[0][1:]}
     if not found:
         raise UsageError(f"there is no session (.mcap) in {folder}")
-    return found
+    return sorted(set(found) - further)
 
 
 def expected_path(recording: Path) -> Path:
@@ -62,10 +64,10 @@ def expected_path(recording: Path) -> Path:
 def check(recording: Path, name: str, cut: Cut, *, update: bool = False) -> Outcome:
     """Replay a recording and compare its report with the expected one; ``update`` makes it the expected one."""
     try:
+        expected = {} if update else _read_report(expected_path(recording))
         report = report_of(recording, cut)
         if update:
             return _keep(report, recording, name)
-        expected = _read_report(expected_path(recording))
     except (GseError, DriverError, ProtocolError) as error:
         return Outcome(name, "", error=str(error))
     differences = list(_differences(expected, report, ""))

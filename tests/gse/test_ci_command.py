@@ -1,0 +1,101 @@
+"""gse ci: recordings against the reports that they gave before."""
+
+import json
+import shutil
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from gse.cli.ci import command
+from gse.cli.simulate import command as simulate
+from gse.errors import UsageError
+
+
+def ci(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(command, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with one session and its report."""
+    folder = tmp_path_factory.mktemp("made")
+    arguments = ["--rate-hz", "1", "--seconds", "40", "--file", str(folder / "night.mcap")]
+    assert CliRunner().invoke(simulate, arguments, catch_exceptions=False).exit_code == 0
+    assert ci(folder, "--update").exit_code == 0
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(made, tmp_path / "replays")
+
+
+def change(path: Path, verdict: str) -> None:
+    report = json.loads(path.read_text())
+    report["verdict"] = verdict
+    report["session"]["versions"]["numpy"] = "0.1"
+    path.write_text(json.dumps(report))
+
+
+def test_the_same_bytes_give_the_same_report_however_they_are_cut(folder: Path) -> None:
+    result = ci(folder, "--cut", "5")
+    assert result.exit_code == 0
+    assert result.stdout.splitlines()[-1] == "1 of 1 recordings give the report that they must give"
+
+
+def test_a_difference_is_told_by_its_place_and_fails(folder: Path, tmp_path: Path) -> None:
+    change(folder / "night.report.json", "FAIL")
+    junit = tmp_path / "junit.xml"
+    result = ci(folder, "--junit", junit)
+    assert result.exit_code == 1
+    assert 'verdict: expected "FAIL", got "PASS"' in result.stdout
+    assert "numpy" not in result.stdout
+    suite = ET.parse(junit).getroot()
+    assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("1", "1", "0")
+    failure = suite.find("testcase/failure")
+    assert failure is not None
+    assert failure.get("message") == 'verdict: expected "FAIL", got "PASS"'
+
+
+def test_newer_packages_are_no_difference(folder: Path) -> None:
+    change(folder / "night.report.json", "PASS")
+    assert ci(folder).exit_code == 0
+
+
+def test_update_makes_the_report_the_expected_one(folder: Path) -> None:
+    change(folder / "night.report.json", "FAIL")
+    assert ci(folder, "--update").exit_code == 0
+    assert json.loads((folder / "night.report.json").read_text())["verdict"] == "PASS"
+
+
+@pytest.mark.parametrize("text", [None, "", "[]", "{", "[" * 100_000])
+def test_a_missing_or_broken_report_is_an_error_with_what_to_do(text: str | None, folder: Path) -> None:
+    report = folder / "night.report.json"
+    report.unlink()
+    if text is not None:
+        report.write_text(text)
+    result = ci(folder, "--json")
+    assert result.exit_code == 1
+    document = json.loads(result.stdout)
+    assert document["schema"] == "gse.ci/1"
+    assert "gse ci --update" in document["recordings"][0]["error"]
+
+
+def test_a_file_that_is_no_session_is_an_error_of_its_own(folder: Path, tmp_path: Path) -> None:
+    (folder / "old").mkdir()
+    (folder / "old" / "foreign.mcap").write_bytes(b"no session" * 100)
+    junit = tmp_path / "junit.xml"
+    result = ci(folder, "--junit", junit)
+    assert result.exit_code == 1
+    assert "same     PASS          night" in result.stdout
+    assert "old/foreign" in result.stdout
+    assert ET.parse(junit).getroot().get("errors") == "1"
+
+
+def test_a_folder_without_sessions_is_told_so(tmp_path: Path) -> None:
+    for folder, words in ((tmp_path, "no session"), (tmp_path / "nowhere", "no folder")):
+        result = ci(folder)
+        assert isinstance(result.exception, UsageError)
+        assert words in str(result.exception)

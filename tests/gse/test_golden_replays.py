@@ -1,0 +1,32 @@
+"""The golden sessions, through replay:// and the station's own loop, give their reports to the last digit."""
+
+from pathlib import Path
+
+import pytest
+
+from gse.regression import check, expected_path, recordings_in
+from gse.replaying import Cut
+
+GOLDEN = Path(__file__).parents[2] / "replays" / "golden"
+RECORDINGS = recordings_in(GOLDEN)
+
+
+@pytest.mark.parametrize("recording", RECORDINGS, ids=lambda path: path.stem)
+def test_a_golden_session_gives_its_report_exactly(recording: Path) -> None:
+    outcome = check(recording, recording.stem, Cut())
+    assert outcome.passed, outcome
+
+
+def test_the_bad_cable_gives_the_same_report_in_pieces_of_13_bytes() -> None:
+    outcome = check(GOLDEN / "faults.mcap", "faults", Cut(cut=13))
+    assert outcome.passed, outcome
+
+
+def test_each_golden_session_is_small_and_has_its_command_and_its_words() -> None:
+    make, words = (GOLDEN / "make.sh").read_text(), (GOLDEN / "README.md").read_text()
+    assert {path.stem for path in RECORDINGS} == {"clear", "inclined", "cloudy", "faults"}
+    for path in RECORDINGS:
+        assert path.stat().st_size <= 300_000
+        assert expected_path(path).exists()
+        assert f"--file {path.name}" in make
+        assert f"`{path.stem}`" in words
