@@ -34,7 +34,14 @@ _CELLS = 32
 
 def findings(night: Night, figures: Statistics) -> tuple[str, ...]:
     """One line for each thing that the errors of a night look like."""
-    return (*_events(night), *_nothing_identified(night), *_bias(night, figures), *_drift(figures), *_optics(night))
+    return (
+        *_events(night),
+        *_nothing_identified(night),
+        *_bias(night, figures),
+        *_drift(figures),
+        *_optics(night),
+        *_unlike(figures),
+    )
 
 
 def _events(night: Night) -> Iterator[str]:
@@ -100,6 +107,17 @@ def _drift_of_boresight(figures: Statistics) -> Iterator[str]:
             f"clock drift: dRA* drifts by {ra.drift_arcsec_per_h:+.1f} arcsec/h, as if the clock ran "
             f"{abs(rate) * 1e6:.0f} ppm {'slow' if rate > 0 else 'fast'}"
         )
+
+
+def _unlike(figures: Statistics) -> Iterator[str]:
+    own = figures.equivalence
+    if own is None or own.same:
+        return
+    yield (
+        f"the sensor's own answers are not the onboard-equivalent ones: of {own.answers}, {own.only_sensor} were "
+        f"answered only by the sensor and {own.only_station} only here, the others lie up to "
+        f"{own.apart_arcsec.max:.1f} arcsec apart"
+    )
 
 
 def _optics(night: Night) -> Iterator[str]:

@@ -13,9 +13,11 @@ from scipy import stats
 
 from gse.axis_figures import AxisFigures, axis_figures
 from gse.clock_health import ClockHealth, clock_health
+from gse.equivalence import Equivalence, equivalence
 from gse.exclusions import Exclusion, exclusions, left_out
 from gse.frame_table import JUDGES, STATUSES
 from gse.night import Night
+from gse.percentiles import Spread, spread
 from gse.results import Judge, Status
 
 AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y")
@@ -41,17 +43,6 @@ class Proportion:
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
-    """Percentiles of something measured once per frame; ``n`` = 0 and NaN where nothing was."""
-
-    n: int
-    p50: float
-    p95: float
-    p99: float
-    max: float
-
-
-@dataclass(frozen=True, slots=True)
 class EarthRate:
     """Rate of the boresight about the pole as measured, against that of the Earth, in arcsec/s.
 
@@ -69,7 +60,8 @@ class Statistics:
 
     ``frames_expected`` are those received and those that the sequence numbers miss. ``available`` is identified and
     not false, of the expected; ``false_answers`` is of the frames that were answered, with a one-sided 95 % upper
-    bound. ``outage_s`` is the longest time between answers.
+    bound. ``outage_s`` is the longest time between answers. ``equivalence`` is None where the sensor sent no answers of
+    its own.
     """
 
     frames: int
@@ -89,6 +81,7 @@ class Statistics:
     acquisition_s: float
     outage_s: float
     clock: ClockHealth
+    equivalence: Equivalence | None
     left_out: tuple[tuple[Exclusion, int], ...]
 
 
@@ -123,6 +116,7 @@ def statistics(night: Night) -> Statistics:
         acquisition_s=_acquisition_s(kept["utc_ns"], answered & ~false),
         outage_s=_outage_s(kept["utc_ns"], answered & ~false),
         clock=clock_health(night.clock, night.events, frames, stated_error_s=night.clock_error_s),
+        equivalence=equivalence(kept, [answer for _, answer in night.sensor_attitudes]),
         left_out=tuple((item, int(left_out(frames["utc_ns"], (item,)).sum())) for item in named),
     )
 
@@ -140,15 +134,6 @@ def proportion(count: int, of: int) -> Proportion:
         return Proportion(0, 0, _NAN, _NAN, _NAN)
     interval = stats.binomtest(count, of).proportion_ci(0.95, method="exact")
     return Proportion(count, of, count / of, float(interval.low), float(interval.high))
-
-
-def spread(values: NDArray[np.float64]) -> Spread:
-    """Percentiles of the finite values."""
-    finite = values[np.isfinite(values)]
-    if len(finite) == 0:
-        return Spread(0, _NAN, _NAN, _NAN, _NAN)
-    p50, p95, p99 = (float(value) for value in np.percentile(finite, [50, 95, 99]))
-    return Spread(len(finite), p50, p95, p99, float(finite.max()))
 
 
 def _upper_95(count: int, of: int) -> float:

@@ -34,6 +34,7 @@ def summarise(night: Night, judgement: Judgement) -> dict[str, Any]:
         "identification": _identification(figures),
         "timing": _timing(figures),
         "clock": figures.clock,
+        "equivalence": figures.equivalence,
         "link": {**dataclasses.asdict(night.link), "truncated": night.truncated},
         "truth_budget": _budget(judgement.budget),
         "table_4_1": _table_4_1(night, figures),
