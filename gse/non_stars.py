@@ -35,7 +35,7 @@ HOT_MOTION_PX = 4.0
 """An object that stayed on its pixel in so many frames, while a star there moved so far, is a hot pixel."""
 
 FORGET_NS = 60 * NS_PER_S
-MAX_REMEMBERED = 500
+MAX_REMEMBERED = 5000
 _EPHEMERIS_NS = 600 * NS_PER_S
 """The Moon moves 5 arcmin in this time, planets half an arcmin at most: a new place for each cell of it."""
 
@@ -61,7 +61,8 @@ class NonStars:
         self._site = EarthLocation.from_geodetic(
             site.longitude_deg * units.deg, site.latitude_deg * units.deg, site.height_m * units.m
         )
-        self._sightings: list[_Sighting] = []
+        self._sightings: dict[tuple[int, int], _Sighting] = {}
+        self._forgotten_ns = 0
         self._cell = -1
         self._bodies: NDArray[np.float64] = np.zeros((0, 3))
 
@@ -88,16 +89,25 @@ class NonStars:
         return HOT_PIXEL if self._stays(panorama, xy_px, attitude) else UNKNOWN
 
     def _stays(self, panorama: Panorama, xy_px: NDArray[np.float64], attitude: Attitude) -> bool:
-        x, y = float(xy_px[0]), float(xy_px[1])
-        for seen in self._sightings:
-            if abs(seen.x_px - x) <= SAME_PIXEL_PX and abs(seen.y_px - y) <= SAME_PIXEL_PX:
-                seen.frames += 1
-                seen.last_ns = panorama.utc_ns
-                seen.hot = seen.hot or (seen.frames >= HOT_FRAMES and self._moved(seen, attitude))
-                return seen.hot
-        if len(self._sightings) < MAX_REMEMBERED:
-            self._sightings.append(_Sighting(x, y, attitude, 1, panorama.utc_ns))
-        return False
+        seen = self._sighting(float(xy_px[0]), float(xy_px[1]))
+        if seen is None:
+            if len(self._sightings) < MAX_REMEMBERED:
+                x, y = float(xy_px[0]), float(xy_px[1])
+                self._sightings[round(x), round(y)] = _Sighting(x, y, attitude, 1, panorama.utc_ns)
+            return False
+        seen.frames += 1
+        seen.last_ns = panorama.utc_ns
+        seen.hot = seen.hot or (seen.frames >= HOT_FRAMES and self._moved(seen, attitude))
+        return seen.hot
+
+    def _sighting(self, x_px: float, y_px: float) -> _Sighting | None:
+        """What was seen on this pixel, which a sub-pixel position may round to a neighbour of."""
+        column, row = round(x_px), round(y_px)
+        for key in ((column + i, row + j) for i in (0, -1, 1) for j in (0, -1, 1)):
+            seen = self._sightings.get(key)
+            if seen and abs(seen.x_px - x_px) <= SAME_PIXEL_PX and abs(seen.y_px - y_px) <= SAME_PIXEL_PX:
+                return seen
+        return None
 
     def _moved(self, seen: _Sighting, attitude: Attitude) -> bool:
         """Whether the star that stood on the pixel at its first sighting would have left it by now."""
@@ -106,7 +116,14 @@ class NonStars:
         return float(np.linalg.norm(now - before)) > HOT_MOTION_PX * self._camera.pixel_rad
 
     def _forget(self, utc_ns: int) -> None:
-        self._sightings = [seen for seen in self._sightings if seen.hot or abs(utc_ns - seen.last_ns) < FORGET_NS]
+        if abs(utc_ns - self._forgotten_ns) < FORGET_NS / 4:
+            return
+        self._forgotten_ns = utc_ns
+        self._sightings = {
+            pixel: seen
+            for pixel, seen in self._sightings.items()
+            if seen.hot or abs(utc_ns - seen.last_ns) < FORGET_NS / 2
+        }
 
     def _bodies_px(self, utc_ns: int, attitude: Attitude) -> dict[str, tuple[NDArray[np.float64], float]]:
         """Planets and Moon on the detector: place and how near an object must stand to be one."""
