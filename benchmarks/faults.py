@@ -187,7 +187,7 @@ def files(folder: Path) -> list[Row]:
         if form == "compressed":
             compact(small)
         rows.append(_truncations(small, folder / "cut.mcap", form))
-    large = simulated_session(folder / "large.mcap", 2000)
+    large = simulated_session(folder / "large.mcap", 400)
     for form in ("plain", "compressed"):
         if form == "compressed":
             compact(large)

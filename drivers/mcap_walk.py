@@ -26,6 +26,8 @@ from drivers.window import BlockWindow, Window
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 16 << 20
 """No record is longer: chunks are cut at 256 KiB, attachments are pages of text, messages are reads of a port."""
+MAX_CHUNK_BYTES = 4 << 20
+"""Unpacked: a few hundred bytes can unpack to very much more."""
 SCAN_BYTES = 1 << 20
 MAX_SCAN_WORK = 64
 """Bytes checked per byte scanned before long candidates are passed over: damage must not cost hours."""
@@ -203,7 +205,7 @@ class Walk:
         chunk = McapChunk.read(_stream(content))
         if chunk.message_start_time <= chunk.message_end_time < self._from_utc_ns:
             return []
-        if chunk.uncompressed_size > MAX_RECORD_BYTES:
+        if chunk.uncompressed_size > MAX_CHUNK_BYTES:
             raise _NotBelievedError("impossible length")
         block = _unpack(chunk)
         whole = len(block) == chunk.uncompressed_size and zlib.crc32(block) == chunk.uncompressed_crc
@@ -250,16 +252,16 @@ def _unpack(chunk: McapChunk) -> bytes:
         return bytes(chunk.data)
     if chunk.compression != "zstd":
         raise _NotBelievedError(f"chunk with unknown compression {chunk.compression[:20]!r}")
-    unpacker = zstandard.ZstdDecompressor(max_window_size=MAX_RECORD_BYTES).decompressobj()
+    unpacker = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK_BYTES).decompressobj()
     block = bytearray()
     try:
         for start in range(0, len(chunk.data), 1024):
             block += unpacker.decompress(chunk.data[start : start + 1024])
-            if unpacker.eof or len(block) > MAX_RECORD_BYTES:
+            if unpacker.eof or len(block) > MAX_CHUNK_BYTES:
                 break
     except zstandard.ZstdError:
         pass
-    return bytes(block[:MAX_RECORD_BYTES])
+    return bytes(block[:MAX_CHUNK_BYTES])
 
 
 def _stream(content: bytes) -> ReadDataStream:
