@@ -39,6 +39,11 @@ _BRIGHT_OBJECTS = 15
 _STARS_TRIED = 12
 _FEWEST_VOTES = 2
 _BIN_URAD = 128
+_MOST_WORK = 300_000_000
+"""Comparisons after which a search gives up, within a second or so: 30 random objects over 4200 stars take 24 million.
+
+Only tolerances of many pixels, or catalogues far denser than the field needs, come here.
+"""
 
 
 class Limits(NamedTuple):
@@ -103,12 +108,17 @@ def first_fit(
     angles = separations(directions)
     room = Candidates(np.empty(MOST_CANDIDATES, np.int64), np.empty(MOST_CANDIDATES, np.int64))
     tried = min(limits.alphas, len(directions))
+    work = 0
     for alpha in range(tried):
         seen = _seen_from(alpha, angles.cosine, angles.sine, limits.tolerance_urad)
         for star in range(len(icrs)):
+            work += table.first[star + 1] - table.first[star]
             fit, count = _level_1(star, seen, table, limits, room)
             if fit < limits.min_fit:
                 continue
+            work += count * count
+            if work > _MOST_WORK:
+                return np.empty(0, np.int64), np.empty(0, np.int64), alpha + 1
             group = largest_group(agreements(room, count, icrs, angles, limits.tolerance_urad), limits.min_fit)
             if group != 0:
                 return *_named(alpha, star, room, group), alpha + 1

@@ -9,7 +9,8 @@ from reference_neighbour import ReferenceNeighbour, angle_urad, onboard_table
 
 from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
-from gse.identifier.neighbour import Limits, best_vote, first_fit
+from gse.identifier.mutual import MOST_CANDIDATES, Candidates, separations
+from gse.identifier.neighbour import Limits, _level_1, _seen_from, best_vote, first_fit
 from gse.identifier.tables import build_pair_table, field_diameter_rad
 from gse.spiral import spiral_directions
 
@@ -17,6 +18,7 @@ CAMERA = Camera(768, 1024, 1400.0, (511.5, 383.5))
 """40 deg wide, so that few stars make a full sky and the plain search ends within the day."""
 
 TOLERANCE_URAD = 1e6 * 1.5 / 1400
+NOISE = Noise(false_objects=3, limit=4.5)
 
 
 @pytest.fixture(scope="module")
@@ -59,12 +61,26 @@ def test_same_answers_over_the_sky(source, stars, table, plain_table, search, mi
     sky, rng = sky_of(source, CAMERA, 4.5), np.random.default_rng(11)
     limits, named = Limits(TOLERANCE_URAD, min_fit, 3), 0
     for boresight in spiral_directions(8):
-        frame = made_frame(sky, CAMERA, boresight, Noise(false_objects=3, limit=4.5), rng)
+        frame = made_frame(sky, CAMERA, boresight, NOISE, rng)
         directions = CAMERA.directions(frame.xy_px)
         fast, slow = compared(search, directions, stars, table, plain_table, limits)
         assert fast == slow
         named += bool(fast)
     assert named >= 4
+
+
+def test_level_1_counts_as_eq_2_5_for_every_star(source, stars, table, plain_table):
+    frame = made_frame(sky_of(source, CAMERA, 4.5), CAMERA, spiral_directions(8)[3], NOISE, np.random.default_rng(1))
+    directions = CAMERA.directions(frame.xy_px)
+    limits = Limits(3 * TOLERANCE_URAD, 6, 1)
+    plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, *limits)
+    room = Candidates(np.empty(MOST_CANDIDATES, np.int64), np.empty(MOST_CANDIDATES, np.int64))
+    angles = separations(directions)
+    seen = _seen_from(0, angles.cosine, angles.sine, limits.tolerance_urad)
+    for star in range(len(stars)):
+        fit, count = _level_1(star, seen, table, limits, room)
+        candidates = list(zip(room.object[:count].tolist(), room.star[:count].tolist(), strict=True))
+        assert (fit, candidates) == plain.level_1(star, plain.from_alpha(directions.tolist(), 0))
 
 
 @pytest.mark.parametrize("search", [first_fit, best_vote])

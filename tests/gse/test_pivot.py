@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from made_frames import ARCSEC, FIELD_14_DEG, Noise, made_frame, sky_of
 
-from gse.catalog import brightest_per_field, load_catalog, merge_doubles, mission_catalog
+from gse.catalog import StarCatalog, brightest_per_field, load_catalog, merge_doubles, mission_catalog
 from gse.config import IdentifierOptions
 from gse.identifier import Identification, Reason, Unidentified, make_identifier
 from gse.identifier.match_group import MatchGroupIdentifier
@@ -120,3 +120,14 @@ def test_spiral_directions_cover_the_sky_evenly():
     nearest = np.sort(directions @ directions.T, axis=1)[:, -2]
     assert np.degrees(np.arccos(nearest)).min() > 2.0
     assert np.degrees(np.arccos(nearest)).max() < 7.0
+
+
+def test_of_two_like_groups_the_one_whose_stars_are_ordered_like_the_objects_is_named():
+    triangle = np.array([[0.0, 0.0, 1.0], [0.03, 0.0, 1.0], [0.0, 0.04, 1.0]])
+    triangle /= np.linalg.norm(triangle, axis=1)[:, None]
+    elsewhere = triangle @ np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    stars = np.concatenate([elsewhere[[0, 2, 1]], triangle])
+    catalog = StarCatalog("two triangles", 2016.0, np.arange(6), stars, np.arange(6.0))
+    answer = PivotIdentifier(catalog, FIELD_RAD, 10 * ARCSEC).identify(triangle, np.array([3.0, 2.0, 1.0]))
+    assert isinstance(answer, Identification)
+    assert answer.stars.tolist() == [3, 4, 5]

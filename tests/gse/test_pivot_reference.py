@@ -19,7 +19,6 @@ from gse.spiral import spiral_directions
 
 CAMERA = Camera(1024, 1024, 2400.0, (511.5, 511.5))
 FIELD_RAD = 2 * np.arctan(np.hypot(512, 512) / 2400)
-TOLERANCE_URAD = 1e6 * 1.5 / 2400
 OUTCOMES = {"found": FOUND, "tie": TIE}
 
 
@@ -61,11 +60,17 @@ def assert_same(sky, plain, directions, index, gates):
 
 
 @pytest.mark.parametrize(
-    ("magnitude", "zero_point"), [(NO_GATE, 0.0), (MAGNITUDE_GATE, float("nan")), (MAGNITUDE_GATE, 8.5)]
+    ("tolerance_px", "magnitude", "zero_point"),
+    [
+        (1.5, NO_GATE, 0.0),
+        (12.0, NO_GATE, 0.0),
+        (1.5, MAGNITUDE_GATE, float("nan")),
+        (1.5, MAGNITUDE_GATE, 8.5),
+    ],
 )
-def test_same_answers_over_the_sky(source, sky, plain, magnitude, zero_point):
+def test_same_answers_over_the_sky(source, sky, plain, tolerance_px, magnitude, zero_point):
     seen, rng = sky_of(source, CAMERA, 4.5), np.random.default_rng(3)
-    gates, found = Gates(TOLERANCE_URAD, magnitude, zero_point), 0
+    gates, found = Gates(1e6 * tolerance_px / 2400, magnitude, zero_point), 0
     for false_objects, boresight in enumerate(spiral_directions(25)):
         frame = made_frame(seen, CAMERA, boresight, Noise(false_objects=false_objects % 3, limit=4.5), rng)
         if len(frame.index) >= 3:
