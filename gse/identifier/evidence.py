@@ -14,6 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.compiled import compiled
+from gse.identifier.robust_tables import SkyTables
+from gse.identifier.verify import Attempt, Noise, Objects, grow, squared_residuals
+
+LOG_ACCEPTED = math.log(1e3)
+"""Evidence of an answer: a chance of 1e-3."""
+
+LOG_STRONG = math.log(1e5)
+"""Evidence that ends a search: another attitude comes near it with a chance of 1e-3, and is worse even then."""
+
+_TRUSTED_SCALE_SIGMA = 2e-4
+"""Spread of the scale of a camera that is calibrated, tried where the wider one leaves too little evidence."""
 
 _MAGNITUDE_SIGMA = 0.5
 """Brightness is used weakly: colours, extinction and peak pixels make errors of this size."""
@@ -27,6 +38,9 @@ _SEEN = (0.97, 0.80)
 _LIMIT_WIDTH = 0.25
 """The limit is blurred by errors of brightness: magnitudes in the logistic curve about it."""
 
+_LEAST_COMPLETENESS = 4.0
+"""The completeness of a field costs less than this for each matched star: it is left out where it cannot matter."""
+
 _SIGMA_FACTOR = 1.7
 
 _SIGMA_STEPS = 6
@@ -34,39 +48,71 @@ _SIGMA_STEPS = 6
 
 
 @compiled
-def log_evidence(
-    matched: int,
-    squares: float,
-    covariance: NDArray[np.float64],
-    sigma: float,
-    scale_and_prior: tuple[float, float],
-    smallest_sigma: float,
-    area: float,
-) -> float:
-    """Natural logarithm of the geometric part of the Bayes factor.
+def weigh(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -> float:
+    """Grow an attempt from the matches it comes with; the logarithm of its Bayes factor.
 
-    Laplace's approximation around the fit: ``squares`` is the sum of squared residuals, ``covariance`` (4, 4) that of
-    rotation vector and scale at noise ``sigma``; ``area`` is the field's on the tangent plane.
+    Weak evidence is weighed once more with a camera that is trusted: fewer unknowns explain few stars better.
     """
-    scale, scale_sigma = scale_and_prior
-    volume = 0.5 * _log_determinant(covariance) + 2.0 * math.log(2.0 * math.pi) - math.log(8.0 * math.pi**2)
-    volume -= 0.5 * math.log(2.0 * math.pi) + math.log(scale_sigma) + 0.5 * ((scale - 1.0) / scale_sigma) ** 2
+    best, scale_sigma = -np.inf, noise.scale_sigma
+    for _ in range(2):
+        assumed = Noise(noise.sigma, noise.smallest_sigma, scale_sigma)
+        matched = grow(tables, objects, attempt, assumed)
+        if matched == 0:
+            break
+        best = max(best, _log_evidence(tables, objects, attempt, assumed, matched))
+        if best > LOG_STRONG:
+            break
+        scale_sigma = _TRUSTED_SCALE_SIGMA
+    return best - math.log(2.0)
+
+
+@compiled
+def _log_evidence(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise, matched: int) -> float:
+    """Logarithm of the Bayes factor of an attempt that has grown."""
+    fields = len(attempt.rows)
+    object_of, star_magnitude = np.empty(fields, dtype=np.int64), np.empty(fields)
+    for f in range(fields):
+        object_of[f] = -1
+        star_magnitude[f] = tables.magnitude[attempt.rows[f]]
+    for i in range(len(objects.uv)):
+        if attempt.star_of[i] >= 0:
+            object_of[attempt.star_of[i]] = i
+    value = _log_geometry(matched, squared_residuals(tables, objects, attempt), attempt, noise, tables.field[5])
+    value += _log_labels(star_magnitude, object_of, objects.magnitude)
+    lower_bound = value - _LEAST_COMPLETENESS * matched
+    if lower_bound > 2.0 * LOG_STRONG:
+        return lower_bound
+    return value + _log_completeness(star_magnitude, object_of, len(objects.uv))
+
+
+@compiled
+def _log_geometry(matched: int, squares: float, attempt: Attempt, noise: Noise, area: float) -> float:
+    """Logarithm of the geometric part of the Bayes factor, by Laplace's approximation around the fit.
+
+    ``squares`` is the sum of squared residuals, ``area`` the field's on the tangent plane.
+    """
+    volume = 0.5 * _log_determinant(attempt.covariance) + 2.0 * math.log(2.0 * math.pi) - math.log(8.0 * math.pi**2)
+    off = (attempt.scale[0] - 1.0) / noise.scale_sigma
+    volume -= 0.5 * math.log(2.0 * math.pi) + math.log(noise.scale_sigma) + 0.5 * off * off
     best = -np.inf
-    value = smallest_sigma
+    sigma = noise.smallest_sigma
     for _ in range(_SIGMA_STEPS):
         # Three angles shrink with the noise, the scale too unless its prior holds it: the smaller volume is taken.
-        shrink = math.log(value / sigma)
+        shrink = math.log(sigma / noise.sigma)
         shrink *= 4.0 if shrink < 0.0 else 3.0
-        fit = matched * math.log(area / (2.0 * math.pi * value * value)) - squares / (2.0 * value * value)
+        fit = matched * math.log(area / (2.0 * math.pi * sigma * sigma)) - squares / (2.0 * sigma * sigma)
         best = max(best, fit + volume + shrink)
-        value *= _SIGMA_FACTOR
+        sigma *= _SIGMA_FACTOR
     return best - math.log(_SIGMA_STEPS)
 
 
 @compiled
 def _log_determinant(symmetric: NDArray[np.float64]) -> float:
     """Of a positive definite matrix (4, 4)."""
-    a = symmetric.copy()
+    a = np.empty((4, 4))
+    for j in range(4):
+        for k in range(4):
+            a[j, k] = symmetric[j, k]
     total = 0.0
     for j in range(4):
         total += math.log(max(a[j, j], 1e-300))
@@ -78,18 +124,17 @@ def _log_determinant(symmetric: NDArray[np.float64]) -> float:
 
 
 @compiled
-def log_labels(
+def _log_labels(
     star_magnitude: NDArray[np.float64],
     object_of: NDArray[np.int64],
     magnitude: NDArray[np.float64],
-    brightest: float,
 ) -> float:
     """Logarithm of the probability that just these objects belong to the matched stars.
 
     Stars are taken in their order of brightness, and each picks its object among those left with a probability that
     falls with the error of brightness: in a field where brightness says nothing that is 1 / n, 1 / (n - 1), ...
     ``object_of`` (F,) is the object of each star of the field or -1, ``magnitude`` (N,) that of the objects on the
-    sensor's scale, ``brightest`` the one of saturated objects.
+    sensor's scale; those as bright as the brightest may be saturated.
     """
     n = len(magnitude)
     errors = np.empty(n)
@@ -103,8 +148,13 @@ def log_labels(
                 k -= 1
             errors[k] = value
             matched += 1
+    brightest = np.inf
+    for i in range(n):
+        brightest = min(brightest, magnitude[i])
     zero = 0.5 * (errors[matched // 2] + errors[(matched - 1) // 2])
-    free = np.ones(n, dtype=np.bool_)
+    free = np.empty(n, dtype=np.bool_)
+    for i in range(n):
+        free[i] = True
     total = 0.0
     for f in range(len(object_of)):
         if object_of[f] < 0:
@@ -125,7 +175,7 @@ def log_labels(
 
 
 @compiled
-def log_completeness(star_magnitude: NDArray[np.float64], object_of: NDArray[np.int64], objects: int) -> float:
+def _log_completeness(star_magnitude: NDArray[np.float64], object_of: NDArray[np.int64], objects: int) -> float:
     """Logarithm of the probability that the sensor sees just these stars of the field, and makes up the other objects.
 
     ``object_of`` (F,) tells of the stars of the field, brightest first, which object each is, or -1. The number of
@@ -136,11 +186,11 @@ def log_completeness(star_magnitude: NDArray[np.float64], object_of: NDArray[np.
     for f in range(len(object_of)):
         matched += object_of[f] >= 0
     best = -np.inf
-    for sky in range(len(_SEEN)):
-        limit = _limit_for(star_magnitude, matched, _SEEN[sky])
+    for share_seen in _SEEN:
+        limit = _limit_for(star_magnitude, matched, share_seen)
         value, variance = 0.0, 0.0
         for f in range(len(object_of)):
-            seen = _share_seen(limit - star_magnitude[f], _SEEN[sky])
+            seen = _share_seen(limit - star_magnitude[f], share_seen)
             value += math.log(seen if object_of[f] >= 0 else 1.0 - seen)
             variance += seen * (1.0 - seen)
         best = max(best, value + 0.5 * math.log(1.0 + 2.0 * math.pi * variance))

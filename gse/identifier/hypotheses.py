@@ -1,10 +1,4 @@
-"""Search for the attitude of a lost sensor: votes of star pairs for an alpha star and a roll.
-
-An alpha star and its nearest partners: for each partner, every catalogue pair of the same distance votes for "the alpha
-star is this star, at this roll", for both ends. A true star gets the votes of all its true partners at one roll, so
-handedness is checked by the vote itself. A few votes make a hypothesis, which ``verify`` grows over the field and
-``evidence`` weighs against chance.
-"""
+"""Search for the attitude of a lost sensor: hypotheses are verified until one has strong evidence."""
 
 import math
 
@@ -12,278 +6,94 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.compiled import compiled
-from gse.identifier.evidence import log_completeness, log_evidence, log_labels
-from gse.identifier.robust_tables import MAX_FIELD_STARS, SkyTables, near_bit
-from gse.identifier.verify import FIELD_AREA, gather_field, grow, sort_objects, squared_residuals
-
-_Whole = int | np.int64
-
-_OBJECTS_LOOKED_AT = 12
-
-LOG_STRONG = math.log(1e5)
-"""Evidence that ends the search: no second attitude can come near it."""
-
-LOG_ACCEPTED = math.log(1e3)
-"""Evidence of an answer; the pass that found it is finished, to see whether there is another."""
-
-_MAX_CANDIDATES = 64
-
-(
-    PLAN_WINDOW,
-    PLAN_GROWTH,
-    PLAN_PARTNERS,
-    PLAN_CANDIDATES,
+from gse.identifier.evidence import LOG_ACCEPTED, LOG_STRONG, weigh
+from gse.identifier.robust_tables import SkyTables
+from gse.identifier.verify import Noise, attempt_at, objects_of
+from gse.identifier.votes import (
     PLAN_ALPHAS,
+    PLAN_CANDIDATES,
+    PLAN_SCALE_SIGMA,
     PLAN_SIGMA,
     PLAN_SMALLEST_SIGMA,
-    PLAN_SCALE_SIGMA,
-    PLAN_STARS,
-    PLAN_OBJECTS,
-    PLAN_ALPHA_RANKS,
-) = range(11)
-"""Columns of the plan: tolerance of a distance in radians, and its growth with the distance; partners of an alpha star;
-hypotheses kept of its votes; alpha stars; noise, its smallest value and the spread of the scale; catalogue stars looked
-up per object; objects, brightest first, that take part; ranks by which the alpha star may be fainter than it looks."""
+    hypotheses_of,
+    pair_rotation,
+)
 
-SAME_ATTITUDE_COS = math.cos(math.radians(0.5))
+_SAME_ATTITUDE_COS = math.cos(math.radians(0.5))
 
-
-@compiled
-def pair_rotation(
-    a: NDArray[np.float64],
-    b: NDArray[np.float64],
-    s: NDArray[np.float64],
-    t: NDArray[np.float64],
-    rotation: NDArray[np.float64],
-) -> None:
-    """Put the rotation that takes star ``s`` onto direction ``a`` and ``t`` towards ``b`` into ``rotation``."""
-    left, right = np.empty((3, 3)), np.empty((3, 3))
-    for frame, x, y in ((left, a, b), (right, s, t)):
-        cx = x[1] * y[2] - x[2] * y[1]
-        cy = x[2] * y[0] - x[0] * y[2]
-        cz = x[0] * y[1] - x[1] * y[0]
-        norm = 1.0 / math.sqrt(cx * cx + cy * cy + cz * cz + 1e-300)
-        cx, cy, cz = cx * norm, cy * norm, cz * norm
-        frame[0, 0], frame[0, 1], frame[0, 2] = x[0], x[1], x[2]
-        frame[1, 0], frame[1, 1], frame[1, 2] = cx, cy, cz
-        frame[2, 0] = x[1] * cz - x[2] * cy
-        frame[2, 1] = x[2] * cx - x[0] * cz
-        frame[2, 2] = x[0] * cy - x[1] * cx
-    for j in range(3):
-        for k in range(3):
-            rotation[j, k] = left[0, j] * right[0, k] + left[1, j] * right[1, k] + left[2, j] * right[2, k]
-
-
-@compiled
-def weigh(
-    tables: SkyTables,
-    uv: NDArray[np.float64],
-    magnitude: NDArray[np.float64],
-    order: NDArray[np.int64],
-    first: NDArray[np.int64],
-    field: NDArray[np.float64],
-    seed: tuple[_Whole, _Whole, _Whole, _Whole],
-    rotation: NDArray[np.float64],
-    settings: tuple[float, float, float],
-    star_of: NDArray[np.int64],
-) -> float:
-    """Grow the hypothesis that objects i, j are stars s, t (``seed``) at ``rotation``; the logarithm of its evidence.
-
-    ``settings`` are noise, its smallest value, and the prior of the scale. ``star_of`` (N,) gets the row of the
-    tables of each object, or -1.
-    """
-    sigma, smallest_sigma, scale_sigma = settings
-    rows = np.empty(min(MAX_FIELD_STARS, 2 * len(uv) + 16), dtype=np.int64)
-    rows = rows[: gather_field(tables, rotation, field, rows)]
-    star_of[:] = -1
-    for f in range(len(rows)):
-        if rows[f] == seed[2]:
-            star_of[seed[0]] = f
-        elif rows[f] == seed[3]:
-            star_of[seed[1]] = f
-    if star_of[seed[0]] < 0 or star_of[seed[1]] < 0:
-        return -np.inf
-    covariance = np.empty((4, 4))
-    matched, scale = grow(tables, uv, order, first, field, rows, rotation, covariance, star_of, sigma, scale_sigma)
-    if matched < 3:
-        return -np.inf
-    squares = squared_residuals(tables, uv, rows, star_of, rotation, scale)
-    object_of = np.full(len(rows), -1)
-    for i in range(len(uv)):
-        if star_of[i] >= 0:
-            object_of[star_of[i]] = i
-    value = log_evidence(matched, squares, covariance, sigma, (scale, scale_sigma), smallest_sigma, field[FIELD_AREA])
-    star_magnitude = tables.magnitude[rows]
-    value += log_labels(star_magnitude, object_of, magnitude, magnitude.min())
-    if value - 4.0 * matched < 2.0 * LOG_STRONG:
-        value += log_completeness(star_magnitude, object_of, len(uv))
-    else:
-        value -= 4.0 * matched
-    for i in range(len(uv)):
-        if star_of[i] >= 0:
-            star_of[i] = rows[star_of[i]]
-    return value
-
-
-@compiled
-def _stars_near(tables: SkyTables, directions: NDArray[np.float64], r: NDArray[np.float64]) -> int:
-    """How many of the objects looked at have any star near them under a rotation."""
-    hits = 0
-    for i in range(min(len(directions), _OBJECTS_LOOKED_AT)):
-        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
-        bit = near_bit(
-            r[0, 0] * x + r[1, 0] * y + r[2, 0] * z,
-            r[0, 1] * x + r[1, 1] * y + r[2, 1] * z,
-            r[0, 2] * x + r[1, 2] * y + r[2, 2] * z,
-        )
-        hits += (tables.near_star[bit >> 3] >> (bit & 7)) & 1
-    return hits
-
-
-@compiled
-def _vote(
-    tables: SkyTables,
-    directions: NDArray[np.float64],
-    alpha: int,
-    step: NDArray[np.float64],
-    votes: NDArray[np.uint16],
-    candidates: NDArray[np.int64],
-) -> int:
-    """Put the hypotheses of one alpha star that the votes make into ``candidates`` (C, 4); how many.
-
-    A candidate is: objects near a star, partner, star of the alpha, star of the partner. Those with most objects near
-    a star come first; when there are more than C the others are dropped. ``step`` is a row of the plan.
-    """
-    bright = min(len(directions), int(step[PLAN_OBJECTS]))
-    faintest = int(step[PLAN_STARS] * bright)
-    alpha_faintest = min(faintest, int(step[PLAN_STARS] * (alpha + step[PLAN_ALPHA_RANKS])))
-    distance, azimuth = np.empty(bright), np.empty(bright, dtype=np.int64)
-    partners = np.empty(bright, dtype=np.int64)
-    found = _partners(directions[:bright], alpha, 8.0 * step[PLAN_WINDOW], distance, azimuth, partners)
-    rotation = np.empty((3, 3))
-    looked_at = min(len(directions), _OBJECTS_LOOKED_AT)
-    least, plenty, count = 3 if bright <= 5 else 4, max(6, (2 * looked_at) // 3), 0
-    votes[:alpha_faintest, 0] = 0
-    for p in range(min(found, int(step[PLAN_PARTNERS]))):
-        k = partners[p]
-        half = step[PLAN_WINDOW] + step[PLAN_GROWTH] * distance[k]
-        low = max(0, int((distance[k] - half) / tables.bucket_rad))
-        high = int((distance[k] + half) / tables.bucket_rad) + 1
-        if high >= len(tables.pair_start):
-            break
-        apart = step[PLAN_WINDOW] * (1.0 / distance[k] + 1.0 / distance[partners[0]])
-        tolerance = int(apart * (0.8 * 65536.0 / (2.0 * math.pi))) + 2
-        for bucket in range(low, high):
-            for q in range(tables.pair_start[bucket], tables.pair_start[bucket + 1]):
-                if tables.pairs[q, 1] >= faintest:
-                    break
-                for end in range(2):
-                    s = np.int64(tables.pairs[q, end])
-                    if s >= alpha_faintest:
-                        break
-                    roll = (np.int64(tables.pairs[q, 2 + end]) - azimuth[k]) & 0xFFFF
-                    if not _agrees(votes[s], roll, tolerance):
-                        continue
-                    t = np.int64(tables.pairs[q, 1 - end])
-                    pair_rotation(directions[alpha], directions[k], tables.icrs[s], tables.icrs[t], rotation)
-                    hits = _stars_near(tables, directions, rotation)
-                    if hits >= least:
-                        count = _insert(candidates, count, (hits, k, s, t))
-        if count > 0 and candidates[0, 0] >= plenty:
-            break
-    return count
-
-
-@compiled
-def _agrees(votes: NDArray[np.uint16], roll: _Whole, tolerance: int) -> bool:
-    """Whether a star's alpha has a vote for the same roll already; the vote is added to its ``votes``.
-
-    ``votes`` (8,) are how many there are, then their rolls; the first seven count.
-    """
-    given = np.int64(votes[0])
-    agrees = False
-    for v in range(1, given + 1):
-        apart = (roll - np.int64(votes[v]) + 0x8000) & 0xFFFF
-        if abs(apart - 0x8000) <= tolerance:
-            agrees = True
-    if given < 7:
-        votes[0] = given + 1
-        votes[given + 1] = roll
-    return agrees
-
-
-@compiled
-def _insert(candidates: NDArray[np.int64], count: int, new: tuple[_Whole, _Whole, _Whole, _Whole]) -> int:
-    """Insert a candidate where its number of objects near a star puts it; the last one drops out of a full list."""
-    place = count
-    if count == len(candidates):
-        if candidates[count - 1, 0] >= new[0]:
-            return count
-        place = count - 1
-    else:
-        count += 1
-    while place > 0 and candidates[place - 1, 0] < new[0]:
-        candidates[place] = candidates[place - 1]
-        place -= 1
-    candidates[place, 0], candidates[place, 1], candidates[place, 2], candidates[place, 3] = new
-    return count
+_MAX_CANDIDATES = 64
 
 
 @compiled
 def search(
     tables: SkyTables,
     directions: NDArray[np.float64],
-    magnitude: NDArray[np.float64],
-    field: NDArray[np.float64],
+    index: NDArray[np.float64],
     plan: NDArray[np.float64],
     max_hypotheses: int,
-    best_star_of: NDArray[np.int64],
-    best_rotation: NDArray[np.float64],
-) -> tuple[float, float, int]:
-    """Find the attitude with the most evidence; its logarithm, that of the second best, and hypotheses tried.
+) -> tuple[float, float, NDArray[np.int64]]:
+    """Find the attitude with the most evidence: its logarithm, that of the second best, and the objects' stars.
 
-    ``directions`` (N, 3) and ``magnitude`` (N,) of the objects, brightest first. Each row of ``plan`` is a pass (see
-    PLAN_WINDOW and the others). The search ends at the first strong evidence, after a pass that found an acceptable
-    one, at the end of the plan or after ``max_hypotheses``.
+    ``directions`` (N, 3) and ``index`` (N,) of the objects, brightest first; stars (N,) are rows of the tables, or -1.
+    Each row of ``plan`` is a pass (see PLAN_WINDOW and the others). The search ends at the first strong evidence, after
+    a pass that found enough, at the end of the plan or after ``max_hypotheses``.
     """
+    objects = objects_of(directions, index)
     n = len(directions)
-    uv = np.empty((n, 2))
-    for i in range(n):
-        uv[i, 0] = directions[i, 0] / directions[i, 2]
-        uv[i, 1] = directions[i, 1] / directions[i, 2]
-    order, first = np.empty(n, dtype=np.int64), np.empty(65, dtype=np.int64)
-    sort_objects(uv, order, first)
     votes = np.empty((tables.pair_stars, 8), dtype=np.uint16)
     candidates = np.empty((_MAX_CANDIDATES, 4), dtype=np.int64)
-    star_of, rotation = np.empty(n, dtype=np.int64), np.empty((3, 3))
+    star_of, rotation, best_rotation = np.empty(n, dtype=np.int64), np.empty((3, 3)), np.zeros((3, 3))
     best, second, tried = -np.inf, -np.inf, 0
-    for step in plan:
-        settings = (step[PLAN_SIGMA], step[PLAN_SMALLEST_SIGMA], step[PLAN_SCALE_SIGMA])
+    for line in range(len(plan)):
+        step = plan[line]
+        noise = Noise(step[PLAN_SIGMA], step[PLAN_SMALLEST_SIGMA], step[PLAN_SCALE_SIGMA])
         keep = candidates[: int(step[PLAN_CANDIDATES])]
         for alpha in range(min(n, int(step[PLAN_ALPHAS]))):
-            found = _vote(tables, directions, alpha, step, votes, keep)
-            for c in range(found):
+            for c in range(hypotheses_of(tables, directions, alpha, step, votes, keep)):
                 tried += 1
                 k, s, t = candidates[c, 1], candidates[c, 2], candidates[c, 3]
                 pair_rotation(directions[alpha], directions[k], tables.icrs[s], tables.icrs[t], rotation)
-                value = weigh(tables, uv, magnitude, order, first, field, (alpha, k, s, t), rotation, settings, star_of)
+                attempt = attempt_at(tables, rotation, n)
+                for f in range(len(attempt.rows)):
+                    if attempt.rows[f] == s:
+                        attempt.star_of[alpha] = f
+                    elif attempt.rows[f] == t:
+                        attempt.star_of[k] = f
+                if attempt.star_of[alpha] < 0 or attempt.star_of[k] < 0:
+                    continue
+                value = weigh(tables, objects, attempt, noise)
                 if value <= second:
                     continue
-                same = _cos_between(rotation, best_rotation) > SAME_ATTITUDE_COS
+                same = _cos_between(rotation, best_rotation) > _SAME_ATTITUDE_COS
                 if value > best:
                     second = second if same else best
                     best = value
-                    best_star_of[:] = star_of
-                    best_rotation[:] = rotation
+                    _keep(attempt.rows, attempt.star_of, rotation, star_of, best_rotation)
                     if best > LOG_STRONG:
-                        return best, second, tried
+                        return best, second, star_of
                 elif not same:
                     second = value
             if tried >= max_hypotheses:
-                return best, second, tried
+                return best, second, star_of
         if best > LOG_ACCEPTED:
             break
-    return best, second, tried
+    return best, second, star_of
+
+
+@compiled
+def _keep(
+    rows: NDArray[np.int64],
+    places: NDArray[np.int64],
+    rotation: NDArray[np.float64],
+    star_of: NDArray[np.int64],
+    best_rotation: NDArray[np.float64],
+) -> None:
+    """Copy an attempt's stars, as rows of the tables, and its rotation."""
+    for i in range(len(places)):
+        star_of[i] = rows[places[i]] if places[i] >= 0 else -1
+    for j in range(3):
+        for k in range(3):
+            best_rotation[j, k] = rotation[j, k]
 
 
 @compiled
@@ -294,40 +104,3 @@ def _cos_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
         for k in range(3):
             trace += a[j, k] * b[j, k]
     return 0.5 * (trace - 1.0)
-
-
-@compiled
-def _partners(
-    directions: NDArray[np.float64],
-    alpha: int,
-    least: float,
-    distance: NDArray[np.float64],
-    azimuth: NDArray[np.int64],
-    partners: NDArray[np.int64],
-) -> int:
-    """Distances and position angles of all objects about the alpha star; how many are far enough.
-
-    ``partners`` gets these, nearest first.
-    """
-    ax, ay, az = directions[alpha, 0], directions[alpha, 1], directions[alpha, 2]
-    norm = 1.0 / math.sqrt(ax * ax + az * az)
-    ex, ez = az * norm, -ax * norm
-    nx, ny, nz = ay * ez, az * ex - ax * ez, -ay * ex
-    found = 0
-    for i in range(len(directions)):
-        if i == alpha:
-            continue
-        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
-        chord = math.sqrt((x - ax) ** 2 + (y - ay) ** 2 + (z - az) ** 2)
-        distance[i] = 2.0 * math.asin(min(1.0, 0.5 * chord))
-        angle = math.atan2(nx * x + ny * y + nz * z, ex * x + ez * z)
-        azimuth[i] = np.int64(math.floor(angle * (65536.0 / (2.0 * math.pi)) + 0.5))
-        if distance[i] < least:
-            continue
-        j = found
-        while j > 0 and distance[partners[j - 1]] > distance[i]:
-            partners[j] = partners[j - 1]
-            j -= 1
-        partners[j] = i
-        found += 1
-    return found

@@ -1,23 +1,24 @@
 """The robust identifier: the ground's judge of every answer."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.attitude import Attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog
+from gse.identifier.evidence import LOG_ACCEPTED
 from gse.identifier.hypotheses import search
 from gse.identifier.intake import refusal
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.robust_tables import build_tables, merge_doubles
+from gse.identifier.tracking import follow
 
-ACCEPTED_CHANCE = 1e-3
-"""No answer is given that chance would give more often."""
-
-ACCEPTED_RATIO = 100.0
+LOG_UNAMBIGUOUS = math.log(100.0)
 """The best attitude must explain the panorama so many times better than any other."""
 
 _MIRROR_CHANCE = 1e-5
@@ -32,22 +33,29 @@ _FIELD_STARS = 90.0
 
 _SMALLEST_SIGMA_PX = 0.12
 
+_TRACKING_SIGMA_PX = 1.0
+
+_TRACKING_REACH_PX = 12.0
+"""How far the sky may have moved between panoramas; 40 s of the Earth's rotation with 49 arcsec per pixel."""
+
 _MAX_HYPOTHESES = 6_000
+"""A search of this length takes some 30 ms."""
 
 _SCALE_SIGMA = 2.5e-3
 """How far the focal length may be off: 0.5 % is two sigma."""
 
-# window px, its growth, partners, hypotheses kept, alpha stars, noise px, stars per object, objects, ranks of the alpha
 _PLAN = (
     (1.77, 0.0, 3, 8, 5, 0.5, 1.5, 12, 5),
     (3.5, 0.0, 4, 16, 10, 1.0, 2.0, 16, 8),
     (6.5, 0.006, 5, 32, 30, 1.9, 3.0, 30, 30),
     (6.5, 0.0, 10, 64, 30, 1.9, 3.0, 30, 30),
 )
+"""Passes of the search: window px and its growth, partners, hypotheses kept, alpha stars, noise px, catalogue stars per
+object, objects, ranks of the alpha star (see ``votes``). First the tolerance of [S] on the brightest objects."""
 
 
 class RobustIdentifier:
-    """Finds the stars of a panorama from the full catalogue, or says why not; never guesses.
+    """Finds the stars of a panorama in the full catalogue, or says why not; never guesses.
 
     ``catalog`` is what the sensor can see of the source: cut to three times the stars that a panorama of this camera
     holds (or to ``stars``), doubles closer than 2 px merged. ``field_of_view_deg`` is the diameter of a round stop in
@@ -65,19 +73,20 @@ class RobustIdentifier:
         field_of_view_deg: float | None = None,
     ) -> None:
         pixel = 1.0 / camera.focal_length_px
-        self._field, radius_rad = _field(camera, field_of_view_deg)
-        solid_angle_sr = float(self._field[5])
-        count = round(_FIELD_STARS * 4 * math.pi / solid_angle_sr) if stars == "auto" else stars
+        field = _field(camera, field_of_view_deg)
+        fields_on_sky = 4 * math.pi / float(field[5])
+        count = round(_FIELD_STARS * fields_on_sky) if stars == "auto" else stars
         icrs, magnitude, rows = merge_doubles(catalog, count, _MERGE_PX * pixel)
         self.catalog = replace(catalog.rows(rows), icrs=icrs, magnitude=magnitude)
-        self._tables = build_tables(icrs, magnitude, radius_rad, solid_angle_sr)
-        per_object = 4 * math.pi / solid_angle_sr
+        self._tables = build_tables(icrs, magnitude, field)
         self._plan = np.array(
             [
-                (w * pixel, g, p, h, a, s * pixel, _SMALLEST_SIGMA_PX * pixel, _SCALE_SIGMA, f * per_object, n, r)
+                (w * pixel, g, p, h, a, s * pixel, _SMALLEST_SIGMA_PX * pixel, _SCALE_SIGMA, f * fields_on_sky, n, r)
                 for w, g, p, h, a, s, f, n, r in _PLAN
             ]
         )
+        self._reach = _TRACKING_REACH_PX * pixel
+        self._tracking_noise = (_TRACKING_SIGMA_PX * pixel, _SMALLEST_SIGMA_PX * pixel, _SCALE_SIGMA)
 
     def identify(
         self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]
@@ -93,45 +102,53 @@ class RobustIdentifier:
                 return Unidentified(
                     Reason.NO_MATCH,
                     f"the image is mirrored: flipped, {len(mirrored.stars)} of {len(index)} objects are stars; "
-                    "set sensor.mirrored",
+                    "turn sensor.mirrored over",
                 )
         return answer
 
-    def _search(self, directions: NDArray[np.float64], index: NDArray[np.float64]) -> Identification | Unidentified:
-        magnitude = -2.5 * np.log10(np.maximum(index, 1e-3))
-        star_of = np.empty(len(index), dtype=np.int64)
-        rotation = np.zeros((3, 3))
-        best, second, _ = search(
-            self._tables,
-            directions,
-            magnitude,
-            self._field,
-            self._plan,
-            _MAX_HYPOTHESES,
-            star_of,
-            rotation,
+    def track(
+        self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64], previous: Attitude
+    ) -> Identification | Unidentified:
+        """The same where the sky is expected within 12 px of the previous attitude; elsewhere the sky is searched."""
+        refused = refusal(directions_sensor, index, _FEWEST_OBJECTS)
+        if refused:
+            return refused
+        evidence, star_of = follow(
+            self._tables, directions_sensor, index, previous.icrs_to_sensor, self._reach, self._tracking_noise
         )
-        if best < -math.log(ACCEPTED_CHANCE):
-            return Unidentified(Reason.NO_MATCH, "no attitude explains the objects better than chance")
-        if best - second < math.log(ACCEPTED_RATIO):
-            return Unidentified(
-                Reason.AMBIGUOUS, f"two attitudes explain the objects, one {math.exp(best - second):.1f} times better"
-            )
-        objects = np.flatnonzero(star_of >= 0)
-        return Identification(objects, star_of[objects], math.exp(-best))
+        if evidence < LOG_ACCEPTED:
+            return self.identify(directions_sensor, index)
+        return _answer(evidence, -math.inf, star_of)
+
+    def identify_many(
+        self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
+    ) -> list[Identification | Unidentified]:
+        """The answers to many panoramas, each as for ``identify``."""
+        return [self.identify(directions_sensor, index) for directions_sensor, index in panoramas]
+
+    def _search(self, directions: NDArray[np.float64], index: NDArray[np.float64]) -> Identification | Unidentified:
+        return _answer(*search(self._tables, directions, index, self._plan, _MAX_HYPOTHESES))
 
 
-def _field(camera: Camera, field_of_view_deg: float | None) -> tuple[NDArray[np.float64], float]:
-    """The field as ``verify`` describes it, and its radius in radians."""
+def _answer(best: float, second: float, star_of: NDArray[np.int64]) -> Identification | Unidentified:
+    if best < LOG_ACCEPTED:
+        return Unidentified(Reason.NO_MATCH, "no attitude explains the objects better than chance")
+    if best - second < LOG_UNAMBIGUOUS:
+        return Unidentified(
+            Reason.AMBIGUOUS, f"two attitudes explain the objects, one {math.exp(best - second):.1f} times better"
+        )
+    objects = np.flatnonzero(star_of >= 0)
+    return Identification(objects, star_of[objects], math.exp(-best))
+
+
+def _field(camera: Camera, field_of_view_deg: float | None) -> NDArray[np.float64]:
+    """The field as the tables describe it."""
     corners = np.array([(x, y) for x in (-0.5, camera.columns - 0.5) for y in (-0.5, camera.rows - 0.5)])
     directions = camera.directions(corners)
     uv = directions[:, :2] / directions[:, 2:]
     (left, top), (right, bottom) = uv.min(axis=0), uv.max(axis=0)
-    radius_rad = math.acos(directions[:, 2].min())
-    area = (right - left) * (bottom - top)
-    radius2 = math.inf
+    area, radius2 = (right - left) * (bottom - top), math.inf
     if field_of_view_deg is not None:
-        radius_rad = min(radius_rad, math.radians(field_of_view_deg) / 2)
-        radius2 = math.tan(radius_rad) ** 2
+        radius2 = math.tan(math.radians(field_of_view_deg) / 2) ** 2
         area = min(area, math.pi * radius2)
-    return np.array([left, right, top, bottom, radius2, area]), radius_rad
+    return np.array([left, right, top, bottom, radius2, area])

@@ -43,17 +43,19 @@ _TURN = 65_536
 class SkyTables(NamedTuple):
     """What the compiled search reads.
 
-    ``icrs`` (S, 3) and ``magnitude`` (S,) of the stars. ``pairs`` (P, 4) uint16 of the first ``pair_stars``: rows of
-    the brighter and the dimmer star, position angle of the dimmer at the brighter and of the brighter at the dimmer in
-    1/65,536 turn; those of distance bucket b (of ``bucket_rad``) are ``pair_start[b]`` to ``pair_start[b + 1]``,
-    sorted by their dimmer star. Cell c of ring r (of ``ring_rad``) holds the stars
+    ``icrs`` (S, 3) and ``magnitude`` (S,) of the stars. ``field`` (6,) on the tangent plane: least and greatest u,
+    least and greatest v, squared radius of a round stop (or infinity), area. ``pairs`` (P, 4) uint16 of the first
+    ``pair_stars``: rows of the brighter and the dimmer star, position angle of the dimmer at the brighter and of the
+    brighter at the dimmer in 1/65,536 turn; those of distance bucket b (of ``bucket_rad``) are ``pair_start[b]`` to
+    ``pair_start[b + 1]``, sorted by their dimmer star. Cell c of ring r (of ``ring_rad``) holds the stars
     ``cell_stars[cell_start[c] : cell_start[c + 1]]`` that a field with its centre in the cell can contain, brightest
-    first; ring r has its first cell at ``ring_start[r]``. ``near_star`` maps the sky (see ``near_bit``): a bit is
-    set where one of the pair stars is near.
+    first; ring r has its first cell at ``ring_start[r]``. ``near_star`` maps the sky (see ``near_bit``): a bit is set
+    where one of the pair stars is near.
     """
 
     icrs: NDArray[np.float64]
     magnitude: NDArray[np.float64]
+    field: NDArray[np.float64]
     pairs: NDArray[np.uint16]
     pair_start: NDArray[np.int32]
     ring_start: NDArray[np.int32]
@@ -89,14 +91,14 @@ def merge_doubles(
     return centre / np.linalg.norm(centre, axis=1)[:, None], -2.5 * np.log10(light[rows, 3]), rows
 
 
-def build_tables(
-    icrs: NDArray[np.float64], magnitude: NDArray[np.float64], radius_rad: float, solid_angle_sr: float
-) -> SkyTables:
-    """The tables for fields of this radius and solid angle, of stars brightest first."""
+def build_tables(icrs: NDArray[np.float64], magnitude: NDArray[np.float64], field: NDArray[np.float64]) -> SkyTables:
+    """The tables of stars, brightest first, for a field as ``SkyTables`` describes it."""
+    radius_rad, solid_angle_sr = field_radius_rad(field), float(field[5])
     pairs, pair_start, bucket_rad = _pair_table(icrs, 2 * radius_rad, solid_angle_sr)
     return SkyTables(
         icrs,
         magnitude,
+        field,
         pairs,
         pair_start,
         *_cells(icrs, radius_rad),
@@ -105,6 +107,13 @@ def build_tables(
         bucket_rad,
         radius_rad / 3,
     )
+
+
+def field_radius_rad(field: NDArray[np.float64]) -> float:
+    """Greatest angle from the boresight in a field as ``SkyTables`` describes it."""
+    left, right, top, bottom, radius2, _ = field
+    corner2 = max(left**2, right**2) + max(top**2, bottom**2)
+    return math.atan(math.sqrt(min(corner2, radius2)))
 
 
 @compiled

@@ -1,26 +1,27 @@
 """Verification of one attitude: the full catalogue is projected, matched to the objects, and the attitude refined.
 
 All is done on the tangent plane of the boresight, u = x / z and v = y / z of the sensor frame, where the noise of a
-pixel is the same everywhere. The unknowns are the small rotation vector in the sensor frame and the relative error of
-the focal length. Each star's gate holds the noise and what the unknowns are still uncertain by at its place: a gate
-that grows with the distance from the stars already matched. So a match starts where the hypothesis is sure of itself
-and spreads over the field.
+pixel is the same everywhere. The unknowns are the small rotation vector in the sensor frame and the scale: measured
+places are ``scale`` times those of the camera, where its focal length is a little wrong. Each star's gate holds the
+noise and what the unknowns are still uncertain by at its place: a gate that grows with the distance from the stars
+already matched. So a match starts where the hypothesis is sure of itself and spreads over the field.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.compiled import compiled
-from gse.identifier.robust_tables import SkyTables
+from gse.identifier.robust_tables import MAX_FIELD_STARS, SkyTables
 
 GATE_CHI2 = 13.0
 """Squared gate in sigmas of a two-dimensional normal: 0.15 % of true stars fall outside."""
 
 _MAX_ROUNDS = 10
 
-_OBJECT_BUCKETS = 64
+_U_BINS = 64
 
 _SMALLEST_RANGE = 1e-9
 """Of the objects' u, where all lie in one column."""
@@ -28,170 +29,200 @@ _SMALLEST_RANGE = 1e-9
 _MAX_GATE_SHARE = 0.02
 """A gate that covers more than this share of the field (times the objects in it) says nothing: it waits."""
 
-FIELD_LEFT, FIELD_RIGHT, FIELD_TOP, FIELD_BOTTOM, FIELD_RADIUS2, FIELD_AREA = range(6)
-"""Places in a field's description: limits in u and v, squared radius of a round stop, area; tangent plane units."""
+
+class Objects(NamedTuple):
+    """The objects of a panorama: ``directions`` (N, 3), ``uv`` (N, 2), ``magnitude`` (N,) on the sensor's scale.
+
+    ``order`` (N,) sorts them by u, and ``first`` (65,) are the places in it where each 64th of their range begins.
+    """
+
+    directions: NDArray[np.float64]
+    uv: NDArray[np.float64]
+    magnitude: NDArray[np.float64]
+    order: NDArray[np.int64]
+    first: NDArray[np.int64]
+
+
+class Attempt(NamedTuple):
+    """One attitude under verification: ``rotation`` (3, 3) ICRS to sensor, ``scale`` (1,), and their covariance (4, 4).
+
+    ``rows`` (F,) are the stars of the field, brightest first, as rows of the tables; ``star_of`` (N,) is for each
+    object the place of its star in ``rows``, or -1.
+    """
+
+    rotation: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    rows: NDArray[np.int64]
+    star_of: NDArray[np.int64]
+
+
+class Noise(NamedTuple):
+    """Standard deviations: ``sigma`` of a place at most, in u and v, and at least; ``scale_sigma`` of the scale."""
+
+    sigma: float
+    smallest_sigma: float
+    scale_sigma: float
 
 
 @compiled
-def sort_objects(uv: NDArray[np.float64], order: NDArray[np.int64], first: NDArray[np.int64]) -> None:
-    """Sort objects (N, 2) by u into ``order`` (N,); ``first`` (65,) points at where each 64th of their range begins."""
-    n = len(uv)
-    low, high = uv[0, 0], uv[0, 0]
+def objects_of(directions: NDArray[np.float64], index: NDArray[np.float64]) -> Objects:
+    """The objects of unit vectors (N, 3) and brightness (N,)."""
+    n = len(directions)
+    uv, magnitude = np.empty((n, 2)), np.empty(n)
+    order, first = np.empty(n, dtype=np.int64), np.empty(_U_BINS + 1, dtype=np.int64)
     for i in range(n):
-        low, high = min(low, uv[i, 0]), max(high, uv[i, 0])
+        uv[i, 0] = directions[i, 0] / directions[i, 2]
+        uv[i, 1] = directions[i, 1] / directions[i, 2]
+        magnitude[i] = -2.5 * math.log10(max(index[i], 1e-3))
         j = i
         while j > 0 and uv[order[j - 1], 0] > uv[i, 0]:
             order[j] = order[j - 1]
             j -= 1
         order[j] = i
-    width = max(high - low, _SMALLEST_RANGE) / _OBJECT_BUCKETS
+    low = uv[order[0], 0]
+    width = max(uv[order[n - 1], 0] - low, _SMALLEST_RANGE) / _U_BINS
     position = 0
-    for b in range(_OBJECT_BUCKETS):
+    for b in range(_U_BINS):
         while position < n and uv[order[position], 0] < low + b * width:
             position += 1
         first[b] = position
-    first[_OBJECT_BUCKETS] = n
+    first[_U_BINS] = n
+    return Objects(directions, uv, magnitude, order, first)
 
 
 @compiled
-def gather_field(
-    tables: SkyTables, rotation: NDArray[np.float64], field: NDArray[np.float64], rows: NDArray[np.int64]
-) -> int:
-    """Put the brightest catalogue stars in the field (and a little around it) into ``rows``; how many there are."""
-    z = min(1.0, max(-1.0, rotation[2, 2]))
-    ring = min(int(math.acos(z) / tables.ring_rad), len(tables.ring_start) - 2)
-    cells = tables.ring_start[ring + 1] - tables.ring_start[ring]
-    turn = math.atan2(rotation[2, 1], rotation[2, 0]) / (2.0 * math.pi)
-    turn -= math.floor(turn)
-    cell = tables.ring_start[ring] + min(int(turn * cells), cells - 1)
-    margin = 0.01 * (field[FIELD_RIGHT] - field[FIELD_LEFT])
-    left, right = field[FIELD_LEFT] - margin, field[FIELD_RIGHT] + margin
-    top, bottom = field[FIELD_TOP] - margin, field[FIELD_BOTTOM] + margin
+def attempt_at(tables: SkyTables, rotation: NDArray[np.float64], objects: int) -> Attempt:
+    """The attempt to verify ``rotation``, with the brightest catalogue stars in (and a little around) the field."""
+    rows = np.empty(min(MAX_FIELD_STARS, 2 * objects + 16), dtype=np.int64)
+    left, right, top, bottom, radius2, _ = tables.field
+    margin = 0.01 * (right - left)
+    left, right, top, bottom = left - margin, right + margin, top - margin, bottom + margin
+    cell = _cell_of(tables, rotation)
     count = 0
     for k in range(tables.cell_start[cell], tables.cell_start[cell + 1]):
-        row = tables.cell_stars[k]
-        a, b, c = tables.icrs[row, 0], tables.icrs[row, 1], tables.icrs[row, 2]
-        pz = rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c
-        px = rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c
-        py = rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c
+        star = tables.cell_stars[k]
+        x, y, z = tables.icrs[star, 0], tables.icrs[star, 1], tables.icrs[star, 2]
+        pz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
+        px = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
+        py = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
         inside = pz > 0.0 and left * pz < px < right * pz and top * pz < py < bottom * pz
-        if inside and px * px + py * py < 1.03 * field[FIELD_RADIUS2] * pz * pz:
-            rows[count] = row
+        if inside and px * px + py * py < 1.03 * radius2 * pz * pz:
+            rows[count] = star
             count += 1
             if count == len(rows):
                 break
-    return count
+    star_of = np.empty(objects, dtype=np.int64)
+    for i in range(objects):
+        star_of[i] = -1
+    scale = np.empty(1)
+    scale[0] = 1.0
+    return Attempt(rotation, scale, np.empty((4, 4)), rows[:count], star_of)
 
 
 @compiled
-def match_field(
-    tables: SkyTables,
-    uv: NDArray[np.float64],
-    order: NDArray[np.int64],
-    first: NDArray[np.int64],
-    field: NDArray[np.float64],
-    rows: NDArray[np.int64],
-    rotation: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    scale: float,
-    sigma: float,
-    star_of: NDArray[np.int64],
-) -> int:
-    """Give each object the place in ``rows`` of the star it lies nearest to, or -1, in ``star_of``; how many matched.
+def _cell_of(tables: SkyTables, rotation: NDArray[np.float64]) -> int:
+    """The sky cell of the boresight."""
+    colatitude = math.acos(min(1.0, max(-1.0, rotation[2, 2])))
+    ring = min(int(colatitude / tables.ring_rad), len(tables.ring_start) - 2)
+    cells = int(tables.ring_start[ring + 1] - tables.ring_start[ring])
+    turn = math.atan2(rotation[2, 1], rotation[2, 0]) / (2.0 * math.pi)
+    return int(tables.ring_start[ring]) + min(int((turn - math.floor(turn)) * cells), cells - 1)
 
-    An object goes to one star and a star to one object, nearest in sigmas first.
+
+@compiled
+def _place(tables: SkyTables, attempt: Attempt, f: int) -> tuple[float, float]:
+    """Where star f of the field is expected, u and v, before the scale."""
+    r, star = attempt.rotation, attempt.rows[f]
+    x, y, z = tables.icrs[star, 0], tables.icrs[star, 1], tables.icrs[star, 2]
+    pz = r[2, 0] * x + r[2, 1] * y + r[2, 2] * z
+    return (r[0, 0] * x + r[0, 1] * y + r[0, 2] * z) / pz, (r[1, 0] * x + r[1, 1] * y + r[1, 2] * z) / pz
+
+
+@compiled
+def _place_covariance(c: NDArray[np.float64], u: float, v: float) -> tuple[float, float, float]:
+    """Variance of u, of v, and their covariance at a place, from the covariance (4, 4) of rotation and scale.
+
+    With du = y - v z + u s and dv = -x + u z + v s; terms of second order in u and v do not matter to a gate.
     """
+    uu = c[1, 1] + v * v * c[2, 2] + u * u * c[3, 3] + 2.0 * (u * c[1, 3] - v * c[1, 2] - u * v * c[2, 3])
+    vv = c[0, 0] + u * u * c[2, 2] + v * v * c[3, 3] + 2.0 * (u * v * c[2, 3] - u * c[0, 2] - v * c[0, 3])
+    uv = u * v * (c[3, 3] - c[2, 2]) + (u * u - v * v) * c[2, 3]
+    return uu, vv, uv + u * (c[1, 2] - c[0, 3]) + v * (c[1, 3] + c[0, 2]) - c[0, 1]
+
+
+@compiled
+def _match(tables: SkyTables, objects: Objects, attempt: Attempt, sigma: float) -> int:
+    """Give each object the star it lies nearest to in sigmas, if in its gate; how many have one.
+
+    A star goes to one object only, and an object to one star.
+    """
+    uv, star_of = objects.uv, attempt.star_of
     n = len(uv)
     chi2 = np.empty(n)
     for i in range(n):
         star_of[i] = -1
         chi2[i] = GATE_CHI2
-    low = uv[order[0], 0]
-    per_u = _OBJECT_BUCKETS / max(uv[order[n - 1], 0] - low, _SMALLEST_RANGE)
-    c = covariance
+    low = uv[objects.order[0], 0]
+    bins_per_u = _U_BINS / max(uv[objects.order[n - 1], 0] - low, _SMALLEST_RANGE)
+    widest = (_MAX_GATE_SHARE * tables.field[5] / (math.pi * GATE_CHI2 * n)) ** 2
     matched = 0
-    for f in range(len(rows)):
-        a, b, d = tables.icrs[rows[f], 0], tables.icrs[rows[f], 1], tables.icrs[rows[f], 2]
-        pz = rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * d
-        u = (rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * d) / pz * scale
-        v = (rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * d) / pz * scale
-        # Covariance of the place: du = y - v z + u s, dv = -x + u z + v s (second-order terms do not matter to a gate).
-        suu = c[1, 1] + v * v * c[2, 2] + u * u * c[3, 3] + 2.0 * (u * c[1, 3] - v * c[1, 2] - u * v * c[2, 3])
-        svv = c[0, 0] + u * u * c[2, 2] + v * v * c[3, 3] + 2.0 * (u * v * c[2, 3] - u * c[0, 2] - v * c[0, 3])
-        suv = u * v * (c[3, 3] - c[2, 2]) + (u * u - v * v) * c[2, 3]
-        suv += u * (c[1, 2] - c[0, 3]) + v * (c[1, 3] + c[0, 2]) - c[0, 1]
-        suu += sigma * sigma
-        svv += sigma * sigma
+    for f in range(len(attempt.rows)):
+        u, v = _place(tables, attempt, f)
+        u, v = u * attempt.scale[0], v * attempt.scale[0]
+        suu, svv, suv = _place_covariance(attempt.covariance, u, v)
+        suu, svv = suu + sigma * sigma, svv + sigma * sigma
         determinant = suu * svv - suv * suv
-        if math.pi * GATE_CHI2 * math.sqrt(determinant) * n > _MAX_GATE_SHARE * field[FIELD_AREA]:
-            continue
         reach = math.sqrt(GATE_CHI2 * suu)
-        bucket = int((u - reach - low) * per_u)
-        if bucket >= _OBJECT_BUCKETS:
+        start = int((u - reach - low) * bins_per_u)
+        if not determinant < widest or start >= _U_BINS:
             continue
         best, best_chi2 = -1, GATE_CHI2
-        for k in range(first[max(bucket, 0)], n):
-            i = order[k]
-            du = uv[i, 0] - u
+        for k in range(objects.first[max(start, 0)], n):
+            i = objects.order[k]
+            du, dv = uv[i, 0] - u, uv[i, 1] - v
             if du > reach:
                 break
-            dv = uv[i, 1] - v
             distance = (svv * du * du - 2.0 * suv * du * dv + suu * dv * dv) / determinant
             if distance < best_chi2:
                 best, best_chi2 = i, distance
         if best >= 0 and best_chi2 < chi2[best]:
-            if star_of[best] < 0:
-                matched += 1
+            matched += star_of[best] < 0
             star_of[best] = f
             chi2[best] = best_chi2
     return matched
 
 
 @compiled
-def fit(
-    tables: SkyTables,
-    uv: NDArray[np.float64],
-    rows: NDArray[np.int64],
-    star_of: NDArray[np.int64],
-    rotation: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    scale_and_prior: tuple[float, float],
-    sigma: float,
-) -> float:
-    """One Gauss-Newton step on the matched objects: turns ``rotation`` in place, puts the new (4, 4) covariance.
-
-    ``scale_and_prior`` is the scale in use and the standard deviation that it is expected to have about 1. Returns the
-    new scale.
-    """
-    scale, scale_sigma = scale_and_prior
-    information, pull = np.zeros((4, 4)), np.zeros(4)
-    weight = 1.0 / (sigma * sigma)
-    for i in range(len(uv)):
-        if star_of[i] < 0:
+def _fit(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -> None:
+    """One Gauss-Newton step of rotation and scale on the matched objects, and the new covariance."""
+    information, pull, step = np.empty((4, 4)), np.empty(4), np.empty(4)
+    scale, covariance = attempt.scale[0], attempt.covariance
+    for j in range(4):
+        pull[j] = step[j] = 0.0
+        for k in range(4):
+            information[j, k] = 0.0
+    weight = 1.0 / (noise.sigma * noise.sigma)
+    for i in range(len(objects.uv)):
+        if attempt.star_of[i] < 0:
             continue
-        row = rows[star_of[i]]
-        a, b, d = tables.icrs[row, 0], tables.icrs[row, 1], tables.icrs[row, 2]
-        pz = rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * d
-        u = (rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * d) / pz
-        v = (rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * d) / pz
-        du, dv = uv[i, 0] - u * scale, uv[i, 1] - v * scale
+        u, v = _place(tables, attempt, attempt.star_of[i])
+        du, dv = objects.uv[i, 0] - u * scale, objects.uv[i, 1] - v * scale
         slope_u = (-u * v, 1.0 + u * u, -v, u)
         slope_v = (-1.0 - v * v, u * v, u, v)
         for j in range(4):
             pull[j] += weight * (slope_u[j] * du + slope_v[j] * dv)
             for k in range(j + 1):
                 information[j, k] += weight * (slope_u[j] * slope_u[k] + slope_v[j] * slope_v[k])
-    information[3, 3] += 1.0 / (scale_sigma * scale_sigma)
-    pull[3] -= (scale - 1.0) / (scale_sigma * scale_sigma)
+    prior = 1.0 / (noise.scale_sigma * noise.scale_sigma)
+    information[3, 3] += prior
+    pull[3] -= prior * (scale - 1.0)
     _invert(information, covariance)
-    x, y, z, s = 0.0, 0.0, 0.0, 0.0
-    for k in range(4):
-        x += covariance[0, k] * pull[k]
-        y += covariance[1, k] * pull[k]
-        z += covariance[2, k] * pull[k]
-        s += covariance[3, k] * pull[k]
-    turn(rotation, x, y, z)
-    return scale + s
+    for j in range(4):
+        for k in range(4):
+            step[j] += covariance[j, k] * pull[k]
+    _turn(attempt.rotation, step[0], step[1], step[2])
+    attempt.scale[0] += step[3]
 
 
 @compiled
@@ -226,7 +257,7 @@ def _invert(lower: NDArray[np.float64], inverse: NDArray[np.float64]) -> None:
 
 
 @compiled
-def turn(rotation: NDArray[np.float64], x: float, y: float, z: float) -> None:
+def _turn(rotation: NDArray[np.float64], x: float, y: float, z: float) -> None:
     """Turn the sensor's side of ``rotation`` by a small rotation vector, exactly orthogonal (Cayley's form)."""
     a, b, c = 0.5 * x, 0.5 * y, 0.5 * z
     norm = 1.0 / (1.0 + a * a + b * b + c * c)
@@ -241,59 +272,37 @@ def turn(rotation: NDArray[np.float64], x: float, y: float, z: float) -> None:
 
 
 @compiled
-def grow(
-    tables: SkyTables,
-    uv: NDArray[np.float64],
-    order: NDArray[np.int64],
-    first: NDArray[np.int64],
-    field: NDArray[np.float64],
-    rows: NDArray[np.int64],
-    rotation: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    star_of: NDArray[np.int64],
-    sigma: float,
-    scale_sigma: float,
-) -> tuple[int, float]:
-    """Match and fit in turn until the matches stay the same; how many there are, and the scale.
+def grow(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -> int:
+    """Match and fit in turn until the matches stay the same; how many there are, 0 where it comes to nothing.
 
-    ``star_of`` (N,) comes with the matches that the hypothesis stands on and leaves with all of them; ``rotation`` and
-    ``covariance`` (4, 4) follow.
+    ``attempt.star_of`` comes with the matches that the hypothesis stands on and leaves with all of them; rotation,
+    scale and covariance follow.
     """
-    before = np.empty_like(star_of)
+    n = len(objects.uv)
+    before = np.empty(n, dtype=np.int64)
     matched = 0
-    scale = fit(tables, uv, rows, star_of, rotation, covariance, (1.0, scale_sigma), sigma)
+    _fit(tables, objects, attempt, noise)
     for _ in range(_MAX_ROUNDS):
-        before[:] = star_of
-        matched = match_field(tables, uv, order, first, field, rows, rotation, covariance, scale, sigma, star_of)
-        if matched < 3:
-            return matched, scale
         same = True
-        for i in range(len(uv)):
-            same = same and before[i] == star_of[i]
+        for i in range(n):
+            before[i] = attempt.star_of[i]
+        matched = _match(tables, objects, attempt, noise.sigma)
+        if matched < 3:
+            return 0
+        for i in range(n):
+            same = same and before[i] == attempt.star_of[i]
         if same:
             break
-        scale = fit(tables, uv, rows, star_of, rotation, covariance, (scale, scale_sigma), sigma)
-    return matched, scale
+        _fit(tables, objects, attempt, noise)
+    return matched
 
 
 @compiled
-def squared_residuals(
-    tables: SkyTables,
-    uv: NDArray[np.float64],
-    rows: NDArray[np.int64],
-    star_of: NDArray[np.int64],
-    rotation: NDArray[np.float64],
-    scale: float,
-) -> float:
+def squared_residuals(tables: SkyTables, objects: Objects, attempt: Attempt) -> float:
     """Sum of the squared distances of the matched objects from the places of their stars."""
     total = 0.0
-    for i in range(len(uv)):
-        if star_of[i] < 0:
-            continue
-        row = rows[star_of[i]]
-        a, b, d = tables.icrs[row, 0], tables.icrs[row, 1], tables.icrs[row, 2]
-        pz = rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * d
-        u = (rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * d) / pz
-        v = (rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * d) / pz
-        total += (uv[i, 0] - u * scale) ** 2 + (uv[i, 1] - v * scale) ** 2
+    for i in range(len(objects.uv)):
+        if attempt.star_of[i] >= 0:
+            u, v = _place(tables, attempt, attempt.star_of[i])
+            total += (objects.uv[i, 0] - u * attempt.scale[0]) ** 2 + (objects.uv[i, 1] - v * attempt.scale[0]) ** 2
     return total

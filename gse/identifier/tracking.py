@@ -1,0 +1,94 @@
+"""Tracking: the stars of a panorama near the attitude of the one before.
+
+The whole pattern has moved by one small shift: the offsets of all objects from the catalogue stars around them are
+compared, and the shift that most of them share gives the first matches. Verification and evidence are those of the lost
+sensor, so that a wrong previous attitude can lead to no answer, never to a false one.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.compiled import compiled
+from gse.identifier.evidence import weigh
+from gse.identifier.robust_tables import SkyTables
+from gse.identifier.verify import Attempt, Noise, Objects, attempt_at, objects_of
+
+_MAX_OFFSETS = 256
+"""Offsets compared with each other; the brightest stars come first."""
+
+
+@compiled
+def follow(
+    tables: SkyTables,
+    directions: NDArray[np.float64],
+    index: NDArray[np.float64],
+    previous: NDArray[np.float64],
+    reach: float,
+    noise: tuple[float, float, float],
+) -> tuple[float, NDArray[np.int64]]:
+    """Verify the attitude near ``previous`` (3, 3): the logarithm of the evidence, and the objects' stars.
+
+    Objects are looked for within ``reach`` (tangent plane) of their stars; ``noise`` is that of ``verify.Noise``. Stars
+    (N,) are rows of the tables, or -1.
+    """
+    objects = objects_of(directions, index)
+    n = len(directions)
+    rotation = np.empty((3, 3))
+    for j in range(3):
+        for k in range(3):
+            rotation[j, k] = previous[j, k]
+    attempt = attempt_at(tables, rotation, n)
+    value = -np.inf
+    if _common_shift(tables, objects, attempt, reach, 4.0 * noise[0]) >= 3:
+        value = weigh(tables, objects, attempt, Noise(noise[0], noise[1], noise[2]))
+    for i in range(n):
+        if attempt.star_of[i] >= 0:
+            attempt.star_of[i] = attempt.rows[attempt.star_of[i]]
+    return value, attempt.star_of
+
+
+@compiled
+def _common_shift(tables: SkyTables, objects: Objects, attempt: Attempt, reach: float, tolerance: float) -> int:
+    """Match the objects whose offset from a star is the most common one, within a tolerance; how many."""
+    offsets = np.empty((_MAX_OFFSETS, 2))
+    pairs = np.empty((_MAX_OFFSETS, 2), dtype=np.int64)
+    count = _offsets(tables, objects, attempt, reach, offsets, pairs)
+    best, best_votes = 0, 0
+    for a in range(count):
+        votes = 0
+        for b in range(count):
+            votes += abs(offsets[a, 0] - offsets[b, 0]) < tolerance and abs(offsets[a, 1] - offsets[b, 1]) < tolerance
+        if votes > best_votes:
+            best, best_votes = a, votes
+    matched = 0
+    for b in range(count):
+        du, dv = abs(offsets[best, 0] - offsets[b, 0]), abs(offsets[best, 1] - offsets[b, 1])
+        if du < tolerance and dv < tolerance and attempt.star_of[pairs[b, 0]] < 0:
+            attempt.star_of[pairs[b, 0]] = pairs[b, 1]
+            matched += 1
+    return matched
+
+
+@compiled
+def _offsets(
+    tables: SkyTables,
+    objects: Objects,
+    attempt: Attempt,
+    reach: float,
+    offsets: NDArray[np.float64],
+    pairs: NDArray[np.int64],
+) -> int:
+    """Offsets (M, 2) of objects from the stars within reach, and which (object, star) they belong to; how many."""
+    r, uv = attempt.rotation, objects.uv
+    count = 0
+    for f in range(len(attempt.rows)):
+        x, y, z = tables.icrs[attempt.rows[f]]
+        pz = r[2, 0] * x + r[2, 1] * y + r[2, 2] * z
+        u = (r[0, 0] * x + r[0, 1] * y + r[0, 2] * z) / pz
+        v = (r[1, 0] * x + r[1, 1] * y + r[1, 2] * z) / pz
+        for i in range(len(uv)):
+            if abs(uv[i, 0] - u) < reach and abs(uv[i, 1] - v) < reach and count < len(offsets):
+                offsets[count, 0], offsets[count, 1] = uv[i, 0] - u, uv[i, 1] - v
+                pairs[count, 0], pairs[count, 1] = i, f
+                count += 1
+    return count
