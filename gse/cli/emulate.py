@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from gse.simulator.endpoints import Endpoint
 
 
+_LAST_PORT = 65535
+
+
 @click.command("emulate")
 @click.option("--pty", "use_pty", is_flag=True, help="On a new pseudo-terminal.")
 @click.option(
@@ -81,6 +84,6 @@ def _endpoint(tcp_address: str | None) -> "Endpoint":
     if tcp_address is None:
         return PtyEndpoint()
     host, _, port = tcp_address.rpartition(":")
-    if not host or not port.isdecimal():
+    if not host or not port.isdecimal() or int(port) > _LAST_PORT:
         raise UsageError(f"--tcp {tcp_address} is no address; expected for example 127.0.0.1:4000")
     return TcpEndpoint(host.strip("[]"), int(port))

@@ -122,8 +122,11 @@ def firmware_of(
     if standby not in ("yes", "no"):
         raise PortError(f"sim://: standby={standby} does not work: expected yes or no")
     device = scenario.device_for(station)
+    protocol = load_protocol(device.protocol)
+    if not protocol.slots:
+        raise PortError(f"sim://: the protocol {protocol.name} has no PANORAMA, so there is nothing to simulate")
     return SensorFirmware(
-        load_protocol(device.protocol),
+        protocol,
         detector,
         scenario.firmware,
         _generators(options)[1],

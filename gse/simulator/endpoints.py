@@ -73,9 +73,8 @@ class TcpEndpoint:
         try:
             family = socket.AF_INET6 if ":" in host else socket.AF_INET
             self._listener = socket.create_server((host, port), family=family)
-        except (OSError, OverflowError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise UsageError(f"cannot listen on {host} port {port}: {reason}; port 0 takes any free one") from error
+        except OSError as error:
+            raise UsageError(f"cannot listen on {host} port {port}: {error}; port 0 takes any free one") from error
         self._client: socket.socket | None = None
         name = f"[{host}]" if ":" in host else host
         self.address = f"socket://{name}:{self._listener.getsockname()[1]}"

@@ -14,7 +14,7 @@ from typing import Protocol as Interface
 import numpy as np
 
 from gse.instant import NS_PER_S
-from gse.simulator.panorama import Exposure
+from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.scenario import Firmware as Traits
 from protocols import (
     Ack,
@@ -40,6 +40,9 @@ _ANSWER_NS = 1_000_000
 """What the sensor's computer takes to answer a command."""
 _SHORTEST_EXPOSURE_S, _LONGEST_EXPOSURE_S = 0.001, 2.0
 _LONGEST_PERIOD_S = 3600.0
+_USUAL_PERIOD_S = 0.1
+CLOCK_RESET = "clock reset"
+"""The status bit, in the words of the protocols."""
 _COUNTERS_WRAP_AT = 65536
 _SLOWEST_BOOT = 1.005
 _VERSION = (1, 2, 0)
@@ -81,6 +84,7 @@ class SensorFirmware:
     ) -> None:
         """``period_s`` is that of the panoramas that come from power-on, None for a sensor that waits for START."""
         self._protocol, self._detector, self._traits, self._random = protocol, detector, traits, random
+        self._flags = _sayable_flags(protocol)
         self._first_exposure_s, self._first_period_s = exposure_s, period_s
         self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
         self._resets_ns = [start_ns + round(second * NS_PER_S) for second in sorted(traits.resets_s)]
@@ -150,16 +154,17 @@ class SensorFirmware:
                 return []
         temperature_c = self._temperature_c(middle_ns)
         seen = self._detector.expose(middle_ns, self._exposure_s, temperature_c)
-        flags = seen.flags | {"clock reset"} if self._clock_was_reset else seen.flags
+        flags = seen.flags | ({CLOCK_RESET} if self._clock_was_reset else set())
         self._clock_was_reset = False
+        slots = self._protocol.slots
         message = PanoramaMessage(
             time_us=self._clock_us(middle_ns),
             frame_no=number,
             exposure_s=self._exposure_s,
-            flags=flags,
+            flags=flags & self._flags,
             temperature_c=temperature_c,
-            xy_px=seen.xy_px,
-            index=seen.index,
+            xy_px=seen.xy_px[:slots],
+            index=seen.index[:slots],
         )
         self._frames_sent += 1
         return [self._send(message, end_ns)]
@@ -182,7 +187,7 @@ class SensorFirmware:
                 yield self._status(utc_ns)
                 return
             case Start():
-                self._period_s = command.period_s
+                self._period_s = self._period_of(command)
                 self._next_start_ns = max(utc_ns, self._next_start_ns or 0)
             case Stop():
                 self._period_s = self._next_start_ns = None
@@ -192,9 +197,14 @@ class SensorFirmware:
                 self._exposure_s = command.exposure_s
         yield Ack(frame.type, max(frame.sequence, 0))
 
+    def _period_of(self, start: Start) -> float:
+        """The period that START asks for; the sensor's own where the protocol has no word for it."""
+        own_s = self._first_period_s or max(_USUAL_PERIOD_S, self._exposure_s)
+        return own_s if math.isnan(start.period_s) else start.period_s
+
     def _is_in_range(self, command: Message) -> bool:
         if isinstance(command, Start):
-            return self._exposure_s <= command.period_s <= _LONGEST_PERIOD_S
+            return self._exposure_s <= self._period_of(command) <= _LONGEST_PERIOD_S
         if isinstance(command, SetExposure):
             return _SHORTEST_EXPOSURE_S <= command.exposure_s <= _LONGEST_EXPOSURE_S
         return True
@@ -242,3 +252,22 @@ class SensorFirmware:
         return (
             warm + (cold - warm) * math.exp(-powered_s / self._traits.warm_up_s) + float(self._random.normal(0, 0.02))
         )
+
+
+def _sayable_flags(protocol: Protocol) -> frozenset[str]:
+    """The status bits that the protocol has; another make has others, or none."""
+    sayable = set()
+    for flag in (OVEREXPOSED, CLOCK_RESET):
+        message = PanoramaMessage(
+            time_us=0,
+            frame_no=0,
+            exposure_s=0.05,
+            flags=frozenset({flag}),
+            temperature_c=20.0,
+            xy_px=np.empty((0, 2)),
+            index=np.empty(0),
+        )
+        with contextlib.suppress(EncodeError):
+            protocol.encode(message, 0)
+            sayable.add(flag)
+    return frozenset(sayable)

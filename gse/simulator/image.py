@@ -14,7 +14,7 @@ from gse.compiled import compiled
 from gse.config import Station
 from gse.extraction import extract, extract_sub_pixel
 from gse.simulator.bodies import MOON
-from gse.simulator.panorama import Exposure
+from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.photometry import BIAS_INDEX, Photometry
 from gse.simulator.scenario import Scenario
 from gse.simulator.scene import Scene
@@ -48,7 +48,7 @@ class ImageSource:
         """One exposure, by its middle, extracted as the sensor does."""
         image = self.image(middle_utc_ns, exposure_s, temperature_c)
         if self._photometry.is_overexposed(float(np.median(image[::16, ::16]))):
-            return Exposure(np.empty((0, 2)), np.empty(0), frozenset({"overexposed"}))
+            return Exposure(np.empty((0, 2)), np.empty(0), frozenset({OVEREXPOSED}))
         xy_px, index = extract_sub_pixel(image) if self._sub_pixel else extract(image)
         return Exposure(xy_px, index, frozenset())
 

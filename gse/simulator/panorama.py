@@ -17,6 +17,9 @@ from gse.simulator.photometry import Photometry
 from gse.simulator.scenario import Scenario
 from gse.simulator.scene import Scene
 
+OVEREXPOSED = "overexposed"
+"""The status bit, in the words of the protocols."""
+
 ARCSEC_PER_RAD = 180 * 3600 / math.pi
 _FOOTPRINT_PX = 2.0
 _NOISE_SIGMAS = 5
@@ -50,7 +53,7 @@ class PanoramaSource:
         sky_magnitude = self._scene.boresight_sky_magnitude(middle_utc_ns)
         background = self._photometry.background_index(sky_magnitude, exposure_s)
         if self._photometry.is_overexposed(background):
-            return Exposure(np.empty((0, 2)), np.empty(0), frozenset({"overexposed"}))
+            return Exposure(np.empty((0, 2)), np.empty(0), frozenset({OVEREXPOSED}))
         limit = self._photometry.faintest_magnitude(sky_magnitude, exposure_s, temperature_c)
         xy_px, magnitude = self._stars(middle_utc_ns, limit)
         index = self._photometry.peak_index(magnitude, exposure_s)

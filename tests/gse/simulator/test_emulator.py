@@ -163,7 +163,8 @@ def test_the_command_prints_the_address_and_ends_after_its_time() -> None:
         ([], "--pty, or --tcp"),
         (["--pty", "--tcp", "127.0.0.1:0"], "--pty, or --tcp"),
         (["--tcp", "4000"], "127.0.0.1:4000"),
-        (["--tcp", "127.0.0.1:99999"], "cannot listen"),
+        (["--tcp", "127.0.0.1:99999"], "127.0.0.1:4000"),
+        (["--tcp", "192.0.2.1:4000"], "cannot listen"),
     ],
 )
 def test_an_impossible_address_is_told_with_what_was_expected(arguments: list[str], words: str) -> None:

@@ -1,5 +1,7 @@
 """Each scenario through sim:// and the station's own loop: the station finds what the scenario says it must."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +12,7 @@ from drivers.urlhandlers.protocol_sim import register
 from gse.config import BUILT_IN_TEXT, parse_station
 from gse.equipment import Equipment, prepare
 from gse.errors import ConfigError
+from gse.night import Night
 from gse.simulator import device_factory
 from gse.simulator.scenario import load_scenario, parse_scenario, profile_at, scenario_names
 from gse.station import StationLoop
@@ -17,6 +20,15 @@ from gse.verdict import judge
 
 SECONDS_PER_FRAME = {"twilight": 20.0}
 """Fewer frames than the scenario's own: enough for a verdict. One a second for the others."""
+
+
+def night_of(url: str, equipment: Equipment) -> Night:
+    """All that the station's loop makes of a simulated sensor; the clock is known to be right."""
+    register(device_factory(equipment.station))
+    with SerialLink(url) as link:
+        night = StationLoop(equipment).run(link)
+    night.clock_error_s = 0.0
+    return night
 
 
 @pytest.fixture(scope="module")
@@ -29,11 +41,9 @@ def test_the_station_finds_what_the_scenario_says(name: str, equipment: Equipmen
     scenario = load_scenario(name)
     station = parse_station(scenario.station_text())
     assert station.sensor == equipment.station.sensor
-    register(device_factory(station))
-    loop = StationLoop(replace(equipment, station=station))
-    with SerialLink(f"sim://?scenario={name}&rate_hz={1 / SECONDS_PER_FRAME.get(name, 1.0)}") as link:
-        night = loop.run(link)
-    night.clock_error_s = 0.0
+    night = night_of(
+        f"sim://?scenario={name}&rate_hz={1 / SECONDS_PER_FRAME.get(name, 1.0)}", replace(equipment, station=station)
+    )
     judgement = judge(night)
     share = judgement.statistics.available.value
     assert judgement.verdict.value == scenario.find.verdict, judgement.reasons
@@ -43,6 +53,41 @@ def test_the_station_finds_what_the_scenario_says(name: str, equipment: Equipmen
     assert set(scenario.find.events) <= {event.kind for event in night.events}
     assert judgement.statistics.false_answers.count == 0
     assert night.link.bytes_in == night.link.bytes_framed
+
+
+ODD = """\
+text: A mirrored, distorted detector off its axis, tilted and rolled, without noise.
+rate_hz: 1
+seconds: 40
+station:
+  protocol: panorama-v1-subpixel
+  sensor: {mirrored: true, radial_distortion: [-0.003, 0.001], principal_point_px: [520.3, 498.1]}
+  mount: {azimuth_deg: 200, altitude_deg: 35, roll_deg: -77}
+optics: {position_noise_arcsec: 0}
+"""
+
+
+def test_without_noise_the_truth_is_where_the_simulated_sensor_looks(tmp_path: Path) -> None:
+    (tmp_path / "odd.yaml").write_text(ODD)
+    scenario = parse_scenario(ODD, "odd.yaml")
+    night = night_of(f"sim://?scenario={tmp_path}/odd.yaml", prepare(parse_station(scenario.station_text()), ODD))
+    axes = judge(night).statistics.axes
+    assert axes["d_ra_cosde"].n == 40
+    assert abs(axes["d_ra_cosde"].bias_arcsec) < 0.1
+    assert abs(axes["d_de"].bias_arcsec) < 0.1
+    assert abs(axes["d_roll"].bias_arcsec) < 1.0
+
+
+@pytest.mark.parametrize("level", ["image", "image-sub-pixel"])
+def test_whole_images_are_identified_as_well(level: str, equipment: Equipment) -> None:
+    judgement = judge(night_of(f"sim://?level={level}&rate_hz=1&frames=35", equipment))
+    assert judgement.verdict == "PASS"
+    assert judgement.statistics.axes["d_de"].rms_arcsec < 15
+
+
+def test_the_simulator_does_not_use_the_truth_that_it_tests() -> None:
+    script = "import sys, gse.simulator, gse.simulator.image; sys.exit('gse.truth' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
 
 
 def test_the_eight_scenarios_come_with_the_station() -> None:

@@ -1,6 +1,9 @@
 """The simulated sensor as a station meets it: through sim://."""
 
+import re
 from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,11 +27,16 @@ from protocols import (
     Start,
     StatusMessage,
     Stop,
+    built_in_names,
     load_protocol,
 )
 
 STATION = parse_station(BUILT_IN_TEXT)
 PROTOCOL = load_protocol("panorama-v1")
+
+
+def built_in(name: str) -> str:
+    return (files("protocols") / f"{name}.yaml").read_text()
 
 
 def chunks(station: Station = STATION, **options: str) -> list[Chunk]:
@@ -82,6 +90,40 @@ def test_the_sub_pixel_protocol_carries_32nds_of_a_pixel() -> None:
     xy_px = panoramas(chunks(station, frames="5"), station)[0].xy_px
     assert (xy_px != np.rint(xy_px)).any()
     assert (xy_px * 32 == np.rint(xy_px * 32)).all()
+
+
+@pytest.mark.parametrize("name", built_in_names())
+def test_every_protocol_can_be_spoken(name: str) -> None:
+    station = STATION.model_copy(update={"protocol": name})
+    protocol = load_protocol(name)
+    device = device_factory(station)({"standby": "yes", "frames": "20"})
+    device.command(protocol.encode(Start(period_s=0.1), 3), 0)
+    said = messages(list(iter(device.next_chunk, None)), station)
+    seen = [message for message in said if isinstance(message, PanoramaMessage)]
+    assert said[0] == Ack("START", 3)
+    assert len(seen) in (19, 20)
+    assert all(0 < len(message.index) <= protocol.slots and not message.problems for message in seen)
+
+
+def test_a_sensor_without_a_word_for_resets_or_panoramas(tmp_path: Path) -> None:
+    text = built_in("panorama-v1").replace(", 3: clock reset", "")
+    (tmp_path / "terse.yaml").write_text(text)
+    terse = STATION.model_copy(update={"protocol": str(tmp_path / "terse.yaml")})
+    assert len(panoramas(chunks(terse, scenario="cold-start", rate_hz="1", frames="30"), terse)) > 15
+    pattern = re.compile(r"  PANORAMA:\n(?:    .*\n)*")
+    dumb = pattern.sub("  PICTURE: {code: 1, direction: from sensor, length: 202, ignored: true}\n", text)
+    (tmp_path / "dumb.yaml").write_text(dumb)
+    with pytest.raises(PortError, match="has no PANORAMA"):
+        chunks(STATION.model_copy(update={"protocol": str(tmp_path / "dumb.yaml")}))
+
+
+def test_a_restart_sets_clock_and_counters_back_and_says_so_once() -> None:
+    seen = panoramas(chunks(scenario="cold-start", rate_hz="2"))
+    back = [i for i in range(1, len(seen)) if seen[i].time_us < seen[i - 1].time_us]
+    assert [i for i, message in enumerate(seen) if "clock reset" in message.flags] == back
+    assert len(back) == 1
+    assert seen[back[0]].frame_no == 0
+    assert seen[0].temperature_c < 0 < seen[-1].temperature_c
 
 
 def test_stamps_never_go_back_and_the_first_byte_is_read_after_the_exposure() -> None:
