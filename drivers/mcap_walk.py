@@ -98,7 +98,7 @@ class Walk:
     def records(self) -> Iterator[Record]:
         """All that can be believed, in order of the file, with the damage between."""
         offset = len(MAGIC)
-        if self._window.get(0, offset) != MAGIC:
+        if self._window.size and self._window.get(0, offset) != MAGIC:
             offset = yield from self._pass_damage(0, "no MCAP magic")
         yield from self.inner_records(offset)
 
