@@ -16,34 +16,48 @@ from gse.cli.concluding import conclude, exit_code, show_report
 )
 @click.option("--clock-error", help="Bound of the host clock's error that was measured otherwise, e.g. 0.1s")
 @click.option("--pdf", is_flag=True, help="Also print report.html to report.pdf, by Chromium or Chrome.")
+@click.option(
+    "--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Also save a picture of its top, .png"
+)
 @click.option("--json", "as_json", is_flag=True, help="The report as one JSON object on stdout.")
 @click.pass_context
 def command(
-    ctx: click.Context, *, path: Path, out: Path | None, clock_error: str | None, pdf: bool, as_json: bool
+    ctx: click.Context,
+    *,
+    path: Path,
+    out: Path | None,
+    clock_error: str | None,
+    pdf: bool,
+    screenshot: Path | None,
+    as_json: bool,
 ) -> None:
     """Write report.html, report.json, frames.csv and junit.xml of a session FILE.
 
     The same session gives the same report, byte for byte. The exit code is the verdict's.
     """
     from gse.cli.progress import replay_with_progress
-    from gse.report.printing import find_browser, print_to_pdf
+    from gse.report.printing import find_browser, print_to_pdf, save_picture
 
-    _check_free(out)
-    browser = find_browser() if pdf else None
+    for wanted in (out, screenshot):
+        _check_free(wanted)
+    browser = find_browser() if pdf or screenshot else None
     replay = replay_with_progress(path)
     folder = _new_folder(out, path)
     report = conclude(replay.night, folder, replay.own_elapsed_us, clock_error)
-    if browser is not None:
+    if browser and pdf:
         click.echo(f"printed: {print_to_pdf(browser, folder / 'report.html')}", err=True)
+    if browser and screenshot:
+        save_picture(browser, folder / "report.html", screenshot)
+        click.echo(f"picture: {screenshot}", err=True)
     show_report(report, folder, as_json=as_json, json_frames=False)
     ctx.exit(exit_code(report, data_lost=replay.night.truncated))
 
 
-def _check_free(out: Path | None) -> None:
+def _check_free(wanted: Path | None) -> None:
     from gse.errors import UsageError
 
-    if out is not None and out.exists():
-        raise UsageError(f"{out} is there already, and nothing is overwritten; choose another --out")
+    if wanted is not None and wanted.exists():
+        raise UsageError(f"{wanted} is there already, and nothing is overwritten; choose another name")
 
 
 def _new_folder(out: Path | None, session: Path) -> Path:

@@ -1,4 +1,4 @@
-"""report.html printed to PDF, by a browser that is at hand."""
+"""report.html as PDF or as a picture, by a browser that is at hand."""
 
 import os
 import shutil
@@ -10,6 +10,8 @@ from gse.errors import GseError, UsageError
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 _WITHIN_S = 120
+PICTURE_PX = "1000,1400"
+"""Width and height: the verdict, the measurements and the errors against time."""
 
 
 def find_browser() -> Path:
@@ -26,18 +28,27 @@ def find_browser() -> Path:
 def print_to_pdf(browser: Path, page: Path) -> Path:
     """Print a page; the PDF stands beside it."""
     pdf = page.with_suffix(".pdf")
-    with tempfile.TemporaryDirectory(prefix="gse-print-") as profile:
-        options = ["--headless", "--disable-gpu", "--no-pdf-header-footer", f"--user-data-dir={profile}"]
+    _run(browser, page, pdf, "--no-pdf-header-footer", f"--print-to-pdf={pdf.absolute()}")
+    return pdf
+
+
+def save_picture(browser: Path, page: Path, picture: Path) -> None:
+    """Write a PNG of the top of a page, as a screen shows it."""
+    _run(
+        browser, page, picture, f"--window-size={PICTURE_PX}", "--hide-scrollbars", f"--screenshot={picture.absolute()}"
+    )
+
+
+def _run(browser: Path, page: Path, result: Path, *options: str) -> None:
+    with tempfile.TemporaryDirectory(prefix="gse-print-", ignore_cleanup_errors=True) as profile:
+        common = ["--headless", "--disable-gpu", f"--user-data-dir={profile}"]
         if hasattr(os, "geteuid") and os.geteuid() == 0:
-            options.append("--no-sandbox")  # Chromium refuses to run as root otherwise; the page is our own
-        command = [str(browser), *options, f"--print-to-pdf={pdf}", page.absolute().as_uri()]
+            common.append("--no-sandbox")  # Chromium refuses to run as root otherwise; the page is our own
+        command = [str(browser), *common, *options, page.absolute().as_uri()]
         try:
-            done = subprocess.run(
-                command, stdin=subprocess.DEVNULL, capture_output=True, timeout=_WITHIN_S, check=False
-            )
+            done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=_WITHIN_S)
         except (OSError, subprocess.TimeoutExpired) as error:
             raise GseError(f"{browser} did not print {page} ({error}); open it and print it yourself") from error
-    if not pdf.exists():
+    if not result.exists():
         told = (done.stderr.decode("utf-8", "replace").splitlines() or ["no message"])[-1]
-        raise GseError(f"{browser} printed no PDF ({told:.200}); open {page} and print it yourself")
-    return pdf
+        raise GseError(f"{browser} made no {result.name} ({told:.200}); open {page} and print it yourself")

@@ -194,5 +194,8 @@ def time_axis(axes: Axes) -> None:
     """UTC along the bottom, with its date."""
     locator = AutoDateLocator(minticks=4, maxticks=9)
     axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=True))
+    formatter = ConciseDateFormatter(locator, show_offset=True)
+    formatter.formats[5] = "%H:%M:%S.%f"
+    formatter.offset_formats[3:] = ["%Y-%m-%d"] * 3
+    axes.xaxis.set_major_formatter(formatter)
     axes.set_xlabel("UTC")

@@ -103,15 +103,20 @@ def test_the_report_command_gives_the_report_of_the_run_beside_the_session(gse: 
 def test_a_folder_that_is_there_is_not_written_into(gse: Gse, session: Path, tmp_path: Path) -> None:
     done = gse("report", session / "session.mcap", "--out", tmp_path)
     assert done.code == 2
-    assert "nothing is overwritten; choose another --out" in done.err
+    assert "nothing is overwritten; choose another name" in done.err
 
 
 def test_the_report_is_printed_where_there_is_a_browser(gse: Gse, session: Path, tmp_path: Path) -> None:
     chromium()
-    done = gse("report", session / "session.mcap", "--out", tmp_path / "printed", "--pdf", "--json")
+    picture = ("--screenshot", tmp_path / "top.png")
+    done = gse("report", session / "session.mcap", "--out", tmp_path / "printed", "--pdf", "--json", *picture)
     assert done.code == 0
     assert json.loads(done.out)["schema"] == "gse.report/1"
     assert (tmp_path / "printed" / "report.pdf").read_bytes()[:5] == b"%PDF-"
+    with Image.open(tmp_path / "top.png") as image:
+        assert image.size == (1000, 1400)
+        colours = image.convert("RGB").getcolors(1 << 24) or []
+    assert max(count for count, colour in colours if colour == (0, 107, 79)) > 10_000, "the green of PASS"
 
 
 def test_without_a_browser_it_is_said_before_any_work(session: Path, tmp_path: Path) -> None:
