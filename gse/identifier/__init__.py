@@ -33,15 +33,15 @@ def make_identifier(options: IdentifierOptions, camera: Camera, source: StarCata
 
     The algorithms are imported here, one at a time: with their compiled parts they take a second.
     """
+    if options.algorithm == "robust":
+        from gse.identifier.robust import RobustIdentifier
+
+        return RobustIdentifier(camera, source)
     mission = mission_catalog(source, camera, options.catalog_stars)
     if options.algorithm == "neighbour":
         from gse.identifier.neighbour import NeighbourIdentifier
 
         return NeighbourIdentifier(mission, camera, options)
-    if options.algorithm == "robust":
-        from gse.identifier.robust import RobustIdentifier
-
-        return RobustIdentifier(camera, source)
     brightest = brightest_per_field(mission, 2 * math.sqrt(camera.solid_angle_sr / math.pi))
     if options.algorithm == "pivot":
         from gse.identifier.pivot import PivotIdentifier

@@ -39,8 +39,8 @@ _BRIGHT_OBJECTS = 15
 _STARS_TRIED = 12
 _FEWEST_VOTES = 2
 _BIN_URAD = 128
-_MOST_WORK = 300_000_000
-"""Comparisons after which a search gives up, within a second or so: 30 random objects over 4200 stars take 24 million.
+_MOST_WORK = 100_000_000
+"""Comparisons after which a search gives up, in less than a second: 30 random objects over 4200 stars take 24 million.
 
 Only tolerances of many pixels, or catalogues far denser than the field needs, come here.
 """

@@ -17,7 +17,7 @@ FEWEST_OBJECTS = 3
 NO_GATE = math.inf
 FOUND, NO_GROUP, TIE = 0, 1, 2
 
-_MOST_GROUPS = 1_000_000
+_MOST_GROUPS = 200_000
 """Cap for one pivot, where the tolerance lets everything fit: such a search is a tie."""
 
 
