@@ -4,14 +4,15 @@ Each panorama has an attitude of its own, so that neither mount nor clock enter.
 the undistorted measured place and the place of the star by the pinhole, in pixels (Gauss-Newton with Cauchy weights;
 the attitudes are eliminated by the Schur complement). Stars must be given as they are seen: apparent and refracted.
 
-To first order the principal point cannot be told from the attitude, nor the focal length from an even compression of
-the field by refraction: with 14 deg of field and 10,000 stars a principal point is good to half a pixel. Weak priors
-keep what a session cannot tell at its value.
+To first order the principal point cannot be told from the attitude: with 14 deg of field and 10,000 stars it is good to
+half a pixel, and moving it moves the boresight. So principal point and distortion are held where they were unless the
+stars tell otherwise with some certainty, and a mount must be fitted anew after a principal point has moved.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,11 @@ _CAUCHY = 2.4
 _MAD_TO_SIGMA = 1.4826
 _NOISE_FLOOR_PX = 1e-6
 _MAP_CELLS = 8
+_HOLDABLE = {"principal point": [1, 2], "distortion": [3, 4]}
+_HELD_BELOW = 16.0
+"""Chi-square of two parameters: by chance one in 3000 is larger."""
+_HOLD = 1e12
+"""Times the weight of a prior: nothing moves against it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +67,8 @@ class Calibration:
     ``sigma`` are the standard deviations of focal length, principal point x and y (px), k1 and k2, from ``covariance``
     (5, 5) in that order. The errors of one star are taken as dependent on each other, however many panoramas it is in:
     it lies on the same pixels in many of them. ``map_px`` (8, 8, 3) holds the mean residual along x and y and the
-    number of stars in each cell of the detector, rows first.
+    number of stars in each cell of the detector, rows first. ``held`` names what was left as it was (``principal
+    point``, ``distortion``), because its change would have been within 4 sigma; the covariance is that without holding.
     """
 
     camera: Camera
@@ -70,6 +77,7 @@ class Calibration:
     covariance: NDArray[np.float64]
     map_px: NDArray[np.float64]
     panoramas: int
+    held: tuple[str, ...]
 
     @property
     def sigma(self) -> tuple[float, ...]:
@@ -77,22 +85,54 @@ class Calibration:
         return tuple(float(value) for value in np.sqrt(np.diag(self.covariance)))
 
 
-def calibrate(camera: Camera, fields: Sequence[StarField]) -> Calibration:
-    """Fit a camera, starting from one that identified the stars; UsageError where there are too few."""
+def calibrate(camera: Camera, fields: Sequence[StarField], *, anchor: Camera | None = None) -> Calibration:
+    """Fit a camera, starting from one that identified the stars; UsageError where there are too few.
+
+    ``anchor`` (default: the same) is the camera whose principal point and distortion are held.
+    """
     fields = [field for field in fields if len(field.xy_px) >= _MIN_PER_FRAME]
     stars = sum(len(field.xy_px) for field in fields)
     if stars < MIN_STARS:
         raise UsageError(f"{stars} identified stars are too few to calibrate on; expected at least {MIN_STARS}")
-    rotations = [_attitude(camera, field) for field in fields]
-    before = _residuals(camera, fields, rotations)
-    fitted, normal = camera, np.eye(5)
+    anchor = anchor or camera
+    prior = _prior(anchor)
+    free = _fitted(camera, anchor, fields, prior)
+    covariance = _covariance(free, fields)
+    held = {
+        name: places
+        for name, places in _HOLDABLE.items()
+        if _chi_square(_parameters(free.camera) - _parameters(anchor), covariance, places) < _HELD_BELOW
+    }
+    for places in held.values():
+        prior[places] *= _HOLD
+    fit = _fitted(free.camera, anchor, fields, prior) if held else free
+    before = _residuals(camera, fields, [_attitude(camera, field) for field in fields])
+    after = _residuals(fit.camera, fields, fit.rotations)
+    return Calibration(
+        fit.camera, before, after, covariance, _map(fit.camera, fields, fit.rotations), len(fields), tuple(held)
+    )
+
+
+class _Fit(NamedTuple):
+    """A camera, an attitude (3, 3) for each panorama, and the camera's normal matrix (5, 5)."""
+
+    camera: Camera
+    rotations: list[NDArray[np.float64]]
+    normal: NDArray[np.float64]
+
+
+def _fitted(camera: Camera, anchor: Camera, fields: Sequence[StarField], prior: NDArray[np.float64]) -> _Fit:
+    fit = _Fit(camera, [_attitude(camera, field) for field in fields], np.eye(5))
     for _ in range(_ROUNDS):
-        fitted, rotations, normal, step_px = _improve(fitted, camera, fields, rotations)
+        fit, step_px = _improve(fit, anchor, fields, prior)
         if step_px < _STEADY_PX:
             break
-    after = _residuals(fitted, fields, rotations)
-    covariance = _covariance(fitted, fields, rotations, normal)
-    return Calibration(fitted, before, after, covariance, _map(fitted, fields, rotations), len(fields))
+    return fit
+
+
+def _chi_square(change: NDArray[np.float64], covariance: NDArray[np.float64], places: list[int]) -> float:
+    part = change[places]
+    return float(part @ np.linalg.solve(covariance[np.ix_(places, places)], part))
 
 
 def _attitude(camera: Camera, field: StarField) -> NDArray[np.float64]:
@@ -142,15 +182,13 @@ def _misfit(
     return residual, by_camera, by_rotation
 
 
-def _improve(
-    camera: Camera, first: Camera, fields: Sequence[StarField], rotations: list[NDArray[np.float64]]
-) -> tuple[Camera, list[NDArray[np.float64]], NDArray[np.float64], float]:
-    """One Gauss-Newton step: camera, attitudes, normal matrix of the camera, and how far the step moves a corner."""
+def _improve(fit: _Fit, anchor: Camera, fields: Sequence[StarField], prior: NDArray[np.float64]) -> tuple[_Fit, float]:
+    """One Gauss-Newton step, and how far it moves a corner."""
+    camera, rotations = fit.camera, fit.rotations
     parts = [_misfit(camera, field, rotation) for field, rotation in zip(fields, rotations, strict=True)]
     sigma = _sigma_axis_px(np.concatenate([residual for residual, _, _ in parts]))
-    prior = _prior(first)
     normal = np.diag(prior)
-    right = prior * (_parameters(first) - _parameters(camera))
+    right = prior * (_parameters(anchor) - _parameters(camera))
     solved = []
     for residual, by_camera, by_rotation in parts:
         weight = _weight(residual, sigma)
@@ -168,13 +206,12 @@ def _improve(
     ]
     half = camera.columns / 2
     reach = np.array([half / camera.focal_length_px, 1, 1, half, half])
-    return _with(camera, _parameters(camera) + step), turned, normal, float(np.abs(step * reach).max())
+    return _Fit(_with(camera, _parameters(camera) + step), turned, normal), float(np.abs(step * reach).max())
 
 
-def _covariance(
-    camera: Camera, fields: Sequence[StarField], rotations: Sequence[NDArray[np.float64]], normal: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _covariance(fit: _Fit, fields: Sequence[StarField]) -> NDArray[np.float64]:
     """Covariance (5, 5) that is clustered by star (the sandwich of Liang & Zeger 1986)."""
+    camera, rotations, normal = fit
     sigma = _sigma_axis_px(_all_residuals(camera, fields, rotations))
     scores, numbers = [], np.concatenate([field.numbers for field in fields])
     for field, rotation in zip(fields, rotations, strict=True):

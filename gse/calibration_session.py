@@ -90,7 +90,7 @@ def calibrate_session(
         more = _identified(panoramas, fitted.camera, identifier)
         grown = sum(len(answer.objects) for _, answer in more) > sum(len(answer.objects) for _, answer in found)
         found = more
-        refitted = calibrate(fitted.camera, [_field(item, identifier, truth) for item in found])
+        refitted = calibrate(fitted.camera, [_field(item, identifier, truth) for item in found], anchor=start)
         fitted = replace(refitted, before=fitted.before)
         if not grown:
             break

@@ -85,6 +85,7 @@ def calibration_report(result: SessionCalibration) -> dict[str, Any]:
         "sigma": dict(zip(_NAMES, _rounded(fitted.sigma), strict=True)),
         "covariance": [[float(f"{value:.6g}") for value in row] for row in fitted.covariance.tolist()],
         "covariance_order": list(_NAMES),
+        "held": list(fitted.held),
         "tried": result.tried,
         "identified_before": result.identified_before,
         "panoramas": result.panoramas,
@@ -138,6 +139,8 @@ def _lines(result: SessionCalibration) -> list[str]:
     return [
         *(f"{name:22}{value:14.{digits}f}  +- {sigma:.{digits}f}" for name, value, sigma, digits in rows),
         f"mirrored              {'yes' if fitted.camera.mirrored else 'no'}",
+        *(f"held as it was        {name}: its change would have been within 4 sigma" for name in fitted.held),
+        *([] if "principal point" in fitted.held else ["the principal point moved: fit the mount anew with gse align"]),
         *scale,
         f"hot pixels            {hot}",
         f"identified            {result.identified_before} of {result.tried} panoramas tried before, "

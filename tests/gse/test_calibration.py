@@ -16,7 +16,7 @@ from gse.panorama import Panorama
 
 NOISE_PX = 0.25
 STATION = parse_station(BUILT_IN_TEXT)
-TRUE = Camera(1024, 1024, 4169.9, (515.3, 507.2), (0.004, -0.001))
+TRUE = Camera(1024, 1024, 4169.9, (535.3, 487.2), (0.004, -0.001))
 
 
 def random_fields(camera, rng, *, panoramas=120, stars=20, false_share=0.0):
@@ -37,7 +37,7 @@ def values(camera):
 
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_camera_is_found_within_its_stated_sigma(mirrored):
-    true = Camera(1024, 1024, 4169.9, (515.3, 507.2), (0.004, -0.001), mirrored)
+    true = Camera(1024, 1024, 4169.9, (535.3, 487.2), (0.004, -0.001), mirrored)
     start = Camera(1024, 1024, 4169.9 * 1.002, (511.5, 511.5), (0.0, 0.0), mirrored)
     pulls = []
     for seed in range(4):
@@ -59,6 +59,17 @@ def test_without_noise_the_camera_is_exact():
     ]
     fitted = calibrate(Camera(1024, 1024, 4200.0, (511.5, 511.5)), fields)
     assert values(fitted.camera) == pytest.approx(values(TRUE), rel=1e-6, abs=1e-6)
+
+
+def test_what_the_stars_do_not_tell_is_left_as_it_was():
+    true = Camera(1024, 1024, 4175.0, (511.5, 511.5))
+    start = Camera(1024, 1024, 4169.9, (511.5, 511.5))
+    fitted = calibrate(start, random_fields(true, np.random.default_rng(9)))
+    assert fitted.held == ("principal point", "distortion")
+    assert fitted.camera.principal_point_px == pytest.approx((511.5, 511.5), abs=1e-6)
+    assert fitted.camera.radial_distortion == pytest.approx((0, 0), abs=1e-9)
+    assert fitted.camera.focal_length_px == pytest.approx(4175.0, abs=4 * fitted.sigma[0])
+    assert fitted.sigma[1] > 0.3
 
 
 def test_the_residual_map_shows_where_on_the_detector_stars_are_off():
