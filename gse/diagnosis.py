@@ -29,6 +29,8 @@ _SCALE = 3e-4
 _DISTORTION_PX = 0.3
 _ARCSEC_PER_RAD = math.degrees(1) * 3600
 _MIN_MATCHES = 200
+_MAX_MATCHES = 100_000
+"""More of a night do not make it better: it is the number of stars that does."""
 _CELLS = 32
 
 
@@ -124,6 +126,7 @@ def _optics(night: Night) -> Iterator[str]:
     matches = night.frames.matches
     if len(matches) < _MIN_MATCHES:
         return
+    matches = matches[:: max(len(matches) // _MAX_MATCHES, 1)]
     camera = night.station.sensor.camera()
     scale, scale_sigma = _radial(camera, matches, (1,))
     cubic, cubic_sigma = _radial(camera, matches, (1, 3))
