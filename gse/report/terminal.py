@@ -21,8 +21,8 @@ def print_verdict(report: dict[str, Any], console: Console | None = None) -> Non
     headline = Text(report["verdict"], style=f"bold {colour}")
     console.print(Panel(Text("\n").join([headline, *reasons]), border_style=colour, expand=False))
     console.print(_boxed(("measurement", "value", "limit", "outcome"), measurement_rows(report)))
-    console.print(_boxed(TABLE_4_1_HEAD, table_4_1_rows(report), title="as table 4-1 of [S]"))
-    console.print("\n".join(facts(report)), markup=False)
+    console.print(_boxed(TABLE_4_1_HEAD, table_4_1_rows(report)))
+    console.print("\n".join(facts(report)), markup=False, highlight=False)
 
 
 def plain_lines(report: dict[str, Any]) -> list[str]:
@@ -39,7 +39,7 @@ def plain_lines(report: dict[str, Any]) -> list[str]:
     ]
 
 
-TABLE_4_1_HEAD = ("table 4-1 of [S]", "mean |dRA|", "mean |dDE|", "time")
+TABLE_4_1_HEAD = ("as table 4-1 of [S]", "|dRA| deg", "arcmin", "|dDE| deg", "arcmin", "time")
 
 
 def measurement_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
@@ -53,7 +53,7 @@ def measurement_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
 def table_4_1_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
     """The sensor under test above those of the paper, in degrees and arcmin."""
     return [
-        (row["name"], _degrees(row["mean_d_ra_deg"]), _degrees(row["mean_d_de_deg"]), row["time"])
+        (row["name"], *_degrees(row["mean_d_ra_deg"]), *_degrees(row["mean_d_de_deg"]), row["time"])
         for row in report["table_4_1"]["rows"]
     ]
 
@@ -85,14 +85,14 @@ def _amount(arcsec: float | None) -> str:
     return "an unknown amount" if arcsec is None else f"{arcsec:.2f} arcsec"
 
 
-def _degrees(value: float | None) -> str:
-    return "unknown" if value is None else f"{value:.6f} deg = {60 * value:.3f} arcmin"
+def _degrees(value: float | None) -> tuple[str, str]:
+    return ("unknown", "") if value is None else (f"{value:.6f}", f"{60 * value:.3f}")
 
 
-def _boxed(head: tuple[str, ...], rows: list[tuple[str, ...]], title: str | None = None) -> Table:
-    table = Table(title=title, title_justify="left")
+def _boxed(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
+    table = Table()
     for name in head:
-        table.add_column(name)
+        table.add_column(Text(name))
     for row in rows:
         table.add_row(*(Text(cell, style=_COLOURS.get(cell, "")) for cell in row))
     return table

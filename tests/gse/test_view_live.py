@@ -1,5 +1,6 @@
 """The live view beside a running session: complete when it can be, and never in the way."""
 
+import json
 import signal
 import subprocess
 import threading
@@ -16,6 +17,7 @@ from synthetic_night import small_catalog, synthetic_frames, synthetic_night
 from gse.errors import GseError
 from gse.view.live import LiveView
 from gse.view.page import ViewerPage
+from gse.view.ports import free_port
 from gse.view.viewer import quiet_environment, rerun_program
 
 FRAMES = 300
@@ -137,6 +139,35 @@ def test_a_viewer_that_is_frozen_or_killed_holds_nothing_up(frames, night, harm:
     finally:
         viewer.kill()
         viewer.wait()
+
+
+def test_the_rerun_program_sends_no_usage_data_even_where_its_user_allowed_it(tmp_path: Path) -> None:
+    (tmp_path / "rerun").mkdir()
+    allowed = {
+        "analytics_enabled": True,
+        "analytics_id": "0" * 32,
+        "metadata": {},
+        "config_file_path": str(tmp_path / "rerun" / "analytics.json"),
+        "data_dir_path": str(tmp_path / "sent"),
+    }
+    (tmp_path / "rerun" / "analytics.json").write_text(json.dumps(allowed))
+    folders = {"XDG_CONFIG_HOME": str(tmp_path), "XDG_DATA_HOME": str(tmp_path), "RUST_LOG": "re_analytics=debug"}
+    options = ["--headless", "--bind", "127.0.0.1", "--port", str(free_port("127.0.0.1"))]
+    with subprocess.Popen(
+        [str(rerun_program()), *options],
+        env={**quiet_environment(), **folders},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as viewer:
+        guard = threading.Timer(60, viewer.kill)
+        guard.start()
+        assert viewer.stdout is not None
+        told = next((line for line in viewer.stdout if "nalytics" in line), "nothing")
+        viewer.kill()
+        guard.cancel()
+    assert "disabled" in told
+    assert not (tmp_path / "sent").exists()
 
 
 def get(url: str) -> tuple[bytes, dict[str, str]]:
