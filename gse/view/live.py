@@ -20,6 +20,7 @@ from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.catalog import StarCatalog
 from gse.config import Station
+from gse.errors import GseError
 from gse.instant import NS_PER_S
 from gse.night import Night
 from gse.results import FrameResult, LinkCounters
@@ -96,10 +97,16 @@ class LiveView:
 
     def _connect(self, mode: ViewMode, save_rrd: Path | None, bind: str, port: int) -> None:
         sinks: list[object] = [] if save_rrd is None else [file_sink(save_rrd)]
-        if mode != "none":
-            self.grpc_port = free_port(bind)
-            sinks.append(rr.GrpcServerSink(bind, self.grpc_port, server_memory_limit=MEMORY_LIMIT))
+        try:
+            if mode != "none":
+                self.grpc_port = free_port(bind)
+                sinks.append(rr.GrpcServerSink(bind, self.grpc_port, server_memory_limit=MEMORY_LIMIT))
+            self._open(mode, bind, port)
+        except GseError as error:
+            _LOG.warning("no live view: %s; the session goes on", error)
         self._stream.set_sinks(*sinks)
+
+    def _open(self, mode: ViewMode, bind: str, port: int) -> None:
         if mode == "web":
             self._page = ViewerPage(bind, port, grpc_port=self.grpc_port)
             self.url = self._page.url

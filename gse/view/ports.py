@@ -2,10 +2,20 @@
 
 import socket
 
+from gse.errors import UsageError
+
 
 def free_port(bind: str) -> int:
-    """A TCP port that is free now on an address: rerun only prints an error when its port is not."""
-    with socket.socket(socket.AF_INET6 if ":" in bind else socket.AF_INET) as probe:
-        probe.bind((bind, 0))
+    """A TCP port that is free now on an IPv4 address of this machine; UsageError where the address is none.
+
+    rerun only prints an error when its port is taken.
+    """
+    with socket.socket() as probe:
+        try:
+            probe.bind((bind, 0))
+        except OSError as error:
+            raise UsageError(
+                f"cannot serve on {bind}: {error.strerror}; expected an IPv4 address of this machine"
+            ) from error
         port: int = probe.getsockname()[1]
         return port

@@ -2,11 +2,12 @@
 
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 import rerun_cli  # type: ignore[import-untyped]
 
-from gse.errors import GseError
+from gse.errors import GseError, UsageError
 
 
 def rerun_program() -> Path:
@@ -24,7 +25,9 @@ def quiet_environment() -> dict[str, str]:
 
 
 def open_native_viewer(url: str) -> subprocess.Popen[bytes]:
-    """Open rerun's own window on a server; it stays open when the session ends."""
+    """Open rerun's own window on a server or a recording; it stays open when we end. UsageError without a screen."""
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise UsageError("there is no screen for a window here (no DISPLAY, no WAYLAND_DISPLAY); use the web view")
     return subprocess.Popen(
         [str(rerun_program()), "--connect", url, "--port", "auto", "--hide-welcome-screen"],
         env=quiet_environment(),

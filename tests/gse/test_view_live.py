@@ -111,6 +111,26 @@ def test_a_view_that_breaks_ends_with_one_line_and_the_session_goes_on(
     assert record.getMessage().endswith("the session goes on")
 
 
+def test_a_view_that_cannot_open_is_told_and_the_session_goes_on(
+    frames, night, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with ViewerPage("127.0.0.1", 0, grpc_port=9876) as page:
+        port = int(page.url.rsplit(":", 1)[1].strip("/"))
+        for mode in ("native", "web"):
+            with LiveView(night.station, mode=mode, port=port) as view:
+                view.show(frames[0], night)
+            assert view.url == ""
+    with LiveView(night.station, mode="web", bind="192.0.2.1") as view:
+        view.show(frames[0], night)
+    native, web, elsewhere = (record.getMessage() for record in caplog.records)
+    assert "there is no screen for a window here" in native
+    assert f"port {port}: Address already in use" in web
+    assert "cannot serve on 192.0.2.1: Cannot assign requested address" in elsewhere
+    assert native.endswith("the session goes on")
+
+
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="needs /proc/net/tcp to see the viewer connect")
 @pytest.mark.parametrize("harm", [signal.SIGSTOP, signal.SIGKILL], ids=["frozen", "killed"])
 def test_a_viewer_that_is_frozen_or_killed_holds_nothing_up(frames, night, harm: signal.Signals) -> None:
