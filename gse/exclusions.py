@@ -8,11 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
-from gse.instant import NS_PER_S
+from gse.errors import UsageError
+from gse.instant import NS_PER_S, from_text
 
 AROUND_STEP_NS = 5 * NS_PER_S
 """On either side of a step of the host clock."""
 _STEP = re.compile(r"[+-]\d+(\.\d+)?(?= s\b)")
+
+_EXAMPLE = "expected for example 2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds"
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +37,19 @@ def _around_step(event: LinkEvent) -> Exclusion:
     step_ns = round(float(found[0]) * NS_PER_S) if found else 0
     before, after = max(step_ns, 0), max(-step_ns, 0)
     return Exclusion(event.utc_ns - before - AROUND_STEP_NS, event.utc_ns + after + AROUND_STEP_NS, event.text)
+
+
+def parse_exclusion(text: str) -> Exclusion:
+    """The stretch that an operator writes: FROM/TO or FROM/TO=why, with UTC instants; UsageError shows an example."""
+    stretch, _, reason = text.partition("=")
+    begin, _, end = stretch.partition("/")
+    try:
+        stated = Exclusion(from_text(begin), from_text(end), reason.strip() or "left out by the operator")
+    except ValueError:
+        raise UsageError(f"{text!r} is no stretch to leave out; {_EXAMPLE}") from None
+    if stated.until_ns <= stated.from_ns:
+        raise UsageError(f"{text!r} ends before it begins; {_EXAMPLE}")
+    return stated
 
 
 def left_out(utc_ns: NDArray[np.int64], named: Iterable[Exclusion]) -> NDArray[np.bool_]:

@@ -1,5 +1,6 @@
 """A live session: receive, record, identify, compare, show; then judge and report."""
 
+import json
 import os
 import re
 from collections.abc import Callable, Sequence
@@ -18,7 +19,7 @@ from gse.errors import UsageError
 from gse.night import Night
 from gse.recorder import Recorder
 from gse.results import FrameResult
-from gse.session import EARTH_ORIENTATION, PROTOCOL, STATION, TIMING_TOPIC, clock_json, timing_json
+from gse.session import EARTH_ORIENTATION, PROTOCOL, STATED, STATION, TIMING_TOPIC, clock_json, timing_json
 from gse.station import Sink, StationLoop
 from protocols import load_protocol
 
@@ -67,6 +68,7 @@ def run_live(
     stop: Callable[[], bool] = lambda: False,
     duration_s: float | None = None,
     wait_port: bool = False,
+    clock_error_s: float | None = None,
 ) -> LiveSession:
     """Run until the port is at its end (simulated), ``duration_s`` of the data's time have passed, or ``stop``.
 
@@ -85,10 +87,13 @@ def run_live(
         raise
     recorder.attach(STATION, "application/yaml", station_text.encode())
     recorder.attach(PROTOCOL, "application/yaml", protocol.text.encode())
+    if clock_error_s is not None:
+        recorder.attach(STATED, "application/json", json.dumps({"clock_error_s": clock_error_s}).encode())
     with recorder, link:
         first = link.receive(FIRST_WITHIN_S)
         loop = StationLoop(prepare(station, station_text, utc_ns=first[0].utc_ns if first else None))
         keeper = _Keeper(loop, recorder, link, duration_s)
+        loop.night.clock_error_s = clock_error_s
         loop.sinks = make_sinks(loop, folder)
         night = loop.run(link, first, stop=lambda: stop() or keeper.is_over(), each=keeper.keep)
         keeper.close()
@@ -142,7 +147,7 @@ class _Keeper:
 
     def _read_clock(self) -> None:
         reading = read_clock() if self._link.is_live else _simulated_clock(self._last_ns)
-        if self._link.is_live:
+        if self._link.is_live and not self._link.backlog_bytes:
             self._loop.pass_time(reading.utc_ns, reading.mono_ns)
         if reading.utc_ns >= self._clock_due_ns and (self._link.is_live or self._last_ns):
             self._clock_due_ns = reading.utc_ns + CLOCK_EVERY_NS

@@ -1,5 +1,6 @@
 """Replay: a recorded session, a raw capture or a panorama table through the same loop as a live sensor."""
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from gse.equipment import prepare
 from gse.errors import TruthError, UsageError
 from gse.night import Night
 from gse.results import FrameResult
-from gse.session import EARTH_ORIENTATION, PROTOCOL, STATION, Recorded, read_recorded
+from gse.session import EARTH_ORIENTATION, PROTOCOL, STATED, STATION, Recorded, read_recorded
 from gse.station import Sink, StationLoop
 from gse.truth import EarthOrientation
 
@@ -107,6 +108,7 @@ def _loop(
         anchor_utc_ns=None if recorded else _anchor(cut),
         recorded=recorded.timings if recorded else None,
     )
+    loop.night.clock_error_s = _stated_clock_error_s(attachments.get(STATED))
     for reading in recorded.clock if recorded else ():
         loop.read_clock(reading)
     return loop
@@ -119,6 +121,15 @@ def _anchor(cut: Cut) -> int:
         return instant.from_text(cut.start_utc or "")
     except ValueError as error:
         raise UsageError(f"--start-utc: {error}") from error
+
+
+def _stated_clock_error_s(text: str | None) -> float | None:
+    """What the operator stated when the session was recorded; nothing where that cannot be read."""
+    try:
+        seconds = float(json.loads(text or "null")["clock_error_s"])
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return None
+    return seconds if seconds >= 0 else None
 
 
 def _frozen_orientation(text: str | None) -> EarthOrientation | None:

@@ -12,6 +12,8 @@ from drivers.records import CLOCK, Attachment, Damage, Message
 STATION = "station.yaml"
 PROTOCOL = "protocol.yaml"
 EARTH_ORIENTATION = "earth_orientation.json"
+STATED = "stated.json"
+"""What the operator stated for the session: {"clock_error_s": 0.1}."""
 TIMING_TOPIC = "/gse/timing"
 _SEARCH_AHEAD = 1000
 """Timings that may be missing between two frames before the search for the next gives up."""

@@ -8,16 +8,24 @@ import click
 import numpy as np
 
 from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE
+from gse.exclusions import Exclusion
 from gse.night import Night
 
 
-def conclude(night: Night, folder: Path, own_elapsed_us: list[float], clock_error: str | None) -> dict[str, Any]:
+def conclude(
+    night: Night,
+    folder: Path,
+    own_elapsed_us: list[float],
+    clock_error_s: float | None,
+    left_out: tuple[Exclusion, ...] = (),
+) -> dict[str, Any]:
     """Judge a night, write its report into a folder and this host's own times beside it; the report."""
-    from gse.clock_health import stated_error_s
     from gse.report import summarise, write_report
     from gse.verdict import judge
 
-    night.clock_error_s = None if clock_error is None else stated_error_s(clock_error)
+    if clock_error_s is not None:
+        night.clock_error_s = clock_error_s
+    night.left_out = left_out
     judgement = judge(night)
     report = summarise(night, judgement)
     write_report(night, judgement, folder)

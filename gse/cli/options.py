@@ -2,11 +2,14 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from gse.config import BUILT_IN_TEXT, Station, parse_station, read_station
+
+if TYPE_CHECKING:
+    from gse.exclusions import Exclusion
 
 ALGORITHMS = ("neighbour", "pivot", "match-group", "robust")
 
@@ -30,7 +33,17 @@ save_rrd_option: Callable[[Any], Any] = click.option(
     "--save-rrd", type=click.Path(path_type=Path, dir_okay=False), help="Also save the view to this .rrd file."
 )
 clock_error_option: Callable[[Any], Any] = click.option(
-    "--clock-error", help="Bound of the host clock's error that was measured otherwise, e.g. 0.1s"
+    "--clock-error",
+    "clock_error_s",
+    callback=lambda ctx, param, value: _clock_error_s(value),
+    help="Bound of the host clock's error that was measured otherwise, e.g. 0.1s",
+)
+leave_out_option: Callable[[Any], Any] = click.option(
+    "--leave-out",
+    "left_out",
+    multiple=True,
+    callback=lambda ctx, param, value: _exclusions(value),
+    help="Stretch to leave out of the figures, and why: 2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds",
 )
 json_option: Callable[[Any], Any] = click.option(
     "--json", "as_json", is_flag=True, help="The report as one JSON object on stdout."
@@ -70,3 +83,15 @@ def _beside(station: Station, path: Path) -> Station:
     if station.protocol.endswith((".yaml", ".yml")):
         changes["protocol"] = str(path.parent / station.protocol)
     return station.model_copy(update=changes) if changes else station
+
+
+def _clock_error_s(text: str | None) -> float | None:
+    from gse.clock_health import stated_error_s
+
+    return None if text is None else stated_error_s(text)
+
+
+def _exclusions(texts: tuple[str, ...]) -> tuple["Exclusion", ...]:
+    from gse.exclusions import parse_exclusion
+
+    return tuple(parse_exclusion(text) for text in texts)

@@ -11,6 +11,7 @@ from gse.cli.options import (
     identifier_option,
     json_frames_option,
     json_option,
+    leave_out_option,
     out_option,
     save_rrd_option,
     station_of,
@@ -19,6 +20,7 @@ from gse.cli.options import (
     with_identifier,
 )
 from gse.cli.watching import ViewMode, Watching
+from gse.exclusions import Exclusion
 
 
 @click.command("replay")
@@ -34,6 +36,7 @@ from gse.cli.watching import ViewMode, Watching
 @bind_option
 @save_rrd_option
 @clock_error_option
+@leave_out_option
 @json_option
 @json_frames_option
 @out_option
@@ -52,7 +55,8 @@ def command(
     view: ViewMode,
     bind: str,
     save_rrd: Path | None,
-    clock_error: str | None,
+    clock_error_s: float | None,
+    left_out: tuple[Exclusion, ...],
     as_json: bool,
     json_frames: bool,
     out: Path,
@@ -75,7 +79,7 @@ def command(
         frames = replay.night.frames.columns
         first_ns = int(frames["utc_ns"][0]) if len(frames) else 0
         folder = new_session_folder(out, f"{replay.night.station.sensor.name}-replay", first_ns)
-        report = conclude(replay.night, folder, replay.own_elapsed_us, clock_error)
+        report = conclude(replay.night, folder, replay.own_elapsed_us, clock_error_s, left_out)
         watching.conclude(report)
     show_report(report, folder, as_json=as_json, json_frames=json_frames)
     ctx.exit(exit_code(report, data_lost=replay.night.truncated))

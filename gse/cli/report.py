@@ -5,6 +5,8 @@ from pathlib import Path
 import click
 
 from gse.cli.concluding import conclude, exit_code, show_report
+from gse.cli.options import clock_error_option, leave_out_option
+from gse.exclusions import Exclusion
 
 
 @click.command("report")
@@ -14,7 +16,8 @@ from gse.cli.concluding import conclude, exit_code, show_report
     type=click.Path(path_type=Path, file_okay=False),
     help="New folder for the report; default: 'report' beside FILE, numbered where there is one.",
 )
-@click.option("--clock-error", help="Bound of the host clock's error that was measured otherwise, e.g. 0.1s")
+@clock_error_option
+@leave_out_option
 @click.option("--pdf", is_flag=True, help="Also print report.html to report.pdf, by Chromium or Chrome.")
 @click.option(
     "--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Also save a picture of its top, .png"
@@ -26,7 +29,8 @@ def command(
     *,
     path: Path,
     out: Path | None,
-    clock_error: str | None,
+    clock_error_s: float | None,
+    left_out: tuple[Exclusion, ...],
     pdf: bool,
     screenshot: Path | None,
     as_json: bool,
@@ -43,7 +47,7 @@ def command(
     browser = find_browser() if pdf or screenshot else None
     replay = replay_with_progress(path)
     folder = _new_folder(out, path)
-    report = conclude(replay.night, folder, replay.own_elapsed_us, clock_error)
+    report = conclude(replay.night, folder, replay.own_elapsed_us, clock_error_s, left_out)
     if browser and pdf:
         click.echo(f"printed: {print_to_pdf(browser, folder / 'report.html')}", err=True)
     if browser and screenshot:

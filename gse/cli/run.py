@@ -54,7 +54,7 @@ def command(
     bind: str,
     save_rrd: Path | None,
     wait_port: bool,
-    clock_error: str | None,
+    clock_error_s: float | None,
     as_json: bool,
     json_frames: bool,
     out: Path,
@@ -82,8 +82,9 @@ def command(
             stop=stopped,
             duration_s=duration_s,
             wait_port=wait_port,
+            clock_error_s=clock_error_s,
         )
-        report = conclude(session.night, session.folder, session.own_elapsed_us, clock_error)
+        report = conclude(session.night, session.folder, session.own_elapsed_us, clock_error_s)
         watching.conclude(report)
     show_report(report, session.folder, as_json=as_json, json_frames=json_frames)
     if session.lost_bytes:

@@ -128,7 +128,7 @@ def _export_rrd(ctx: click.Context, path: Path, out: Path | None) -> None:
         raise UsageError("a rerun recording needs a name: -o night.rrd")
     if out.exists():
         raise UsageError(f"{out} exists already; choose another name")
-    ctx.invoke(view, path=path, web=False, bind="127.0.0.1", http_port=0, save=out, screenshot=None, clock_error=None)
+    ctx.invoke(view, path=path, web=False, bind="127.0.0.1", http_port=0, save=out, screenshot=None, clock_error_s=None)
 
 
 def _new(out: Path, mode: str) -> Any:

@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from gse.cli.options import clock_error_option
+
 
 @click.command("view")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
@@ -17,7 +19,7 @@ import click
 )
 @click.option("--save", type=click.Path(path_type=Path, dir_okay=False), help="Save the recording for rerun, .rrd")
 @click.option("--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Save a picture of it, .png")
-@click.option("--clock-error", help="Bound of the host clock's error that was measured otherwise, e.g. 0.1s")
+@clock_error_option
 def command(
     *,
     path: Path,
@@ -26,7 +28,7 @@ def command(
     http_port: int,
     save: Path | None,
     screenshot: Path | None,
-    clock_error: str | None,
+    clock_error_s: float | None,
 ) -> None:
     """Show a session FILE in rerun: in a window of its own, unless one of the options says otherwise."""
     from gse.view.page import ViewerPage, wait_for_interrupt
@@ -39,7 +41,7 @@ def command(
             recording = Path(tempfile.mkdtemp(prefix="gse-view-")) / "session.rrd"
             if web or screenshot:
                 stack.callback(_remove, recording)
-        _write_recording(path, recording, clock_error)
+        _write_recording(path, recording, clock_error_s)
         if save is not None:
             click.echo(f"saved: {save}", err=True)
         if screenshot is not None:
@@ -54,9 +56,8 @@ def command(
             click.echo(f"opened in rerun: {recording}", err=True)
 
 
-def _write_recording(path: Path, recording: Path, clock_error: str | None) -> None:
+def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -> None:
     from gse.cli.progress import replay_with_progress
-    from gse.clock_health import stated_error_s
     from gse.station import Sink, StationLoop
     from gse.verdict import judge
     from gse.view.saved import SavedView
@@ -68,7 +69,8 @@ def _write_recording(path: Path, recording: Path, clock_error: str | None) -> No
         return list(views)
 
     night = replay_with_progress(path, sinks_of).night
-    night.clock_error_s = None if clock_error is None else stated_error_s(clock_error)
+    if clock_error_s is not None:
+        night.clock_error_s = clock_error_s
     judgement = judge(night)
     views[0].finish(night, judgement.verdict.value, judgement.reasons)
 

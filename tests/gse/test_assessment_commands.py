@@ -121,3 +121,32 @@ def test_a_foreign_file_is_refused(gse, tmp_path, command):
     done = gse(command, foreign)
     assert done.code == 2
     assert len(done.err.strip().splitlines()) <= 2
+
+
+def test_what_is_left_out_and_a_stated_clock_stand_in_the_report(gse, folder, tmp_path):
+    session = simulated(gse, folder, "inclined")
+    first = json.loads(gse("replay", session, "--json-frames", "--out", tmp_path / "a").out.splitlines()[0])["utc"]
+    stretch = f"{first}/2100-01-01T00:00:00Z=dew on the lens"
+    done = gse("replay", session, "--leave-out", stretch, "--clock-error", "0.1s", "--json", "--out", tmp_path / "b")
+    report = json.loads(done.out)
+    assert report["left_out"][0]["reason"] == "dew on the lens"
+    assert report["left_out"][0]["frames"] == 45
+    assert report["clock"]["stated"] is True
+    assert report["verdict"] == "INCONCLUSIVE"
+
+
+@pytest.mark.parametrize("command", ["run", "replay", "report"])
+def test_a_clock_error_without_unit_is_refused_before_anything_is_done(gse, tmp_path, command):
+    arguments = () if command == "run" else (tmp_path / "none.mcap",)
+    done = gse(command, *arguments, "--clock-error", "0.1", "--out", tmp_path / "sessions")
+    assert done.code == 2
+    assert "expected for example 0.1s" in done.err
+    assert not (tmp_path / "sessions").exists()
+
+
+def test_a_clock_error_that_was_stated_live_is_in_the_session(gse, tmp_path):
+    live = gse("run", "--duration", 2, "--clock-error", "20ms", "--json", "--out", tmp_path / "live")
+    (session,) = (tmp_path / "live").glob("*/session.mcap")
+    replayed = gse("replay", session, "--json", "--out", tmp_path / "replayed")
+    assert json.loads(live.out)["clock"]["error_bound_s"] == 0.02
+    assert json.loads(replayed.out)["clock"] == json.loads(live.out)["clock"]

@@ -14,7 +14,7 @@ from gse.clock_health import clock_health, stated_error_s
 from gse.comparison import compare
 from gse.config import BUILT_IN_TEXT
 from gse.errors import UsageError
-from gse.exclusions import Exclusion
+from gse.exclusions import Exclusion, parse_exclusion
 from gse.instant import NS_PER_S, from_text
 from gse.night import Night
 from gse.results import Discrepancy, Judge, Verdict
@@ -160,6 +160,18 @@ def test_a_stated_clock_error_takes_the_place_of_an_unsynchronised_clock():
     assert judge(made).verdict is Verdict.PASS
     made.clock_error_s = stated_error_s("2s")
     assert any("clock leaves 29.9 of" in reason for reason in judge(made).reasons)
+
+
+def test_a_stretch_to_leave_out_is_read_with_its_reason():
+    stretch = parse_exclusion("2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds")
+    assert (stretch.from_ns, stretch.until_ns - stretch.from_ns) == (START_NS, 60 * NS_PER_S)
+    assert stretch.reason == "clouds"
+
+
+@pytest.mark.parametrize("text", ["", "clouds", "2026-03-20T18:30:00Z", "2026-03-20T18:31:00Z/2026-03-20T18:30:00Z"])
+def test_a_stretch_without_sense_is_refused(text):
+    with pytest.raises(UsageError, match="expected for example 2026"):
+        parse_exclusion(text)
 
 
 @pytest.mark.parametrize(("text", "seconds"), [("0.1s", 0.1), ("20 ms", 0.02), ("50us", 5e-5), ("1s", 1.0)])
