@@ -86,16 +86,14 @@ class ImageSource:
         _add_smeared(light, start_px[near], end_px[near], electrons, self._scenario.optics.psf_sigma_px)
 
     def _add_moon(self, light: NDArray[np.float32], utc_ns: int, exposure_s: float) -> None:
-        bodies = self._scene.bodies(utc_ns)
-        moon_horizon = bodies.track.directions(utc_ns)[MOON]
-        x, y = self._camera.pixels((self._scene.horizon_to_sensor @ moon_horizon)[None])[0]
-        radius_px = bodies.moon_radius_rad / self._camera.pixel_rad
-        rows, columns = light.shape
-        if moon_horizon[2] > 0 and -radius_px < x < columns + radius_px and -radius_px < y < rows + radius_px:
-            rows_px, columns_px = np.ogrid[:rows, :columns]
-            disc = (columns_px - x) ** 2 + (rows_px - y) ** 2 <= radius_px**2
-            electrons = self._photometry.star_electrons(bodies.magnitude[MOON : MOON + 1], exposure_s)[0]
-            light[disc] += electrons / (math.pi * radius_px**2)
+        moon = self._scene.moon(utc_ns)
+        if moon is None:
+            return
+        (x, y), radius_px = moon[0][0], moon[1]
+        rows, columns = np.ogrid[: light.shape[0], : light.shape[1]]
+        disc = (columns - x) ** 2 + (rows - y) ** 2 <= radius_px**2
+        magnitude = self._scene.bodies(utc_ns).magnitude[MOON : MOON + 1]
+        light[disc] += self._photometry.star_electrons(magnitude, exposure_s)[0] / (math.pi * radius_px**2)
 
     def _sky_electrons(self, utc_ns: int, exposure_s: float) -> NDArray[np.float64]:
         """Electrons of the sky in a pixel, on the grid (17, 17)."""

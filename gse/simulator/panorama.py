@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from gse.config import Station
 from gse.panorama import MAX_OBJECTS
-from gse.simulator.bodies import MOON
 from gse.simulator.photometry import Photometry
 from gse.simulator.scenario import Scenario
 from gse.simulator.scene import Scene
@@ -101,12 +100,10 @@ class PanoramaSource:
         self, xy_px: NDArray[np.float64], index: NDArray[np.float64], utc_ns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The Moon in the field is the brightest pixel of all its rows: one object, and no other there."""
-        bodies = self._scene.bodies(utc_ns)
-        moon_horizon = bodies.track.directions(utc_ns)[MOON]
-        moon_px = self._camera.pixels((self._scene.horizon_to_sensor @ moon_horizon)[None])
-        radius_px = bodies.moon_radius_rad / self._camera.pixel_rad
-        if moon_horizon[2] <= 0 or not self._camera.contains(moon_px)[0]:
+        moon = self._scene.moon(utc_ns)
+        if moon is None or not self._camera.contains(moon[0])[0]:
             return xy_px, index
+        moon_px, radius_px = moon
         left = np.abs(xy_px[:, 1] - moon_px[0, 1]) > radius_px
         return np.concatenate([xy_px[left], moon_px]), np.append(index[left], np.inf)
 

@@ -8,15 +8,16 @@ from numpy.typing import NDArray
 from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config import Station
-from gse.simulator.bodies import FIRST_PLANET, BodyCell, bodies_over
+from gse.simulator.bodies import FIRST_PLANET, MOON, BodyCell, bodies_over
 from gse.simulator.pointing import horizon_to_sensor
 from gse.simulator.scenario import Air, Scenario, profile_at
-from gse.simulator.sky import CELL_NS, AstropySite, Sky, SkyCell
+from gse.simulator.sky import CELL_NS, AstropySite, Sky, SkyCell, Track
 from gse.simulator.skylight import EXTINCTION_PER_AIRMASS, airmass, sky_magnitude
 
 _CLOUD_PX = 300.0
 """Size of a cloud's structure, in pixels of 49 arcsec."""
 _CLOUD_PIXEL_RAD = 2.4e-4
+_MOON_MOVES_RAD = 0.05
 _SKYLIGHT_EVERY_NS = 10_000_000_000
 """In 10 s a twilight sky changes by 0.06 mag."""
 
@@ -33,14 +34,16 @@ class Scene:
         self._site = AstropySite(station.site)
         self._sky = Sky(self._site, load_catalog(), merged_within_px * self.camera.pixel_rad)
         self._satellites = Satellites(self.camera, scenario, random)
-        self._stars: SkyCell | None = None
+        self._start_ns = scenario.start_utc_ns
+        self._radius_rad = 0.55 * self.camera.diagonal_rad
+        self._points: SkyCell | None = None
         self._faintest = -math.inf
         self._bodies: BodyCell | None = None
         self._skylight: tuple[int, float] = (-1, 0.0)
 
     def since_start_s(self, utc_ns: int) -> float:
         """Seconds of the scenario."""
-        return (utc_ns - self._scenario.start_utc_ns) * 1e-9
+        return (utc_ns - self._start_ns) * 1e-9
 
     def objects(
         self, middle_ns: int, faintest_magnitude: float, offsets_ns: tuple[int, ...] = (0,)
@@ -49,11 +52,10 @@ class Scene:
 
         Among them are objects that lie outside the detector; the row of an object is the same at each offset.
         """
-        stars, bodies = self._star_cell(middle_ns, faintest_magnitude), self.bodies(middle_ns)
-        directions = np.concatenate([stars.track.directions(middle_ns), self._planets(bodies, middle_ns)])
-        magnitude = np.concatenate([stars.magnitude, bodies.magnitude[FIRST_PLANET:]])
-        places = [self._pixels(stars, bodies, middle_ns + offset_ns) for offset_ns in offsets_ns]
-        magnitude = magnitude + EXTINCTION_PER_AIRMASS * (airmass(directions) - 1)
+        points = self._points_at(middle_ns, faintest_magnitude)
+        directions = points.track.directions(middle_ns)
+        places = [self._pixels(points, middle_ns + offset_ns) for offset_ns in offsets_ns]
+        magnitude = points.magnitude + EXTINCTION_PER_AIRMASS * (airmass(directions) - 1)
         magnitude = np.where(directions[:, 2] > 0, magnitude, np.inf)
         satellites = [self._satellites.pixels(self.since_start_s(middle_ns + offset_ns)) for offset_ns in offsets_ns]
         magnitude = np.concatenate([magnitude, self._satellites.magnitude])
@@ -82,25 +84,33 @@ class Scene:
         """Extinction (N,) of the clouds that drift before the pixels (N, 2)."""
         return cloud_magnitudes(xy_px * (self.camera.pixel_rad / _CLOUD_PIXEL_RAD), since_start_s, self._scenario.air)
 
-    def _star_cell(self, utc_ns: int, faintest_magnitude: float) -> SkyCell:
-        cell = self._stars
-        if (
-            cell is None
-            or not 0 <= utc_ns - cell.track.start_ns < CELL_NS
-            or faintest_magnitude > self._faintest
-        ):  # fmt: skip
-            radius_rad = 0.55 * self.camera.diagonal_rad
-            cell = self._sky.cell(utc_ns, self.horizon_to_sensor[2], radius_rad, faintest_magnitude)
-            self._stars, self._faintest = cell, faintest_magnitude
-        return cell
+    def moon(self, utc_ns: int) -> tuple[NDArray[np.float64], float] | None:
+        """Where the Moon's middle is (1, 2), on the detector or near it, and its radius in pixels."""
+        bodies = self.bodies(utc_ns)
+        # Within 300 s it moves by 1.3 deg.
+        if bodies.track.nodes[0, MOON] @ self.horizon_to_sensor[2] < math.cos(self._radius_rad + _MOON_MOVES_RAD):
+            return None
+        moon_horizon = bodies.track.directions(utc_ns)[MOON]
+        if moon_horizon[2] <= 0:
+            return None
+        moon_px = self.camera.pixels((self.horizon_to_sensor @ moon_horizon)[None])
+        return moon_px, bodies.moon_radius_rad / self.camera.pixel_rad
 
-    def _planets(self, bodies: BodyCell, utc_ns: int) -> NDArray[np.float64]:
-        planets: NDArray[np.float64] = bodies.track.directions(utc_ns)[FIRST_PLANET:]
-        return planets
+    def _points_at(self, utc_ns: int, faintest_magnitude: float) -> SkyCell:
+        """Stars and planets of the cell of an instant."""
+        points = self._points
+        is_here = points is not None and 0 <= utc_ns - points.track.start_ns < CELL_NS
+        if points is None or not is_here or faintest_magnitude > self._faintest:
+            stars = self._sky.cell(utc_ns, self.horizon_to_sensor[2], self._radius_rad, faintest_magnitude)
+            bodies = self.bodies(utc_ns)
+            nodes = np.concatenate([stars.track.nodes, bodies.track.nodes[:, FIRST_PLANET:]], axis=1)
+            magnitude = np.concatenate([stars.magnitude, bodies.magnitude[FIRST_PLANET:]])
+            points = SkyCell(Track(stars.track.start_ns, nodes), magnitude)
+            self._points, self._faintest = points, faintest_magnitude
+        return points
 
-    def _pixels(self, stars: SkyCell, bodies: BodyCell, utc_ns: int) -> NDArray[np.float64]:
-        directions = np.concatenate([stars.track.directions(utc_ns), self._planets(bodies, utc_ns)])
-        return self.camera.pixels(directions @ self.horizon_to_sensor.T)
+    def _pixels(self, points: SkyCell, utc_ns: int) -> NDArray[np.float64]:
+        return self.camera.pixels(points.track.directions(utc_ns) @ self.horizon_to_sensor.T)
 
 
 class Satellites:

@@ -52,8 +52,8 @@ class Track:
                 t * (t - 1) * (t - 2) / 6,
             ]
         )
-        seen: NDArray[np.float64] = np.tensordot(weights, self.nodes, axes=1)
-        return seen
+        seen: NDArray[np.float64] = weights @ self.nodes.reshape(4, -1)
+        return seen.reshape(-1, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
