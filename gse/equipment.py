@@ -1,5 +1,6 @@
 """The equipment of a session: everything that is prepared before the first byte comes."""
 
+import hashlib
 import importlib.metadata
 from dataclasses import dataclass
 
@@ -38,6 +39,7 @@ class Equipment:
             "source": catalog.source,
             "epoch_jyear": catalog.epoch_jyear,
             "stars": len(catalog),
+            "sha256_of_ids": hashlib.sha256(catalog.ids.astype("<i8").tobytes()).hexdigest(),
             "faintest_magnitude": round(float(catalog.magnitude[-1]), 2) if len(catalog) else None,
         }
 
