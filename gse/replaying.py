@@ -39,8 +39,6 @@ class Cut:
     to_utc: str | None = None
     loop: int | None = None
     cut: int | None = None
-    faults: str | None = None
-    seed: int | None = None
     start_utc: str | None = None
 
     def url(self, path: Path) -> str:
@@ -52,8 +50,6 @@ class Cut:
             to=self.to_utc,
             loop=self.loop,
             cut=self.cut,
-            faults=self.faults,
-            seed=self.seed,
             start_utc=self.start_utc,
         )
 
@@ -88,7 +84,7 @@ def replay_session(
         loop.sinks = make_sinks(loop, None)
         night = loop.run(link, first, stop=stop, each=each)
     if recorded is not None:
-        night.truncated = bool(recorded.damage)
+        night.truncated = recorded.damaged
     return Replay(night, loop.own_elapsed_us)
 
 

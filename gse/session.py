@@ -45,27 +45,29 @@ class RecordedTimings:
 class Recorded:
     """What a session file tells besides its bytes and events.
 
-    ``damage`` is every stretch of it that is no whole record.
+    ``damaged``: a stretch of it is no whole record, or its end or a segment is missing.
     """
 
     attachments: dict[str, str] = field(default_factory=dict)
     clock: list[ClockReading] = field(default_factory=list)
     timings: RecordedTimings = field(default_factory=RecordedTimings)
-    damage: list[Damage] = field(default_factory=list)
+    damaged: bool = False
 
 
 def read_recorded(path: Path) -> Recorded:
     """What a session holds besides bytes and events; CaptureError where the file is missing or no session."""
     recorded = Recorded()
-    for record in read_capture(path):
+    capture = read_capture(path)
+    for record in capture:
         if isinstance(record, Damage):
-            recorded.damage.append(record)
+            recorded.damaged = True
         elif isinstance(record, Attachment):
             recorded.attachments.setdefault(record.name, record.data.decode("utf-8", "replace"))
         elif record.topic == CLOCK:
             recorded.clock += _clock_reading(record)
         elif record.topic == TIMING_TOPIC:
             _add_timing(recorded.timings, record)
+    recorded.damaged |= capture.truncated
     return recorded
 
 

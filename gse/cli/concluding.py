@@ -8,6 +8,7 @@ import click
 import numpy as np
 
 from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE
+from gse.errors import UsageError
 from gse.exclusions import Exclusion
 from gse.night import Night
 
@@ -28,8 +29,12 @@ def conclude(
     night.left_out = left_out
     judgement = judge(night)
     report = summarise(night, judgement)
-    write_report(night, judgement, folder)
-    (folder / "timing.json").write_text(json.dumps(_timing(own_elapsed_us), indent=2) + "\n")
+    try:
+        write_report(night, judgement, folder)
+        (folder / "timing.json").write_text(json.dumps(_timing(own_elapsed_us), indent=2) + "\n")
+    except (UsageError, OSError) as error:
+        # The verdict is worth more than the file that it does not fit into.
+        click.echo(f"gse: {error}; make room, then: gse report {folder}", err=True)
     return report
 
 
