@@ -1,0 +1,167 @@
+"""``gse evaluate``: Monte-Carlo over the whole sky."""
+
+import itertools
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from gse.cli import EXIT_INTERRUPTED
+from gse.cli.options import ALGORITHMS, station_of, station_option
+from gse.errors import UsageError
+
+if TYPE_CHECKING:
+    from gse.evaluate import Outcome, Plan
+
+_NOISE_ARCSEC, _NOISE_MAGNITUDE, _LIMIT = 10.0, 0.3, 6.0
+
+
+class _Finite(click.FloatRange):
+    """A range that NaN is not in."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        number = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f"{value} is not a number between {self.min:g} and {self.max:g}", param, ctx)
+        return number
+
+
+@click.command("evaluate")
+@station_option
+@click.option(
+    "--identifier", "identifiers", multiple=True, type=click.Choice(ALGORITHMS), help="Repeatable; default: robust."
+)
+@click.option("--preset", type=click.Choice(("pivot-paper", "lapan")), help="The settings of a paper.")
+@click.option("--frames", type=click.IntRange(1, 10_000_000), default=1000, show_default=True)
+@click.option(
+    "--noise-arcsec", multiple=True, type=_Finite(0, 3600), help="Of positions, 1 sigma per axis; repeatable; 10."
+)
+@click.option("--magnitude-noise", multiple=True, type=_Finite(0, 5), help="Of magnitudes, 1 sigma; repeatable; 0.3.")
+@click.option("--false-objects", multiple=True, type=click.IntRange(0, 30), help="In each frame; repeatable; 0.")
+@click.option("--missing", type=_Finite(0, 1), help="Share of the stars that are not seen.  [default: 0]")
+@click.option("--whole-pixels/--sub-pixel", default=None, help="Positions as the detector gives them.")
+@click.option("--limit", type=_Finite(2, 10), help="Magnitude limit of the sensor.  [default: 6]")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option("--workers", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes.")
+@click.option("--catalog", type=click.Path(path_type=Path, dir_okay=False), help="Catalogue, not the station's.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.evaluation/1.")
+@click.option("--figures", type=click.Path(path_type=Path, file_okay=False), help="New SVG figures in this folder.")
+@click.pass_context
+def command(ctx: click.Context, *, workers: int, as_json: bool, figures: Path | None, **options: Any) -> None:
+    """How often identifiers are right over directions spread evenly on the sky, and their CPU time.
+
+    Right: boresight within 0.05 deg. Coarse: most stars right, 0.05 to 0.5 deg. False: any other answer. Shares are
+    those of frames with at least 4 real stars. The same seed gives the same answers on any number of workers.
+
+    --preset pivot-paper: noise on each angle between stars of an 8 deg circular field, tolerance 3 sigma; right is the
+    first star, of frames with 3 stars or more; the limit is V = 6.0, or 5.7 in the embedded catalogue (as many stars).
+    --preset lapan: 14 x 14 deg on 1024 x 1024 whole pixels, 10 arcsec, neighbour with 0, 3 and 8 false objects.
+    Ctrl-C ends early with what is done, exit code 130.
+    """
+    from gse.evaluate_presets import report, table, tallies
+
+    plan, note = _plan(options)
+    if figures is not None:
+        from gse.evaluate_figures import refuse_existing
+
+        refuse_existing(figures)
+    done, interrupted = _run(plan, workers)
+    document = report(plan, tallies(plan, done), interrupted=interrupted)
+    if as_json:
+        click.echo(json.dumps(document))
+    else:
+        click.echo("\n".join([note, *table(document)]))
+    if figures is not None:
+        from gse.evaluate_figures import write_figures
+
+        for path in write_figures(document, figures):
+            click.echo(f"{path} written", err=True)
+    if interrupted:
+        click.echo("interrupted: these are the frames that were done", err=True)
+        ctx.exit(EXIT_INTERRUPTED)
+
+
+def _plan(options: dict[str, Any]) -> tuple["Plan", str]:
+    """The plan that the options ask for, and one line about it."""
+    from gse.evaluate import Cell, Plan
+    from gse.evaluate_frames import Conditions, Optics
+    from gse.evaluate_presets import GAIA_LIMIT, PRESETS
+
+    preset = PRESETS[options["preset"]] if options["preset"] else None
+    if preset and options["station_path"]:
+        raise UsageError("--preset brings its own camera: leave out --station or --preset")
+    station, _ = station_of(options["station_path"])
+    catalog = str(options["catalog"]) if options["catalog"] else station.catalog
+    if preset:
+        optics, base, names, angles = preset.optics, preset.conditions, preset.identifiers, preset.angle_noise
+        if angles and catalog == "gaia":
+            optics = replace(optics, magnitude_limit=GAIA_LIMIT)
+    else:
+        optics = Optics(station.sensor.name, station.sensor.camera(), _LIMIT)
+        base, names, angles = (Conditions("own", _NOISE_ARCSEC, _NOISE_MAGNITUDE),), ("robust",), False
+    if options["limit"] is not None:
+        optics = replace(optics, magnitude_limit=options["limit"])
+    names = options["identifiers"] or names
+    if angles:
+        _refuse_for_angles(options)
+    cells = [
+        Cell(station.identifier.model_copy(update={"algorithm": name}), conditions)
+        for name in dict.fromkeys(names)
+        for conditions in _conditions(base, options)
+    ]
+    note = f"{optics.name}, to magnitude {optics.magnitude_limit:g}, {options['frames']} frames, seed {options['seed']}"
+    plan = Plan(optics, tuple(cells), options["frames"], options["seed"], catalog, angles)
+    return plan, f"{note}\n{preset.note}" if preset else note
+
+
+def _conditions(base: tuple[Any, ...], options: dict[str, Any]) -> list[Any]:
+    """The base conditions with what was asked for otherwise, every value with every other, none twice."""
+    sweeps = {
+        "position_arcsec": options["noise_arcsec"],
+        "magnitude": options["magnitude_noise"],
+        "false_objects": options["false_objects"],
+        "missing_share": () if options["missing"] is None else (options["missing"],),
+        "whole_pixels": () if options["whole_pixels"] is None else (options["whole_pixels"],),
+    }
+    given = {key: values for key, values in sweeps.items() if values}
+    swept = (
+        replace(conditions, **dict(zip(given, values, strict=True)))
+        for values in itertools.product(*given.values())
+        for conditions in base
+    )
+    return list(dict.fromkeys(swept))
+
+
+def _refuse_for_angles(options: dict[str, Any]) -> None:
+    """UsageError where an option has no meaning for angles between stars."""
+    for name in options["identifiers"]:
+        if name not in ("pivot", "match-group"):
+            raise UsageError(f"--preset pivot-paper knows pivot and match-group only, not {name}")
+    for name in ("false_objects", "missing", "whole_pixels"):
+        if options[name] not in (None, ()):
+            raise UsageError(
+                "--preset pivot-paper has no pixels and no false or missing objects: leave these options out"
+            )
+
+
+def _run(plan: "Plan", workers: int) -> tuple[list["Outcome"], bool]:
+    """All outcomes, or those until Ctrl-C; a bar on stderr where that is a terminal."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from gse.evaluate import outcomes
+
+    console = Console(stderr=True)
+    done: list[Outcome] = []
+    try:
+        with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+            task = progress.add_task("evaluating", total=plan.frames * len(plan.cells))
+            for chunk in outcomes(plan, workers):
+                done += chunk
+                progress.update(task, completed=len(done))
+    except KeyboardInterrupt:
+        return done, True
+    return done, False

@@ -1,0 +1,169 @@
+"""What ``gse evaluate`` runs: the settings of both papers, and what became of them as rates with their intervals."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gse.camera import Camera
+from gse.evaluate import KINDS, Outcome, Plan
+from gse.evaluate_frames import Conditions, Optics
+from gse.percentiles import Spread, spread
+
+SCHEMA = "gse.evaluation/1"
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """The conditions of a paper."""
+
+    optics: Optics
+    identifiers: tuple[str, ...]
+    conditions: tuple[Conditions, ...]
+    angle_noise: bool
+    note: str
+
+
+def _square(width_deg: float) -> Camera:
+    return Camera(1024, 1024, 512 / math.tan(math.radians(width_deg) / 2), (511.5, 511.5))
+
+
+PIVOT_PAPER = "pivot-paper"
+PRESETS = {
+    PIVOT_PAPER: Preset(
+        Optics("8 deg circular", _square(8.0), 6.0, field_of_view_deg=8.0),
+        ("pivot", "match-group"),
+        tuple(Conditions("angles", *sigmas, whole_pixels=False) for sigmas in ((10.0, 0.1), (50.0, 0.1), (10.0, 0.5))),
+        angle_noise=True,
+        note="[N] section 4: noise on each angle between stars, tolerance 3 sigma, right = first star named right",
+    ),
+    "lapan": Preset(
+        Optics("14 x 14 deg", _square(14.0), 6.0),
+        ("neighbour",),
+        tuple(Conditions("lapan", 10.0, 0.3, false_objects=count) for count in (0, 3, 8)),
+        angle_noise=False,
+        note="[S]: whole pixels, Fn and Fn2 of the identifier's defaults",
+    ),
+}
+
+GAIA_LIMIT = 5.7
+"""Gaia has as many stars to here as the Bright Star Catalogue of [N] to V = 6.0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """One cell's counts; ``excluded`` are those of frames with too few real stars. Times are CPU of all frames."""
+
+    frames: int
+    counted: dict[str, int]
+    excluded: dict[str, int]
+    cpu_us: Spread
+
+    @property
+    def total(self) -> int:
+        """The frames that count."""
+        return sum(self.counted.values())
+
+
+def tallies(plan: Plan, done: Iterable[Outcome]) -> list[Tally]:
+    """The counts of every cell of a plan, of the frames that were done."""
+    import numpy as np
+
+    cells: list[list[Outcome]] = [[] for _ in plan.cells]
+    for outcome in done:
+        cells[outcome.cell].append(outcome)
+    result = []
+    for cell in cells:
+        enough = [one for one in cell if one.real_stars >= plan.fewest_stars]
+        few = [one for one in cell if one.real_stars < plan.fewest_stars]
+        times = spread(np.array([one.cpu_us for one in cell], dtype=np.float64))
+        result.append(Tally(len(cell), _counts(enough), _counts(few), times))
+    return result
+
+
+def _counts(outcomes: Sequence[Outcome]) -> dict[str, int]:
+    return {kind: sum(one.kind == kind for one in outcomes) for kind in KINDS}
+
+
+def interval(count: int, total: int) -> tuple[float, float] | None:
+    """Clopper-Pearson interval of a share at 95 %; None where nothing was counted."""
+    from scipy.stats import binomtest
+
+    if total == 0:
+        return None
+    bounds = binomtest(count, total).proportion_ci(CONFIDENCE, method="exact")
+    return float(bounds.low), float(bounds.high)
+
+
+def report(plan: Plan, rows: Sequence[Tally], *, interrupted: bool) -> dict[str, Any]:
+    """The JSON of schema gse.evaluation/1; all but ``cpu_ms`` is the same in every run of one seed."""
+    return {
+        "schema": SCHEMA,
+        "optics": plan.optics.name,
+        "magnitude_limit": plan.optics.magnitude_limit,
+        "catalog": plan.catalog,
+        "frames": plan.frames,
+        "seed": plan.seed,
+        "angle_noise": plan.angle_noise,
+        "fewest_stars": plan.fewest_stars,
+        "confidence": CONFIDENCE,
+        "interrupted": interrupted,
+        "cells": [_cell(plan, k, row) for k, row in enumerate(rows)],
+    }
+
+
+def _cell(plan: Plan, k: int, row: Tally) -> dict[str, Any]:
+    cell, total = plan.cells[k], row.total
+    conditions = cell.conditions
+    rates = {}
+    for kind, count in row.counted.items():
+        bounds = interval(count, total)
+        share = round(count / total, 6) if total else None
+        rates[kind] = {"count": count, "share": share, "interval": bounds and [round(bound, 6) for bound in bounds]}
+    times = {"median": row.cpu_us.p50, "p95": row.cpu_us.p95, "max": row.cpu_us.max}
+    return {
+        "identifier": cell.identifier.algorithm,
+        "noise_arcsec": conditions.position_arcsec,
+        "magnitude_noise": conditions.magnitude,
+        "false_objects": conditions.false_objects,
+        "missing_share": conditions.missing_share,
+        "whole_pixels": conditions.whole_pixels,
+        "frames_done": row.frames,
+        "frames_counted": total,
+        "rates": rates,
+        "excluded": row.excluded,
+        "cpu_ms": {name: round(us / 1000, 4) if math.isfinite(us) else None for name, us in times.items()},
+    }
+
+
+def table(document: dict[str, Any]) -> list[str]:
+    """The report for a person; shares in %, with their intervals."""
+    fewest = document["fewest_stars"]
+    head = f"{'identifier':12}{'arcsec':>7}{'mag':>6}{'false':>6}{'miss':>6}{'frames':>8}"
+    head += "".join(f"{kind + ' %':>21}" for kind in KINDS)
+    lines = [head + f"{'few':>7}{'median':>9}{'p95':>9}{'max ms':>9}"]
+    for cell in document["cells"]:
+        line = f"{cell['identifier']:12}{cell['noise_arcsec']:7g}{cell['magnitude_noise']:6g}"
+        line += f"{cell['false_objects']:6d}{cell['missing_share']:6g}{cell['frames_counted']:8d}"
+        line += "".join(f"{_share(cell['rates'][kind]):>21}" for kind in KINDS)
+        line += f"{sum(cell['excluded'].values()):7d}"
+        lines.append(line + "".join(f"{_ms(cell['cpu_ms'][name]):>9}" for name in ("median", "p95", "max")))
+    lines += [
+        "",
+        f"shares of the frames with at least {fewest} real stars, 95 % Clopper-Pearson; few: frames with less",
+    ]
+    few_false = sum(cell["excluded"]["false"] for cell in document["cells"])
+    lines.append(f"false answers in frames of fewer stars: {few_false}; times: CPU of one call, all frames")
+    return lines
+
+
+def _share(rate: dict[str, Any]) -> str:
+    if rate["share"] is None:
+        return "-"
+    low, high = rate["interval"]
+    return f"{100 * rate['share']:.2f} [{100 * low:.1f} {100 * high:.1f}]"
+
+
+def _ms(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
