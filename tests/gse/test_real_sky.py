@@ -1,5 +1,6 @@
-"""Real images of the night sky, as sessions through replay://: right stars, right direction, right side of the Earth."""
+"""Real images of the night sky through replay://: right stars, right direction, right side of the Earth."""
 
+import functools
 import json
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ TRIPOD = sorted(name for name in TRUTH if name.startswith("tripod"))
 ARCSEC_PER_RAD = 180 * 3600 / np.pi
 
 
+@functools.cache
 def replayed(name: str, **cut: Any) -> np.void:
     """The only frame of a session."""
     frames = replay_session(NIGHT_SKY / f"{name}.mcap", cut=Cut(**cut)).night.frames.columns
