@@ -150,4 +150,7 @@ def _measure(
                 light += value
                 light_x += value * x
                 light_y += value * y
-    blob[0], blob[1], blob[2], blob[3] = light_x / light, light_y / light, brightest, light
+    # Pixels darker than the background around can pull the centre of a faint blob out of it.
+    blob[0] = min(max(light_x / light, pixels[:, 1].min() - 0.5), pixels[:, 1].max() + 0.5)
+    blob[1] = min(max(light_y / light, pixels[:, 0].min() - 0.5), pixels[:, 0].max() + 0.5)
+    blob[2], blob[3] = brightest, light

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -111,6 +111,7 @@ def test_a_lone_bright_pixel_has_no_centre_of_light() -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 70), st.integers(1, 70), st.integers(0, 2**32 - 1), st.sampled_from([0, 1, 4096, 65535]))
+@example(rows=17, columns=1, seed=0, brightest=4096)
 def test_any_image_gives_objects_inside_it(rows: int, columns: int, seed: int, brightest: int) -> None:
     image = np.random.default_rng(seed).integers(0, brightest + 1, (rows, columns)).astype(np.uint16)
     for xy_px, index in (extract(image), extract_sub_pixel(image)):
