@@ -6,13 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config import Station
-from gse.identifier import Identifier, make_identifier
+from gse.identifier import Identification, Identifier, make_identifier
 from gse.identifier.robust import RobustIdentifier
 from gse.instant import NS_PER_DAY
+from gse.panorama import MAX_OBJECTS
 from protocols import Protocol, load_protocol, parse_protocol
+
+_WARM_UP_RA_DE_DEG = (83.0, 0.0)
+"""The belt of Orion: bright stars for a field of any width."""
 
 _J2000_DAY = 10_957.5
 """J2000.0 in days since 1970."""
@@ -78,10 +83,14 @@ def _epoch_jyear(utc_ns: int) -> float:
 
 
 def _warm_up(equipment: Equipment) -> None:
+    """Identify a panorama of the catalogue's own stars: what is compiled or loaded on the way is ready then."""
     camera = equipment.camera
-    grid = np.linspace(0.1, 0.9, 6)
-    xy_px = np.array([(x * camera.columns, y * camera.rows) for x in grid[:5] for y in grid])
-    directions = camera.directions(xy_px + np.arange(30)[:, None] ** 1.5 % 7)
+    icrs_to_sensor = Attitude.from_angles(*_WARM_UP_RA_DE_DEG, 0.0).icrs_to_sensor
+    stars_icrs = equipment.identifier.catalog.icrs
+    xy_px = camera.pixels(stars_icrs @ icrs_to_sensor.T)
+    directions_sensor = camera.directions(np.round(xy_px[camera.contains(xy_px)][:MAX_OBJECTS]))
+    index = np.linspace(4000.0, 100.0, len(directions_sensor))
     for identifier in (equipment.identifier, equipment.judge):
-        if identifier is not None:
-            identifier.identify(directions, np.linspace(4000, 100, 30))
+        answer = identifier.identify(directions_sensor, index) if identifier else None
+        if identifier and isinstance(answer, Identification):
+            solve_attitude(directions_sensor[answer.objects], identifier.catalog.icrs[answer.stars], 1e-4)
