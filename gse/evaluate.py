@@ -14,6 +14,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from gse.attitude import solve_attitude
 from gse.catalog import StarCatalog, brightest_per_field, load_catalog, merge_doubles
 from gse.config import IdentifierOptions
+from gse.errors import GseError
 from gse.evaluate_frames import ARCSEC, Conditions, FrameMaker, Optics, TestFrame
 from gse.identifier import Identification, Identifier, Unidentified, make_identifier
 from gse.spiral import spiral_directions
@@ -191,11 +193,14 @@ def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[Outcome]]:
         bench = Bench(plan)
         yield from (bench.run(*task) for task in tasks)
         return
+    load_catalog(plan.catalog)  # its errors are told here, not by a worker that cannot start
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(min(workers, len(tasks)), context, initializer=_start_worker, initargs=(plan,))
     try:
         for future in [executor.submit(_work, *task) for task in tasks]:
             yield future.result()
+    except BrokenProcessPool as error:
+        raise GseError("a worker process ended by itself, perhaps for want of memory; try fewer --workers") from error
     finally:
         executor.shutdown(wait=False, cancel_futures=True)
 

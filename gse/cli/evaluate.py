@@ -50,7 +50,7 @@ class _Finite(click.FloatRange):
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.evaluation/1.")
 @click.option("--figures", type=click.Path(path_type=Path, file_okay=False), help="New SVG figures in this folder.")
 @click.pass_context
-def command(ctx: click.Context, *, workers: int, as_json: bool, figures: Path | None, **options: Any) -> None:
+def command(ctx: click.Context, /, *, workers: int, as_json: bool, figures: Path | None, **options: Any) -> None:
     """How often identifiers are right over directions spread evenly on the sky, and their CPU time.
 
     Right: boresight within 0.05 deg. Coarse: most stars right, 0.05 to 0.5 deg. False: any other answer. Shares are
