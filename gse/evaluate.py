@@ -16,21 +16,19 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.attitude import solve_attitude
 from gse.catalog import StarCatalog, brightest_per_field, load_catalog, merge_doubles
-from gse.config import IdentifierOptions
 from gse.errors import GseError
 from gse.evaluate_frames import ARCSEC, Conditions, FrameMaker, Optics, TestFrame
+from gse.evaluate_presets import Cell, Outcome, Plan
 from gse.identifier import Identification, Identifier, Unidentified, make_identifier
 from gse.spiral import spiral_directions
 
 RIGHT_DEG, COARSE_DEG = 0.05, 0.5
-KINDS = ("right", "false", "none", "coarse")
 
 FAINTER = 0.9
 """The catalogue of ``robust`` reaches so far beyond the sensor's limit."""
@@ -41,42 +39,6 @@ _DOUBLES_RAD = 60 * ARCSEC
 _LEAST_TOLERANCE_ARCSEC = 1.0
 _INDEX_ZERO_POINT = 2.5 * math.log10(4096) - 7.5
 """Magnitude of index 1 above the limit, as the simulated frames have it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Cell:
-    """One line of the table: an identifier under one set of conditions."""
-
-    identifier: IdentifierOptions
-    conditions: Conditions
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """Everything that decides the answers; ``catalog`` is a source as ``load_catalog`` takes it."""
-
-    optics: Optics
-    cells: tuple[Cell, ...]
-    frames: int
-    seed: int
-    catalog: str
-    angle_noise: bool = False
-
-    @property
-    def fewest_stars(self) -> int:
-        """Frames with fewer real stars do not count."""
-        return 3 if self.angle_noise else 4
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What became of one frame of one cell."""
-
-    cell: int
-    frame: int
-    kind: str
-    real_stars: int
-    cpu_us: float
 
 
 class Bench:
@@ -201,8 +163,12 @@ def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[Outcome]]:
             yield future.result()
     except BrokenProcessPool as error:
         raise GseError("a worker process ended by itself, perhaps for want of memory; try fewer --workers") from error
-    finally:
+    except (KeyboardInterrupt, GeneratorExit):
         executor.shutdown(wait=False, cancel_futures=True)
+        for child in multiprocessing.active_children():
+            child.terminate()
+        raise
+    executor.shutdown()
 
 
 _worker_bench: list[Bench] = []

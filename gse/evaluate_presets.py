@@ -6,12 +6,51 @@ from dataclasses import dataclass
 from typing import Any
 
 from gse.camera import Camera
-from gse.evaluate import KINDS, Outcome, Plan
+from gse.config import IdentifierOptions
 from gse.evaluate_frames import Conditions, Optics
 from gse.percentiles import Spread, spread
 
 SCHEMA = "gse.evaluation/1"
 CONFIDENCE = 0.95
+
+
+KINDS = ("right", "false", "none", "coarse")
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One line of the table: an identifier under one set of conditions."""
+
+    identifier: IdentifierOptions
+    conditions: Conditions
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Everything that decides the answers; ``catalog`` is a source as ``load_catalog`` takes it."""
+
+    optics: Optics
+    cells: tuple[Cell, ...]
+    frames: int
+    seed: int
+    catalog: str
+    angle_noise: bool = False
+
+    @property
+    def fewest_stars(self) -> int:
+        """Frames with fewer real stars do not count."""
+        return 3 if self.angle_noise else 4
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one frame of one cell."""
+
+    cell: int
+    frame: int
+    kind: str
+    real_stars: int
+    cpu_us: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,35 +174,3 @@ def _cell(plan: Plan, k: int, row: Tally) -> dict[str, Any]:
         "excluded": row.excluded,
         "cpu_ms": {name: round(us / 1000, 4) if math.isfinite(us) else None for name, us in times.items()},
     }
-
-
-def table(document: dict[str, Any]) -> list[str]:
-    """The report for a person; shares in %, with their intervals."""
-    fewest = document["fewest_stars"]
-    head = f"{'identifier':12}{'arcsec':>7}{'mag':>6}{'false':>6}{'miss':>6}{'frames':>8}"
-    head += "".join(f"{kind + ' %':>21}" for kind in KINDS)
-    lines = [head + f"{'few':>7}{'median':>9}{'p95':>9}{'max ms':>9}"]
-    for cell in document["cells"]:
-        line = f"{cell['identifier']:12}{cell['noise_arcsec']:7g}{cell['magnitude_noise']:6g}"
-        line += f"{cell['false_objects']:6d}{cell['missing_share']:6g}{cell['frames_counted']:8d}"
-        line += "".join(f"{_share(cell['rates'][kind]):>21}" for kind in KINDS)
-        line += f"{sum(cell['excluded'].values()):7d}"
-        lines.append(line + "".join(f"{_ms(cell['cpu_ms'][name]):>9}" for name in ("median", "p95", "max")))
-    lines += [
-        "",
-        f"shares of the frames with at least {fewest} real stars, 95 % Clopper-Pearson; few: frames with less",
-    ]
-    few_false = sum(cell["excluded"]["false"] for cell in document["cells"])
-    lines.append(f"false answers in frames of fewer stars: {few_false}; times: CPU of one call, all frames")
-    return lines
-
-
-def _share(rate: dict[str, Any]) -> str:
-    if rate["share"] is None:
-        return "-"
-    low, high = rate["interval"]
-    return f"{100 * rate['share']:.2f} [{100 * low:.1f} {100 * high:.1f}]"
-
-
-def _ms(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"

@@ -14,7 +14,7 @@ from gse.cli.options import ALGORITHMS, station_of, station_option
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
-    from gse.evaluate import Outcome, Plan
+    from gse.evaluate_presets import Outcome, Plan
 
 _NOISE_ARCSEC, _NOISE_MAGNITUDE, _LIMIT = 10.0, 0.3, 6.0
 
@@ -61,7 +61,7 @@ def command(ctx: click.Context, /, *, workers: int, as_json: bool, figures: Path
     --preset lapan: 14 x 14 deg on 1024 x 1024 whole pixels, 10 arcsec, neighbour with 0, 3 and 8 false objects.
     Ctrl-C ends early with what is done, exit code 130.
     """
-    from gse.evaluate_presets import report, table, tallies
+    from gse.evaluate_presets import report, tallies
 
     plan, note = _plan(options)
     if figures is not None:
@@ -86,9 +86,8 @@ def command(ctx: click.Context, /, *, workers: int, as_json: bool, figures: Path
 
 def _plan(options: dict[str, Any]) -> tuple["Plan", str]:
     """The plan that the options ask for, and one line about it."""
-    from gse.evaluate import Cell, Plan
     from gse.evaluate_frames import Conditions, Optics
-    from gse.evaluate_presets import GAIA_LIMIT, PRESETS
+    from gse.evaluate_presets import GAIA_LIMIT, PRESETS, Cell, Plan
 
     preset = PRESETS[options["preset"]] if options["preset"] else None
     if preset and options["station_path"]:
@@ -165,3 +164,37 @@ def _run(plan: "Plan", workers: int) -> tuple[list["Outcome"], bool]:
     except KeyboardInterrupt:
         return done, True
     return done, False
+
+
+def table(document: dict[str, Any]) -> list[str]:
+    """The report for a person; shares in %, with their intervals."""
+    from gse.evaluate_presets import KINDS
+
+    fewest = document["fewest_stars"]
+    head = f"{'identifier':12}{'arcsec':>7}{'mag':>6}{'false':>6}{'miss':>6}{'frames':>8}"
+    head += "".join(f"{kind + ' %':>21}" for kind in KINDS)
+    lines = [head + f"{'few':>7}{'median':>9}{'p95':>9}{'max ms':>9}"]
+    for cell in document["cells"]:
+        line = f"{cell['identifier']:12}{cell['noise_arcsec']:7g}{cell['magnitude_noise']:6g}"
+        line += f"{cell['false_objects']:6d}{cell['missing_share']:6g}{cell['frames_counted']:8d}"
+        line += "".join(f"{_share(cell['rates'][kind]):>21}" for kind in KINDS)
+        line += f"{sum(cell['excluded'].values()):7d}"
+        lines.append(line + "".join(f"{_ms(cell['cpu_ms'][name]):>9}" for name in ("median", "p95", "max")))
+    lines += [
+        "",
+        f"shares of the frames with at least {fewest} real stars, 95 % Clopper-Pearson; few: frames with less",
+    ]
+    few_false = sum(cell["excluded"]["false"] for cell in document["cells"])
+    lines.append(f"false answers in frames of fewer stars: {few_false}; times: CPU of one call, all frames")
+    return lines
+
+
+def _share(rate: dict[str, Any]) -> str:
+    if rate["share"] is None:
+        return "-"
+    low, high = rate["interval"]
+    return f"{100 * rate['share']:.2f} [{100 * low:.1f} {100 * high:.1f}]"
+
+
+def _ms(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
