@@ -1,6 +1,6 @@
 """Writes docs/command-line.md: every command and every option, from the commands themselves.
 
-    python docs/make_command_line.py
+python docs/make_command_line.py
 """
 
 from collections.abc import Iterator

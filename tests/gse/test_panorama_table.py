@@ -39,7 +39,7 @@ def test_a_further_column_is_not_looked_at(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["1 2\n", "one two three\n", "1 2 nan\n", "1 inf 3\n", "1 1 1\ny,x,index\n"])
 def test_what_is_no_object_is_named_with_its_line(tmp_path: Path, text: str) -> None:
-    with pytest.raises(TableError, match="line [12]: "):
+    with pytest.raises(TableError, match=r"line [12]: "):
         read_panorama_table(table(tmp_path, text))
 
 
