@@ -4,8 +4,8 @@ The Bayes factor of "this attitude" against "all objects are random": under chan
 and their brightness has nothing to do with their place. The factor is averaged over what is not known (direction of
 the boresight over the whole sky, roll, noise, how deep the sensor sees, how many stars it misses and objects it makes
 up), so its mean over random panoramas is at most 1, and by Markov's inequality a random panorama reaches a factor of x
-with a probability of at most 1 / x. ``chance`` is 1 / factor: a calibrated bound without a count of hypotheses tried;
-the search over the sky is paid by the volume of the attitude's covariance in the volume of all rotations, 8 pi^2.
+with a probability of at most 1 / x. No count of hypotheses tried is needed: the search over the sky is paid by the
+volume of the attitude's covariance in the volume of all rotations, 8 pi^2.
 """
 
 import math
@@ -17,34 +17,36 @@ from gse.compiled import compiled
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.verify import Attempt, Noise, Objects, grow, squared_residuals
 
-LOG_ACCEPTED = math.log(1e3)
+CHANCE_OF_EVIDENCE = 0.05
+"""A random panorama reaches a Bayes factor of x with a probability of at most this over x. Markov's inequality gives 1,
+but the mean of the factor is made of many orders of magnitude: measured on random panoramas of 3 and 4 objects it is
+0.004 to 0.01 for x from 0.01 to 100 (0.02 with brightness known), and less where objects are more."""
+
+LOG_ACCEPTED = math.log(CHANCE_OF_EVIDENCE / 1e-3)
 """Evidence of an answer: a chance of 1e-3."""
 
 LOG_STRONG = math.log(1e5)
 """Evidence that ends a search: another attitude comes near it with a chance of 1e-3, and is worse even then."""
 
-_TRUSTED_SCALE_SIGMA = 2e-4
+TRUSTED_SCALE_SIGMA = 2e-4
 """Spread of the scale of a camera that is calibrated, tried where the wider one leaves too little evidence."""
 
-_MAGNITUDE_SIGMA = 0.5
-"""Brightness is used weakly: colours, extinction and peak pixels make errors of this size."""
+_MAGNITUDE_FLOOR = 0.02
+"""Likelihood (0.4 at best) of any error of brightness at all: variable stars, clouds, saturation."""
 
-_MAGNITUDE_FLOOR = 0.05
-"""Likelihood, relative to the best, of any brightness at all: variable stars, clouds, saturation."""
+_ANY_MAGNITUDE = 0.4
+"""Density of the magnitude of a random object, per magnitude: of one spread evenly over 2.5."""
 
-_SEEN = (0.97, 0.80)
-"""Shares of the stars brighter than the panorama's limit that are seen: on a clean sky, on a bad one."""
+_SEEN = 0.9
+"""Share of the stars brighter than the panorama's limit that are seen."""
 
-_LIMIT_WIDTH = 0.25
-"""The limit is blurred by errors of brightness: magnitudes in the logistic curve about it."""
+_BLUR = 0.5
+"""The limit is blurred by this part of the errors of brightness (the width of an algebraic sigmoid, not a normal's)."""
 
 _LEAST_COMPLETENESS = 4.0
 """The completeness of a field costs less than this for each matched star: it is left out where it cannot matter."""
 
 _SIGMA_FACTOR = 1.7
-
-_SIGMA_STEPS = 6
-"""Noise is averaged over 6 values from the smallest, 14 times apart."""
 
 
 @compiled
@@ -54,16 +56,24 @@ def weigh(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -
     Weak evidence is weighed once more with a camera that is trusted: fewer unknowns explain few stars better.
     """
     best, scale_sigma = -np.inf, noise.scale_sigma
-    for _ in range(2):
-        assumed = Noise(noise.sigma, noise.smallest_sigma, scale_sigma)
+    scales = 2 if scale_sigma > TRUSTED_SCALE_SIGMA else 1
+    for _ in range(scales):
+        assumed = Noise(
+            noise.sigma,
+            noise.smallest_sigma,
+            noise.sigma_steps,
+            scale_sigma,
+            noise.zero_point,
+            noise.magnitude_sigma,
+        )
         matched = grow(tables, objects, attempt, assumed)
         if matched == 0:
             break
         best = max(best, _log_evidence(tables, objects, attempt, assumed, matched))
         if best > LOG_STRONG:
             break
-        scale_sigma = _TRUSTED_SCALE_SIGMA
-    return best - math.log(2.0)
+        scale_sigma = TRUSTED_SCALE_SIGMA
+    return best - math.log(scales)
 
 
 @compiled
@@ -78,11 +88,11 @@ def _log_evidence(tables: SkyTables, objects: Objects, attempt: Attempt, noise: 
         if attempt.star_of[i] >= 0:
             object_of[attempt.star_of[i]] = i
     value = _log_geometry(matched, squared_residuals(tables, objects, attempt), attempt, noise, tables.field[5])
-    value += _log_labels(star_magnitude, object_of, objects.magnitude)
+    value += _log_labels(star_magnitude, object_of, objects.magnitude, noise)
     lower_bound = value - _LEAST_COMPLETENESS * matched
     if lower_bound > 2.0 * LOG_STRONG:
         return lower_bound
-    return value + _log_completeness(star_magnitude, object_of, len(objects.uv))
+    return value + _log_completeness(star_magnitude, object_of, len(objects.uv), _BLUR * noise.magnitude_sigma)
 
 
 @compiled
@@ -96,14 +106,14 @@ def _log_geometry(matched: int, squares: float, attempt: Attempt, noise: Noise, 
     volume -= 0.5 * math.log(2.0 * math.pi) + math.log(noise.scale_sigma) + 0.5 * off * off
     best = -np.inf
     sigma = noise.smallest_sigma
-    for _ in range(_SIGMA_STEPS):
+    for _ in range(noise.sigma_steps):
         # Three angles shrink with the noise, the scale too unless its prior holds it: the smaller volume is taken.
         shrink = math.log(sigma / noise.sigma)
         shrink *= 4.0 if shrink < 0.0 else 3.0
         fit = matched * math.log(area / (2.0 * math.pi * sigma * sigma)) - squares / (2.0 * sigma * sigma)
         best = max(best, fit + volume + shrink)
         sigma *= _SIGMA_FACTOR
-    return best - math.log(_SIGMA_STEPS)
+    return best - math.log(noise.sigma_steps)
 
 
 @compiled
@@ -125,95 +135,110 @@ def _log_determinant(symmetric: NDArray[np.float64]) -> float:
 
 @compiled
 def _log_labels(
-    star_magnitude: NDArray[np.float64],
-    object_of: NDArray[np.int64],
-    magnitude: NDArray[np.float64],
+    star_magnitude: NDArray[np.float64], object_of: NDArray[np.int64], magnitude: NDArray[np.float64], noise: Noise
 ) -> float:
-    """Logarithm of the probability that just these objects belong to the matched stars.
+    """Logarithm of how much better the brightness of the matched stars fits them than any objects of the panorama.
 
-    Stars are taken in their order of brightness, and each picks its object among those left with a probability that
-    falls with the error of brightness: in a field where brightness says nothing that is 1 / n, 1 / (n - 1), ...
     ``object_of`` (F,) is the object of each star of the field or -1, ``magnitude`` (N,) that of the objects on the
-    sensor's scale; those as bright as the brightest may be saturated.
+    sensor's scale. That just these objects, among n, are the stars costs 1 / n, 1 / (n - 1), ...; then each star's
+    brightness speaks for its object, against the others' where the zero point is not known, or against a magnitude that
+    could be any.
     """
     n = len(magnitude)
-    errors = np.empty(n)
-    matched = 0
-    for f in range(len(object_of)):
-        if object_of[f] >= 0:
-            value = magnitude[object_of[f]] - star_magnitude[f]
-            k = matched
-            while k > 0 and errors[k - 1] > value:
-                errors[k] = errors[k - 1]
-                k -= 1
-            errors[k] = value
-            matched += 1
+    zero = noise.zero_point
+    known = not math.isnan(zero)
+    if not known:
+        zero = _zero_point(star_magnitude, object_of, magnitude)
+    free = np.empty(n, dtype=np.bool_)
     brightest = np.inf
     for i in range(n):
-        brightest = min(brightest, magnitude[i])
-    zero = 0.5 * (errors[matched // 2] + errors[(matched - 1) // 2])
-    free = np.empty(n, dtype=np.bool_)
-    for i in range(n):
         free[i] = True
-    total = 0.0
+        brightest = min(brightest, magnitude[i])
+    total, left = 0.0, n
     for f in range(len(object_of)):
         if object_of[f] < 0:
             continue
         likelihoods, own = 0.0, 0.0
         for i in range(n):
-            if free[i]:
-                error = magnitude[i] - star_magnitude[f] - zero
+            if free[i] and (i == object_of[f] or not known):
+                error = zero + magnitude[i] - star_magnitude[f]
                 if magnitude[i] == brightest and error > 0.0:
-                    error = 0.0
-                value = 1.0 / (1.0 + 0.25 * (error / _MAGNITUDE_SIGMA) ** 2) ** 2 + _MAGNITUDE_FLOOR
-                likelihoods += value
-                if i == object_of[f]:
-                    own = value
+                    error = 0.0  # It may be saturated.
+                likelihood = _likelihood(error / noise.magnitude_sigma)
+                likelihoods += likelihood
+                own = likelihood if i == object_of[f] else own
+        if known:
+            likelihoods = left * _ANY_MAGNITUDE * noise.magnitude_sigma
         total += math.log(own / likelihoods)
         free[object_of[f]] = False
+        left -= 1
     return total
 
 
 @compiled
-def _log_completeness(star_magnitude: NDArray[np.float64], object_of: NDArray[np.int64], objects: int) -> float:
+def _likelihood(error: float) -> float:
+    """Of an error of brightness in sigmas: as a normal near the middle, with the tails of the real sky."""
+    return (0.38 / (1.0 + 0.25 * error * error) ** 2) + _MAGNITUDE_FLOOR
+
+
+@compiled
+def _zero_point(
+    star_magnitude: NDArray[np.float64], object_of: NDArray[np.int64], magnitude: NDArray[np.float64]
+) -> float:
+    """The median difference of magnitude between stars and their objects."""
+    differences = np.empty(len(magnitude))
+    count = 0
+    for f in range(len(object_of)):
+        if object_of[f] >= 0:
+            value = star_magnitude[f] - magnitude[object_of[f]]
+            k = count
+            while k > 0 and differences[k - 1] > value:
+                differences[k] = differences[k - 1]
+                k -= 1
+            differences[k] = value
+            count += 1
+    return float(0.5 * (differences[count // 2] + differences[(count - 1) // 2]))
+
+
+@compiled
+def _log_completeness(
+    star_magnitude: NDArray[np.float64], object_of: NDArray[np.int64], objects: int, blur: float
+) -> float:
     """Logarithm of the probability that the sensor sees just these stars of the field, and makes up the other objects.
 
     ``object_of`` (F,) tells of the stars of the field, brightest first, which object each is, or -1. The number of
     stars among the objects is as likely any as another, but all of them stars is likeliest; given the number, stars are
-    mostly seen down to the magnitude that lets one expect this number, and mostly not beyond.
+    mostly seen down to the magnitude that lets one expect this number, and mostly not beyond, with a ``blur`` between.
     """
     matched = 0
     for f in range(len(object_of)):
         matched += object_of[f] >= 0
-    best = -np.inf
-    for share_seen in _SEEN:
-        limit = _limit_for(star_magnitude, matched, share_seen)
-        value, variance = 0.0, 0.0
-        for f in range(len(object_of)):
-            seen = _share_seen(limit - star_magnitude[f], share_seen)
-            value += math.log(seen if object_of[f] >= 0 else 1.0 - seen)
-            variance += seen * (1.0 - seen)
-        best = max(best, value + 0.5 * math.log(1.0 + 2.0 * math.pi * variance))
-    share = 0.25 + 0.75 / (objects + 1.0) if matched == objects else 0.75 / (objects + 1.0)
-    return float(best + math.log(share / len(_SEEN)))
+    limit = _limit_for(star_magnitude, matched, blur)
+    value, variance = 0.0, 0.0
+    for f in range(len(object_of)):
+        seen = _share_seen((limit - star_magnitude[f]) / blur)
+        value += math.log(seen if object_of[f] >= 0 else 1.0 - seen)
+        variance += seen * (1.0 - seen)
+    value += 0.5 * math.log(1.0 + 2.0 * math.pi * variance)
+    share = 0.5 + 0.5 / (objects + 1.0) if matched == objects else 0.5 / (objects + 1.0)
+    return value + math.log(share)
 
 
 @compiled
-def _share_seen(above_limit: float, share: float) -> float:
-    """How probably a star is seen that is brighter than the limit by so many magnitudes."""
-    x = above_limit / _LIMIT_WIDTH
-    return 0.02 + (share - 0.02) * 0.5 * (1.0 + x / math.sqrt(1.0 + x * x))
+def _share_seen(above_limit: float) -> float:
+    """How probably a star is seen that is brighter than the limit by so many times the blur."""
+    return 0.02 + (_SEEN - 0.02) * 0.5 * (1.0 + above_limit / math.sqrt(1.0 + above_limit * above_limit))
 
 
 @compiled
-def _limit_for(star_magnitude: NDArray[np.float64], stars: int, share: float) -> float:
+def _limit_for(star_magnitude: NDArray[np.float64], stars: int, blur: float) -> float:
     """The limiting magnitude at which as many stars of the field are expected to be seen."""
     low, high = star_magnitude[0] - 4.0, star_magnitude[-1] + 4.0
     for _ in range(10):
         middle = 0.5 * (low + high)
         expected = 0.0
         for f in range(len(star_magnitude)):
-            expected += _share_seen(middle - star_magnitude[f], share)
+            expected += _share_seen((middle - star_magnitude[f]) / blur)
         if expected < stars:
             low = middle
         else:

@@ -6,22 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.compiled import compiled
-from gse.identifier.evidence import LOG_ACCEPTED, LOG_STRONG, weigh
+from gse.identifier.evidence import LOG_STRONG, weigh
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.verify import Noise, attempt_at, objects_of
 from gse.identifier.votes import (
     PLAN_ALPHAS,
     PLAN_CANDIDATES,
-    PLAN_SCALE_SIGMA,
+    PLAN_MOST_OBJECTS,
     PLAN_SIGMA,
-    PLAN_SMALLEST_SIGMA,
     hypotheses_of,
     pair_rotation,
 )
 
 _SAME_ATTITUDE_COS = math.cos(math.radians(0.5))
 
-_MAX_CANDIDATES = 64
+_MAX_CANDIDATES = 1000
 
 
 @compiled
@@ -30,13 +29,14 @@ def search(
     directions: NDArray[np.float64],
     index: NDArray[np.float64],
     plan: NDArray[np.float64],
+    known: Noise,
     max_hypotheses: int,
 ) -> tuple[float, float, NDArray[np.int64]]:
     """Find the attitude with the most evidence: its logarithm, that of the second best, and the objects' stars.
 
     ``directions`` (N, 3) and ``index`` (N,) of the objects, brightest first; stars (N,) are rows of the tables, or -1.
-    Each row of ``plan`` is a pass (see PLAN_WINDOW and the others). The search ends at the first strong evidence, after
-    a pass that found enough, at the end of the plan or after ``max_hypotheses``.
+    Each row of ``plan`` is a pass (see PLAN_WINDOW and the others) with a ``sigma`` of its own, ``known`` tells the
+    rest. The search ends at the first strong evidence, at the end of the plan or after ``max_hypotheses``.
     """
     objects = objects_of(directions, index)
     n = len(directions)
@@ -46,7 +46,16 @@ def search(
     best, second, tried = -np.inf, -np.inf, 0
     for line in range(len(plan)):
         step = plan[line]
-        noise = Noise(step[PLAN_SIGMA], step[PLAN_SMALLEST_SIGMA], step[PLAN_SCALE_SIGMA])
+        if n > step[PLAN_MOST_OBJECTS]:
+            continue
+        noise = Noise(
+            step[PLAN_SIGMA],
+            known.smallest_sigma,
+            known.sigma_steps,
+            known.scale_sigma,
+            known.zero_point,
+            known.magnitude_sigma,
+        )
         keep = candidates[: int(step[PLAN_CANDIDATES])]
         for alpha in range(min(n, int(step[PLAN_ALPHAS]))):
             for c in range(hypotheses_of(tables, directions, alpha, step, votes, keep)):
@@ -75,8 +84,6 @@ def search(
                     second = value
             if tried >= max_hypotheses:
                 return best, second, star_of
-        if best > LOG_ACCEPTED:
-            break
     return best, second, star_of
 
 

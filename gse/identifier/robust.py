@@ -11,17 +11,21 @@ from numpy.typing import NDArray
 from gse.attitude import Attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.identifier.evidence import LOG_ACCEPTED
+from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, TRUSTED_SCALE_SIGMA
 from gse.identifier.hypotheses import search
 from gse.identifier.intake import refusal
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.robust_tables import build_tables, merge_doubles
 from gse.identifier.tracking import follow
+from gse.identifier.verify import Noise
 
 LOG_UNAMBIGUOUS = math.log(100.0)
 """The best attitude must explain the panorama so many times better than any other."""
 
 _MIRROR_CHANCE = 1e-5
+
+_MIRROR_PASSES = 2
+"""A flipped image is looked for in the first passes of the search only: a refusal must not take twice as long."""
 
 _FEWEST_OBJECTS = 3
 
@@ -32,6 +36,12 @@ _FIELD_STARS = 90.0
 """Mean number of stars per field in the catalogue that is projected: thrice what a panorama holds."""
 
 _SMALLEST_SIGMA_PX = 0.12
+
+_SIGMA_STEPS = 6
+"""Evidence is averaged over noise from 0.12 to 1.7 px."""
+
+_MAGNITUDE_SIGMA = 0.5
+"""Brightness is used weakly: colours, extinction and peak pixels make errors of this size."""
 
 _TRACKING_SIGMA_PX = 1.0
 
@@ -44,14 +54,21 @@ _MAX_HYPOTHESES = 6_000
 _SCALE_SIGMA = 2.5e-3
 """How far the focal length may be off: 0.5 % is two sigma."""
 
+_ALL = 1e6
+
 _PLAN = (
-    (1.77, 0.0, 3, 8, 5, 0.5, 1.5, 12, 5),
-    (3.5, 0.0, 4, 16, 10, 1.0, 2.0, 16, 8),
-    (6.5, 0.006, 5, 32, 30, 1.9, 3.0, 30, 30),
-    (6.5, 0.0, 10, 64, 30, 1.9, 3.0, 30, 30),
+    (1.77, 0.0, 3, 8, 5, 0.5, 1.5, 12, 5, 30),
+    (3.5, 0.0, 4, 16, 10, 1.0, 2.0, 16, 8, 30),
+    (6.5, 0.006, 5, 200, 30, 1.9, 3.0, 30, 30, 30),
+    (2.5, 0.0, 10, 1000, 12, 0.7, _ALL, 12, 30, 12),
+    (6.5, 0.006, 10, 1000, 12, 1.9, _ALL, 12, 30, 12),
 )
 """Passes of the search: window px and its growth, partners, hypotheses kept, alpha stars, noise px, catalogue stars per
-object, objects, ranks of the alpha star (see ``votes``). First the tolerance of [S] on the brightest objects."""
+object, objects, ranks of the alpha star, most objects of the panorama (see ``votes``). First the tolerance of [S] on
+the brightest objects; where objects are few, a faint catalogue star may be the brightest of them."""
+
+_WINDOW_SIGMAS = 5.0
+"""No window is wider than this where the noise is known: 3.5 sigma of a distance between two objects."""
 
 
 class RobustIdentifier:
@@ -60,6 +77,10 @@ class RobustIdentifier:
     ``catalog`` is what the sensor can see of the source: cut to three times the stars that a panorama of this camera
     holds (or to ``stars``), doubles closer than 2 px merged. ``field_of_view_deg`` is the diameter of a round stop in
     front of the detector, None where there is none.
+
+    What is known of the sensor helps where stars are few: ``sigma_px`` is the noise of a position on each axis and says
+    that the camera is calibrated (None: 0.12 to 1.7 px, and 0.5 % of the focal length), ``zero_point`` the magnitude of
+    index value 1 (None: brightness is compared within a panorama only), ``magnitude_sigma`` its error.
     """
 
     name = "robust"
@@ -71,6 +92,9 @@ class RobustIdentifier:
         *,
         stars: int | Literal["auto"] = "auto",
         field_of_view_deg: float | None = None,
+        sigma_px: float | None = None,
+        zero_point: float | None = None,
+        magnitude_sigma: float = _MAGNITUDE_SIGMA,
     ) -> None:
         pixel = 1.0 / camera.focal_length_px
         field = _field(camera, field_of_view_deg)
@@ -79,14 +103,19 @@ class RobustIdentifier:
         icrs, magnitude, rows = merge_doubles(catalog, count, _MERGE_PX * pixel)
         self.catalog = replace(catalog.rows(rows), icrs=icrs, magnitude=magnitude)
         self._tables = build_tables(icrs, magnitude, field)
+        smallest, steps = (_SMALLEST_SIGMA_PX, _SIGMA_STEPS) if sigma_px is None else (sigma_px, 1)
+        unknown = math.nan if zero_point is None else zero_point
+        tracking_px = _TRACKING_SIGMA_PX if sigma_px is None else sigma_px
+        scale_sigma = _SCALE_SIGMA if sigma_px is None else TRUSTED_SCALE_SIGMA
+        self._noise = Noise(tracking_px * pixel, smallest * pixel, steps, scale_sigma, unknown, magnitude_sigma)
+        self._reach = _TRACKING_REACH_PX * pixel
+        widest = math.inf if sigma_px is None else _WINDOW_SIGMAS * sigma_px
         self._plan = np.array(
             [
-                (w * pixel, g, p, h, a, s * pixel, _SMALLEST_SIGMA_PX * pixel, _SCALE_SIGMA, f * fields_on_sky, n, r)
-                for w, g, p, h, a, s, f, n, r in _PLAN
+                (min(w, widest) * pixel, g, p, h, a, (sigma_px or s) * pixel, f * fields_on_sky, n, r, most)
+                for w, g, p, h, a, s, f, n, r, most in _PLAN
             ]
         )
-        self._reach = _TRACKING_REACH_PX * pixel
-        self._tracking_noise = (_TRACKING_SIGMA_PX * pixel, _SMALLEST_SIGMA_PX * pixel, _SCALE_SIGMA)
 
     def identify(
         self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]
@@ -97,7 +126,7 @@ class RobustIdentifier:
             return refused
         answer = self._search(directions_sensor, index)
         if isinstance(answer, Unidentified) and answer.reason is Reason.NO_MATCH:
-            mirrored = self._search(directions_sensor * np.array([-1.0, 1.0, 1.0]), index)
+            mirrored = self._search(directions_sensor * np.array([-1.0, 1.0, 1.0]), index, _MIRROR_PASSES)
             if isinstance(mirrored, Identification) and mirrored.chance < _MIRROR_CHANCE:
                 return Unidentified(
                     Reason.NO_MATCH,
@@ -114,7 +143,7 @@ class RobustIdentifier:
         if refused:
             return refused
         evidence, star_of = follow(
-            self._tables, directions_sensor, index, previous.icrs_to_sensor, self._reach, self._tracking_noise
+            self._tables, directions_sensor, index, previous.icrs_to_sensor, self._reach, self._noise
         )
         if evidence < LOG_ACCEPTED:
             return self.identify(directions_sensor, index)
@@ -126,8 +155,10 @@ class RobustIdentifier:
         """The answers to many panoramas, each as for ``identify``."""
         return [self.identify(directions_sensor, index) for directions_sensor, index in panoramas]
 
-    def _search(self, directions: NDArray[np.float64], index: NDArray[np.float64]) -> Identification | Unidentified:
-        return _answer(*search(self._tables, directions, index, self._plan, _MAX_HYPOTHESES))
+    def _search(
+        self, directions: NDArray[np.float64], index: NDArray[np.float64], passes: int | None = None
+    ) -> Identification | Unidentified:
+        return _answer(*search(self._tables, directions, index, self._plan[:passes], self._noise, _MAX_HYPOTHESES))
 
 
 def _answer(best: float, second: float, star_of: NDArray[np.int64]) -> Identification | Unidentified:
@@ -138,7 +169,7 @@ def _answer(best: float, second: float, star_of: NDArray[np.int64]) -> Identific
             Reason.AMBIGUOUS, f"two attitudes explain the objects, one {math.exp(best - second):.1f} times better"
         )
     objects = np.flatnonzero(star_of >= 0)
-    return Identification(objects, star_of[objects], math.exp(-best))
+    return Identification(objects, star_of[objects], min(1.0, CHANCE_OF_EVIDENCE * math.exp(-best)))
 
 
 def _field(camera: Camera, field_of_view_deg: float | None) -> NDArray[np.float64]:

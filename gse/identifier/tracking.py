@@ -24,12 +24,11 @@ def follow(
     index: NDArray[np.float64],
     previous: NDArray[np.float64],
     reach: float,
-    noise: tuple[float, float, float],
+    noise: Noise,
 ) -> tuple[float, NDArray[np.int64]]:
     """Verify the attitude near ``previous`` (3, 3): the logarithm of the evidence, and the objects' stars.
 
-    Objects are looked for within ``reach`` (tangent plane) of their stars; ``noise`` is that of ``verify.Noise``. Stars
-    (N,) are rows of the tables, or -1.
+    Objects are looked for within ``reach`` (tangent plane) of their stars; Stars (N,) are rows of the tables, or -1.
     """
     objects = objects_of(directions, index)
     n = len(directions)
@@ -39,8 +38,8 @@ def follow(
             rotation[j, k] = previous[j, k]
     attempt = attempt_at(tables, rotation, n)
     value = -np.inf
-    if _common_shift(tables, objects, attempt, reach, 4.0 * noise[0]) >= 3:
-        value = weigh(tables, objects, attempt, Noise(noise[0], noise[1], noise[2]))
+    if _common_shift(tables, objects, attempt, reach, 4.0 * noise.sigma) >= 3:
+        value = weigh(tables, objects, attempt, noise)
     for i in range(n):
         if attempt.star_of[i] >= 0:
             attempt.star_of[i] = attempt.rows[attempt.star_of[i]]

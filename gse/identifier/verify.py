@@ -58,11 +58,19 @@ class Attempt(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """Standard deviations: ``sigma`` of a place at most, in u and v, and at least; ``scale_sigma`` of the scale."""
+    """What is known of the sensor's errors, as standard deviations.
+
+    A place in u and v errs by ``sigma`` at most; evidence is averaged over ``sigma_steps`` values upwards from
+    ``smallest_sigma``. The scale errs by ``scale_sigma``, a magnitude by ``magnitude_sigma``; ``zero_point`` is the
+    magnitude of index value 1, NaN where it is not known.
+    """
 
     sigma: float
     smallest_sigma: float
+    sigma_steps: int
     scale_sigma: float
+    zero_point: float
+    magnitude_sigma: float
 
 
 @compiled

@@ -29,15 +29,15 @@ _Whole = int | np.int64
     PLAN_CANDIDATES,
     PLAN_ALPHAS,
     PLAN_SIGMA,
-    PLAN_SMALLEST_SIGMA,
-    PLAN_SCALE_SIGMA,
     PLAN_STARS,
     PLAN_OBJECTS,
     PLAN_ALPHA_RANKS,
-) = range(11)
+    PLAN_MOST_OBJECTS,
+) = range(10)
 """Columns of the plan: tolerance of a distance in radians, and its growth with the distance; partners of an alpha star;
-hypotheses kept of its votes; alpha stars; noise, its smallest value and the spread of the scale; catalogue stars looked
-up per object; objects, brightest first, that take part; ranks by which the alpha star may be fainter than it looks."""
+hypotheses kept of its votes; alpha stars; noise; catalogue stars looked
+up per object; objects, brightest first, that take part; ranks by which the alpha star may be fainter than it looks;
+the most objects of a panorama that the pass is for."""
 
 
 @compiled
