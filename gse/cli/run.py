@@ -73,6 +73,7 @@ def command(
     if station.port.url.startswith("sim://"):
         _register_simulator(station)
     watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
+    click.echo("preparing catalogue and identifiers; the first time takes half a minute", err=True)
     with _stop_on_signal() as stopped, watching:
         session = run_live(
             station,
