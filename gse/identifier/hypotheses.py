@@ -1,6 +1,7 @@
 """Search for the attitude of a lost sensor: hypotheses are verified until one has strong evidence."""
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from gse.compiled import compiled
 from gse.identifier.evidence import LOG_STRONG, weigh
 from gse.identifier.robust_tables import SkyTables
-from gse.identifier.verify import Noise, attempt_at, objects_of
+from gse.identifier.verify import Noise, attempt_at, named, objects_of
 from gse.identifier.votes import (
     PLAN_ALPHAS,
     PLAN_CANDIDATES,
@@ -25,37 +26,32 @@ _MAX_CANDIDATES = 1000
 
 @compiled
 def search(
-    tables: SkyTables,
+    sky: tuple[Any, ...],
     directions: NDArray[np.float64],
     index: NDArray[np.float64],
     plan: NDArray[np.float64],
-    known: Noise,
+    known: NDArray[np.float64],
     max_hypotheses: int,
-) -> tuple[float, float, NDArray[np.int64]]:
-    """Find the attitude with the most evidence: its logarithm, that of the second best, and the objects' stars.
+) -> tuple[float, float, NDArray[np.int64], NDArray[np.int64]]:
+    """Find the attitude with the most evidence: its logarithm, that of the second best, objects (M,), their stars (M,).
 
-    ``directions`` (N, 3) and ``index`` (N,) of the objects, brightest first; stars (N,) are rows of the tables, or -1.
-    Each row of ``plan`` is a pass (see PLAN_WINDOW and the others) with a ``sigma`` of its own, ``known`` tells the
-    rest. The search ends at the first strong evidence, at the end of the plan or after ``max_hypotheses``.
+    ``directions`` (N, 3) and ``index`` (N,) of the objects, brightest first; stars are rows of the tables. Each row of
+    ``plan`` is a pass (see PLAN_WINDOW and the others) with a ``sigma`` of its own. ``sky`` is SkyTables and ``known``
+    is Noise, as plain tuple and array: these are twice as fast to hand over. The search ends at the first strong
+    evidence, at the end of the plan or after ``max_hypotheses``.
     """
+    tables = SkyTables(*sky)
     objects = objects_of(directions, index)
     n = len(directions)
     votes = np.empty((tables.pair_stars, 8), dtype=np.uint16)
     candidates = np.empty((_MAX_CANDIDATES, 4), dtype=np.int64)
-    star_of, rotation, best_rotation = np.empty(n, dtype=np.int64), np.empty((3, 3)), np.zeros((3, 3))
+    star_of, rotation, best_rotation = np.full(n, -1), np.empty((3, 3)), np.zeros((3, 3))
     best, second, tried = -np.inf, -np.inf, 0
     for line in range(len(plan)):
         step = plan[line]
         if n > step[PLAN_MOST_OBJECTS]:
             continue
-        noise = Noise(
-            step[PLAN_SIGMA],
-            known.smallest_sigma,
-            known.sigma_steps,
-            known.scale_sigma,
-            known.zero_point,
-            known.magnitude_sigma,
-        )
+        noise = Noise(step[PLAN_SIGMA], known[1], int(known[2]), known[3], known[4], known[5])
         keep = candidates[: int(step[PLAN_CANDIDATES])]
         for alpha in range(min(n, int(step[PLAN_ALPHAS]))):
             for c in range(hypotheses_of(tables, directions, alpha, step, votes, keep)):
@@ -79,12 +75,12 @@ def search(
                     best = value
                     _keep(attempt.rows, attempt.star_of, rotation, star_of, best_rotation)
                     if best > LOG_STRONG:
-                        return best, second, star_of
+                        return best, second, *named(star_of)
                 elif not same:
                     second = value
             if tried >= max_hypotheses:
-                return best, second, star_of
-    return best, second, star_of
+                return best, second, *named(star_of)
+    return best, second, *named(star_of)
 
 
 @compiled

@@ -17,7 +17,7 @@ from gse.identifier.intake import refusal
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.robust_tables import build_tables, merge_doubles
 from gse.identifier.tracking import follow
-from gse.identifier.verify import Noise
+from gse.identifier.verify import Noise, outside_field
 
 LOG_UNAMBIGUOUS = math.log(100.0)
 """The best attitude must explain the panorama so many times better than any other."""
@@ -102,12 +102,14 @@ class RobustIdentifier:
         count = round(_FIELD_STARS * fields_on_sky) if stars == "auto" else stars
         icrs, magnitude, rows = merge_doubles(catalog, count, _MERGE_PX * pixel)
         self.catalog = replace(catalog.rows(rows), icrs=icrs, magnitude=magnitude)
-        self._tables = build_tables(icrs, magnitude, field)
+        self._field = field
+        self._sky = tuple(build_tables(icrs, magnitude, field))
         smallest, steps = (_SMALLEST_SIGMA_PX, _SIGMA_STEPS) if sigma_px is None else (sigma_px, 1)
         unknown = math.nan if zero_point is None else zero_point
         tracking_px = _TRACKING_SIGMA_PX if sigma_px is None else sigma_px
         scale_sigma = _SCALE_SIGMA if sigma_px is None else TRUSTED_SCALE_SIGMA
-        self._noise = Noise(tracking_px * pixel, smallest * pixel, steps, scale_sigma, unknown, magnitude_sigma)
+        noise = Noise(tracking_px * pixel, smallest * pixel, steps, scale_sigma, unknown, magnitude_sigma)
+        self._noise = np.array(noise, dtype=np.float64)
         self._reach = _TRACKING_REACH_PX * pixel
         widest = math.inf if sigma_px is None else _WINDOW_SIGMAS * sigma_px
         self._plan = np.array(
@@ -121,12 +123,14 @@ class RobustIdentifier:
         self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
-        refused = refusal(directions_sensor, index, _FEWEST_OBJECTS)
+        directions = np.ascontiguousarray(directions_sensor, dtype=np.float64)
+        brightness = np.ascontiguousarray(index, dtype=np.float64)
+        refused = self._refusal(directions, brightness)
         if refused:
             return refused
-        answer = self._search(directions_sensor, index)
+        answer = self._search(directions, brightness)
         if isinstance(answer, Unidentified) and answer.reason is Reason.NO_MATCH:
-            mirrored = self._search(directions_sensor * np.array([-1.0, 1.0, 1.0]), index, _MIRROR_PASSES)
+            mirrored = self._search(directions * np.array([-1.0, 1.0, 1.0]), brightness, _MIRROR_PASSES)
             if isinstance(mirrored, Identification) and mirrored.chance < _MIRROR_CHANCE:
                 return Unidentified(
                     Reason.NO_MATCH,
@@ -139,15 +143,17 @@ class RobustIdentifier:
         self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64], previous: Attitude
     ) -> Identification | Unidentified:
         """The same where the sky is expected within 12 px of the previous attitude; elsewhere the sky is searched."""
-        refused = refusal(directions_sensor, index, _FEWEST_OBJECTS)
+        directions = np.ascontiguousarray(directions_sensor, dtype=np.float64)
+        brightness = np.ascontiguousarray(index, dtype=np.float64)
+        refused = self._refusal(directions, brightness)
         if refused:
             return refused
-        evidence, star_of = follow(
-            self._tables, directions_sensor, index, previous.icrs_to_sensor, self._reach, self._noise
+        evidence, objects, stars = follow(
+            self._sky, directions, brightness, previous.icrs_to_sensor, self._reach, self._noise
         )
         if evidence < LOG_ACCEPTED:
-            return self.identify(directions_sensor, index)
-        return _answer(evidence, -math.inf, star_of)
+            return self.identify(directions, brightness)
+        return _answer(evidence, -math.inf, objects, stars)
 
     def identify_many(
         self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
@@ -155,21 +161,31 @@ class RobustIdentifier:
         """The answers to many panoramas, each as for ``identify``."""
         return [self.identify(directions_sensor, index) for directions_sensor, index in panoramas]
 
+    def _refusal(self, directions: NDArray[np.float64], index: NDArray[np.float64]) -> Unidentified | None:
+        refused = refusal(directions, index, _FEWEST_OBJECTS)
+        if refused:
+            return refused
+        outside = outside_field(directions, self._field)
+        if outside >= 0:
+            return Unidentified(Reason.SENSOR_FAULT, f"object {outside} lies outside the detector")
+        return None
+
     def _search(
         self, directions: NDArray[np.float64], index: NDArray[np.float64], passes: int | None = None
     ) -> Identification | Unidentified:
-        return _answer(*search(self._tables, directions, index, self._plan[:passes], self._noise, _MAX_HYPOTHESES))
+        return _answer(*search(self._sky, directions, index, self._plan[:passes], self._noise, _MAX_HYPOTHESES))
 
 
-def _answer(best: float, second: float, star_of: NDArray[np.int64]) -> Identification | Unidentified:
+def _answer(
+    best: float, second: float, objects: NDArray[np.int64], stars: NDArray[np.int64]
+) -> Identification | Unidentified:
     if best < LOG_ACCEPTED:
         return Unidentified(Reason.NO_MATCH, "no attitude explains the objects better than chance")
     if best - second < LOG_UNAMBIGUOUS:
         return Unidentified(
             Reason.AMBIGUOUS, f"two attitudes explain the objects, one {math.exp(best - second):.1f} times better"
         )
-    objects = np.flatnonzero(star_of >= 0)
-    return Identification(objects, star_of[objects], min(1.0, CHANCE_OF_EVIDENCE * math.exp(-best)))
+    return Identification(objects, stars, min(1.0, CHANCE_OF_EVIDENCE * math.exp(-best)))
 
 
 def _field(camera: Camera, field_of_view_deg: float | None) -> NDArray[np.float64]:

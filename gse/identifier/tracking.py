@@ -5,13 +5,15 @@ compared, and the shift that most of them share gives the first matches. Verific
 sensor, so that a wrong previous attitude can lead to no answer, never to a false one.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.compiled import compiled
 from gse.identifier.evidence import weigh
 from gse.identifier.robust_tables import SkyTables
-from gse.identifier.verify import Attempt, Noise, Objects, attempt_at, objects_of
+from gse.identifier.verify import SMALLEST_RANGE, U_BINS, Attempt, Noise, Objects, attempt_at, named, objects_of
 
 _MAX_OFFSETS = 256
 """Offsets compared with each other; the brightest stars come first."""
@@ -19,17 +21,20 @@ _MAX_OFFSETS = 256
 
 @compiled
 def follow(
-    tables: SkyTables,
+    sky: tuple[Any, ...],
     directions: NDArray[np.float64],
     index: NDArray[np.float64],
     previous: NDArray[np.float64],
     reach: float,
-    noise: Noise,
-) -> tuple[float, NDArray[np.int64]]:
-    """Verify the attitude near ``previous`` (3, 3): the logarithm of the evidence, and the objects' stars.
+    known: NDArray[np.float64],
+) -> tuple[float, NDArray[np.int64], NDArray[np.int64]]:
+    """Verify the attitude near ``previous`` (3, 3): the logarithm of the evidence, objects (M,), and their stars (M,).
 
-    Objects are looked for within ``reach`` (tangent plane) of their stars; Stars (N,) are rows of the tables, or -1.
+    Objects are looked for within ``reach`` (tangent plane) of their stars; stars are rows of the tables.
+    ``sky`` is SkyTables and ``known`` is Noise, as plain tuple and array: these are twice as fast to hand over.
     """
+    tables = SkyTables(*sky)
+    noise = Noise(known[0], known[1], int(known[2]), known[3], known[4], known[5])
     objects = objects_of(directions, index)
     n = len(directions)
     rotation = np.empty((3, 3))
@@ -43,7 +48,8 @@ def follow(
     for i in range(n):
         if attempt.star_of[i] >= 0:
             attempt.star_of[i] = attempt.rows[attempt.star_of[i]]
-    return value, attempt.star_of
+    found, stars = named(attempt.star_of)
+    return value, found, stars
 
 
 @compiled
@@ -78,14 +84,23 @@ def _offsets(
     pairs: NDArray[np.int64],
 ) -> int:
     """Offsets (M, 2) of objects from the stars within reach, and which (object, star) they belong to; how many."""
-    r, uv = attempt.rotation, objects.uv
+    r, uv, n = attempt.rotation, objects.uv, len(objects.uv)
+    low = uv[objects.order[0], 0]
+    bins_per_u = U_BINS / max(uv[objects.order[n - 1], 0] - low, SMALLEST_RANGE)
     count = 0
     for f in range(len(attempt.rows)):
-        x, y, z = tables.icrs[attempt.rows[f]]
+        star = attempt.rows[f]
+        x, y, z = tables.icrs[star, 0], tables.icrs[star, 1], tables.icrs[star, 2]
         pz = r[2, 0] * x + r[2, 1] * y + r[2, 2] * z
         u = (r[0, 0] * x + r[0, 1] * y + r[0, 2] * z) / pz
         v = (r[1, 0] * x + r[1, 1] * y + r[1, 2] * z) / pz
-        for i in range(len(uv)):
+        start = int((u - reach - low) * bins_per_u)
+        if start >= U_BINS:
+            continue
+        for k in range(objects.first[max(start, 0)], n):
+            i = objects.order[k]
+            if uv[i, 0] - u > reach:
+                break
             if abs(uv[i, 0] - u) < reach and abs(uv[i, 1] - v) < reach and count < len(offsets):
                 offsets[count, 0], offsets[count, 1] = uv[i, 0] - u, uv[i, 1] - v
                 pairs[count, 0], pairs[count, 1] = i, f

@@ -21,9 +21,9 @@ GATE_CHI2 = 13.0
 
 _MAX_ROUNDS = 10
 
-_U_BINS = 64
+U_BINS = 64
 
-_SMALLEST_RANGE = 1e-9
+SMALLEST_RANGE = 1e-9
 """Of the objects' u, where all lie in one column."""
 
 _MAX_GATE_SHARE = 0.02
@@ -74,11 +74,25 @@ class Noise(NamedTuple):
 
 
 @compiled
+def outside_field(directions: NDArray[np.float64], field: NDArray[np.float64]) -> int:
+    """The first object that no pixel of the detector can be, a hundredth of its width allowed; -1 where all can."""
+    left, right, top, bottom, radius2, _ = field
+    margin = 0.01 * (right - left)
+    for i in range(len(directions)):
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        inside = z > 0.0 and (left - margin) * z < x < (right + margin) * z
+        inside = inside and (top - margin) * z < y < (bottom + margin) * z
+        if not (inside and x * x + y * y < 1.03 * radius2 * z * z):
+            return i
+    return -1
+
+
+@compiled
 def objects_of(directions: NDArray[np.float64], index: NDArray[np.float64]) -> Objects:
     """The objects of unit vectors (N, 3) and brightness (N,)."""
     n = len(directions)
     uv, magnitude = np.empty((n, 2)), np.empty(n)
-    order, first = np.empty(n, dtype=np.int64), np.empty(_U_BINS + 1, dtype=np.int64)
+    order, first = np.empty(n, dtype=np.int64), np.empty(U_BINS + 1, dtype=np.int64)
     for i in range(n):
         uv[i, 0] = directions[i, 0] / directions[i, 2]
         uv[i, 1] = directions[i, 1] / directions[i, 2]
@@ -89,13 +103,13 @@ def objects_of(directions: NDArray[np.float64], index: NDArray[np.float64]) -> O
             j -= 1
         order[j] = i
     low = uv[order[0], 0]
-    width = max(uv[order[n - 1], 0] - low, _SMALLEST_RANGE) / _U_BINS
+    width = max(uv[order[n - 1], 0] - low, SMALLEST_RANGE) / U_BINS
     position = 0
-    for b in range(_U_BINS):
+    for b in range(U_BINS):
         while position < n and uv[order[position], 0] < low + b * width:
             position += 1
         first[b] = position
-    first[_U_BINS] = n
+    first[U_BINS] = n
     return Objects(directions, uv, magnitude, order, first)
 
 
@@ -172,7 +186,7 @@ def _match(tables: SkyTables, objects: Objects, attempt: Attempt, sigma: float) 
         star_of[i] = -1
         chi2[i] = GATE_CHI2
     low = uv[objects.order[0], 0]
-    bins_per_u = _U_BINS / max(uv[objects.order[n - 1], 0] - low, _SMALLEST_RANGE)
+    bins_per_u = U_BINS / max(uv[objects.order[n - 1], 0] - low, SMALLEST_RANGE)
     widest = (_MAX_GATE_SHARE * tables.field[5] / (math.pi * GATE_CHI2 * n)) ** 2
     matched = 0
     for f in range(len(attempt.rows)):
@@ -183,7 +197,7 @@ def _match(tables: SkyTables, objects: Objects, attempt: Attempt, sigma: float) 
         determinant = suu * svv - suv * suv
         reach = math.sqrt(GATE_CHI2 * suu)
         start = int((u - reach - low) * bins_per_u)
-        if not determinant < widest or start >= _U_BINS:
+        if not determinant < widest or start >= U_BINS:
             continue
         best, best_chi2 = -1, GATE_CHI2
         for k in range(objects.first[max(start, 0)], n):
@@ -314,3 +328,15 @@ def squared_residuals(tables: SkyTables, objects: Objects, attempt: Attempt) -> 
             u, v = _place(tables, attempt, attempt.star_of[i])
             total += (objects.uv[i, 0] - u * attempt.scale[0]) ** 2 + (objects.uv[i, 1] - v * attempt.scale[0]) ** 2
     return total
+
+
+@compiled
+def named(star_of: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The objects that have a star, and their stars."""
+    objects, stars = np.empty(len(star_of), dtype=np.int64), np.empty(len(star_of), dtype=np.int64)
+    count = 0
+    for i in range(len(star_of)):
+        if star_of[i] >= 0:
+            objects[count], stars[count] = i, star_of[i]
+            count += 1
+    return objects[:count], stars[:count]
