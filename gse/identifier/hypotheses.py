@@ -37,8 +37,8 @@ def search(
 
     ``directions`` (N, 3) and ``index`` (N,) of the objects, brightest first; stars are rows of the tables. Each row of
     ``plan`` is a pass (see PLAN_WINDOW and the others) with a ``sigma`` of its own. ``sky`` is SkyTables and ``known``
-    is Noise, as plain tuple and array: these are twice as fast to hand over. The search ends at the first strong
-    evidence, at the end of the plan or after ``max_hypotheses``.
+    is Noise, as plain tuple and array: these are twice as fast to hand over. The search ends with the
+    alpha star that gives strong evidence, at the end of the plan or after ``max_hypotheses``.
     """
     tables = SkyTables(*sky)
     objects = objects_of(directions, index)
@@ -47,6 +47,7 @@ def search(
     candidates = np.empty((_MAX_CANDIDATES, 4), dtype=np.int64)
     star_of, rotation, best_rotation = np.full(n, -1), np.empty((3, 3)), np.zeros((3, 3))
     best, second, tried = -np.inf, -np.inf, 0
+    best_hits, best_alpha = np.int64(0), np.int64(-1)
     for line in range(len(plan)):
         step = plan[line]
         if n > step[PLAN_MOST_OBJECTS]:
@@ -55,8 +56,10 @@ def search(
         keep = candidates[: int(step[PLAN_CANDIDATES])]
         for alpha in range(min(n, int(step[PLAN_ALPHAS]))):
             for c in range(hypotheses_of(tables, directions, alpha, step, votes, keep)):
+                hits, k, s, t = candidates[c, 0], candidates[c, 1], candidates[c, 2], candidates[c, 3]
+                if best > LOG_STRONG and (hits < best_hits - 1 or s == best_alpha):
+                    continue  # Only another attitude that looks as good could make the answer ambiguous.
                 tried += 1
-                k, s, t = candidates[c, 1], candidates[c, 2], candidates[c, 3]
                 pair_rotation(directions[alpha], directions[k], tables.icrs[s], tables.icrs[t], rotation)
                 attempt = attempt_at(tables, rotation, n)
                 for f in range(len(attempt.rows)):
@@ -73,12 +76,11 @@ def search(
                 if value > best:
                     second = second if same else best
                     best = value
+                    best_hits, best_alpha = hits, s
                     _keep(attempt.rows, attempt.star_of, rotation, star_of, best_rotation)
-                    if best > LOG_STRONG:
-                        return best, second, *named(star_of)
                 elif not same:
                     second = value
-            if tried >= max_hypotheses:
+            if best > LOG_STRONG or tried >= max_hypotheses:
                 return best, second, *named(star_of)
     return best, second, *named(star_of)
 

@@ -155,6 +155,12 @@ class RobustIdentifier:
             return self.identify(directions, brightness)
         return _answer(evidence, -math.inf, objects, stars)
 
+    def best_chance(self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]) -> float:
+        """The chance of the best attitude found for sound objects, even one that is not good enough for an answer."""
+        directions = np.ascontiguousarray(directions_sensor, dtype=np.float64)
+        brightness = np.ascontiguousarray(index, dtype=np.float64)
+        return _chance(search(self._sky, directions, brightness, self._plan, self._noise, _MAX_HYPOTHESES)[0])
+
     def identify_many(
         self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
     ) -> list[Identification | Unidentified]:
@@ -185,7 +191,11 @@ def _answer(
         return Unidentified(
             Reason.AMBIGUOUS, f"two attitudes explain the objects, one {math.exp(best - second):.1f} times better"
         )
-    return Identification(objects, stars, min(1.0, CHANCE_OF_EVIDENCE * math.exp(-best)))
+    return Identification(objects, stars, _chance(best))
+
+
+def _chance(log_evidence: float) -> float:
+    return CHANCE_OF_EVIDENCE * math.exp(-log_evidence) if log_evidence > math.log(CHANCE_OF_EVIDENCE) else 1.0
 
 
 def _field(camera: Camera, field_of_view_deg: float | None) -> NDArray[np.float64]:
