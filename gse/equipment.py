@@ -1,5 +1,6 @@
 """The equipment of a session: everything that is prepared before the first byte comes."""
 
+import functools
 import hashlib
 import importlib.metadata
 from dataclasses import dataclass
@@ -8,7 +9,7 @@ import numpy as np
 
 from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
-from gse.catalog import load_catalog
+from gse.catalog import StarCatalog, load_catalog
 from gse.config import Station
 from gse.identifier import Identification, Identifier, make_identifier
 from gse.identifier.robust import RobustIdentifier
@@ -62,11 +63,10 @@ def prepare(
     else:
         protocol = parse_protocol(protocol_text, "the session's protocol.yaml")
     camera = station.sensor.camera()
-    catalog = load_catalog(station.catalog)
-    if utc_ns is not None:
-        catalog = catalog.at_epoch(_epoch_jyear(utc_ns))
+    epoch_jyear = None if utc_ns is None else _epoch_jyear(utc_ns)
+    catalog = _catalog(station.catalog, epoch_jyear)
     identifier = make_identifier(station.identifier, camera, catalog)
-    judge = None if station.identifier.algorithm == "robust" else RobustIdentifier(camera, catalog)
+    judge = None if station.identifier.algorithm == "robust" else _judge(camera, station.catalog, epoch_jyear)
     equipment = Equipment(station, station_text, protocol, camera, identifier, judge)
     _warm_up(equipment)
     return equipment
@@ -75,6 +75,18 @@ def prepare(
 def versions() -> dict[str, str]:
     """Versions of the packages that the numbers depend on."""
     return {name: importlib.metadata.version(name) for name in PACKAGES}
+
+
+@functools.lru_cache(maxsize=4)
+def _catalog(source: str, epoch_jyear: float | None) -> StarCatalog:
+    catalog = load_catalog(source)
+    return catalog if epoch_jyear is None else catalog.at_epoch(epoch_jyear)
+
+
+@functools.lru_cache(maxsize=4)
+def _judge(camera: Camera, source: str, epoch_jyear: float | None) -> RobustIdentifier:
+    """The judge, kept for the next session of this process: its tables take a second."""
+    return RobustIdentifier(camera, _catalog(source, epoch_jyear))
 
 
 def _epoch_jyear(utc_ns: int) -> float:
