@@ -239,3 +239,36 @@ def test_a_copy_of_the_sky_that_fits_as_well_makes_the_answer_ambiguous() -> Non
         answer = identifier.identify(frame.directions_sensor[:count], frame.index[:count])
         assert isinstance(answer, Unidentified)
         assert answer.reason is Reason.AMBIGUOUS
+
+
+def best_by_trying_all_pairs(
+    sky: StarCatalog, directions: NDArray[np.float64], gate_rad: float
+) -> tuple[int, Attitude]:
+    """Every pair of stars for the two objects farthest apart; most objects on a star within the gate wins."""
+    apart = np.arccos(np.clip(directions @ directions.T, -1, 1))
+    i, j = np.unravel_index(np.argmax(apart), apart.shape)
+    best = (0, Attitude(np.eye(3), np.eye(3)))
+    for s in range(len(sky)):
+        distance = np.arccos(np.clip(sky.icrs @ sky.icrs[s], -1, 1))
+        for t in np.flatnonzero(np.abs(distance - apart[i, j]) < 2 * gate_rad):
+            attitude = solve_attitude(directions[[i, j]], sky.icrs[[s, t]], gate_rad)
+            nearest = (directions @ attitude.icrs_to_sensor @ sky.icrs.T).max(axis=1)
+            best = max(best, (int((nearest > math.cos(gate_rad)).sum()), attitude), key=lambda one: one[0])
+    return best
+
+
+def test_the_answer_is_that_of_trying_every_pair_of_stars() -> None:
+    rng = np.random.default_rng(21)
+    icrs = rng.normal(size=(400, 3))
+    icrs /= np.linalg.norm(icrs, axis=1)[:, None]
+    sky = StarCatalog("small", 2016.0, np.arange(1, 401), icrs, np.sort(rng.uniform(1, 6, 400)))
+    wide = Optics("40 deg", Camera(1024, 1024, 512 / math.tan(math.radians(20)), (511.5, 511.5)), 6.5)
+    identifier = RobustIdentifier(wide.camera, sky)
+    gate_rad = 2.5 / wide.camera.focal_length_px
+    for frame in frames(wide, Conditions(magnitude=0.1), sky, 12):
+        fitting, attitude = best_by_trying_all_pairs(sky, frame.directions_sensor, gate_rad)
+        answer = identifier.identify(frame.directions_sensor, frame.index)
+        assert isinstance(answer, Identification)
+        found = attitude_of(identifier, answer, frame.directions_sensor)
+        assert np.abs(found.icrs_to_sensor - attitude.icrs_to_sensor).max() < 2 * gate_rad
+        assert len(answer.stars) >= fitting - 1
