@@ -56,7 +56,8 @@ FEWEST_REAL_STARS = 4
 FAINTER = 0.9
 """The catalogues reach so far beyond the sensor's limit: 3 sigma of its errors of brightness."""
 
-Solver = Callable[[TestFrame], NDArray[np.float64] | None]
+Solver = tuple[Callable[[TestFrame], Any], Callable[[Any, TestFrame], NDArray[np.float64] | None]]
+"""Solve a frame (timed); the boresight of what came out (not timed)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +77,19 @@ class Row:
         return f"{shares}  {self.median_us / 1e3:8.4f} {self.p95_us / 1e3:9.4f} {self.max_us / 1e3:9.4f}"
 
 
+def robust_for(optics: Optics, catalog: StarCatalog, fainter: float = FAINTER, **known: float) -> RobustIdentifier:
+    """The robust identifier for optics, with what more is ``known`` of the sensor."""
+    stars = int((catalog.magnitude < optics.magnitude_limit + fainter).sum())
+    return RobustIdentifier(optics.camera, catalog, stars=stars, field_of_view_deg=optics.field_of_view_deg, **known)
+
+
 def robust(optics: Optics, catalog: StarCatalog) -> Solver:
-    """The boresight by ``robust``."""
-    stars = int((catalog.magnitude < optics.magnitude_limit + FAINTER).sum())
-    identifier = RobustIdentifier(optics.camera, catalog, stars=stars, field_of_view_deg=optics.field_of_view_deg)
+    """The robust identifier, knowing camera and limit."""
+    return solver_of(robust_for(optics, catalog))
+
+
+def solver_of(identifier: RobustIdentifier) -> Solver:
+    """An identifier as a solver."""
 
     def solve(frame: TestFrame) -> Any:
         return identifier.identify(frame.directions_sensor, frame.index)
@@ -95,7 +105,7 @@ def robust(optics: Optics, catalog: StarCatalog) -> Solver:
 
 
 def tetra3rs(optics: Optics, catalog: StarCatalog) -> Solver:
-    """The boresight by tetra3rs."""
+    """tetra3rs, with a database for this field and limit."""
     tetra3 = importlib.import_module("tetra3rs")
     width_deg = 2 * math.degrees(math.atan(optics.camera.columns / 2 / optics.camera.focal_length_px))
     database = tetra3.SolverDatabase.generate_from_gaia(
@@ -121,8 +131,8 @@ def tetra3rs(optics: Optics, catalog: StarCatalog) -> Solver:
     return solve, boresight
 
 
-def measure(solver: Any, frames: list[TestFrame]) -> Row:
-    """Run a solver over frames."""
+def measure(solver: Solver, frames: list[TestFrame], fewest: int = FEWEST_REAL_STARS) -> Row:
+    """Run a solver over frames; shares are of those with ``fewest`` real stars."""
     solve, boresight = solver
     for frame in frames[:20]:
         solve(frame)
@@ -133,7 +143,7 @@ def measure(solver: Any, frames: list[TestFrame]) -> Row:
         elapsed_us = (time.thread_time_ns() - started_ns) / 1000
         found = boresight(answer, frame)
         outcomes.append("none" if found is None else judged(found, frame))
-        real.append(frame.real_stars >= FEWEST_REAL_STARS)
+        real.append(frame.real_stars >= fewest)
         times_us.append(elapsed_us)
     named, enough, taken = np.array(outcomes), np.array(real), np.array(times_us)[real]
     shares = [100 * float((named[enough] == name).mean()) for name in ("right", "none", "coarse")]
@@ -154,12 +164,69 @@ def judged(boresight_icrs: NDArray[np.float64], frame: TestFrame) -> str:
     return "right" if error_deg <= RIGHT_DEG else "coarse" if error_deg <= FALSE_DEG else "false"
 
 
+def frames_of(optics: Optics, conditions: Conditions, catalog: StarCatalog, count: int, seed: int) -> list[TestFrame]:
+    """One frame for each direction of the spiral."""
+    maker = FrameMaker(optics, conditions, catalog)
+    return [maker.frame(at, np.random.default_rng([seed, k])) for k, at in enumerate(spiral_directions(count))]
+
+
+def few_stars(catalog: StarCatalog, count: int, seed: int) -> None:
+    """Frames of 3 stars and more, sub-pixel; noise, calibrated camera and photometric zero point are known."""
+    print("\nrobust, 8 deg, frames of >= 3 stars, sub-pixel, the sensor's noise and zero point known")
+    optics = OPTICS["A"]
+    for arcsec, magnitude in ((10.0, 0.1), (50.0, 0.1), (10.0, 0.5)):
+        frames = frames_of(optics, Conditions("few", arcsec, magnitude, whole_pixels=False), catalog, count, seed)
+        identifier = robust_for(
+            optics,
+            catalog,
+            3 * magnitude + 0.6,
+            sigma_px=math.radians(arcsec / 3600) * optics.camera.focal_length_px,
+            zero_point=optics.magnitude_limit - 7.5 + 2.5 * math.log10(4096),
+            magnitude_sigma=math.hypot(magnitude, 0.05),
+        )
+        print(f"{arcsec:g} arcsec {magnitude:g} mag".ljust(22), measure(solver_of(identifier), frames, 3), flush=True)
+
+
+def random_only(catalog: StarCatalog, count: int, seed: int) -> None:
+    """Panoramas of 30 random objects, camera B."""
+    optics, rng = OPTICS["B"], np.random.default_rng(seed)
+    identifier = robust_for(optics, catalog)
+    answers, times_ms = 0, []
+    for _ in range(count):
+        directions = optics.camera.directions(np.floor(rng.uniform(0, 1024, (30, 2))))
+        index = np.sort(4096 * 10 ** (-0.4 * rng.uniform(0, 4, 30)))[::-1]
+        started_ns = time.thread_time_ns()
+        answers += isinstance(identifier.identify(directions, index), Identification)
+        times_ms.append((time.thread_time_ns() - started_ns) / 1e6)
+    print(f"\nrandom objects only, B: {answers} answers in {count}, refused in {np.median(times_ms):.1f} ms,", end=" ")
+    print(f"p95 {np.percentile(times_ms, 95):.1f}, max {max(times_ms):.1f}", flush=True)
+
+
+def many_and_tracking(catalog: StarCatalog, seed: int) -> None:
+    """Panoramas per second in one call, and the time of tracking, camera B nominal."""
+    identifier = robust_for(OPTICS["B"], catalog)
+    frames = frames_of(OPTICS["B"], CONDITIONS["nominal"], catalog, 1000, seed)
+    panoramas = [(frame.directions_sensor, frame.index) for frame in frames]
+    identifier.identify_many(panoramas[:20])
+    started = time.thread_time()
+    identifier.identify_many(panoramas)
+    print(f"many panoramas in one call, B nominal: {len(panoramas) / (time.thread_time() - started):.0f} per second")
+    times_us = []
+    for frame in frames[::20]:
+        for _ in range(50):
+            started_ns = time.thread_time_ns()
+            identifier.track(frame.directions_sensor, frame.index, frame.attitude)
+            times_us.append((time.thread_time_ns() - started_ns) / 1000)
+    print(f"tracking, 50 panoramas of each of 50 places: median {np.median(times_us):.1f} us", flush=True)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=1000)
     parser.add_argument("--cells", default=CELLS)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--random", type=int, default=1000, help="panoramas of random objects only")
     parser.add_argument("--solvers", default="robust,tetra3rs")
     arguments = parser.parse_args()
     solvers = {"robust": robust, "tetra3rs": tetra3rs}
@@ -167,18 +234,18 @@ def main() -> None:
     print(f"load {os.getloadavg()[0]:.1f} at the start; {arguments.frames} frames each, seed {arguments.seed}")
     print(f"{'':22s}  right  false   none coarse   med ms    p95 ms    max ms")
     catalog = load_catalog()
-    directions = spiral_directions(arguments.frames)
     ready: dict[tuple[str, str], Any] = {}
     for cell in arguments.cells.split(","):
         name, condition = cell.split(":")
-        maker = FrameMaker(OPTICS[name], CONDITIONS[condition], catalog)
-        frames = [
-            maker.frame(direction, np.random.default_rng([arguments.seed, k])) for k, direction in enumerate(directions)
-        ]
+        frames = frames_of(OPTICS[name], CONDITIONS[condition], catalog, arguments.frames, arguments.seed)
         for solver in arguments.solvers.split(","):
             if (name, solver) not in ready:
                 ready[name, solver] = solvers[solver](OPTICS[name], catalog)
             print(f"{name} {condition:8s} {solver:10s}  {measure(ready[name, solver], frames)}", flush=True)
+    if "robust" in arguments.solvers:
+        few_stars(catalog, arguments.frames, arguments.seed)
+        random_only(catalog, arguments.random, arguments.seed)
+        many_and_tracking(catalog, arguments.seed)
     print(f"load {os.getloadavg()[0]:.1f} at the end")
 
 
