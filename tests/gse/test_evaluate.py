@@ -102,14 +102,14 @@ except SystemExit:
 print("ready", flush=True)
 signal.signal(signal.SIGVTALRM, lambda *_: signal.raise_signal(signal.SIGINT))
 signal.setitimer(signal.ITIMER_VIRTUAL, 2.5)
-main(["evaluate", "--json", "--frames", "1000000"])
+main(["evaluate", "--json", "--frames", "20000"])
 """
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGVTALRM"), reason="this system cannot interrupt after some CPU time")
 def test_ctrl_c_keeps_what_is_done():
-    done = subprocess.run([sys.executable, "-c", INTERRUPTED_RUN], capture_output=True, text=True, timeout=100)
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED_RUN], capture_output=True, text=True, timeout=240)
     assert done.returncode == 130, done.stderr
     document = json.loads(done.stdout.split("ready\n")[1])
     assert document["interrupted"] is True
-    assert 0 < document["cells"][0]["frames_done"] < 1_000_000
+    assert 0 < document["cells"][0]["frames_done"] < 20_000

@@ -81,7 +81,7 @@ def test_the_web_view_serves_the_session_until_it_is_interrupted(session: Path) 
     command = [*GSE, "view", str(session / "session.mcap"), "--web"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
         assert running.stderr is not None
-        guard = threading.Timer(60, running.kill)
+        guard = threading.Timer(240, running.kill)
         guard.start()
         line = next(line for line in running.stderr if "http://" in line)
         url = line.split()[1]
@@ -89,7 +89,7 @@ def test_the_web_view_serves_the_session_until_it_is_interrupted(session: Path) 
         with opener.open(url + "session.rrd", timeout=20) as answer:
             assert answer.read(3) == b"RRF"
         running.send_signal(signal.SIGINT)
-        assert running.wait(20) == 0
+        assert running.wait(120) == 0
         guard.cancel()
 
 
