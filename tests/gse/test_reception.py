@@ -138,3 +138,19 @@ def test_an_index_over_the_maximum_is_a_problem_of_the_panorama_not_of_the_link(
     (panorama,) = panoramas(received(reception, Chunk(*arrival(0), bytes(data))))
     assert "5000" in panorama.problems[0]
     assert reception.counters.bytes_discarded == 0
+
+
+def test_objects_that_come_unsorted_are_brightest_first_in_the_panorama() -> None:
+    message = PanoramaMessage(
+        time_us=1,
+        frame_no=1,
+        exposure_s=EXPOSURE_S,
+        flags=frozenset(),
+        temperature_c=20.0,
+        xy_px=np.array([[10.0, 20.0], [30.0, 40.0]]),
+        index=np.array([100.0, 200.0]),
+    )
+    chunk = Chunk(*arrival(0), PROTOCOL.encode(message, sequence=1))
+    (panorama,) = panoramas(received(Reception(PROTOCOL, baudrate=BAUDRATE), chunk))
+    assert panorama.index.tolist() == [200, 100]
+    assert panorama.xy_px.tolist() == [[30, 40], [10, 20]]
