@@ -29,15 +29,19 @@ class Camera:
 
     def directions(self, xy_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Unit vectors (N, 3) in the sensor frame of pixels (N, 2)."""
-        offset = np.asarray(xy_px, dtype=np.float64).reshape(-1, 2) - self.principal_point_px
-        s2 = (offset**2).sum(axis=1) / (self.columns / 2) ** 2
+        pixels = np.asarray(xy_px, dtype=np.float64).reshape(-1, 2)
+        vectors = np.empty((len(pixels), 3))
+        vectors[:, 2] = self.focal_length_px
+        offset = vectors[:, :2]
+        np.subtract(pixels, self.principal_point_px, out=offset)
         k1, k2 = self.radial_distortion
-        offset = offset * (1 + s2 * (k1 + s2 * k2))[:, None]
+        if k1 or k2:
+            s2 = (offset**2).sum(axis=1) / (self.columns / 2) ** 2
+            offset *= (1 + s2 * (k1 + s2 * k2))[:, None]
         if self.mirrored:
             offset[:, 0] = -offset[:, 0]
-        vectors = np.column_stack([offset, np.full(len(offset), self.focal_length_px)])
-        unit: NDArray[np.float64] = vectors / np.sqrt((vectors**2).sum(axis=1))[:, None]
-        return unit
+        vectors /= np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None]
+        return vectors
 
     def pixels(self, directions_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
         """Pixels (N, 2) of directions (N, 3) in the sensor frame; NaN behind the camera."""

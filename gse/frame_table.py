@@ -57,11 +57,22 @@ class _Rows:
         self._used = _BLOCK_ROWS
 
     def append(self, row: tuple[float, ...]) -> None:
+        self._make_room()
+        self._blocks[-1][self._used] = row
+        self._used += 1
+
+    def extend(self, rows: NDArray[np.void]) -> None:
+        while len(rows):
+            self._make_room()
+            fitting = rows[: _BLOCK_ROWS - self._used]
+            self._blocks[-1][self._used : self._used + len(fitting)] = fitting
+            self._used += len(fitting)
+            rows = rows[len(fitting) :]
+
+    def _make_room(self) -> None:
         if self._used == _BLOCK_ROWS:
             self._blocks.append(np.zeros(_BLOCK_ROWS, dtype=self._dtype))
             self._used = 0
-        self._blocks[-1][self._used] = row
-        self._used += 1
 
     def __len__(self) -> int:
         return len(self._blocks) * _BLOCK_ROWS - (_BLOCK_ROWS - self._used if self._blocks else 0)
@@ -121,9 +132,12 @@ class FrameTable:
                 ),
             )
         )
-        for match in result.matches:
-            x, y = panorama.xy_px[match.object]
-            self._matches.append((row, x, y, match.residual_x_arcsec, match.residual_y_arcsec))
+        matches = result.matches
+        rows = np.empty(len(matches), dtype=MATCH)
+        rows["frame"] = row
+        rows["x_px"], rows["y_px"] = panorama.xy_px[matches.objects].T
+        rows["residual_x_arcsec"], rows["residual_y_arcsec"] = matches.residuals_arcsec.T
+        self._matches.extend(rows)
 
     @property
     def columns(self) -> NDArray[np.void]:

@@ -4,26 +4,20 @@
 sky moves; a planet or the Moon stands where the ephemeris has it; any other unidentified object is unknown.
 """
 
-from dataclasses import dataclass
+from collections import OrderedDict
 
 import numpy as np
-from astropy import units
-from astropy.coordinates import EarthLocation, get_body
-from astropy.time import Time
-from astropy.utils import iers
 from numpy.typing import NDArray
 
 from gse.attitude import Attitude
 from gse.camera import Camera
 from gse.config import Site
-from gse.instant import NS_PER_S, to_julian_date
+from gse.instant import NS_PER_S
 from gse.panorama import Panorama
+from gse.solar_system import BODIES, bodies_icrs
 
 HOT_PIXEL = "hot pixel"
 UNKNOWN = "unknown"
-
-PLANETS = ("Mercury", "Venus", "Mars", "Jupiter", "Saturn", "Uranus")
-"""Those that a star sensor sees."""
 
 PLANET_WITHIN_PX = 4.0
 MOON_WITHIN_RAD = np.radians(1.0)
@@ -31,25 +25,17 @@ MOON_WITHIN_RAD = np.radians(1.0)
 
 SAME_PIXEL_PX = 0.6
 HOT_FRAMES = 5
-HOT_MOTION_PX = 4.0
-"""An object that stayed on its pixel in so many frames, while a star there moved so far, is a hot pixel."""
+HOT_MOTION_PX = 6.0
+"""An object on one pixel in so many frames, and in most of the frames in which the sky moved so far, is a hot pixel.
 
-FORGET_NS = 60 * NS_PER_S
+A star stays on a pixel while the sky moves by 1.4 pixels at most: even two that follow each other are there for less
+than half of the way.
+"""
+
 MAX_REMEMBERED = 5000
+_NOWHERE = -1, np.inf, np.inf
 _EPHEMERIS_NS = 600 * NS_PER_S
 """The Moon moves 5 arcmin in this time, planets half an arcmin at most: a new place for each cell of it."""
-
-
-@dataclass(slots=True)
-class _Sighting:
-    """An unidentified object that may turn out to stay on its pixel."""
-
-    x_px: float
-    y_px: float
-    attitude: Attitude
-    frames: int
-    last_ns: int
-    hot: bool = False
 
 
 class NonStars:
@@ -58,96 +44,111 @@ class NonStars:
     def __init__(self, camera: Camera, site: Site, known_hot_pixels: tuple[tuple[int, int], ...] = ()) -> None:
         self._camera = camera
         self._known = np.array(known_hot_pixels, dtype=np.float64).reshape(-1, 2)
-        self._site = EarthLocation.from_geodetic(
-            site.longitude_deg * units.deg, site.latitude_deg * units.deg, site.height_m * units.m
-        )
-        self._sightings: dict[tuple[int, int], _Sighting] = {}
-        self._forgotten_ns = 0
+        self._site = site
+        self._sightings = _Sightings(HOT_MOTION_PX * camera.pixel_rad)
         self._cell = -1
-        self._bodies: NDArray[np.float64] = np.zeros((0, 3))
+        self._bodies_icrs: NDArray[np.float64] = np.zeros((0, 3))
 
     def name(
-        self, panorama: Panorama, identified: NDArray[np.int64], attitude: Attitude, *, truth_known: bool
+        self,
+        panorama: Panorama,
+        directions_sensor: NDArray[np.float64],
+        identified: NDArray[np.int64],
+        attitude: Attitude,
+        *,
+        truth_known: bool,
     ) -> tuple[tuple[int, str], ...]:
         """(row, kind) of each object that is not among ``identified``, given the geometric attitude of the frame."""
-        rest = np.setdiff1d(np.arange(len(panorama.index)), identified)
-        if not len(rest):
-            return ()
-        self._forget(panorama.utc_ns)
-        bodies = self._bodies_px(panorama.utc_ns, attitude) if truth_known else {}
-        return tuple((int(row), self._kind(panorama, int(row), attitude, bodies)) for row in rest)
+        left = np.ones(len(panorama.index), dtype=np.bool_)
+        left[identified] = False
+        rest = left.nonzero()[0]
+        xy_px = panorama.xy_px[rest]
+        hot = self._sightings.stay(xy_px, directions_sensor[rest] @ attitude.icrs_to_sensor)
+        if len(self._known) and len(rest):
+            hot |= (np.abs(self._known - xy_px[:, None]).max(axis=2) <= SAME_PIXEL_PX).any(axis=1)
+        kinds = [HOT_PIXEL if is_hot else UNKNOWN for is_hot in hot.tolist()]
+        if truth_known:
+            for body, place_px, within_px in self._bodies_px(panorama.utc_ns, attitude):
+                for row in (np.hypot(*(xy_px - place_px).T) <= within_px).nonzero()[0].tolist():
+                    kinds[row] = body
+        return tuple(zip(rest.tolist(), kinds, strict=True))
 
-    def _kind(
-        self, panorama: Panorama, row: int, attitude: Attitude, bodies: dict[str, tuple[NDArray[np.float64], float]]
-    ) -> str:
-        xy_px = panorama.xy_px[row]
-        if len(self._known) and np.abs(self._known - xy_px).max(axis=1).min() <= SAME_PIXEL_PX:
-            return HOT_PIXEL
-        for body, (place_px, within_px) in bodies.items():
-            if np.hypot(*(place_px - xy_px)) <= within_px:
-                return body
-        return HOT_PIXEL if self._stays(panorama, xy_px, attitude) else UNKNOWN
-
-    def _stays(self, panorama: Panorama, xy_px: NDArray[np.float64], attitude: Attitude) -> bool:
-        seen = self._sighting(float(xy_px[0]), float(xy_px[1]))
-        if seen is None:
-            if len(self._sightings) < MAX_REMEMBERED:
-                x, y = float(xy_px[0]), float(xy_px[1])
-                self._sightings[round(x), round(y)] = _Sighting(x, y, attitude, 1, panorama.utc_ns)
-            return False
-        seen.frames += 1
-        seen.last_ns = panorama.utc_ns
-        # Every tenth frame is soon enough, and ten times cheaper.
-        seen.hot = seen.hot or (seen.frames % 10 == HOT_FRAMES and self._moved(seen, attitude))
-        return seen.hot
-
-    def _sighting(self, x_px: float, y_px: float) -> _Sighting | None:
-        """What was seen on this pixel, which a sub-pixel position may round to a neighbour of."""
-        column, row = round(x_px), round(y_px)
-        for key in ((column + i, row + j) for i in (0, -1, 1) for j in (0, -1, 1)):
-            seen = self._sightings.get(key)
-            if seen and abs(seen.x_px - x_px) <= SAME_PIXEL_PX and abs(seen.y_px - y_px) <= SAME_PIXEL_PX:
-                return seen
-        return None
-
-    def _moved(self, seen: _Sighting, attitude: Attitude) -> bool:
-        """Whether the star that stood on the pixel at its first sighting would have left it by now."""
-        direction = self._camera.directions(np.array([[seen.x_px, seen.y_px]]))[0]
-        before, now = direction @ seen.attitude.icrs_to_sensor, direction @ attitude.icrs_to_sensor
-        return float(np.linalg.norm(now - before)) > HOT_MOTION_PX * self._camera.pixel_rad
-
-    def _forget(self, utc_ns: int) -> None:
-        if abs(utc_ns - self._forgotten_ns) < FORGET_NS / 4:
-            return
-        self._forgotten_ns = utc_ns
-        self._sightings = {
-            pixel: seen
-            for pixel, seen in self._sightings.items()
-            if seen.hot or abs(utc_ns - seen.last_ns) < FORGET_NS / 2
-        }
-
-    def _bodies_px(self, utc_ns: int, attitude: Attitude) -> dict[str, tuple[NDArray[np.float64], float]]:
-        """Planets and Moon on the detector: place and how near an object must stand to be one."""
+    def _bodies_px(self, utc_ns: int, attitude: Attitude) -> list[tuple[str, NDArray[np.float64], float]]:
+        """Planets and Moon before the camera: name, place, and how near an object must stand to be one."""
         if self._cell != utc_ns // _EPHEMERIS_NS:
             self._cell = utc_ns // _EPHEMERIS_NS
-            self._bodies = self._directions(self._cell * _EPHEMERIS_NS + _EPHEMERIS_NS // 2)
-        places_px = self._camera.pixels(self._bodies @ attitude.icrs_to_sensor.T)
-        moon_px = MOON_WITHIN_RAD / self._camera.pixel_rad
-        reach = {**dict.fromkeys(PLANETS, PLANET_WITHIN_PX), "Moon": moon_px}
-        return {
-            body: (place, within)
-            for (body, within), place in zip(reach.items(), places_px, strict=True)
-            if np.isfinite(place).all()
-        }
+            self._bodies_icrs = bodies_icrs(self._site, self._cell * _EPHEMERIS_NS + _EPHEMERIS_NS // 2)
+        from_boresight = self._bodies_icrs @ attitude.boresight_icrs
+        near = (from_boresight > np.cos(self._camera.diagonal_rad)).nonzero()[0]
+        if not len(near):
+            return []
+        moon_px = float(MOON_WITHIN_RAD / self._camera.pixel_rad)
+        places_px = self._camera.pixels(self._bodies_icrs[near] @ attitude.icrs_to_sensor.T)
+        names = [BODIES[row] for row in near]
+        return [
+            (name, place, moon_px if name == "Moon" else PLANET_WITHIN_PX)
+            for name, place in zip(names, places_px, strict=True)
+        ]
 
-    def _directions(self, utc_ns: int) -> NDArray[np.float64]:
-        """Apparent topocentric unit vectors (7, 3) of PLANETS and Moon, in GCRS axes, by astropy's own ephemeris."""
-        with iers.conf.set_temp("auto_download", False), iers.conf.set_temp("iers_degraded_accuracy", "ignore"):
-            time = Time(*to_julian_date(utc_ns), format="jd", scale="utc")
-            places = [
-                get_body(body.lower(), time, self._site, ephemeris="builtin").cartesian.xyz.value
-                for body in (*PLANETS, "Moon")
-            ]
-        vectors = np.array(places, dtype=np.float64)
-        unit: NDArray[np.float64] = vectors / np.linalg.norm(vectors, axis=1)[:, None]
-        return unit
+
+class _Sightings:
+    """Pixels on which unidentified objects were, the latest MAX_REMEMBERED of them.
+
+    Columns, one row per pixel: ``first`` and ``count`` are the number of the first frame and how many frames had an
+    object there since, ``icrs`` is what stood behind it then.
+    """
+
+    def __init__(self, motion_rad: float) -> None:
+        self._motion2 = motion_rad**2
+        self._frame = 0
+        self._rows: OrderedDict[tuple[int, int], tuple[int, float, float]] = OrderedDict()
+        self._first = np.zeros(MAX_REMEMBERED, dtype=np.int64)
+        self._count = np.zeros(MAX_REMEMBERED, dtype=np.int64)
+        self._icrs = np.zeros((MAX_REMEMBERED, 3))
+        self._hot = np.zeros(MAX_REMEMBERED, dtype=np.bool_)
+
+    def stay(self, xy_px: NDArray[np.float64], icrs: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """One more frame: which objects (N, 2), behind which the sky is ``icrs`` (N, 3), are known to stay."""
+        self._frame += 1
+        rows = np.array([self._row(x, y) for x, y in xy_px.tolist()], dtype=np.int64)
+        self._count[rows] += 1
+        frames = self._frame - self._first[rows] + 1
+        moved = ((icrs - self._icrs[rows]) ** 2).sum(axis=1) > self._motion2
+        steady = 2 * self._count[rows] > frames
+        self._hot[rows] |= moved & steady & (self._count[rows] >= HOT_FRAMES)
+        hot: NDArray[np.bool_] = self._hot[rows]
+        anew = ~(steady | hot)
+        self._begin(rows[anew], icrs[anew])
+        return hot
+
+    def _begin(self, rows: NDArray[np.int64], icrs: NDArray[np.float64]) -> None:
+        self._first[rows], self._count[rows], self._icrs[rows] = self._frame, 1, icrs
+
+    def _row(self, x_px: float, y_px: float) -> int:
+        """The row of a pixel, which a sub-pixel position may round to a neighbour of."""
+        column, line = round(x_px), round(y_px)
+        if self._rows.get((column, line), _NOWHERE)[1:] == (x_px, y_px):
+            key = column, line
+        else:
+            near = ((column + i, line + j) for i in (0, -1, 1) for j in (0, -1, 1))
+            key = next((key for key in near if self._is_at(key, x_px, y_px)), None) or self._begun(
+                column, line, x_px, y_px
+            )
+        self._rows.move_to_end(key)
+        return self._rows[key][0]
+
+    def _is_at(self, key: tuple[int, int], x_px: float, y_px: float) -> bool:
+        _, x, y = self._rows.get(key, _NOWHERE)
+        return abs(x - x_px) <= SAME_PIXEL_PX and abs(y - y_px) <= SAME_PIXEL_PX
+
+    def _begun(self, column: int, line: int, x_px: float, y_px: float) -> tuple[int, int]:
+        """The key of a pixel that is remembered from now on, in the place of the one seen longest ago."""
+        if (column, line) in self._rows:
+            row = self._rows[column, line][0]
+        elif len(self._rows) < MAX_REMEMBERED:
+            row = len(self._rows)
+        else:
+            row = self._rows.popitem(last=False)[1][0]
+        self._rows[column, line] = row, x_px, y_px
+        self._hot[row], self._count[row], self._first[row] = False, 0, -self._frame
+        return column, line

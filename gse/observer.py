@@ -14,7 +14,7 @@ from gse.config import Mount
 from gse.identifier import Identification, Identifier, Unidentified
 from gse.non_stars import NonStars
 from gse.panorama import MAX_OBJECTS, Panorama
-from gse.results import FrameResult, Judge, Match, Status
+from gse.results import FrameResult, Judge, Matches, Status
 from gse.truth import SiderealTruth
 
 CENTROID_SIGMA_PX = 0.3
@@ -74,7 +74,11 @@ class Observer:
             attitude_true=true,
             judge=judge,
             others=self.non_stars.name(
-                panorama, answer.objects, geometric or attitude, truth_known=self.truth is not None
+                panorama,
+                directions_sensor,
+                answer.objects,
+                geometric or attitude,
+                truth_known=self.truth is not None,
             ),
         )
 
@@ -110,18 +114,11 @@ class Observer:
             self.truth.apparent(self.identifier.catalog.icrs[answer.stars], utc_ns),
         )
 
-    def _matches(
-        self, answer: Identification, attitude: Attitude, directions_sensor: NDArray[np.float64]
-    ) -> tuple[Match, ...]:
+    def _matches(self, answer: Identification, attitude: Attitude, directions_sensor: NDArray[np.float64]) -> Matches:
         catalog = self.identifier.catalog
         expected_sensor = catalog.icrs[answer.stars] @ attitude.icrs_to_sensor.T
-        residual = (directions_sensor[answer.objects] - expected_sensor)[:, :2] * ARCSEC_PER_RAD
-        return tuple(
-            Match(object_, catalog.name(star), x, y)
-            for object_, star, (x, y) in zip(
-                answer.objects.tolist(), answer.stars.tolist(), residual.tolist(), strict=True
-            )
-        )
+        residuals = (directions_sensor[answer.objects] - expected_sensor)[:, :2] * ARCSEC_PER_RAD
+        return Matches(answer.objects, answer.stars, residuals, catalog.name)
 
     def _judge(
         self, attitude: Attitude | None, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]

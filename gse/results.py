@@ -1,8 +1,12 @@
 """What the station finds out about each panorama, and what it counts on the way."""
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gse.attitude import Attitude
 from gse.identifier.result import Identification
@@ -54,6 +58,30 @@ class Match:
         return math.hypot(self.residual_x_arcsec, self.residual_y_arcsec)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Matches:
+    """The objects of a panorama that are stars, as columns; iterating gives them as Match, brightest first.
+
+    ``objects`` (M,) are rows of the panorama, ``stars`` (M,) rows of the catalogue that ``name_of`` knows, and
+    ``residuals_arcsec`` is (M, 2).
+    """
+
+    objects: NDArray[np.int64]
+    stars: NDArray[np.int64]
+    residuals_arcsec: NDArray[np.float64]
+    name_of: Callable[[int], str]
+
+    def __len__(self) -> int:
+        return len(self.objects)
+
+    def __iter__(self) -> Iterator[Match]:
+        columns = self.objects.tolist(), self.stars.tolist(), self.residuals_arcsec.tolist()
+        return (Match(row, self.name_of(star), x, y) for row, star, (x, y) in zip(*columns, strict=True))
+
+
+NO_MATCHES = Matches(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), str)
+
+
 @dataclass(frozen=True, slots=True)
 class Discrepancy:
     """Measured minus true attitude, all in arcsec.
@@ -86,7 +114,7 @@ class FrameResult:
     identifier: str
     identification: Identification | None = None
     attitude: Attitude | None = None
-    matches: tuple[Match, ...] = ()
+    matches: Matches = NO_MATCHES
     elapsed_us: float | None = None
     attitude_geometric: Attitude | None = None
     discrepancy: Discrepancy | None = None

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from gse.axis_figures import block_means
 from gse.frame_table import STATUSES
@@ -180,13 +180,13 @@ def _more_often(
         if only_one + only_two == 0:
             return 0.0
         both = only_one + only_two
-        p = [float(stats.binomtest(count, both, alternative="greater").pvalue) for count in (only_two, only_one)]
+        p = [float(scipy.stats.binomtest(count, both, alternative="greater").pvalue) for count in (only_two, only_one)]
     elif min(first[1], second[1]) == 0:
         return _NAN
     else:
         table = np.array([[second[0], second[1] - second[0]], [first[0], first[1] - first[0]]])
-        p = [float(stats.fisher_exact(rows, alternative="greater").pvalue) for rows in (table, table[::-1])]
-    more, less = (float(stats.norm.isf(min(max(value, 1e-300), 0.5))) for value in p)
+        p = [float(scipy.stats.fisher_exact(rows, alternative="greater").pvalue) for rows in (table, table[::-1])]
+    more, less = (float(scipy.stats.norm.isf(min(max(value, 1e-300), 0.5))) for value in p)
     return more if more >= less else -less
 
 

@@ -8,8 +8,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from gse.axis_figures import AxisFigures, axis_figures
 from gse.clock_health import ClockHealth, clock_health
@@ -132,14 +132,14 @@ def proportion(count: int, of: int) -> Proportion:
     """A share with exact (Clopper-Pearson) bounds."""
     if of == 0:
         return Proportion(0, 0, _NAN, _NAN, _NAN)
-    interval = stats.binomtest(count, of).proportion_ci(0.95, method="exact")
+    interval = scipy.stats.binomtest(count, of).proportion_ci(0.95, method="exact")
     return Proportion(count, of, count / of, float(interval.low), float(interval.high))
 
 
 def _upper_95(count: int, of: int) -> float:
     if of == 0:
         return _NAN
-    return float(stats.binomtest(count, of, alternative="less").proportion_ci(0.95, method="exact").high)
+    return float(scipy.stats.binomtest(count, of, alternative="less").proportion_ci(0.95, method="exact").high)
 
 
 def _stray(frames: NDArray[np.void]) -> NDArray[np.bool_]:

@@ -63,39 +63,88 @@ def angle_urad(cosine: float, sine: float) -> float:
     return 1e6 * math.atan2(sine, cosine)
 
 
-@compiled
-def stars_fit(icrs: NDArray[np.float64], a: int, b: int, cosine: float, sine: float, tolerance_urad: float) -> bool:
-    """Whether stars a and b, by their whole microradians, fit two objects: |d_stars - d_objects| < tolerance.
+class Window(NamedTuple):
+    """What the cosine of two stars says of their fitting two objects: outside of far..near they do not, inside of
+    ``surely_far``..``surely_near`` they do, and between these only their whole microradians tell."""
 
-    ``cosine`` and ``sine`` are those of the angle between the objects. The stars' cosine settles all but a few cases.
-    """
-    dot = icrs[a, 0] * icrs[b, 0] + icrs[a, 1] * icrs[b, 1] + icrs[a, 2] * icrs[b, 2]
+    far: float
+    surely_far: float
+    surely_near: float
+    near: float
+
+
+@compiled
+def window(cosine: float, sine: float, tolerance_urad: float) -> Window:
+    """The window of two objects with this cosine and sine of the angle between them."""
     t = 1e-6 * tolerance_urad
     far = cosine * (1.0 - 0.5 * t * t) - sine * t
     near = cosine * (1.0 - 0.5 * t * t) + sine * t
     margin = _ROUNDING_RAD * (sine + t) + t * t * t + 1e-12
-    if dot < far - margin:
-        return False
     if sine > 2.0 * t:
-        if dot > near + margin:
-            return False
-        if far + margin < dot < near - margin:
-            return True
+        return Window(far - margin, far + margin, near - margin, near + margin)
+    return Window(far - margin, np.inf, np.inf, np.inf)
+
+
+@compiled
+def stars_fit(icrs: NDArray[np.float64], a: int, b: int, cosine: float, sine: float, tolerance_urad: float) -> bool:
+    """Whether stars a and b, by their whole microradians, fit two objects: |d_stars - d_objects| < tolerance.
+
+    ``cosine`` and ``sine`` are those of the angle between the objects.
+    """
+    dot = _dot(icrs, a, b)
+    gate = window(cosine, sine, tolerance_urad)
+    if dot < gate.far or dot > gate.near:
+        return False
+    return gate.surely_far < dot < gate.surely_near or _fits_exactly(icrs, a, b, cosine, sine, tolerance_urad)
+
+
+@compiled
+def _dot(vectors: NDArray[np.float64], a: int, b: int) -> float:
+    ax, ay, az = vectors[a, 0], vectors[a, 1], vectors[a, 2]
+    cosine: float = ax * vectors[b, 0] + ay * vectors[b, 1] + az * vectors[b, 2]
+    return cosine
+
+
+@compiled
+def _fits_exactly(icrs: NDArray[np.float64], a: int, b: int, cosine: float, sine: float, tolerance_urad: float) -> bool:
     whole = np.rint(angle_urad(*_cosine_sine(icrs, a, b)))
     return bool(abs(whole - angle_urad(cosine, sine)) < tolerance_urad)
 
 
 @compiled
+def windows(angles: Separations, tolerance_urad: float) -> NDArray[np.float64]:
+    """The windows (N, N, 4) of each two of N objects."""
+    count = len(angles.cosine)
+    of_pairs = np.empty((count, count, 4))
+    for p in range(count):
+        for q in range(p + 1):
+            gate = window(angles.cosine[p, q], angles.sine[p, q], tolerance_urad)
+            for k in range(4):
+                of_pairs[p, q, k] = of_pairs[q, p, k] = gate[k]
+    return of_pairs
+
+
+@compiled
 def agreements(
-    candidates: Candidates, count: int, icrs: NDArray[np.float64], angles: Separations, tolerance_urad: float
+    candidates: Candidates,
+    count: int,
+    icrs: NDArray[np.float64],
+    angles: Separations,
+    gates: NDArray[np.float64],
+    tolerance_urad: float,
 ) -> NDArray[np.uint64]:
-    """For each of the first ``count`` candidates the bits of those that it agrees with."""
+    """For each of the first ``count`` candidates the bits of those that it agrees with; ``gates`` are the windows."""
     agrees = np.zeros(count, np.uint64)
     for i in range(count):
+        p, a = candidates.object[i], candidates.star[i]
         for j in range(i):
-            p, q = candidates.object[i], candidates.object[j]
-            a, b = candidates.star[i], candidates.star[j]
-            if p != q and a != b and stars_fit(icrs, a, b, angles.cosine[p, q], angles.sine[p, q], tolerance_urad):
+            q, b = candidates.object[j], candidates.star[j]
+            dot = _dot(icrs, a, b)
+            if dot < gates[p, q, 0] or dot > gates[p, q, 3] or p == q or a == b:
+                continue
+            if gates[p, q, 1] < dot < gates[p, q, 2] or _fits_exactly(
+                icrs, a, b, angles.cosine[p, q], angles.sine[p, q], tolerance_urad
+            ):
                 agrees[i] |= _ONE << np.uint64(j)
                 agrees[j] |= _ONE << np.uint64(i)
     return agrees

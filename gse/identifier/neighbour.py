@@ -28,7 +28,15 @@ from gse.compiled import compiled
 from gse.config import IdentifierOptions
 from gse.identifier.acceptance import RandomSky, accepted
 from gse.identifier.intake import distinct_objects, refusal
-from gse.identifier.mutual import MOST_CANDIDATES, Candidates, agreements, angle_urad, largest_group, separations
+from gse.identifier.mutual import (
+    MOST_CANDIDATES,
+    Candidates,
+    agreements,
+    angle_urad,
+    largest_group,
+    separations,
+    windows,
+)
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.tables import PairTable, field_diameter_rad, pair_table, tolerance_rad
 
@@ -38,6 +46,7 @@ _BRIGHT_OBJECTS = 15
 
 _STARS_TRIED = 12
 _FEWEST_VOTES = 2
+_BIN_BITS = np.uint64(7)
 _BIN_URAD = 128
 _MOST_WORK = 100_000_000
 """Comparisons after which a search gives up, in less than a second: 30 random objects over 4200 stars take 24 million.
@@ -106,6 +115,7 @@ def first_fit(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """Objects and their stars (M,), the alpha star first, and how many alpha stars were tried; M is 0 for no answer."""
     angles = separations(directions)
+    gates = windows(angles, limits.tolerance_urad)
     room = Candidates(np.empty(MOST_CANDIDATES, np.int64), np.empty(MOST_CANDIDATES, np.int64))
     tried = min(limits.alphas, len(directions))
     work = 0
@@ -119,7 +129,7 @@ def first_fit(
             work += count * count
             if work > _MOST_WORK:
                 return np.empty(0, np.int64), np.empty(0, np.int64), alpha + 1
-            group = largest_group(agreements(room, count, icrs, angles, limits.tolerance_urad), limits.min_fit)
+            group = largest_group(agreements(room, count, icrs, angles, gates, limits.tolerance_urad), limits.min_fit)
             if group != 0:
                 return *_named(alpha, star, room, group), alpha + 1
     return np.empty(0, np.int64), np.empty(0, np.int64), tried
@@ -131,6 +141,7 @@ def best_vote(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """As ``first_fit``, but first among the stars with most votes, and of these the one with the greatest Fn2."""
     angles = separations(directions)
+    gates = windows(angles, limits.tolerance_urad)
     room = Candidates(np.empty(MOST_CANDIDATES, np.int64), np.empty(MOST_CANDIDATES, np.int64))
     tried = min(limits.alphas, len(directions))
     for alpha in range(tried):
@@ -141,7 +152,7 @@ def best_vote(
             better = max(limits.min_fit, len(objects))
             if fit < better:
                 continue
-            group = largest_group(agreements(room, count, icrs, angles, limits.tolerance_urad), better)
+            group = largest_group(agreements(room, count, icrs, angles, gates, limits.tolerance_urad), better)
             if group != 0:
                 objects, stars = _named(alpha, star, room, group)
         if len(objects) > 0:
@@ -182,13 +193,16 @@ def _binned(others: NDArray[np.int64], distances: NDArray[np.float64], tolerance
 def _level_1(star: int, alpha: Alpha, table: PairTable, limits: Limits, room: Candidates) -> tuple[int, int]:
     """Fn of a catalogue star, and how many candidates (object, neighbour) were put into ``room``, nearest first."""
     fit = count = 0
-    for k in range(table.first[star], table.first[star + 1]):
-        place = table.neighbour_urad[k] // _BIN_URAD
-        if place >= len(alpha.end):
+    for k in range(np.uint64(table.first[star]), np.uint64(table.first[star + 1])):
+        urad = table.neighbour_urad[k]
+        place = np.uint64(urad) >> _BIN_BITS
+        if place >= np.uint64(len(alpha.end)):
             break
+        if alpha.end[place] == 0:
+            continue
         fits = 0
         for i in range(alpha.begin[place], alpha.end[place]):
-            if abs(table.neighbour_urad[k] - alpha.distances[i]) < limits.tolerance_urad:
+            if abs(urad - alpha.distances[i]) < limits.tolerance_urad:
                 fits = 1
                 if count < MOST_CANDIDATES:
                     room.object[count], room.star[count] = alpha.others[i], table.neighbour[k]

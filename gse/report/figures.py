@@ -30,6 +30,9 @@ _STYLE = {
     "figure.constrained_layout.use": True,
     "path.simplify": False,
 }
+_MANY_DECIMALS = re.compile(r"(?<!scale\()(\d+\.\d{3})\d+")
+"""A thousandth of a point is enough for a place, and not every machine has the last of six decimals alike."""
+
 _IDS = re.compile(r'(?<=\bid=")[^"]+|(?<=href="#)[^"]+|(?<=url\(#)[^)]+')
 
 
@@ -38,10 +41,19 @@ def svg_of(name: str, height_in: float, draw: Callable[[Figure], None]) -> str:
     with mpl.rc_context({**mpl.rcParamsDefault, **_STYLE, "backend": "svg"}):
         figure = Figure(figsize=(WIDTH_IN, height_in))
         draw(figure)
+        _lay_out(figure)
         text = io.StringIO()
         figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     svg = text.getvalue()
-    return _renumbered(svg[svg.index("<svg") :], name)
+    return _MANY_DECIMALS.sub(r"\1", _renumbered(svg[svg.index("<svg") :], name))
+
+
+def _lay_out(figure: Figure) -> None:
+    """Find the places of all parts once; savefig would draw the whole figure twice for that."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
 
 
 def _renumbered(svg: str, name: str) -> str:

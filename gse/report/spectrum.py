@@ -1,11 +1,11 @@
-"""The spectrum of an error axis, from frames that need not be evenly spaced."""
+"""The spectrum of an error axis; frames may be missing."""
 
 import numpy as np
-from astropy.timeseries import LombScargle
 from numpy.typing import NDArray
 
 _BINS = 150
-_MAX_FREQUENCIES = 200_000
+_MAX_SLOTS = 1 << 22
+"""Of a night with more of them (five days at 10 Hz) the first are drawn."""
 
 
 def power_density(
@@ -13,8 +13,8 @@ def power_density(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Frequencies in Hz and one-sided power spectral density in arcsec^2/Hz, averaged in logarithmic bins.
 
-    By Lomb and Scargle (frames are missing here and there), of the errors less their mean. White noise of standard
-    deviation s at a rate r is flat at 2 s^2/r. Empty for fewer than 16 frames.
+    The periodogram of the errors less their mean, with zeros where a frame is missing (Schuster's; a night misses few).
+    White noise of standard deviation s at a rate r is flat at 2 s^2/r. Empty for fewer than 16 frames.
     """
     if len(time_s) < 16:
         return np.empty(0), np.empty(0)
@@ -22,11 +22,12 @@ def power_density(
     span_s = float(time_s[-1] - time_s[0])
     if step_s <= 0 or span_s <= 0:
         return np.empty(0), np.empty(0)
-    count = min(int(span_s / (2 * step_s)), _MAX_FREQUENCIES)
-    frequency = np.linspace(1 / span_s, 1 / (2 * step_s), max(count, 8))
-    scargle = LombScargle(time_s - time_s[0], error_arcsec - error_arcsec.mean(), normalization="psd", fit_mean=False)
-    power = scargle.power(frequency, method="fast", assume_regular_frequency=True)
-    return _averaged(frequency, 2 * step_s * np.maximum(power, 0))
+    slot = np.rint((time_s - time_s[0]) / step_s).astype(np.int64)
+    drawn = slot < _MAX_SLOTS
+    errors = np.bincount(slot[drawn], error_arcsec[drawn] - error_arcsec[drawn].mean())
+    power = np.abs(np.fft.rfft(errors)) ** 2 / drawn.sum()
+    frequency = np.fft.rfftfreq(len(errors), step_s)
+    return _averaged(frequency[1:].astype(np.float64), 2 * step_s * power[1:])
 
 
 def _averaged(

@@ -18,11 +18,12 @@ from gse.verdict import Judgement
 
 SCHEMA = "gse.report/1"
 DECIMALS = 6
-"""Of every number: 1e-6 deg is 0.004 arcsec. The same session gives the same text on any machine."""
+DIGITS = 8
+"""Of every number: 1e-6 deg is 0.004 arcsec, and no more digits than any machine computes alike."""
 
 
 def summarise(night: Night, judgement: Judgement) -> dict[str, Any]:
-    """What is in report.json; every float is rounded to 6 decimals, and null where it is unknown or infinite."""
+    """What is in report.json; floats are rounded to 6 decimals or 8 digits, null where they are unknown or infinite."""
     figures = judgement.statistics
     report = {
         "schema": SCHEMA,
@@ -131,7 +132,7 @@ def _plain(value: Any) -> Any:
         return value
     if isinstance(value, float):  # numpy's float64 too
         # + 0.0 makes a zero of a rounded-off negative number
-        return round(float(value), DECIMALS) + 0.0 if math.isfinite(value) else None
+        return _rounded(float(value)) + 0.0 if math.isfinite(value) else None
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, dict):
@@ -139,3 +140,8 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     raise TypeError(f"{type(value).__name__} has no place in a report")
+
+
+def _rounded(value: float) -> float:
+    magnitude = math.floor(math.log10(abs(value))) if value else 0
+    return round(value, min(DECIMALS, DIGITS - 1 - magnitude))

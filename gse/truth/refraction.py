@@ -1,5 +1,6 @@
 """Atmospheric refraction about the zenith: ERFA's A tan z + B tan^3 z."""
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -7,6 +8,7 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.compiled import compiled
 from gse.config import Site
 
 WAVELENGTH_UM = 0.6
@@ -36,14 +38,15 @@ class Refraction:
         self, directions_sensor: NDArray[np.float64], zenith_sensor: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """The directions (N, 3) that light had before it entered the air; ``zenith_sensor`` (3,) is a unit vector."""
-        cos_z = directions_sensor @ zenith_sensor
-        held = np.maximum(cos_z, _MIN_COS_ZENITH)
-        # tan z / sin z, the part of the formula that does not vanish at the zenith
-        per_sine = (self.a_rad + self.b_rad * (1 / held**2 - 1)) / held
-        away = cos_z[:, None] * directions_sensor - zenith_sensor
-        shift = per_sine * np.sqrt(np.maximum(1 - cos_z**2, 0.0))
-        turned = np.cos(shift)[:, None] * directions_sensor + (per_sine * np.sinc(shift / np.pi))[:, None] * away
-        return np.asarray(turned, dtype=np.float64)
+        removed = np.empty((len(directions_sensor), 3))
+        _remove(
+            np.ascontiguousarray(directions_sensor, dtype=np.float64),
+            np.ascontiguousarray(zenith_sensor, dtype=np.float64),
+            self.a_rad,
+            self.b_rad,
+            removed,
+        )
+        return removed
 
     def added(self, directions_sensor: NDArray[np.float64], zenith_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
         """The directions (N, 3) in which light arrives: the inverse of ``removed``, above some 5 deg of altitude."""
@@ -57,3 +60,26 @@ class Refraction:
         """By how much an object at an observed zenith distance is lifted."""
         tan_z = min(float(np.tan(zenith_distance_rad)), 20.0) if zenith_distance_rad < np.pi / 2 else 20.0
         return (self.a_rad + self.b_rad * tan_z**2) * tan_z
+
+
+@compiled
+def _remove(
+    directions: NDArray[np.float64],
+    zenith: NDArray[np.float64],
+    a_rad: float,
+    b_rad: float,
+    removed: NDArray[np.float64],
+) -> None:
+    """Put each direction (N, 3), turned away from the zenith (3,) by its refraction, into ``removed``."""
+    for i in range(len(directions)):
+        x, y, z = directions[i]
+        cos_z = x * zenith[0] + y * zenith[1] + z * zenith[2]
+        held = max(cos_z, _MIN_COS_ZENITH)
+        # tan z / sin z, the part of the formula that does not vanish at the zenith
+        per_sine = (a_rad + b_rad * (1.0 / held**2 - 1.0)) / held
+        shift = per_sine * math.sqrt(max(1.0 - cos_z**2, 0.0))
+        away = per_sine * (math.sin(shift) / shift if shift > 0.0 else 1.0)
+        along = math.cos(shift) + away * cos_z
+        removed[i, 0] = along * x - away * zenith[0]
+        removed[i, 1] = along * y - away * zenith[1]
+        removed[i, 2] = along * z - away * zenith[2]

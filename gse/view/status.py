@@ -34,6 +34,7 @@ class StatusLine:
 
     def __init__(self, station: Station, folder: Path | None = None, console: Console | None = None) -> None:
         self._console = console or Console(stderr=True, highlight=False)
+        self._is_terminal = self._console.is_terminal
         self._folder = folder
         self._running = Running(station.limits)
         self._night: Night | None = None
@@ -47,7 +48,7 @@ class StatusLine:
         """Take in one more frame."""
         self._running.add(result)
         self._night = night
-        if not self._console.is_terminal and self._running.utc_ns >= self._due_ns:
+        if not self._is_terminal and self._running.utc_ns >= self._due_ns:
             self._due_ns = self._running.utc_ns + PLAIN_EVERY_NS
             self._console.print(self.line(), soft_wrap=True)
 
@@ -95,7 +96,7 @@ class StatusLine:
         return f"  disk {shutil.disk_usage(self._folder).free / 1e9:.1f} GB free"
 
     def __enter__(self) -> Self:
-        if self._console.is_terminal:
+        if self._is_terminal:
             self._live.start()
         return self
 

@@ -10,7 +10,7 @@ from gse.identifier import Identification
 from gse.instant import NS_PER_S, from_text
 from gse.night import Night
 from gse.panorama import Panorama
-from gse.results import Discrepancy, FrameResult, Judge, Match, Status
+from gse.results import Discrepancy, FrameResult, Judge, Matches, Status
 from gse.truth import EarthOrientation, SiderealTruth
 
 START_NS = from_text("2026-03-20T18:30:00Z")
@@ -59,7 +59,7 @@ def frame(utc_ns, number, error, judged=Judge.CORRECT, sensor_ppm=0.0, matches=(
         "neighbour",
         identification=Identification(np.arange(0), np.arange(0), 1e-9),
         attitude=true,
-        matches=tuple(Match(row, "", x, y) for row, (_, _, x, y) in enumerate(matches)),
+        matches=Matches(*[np.arange(len(matches))] * 2, np.array(matches).reshape(-1, 4)[:, 2:], str),
         elapsed_us=150.0,
         discrepancy=error,
         attitude_true=true,

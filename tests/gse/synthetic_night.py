@@ -13,7 +13,7 @@ from gse.identifier import Identification
 from gse.instant import NS_PER_S, from_text
 from gse.night import Night
 from gse.panorama import Panorama
-from gse.results import Discrepancy, FrameResult, Judge, LinkCounters, Match, Status
+from gse.results import Discrepancy, FrameResult, Judge, LinkCounters, Matches, Status
 from gse.truth import EarthOrientation
 
 START_NS = from_text("2026-03-20T18:30:00Z")
@@ -69,7 +69,7 @@ def _frame(number, utc_ns, true, camera, catalog, generator, noise_arcsec, bias_
     measured = Attitude.from_angles(
         true.ra_deg + d_ra / 3600 / math.cos(math.radians(true.de_deg)), true.de_deg + d_de / 3600, true.roll_deg
     )
-    residuals = generator.normal(0, 0.2 * camera.pixel_rad / ARCSEC, (len(stars), 2)).tolist()
+    residuals = generator.normal(0, 0.2 * camera.pixel_rad / ARCSEC, (len(stars), 2))
     names = [catalog.name(star) if row else "Alphard" for row, star in enumerate(stars.tolist())]
     return FrameResult(
         panorama,
@@ -78,7 +78,7 @@ def _frame(number, utc_ns, true, camera, catalog, generator, noise_arcsec, bias_
         "neighbour",
         Identification(np.arange(len(stars)), stars, 1e-12),
         measured,
-        tuple(Match(row, names[row], x, y) for row, (x, y) in enumerate(residuals)),
+        Matches(np.arange(len(stars)), np.arange(len(stars)), residuals, names.__getitem__),
         float(60 + generator.exponential(20)),
         measured,
         Discrepancy(float(d_ra), float(d_de), d_roll, float(-d_ra), float(d_de)),

@@ -3,12 +3,13 @@
 import astropy.units as u
 import numpy as np
 import pytest
-from astropy.coordinates import AltAz, EarthLocation, SkyCoord
+from astropy.coordinates import AltAz, EarthLocation, SkyCoord, get_body
 from astropy.time import Time, TimeDelta
 from astropy.utils import iers
 
 from gse.config import Mount, Site
 from gse.instant import NS_PER_S, from_text
+from gse.solar_system import BODIES, bodies_icrs
 from gse.truth import EarthOrientation, Refraction, SiderealTruth
 
 ARCSEC = np.pi / 180 / 3600
@@ -134,3 +135,13 @@ def test_the_refraction_constants_are_those_of_the_air(cases):
     thin, thick = (Refraction.at(sites[0].model_copy(update={"pressure_hpa": p})) for p in (500.0, 1000.0))
     assert thick.a_rad == pytest.approx(2 * thin.a_rad, rel=0.01)
     assert 50 * ARCSEC < thick.bend_rad(np.pi / 4) < 65 * ARCSEC
+
+
+def test_planets_and_the_moon_stand_where_astropy_has_them():
+    rng = np.random.default_rng(8)
+    for ns in rng.integers(from_text("1995-01-01T00:00:00Z"), LAST_NS, 20).tolist():
+        site = Site(latitude_deg=rng.uniform(-80, 80), longitude_deg=rng.uniform(-180, 180), height_m=100)
+        place = EarthLocation.from_geodetic(site.longitude_deg * u.deg, site.latitude_deg * u.deg, 100 * u.m)
+        for body, found in zip(BODIES, bodies_icrs(site, ns), strict=True):
+            there = get_body(body.lower(), astropy_time(ns), place, ephemeris="builtin").cartesian.xyz.value
+            assert angle(found, there / np.linalg.norm(there)) < 60 * ARCSEC

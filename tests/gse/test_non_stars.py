@@ -28,8 +28,13 @@ def panorama(second: float, *xy_px: tuple[float, float]) -> Panorama:
 
 
 def kinds(names: NonStars, second: float, *xy_px: tuple[float, float]) -> list[str]:
-    found = names.name(panorama(second, *xy_px), NONE, sky(second), truth_known=False)
+    found = name(names, panorama(second, *xy_px), NONE, sky(second), truth_known=False)
     return [kind for _, kind in found]
+
+
+def name(names, panorama, identified, attitude, *, truth_known):
+    directions = CAMERA.directions(panorama.xy_px)
+    return names.name(panorama, directions, identified, attitude, truth_known=truth_known)
 
 
 def test_what_stays_on_its_pixel_while_the_sky_moves_is_a_hot_pixel() -> None:
@@ -53,7 +58,7 @@ def test_what_moves_with_the_sky_is_no_hot_pixel() -> None:
 def test_a_sky_that_stands_still_proves_no_hot_pixel() -> None:
     names = NonStars(CAMERA, SITE)
     for second in range(60):
-        still = names.name(panorama(second, (200.0, 300.0)), NONE, sky(0), truth_known=False)
+        still = name(names, panorama(second, (200.0, 300.0)), NONE, sky(0), truth_known=False)
         assert still == ((0, UNKNOWN),)
 
 
@@ -63,12 +68,12 @@ def test_a_known_hot_pixel_is_named_at_once() -> None:
 
 def test_a_planet_stands_where_the_ephemeris_has_it() -> None:
     attitude = Attitude.from_angles(*JUPITER_ICRS, 0.0)
-    named = NonStars(CAMERA, SITE).name(panorama(0, (511.5, 511.5), (600.0, 600.0)), NONE, attitude, truth_known=True)
+    named = name(NonStars(CAMERA, SITE), panorama(0, (511.5, 511.5), (600.0, 600.0)), NONE, attitude, truth_known=True)
     assert named == ((0, "Jupiter"), (1, UNKNOWN))
 
 
 def test_identified_objects_are_left_out() -> None:
-    named = NonStars(CAMERA, SITE).name(panorama(0, (1.0, 1.0), (2.0, 9.0)), np.array([0]), sky(0), truth_known=False)
+    named = name(NonStars(CAMERA, SITE), panorama(0, (1.0, 1.0), (2.0, 9.0)), np.array([0]), sky(0), truth_known=False)
     assert named == ((1, UNKNOWN),)
 
 
@@ -78,3 +83,25 @@ def test_a_sub_pixel_position_at_the_edge_of_a_pixel_is_still_the_same_pixel(x: 
     for second in range(30):
         last = kinds(names, second, (200.5 if second % 2 else x, 300.0))
     assert last == [HOT_PIXEL]
+
+
+def test_two_stars_that_follow_each_other_over_a_pixel_are_no_hot_pixel():
+    names = NonStars(CAMERA, SITE)
+    stars = CAMERA.directions(np.array([[200.0, 300.0], [206.2, 300.0]])) @ sky(0).icrs_to_sensor
+    for tenth in range(600):
+        attitude = sky(tenth / 10)
+        xy_px = np.rint(CAMERA.pixels(stars @ attitude.icrs_to_sensor.T))
+        assert name(names, panorama(tenth / 10, *xy_px), NONE, attitude, truth_known=False) == (
+            (0, UNKNOWN),
+            (1, UNKNOWN),
+        )
+
+
+def test_more_pixels_than_are_remembered_forget_the_oldest():
+    names = NonStars(CAMERA, SITE)
+    generator = np.random.default_rng(1)
+    for second in range(40):
+        crowd = generator.integers(0, 1024, (400, 2)).astype(float)
+        last = kinds(names, second, (200.0, 300.0), *crowd)
+    assert last[0] == HOT_PIXEL
+    assert set(last[1:]) == {UNKNOWN}

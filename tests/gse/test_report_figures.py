@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from astropy.timeseries import LombScargle
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_night import synthetic_frames, synthetic_night
@@ -59,6 +60,18 @@ def test_a_sine_in_the_errors_stands_out_at_its_frequency_though_frames_are_miss
         time_s, np.sin(2 * np.pi * 0.25 * time_s) + generator.normal(0, 0.5, len(time_s))
     )
     assert frequency[np.argmax(density)] == pytest.approx(0.25, rel=0.05)
+
+
+def test_the_spectrum_of_a_night_with_gaps_is_that_of_lomb_and_scargle():
+    generator = np.random.default_rng(5)
+    time_s = np.flatnonzero(generator.random(6000) < 0.9) / 10
+    error = np.cumsum(generator.normal(0, 0.3, len(time_s))) + generator.normal(0, 4, len(time_s))
+    frequency, density = power_density(time_s, error)
+    scargle = LombScargle(time_s, error - error.mean(), normalization="psd", fit_mean=False)
+    slow, fast = (frequency > 0.01) & (frequency < 0.1), frequency > 0.5
+    for band in slow, fast:
+        expected = 2 * 0.1 * scargle.power(frequency[band]).mean()
+        assert density[band].mean() == pytest.approx(expected, rel=0.3)
 
 
 def test_too_few_frames_have_no_spectrum() -> None:

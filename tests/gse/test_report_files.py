@@ -23,7 +23,7 @@ from gse.report.frames_csv import frames_csv
 from gse.report.junit import junit_xml
 from gse.report.page import report_html
 from gse.report.terminal import plain_lines, print_verdict
-from gse.results import Status
+from gse.results import NO_MATCHES, Status
 from gse.verdict import judge
 
 FRAMES = 800
@@ -213,7 +213,7 @@ def test_a_night_without_one_answer_still_has_a_report(tmp_path: Path) -> None:
             frame,
             status=Status.TOO_FEW,
             attitude=None,
-            matches=(),
+            matches=NO_MATCHES,
             discrepancy=None,
             attitude_true=None,
             elapsed_us=None,

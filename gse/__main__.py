@@ -1,0 +1,5 @@
+"""``python -m gse`` is ``gse``."""
+
+from gse.cli import main
+
+main()
