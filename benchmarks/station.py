@@ -69,9 +69,10 @@ def live(folder: Path) -> list[tuple[str, str, str]]:
     """CPU share of a run at 10 Hz with the live view on, start and report left out."""
     port = f"sim://?speed=1&frames={LIVE_S * 10 + 300}"
     command = [*GSE, "run", "--view", "web", "--port", port, "--json-frames", "--out", str(folder / "live")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
-        assert process.stdout is not None
-        process.stdout.readline()
+    frames = folder / "live.ndjson"
+    with frames.open("wb") as out, subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL) as process:
+        while not frames.stat().st_size:
+            time.sleep(0.1)
         time.sleep(5)
         used, started = _cpu_s(process.pid), time.perf_counter()
         time.sleep(LIVE_S)

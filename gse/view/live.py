@@ -8,6 +8,7 @@ frozen or killed blocks nobody. (A client connection to a viewer does block, aft
 import logging
 import queue
 import threading
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -46,6 +47,8 @@ MEMORY_LIMIT = "256MB"
 """What rerun's server keeps for viewers that come late; older data are dropped."""
 
 _CLOSE_WITHIN_S = 5.0
+_SHOW_VERDICT_S = 4.0
+"""A page that was opened has this long to fetch the end of the session; it keeps what it has when the server is gone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +139,7 @@ class LiveView:
     def close(self) -> None:
         """Show what is still queued, for at most some seconds, and end."""
         self._closing.set()
-        self._thread.join(_CLOSE_WITHIN_S)
+        self._thread.join(_CLOSE_WITHIN_S + _SHOW_VERDICT_S)
         if self._page is not None:
             self._page.close()
 
@@ -166,6 +169,8 @@ class LiveView:
             self._closing.wait(BATCH_EVERY_S)
         teller.finish()
         self._stream.flush()
+        if self._page is not None and self._page.opened:
+            time.sleep(_SHOW_VERDICT_S)
         self._stream.disconnect()
 
     def _take(self) -> list[_Item]:

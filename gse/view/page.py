@@ -31,8 +31,9 @@ class ViewerPage:
 
     def __init__(self, bind: str, port: int, *, grpc_port: int = 0, recording: Path | None = None) -> None:
         content = {"files": ViewerFiles(), "grpc_port": grpc_port, "recording": recording}
+        self._handler: type[_Handler] = type("_BoundHandler", (_Handler,), content)
         try:
-            self._server = ThreadingHTTPServer((bind, port), type("_BoundHandler", (_Handler,), content))
+            self._server = ThreadingHTTPServer((bind, port), self._handler)
         except OSError as error:
             raise GseError(
                 f"cannot serve the view on {bind} port {port}: {error.strerror}; choose another address or port"
@@ -43,6 +44,11 @@ class ViewerPage:
             target=self._server.serve_forever, kwargs={"poll_interval": 0.05}, name="viewer page", daemon=True
         )
         self._thread.start()
+
+    @property
+    def opened(self) -> bool:
+        """Whether anybody has asked for the page."""
+        return self._handler.opened
 
     def close(self) -> None:
         """Stop serving."""
@@ -62,12 +68,14 @@ class _Handler(BaseHTTPRequestHandler):
     files: ClassVar[ViewerFiles]
     grpc_port: ClassVar[int]
     recording: ClassVar[Path | None]
+    opened: ClassVar[bool] = False
     server_version = "gse"
     sys_version = ""
 
     def do_GET(self) -> None:
         path = self.path.split("?")[0]
         if path in _OWN_FILES:
+            type(self).opened = True
             name, media_type = _OWN_FILES[path]
             text = resources.files("gse.view").joinpath(name).read_text(encoding="utf-8")
             self._answer(jinja2.Template(text).render(grpc_port=self.grpc_port).encode(), media_type)
