@@ -86,11 +86,11 @@ def solve_attitude(
         raise ValueError(f"{len(measured)} directions came with {len(stars)} stars: expected one star per direction")
     if len(measured) < 2:
         raise ValueError(f"{len(measured)} direction(s) do not fix an attitude: expected at least 2")
-    weights = np.empty(len(measured))
-    weights[:] = sigma_rad
-    if not (weights.min() > 0 and weights.max() < np.inf):
+    sigma = sigma_rad if isinstance(sigma_rad, float) else np.asarray(sigma_rad, dtype=np.float64)
+    if not (0 < sigma < np.inf if isinstance(sigma, float) else ((sigma > 0) & (sigma < np.inf)).all()):
         raise ValueError(f"sigma_rad is {sigma_rad!r:.60}: expected positive angles in radians")
-    weights **= -2.0
+    weights = np.empty(len(measured))
+    weights[:] = sigma**-2.0
     rotation, covariance = np.empty((3, 3)), np.empty((3, 3))
     if not davenport(measured, stars, weights, rotation) or not attitude_covariance(measured, weights, covariance):
         raise ValueError("the directions are parallel or not finite: they do not fix an attitude")

@@ -139,7 +139,8 @@ def _optics(night: Night) -> Iterator[str]:
         return
     scale -= _expected_scale(night, camera)
     if abs(scale) > max(_SCALE, _SIGMAS * scale_sigma):
-        yield f"focal length: it is {abs(scale):.2%} too {'short' if scale > 0 else 'long'}; gse calibrate fits it"
+        off = "short" if scale > 0 else "long"
+        yield f"focal length: it is about {abs(scale):.2%} too {off}; gse calibrate fits it"
 
 
 def _radial(camera: Camera, matches: NDArray[np.void], powers: tuple[int, ...]) -> tuple[float, float]:

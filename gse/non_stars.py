@@ -101,7 +101,7 @@ class _Sightings:
     def __init__(self, motion_rad: float) -> None:
         self._motion2 = motion_rad**2
         self._frame = 0
-        self._rows: OrderedDict[tuple[int, int], tuple[int, float, float]] = OrderedDict()
+        self._rows: OrderedDict[tuple[float, float], tuple[int, float, float]] = OrderedDict()
         self._first = np.zeros(MAX_REMEMBERED, dtype=np.int64)
         self._count = np.zeros(MAX_REMEMBERED, dtype=np.int64)
         self._icrs = np.zeros((MAX_REMEMBERED, 3))
@@ -110,7 +110,7 @@ class _Sightings:
     def stay(self, xy_px: NDArray[np.float64], icrs: NDArray[np.float64]) -> NDArray[np.bool_]:
         """One more frame: which objects (N, 2), behind which the sky is ``icrs`` (N, 3), are known to stay."""
         self._frame += 1
-        rows = np.array([self._row(x, y) for x, y in xy_px.tolist()], dtype=np.int64)
+        rows = np.array([self._row(place) for place in map(tuple, xy_px.tolist())], dtype=np.int64)
         self._count[rows] += 1
         frames = self._frame - self._first[rows] + 1
         moved = ((icrs - self._icrs[rows]) ** 2).sum(axis=1) > self._motion2
@@ -124,16 +124,15 @@ class _Sightings:
     def _begin(self, rows: NDArray[np.int64], icrs: NDArray[np.float64]) -> None:
         self._first[rows], self._count[rows], self._icrs[rows] = self._frame, 1, icrs
 
-    def _row(self, x_px: float, y_px: float) -> int:
+    def _row(self, place_px: tuple[float, float]) -> int:
         """The row of a pixel, which a sub-pixel position may round to a neighbour of."""
-        column, line = round(x_px), round(y_px)
-        if self._rows.get((column, line), _NOWHERE)[1:] == (x_px, y_px):
-            key = column, line
-        else:
+        key = place_px  # a whole pixel is its own key
+        if key not in self._rows:
+            x_px, y_px = place_px
+            column, line = round(x_px), round(y_px)
             near = ((column + i, line + j) for i in (0, -1, 1) for j in (0, -1, 1))
-            key = next((key for key in near if self._is_at(key, x_px, y_px)), None) or self._begun(
-                column, line, x_px, y_px
-            )
+            found = next((key for key in near if self._is_at(key, x_px, y_px)), None)
+            key = found or self._begun(column, line, x_px, y_px)
         self._rows.move_to_end(key)
         return self._rows[key][0]
 

@@ -151,6 +151,25 @@ def agreements(
 
 
 @compiled
+def hopeless(
+    candidates: Candidates, count: int, icrs: NDArray[np.float64], gates: NDArray[np.float64], fewest: int
+) -> bool:
+    """Whether no ``fewest`` of the first ``count`` candidates can all agree, which a few of their pairs may show.
+
+    The candidates are dealt round to ``fewest`` - 1 hands. Of any ``fewest``, two are in one hand: where no two in any
+    hand agree, there is no such group. A candidate of chance mostly ends here, after a tenth of its pairs.
+    """
+    hands = max(fewest - 1, 1)
+    for i in range(hands, count):
+        for j in range(i % hands, i, hands):
+            p, q = candidates.object[i], candidates.object[j]
+            dot = _dot(icrs, candidates.star[i], candidates.star[j])
+            if gates[p, q, 0] <= dot <= gates[p, q, 3] and p != q:
+                return False
+    return True
+
+
+@compiled
 def largest_group(agrees: NDArray[np.uint64], fewest: int) -> np.uint64:
     """The largest group found of candidates that all agree, as bits; 0 where none has ``fewest`` members.
 

@@ -33,6 +33,7 @@ from gse.identifier.mutual import (
     Candidates,
     agreements,
     angle_urad,
+    hopeless,
     largest_group,
     separations,
     windows,
@@ -124,7 +125,7 @@ def first_fit(
         for star in range(len(icrs)):
             work += table.first[star + 1] - table.first[star]
             fit, count = _level_1(star, seen, table, limits, room)
-            if fit < limits.min_fit:
+            if fit < limits.min_fit or hopeless(room, count, icrs, gates, limits.min_fit):
                 continue
             work += count * count
             if work > _MOST_WORK:
@@ -150,7 +151,7 @@ def best_vote(
         for star in _most_voted(seen, table, limits.tolerance_urad):
             fit, count = _level_1(star, seen, table, limits, room)
             better = max(limits.min_fit, len(objects))
-            if fit < better:
+            if fit < better or hopeless(room, count, icrs, gates, better):
                 continue
             group = largest_group(agreements(room, count, icrs, angles, gates, limits.tolerance_urad), better)
             if group != 0:

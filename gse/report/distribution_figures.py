@@ -88,7 +88,7 @@ def draw_spectrum(figure: Figure, drawn: Drawn) -> None:
         frequency, density = power_density(time_s, used[name][first])
         if len(frequency):
             axes.loglog(frequency, density, color=hex_of(colour), label=label)
-    axes.set_title("Spectrum of the errors less their mean (Lomb-Scargle)")
+    axes.set_title("Spectrum of the errors less their mean")
     axes.set_xlabel("frequency (Hz)")
     axes.set_ylabel("arcsec² / Hz")
     if axes.lines:

@@ -48,7 +48,7 @@ MEMORY_LIMIT = "256MB"
 
 _CLOSE_WITHIN_S = 5.0
 _SHOW_VERDICT_S = 4.0
-"""A page that was opened has this long to fetch the end of the session; it keeps what it has when the server is gone."""
+"""A page that was opened has this long to fetch the end of the session; it keeps what it has afterwards."""
 
 
 @dataclass(frozen=True, slots=True)
