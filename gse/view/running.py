@@ -31,6 +31,9 @@ LINK_COLOURS = {
     "closed": GREY,
 }
 
+_NO_ANSWER_S = 2.0
+"""Single frames without an answer are counted; so long without one is told at once."""
+
 _RATE_WINDOW = 50
 """Frames over which the rate is taken."""
 
@@ -84,6 +87,8 @@ class Running:
     inside: int = 0
     last: Discrepancy | None = None
     utc_ns: int = 0
+    objects: int = 0
+    _answered_utc_ns: int | None = None
     _recent_utc_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_RATE_WINDOW))
 
     def add(self, frame: FrameResult) -> None:
@@ -92,6 +97,9 @@ class Running:
         self.by_status[frame.status.value] += 1
         self.false_answers += frame.judge == "false"
         self.utc_ns = frame.panorama.utc_ns
+        self.objects = len(frame.panorama.index)
+        if frame.status is Status.IDENTIFIED or self._answered_utc_ns is None:
+            self._answered_utc_ns = self.utc_ns
         self._recent_utc_ns.append(self.utc_ns)
         found = frame.discrepancy
         if found is None:
@@ -112,6 +120,12 @@ class Running:
     def identified(self) -> float:
         """Share of frames that were identified, 0..1; NaN of none."""
         return self.by_status[Status.IDENTIFIED.value] / self.frames if self.frames else math.nan
+
+    @property
+    def silence(self) -> str:
+        """What to say of the last frames where none of them was identified: clouds, a lamp, the Sun; else nothing."""
+        since_s = (self.utc_ns - (self._answered_utc_ns or self.utc_ns)) / NS_PER_S
+        return f"NO ANSWER for {since_s:.0f} s, {self.objects} objects" if since_s >= _NO_ANSWER_S else ""
 
     @property
     def frames_per_s(self) -> float:

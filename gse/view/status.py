@@ -64,6 +64,7 @@ class StatusLine:
             (f"{instant.to_text(running.utc_ns, 0)[11:]} " if running.frames else "", ""),
             (f"link {self._link}" if self._link != _NO_LINK else self._link, _LINK_STYLES.get(self._link, "")),
             (f"  {running.frames} frames{_rate(running)}", ""),
+            (f"  {running.silence}" if running.silence else "", "bold red"),
             (f"  {percent(running.identified)} identified", _warning(self._misses_availability())),
             (f"  dRA* {_mean(running.d_ra.mean, running.d_ra.n)}", _warning(self._outside("d_ra"))),
             (f"  dDE {_mean(running.d_de.mean, running.d_de.n)}", _warning(self._outside("d_de"))),

@@ -46,6 +46,8 @@ def verdict_at_end(verdict: str, reasons: list[str], so_far: str) -> str:
 def _headline(running: Running) -> str:
     if not running.frames:
         return "Waiting for frames"
+    if running.silence:
+        return f"Running: {running.silence}"
     if not running.d_ra.n:
         return "Running: nothing compared yet"
     limits = running.limits

@@ -1,6 +1,7 @@
 """The status line, on a terminal and where there is none."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ from synthetic_night import synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
-from gse.results import Judge
+from gse.results import Judge, Status
 from gse.view.running import Moments, Running
 from gse.view.status import StatusLine
+from gse.view.words import verdict_so_far
 
 
 def told(night, frames, *, folder: Path | None = None, terminal: bool = False) -> str:
@@ -43,6 +45,21 @@ def test_the_line_says_all_that_matters(night, tmp_path: Path) -> None:
     for words in ("link closed", "301 frames at 10.0/s", "98.0 % identified", "dRA* +6.", "dDE -3.", "NEA ", "GB free"):
         assert words in line
     assert "clock within 1 ms" in line
+
+
+def test_a_sky_without_answers_is_shouted_and_forgotten_when_they_come_again(night) -> None:
+    frames = list(synthetic_frames(400, trouble=False))
+    clouded = [
+        replace(frame, status=Status.TOO_FEW, discrepancy=None) if 80 <= number < 210 else frame
+        for number, frame in enumerate(frames)
+    ]
+    lines = [line for line in told(night, clouded).splitlines() if "identified" in line]
+    assert ["NO ANSWER" in line for line in lines] == [False, True, True, False]
+    assert "NO ANSWER for 12 s, " in lines[2]
+    running = Running(night.station.limits)
+    for frame in clouded[:150]:
+        running.add(frame)
+    assert verdict_so_far(running, night.link).startswith("# Running: NO ANSWER for 7 s, ")
 
 
 def test_an_unsynchronised_clock_is_shouted(night) -> None:
