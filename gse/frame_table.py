@@ -10,6 +10,8 @@ STATUSES = tuple(Status)
 JUDGES = tuple(Judge)
 _NAN = float("nan")
 _BLOCK_ROWS = 4096
+MOST_MATCHES = 1_000_000
+"""Of a longer night every second, fourth, ... frame keeps its matches: 20 MB, and enough for maps and fits."""
 
 FRAME = np.dtype(
     [
@@ -45,7 +47,7 @@ FRAME = np.dtype(
 MATCH = np.dtype(
     [("frame", "u4"), ("x_px", "f4"), ("y_px", "f4"), ("residual_x_arcsec", "f4"), ("residual_y_arcsec", "f4")]
 )
-"""One row per identified object; ``frame`` is the row of its panorama."""
+"""One row per identified object of the frames that keep theirs; ``frame`` is the row of its panorama."""
 
 
 class _Rows:
@@ -93,6 +95,7 @@ class FrameTable:
     def __init__(self) -> None:
         self._frames = _Rows(FRAME)
         self._matches = _Rows(MATCH)
+        self._match_stride = 1
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -132,12 +135,21 @@ class FrameTable:
                 ),
             )
         )
+        if row % self._match_stride == 0:
+            self._append_matches(row, result)
+
+    def _append_matches(self, row: int, result: FrameResult) -> None:
         matches = result.matches
         rows = np.empty(len(matches), dtype=MATCH)
         rows["frame"] = row
-        rows["x_px"], rows["y_px"] = panorama.xy_px[matches.objects].T
+        rows["x_px"], rows["y_px"] = result.panorama.xy_px[matches.objects].T
         rows["residual_x_arcsec"], rows["residual_y_arcsec"] = matches.residuals_arcsec.T
         self._matches.extend(rows)
+        if len(self._matches) > MOST_MATCHES:
+            self._match_stride *= 2
+            kept = self._matches.array()
+            self._matches = _Rows(MATCH)
+            self._matches.extend(kept[kept["frame"] % self._match_stride == 0])
 
     @property
     def columns(self) -> NDArray[np.void]:
@@ -146,7 +158,7 @@ class FrameTable:
 
     @property
     def matches(self) -> NDArray[np.void]:
-        """One row per identified object, dtype MATCH."""
+        """One row per identified object, dtype MATCH; of a long night not those of every frame."""
         return self._matches.array()
 
 

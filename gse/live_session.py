@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,7 +39,7 @@ class LiveSession:
 
     night: Night
     folder: Path
-    own_elapsed_us: list[float]
+    own_elapsed_us: array[float]
     lost_bytes: int
 
 

@@ -1,6 +1,7 @@
 """Replay: a recorded session, a raw capture or a panorama table through the same loop as a live sensor."""
 
 import json
+from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +28,7 @@ class Replay:
     """What came out of a recording: the night, and this host's own identification times (not the recorded ones)."""
 
     night: Night
-    own_elapsed_us: list[float]
+    own_elapsed_us: array[float]
 
 
 @dataclass(frozen=True, slots=True)

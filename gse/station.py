@@ -1,5 +1,6 @@
 """The station: the one loop that serves live, replayed and simulated sessions."""
 
+from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
@@ -58,7 +59,7 @@ class StationLoop:
         self.reception = Reception(equipment.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
         self.night.link = self.reception.counters
         self.night.earth_orientation = earth_orientation
-        self.own_elapsed_us: list[float] = []
+        self.own_elapsed_us: array[float] = array("d")
         self._recorded = recorded
         self.sinks: Sequence[Sink] = ()
         align_s = station.mount.align_s

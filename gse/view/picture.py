@@ -79,8 +79,8 @@ class Picture:
         return (self.camera.columns * (low + (high - low) * share)).astype(np.float32)
 
     def send_residuals(self, stream: rr.RecordingStream, columns: NDArray[np.void], matches: NDArray[np.void]) -> None:
-        """Residuals of identified objects as arrows: frames as rows of FRAME, and all their rows of MATCH."""
-        lengths = columns["matched"].astype(np.int64)
+        """Residuals of identified objects as arrows: frames as rows of FRAME, and their rows of MATCH."""
+        lengths = np.bincount(matches["frame"], minlength=len(columns))
         origins = np.column_stack([matches["x_px"], matches["y_px"]])
         arcsec = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]])
         vectors = arcsec * (RESIDUAL_SCALE * ARCSEC / self.camera.pixel_rad)

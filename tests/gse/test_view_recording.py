@@ -90,7 +90,7 @@ def test_brighter_objects_are_drawn_larger(rows, frames) -> None:
 
 def test_residual_arrows_are_a_hundred_times_the_residual(rows, frames) -> None:
     arrow = moving(rows["/panorama/residuals"])[0]
-    match = frames[0].matches[0]
+    match = next(iter(frames[0].matches))
     pixel_arcsec = math.degrees(math.atan(1 / (512 / math.tan(math.radians(7))))) * 3600
     expected = np.array([match.residual_x_arcsec, match.residual_y_arcsec]) / pixel_arcsec * 100
     assert np.allclose(arrow["Arrows2D:vectors"][0], expected, rtol=1e-3)
