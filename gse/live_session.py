@@ -39,7 +39,7 @@ class LiveSession:
 
     night: Night
     folder: Path
-    own_elapsed_us: array[float]
+    own_elapsed_us: "array[float]"
     lost_bytes: int
 
 

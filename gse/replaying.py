@@ -28,7 +28,7 @@ class Replay:
     """What came out of a recording: the night, and this host's own identification times (not the recorded ones)."""
 
     night: Night
-    own_elapsed_us: array[float]
+    own_elapsed_us: "array[float]"
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from gse.night import Night
 def conclude(
     night: Night,
     folder: Path,
-    own_elapsed_us: array[float],
+    own_elapsed_us: "array[float]",
     clock_error_s: float | None,
     left_out: tuple[Exclusion, ...] = (),
 ) -> dict[str, Any]:
@@ -64,7 +64,7 @@ def exit_code(report: dict[str, Any], *, data_lost: bool) -> int:
     return {"PASS": 0, "FAIL": EXIT_FAIL}.get(report["verdict"], EXIT_INCONCLUSIVE)
 
 
-def _timing(own_elapsed_us: array[float]) -> dict[str, Any]:
+def _timing(own_elapsed_us: "array[float]") -> dict[str, Any]:
     """Identification times of this host in this run: a replay's own, which are not in its report."""
     times = np.array(own_elapsed_us) if own_elapsed_us else np.full(1, np.nan)
     figures = {"p50": np.median(times), "p95": np.percentile(times, 95), "max": times.max()}
