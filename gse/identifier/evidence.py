@@ -31,6 +31,9 @@ LOG_STRONG = math.log(1e5)
 TRUSTED_SCALE_SIGMA = 2e-4
 """Spread of the scale of a camera that is calibrated, tried where the wider one leaves too little evidence."""
 
+_MOST_OF_TRUST = 15.0
+"""Evidence that the trusted scale cannot add: its prior is 12 times narrower, a factor of 2.5 in the logarithm."""
+
 _MAGNITUDE_FLOOR = 0.02
 """Likelihood (0.4 at best) of any error of brightness at all: variable stars, clouds, saturation."""
 
@@ -70,7 +73,7 @@ def weigh(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -
         if matched == 0:
             break
         best = max(best, _log_evidence(tables, objects, attempt, assumed, matched))
-        if best > LOG_STRONG:
+        if best > LOG_STRONG or best < LOG_ACCEPTED - _MOST_OF_TRUST:
             break
         scale_sigma = TRUSTED_SCALE_SIGMA
     return best - math.log(scales)

@@ -11,8 +11,10 @@ from gse.identifier.evidence import LOG_STRONG, weigh
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.verify import Noise, attempt_at, named, objects_of
 from gse.identifier.votes import (
+    FEW_LOOKED_AT,
     PLAN_ALPHAS,
     PLAN_CANDIDATES,
+    PLAN_LOOKED_AT,
     PLAN_MOST_OBJECTS,
     PLAN_SIGMA,
     hypotheses_of,
@@ -54,7 +56,9 @@ def search(
             continue
         noise = Noise(step[PLAN_SIGMA], known[1], int(known[2]), known[3], known[4], known[5])
         keep = candidates[: int(step[PLAN_CANDIDATES])]
-        for alpha in range(min(n, int(step[PLAN_ALPHAS]))):
+        for turn in range(min(n, int(step[PLAN_ALPHAS]))):
+            # Where more objects are looked at, the brightest may be hot pixels: their turn comes last.
+            alpha = turn if step[PLAN_LOOKED_AT] <= FEW_LOOKED_AT else (turn + n // 3) % n
             for c in range(hypotheses_of(tables, directions, alpha, step, votes, keep)):
                 hits, k, s, t = candidates[c, 0], candidates[c, 1], candidates[c, 2], candidates[c, 3]
                 if best > LOG_STRONG and (hits < best_hits - 1 or s == best_alpha):

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -10,12 +9,13 @@ from numpy.typing import NDArray
 
 from gse.attitude import Attitude
 from gse.camera import Camera
-from gse.catalog import StarCatalog
+from gse.catalog import StarCatalog, merge_doubles
+from gse.catalog.mission import MERGED_WITHIN_PX
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, TRUSTED_SCALE_SIGMA
 from gse.identifier.hypotheses import search
 from gse.identifier.intake import refusal
 from gse.identifier.result import Identification, Reason, Unidentified
-from gse.identifier.robust_tables import build_tables, merge_doubles
+from gse.identifier.robust_tables import build_tables
 from gse.identifier.tracking import follow
 from gse.identifier.verify import Noise, outside_field
 
@@ -28,9 +28,6 @@ _MIRROR_PASSES = 2
 """A flipped image is looked for in the first passes of the search only: a refusal must not take twice as long."""
 
 _FEWEST_OBJECTS = 3
-
-_MERGE_PX = 2.0
-"""Stars closer than this are one object to the sensor."""
 
 _FIELD_STARS = 90.0
 """Mean number of stars per field in the catalogue that is projected: thrice what a panorama holds."""
@@ -57,15 +54,17 @@ _SCALE_SIGMA = 2.5e-3
 _ALL = 1e6
 
 _PLAN = (
-    (1.77, 0.0, 3, 8, 5, 0.5, 1.5, 12, 5, 30),
-    (3.5, 0.0, 4, 16, 10, 1.0, 2.0, 16, 8, 30),
-    (6.5, 0.006, 5, 200, 18, 1.9, 3.0, 30, 30, 30),
-    (2.5, 0.0, 10, 1000, 12, 0.7, _ALL, 12, 30, 12),
-    (6.5, 0.006, 10, 1000, 12, 1.9, _ALL, 12, 30, 12),
+    (1.77, 0.0, 3, 8, 5, 0.5, 1.5, 12, 5, 30, 12),
+    (3.5, 0.0, 4, 16, 10, 1.0, 2.0, 16, 8, 30, 12),
+    (2.5, 0.0, 6, 16, 30, 0.7, 2.0, 30, 30, 30, 30),
+    (6.5, 0.006, 5, 100, 12, 1.9, 3.0, 30, 30, 30, 12),
+    (2.5, 0.0, 10, 1000, 12, 0.7, _ALL, 12, 30, 12, 12),
+    (6.5, 0.006, 10, 1000, 12, 1.9, _ALL, 12, 30, 12, 12),
 )
 """Passes of the search: window px and its growth, partners, hypotheses kept, alpha stars, noise px, catalogue stars per
-object, objects, ranks of the alpha star, most objects of the panorama (see ``votes``). First the tolerance of [S] on
-the brightest objects; where objects are few, a faint catalogue star may be the brightest of them."""
+object, objects, ranks of the alpha star, most objects of the panorama, objects looked at (see ``votes``). First the
+tolerance of [S] on the brightest objects; the third pass is for detectors whose brightest objects are hot pixels; where
+objects are few, a faint catalogue star may be the brightest of them."""
 
 _WINDOW_SIGMAS = 5.0
 """No window is wider than this where the noise is known: 3.5 sigma of a distance between two objects."""
@@ -100,10 +99,9 @@ class RobustIdentifier:
         field = _field(camera, field_of_view_deg)
         fields_on_sky = 4 * math.pi / float(field[5])
         count = round(_FIELD_STARS * fields_on_sky) if stars == "auto" else stars
-        icrs, magnitude, rows = merge_doubles(catalog, count, _MERGE_PX * pixel)
-        self.catalog = replace(catalog.rows(rows), icrs=icrs, magnitude=magnitude)
+        self.catalog = merge_doubles(catalog.rows(slice(0, count)), MERGED_WITHIN_PX * pixel)
         self._field = field
-        self._sky = tuple(build_tables(icrs, magnitude, field))
+        self._sky = tuple(build_tables(self.catalog.icrs, self.catalog.magnitude, field))
         smallest, steps = (_SMALLEST_SIGMA_PX, _SIGMA_STEPS) if sigma_px is None else (sigma_px, 1)
         unknown = math.nan if zero_point is None else zero_point
         tracking_px = _TRACKING_SIGMA_PX if sigma_px is None else sigma_px
@@ -114,8 +112,8 @@ class RobustIdentifier:
         widest = math.inf if sigma_px is None else _WINDOW_SIGMAS * sigma_px
         self._plan = np.array(
             [
-                (min(w, widest) * pixel, g, p, h, a, (sigma_px or s) * pixel, f * fields_on_sky, n, r, most)
-                for w, g, p, h, a, s, f, n, r, most in _PLAN
+                (min(w, widest) * pixel, g, p, h, a, (sigma_px or s) * pixel, f * fields_on_sky, *limits)
+                for w, g, p, h, a, s, f, *limits in _PLAN
             ]
         )
 

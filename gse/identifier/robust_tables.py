@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from gse.catalog import StarCatalog
 from gse.compiled import compiled
 
 MAX_FIELD_STARS = 96
@@ -65,30 +64,6 @@ class SkyTables(NamedTuple):
     pair_stars: int
     bucket_rad: float
     ring_rad: float
-
-
-def merge_doubles(
-    catalog: StarCatalog, stars: int, separation_rad: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """The brightest ``stars`` of a catalogue as a sensor sees them: unit vectors, magnitudes, and catalogue rows.
-
-    Stars closer than ``separation_rad`` to a brighter one give it their light and move it to the centre of light.
-    """
-    icrs, magnitude = catalog.icrs[:stars].copy(), catalog.magnitude[:stars].astype(np.float64)
-    flux = 10 ** (-0.4 * magnitude)
-    brighter_of = np.arange(len(icrs))
-    pairs = cKDTree(icrs).query_pairs(separation_rad, output_type="ndarray")
-    pairs.sort(axis=1)
-    for bright, dim in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]:
-        if brighter_of[bright] == bright and brighter_of[dim] == dim:
-            brighter_of[dim] = bright
-    light = np.zeros((len(icrs), 4))
-    np.add.at(light, brighter_of, np.column_stack([icrs * flux[:, None], flux]))
-    rows = np.flatnonzero(brighter_of == np.arange(len(icrs)))
-    merged_magnitude = -2.5 * np.log10(light[rows, 3])
-    rows = rows[np.argsort(merged_magnitude, kind="stable")]
-    centre = light[rows, :3]
-    return centre / np.linalg.norm(centre, axis=1)[:, None], -2.5 * np.log10(light[rows, 3]), rows
 
 
 def build_tables(icrs: NDArray[np.float64], magnitude: NDArray[np.float64], field: NDArray[np.float64]) -> SkyTables:

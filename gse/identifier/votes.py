@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from gse.compiled import compiled
 from gse.identifier.robust_tables import SkyTables, near_bit
 
-_OBJECTS_LOOKED_AT = 12
-"""Objects, brightest first, that a hypothesis is first tried on."""
-
 _VOTES = 7
 """Votes kept of a star; more come only where partners are many."""
+
+FEW_LOOKED_AT = 12
+"""A random object has a star near it by a chance of 1 to 3 %."""
 
 _Whole = int | np.int64
 
@@ -33,18 +33,19 @@ _Whole = int | np.int64
     PLAN_OBJECTS,
     PLAN_ALPHA_RANKS,
     PLAN_MOST_OBJECTS,
-) = range(10)
+    PLAN_LOOKED_AT,
+) = range(11)
 """Columns of the plan: tolerance of a distance in radians, and its growth with the distance; partners of an alpha star;
 hypotheses kept of its votes; alpha stars; noise; catalogue stars looked
 up per object; objects, brightest first, that take part; ranks by which the alpha star may be fainter than it looks;
-the most objects of a panorama that the pass is for."""
+the most objects of a panorama that the pass is for; objects, brightest first, that a hypothesis is first tried on."""
 
 
 @compiled
 def _stars_near(tables: SkyTables, directions: NDArray[np.float64], r: NDArray[np.float64]) -> int:
-    """How many of the objects looked at have any star near them under a rotation."""
+    """How many of directions (N, 3) have any star near them under a rotation."""
     hits = 0
-    for i in range(min(len(directions), _OBJECTS_LOOKED_AT)):
+    for i in range(len(directions)):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
         bit = near_bit(
             r[0, 0] * x + r[1, 0] * y + r[2, 0] * z,
@@ -76,8 +77,8 @@ def hypotheses_of(
     partners = np.empty(bright, dtype=np.int64)
     found = _partners(directions[:bright], alpha, 8.0 * step[PLAN_WINDOW], distance, azimuth, partners)
     rotation = np.empty((3, 3))
-    looked_at = min(len(directions), _OBJECTS_LOOKED_AT)
-    least, plenty, count = 3 if bright <= 5 else 4, max(6, (2 * looked_at) // 3), 0
+    looked_at = directions[: int(step[PLAN_LOOKED_AT])]
+    least, plenty, count = _least_hits(bright, len(looked_at)), max(6, (2 * len(looked_at)) // 3), 0
     for star in range(alpha_faintest):
         votes[star, 0] = 0
     for p in range(min(found, int(step[PLAN_PARTNERS]))):
@@ -102,12 +103,20 @@ def hypotheses_of(
                         continue
                     t = np.int64(tables.pairs[q, 1 - end])
                     pair_rotation(directions[alpha], directions[k], tables.icrs[s], tables.icrs[t], rotation)
-                    hits = _stars_near(tables, directions, rotation)
+                    hits = _stars_near(tables, looked_at, rotation)
                     if hits >= least:
                         count = _insert(candidates, count, (hits, k, s, t))
         if count > 0 and candidates[0, 0] >= plenty:
             break
     return count
+
+
+@compiled
+def _least_hits(bright: int, looked_at: int) -> int:
+    """Objects near a star that make a hypothesis: its own two, and what chance seldom adds."""
+    if bright <= 5:
+        return 3
+    return 4 if looked_at <= FEW_LOOKED_AT else 6
 
 
 @compiled

@@ -85,6 +85,21 @@ def test_a_narrow_field_of_few_stars_is_right_or_refused(narrow: RobustIdentifie
     assert right / len(seen) > 0.85
 
 
+def test_hot_pixels_brighter_than_the_stars_do_not_hide_the_sky(wide: RobustIdentifier, catalog: StarCatalog) -> None:
+    """12 hot pixels, among the brightest of 30 objects, and two more false ones: none of them helps to find the sky."""
+    rng = np.random.default_rng(8)
+    hot = WIDE.camera.directions(np.floor(rng.uniform(0, 1024, (12, 2))))
+    hot_index = rng.uniform(1000, 4000, 12)
+    for frame in frames(WIDE, Conditions(false_objects=2, missing_share=0.05), catalog, 40):
+        index = np.concatenate([frame.index, hot_index])
+        brightest = np.argsort(-index, kind="stable")[:30]
+        directions = np.concatenate([frame.directions_sensor, hot])[brightest]
+        answer = wide.identify(directions, index[brightest])
+        assert isinstance(answer, Identification)
+        found = attitude_of(wide, answer, directions)
+        assert math.degrees(math.dist(found.boresight_icrs, frame.attitude.boresight_icrs)) < 0.05
+
+
 def test_the_stars_are_named_and_false_objects_are_not(wide: RobustIdentifier, catalog: StarCatalog) -> None:
     named = right = 0
     for frame in frames(WIDE, FALSE_3, catalog, 60):
