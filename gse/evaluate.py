@@ -12,10 +12,11 @@ import math
 import multiprocessing
 import signal
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,9 @@ FAINTER = 0.9
 """The catalogue of ``robust`` reaches so far beyond the sensor's limit."""
 
 _CHUNK_FRAMES = 25
+_QUEUED_PER_WORKER = 4
+"""Chunks handed over ahead, so that no worker waits."""
+
 _WARM_UP_FRAMES = 3
 _DOUBLES_RAD = 60 * ARCSEC
 _LEAST_TOLERANCE_ARCSEC = 1.0
@@ -149,18 +153,22 @@ def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[Outcome]]:
     Chunks are strided over the spiral and go through the cells in turn, so that the first of them, where the rest is
     given up, show the whole sky in every cell.
     """
-    chunks = math.ceil(plan.frames / _CHUNK_FRAMES)
-    tasks = [(cell, range(c, plan.frames, chunks)) for c in range(chunks) for cell in range(len(plan.cells))]
     if workers == 1:
         bench = Bench(plan)
-        yield from (bench.run(*task) for task in tasks)
+        yield from (bench.run(*task) for task in _tasks(plan))
         return
     load_catalog(plan.catalog)  # its errors are told here, not by a worker that cannot start
     context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(min(workers, len(tasks)), context, initializer=_start_worker, initargs=(plan,))
+    executor = ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(plan,))
+    queued: deque[Future[list[Outcome]]] = deque()
     try:
-        for future in [executor.submit(_work, *task) for task in tasks]:
-            yield future.result()
+        for task in _tasks(plan):
+            with _interrupts_held():
+                queued.append(executor.submit(_work, *task))
+            if len(queued) == _QUEUED_PER_WORKER * workers:
+                yield queued.popleft().result()
+        while queued:
+            yield queued.popleft().result()
     except BrokenProcessPool as error:
         raise GseError("a worker process ended by itself, perhaps for want of memory; try fewer --workers") from error
     except (KeyboardInterrupt, GeneratorExit):
@@ -169,6 +177,24 @@ def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[Outcome]]:
             child.terminate()
         raise
     executor.shutdown()
+
+
+def _tasks(plan: Plan) -> Iterator[tuple[int, range]]:
+    chunks = math.ceil(plan.frames / _CHUNK_FRAMES)
+    return ((cell, range(c, plan.frames, chunks)) for c in range(chunks) for cell in range(len(plan.cells)))
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Ctrl-C waits, and processes started meanwhile never hear of it: they would print tracebacks as they start."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 _worker_bench: list[Bench] = []
