@@ -43,8 +43,8 @@ def write_figures(document: dict[str, Any], folder: Path) -> list[Path]:
 def _figure(document: dict[str, Any], key: str, label: str, other: tuple[str, str]) -> Any:
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     axes = figure.add_subplot()
-    for place, (name, cells) in enumerate(_lines(document, other).items()):
-        cells.sort(key=lambda cell: cell[key])
+    lines = _lines(document, key, other)
+    for place, (name, cells) in enumerate(lines.items()):
         y = [100 * cell["rates"]["right"]["share"] for cell in cells]
         bounds = [[100 * bound for bound in cell["rates"]["right"]["interval"]] for cell in cells]
         below = [value - low for value, (low, _) in zip(y, bounds, strict=True)]
@@ -52,19 +52,29 @@ def _figure(document: dict[str, Any], key: str, label: str, other: tuple[str, st
         x = [cell[key] for cell in cells]
         marker = _MARKERS[place % len(_MARKERS)]
         axes.errorbar(x, y, yerr=[below, above], marker=marker, capsize=3, label=name)
-    axes.set(xlabel=label, ylabel="Right (%), with 95 % interval", ylim=(0, 102))
+    axes.set(xlabel=label, ylabel="Right (%), with 95 % interval", ylim=(_floor_percent(lines), 101))
     axes.grid(alpha=0.3)
     if axes.get_legend_handles_labels()[0]:
         axes.legend()
     return figure
 
 
-def _lines(document: dict[str, Any], other: tuple[str, str]) -> dict[str, list[dict[str, Any]]]:
-    """Cells by what stays the same along a line, named for the legend."""
-    key, suffix = other
+def _floor_percent(lines: dict[str, list[dict[str, Any]]]) -> int:
+    """Where the axis begins: the ten below all intervals, so that what differs can be seen."""
+    lowest = min((cell["rates"]["right"]["interval"][0] for cells in lines.values() for cell in cells), default=0.0)
+    return min(int(10 * lowest), 8) * 10
+
+
+def _lines(document: dict[str, Any], key: str, other: tuple[str, str]) -> dict[str, list[dict[str, Any]]]:
+    """Cells along ``key`` by what stays the same, named for the legend; where there are lines, no lonely points."""
+    fixed, suffix = other
     lines: dict[str, list[dict[str, Any]]] = {}
     for cell in document["cells"]:
         if cell["frames_counted"]:
-            name = f"{cell['identifier']}, {suffix.format(cell[key])}, {cell['false_objects']} false"
-            lines.setdefault(name, []).append(cell)
-    return lines
+            name = f"{cell['identifier']}, {suffix.format(cell[fixed])}"
+            false_objects = cell["false_objects"]
+            lines.setdefault(f"{name}, {false_objects} false" if false_objects else name, []).append(cell)
+    for cells in lines.values():
+        cells.sort(key=lambda cell: cell[key])
+    longest = max(map(len, lines.values()), default=0)
+    return {name: cells for name, cells in lines.items() if len(cells) > 1 or longest == 1}

@@ -68,12 +68,19 @@ def _square(width_deg: float) -> Camera:
     return Camera(1024, 1024, 512 / math.tan(math.radians(width_deg) / 2), (511.5, 511.5))
 
 
+_PIVOT_ERRORS = (
+    *((arcsec, 0.1) for arcsec in (10.0, 20.0, 30.0, 40.0, 50.0)),
+    *((10.0, magnitude) for magnitude in (0.2, 0.3, 0.4, 0.5)),
+)
+"""Errors of angular distance (arcsec) and magnitude along the axes of [N] figures 11 to 14; the paper gives figures for
+(10, 0.1), (50, 0.1) and (10, 0.5)."""
+
 PIVOT_PAPER = "pivot-paper"
 PRESETS = {
     PIVOT_PAPER: Preset(
         Optics("8 deg circular", _square(8.0), 6.0, field_of_view_deg=8.0),
         ("pivot", "match-group"),
-        tuple(Conditions("angles", *sigmas, whole_pixels=False) for sigmas in ((10.0, 0.1), (50.0, 0.1), (10.0, 0.5))),
+        tuple(Conditions("angles", *errors, whole_pixels=False) for errors in _PIVOT_ERRORS),
         angle_noise=True,
         note="[N] section 4: noise on each angle between stars, tolerance 3 sigma, right = first star named right",
     ),

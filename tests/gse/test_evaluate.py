@@ -36,7 +36,9 @@ def test_every_frame_is_counted_once(gse):
     document = evaluated(gse, "--preset", "pivot-paper", "--frames", 40, "--seed", 3)
     assert document["schema"] == "gse.evaluation/1"
     assert [(cell["identifier"], cell["noise_arcsec"], cell["magnitude_noise"]) for cell in document["cells"]] == [
-        (name, *noise) for name in ("pivot", "match-group") for noise in ((10, 0.1), (50, 0.1), (10, 0.5))
+        (name, *noise)
+        for name in ("pivot", "match-group")
+        for noise in (*((arcsec, 0.1) for arcsec in (10, 20, 30, 40, 50)), *((10, mag) for mag in (0.2, 0.3, 0.4, 0.5)))
     ]
     for cell in document["cells"]:
         counted = sum(rate["count"] for rate in cell["rates"].values())
