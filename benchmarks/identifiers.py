@@ -1,7 +1,9 @@
 """Success, false answers and time of ``robust`` beside tetra3rs, on the same frames in one run.
 
-    pip install tetra3rs==0.14.0        # needed for this comparison only; left out where it is not installed
+    pip install tetra3rs==0.14.0        # needed for this comparison only
     python benchmarks/identifiers.py [--frames 1000] [--cells A:hard,B:nominal]
+    python benchmarks/identifiers.py --solvers robust --cells B:false3 --cells-only --frames 100000
+    python benchmarks/identifiers.py --solvers first-fit,best-vote --cells B:nominal,B:false3 --frames 10000
 
 Frames: spiral directions, random roll, stars closer than 2 px merged, false objects uniform over the field and over
 4 magnitudes down to the limit. Both solvers know the camera and the limit of the sensor's magnitude, nothing else.
@@ -17,7 +19,7 @@ import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +27,10 @@ from numpy.typing import NDArray
 from gse.attitude import solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog
+from gse.config import IdentifierOptions
 from gse.evaluate_frames import Conditions, FrameMaker, Optics, TestFrame
-from gse.identifier import Identification
-from gse.identifier.robust import RobustIdentifier
+from gse.identifier import Identification, Identifier, make_identifier
+from gse.identifier.robust import KnownSensor, RobustIdentifier
 from gse.spiral import spiral_directions
 
 
@@ -77,10 +80,15 @@ class Row:
         return f"{shares}  {self.median_us / 1e3:8.4f} {self.p95_us / 1e3:9.4f} {self.max_us / 1e3:9.4f}"
 
 
-def robust_for(optics: Optics, catalog: StarCatalog, fainter: float = FAINTER, **known: float) -> RobustIdentifier:
+def robust_for(
+    optics: Optics, catalog: StarCatalog, fainter: float = FAINTER, known: KnownSensor | None = None
+) -> RobustIdentifier:
     """The robust identifier for optics, with what more is ``known`` of the sensor."""
     stars = int((catalog.magnitude < optics.magnitude_limit + fainter).sum())
-    return RobustIdentifier(optics.camera, catalog, stars=stars, field_of_view_deg=optics.field_of_view_deg, **known)
+    field_deg = optics.field_of_view_deg
+    return RobustIdentifier(
+        optics.camera, catalog, stars=stars, field_of_view_deg=field_deg, known=known or KnownSensor()
+    )
 
 
 def robust(optics: Optics, catalog: StarCatalog) -> Solver:
@@ -88,7 +96,7 @@ def robust(optics: Optics, catalog: StarCatalog) -> Solver:
     return solver_of(robust_for(optics, catalog))
 
 
-def solver_of(identifier: RobustIdentifier) -> Solver:
+def solver_of(identifier: Identifier) -> Solver:
     """An identifier as a solver."""
 
     def solve(frame: TestFrame) -> Any:
@@ -102,6 +110,16 @@ def solver_of(identifier: RobustIdentifier) -> Solver:
         ).boresight_icrs
 
     return solve, boresight
+
+
+def neighbour(selection: Literal["first-fit", "best-vote"]) -> Callable[[Optics, StarCatalog], Solver]:
+    """The neighbour technique with Fn = Fn2 = 6."""
+
+    def solver(optics: Optics, catalog: StarCatalog) -> Solver:
+        options = IdentifierOptions(algorithm="neighbour", min_fit=6, selection=selection)
+        return solver_of(make_identifier(options, optics.camera, catalog))
+
+    return solver
 
 
 def tetra3rs(optics: Optics, catalog: StarCatalog) -> Solver:
@@ -176,15 +194,22 @@ def few_stars(catalog: StarCatalog, count: int, seed: int) -> None:
     optics = OPTICS["A"]
     for arcsec, magnitude in ((10.0, 0.1), (50.0, 0.1), (10.0, 0.5)):
         frames = frames_of(optics, Conditions("few", arcsec, magnitude, whole_pixels=False), catalog, count, seed)
-        identifier = robust_for(
-            optics,
-            catalog,
-            3 * magnitude + 0.6,
-            sigma_px=math.radians(arcsec / 3600) * optics.camera.focal_length_px,
-            zero_point=optics.magnitude_limit - 7.5 + 2.5 * math.log10(4096),
-            magnitude_sigma=math.hypot(magnitude, 0.05),
-        )
+        sigma_px = math.radians(arcsec / 3600) * optics.camera.focal_length_px
+        zero_point = optics.magnitude_limit - 7.5 + 2.5 * math.log10(4096)
+        known = KnownSensor(sigma_px, zero_point, magnitude_sigma=math.hypot(magnitude, 0.05))
+        identifier = robust_for(optics, catalog, 3 * magnitude + 0.6, known)
         print(f"{arcsec:g} arcsec {magnitude:g} mag".ljust(22), measure(solver_of(identifier), frames, 3), flush=True)
+
+
+def random_panorama(
+    optics: Optics, count: int, rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Random objects over the field and four magnitudes: directions (N, 3) and index (N,), brightest first."""
+    xy = np.empty((0, 2))
+    while len(xy) < count:
+        more = np.floor(rng.uniform(0, [optics.camera.columns, optics.camera.rows], (count, 2)))
+        xy = np.concatenate([xy, more[optics.sees(more)]])[:count]
+    return optics.camera.directions(xy), np.sort(4096 * 10 ** (-0.4 * rng.uniform(0, 4, count)))[::-1]
 
 
 def random_only(catalog: StarCatalog, count: int, seed: int) -> None:
@@ -193,13 +218,22 @@ def random_only(catalog: StarCatalog, count: int, seed: int) -> None:
     identifier = robust_for(optics, catalog)
     answers, times_ms = 0, []
     for _ in range(count):
-        directions = optics.camera.directions(np.floor(rng.uniform(0, 1024, (30, 2))))
-        index = np.sort(4096 * 10 ** (-0.4 * rng.uniform(0, 4, 30)))[::-1]
+        directions, index = random_panorama(optics, 30, rng)
         started_ns = time.thread_time_ns()
         answers += isinstance(identifier.identify(directions, index), Identification)
         times_ms.append((time.thread_time_ns() - started_ns) / 1e6)
     print(f"\nrandom objects only, B: {answers} answers in {count}, refused in {np.median(times_ms):.1f} ms,", end=" ")
     print(f"p95 {np.percentile(times_ms, 95):.1f}, max {max(times_ms):.1f}", flush=True)
+
+
+def calibration(catalog: StarCatalog, count: int, seed: int) -> None:
+    """How many random panoramas reach a chance of p: not more than a share of p may."""
+    print(f"\nrandom panoramas that reach a chance of p, of {count}")
+    for name, objects in (("A", 3), ("A", 4), ("B", 4)):
+        identifier, rng = robust_for(OPTICS[name], catalog), np.random.default_rng(seed)
+        chances = np.array([identifier.best_chance(*random_panorama(OPTICS[name], objects, rng)) for _ in range(count)])
+        reached = ", ".join(f"{p:g}: {int((chances <= p).sum())}" for p in (0.3, 0.1, 0.03, 0.01, 0.003, 0.001))
+        print(f"{name}, {objects} objects: {reached}", flush=True)
 
 
 def many_and_tracking(catalog: StarCatalog, seed: int) -> None:
@@ -227,9 +261,15 @@ def main() -> None:
     parser.add_argument("--cells", default=CELLS)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--random", type=int, default=1000, help="panoramas of random objects only")
-    parser.add_argument("--solvers", default="robust,tetra3rs")
+    parser.add_argument("--solvers", default="robust,tetra3rs", help="also first-fit and best-vote")
+    parser.add_argument("--cells-only", action="store_true", help="robust's other tables are left out")
     arguments = parser.parse_args()
-    solvers = {"robust": robust, "tetra3rs": tetra3rs}
+    solvers = {
+        "robust": robust,
+        "tetra3rs": tetra3rs,
+        "first-fit": neighbour("first-fit"),
+        "best-vote": neighbour("best-vote"),
+    }
     print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
     print(f"load {os.getloadavg()[0]:.1f} at the start; {arguments.frames} frames each, seed {arguments.seed}")
     print(f"{'':22s}  right  false   none coarse   med ms    p95 ms    max ms")
@@ -242,9 +282,10 @@ def main() -> None:
             if (name, solver) not in ready:
                 ready[name, solver] = solvers[solver](OPTICS[name], catalog)
             print(f"{name} {condition:8s} {solver:10s}  {measure(ready[name, solver], frames)}", flush=True)
-    if "robust" in arguments.solvers:
+    if "robust" in arguments.solvers and not arguments.cells_only:
         few_stars(catalog, arguments.frames, arguments.seed)
         random_only(catalog, arguments.random, arguments.seed)
+        calibration(catalog, arguments.random, arguments.seed)
         many_and_tracking(catalog, arguments.seed)
     print(f"load {os.getloadavg()[0]:.1f} at the end")
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -70,16 +71,29 @@ _WINDOW_SIGMAS = 5.0
 """No window is wider than this where the noise is known: 3.5 sigma of a distance between two objects."""
 
 
+@dataclass(frozen=True, slots=True)
+class KnownSensor:
+    """What is known of a sensor beside its camera; it helps where stars are few.
+
+    ``sigma_px`` is the noise of a position on each axis and says that the camera is calibrated (None: 0.12 to 1.7 px,
+    and 0.5 % of the focal length), ``zero_point`` the magnitude of index value 1 (None: brightness is compared within a
+    panorama only), ``magnitude_sigma`` its error.
+    """
+
+    sigma_px: float | None = None
+    zero_point: float | None = None
+    magnitude_sigma: float = _MAGNITUDE_SIGMA
+
+
+_NOTHING_KNOWN = KnownSensor()
+
+
 class RobustIdentifier:
     """Finds the stars of a panorama in the full catalogue, or says why not; never guesses.
 
     ``catalog`` is what the sensor can see of the source: cut to three times the stars that a panorama of this camera
     holds (or to ``stars``), doubles closer than 2 px merged. ``field_of_view_deg`` is the diameter of a round stop in
     front of the detector, None where there is none.
-
-    What is known of the sensor helps where stars are few: ``sigma_px`` is the noise of a position on each axis and says
-    that the camera is calibrated (None: 0.12 to 1.7 px, and 0.5 % of the focal length), ``zero_point`` the magnitude of
-    index value 1 (None: brightness is compared within a panorama only), ``magnitude_sigma`` its error.
     """
 
     name = "robust"
@@ -91,10 +105,9 @@ class RobustIdentifier:
         *,
         stars: int | Literal["auto"] = "auto",
         field_of_view_deg: float | None = None,
-        sigma_px: float | None = None,
-        zero_point: float | None = None,
-        magnitude_sigma: float = _MAGNITUDE_SIGMA,
+        known: KnownSensor = _NOTHING_KNOWN,
     ) -> None:
+        sigma_px = known.sigma_px
         pixel = 1.0 / camera.focal_length_px
         field = _field(camera, field_of_view_deg)
         fields_on_sky = 4 * math.pi / float(field[5])
@@ -103,10 +116,10 @@ class RobustIdentifier:
         self._field = field
         self._sky = tuple(build_tables(self.catalog.icrs, self.catalog.magnitude, field))
         smallest, steps = (_SMALLEST_SIGMA_PX, _SIGMA_STEPS) if sigma_px is None else (sigma_px, 1)
-        unknown = math.nan if zero_point is None else zero_point
+        zero_point = math.nan if known.zero_point is None else known.zero_point
         tracking_px = _TRACKING_SIGMA_PX if sigma_px is None else sigma_px
         scale_sigma = _SCALE_SIGMA if sigma_px is None else TRUSTED_SCALE_SIGMA
-        noise = Noise(tracking_px * pixel, smallest * pixel, steps, scale_sigma, unknown, magnitude_sigma)
+        noise = Noise(tracking_px * pixel, smallest * pixel, steps, scale_sigma, zero_point, known.magnitude_sigma)
         self._noise = np.array(noise, dtype=np.float64)
         self._reach = _TRACKING_REACH_PX * pixel
         widest = math.inf if sigma_px is None else _WINDOW_SIGMAS * sigma_px

@@ -11,7 +11,7 @@ from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog
 from gse.evaluate_frames import Conditions, FrameMaker, Optics, TestFrame
 from gse.identifier import Identification, Reason, Unidentified
-from gse.identifier.robust import RobustIdentifier
+from gse.identifier.robust import KnownSensor, RobustIdentifier
 from gse.spiral import spiral_directions
 
 ARCSEC = math.radians(1 / 3600)
@@ -171,9 +171,7 @@ def test_what_is_known_of_the_sensor_lets_three_stars_be_named(catalog: StarCata
         catalog,
         stars=bright(catalog),
         field_of_view_deg=8.0,
-        sigma_px=sigma_px,
-        zero_point=zero_point,
-        magnitude_sigma=0.12,
+        known=KnownSensor(sigma_px, zero_point, magnitude_sigma=0.12),
     )
     few = [frame for frame in frames(ROUND, conditions, catalog, 400) if frame.real_stars == 3]
     answers = [told.identify(frame.directions_sensor, frame.index) for frame in few]
