@@ -1,9 +1,13 @@
 """The command line: ``gse COMMAND``; each command is a module of its own, imported when it is called."""
 
+import errno
 import importlib
+import os
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
 
 import click
 
@@ -18,6 +22,8 @@ EXIT_NO_DEVICE = 4
 EXIT_INCONCLUSIVE = 5
 EXIT_INTERNAL = 70
 EXIT_INTERRUPTED = 130
+
+_DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 _COMMANDS = {
     "run": "live test: receive, record, identify, compare, show, judge",
@@ -57,9 +63,30 @@ class _Commands(click.Group):
         assert isinstance(command, click.Command)
         return command
 
+    def make_context(self, *args: Any, **kwargs: Any) -> click.Context:
+        with _quiet_when_nobody_reads():
+            return super().make_context(*args, **kwargs)
+
+    def invoke(self, ctx: click.Context) -> object:
+        with _quiet_when_nobody_reads():
+            return super().invoke(ctx)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl(list(_COMMANDS.items()))
+
+
+@contextmanager
+def _quiet_when_nobody_reads() -> Iterator[None]:
+    """Whoever read our output has had enough, as in ``gse decode FILE | head``: that is no failure of ours."""
+    try:
+        yield
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # What is still buffered must go somewhere, or Python complains of it when it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise click.exceptions.Exit(0) from None
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -82,10 +109,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (GseError, DriverError, ProtocolError) as error:
         click.echo(f"gse: {error}", err=True)
         code = exit_code_of(error)
-    except BrokenPipeError:
-        sys.stderr.close()
-        code = 0
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in _DISK_FULL:
+            click.echo(f"gse: {error.strerror}: what was to be written is not complete; make room", err=True)
+            sys.exit(EXIT_DATA_LOST)
         place = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{place.filename}:{place.lineno}"
         click.echo(f"gse: internal error: {type(error).__name__}: {error} at {where}; please report it", err=True)

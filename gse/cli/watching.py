@@ -22,11 +22,22 @@ ViewMode = Literal["web", "native", "none"]
 
 
 class JsonFrames:
-    """Each frame as one line of JSON on stdout."""
+    """Each frame as one line of JSON on stdout; a live session goes on when nobody reads them any more."""
+
+    def __init__(self, *, live: bool) -> None:
+        self._live, self._is_read = live, True
 
     def show(self, result: FrameResult, night: Night) -> None:
         """Print the frame."""
-        click.echo(json.dumps(frame_json(result)))
+        if not self._is_read:
+            return
+        try:
+            click.echo(json.dumps(frame_json(result)))
+        except OSError as error:
+            if not self._live:
+                raise
+            self._is_read = False
+            click.echo(f"gse: nobody takes the frames any more ({error.strerror}); the session goes on", err=True)
 
     def log(self, event: LinkEvent) -> None:
         """Events are no frames."""
@@ -43,7 +54,7 @@ class Watching:
 
     def sinks(self, loop: StationLoop, folder: Path | None) -> Sequence[Sink]:
         """The sinks that were asked for, and the status line, always."""
-        sinks: list[Sink] = [JsonFrames()] if self._json_frames else []
+        sinks: list[Sink] = [JsonFrames(live=folder is not None)] if self._json_frames else []
         sinks.append(self._open_status(loop, folder))
         if self._view != "none" or self._save_rrd is not None:
             sinks.append(self._open_view(loop))

@@ -1,6 +1,8 @@
 """``gse decode``: frames and discards in order, explained, with totals that add up."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -155,3 +157,23 @@ def test_values_out_of_order_are_said_with_their_frame(tmp_path: Path) -> None:
     assert "flags overexposed" in result.stdout
     assert "[index is 5000, over the maximum of 4096]" in result.stdout
     assert "frames with values out of order: 1" in result.stdout
+
+
+def test_a_reader_that_has_had_enough_ends_it_quietly(tmp_path: Path) -> None:
+    capture = tmp_path / "long.bin"
+    capture.write_bytes(panorama(1) * 2000)
+    command = [sys.executable, "-c", "from gse.cli import main; main()", "decode", str(capture)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert b"PANORAMA 1" in process.stdout.readline()
+        process.stdout.close()
+        assert (process.stderr.read(), process.wait()) == (b"", 0)
+
+
+def test_a_full_disk_behind_stdout_is_said_in_one_line(capture: Path) -> None:
+    command = [sys.executable, "-c", "from gse.cli import main; main()", "decode", str(capture)]
+    with open("/dev/full", "wb") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 3
+    assert done.stderr == "gse: No space left on device: what was to be written is not complete; make room\n"
