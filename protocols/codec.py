@@ -62,10 +62,17 @@ class PanoramaCodec(MessageCodec):
         codecs = {field.name: FieldCodec(field, commands) for field in layout.slots.fields}
         self._x, self._y, self._index = codecs["x"], codecs["y"], codecs["index"]
         self._checked_slots = tuple(field for field in codecs.values() if field.is_checked)
+        self._has_floats = any(field.is_float for field in codecs.values())
         self._end = self._slots.offset + self._slots.repeat * self._slots.dtype.itemsize
 
     def decode(self, payload: bytes) -> PanoramaMessage:
         """The panorama of a payload that has this type's length."""
+        if self._has_floats:
+            with np.errstate(invalid="ignore", over="ignore"):  # a signalling NaN, say: a problem, not a warning
+                return self._decode(payload)
+        return self._decode(payload)
+
+    def _decode(self, payload: bytes) -> PanoramaMessage:
         values, problems = self._decode_fields(payload)
         used = self._used(payload, values.pop("count", None), problems)
         slots = np.frombuffer(payload, self._slots.dtype, used, self._slots.offset)

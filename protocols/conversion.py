@@ -1,7 +1,7 @@
 """Wire counts to values in the station's units, and back."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -40,6 +40,9 @@ class FieldCodec:
         self._is_plain = field.factor == 1 and field.zero == 0
         self._words = commands if field.role.kind is Kind.COMMAND else field.words
         self._numbers = {word: number for number, word in self._words.items()}
+        low, high = field.minimum, field.maximum
+        most = LARGEST_FLOAT if field.is_float else math.inf
+        self._bounds = (max(-most, -math.inf if low is None else low), min(most, math.inf if high is None else high))
         self.value_of: Callable[[Count], Value] = self._reader()
 
     @property
@@ -84,13 +87,7 @@ class FieldCodec:
         return self._words.get(count, f"value {count}")
 
     def values_of(self, counts: NDArray[Any]) -> NDArray[np.float64]:
-        """The values of many counts (N,)."""
-        if not self.is_float:
-            return self._values(counts)
-        with np.errstate(invalid="ignore", over="ignore"):  # a signalling NaN, say: a problem, not a warning
-            return self._values(counts)
-
-    def _values(self, counts: NDArray[Any]) -> NDArray[np.float64]:
+        """The values of many counts (N,); floats want an ``errstate`` around it, for a signalling NaN is a problem."""
         values = counts.astype(np.float64)  # first of all: a u16 times a scale would stay a u16
         if self._multiplier != 1:
             values *= self._multiplier
@@ -115,19 +112,11 @@ class FieldCodec:
 
     def problem_among(self, counts: NDArray[Any]) -> str | None:
         """What is out of order with one of many counts (N,); None if nothing is."""
-        for wrong in self._out_of_order(counts):
-            if np.count_nonzero(wrong):
-                return self.problem_of(counts[wrong][0].item())
+        low, high = self._bounds
+        for count in counts.tolist():
+            if not low <= count <= high:  # as NaN is not
+                return self.problem_of(count)
         return None
-
-    def _out_of_order(self, counts: NDArray[Any]) -> Iterator[NDArray[np.bool_]]:
-        low, high = self._field.minimum, self._field.maximum
-        if self.is_float:
-            yield ~(np.abs(counts) <= LARGEST_FLOAT)
-        if low is not None:
-            yield counts < low
-        if high is not None:
-            yield counts > high
 
     def count_of(self, value: Value) -> Count:
         """The count that says this value; EncodeError if there is none."""
