@@ -16,10 +16,15 @@ _STALL_S = (0.2, 3.0)
 _Part = Piece | LinkEvent
 
 
-def inject(items: Iterator[Item], faults: Faults, listening_baud: int) -> Iterator[Item]:
-    """The items with the faults, and an event FAULT before the chunk that each first shows in."""
+def inject(
+    items: Iterator[Item], faults: Faults, listening_baud: int, *, device_resets: bool = False
+) -> Iterator[Item]:
+    """The items with the faults, and an event FAULT before the chunk that each first shows in.
+
+    With ``device_resets`` the device behind the port does the reset itself, and only the event is made here.
+    """
     outages = _Outages(faults)
-    framed = _framed(_split(_reset(items, faults), faults), faults)
+    framed = _framed(_split(_reset(items, faults, device_resets), faults), faults)
     items = (item for parts in framed for item in _joined(heard for part in parts for heard in outages.pass_on(part)))
     items = _stalled(items, faults)
     return items if faults.sensor_baud is None else _misread(items, faults.sensor_baud, listening_baud)
@@ -29,7 +34,7 @@ def _told(chunk: Chunk, text: str) -> LinkEvent:
     return LinkEvent(chunk.utc_ns, chunk.mono_ns, "FAULT", text)
 
 
-def _reset(items: Iterator[Item], faults: Faults) -> Iterator[Item]:
+def _reset(items: Iterator[Item], faults: Faults, device_resets: bool) -> Iterator[Item]:
     """From the reset on, the bytes of the start again, chunk by chunk at the times of the present ones."""
     if faults.reset_after_ns is None:
         yield from items
@@ -42,12 +47,12 @@ def _reset(items: Iterator[Item], faults: Faults) -> Iterator[Item]:
             yield item
             continue
         due_ns = item.mono_ns + faults.reset_after_ns if due_ns is None else due_ns
-        kept.append(item.data)
-        if item.mono_ns >= due_ns:
-            if not is_reset:
-                is_reset = True
-                yield _told(item, "reset: the sensor begins again with what it sent first")
-            item = Chunk(item.utc_ns, item.mono_ns, kept.popleft())
+        if item.mono_ns >= due_ns and not is_reset:
+            is_reset = True
+            yield _told(item, "reset: the sensor begins again")
+        if not device_resets:
+            kept.append(item.data)
+            item = Chunk(item.utc_ns, item.mono_ns, kept.popleft()) if is_reset else item
         yield item
 
 

@@ -11,8 +11,8 @@
     stall                          per second: the computer gives nothing for 0.2 to 3 s, then all at once
     disconnect, rename             at 12.5s after the start, or within frame f100; for 2 s, or /3s; with rename the
                                    adapter comes back under another name
-    reset                          at 12.5s: the sensor sends again what it sent from the start on, so that its clock
-                                   and sequence jump back
+    reset                          at 12.5s: clock and sequence jump back. A recording sends again what it sent from
+                                   the start on, a simulated sensor starts anew under the sky of then
     baud                           what the sensor speaks, while the port listens at its own rate
 
 Every fault is drawn for the bytes, frames and seconds of the source, by a random stream of its own kind: the same

@@ -2,7 +2,8 @@
 
 The simulation itself needs catalogue and camera, which the drivers do not know. Whoever has it registers a factory
 here, once, at start-up; the options of the URL go to it as they are, but those that are the port's own: ``speed``,
-``cut``, ``faults``, ``frame_start``, ``ack_start`` (drivers/faults.py). ``seed`` serves both.
+``cut``, ``faults``, ``frame_start``, ``ack_start`` (drivers/faults.py). ``seed`` serves both. A fault ``reset`` is the
+sensor's own affair and goes to it as ``reset_s``: what it sees after its restart is the sky of then.
 """
 
 from collections.abc import Callable, Iterator
@@ -11,7 +12,7 @@ from typing import Protocol
 from drivers.chunk import Chunk
 from drivers.errors import PortError
 from drivers.fault_injection import inject
-from drivers.faults import parse_faults
+from drivers.faults import NS_PER_S, parse_faults
 from drivers.recording import cut
 from drivers.stamped import Item, StampedSerial
 from drivers.urls import parse_mock_url
@@ -50,10 +51,13 @@ class Serial(StampedSerial):
             )
         speed, most = url.speed(), url.number("cut", 0, least=1)
         faults = parse_faults(url.options)
-        self._device = _factories[0]({name: value for name, value in url.options.items() if name not in OWN_OPTIONS})
+        options = {name: value for name, value in url.options.items() if name not in OWN_OPTIONS}
+        if faults is not None and faults.reset_after_ns is not None:
+            options["reset_s"] = repr(faults.reset_after_ns / NS_PER_S)
+        self._device = _factories[0](options)
         items: Iterator[Item] = iter(self._device.next_chunk, None)
         if faults is not None:
-            items = inject(items, faults, int(self.baudrate))
+            items = inject(items, faults, int(self.baudrate), device_resets=True)
         return (cut(items, most) if most else items), speed
 
     def _take(self, data: bytes) -> None:

@@ -15,7 +15,7 @@ from gse.simulator.panorama import PanoramaSource
 from gse.simulator.scenario import DEFAULT, Scenario, load_scenario
 from protocols import load_protocol
 
-OPTIONS = ("scenario", "seed", "frames", "start", "rate_hz", "standby", "level")
+OPTIONS = ("scenario", "seed", "frames", "start", "rate_hz", "standby", "level", "reset_s")
 LEVELS = ("panorama", "image", "image-sub-pixel")
 DEFAULT_SEED = 1
 _IDLE_NS = 100_000_000
@@ -82,7 +82,8 @@ def device_factory(station: Station) -> Callable[[dict[str, str]], SimulatedSens
 
     Options of the URL: ``scenario`` (a name or a YAML file), ``seed``, ``frames`` (exposures until the end), ``start``
     (RFC 3339 UTC), ``rate_hz``, ``standby`` (yes: the sensor waits for START), ``level`` (``panorama``, or the slower
-    ``image`` and ``image-sub-pixel``: whole images, extracted). PortError says what was expected.
+    ``image`` and ``image-sub-pixel``: whole images, extracted), ``reset_s`` (the sensor restarts so many seconds after
+    the start). PortError says what was expected.
     """
 
     def make(options: dict[str, str]) -> SimulatedSensor:
@@ -110,6 +111,9 @@ def scenario_of(options: dict[str, str]) -> Scenario:
         changes["start"] = options["start"]
     rate_hz = _number(options, "rate_hz", scenario.rate_hz, 0.001, 1000)
     frames = round(_number(options, "frames", scenario.seconds * rate_hz, 1, 1e9))
+    if "reset_s" in options:
+        resets_s = (*scenario.firmware.resets_s, _number(options, "reset_s", 0, 0, 1e9))
+        changes["firmware"] = scenario.firmware.model_copy(update={"resets_s": resets_s})
     changes |= {"rate_hz": rate_hz, "seconds": frames / rate_hz, "exposure_s": min(scenario.exposure_s, 1 / rate_hz)}
     return scenario.model_copy(update=changes)
 

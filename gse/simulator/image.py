@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from gse.compiled import compiled
 from gse.config import Station
 from gse.extraction import extract, extract_sub_pixel
-from gse.simulator.bodies import MOON
 from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.photometry import BIAS_INDEX, Photometry
 from gse.simulator.scenario import Scenario
@@ -86,14 +85,21 @@ class ImageSource:
         _add_smeared(light, start_px[near], end_px[near], electrons, self._scenario.optics.psf_sigma_px)
 
     def _add_moon(self, light: NDArray[np.float32], utc_ns: int, exposure_s: float) -> None:
+        """The lit part of the Moon, evenly bright up to its limb; what is too bright saturates and spills nowhere."""
         moon = self._scene.moon(utc_ns)
         if moon is None:
             return
-        (x, y), radius_px = moon[0][0], moon[1]
         rows, columns = np.ogrid[: light.shape[0], : light.shape[1]]
-        disc = (columns - x) ** 2 + (rows - y) ** 2 <= radius_px**2
-        magnitude = self._scene.bodies(utc_ns).magnitude[MOON : MOON + 1]
-        light[disc] += self._photometry.star_electrons(magnitude, exposure_s)[0] / (math.pi * radius_px**2)
+        x, y = (columns - moon.xy_px[0]) / moon.radius_px, (rows - moon.xy_px[1]) / moon.radius_px
+        # In units of the radius: along to the Sun's side, up to the observer; lit is what faces the Sun.
+        along = x * moon.sunwards[0] + y * moon.sunwards[1]
+        up2 = 1 - x**2 - y**2
+        lit = (up2 >= 0) & (
+            along * math.sin(moon.phase_rad) + np.sqrt(np.maximum(up2, 0)) * math.cos(moon.phase_rad) > 0
+        )
+        lit_px = math.pi * moon.radius_px**2 * (1 + math.cos(moon.phase_rad)) / 2
+        electrons = self._photometry.star_electrons(np.array([moon.magnitude]), exposure_s)[0]
+        light[lit] += electrons / max(lit_px, 1.0)
 
     def _sky_electrons(self, utc_ns: int, exposure_s: float) -> NDArray[np.float64]:
         """Electrons of the sky in a pixel, on the grid (17, 17)."""

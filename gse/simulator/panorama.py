@@ -101,11 +101,10 @@ class PanoramaSource:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The Moon in the field is the brightest pixel of all its rows: one object, and no other there."""
         moon = self._scene.moon(utc_ns)
-        if moon is None or not self._camera.contains(moon[0])[0]:
+        if moon is None or not self._camera.contains(moon.xy_px[None])[0]:
             return xy_px, index
-        moon_px, radius_px = moon
-        left = np.abs(xy_px[:, 1] - moon_px[0, 1]) > radius_px
-        return np.concatenate([xy_px[left], moon_px]), np.append(index[left], np.inf)
+        left = np.abs(xy_px[:, 1] - moon.xy_px[1]) > moon.radius_px
+        return np.concatenate([xy_px[left], moon.xy_px[None]]), np.append(index[left], np.inf)
 
     def _kept(self, xy_px: NDArray[np.float64], index: NDArray[np.float64]) -> Exposure:
         order = np.argsort(-index, kind="stable")

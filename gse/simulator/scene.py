@@ -1,6 +1,7 @@
 """The scene before the lens: stars, planets and satellites on the detector's plane, behind clouds."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config import Station
-from gse.simulator.bodies import FIRST_PLANET, MOON, BodyCell, bodies_over
+from gse.simulator.bodies import FIRST_PLANET, MOON, SUN, BodyCell, bodies_over
 from gse.simulator.pointing import horizon_to_sensor
 from gse.simulator.scenario import Air, Scenario, profile_at
 from gse.simulator.sky import CELL_NS, AstropySite, Sky, SkyCell, Track
@@ -20,6 +21,18 @@ _CLOUD_PIXEL_RAD = 2.4e-4
 _MOON_MOVES_RAD = 0.05
 _SKYLIGHT_EVERY_NS = 10_000_000_000
 """In 10 s a twilight sky changes by 0.06 mag."""
+_STEP_RAD = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moon:
+    """The Moon on the detector's plane: its middle and the unit vector to the Sun's side (both (2,), x and y)."""
+
+    xy_px: NDArray[np.float64]
+    radius_px: float
+    sunwards: NDArray[np.float64]
+    phase_rad: float
+    magnitude: float
 
 
 class Scene:
@@ -84,17 +97,20 @@ class Scene:
         """Extinction (N,) of the clouds that drift before the pixels (N, 2)."""
         return cloud_magnitudes(xy_px * (self.camera.pixel_rad / _CLOUD_PIXEL_RAD), since_start_s, self._scenario.air)
 
-    def moon(self, utc_ns: int) -> tuple[NDArray[np.float64], float] | None:
-        """Where the Moon's middle is (1, 2), on the detector or near it, and its radius in pixels."""
+    def moon(self, utc_ns: int) -> Moon | None:
+        """The Moon where it is on the detector or near it and above the horizon."""
         bodies = self.bodies(utc_ns)
         # Within 300 s it moves by 1.3 deg.
         if bodies.track.nodes[0, MOON] @ self.horizon_to_sensor[2] < math.cos(self._radius_rad + _MOON_MOVES_RAD):
             return None
-        moon_horizon = bodies.track.directions(utc_ns)[MOON]
-        if moon_horizon[2] <= 0:
+        places_horizon = bodies.track.directions(utc_ns)
+        if places_horizon[MOON][2] <= 0:
             return None
-        moon_px = self.camera.pixels((self.horizon_to_sensor @ moon_horizon)[None])
-        return moon_px, bodies.moon_radius_rad / self.camera.pixel_rad
+        moon_sensor, sun_sensor = places_horizon[[MOON, SUN]] @ self.horizon_to_sensor.T
+        xy_px, nearer_px = self.camera.pixels(np.array([moon_sensor, moon_sensor + _STEP_RAD * sun_sensor]))
+        sunwards = (nearer_px - xy_px) / max(float(np.hypot(*(nearer_px - xy_px))), 1e-9)
+        radius_px = bodies.moon_radius_rad / self.camera.pixel_rad
+        return Moon(xy_px, radius_px, sunwards, bodies.moon_phase_rad, float(bodies.magnitude[MOON]))
 
     def _points_at(self, utc_ns: int, faintest_magnitude: float) -> SkyCell:
         """Stars and planets of the cell of an instant."""

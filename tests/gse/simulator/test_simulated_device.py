@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.chunk import Chunk
+from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import PortError
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
@@ -124,6 +124,24 @@ def test_a_restart_sets_clock_and_counters_back_and_says_so_once() -> None:
     assert len(back) == 1
     assert seen[back[0]].frame_no == 0
     assert seen[0].temperature_c < 0 < seen[-1].temperature_c
+
+
+def test_a_reset_fault_sets_the_clock_back_and_the_sky_goes_on() -> None:
+    register(device_factory(STATION))
+    with SerialLink("sim://?frames=300&faults=reset:12.5s") as link:
+        items = []
+        while not link.at_end:
+            items += link.receive(1.0)
+    assert [item.text for item in items if isinstance(item, LinkEvent)] == ["reset: the sensor begins again"]
+    seen = panoramas([item for item in items if isinstance(item, Chunk)])
+    [back] = [i for i in range(1, len(seen)) if seen[i].time_us < seen[i - 1].time_us]
+    undisturbed = panoramas(chunks(frames="300"))
+    first, then = seen[back], undisturbed[round(14.5 * 10)]  # 2 s to start
+    assert (first.frame_no, first.flags) == (0, {"clock reset"})
+    apart_px = np.linalg.norm(first.xy_px[:8, None] - then.xy_px[None], axis=2).min(axis=1)
+    assert np.median(apart_px) < 2
+    long_ago_px = np.linalg.norm(first.xy_px[:8, None] - undisturbed[0].xy_px[None], axis=2).min(axis=1)
+    assert np.median(long_ago_px) > 3
 
 
 def test_stamps_never_go_back_and_the_first_byte_is_read_after_the_exposure() -> None:

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from gse.config import BUILT_IN_TEXT, Station, parse_station
 from gse.extraction import extract_sub_pixel
 from gse.instant import NS_PER_S, from_text
-from gse.simulator.bodies import MOON, NAMES, bodies_over
+from gse.simulator.bodies import MOON, NAMES, SUN, bodies_over
 from gse.simulator.image import ImageSource
 from gse.simulator.panorama import PanoramaSource
 from gse.simulator.photometry import Photometry
+from gse.simulator.pointing import horizon_to_sensor
 from gse.simulator.scenario import Scenario
 from gse.simulator.scene import Scene
 from gse.simulator.sky import AstropySite
@@ -185,6 +186,22 @@ def test_the_full_moon_in_the_field_is_one_object_that_hides_its_rows() -> None:
     image = source(night).image(utc_ns, 0.05)
     assert (image[505:518, 505:518] == 4096).all()
     assert 600 < (image == 4096).sum() < 2000  # half a degree: 18 px in radius
+
+
+def test_the_lit_limb_of_a_half_moon_looks_to_the_sun() -> None:
+    utc_ns = from_text("2026-03-25T12:00:00Z")  # the Moon is at its first quarter at 19:18 UTC
+    bodies = bodies_over(SITE, utc_ns)
+    sun, moon = bodies.track.directions(utc_ns)[[SUN, MOON]]
+    mount = {"azimuth_deg": np.degrees(np.arctan2(moon[0], moon[1])), "altitude_deg": np.degrees(np.arcsin(moon[2]))}
+    night = scenario(start="2026-03-25T12:00:00Z", device={"mount": mount})
+    camera, pointed = STATION.sensor.camera(), horizon_to_sensor(night.device_for(STATION).mount)
+    on_the_way = moon + 0.005 * (sun - moon)
+    (xy_px, nearer_px) = camera.pixels(np.array([moon, on_the_way]) @ pointed.T)
+    rows, columns = np.nonzero(source(night).image(utc_ns, 0.001) > 1000)
+    disc = np.hypot(columns - xy_px[0], rows - xy_px[1]) < 22
+    sunwards = (np.column_stack([columns, rows])[disc] - xy_px) @ (nearer_px - xy_px)
+    assert 0.4 < disc.sum() / (np.pi * (bodies.moon_radius_rad / camera.pixel_rad) ** 2) < 0.6
+    assert (sunwards > 0).mean() > 0.9
 
 
 def test_jupiter_is_an_object_where_it_is() -> None:
