@@ -30,7 +30,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drivers.errors import PortError
+from drivers.errors import UrlError
 
 BYTE_KINDS = ("flip", "drop", "double", "insert", "noise")
 FRAME_KINDS = ("drop_frame", "double_frame", "swap_frame", "lost_ack")
@@ -78,15 +78,18 @@ class Faults:
 
 
 def parse_faults(options: dict[str, str]) -> Faults | None:
-    """The faults of a mock port's URL, None where it asks for none; PortError says what was expected."""
+    """The faults of a mock port's URL, None where it asks for none; UrlError says what was expected."""
     text = options.get("faults", "")
     if not text:
         return None
     rates: dict[str, float] = {}
     outages: list[Outage] = []
     reset_after_ns = sensor_baud = None
-    for entry in text.split(","):
-        kind, _, value = entry.strip().partition(":")
+    entries = [entry.strip() for entry in text.split(",")]
+    for number, entry in enumerate(entries):
+        kind, _, value = entry.partition(":")
+        if kind not in OUTAGE_KINDS and any(other.startswith(f"{kind}:") for other in entries[:number]):
+            raise UrlError(f"faults: {kind} is given twice")
         if kind in RATE_KINDS:
             rates[kind] = _rate(kind, value)
         elif kind in OUTAGE_KINDS:
@@ -96,7 +99,7 @@ def parse_faults(options: dict[str, str]) -> Faults | None:
         elif kind == "baud":
             sensor_baud = _whole(kind, value)
         else:
-            raise PortError(f"faults: there is no kind {kind!r}; known are {', '.join(KINDS)}")
+            raise UrlError(f"faults: there is no kind {kind!r}; known are {', '.join(KINDS)}")
     return Faults(
         seed=_whole("seed", options.get("seed", "0")),
         rates=rates,
@@ -114,14 +117,14 @@ def _rate(kind: str, text: str) -> float:
     except ValueError:
         rate = -1.0
     if not 0 <= rate <= 1:
-        raise PortError(f"faults: {kind}:{text} does not work: expected a probability from 0 to 1, e.g. {kind}:1e-4")
+        raise UrlError(f"faults: {kind}:{text} does not work: expected a probability from 0 to 1, e.g. {kind}:1e-4")
     return rate
 
 
 def _outage(kind: str, text: str) -> Outage:
     match = _OUTAGE.fullmatch(text)
     if match is None:
-        raise PortError(
+        raise UrlError(
             f"faults: {kind}:{text} does not work: expected e.g. {kind}:12.5s, {kind}:f100 or {kind}:f100/3s"
         )
     after, frame, duration = match.groups()
@@ -136,17 +139,17 @@ def _outage(kind: str, text: str) -> Outage:
 def _seconds(kind: str, text: str) -> int:
     match = _SECONDS.fullmatch(text)
     if match is None:
-        raise PortError(f"faults: {kind}:{text} does not work: expected e.g. {kind}:12.5s")
+        raise UrlError(f"faults: {kind}:{text} does not work: expected e.g. {kind}:12.5s")
     if float(match[1]) > LONGEST_RESET_S:
-        raise PortError(
+        raise UrlError(
             f"faults: {kind}:{text} does not work: all bytes until then are kept, at most {LONGEST_RESET_S} s"
         )
     return round(float(match[1]) * NS_PER_S)
 
 
 def _whole(name: str, text: str) -> int:
-    if not re.fullmatch(r"\d{1,9}", text) or (name == "baud" and int(text) == 0):
-        raise PortError(f"faults: {name} {text!r} does not work: expected a whole number")
+    if not re.fullmatch(r"\d{1,18}", text) or (name == "baud" and int(text) == 0):
+        raise UrlError(f"faults: {name} {text!r} does not work: expected a whole number of up to 18 digits")
     return int(text)
 
 
@@ -156,7 +159,7 @@ def _hex(name: str, text: str) -> bytes:
     except ValueError:
         data = b""
     if not 1 <= len(data) <= 16:
-        raise PortError(f"faults: {name}={text} does not work: expected 1 to 16 bytes in hexadecimal, e.g. 1acffc1d")
+        raise UrlError(f"faults: {name}={text} does not work: expected 1 to 16 bytes in hexadecimal, e.g. 1acffc1d")
     return data
 
 

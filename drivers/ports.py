@@ -6,13 +6,15 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import serial
 from serial.tools import list_ports
 
-from drivers.errors import DriverError, PortError
+from drivers.errors import DriverError, PortError, UrlError
 
 MOCKS = ("replay://", "sim://")
+_ON_THE_NET = ("socket://", "rfc2217://")
 READ_TIMEOUT_S = 0.2
 """How long a read waits for the first byte: also how long closing takes where a read cannot be cancelled."""
 serial.protocol_handler_packages.append("drivers.urlhandlers")
@@ -75,7 +77,7 @@ def is_mock(url: str) -> bool:
 
 def is_awaitable(url: str, error: PortError) -> bool:
     """Whether a port that did not open may open later: not a mock, and not a URL that nobody understands."""
-    return not is_mock(url) and not isinstance(error.__cause__, ValueError)
+    return not is_mock(url) and not isinstance(error, UrlError)
 
 
 def is_accessible(device: str) -> bool:
@@ -90,6 +92,7 @@ def is_device(url: str) -> bool:
 
 def open_port(url: str, baudrate: int) -> serial.Serial:
     """Open a port by its pyserial URL; PortError says why it does not open and what to do."""
+    _check(url)
     try:
         port = serial.serial_for_url(
             url, baudrate=baudrate, timeout=READ_TIMEOUT_S, write_timeout=1.0, do_not_open=True
@@ -103,11 +106,25 @@ def open_port(url: str, baudrate: int) -> serial.Serial:
     except (OSError, ValueError) as error:
         if isinstance(error.__cause__, DriverError):
             raise error.__cause__ from None
-        raise PortError(explain(url, error)) from error
+        kind = UrlError if isinstance(error, ValueError) else PortError
+        raise kind(explain(url, error)) from error
     if isinstance(port, serial.Serial) and (names := _intruders(str(port.port))):
         port.close()
         raise PortError(_busy(url, names))
     return port
+
+
+def _check(url: str) -> None:
+    """What pyserial itself has no good words for."""
+    if not url:
+        raise UrlError("the port has no name; expected for example /dev/ttyUSB0, hwgrep://FT232 or sim://")
+    if url.lower().startswith(_ON_THE_NET):
+        try:
+            port = urlsplit(url).port
+        except ValueError:
+            port = None
+        if not port:
+            raise UrlError(f"{url} has no port number from 1 to 65535; expected for example socket://127.0.0.1:4000")
 
 
 def _intruders(device: str) -> list[str]:

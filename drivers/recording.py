@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drivers.capture_reader import Capture, read_capture
 from drivers.chunk import Chunk, LinkEvent
-from drivers.errors import CaptureError, PortError
+from drivers.errors import CaptureError, UrlError
 from drivers.mcap_walk import MAGIC
 from drivers.records import EVENTS, RX, Damage, Message
 from drivers.stamped import Item
@@ -79,5 +79,5 @@ def utc_option(name: str, text: str | None) -> int | None:
         instant = datetime.fromisoformat(text[:-1] + "+00:00").astimezone(UTC)
     except ValueError:
         message = f"{name}={text} is no UTC instant: expected for example 2026-03-20T18:30:00Z"
-        raise PortError(message) from None
+        raise UrlError(message) from None
     return int(instant.replace(microsecond=0).timestamp()) * NS_PER_S + instant.microsecond * 1000

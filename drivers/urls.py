@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import parse_qsl, quote, unquote, urlencode
 
-from drivers.errors import PortError
+from drivers.errors import UrlError
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +16,7 @@ class MockUrl:
     options: dict[str, str] = field(default_factory=dict)
 
     def number(self, name: str, default: int, least: int) -> int:
-        """A whole-number option; PortError says what was expected."""
+        """A whole-number option; UrlError says what was expected."""
         text = self.options.get(name, "")
         if not text:
             return default
@@ -25,7 +25,7 @@ class MockUrl:
         except ValueError:
             value = least - 1
         if value < least:
-            raise PortError(f"{self.scheme}://: {name}={text} does not work: expected a whole number from {least} on")
+            raise UrlError(f"{self.scheme}://: {name}={text} does not work: expected a whole number from {least} on")
         return value
 
     def speed(self) -> float:
@@ -36,7 +36,7 @@ class MockUrl:
         except ValueError:
             speed = 0.0
         if not speed > 0:
-            raise PortError(f"{self.scheme}://: speed={text} does not work: expected max, 1, or a factor such as 20")
+            raise UrlError(f"{self.scheme}://: speed={text} does not work: expected max, 1, or a factor such as 20")
         return speed
 
 
@@ -47,7 +47,7 @@ def parse_mock_url(url: str) -> MockUrl:
     pairs = parse_qsl(query, keep_blank_values=True)
     options = dict(pairs)
     if len(options) != len(pairs):
-        raise PortError(f"{url}: an option is given twice")
+        raise UrlError(f"{url}: an option is given twice")
     return MockUrl(scheme.lower(), unquote(path), options)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading, read_clock
-from drivers.errors import PortError
+from drivers.errors import DriverError
 from drivers.link import SerialLink
 from drivers.records import CLOCK
 from gse import instant
@@ -73,7 +73,7 @@ def run_live(
 ) -> LiveSession:
     """Run until the port is at its end (simulated), ``duration_s`` of the data's time have passed, or ``stop``.
 
-    Recording begins with the first byte, before the tables are loaded. PortError where the port cannot be opened:
+    Recording begins with the first byte, before the tables are loaded. DriverError where the port cannot be opened:
     then nothing is left behind.
     """
     protocol = load_protocol(station.protocol)
@@ -81,7 +81,7 @@ def run_live(
     recorder = Recorder(folder / "session.mcap", live=not station.port.url.startswith(MOCK_PORTS))
     try:
         link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder, wait_port=wait_port)
-    except PortError:
+    except DriverError:
         recorder.close()
         recorder.path.unlink()
         folder.rmdir()

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drivers.chunk import LinkEvent
-from drivers.errors import CaptureError, PortError
+from drivers.errors import CaptureError, UrlError
 from drivers.fault_injection import inject
 from drivers.faults import OPTIONS as FAULT_OPTIONS
 from drivers.faults import parse_faults
@@ -26,7 +26,7 @@ class Serial(StampedSerial):
     def _open_items(self) -> tuple[Iterator[Item], float]:
         url = parse_mock_url(str(self.port))
         if unknown := sorted(set(url.options) - set(OPTIONS)):
-            raise PortError(f"replay:// has no option {', '.join(unknown)}; it has {', '.join(OPTIONS)}")
+            raise UrlError(f"replay:// has no option {', '.join(unknown)}; it has {', '.join(OPTIONS)}")
         speed, loops, most = url.speed(), url.number("loop", 1, least=1), url.number("cut", 0, least=1)
         faults = parse_faults(url.options)
         first = _pass(url)

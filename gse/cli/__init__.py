@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from drivers.errors import CaptureError, CommandError, DriverError
+from drivers.errors import CaptureError, CommandError, DriverError, UrlError
 from gse.errors import GseError
 from protocols.errors import ProtocolError
 
@@ -124,7 +124,7 @@ def exit_code_of(error: Exception) -> int:
     """The exit code that stands for an expected error."""
     if isinstance(error, GseError):
         return error.exit_code
-    if isinstance(error, CaptureError | ProtocolError):
+    if isinstance(error, CaptureError | UrlError | ProtocolError):
         return EXIT_USAGE
     if isinstance(error, CommandError):
         return EXIT_FAIL

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from drivers.chunk import Chunk
-from drivers.errors import PortError
+from drivers.errors import UrlError
 from gse.config import Station
 from gse.errors import GseError
 from gse.instant import NS_PER_S, from_text
@@ -83,34 +83,34 @@ def device_factory(station: Station) -> Callable[[dict[str, str]], SimulatedSens
     Options of the URL: ``scenario`` (a name or a YAML file), ``seed``, ``frames`` (exposures until the end), ``start``
     (RFC 3339 UTC), ``rate_hz``, ``standby`` (yes: the sensor waits for START), ``level`` (``panorama``, or the slower
     ``image`` and ``image-sub-pixel``: whole images, extracted), ``reset_s`` (the sensor restarts so many seconds after
-    the start). PortError says what was expected.
+    the start). UrlError says what was expected.
     """
 
     def make(options: dict[str, str]) -> SimulatedSensor:
         unknown = sorted(set(options) - set(OPTIONS))
         if unknown:
-            raise PortError(f"sim://: unknown option {unknown[0]!r}; known are speed, cut, {', '.join(OPTIONS)}")
+            raise UrlError(f"sim://: unknown option {unknown[0]!r}; known are speed, cut, {', '.join(OPTIONS)}")
         try:
             scenario = scenario_of(options)
             return _sensor(station, scenario, options)
         except GseError as error:
-            raise PortError(f"sim://: {error}") from error
+            raise UrlError(f"sim://: {error}") from error
 
     return make
 
 
 def scenario_of(options: dict[str, str]) -> Scenario:
-    """The scenario with what the options change in it; PortError or ConfigError says what was expected."""
+    """The scenario with what the options change in it; UrlError or ConfigError says what was expected."""
     scenario = load_scenario(options.get("scenario") or DEFAULT)
     changes: dict[str, object] = {}
     if "start" in options:
         try:
             from_text(options["start"])
         except ValueError as error:
-            raise PortError(f"sim://: start: {error}") from error
+            raise UrlError(f"sim://: start: {error}") from error
         changes["start"] = options["start"]
     rate_hz = _number(options, "rate_hz", scenario.rate_hz, 0.001, 1000)
-    frames = round(_number(options, "frames", scenario.seconds * rate_hz, 1, 1e9))
+    frames = _whole(options, "frames", max(round(scenario.seconds * rate_hz), 1), 1, 10**9)
     if "reset_s" in options:
         resets_s = (*scenario.firmware.resets_s, _number(options, "reset_s", 0, 0, 1e9))
         changes["firmware"] = scenario.firmware.model_copy(update={"resets_s": resets_s})
@@ -124,11 +124,11 @@ def firmware_of(
     """The sensor's computer, from ``start_ns`` on, as ``seed`` and ``standby`` of the options say."""
     standby = options.get("standby", "no")
     if standby not in ("yes", "no"):
-        raise PortError(f"sim://: standby={standby} does not work: expected yes or no")
+        raise UrlError(f"sim://: standby={standby} does not work: expected yes or no")
     device = scenario.device_for(station)
     protocol = load_protocol(device.protocol)
     if not protocol.slots:
-        raise PortError(f"sim://: the protocol {protocol.name} has no PANORAMA, so there is nothing to simulate")
+        raise UrlError(f"sim://: the protocol {protocol.name} has no PANORAMA, so there is nothing to simulate")
     return SensorFirmware(
         protocol,
         detector,
@@ -155,14 +155,14 @@ def _sensor(station: Station, scenario: Scenario, options: dict[str, str]) -> Si
 
 def _generators(options: dict[str, str]) -> list[np.random.Generator]:
     """Noise of the sky, of the sensor's computer and of the host, each its own."""
-    return np.random.default_rng(int(_number(options, "seed", DEFAULT_SEED, 0, 2**63))).spawn(3)
+    return np.random.default_rng(_whole(options, "seed", DEFAULT_SEED, 0, 10**18 - 1)).spawn(3)
 
 
 def detector_of(station: Station, scenario: Scenario, options: dict[str, str]) -> Detector:
     """What takes the exposures, as ``seed`` and ``level`` of the options say."""
     level, device, random = options.get("level", LEVELS[0]), scenario.device_for(station), _generators(options)[0]
     if level not in LEVELS:
-        raise PortError(f"sim://: level={level} does not work: expected one of {', '.join(LEVELS)}")
+        raise UrlError(f"sim://: level={level} does not work: expected one of {', '.join(LEVELS)}")
     if level == "panorama":
         return PanoramaSource(device, scenario, random)
     from gse.simulator.image import ImageSource  # numba takes a second to import
@@ -176,7 +176,13 @@ def _number(options: dict[str, str], name: str, default: float, least: float, mo
     except ValueError:
         value = float("nan")
     if not least <= value <= most:
-        raise PortError(
-            f"sim://: {name}={options.get(name, '')} does not work: expected a number {least:g} to {most:g}"
-        )
+        raise UrlError(f"sim://: {name}={options.get(name, '')} does not work: expected a number {least:g} to {most:g}")
+    return value
+
+
+def _whole(options: dict[str, str], name: str, default: int, least: int, most: int) -> int:
+    text = options.get(name, str(default))
+    value = int(text) if text.isdecimal() and len(text) <= len(str(most)) else -1
+    if not least <= value <= most:
+        raise UrlError(f"sim://: {name}={text} does not work: expected a whole number from {least} to {most}")
     return value

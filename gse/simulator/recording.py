@@ -4,7 +4,7 @@ from pathlib import Path
 
 from drivers.chunk import Chunk
 from drivers.clock import ClockReading
-from drivers.errors import PortError
+from drivers.errors import DriverError
 from drivers.link import SerialLink
 from drivers.records import CLOCK
 from drivers.urlhandlers.protocol_sim import register
@@ -23,13 +23,13 @@ def record_simulation(path: Path, station: Station, station_text: str, orientati
     """Record the simulated sensor of the station's port (a sim:// URL) from start to end; how many bytes it sent.
 
     The clock readings say what is true: the simulated host's clock is right. The Earth orientation that a replay shall
-    use is frozen in the session, as a live session does. PortError where the URL is wrong: then nothing is left behind.
+    use is frozen in the session, as a live session does. UrlError where the URL is wrong: then nothing is left behind.
     """
     register(device_factory(station))
     recorder = Recorder(path, live=False)
     try:
         link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder)
-    except PortError:
+    except DriverError:
         recorder.close()
         path.unlink()
         raise

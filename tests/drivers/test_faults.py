@@ -12,7 +12,7 @@ import pytest
 
 from drivers.capture import CaptureWriter
 from drivers.chunk import Chunk, LinkEvent
-from drivers.errors import PortError
+from drivers.errors import UrlError
 from drivers.faults import KINDS
 from drivers.link import SerialLink
 from drivers.uart import received_at
@@ -229,9 +229,10 @@ def test_faults_work_on_a_simulated_sensor_too_and_an_acknowledgement_can_be_los
         ("reset:f3", "expected e.g. reset:12.5s"),
         ("reset:99999s", "all bytes until then are kept"),
         ("baud:0", "expected a whole number"),
+        ("flip:1e-4,flip:1e-3", "flip is given twice"),
     ],
 )
 def test_a_wrong_fault_is_refused_in_words(session: Path, faults: str, words: str) -> None:
-    with pytest.raises(PortError) as error:
+    with pytest.raises(UrlError) as error:
         SerialLink(replay_url(session, faults=faults))
     assert words in str(error.value)

@@ -185,6 +185,9 @@ def test_any_pyserial_url_will_do() -> None:
         ("nonsense://x", "not known"),
         ("hwgrep://no such adapter", "no port matches"),
         ("socket://127.0.0.1:9", "cannot open"),
+        ("socket://127.0.0.1", "has no port number"),
+        ("rfc2217://127.0.0.1:x", "has no port number"),
+        ("", "the port has no name"),
     ],
 )
 def test_a_port_that_does_not_open_says_why(url: str, words: str) -> None:

@@ -166,8 +166,9 @@ def test_an_index_over_the_maximum_is_a_sensor_fault(gse: Gse, tmp_path: Path) -
     ("arguments", "code", "words"),
     [
         (["run", "--port", "/dev/ttyNONE"], 4, "/dev/ttyNONE"),
-        (["run", "--port", "nonsense://x"], 4, "nonsense"),
-        (["run", "--port", "sim://?frames=none"], 4, "frames"),
+        (["run", "--port", "nonsense://x"], 2, "nonsense"),
+        (["run", "--port", "sim://?frames=none"], 2, "frames"),
+        (["run", "--port", "replay://absent.mcap"], 2, "absent.mcap"),
         (["run", "--station", "absent.yaml"], 2, "gse config init"),
         (["replay", "absent.mcap"], 2, "absent.mcap"),
         (["replay", __file__], 2, "--start-utc"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.chunk import Chunk, LinkEvent
-from drivers.errors import PortError
+from drivers.errors import UrlError
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
 from gse.config import BUILT_IN_TEXT, Station, parse_station
@@ -113,7 +113,7 @@ def test_a_sensor_without_a_word_for_resets_or_panoramas(tmp_path: Path) -> None
     pattern = re.compile(r"  PANORAMA:\n(?:    .*\n)*")
     dumb = pattern.sub("  PICTURE: {code: 1, direction: from sensor, length: 202, ignored: true}\n", text)
     (tmp_path / "dumb.yaml").write_text(dumb)
-    with pytest.raises(PortError, match="has no PANORAMA"):
+    with pytest.raises(UrlError, match="has no PANORAMA"):
         chunks(STATION.model_copy(update={"protocol": str(tmp_path / "dumb.yaml")}))
 
 
@@ -175,14 +175,16 @@ def test_a_slow_line_loses_exposures_not_bytes() -> None:
         ({"scenario": "nowhere"}, "expected one of clear-zenith"),
         ({"start": "yesterday"}, "2026-03-20T18:30:00Z"),
         ({"rate_hz": "fast"}, "expected a number"),
-        ({"frames": "-1"}, "expected a number"),
-        ({"seed": "-1"}, "expected a number"),
+        ({"frames": "-1"}, "expected a whole number from 1"),
+        ({"frames": "2.5"}, "expected a whole number from 1"),
+        ({"seed": "-1"}, "expected a whole number from 0"),
+        ({"reset_s": "soon"}, "expected a number"),
         ({"standby": "perhaps"}, "yes or no"),
         ({"level": "photons"}, "panorama, image, image-sub-pixel"),
     ],
 )
 def test_a_wrong_option_is_told_with_what_was_expected(options: dict[str, str], words: str) -> None:
-    with pytest.raises(PortError, match=words):
+    with pytest.raises(UrlError, match=words):
         device_factory(STATION)(options)
 
 
