@@ -36,6 +36,8 @@ from terminal import Terminal
 PROTOCOL = load_protocol("panorama-v1")
 FRAMES = 20_000
 FLIPS = 5_000
+SCATTERED, AT_ONCE = 10_000, 200
+LARGE_FRAMES = 80_000
 FRAME_BYTES = 216
 REALISTIC = {
     # Per byte: a good cable has an error in 1e9 bits, a bad one in 1e6; a night of 10 h at 10 Hz has 8e7 bytes.
@@ -52,6 +54,13 @@ REALISTIC = {
     "stall": 1e-2,
     "split": 1e-3,
 }
+ONCE = {
+    "disconnect:f5000/3s": "0 false, 30 or 31 frames unheard",
+    "rename:f5000/3s": "0 false, 30 or 31 frames unheard",
+    "reset:1000s": "0 false, as many frames as sent",
+    "baud:9600": "0 false, 0 frames",
+}
+"""What happens once a night, and what must come of it."""
 Row = tuple[str, str, str]
 
 
@@ -115,6 +124,13 @@ def wire(folder: Path) -> list[Row]:
                 "0 false, lost <= faults, balanced",
             )
         )
+    for spec, goal in ONCE.items():
+        items = replayed(replay_url(session, faults=spec))
+        frames, decoder = decoded(items)
+        false = Counter(frames) - Counter(true) - Counter(true)
+        balanced = decoder.bytes_in == decoder.bytes_framed + decoder.bytes_discarded
+        value = f"{sum(false.values())} false, {len(frames)} of {len(true)}"
+        rows.append((spec, f"{value}, {'balanced' if balanced else 'NOT balanced'}", goal))
     for kind in ("flip", "drop", "insert"):
         items = replayed(replay_url(session, faults=f"{kind}:2e-4", seed=2))
         strikes = sum(isinstance(item, LinkEvent) and item.kind == "FAULT" for item in items)
@@ -192,7 +208,34 @@ def files(folder: Path) -> list[Row]:
         if form == "compressed":
             compact(large)
         rows += _flips(large, folder / "flipped.mcap", form)
+    huge = simulated_session(folder / "huge.mcap", LARGE_FRAMES)
+    for form in ("plain", "compressed"):
+        if form == "compressed":
+            compact(huge)
+        rows.append(_scattered(huge, folder / "flipped.mcap", form))
     return rows
+
+
+def _scattered(path: Path, flipped: Path, form: str) -> Row:
+    """Many flips at once in a session as large as a night's."""
+    content, true = path.read_bytes(), list(read_capture(path))
+    known = set(true)
+    rng = random.Random(5)
+    wrong = unseen = lost = 0
+    for _ in range(SCATTERED // AT_ONCE):
+        damaged = bytearray(content)
+        for _ in range(AT_ONCE):
+            damaged[rng.randrange(len(damaged))] ^= 1 << rng.randrange(8)
+        flipped.write_bytes(damaged)
+        given = [record for record in read_capture(flipped) if not isinstance(record, Damage)]
+        wrong += sum(record not in known for record in given)
+        unseen += verify(flipped).is_whole
+        lost += len(true) - len(given)
+    size = f"{len(content) / 1e6:.1f} MB"
+    what = (
+        f"{SCATTERED} flips, {AT_ONCE} at once, in {len(true)} records, {size} ({form}): wrong, unseen, lost per flip"
+    )
+    return (what, f"{wrong}, {unseen}, {lost / SCATTERED:.2f}", "0, 0")
 
 
 def _truncations(path: Path, cut: Path, form: str) -> Row:

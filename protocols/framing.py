@@ -25,6 +25,14 @@ class FrameDecoder:
         """Bytes held back until it is known what they are; bounded by the largest frame and discard."""
         return self._scanner.pending
 
+    @property
+    def refused(self) -> Discard | None:
+        """What is held back, where it is known already that it begins with no frame; it comes as a discard later.
+
+        For a sensor, which answers such a frame at once: its end is only known when the next one begins.
+        """
+        return self._scanner.refused
+
     def feed(self, data: bytes) -> list[Frame | Discard]:
         """What these bytes complete."""
         self.bytes_in += len(data)

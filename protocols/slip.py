@@ -58,6 +58,10 @@ class SlipScanner:
         """Bytes held back."""
         return len(self._buffer)
 
+    @property
+    def refused(self) -> None:
+        """Nothing: a packet is complete before it is looked at."""
+
     def feed(self, data: bytes) -> list[Frame | Discard]:
         """What these bytes complete."""
         self._buffer += data

@@ -38,6 +38,12 @@ class SyncWordScanner:
         """Bytes held back."""
         return len(self._buffer)
 
+    @property
+    def refused(self) -> Discard | None:
+        """What is held back, where it is known already that it begins with no frame, and why."""
+        is_known = self._reason not in (NO_SYNC, TRUNCATED)
+        return Discard(self._start, bytes(self._buffer), self._reason) if is_known else None
+
     def feed(self, data: bytes) -> list[Frame | Discard]:
         """What these bytes complete."""
         self._buffer += data

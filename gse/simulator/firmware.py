@@ -101,6 +101,7 @@ class SensorFirmware:
         self._clock_was_reset = True
         self._ready_ns = ready_ns
         self._decoder = FrameDecoder(self._protocol)
+        self._refused_at = -1
 
     @property
     def due_ns(self) -> int | None:
@@ -128,7 +129,8 @@ class SensorFirmware:
         if utc_ns < self._ready_ns:
             return []
         sent: list[Transmission] = []
-        for piece in self._decoder.feed(data):
+        pieces = self._decoder.feed(data)
+        for piece in (*pieces, self._decoder.refused):
             answers = self._obey(piece, utc_ns) if isinstance(piece, Frame) else self._refuse_bytes(piece)
             for answer in answers:
                 # A protocol without ACK or STATUS makes a sensor that does not answer.
@@ -209,8 +211,11 @@ class SensorFirmware:
             return _SHORTEST_EXPOSURE_S <= command.exposure_s <= _LONGEST_EXPOSURE_S
         return True
 
-    def _refuse_bytes(self, discard: Discard) -> Iterator[Message]:
-        """NAK for what began as a frame; garbage between frames is not answered."""
+    def _refuse_bytes(self, discard: Discard | None) -> Iterator[Message]:
+        """NAK, once, for what began as a frame; garbage between frames is not answered."""
+        if discard is None or discard.start <= self._refused_at:
+            return
+        self._refused_at = discard.start
         layout = self._protocol.frame_layout
         reason, offset = _NAK_REASONS.get(discard.reason), len(layout.sync_word)
         if reason and offset and len(discard.data) >= offset + layout.header.size:

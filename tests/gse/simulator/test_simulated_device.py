@@ -260,6 +260,21 @@ def test_what_is_out_of_range_or_broken_is_refused_and_echoes_are_not_answered(
     ]
 
 
+@pytest.mark.parametrize(("change", "reason"), [((-1, 1), "bad CRC"), ((4, 0x0E), "unknown"), ((7, 5), "bad length")])
+def test_a_frame_that_is_refused_is_answered_at_once_and_once(
+    ask: Callable[[list[Message | bytes]], list[Message]], change: tuple[int, int], reason: str
+) -> None:
+    broken = bytearray(PROTOCOL.encode(Ping(), 7))
+    broken[change[0]] ^= change[1]
+    [alone] = ask([bytes(broken)])
+    assert isinstance(alone, Nak)
+    assert (alone.reason, alone.sequence) == (reason, 7)
+    assert ask([bytes(broken), b"noise", Ping()])[:1] == [alone]
+    in_halves = ask([bytes(broken[:9]), bytes(broken[9:]), Ping()])
+    assert in_halves[0] == alone
+    assert isinstance(in_halves[1], StatusMessage)
+
+
 def test_a_longer_exposure_shows_fainter_stars() -> None:
     device = device_factory(STATION)({"standby": "yes", "frames": "50"})
     given = [device.next_chunk()]
