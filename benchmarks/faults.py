@@ -295,7 +295,7 @@ def ports(folder: Path) -> list[Row]:
             terminal.write(b"".join(whole) + cut)
             while terminal.unread():
                 time.sleep(0.001)
-            time.sleep(0.002)  # from the kernel into the driver
+            time.sleep(0.03)  # what is on its way within the kernel counts as unread only when it is there
             terminal.unplug()
             time.sleep(rng.uniform(0.0, 1.5))
             back_s = time.monotonic()

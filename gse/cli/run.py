@@ -71,7 +71,7 @@ def command(
     if url is not None:
         station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
     if station.port.url.startswith("sim://"):
-        _register_simulator(station)
+        station, text = _simulated(station, text)
     watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
     click.echo("preparing catalogue and identifiers; the first time takes half a minute", err=True)
     with _stop_on_signal() as stopped, watching:
@@ -93,11 +93,16 @@ def command(
     ctx.exit(EXIT_INTERRUPTED if stopped() else exit_code(report, data_lost=session.lost_bytes > 0))
 
 
-def _register_simulator(station: Station) -> None:
+def _simulated(station: Station, text: str) -> tuple[Station, str]:
+    """The station as the scenario of its sim:// URL changes it, its sensor ready to be opened."""
     from drivers.urlhandlers.protocol_sim import register
+    from drivers.urls import parse_mock_url
     from gse.simulator import device_factory
+    from gse.simulator.scenario import DEFAULT, load_scenario
 
     register(device_factory(station))
+    scenario = load_scenario(parse_mock_url(station.port.url).options.get("scenario") or DEFAULT)
+    return scenario.station_for(station), scenario.station_text(text)
 
 
 @contextmanager

@@ -48,6 +48,14 @@ def only_folder(out: Path) -> Path:
     return folder
 
 
+def test_a_scenario_changes_the_station_that_it_is_run_on_as_well(gse: Gse, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    url = "sim://?scenario=inclined&rate_hz=2&frames=60"
+    assert gse("run", "--station", patient_station(tmp_path), "--port", url, "--out", out).code == 0
+    folder = only_folder(out)
+    assert gse("replay", folder / "session.mcap", "--out", tmp_path / "again").code == 0
+
+
 def test_a_run_ends_with_the_verdict_and_the_paths(gse: Gse, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = gse("run", "--station", patient_station(tmp_path), "--port", "sim://?frames=60", "--out", out)

@@ -120,6 +120,13 @@ def test_a_scenario_of_ones_own_is_read_from_a_file(tmp_path: Path) -> None:
     assert (scenario.seconds, scenario.detector.false_objects, scenario.rate_hz) == (3, 3, 10)
 
 
+def test_the_scenario_of_the_manual_is_one() -> None:
+    manual = Path(__file__).parents[3] / "docs" / "simulator.md"
+    text = manual.read_text().partition("```yaml\n")[2].partition("```")[0]
+    assert parse_scenario(text, "manual").firmware.resets_s == (45,)
+    assert all(f"| `{name}` |" in manual.read_text() for name in scenario_names())
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
