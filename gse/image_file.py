@@ -19,6 +19,7 @@ MAX_PIXELS = 67_108_864
 _FITS_SUFFIXES = (".fits", ".fit", ".fts")
 _KNOWN_SUFFIXES = (".png", ".tif", ".tiff", *_FITS_SUFFIXES)
 _DEPTHS = {"1": 8, "L": 8, "P": 8, "RGB": 8, "RGBA": 8, "LA": 8, "I;16": 16, "I;16B": 16, "I;16L": 16, "I": 16, "F": 16}
+_EXPECTED = "expected gray of 8, 12 or 16 bits, or colour of 8"
 _BITS_PER_SAMPLE = 258
 """The TIFF tag."""
 _BROKEN = (OSError, SyntaxError, ValueError, TypeError, KeyError, IndexError, EOFError, struct.error, MemoryError)
@@ -34,6 +35,8 @@ def read_image(path: Path, bits: int | None = None) -> NDArray[np.uint16]:
     suffix = path.suffix.lower()
     if suffix not in _KNOWN_SUFFIXES:
         raise TableError(f"{path} is no image that is read here: expected {', '.join(_KNOWN_SUFFIXES)}")
+    if path.is_dir():
+        raise TableError(f"{path} is a folder: expected an image file")
     try:
         size = path.stat().st_size
     except OSError as error:
@@ -41,14 +44,24 @@ def read_image(path: Path, bits: int | None = None) -> NDArray[np.uint16]:
     if size > MAX_FILE_BYTES:
         raise TableError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no image of a star sensor")
     values, depth = _read_fits(path) if suffix in _FITS_SUFFIXES else _read_picture(path)
+    if values.dtype.kind == "f":
+        _check_floats(path, values)
     return _index_values(values, depth if bits is None else bits, is_given=bits is not None)
 
 
+def _check_floats(path: Path, numbers: NDArray[Any]) -> None:
+    brightest = float(np.max(numbers, where=np.isfinite(numbers), initial=-np.inf))
+    if brightest == -np.inf:
+        raise TableError(f"{path} holds no number in any pixel")
+    if 0 < brightest <= 1:
+        raise TableError(f"{path} holds fractions up to {brightest:.3g}: expected counts, so scale it to 0..4095")
+
+
 def _index_values(numbers: NDArray[Any], bits: int, *, is_given: bool) -> NDArray[np.uint16]:
+    if bits == 16 and not is_given and np.max(numbers, where=np.isfinite(numbers), initial=0) <= 1 << INDEX_BITS:
+        bits = INDEX_BITS
     if numbers.dtype.kind == "f":
         numbers = np.nan_to_num(numbers, nan=0.0, posinf=2.0**bits - 1, neginf=0.0)
-    if bits == 16 and not is_given and numbers.max() <= 1 << INDEX_BITS:
-        bits = INDEX_BITS
     if numbers.dtype == np.uint8:
         return np.left_shift(numbers.astype(np.uint16), INDEX_BITS - min(bits, 8), dtype=np.uint16)
     if numbers.dtype == np.uint16 and bits >= INDEX_BITS:
@@ -67,7 +80,7 @@ def _read_picture(path: Path) -> tuple[NDArray[Any], int]:
                 gray = picture if depth > 8 or picture.mode == "L" else picture.convert("L")
                 return np.asarray(gray), depth
     except UnidentifiedImageError as error:
-        raise TableError(f"{path} is no PNG or TIFF image") from error
+        raise TableError(f"{path} is no PNG or TIFF image, or none that is read here: {_EXPECTED}") from error
     except Image.DecompressionBombError as error:
         raise TableError(_too_large(path)) from error
     except _BROKEN as error:
@@ -76,14 +89,16 @@ def _read_picture(path: Path) -> tuple[NDArray[Any], int]:
 
 def _depth(picture: Image.Image, path: Path) -> int:
     if picture.mode not in _DEPTHS:
-        raise TableError(
-            f"{path} holds pixels of kind {picture.mode}: expected gray of 8, 12 or 16 bits, or colour of 8"
-        )
+        raise TableError(f"{path} holds pixels of kind {picture.mode}: {_EXPECTED}")
+    depth = _DEPTHS[picture.mode]
     tags = getattr(picture, "tag_v2", None)
-    if tags is not None and _DEPTHS[picture.mode] > 8:
-        bits = tags.get(_BITS_PER_SAMPLE, (16,))
-        return min(int(bits[0]), 16)
-    return _DEPTHS[picture.mode]
+    if tags is None:
+        return depth
+    bits = int(tags.get(_BITS_PER_SAMPLE, (depth,))[0])
+    if depth == 8 < bits:
+        # Pillow reads some of these, and some wrong.
+        raise TableError(f"{path} holds colours of {bits} bits: {_EXPECTED}")
+    return depth if depth == 8 else min(bits, 16)
 
 
 def _read_fits(path: Path) -> tuple[NDArray[Any], int]:

@@ -189,6 +189,39 @@ def test_what_is_no_image_of_a_detector_is_told_so(name: str, tmp_path: Path) ->
         read_image(path)
 
 
+@pytest.mark.parametrize(
+    ("pixels", "words"),
+    [(stars() / 4095, "fractions up to 0.977.*scale it"), (np.full((9, 9), np.nan), "no number in any pixel")],
+)
+def test_floats_that_are_no_counts_are_refused(pixels: NDArray[np.float64], words: str, tmp_path: Path) -> None:
+    fits.PrimaryHDU(pixels).writeto(tmp_path / "x.fits")
+    with pytest.raises(TableError, match=words):
+        read_image(tmp_path / "x.fits")
+
+
+def test_a_pixel_that_is_infinite_does_not_change_the_scale_of_the_others(tmp_path: Path) -> None:
+    pixels = stars().astype(np.float64)
+    pixels[0, :2] = np.inf, np.nan
+    fits.PrimaryHDU(pixels).writeto(tmp_path / "x.fits")
+    assert read_image(tmp_path / "x.fits")[0, :3].tolist() == [4095, 0, 80]
+    assert read_image(tmp_path / "x.fits")[10, 20] == 4000
+
+
+def test_colours_of_16_bits_and_folders_are_refused(tmp_path: Path) -> None:
+    size, pixels = 4, bytes(4 * 4 * 6)
+    tags = {256: size, 257: size, 258: 16, 259: 1, 262: 2, 273: 8, 277: 3, 278: size, 279: len(pixels)}
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items())
+    head = b"II*\0" + struct.pack("<I", 8 + len(pixels))
+    (tmp_path / "rgb.tif").write_bytes(head + pixels + struct.pack("<H", len(tags)) + entries + bytes(4))
+    (tmp_path / "folder.png").mkdir()
+    for name, words in (
+        ("rgb.tif", "expected gray of 8, 12 or 16 bits, or colour of 8"),
+        ("folder.png", "is a folder"),
+    ):
+        with pytest.raises(TableError, match=words):
+            read_image(tmp_path / name)
+
+
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     out = tmp_path / "out.csv"
     out.write_text("mine")
