@@ -14,7 +14,7 @@ from pathlib import Path
 
 import atheris  # type: ignore[import-not-found]
 
-with atheris.instrument_imports(include=["protocols", "gse", "yaml"]):
+with atheris.instrument_imports(include=["protocols", "gse"]):
     from gse.config import parse_station
     from gse.errors import ConfigError, TableError
     from gse.panorama_table import read_panorama_table

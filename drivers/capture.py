@@ -9,15 +9,14 @@ from types import TracebackType
 
 from mcap.writer import IndexType, Writer
 
-from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
-from drivers.records import CONTINUED, EVENTS, PROFILE, RX, TX, Message, checksum, event_message
+from drivers.records import CONTINUED, EVENTS, PROFILE, RX, TX, Message, MessageWriter, checksum
 from drivers.spool import Spool
 
 _ENCODINGS = {RX: "octet-stream", TX: "octet-stream"}
 
 
-class CaptureWriter:
+class CaptureWriter(MessageWriter):
     """One session file in the making, never one that exists already."""
 
     def __init__(self, path: Path | str) -> None:
@@ -39,22 +38,6 @@ class CaptureWriter:
         for topic in (RX, TX, EVENTS):
             self._channel(topic)
         self._writer.flush()
-
-    def rx(self, chunk: Chunk) -> None:
-        """Bytes that came from the port."""
-        self.write(Message(RX, chunk.utc_ns, chunk.mono_ns, chunk.data))
-
-    def tx(self, chunk: Chunk) -> None:
-        """Bytes that went to the port."""
-        self.write(Message(TX, chunk.utc_ns, chunk.mono_ns, chunk.data))
-
-    def event(self, event: LinkEvent) -> None:
-        """Something that happened to the link."""
-        self.write(event_message(event))
-
-    def derived(self, topic: str, utc_ns: int, json_bytes: bytes) -> None:
-        """A result that was derived from the bytes, as JSON."""
-        self.write(Message(topic, utc_ns, 0, json_bytes))
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """A file to freeze into the session."""

@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import Protocol
 
 import serial
 
@@ -20,6 +19,7 @@ from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import PortError
 from drivers.ports import READ_TIMEOUT_S, PortInfo, is_awaitable, open_port, ports_here
 from drivers.reconnect import PortFinder
+from drivers.records import Message, MessageWriter
 from drivers.stamped import Item, StampedPort, StampedSerial
 
 BACKLOG_BYTES = 4 << 20
@@ -31,26 +31,8 @@ SOCKET_BYTES = 65536
 _HANG_UPS = (OSError, TypeError, termios.error)
 
 
-class Recording(Protocol):
-    """Where everything goes first: a CaptureWriter or a Recorder."""
-
-    def rx(self, chunk: Chunk) -> None:
-        """Bytes that came."""
-
-    def tx(self, chunk: Chunk) -> None:
-        """Bytes that went."""
-
-    def event(self, event: LinkEvent) -> None:
-        """Something that happened to the link."""
-
-
-class _NoRecording:
-    def rx(self, chunk: Chunk) -> None:
-        """Nobody records."""
-
-    tx = rx
-
-    def event(self, event: LinkEvent) -> None:
+class _NoRecording(MessageWriter):
+    def write(self, message: Message) -> None:
         """Nobody records."""
 
 
@@ -66,7 +48,7 @@ class SerialLink:
         url: str,
         baudrate: int = 115200,
         *,
-        recorder: Recording | None = None,
+        recorder: MessageWriter | None = None,
         wait_port: bool = False,
         list_ports: Callable[[], list[PortInfo]] = ports_here,
     ) -> None:
@@ -166,7 +148,7 @@ class _Receiver:
     """The thread that reads a live port, and finds it again."""
 
     def __init__(
-        self, url: str, finder: PortFinder, recorder: Recording, port: serial.Serial | None, absent: str = ""
+        self, url: str, finder: PortFinder, recorder: MessageWriter, port: serial.Serial | None, absent: str = ""
     ) -> None:
         self._url, self._finder, self._recorder, self._port = url, finder, recorder, port
         if port is not None:

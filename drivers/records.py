@@ -78,3 +78,27 @@ def event_message(event: LinkEvent) -> Message:
     """An event as the message of /events that holds it."""
     document = {"kind": event.kind, "text": event.text}
     return Message(EVENTS, event.utc_ns, event.mono_ns, json.dumps(document, ensure_ascii=False).encode())
+
+
+class MessageWriter:
+    """Whoever writes messages: what comes and goes and happens becomes one."""
+
+    def write(self, message: Message) -> None:
+        """Any message."""
+        raise NotImplementedError
+
+    def rx(self, chunk: Chunk) -> None:
+        """Bytes that came from the port."""
+        self.write(Message(RX, chunk.utc_ns, chunk.mono_ns, chunk.data))
+
+    def tx(self, chunk: Chunk) -> None:
+        """Bytes that went to the port."""
+        self.write(Message(TX, chunk.utc_ns, chunk.mono_ns, chunk.data))
+
+    def event(self, event: LinkEvent) -> None:
+        """Something that happened."""
+        self.write(event_message(event))
+
+    def derived(self, topic: str, utc_ns: int, json_bytes: bytes) -> None:
+        """A result that was derived from the bytes, as JSON."""
+        self.write(Message(topic, utc_ns, 0, json_bytes))

@@ -78,7 +78,8 @@ def _find(
             for x in range(left, min(left + 64, columns)):
                 if image[y, x] <= least or seen[y, x] or image[y, x] - _level(background, y, x) <= threshold:
                     continue
-                size = _fill(image, background, threshold, seen, pixels, y, x)
+                pixels[0, 0], pixels[0, 1] = y, x
+                size = _fill(image, background, threshold, seen, pixels)
                 if size >= 2 and count < len(blobs):
                     _measure(image, background, pixels[:size], seen, blobs[count])
                     count += 1
@@ -102,13 +103,10 @@ def _fill(
     threshold: float,
     seen: NDArray[np.uint8],
     pixels: NDArray[np.int32],
-    y: int,
-    x: int,
 ) -> int:
-    """Put the pixels (row, column) of the blob at y, x into ``pixels``; how many they are."""
+    """Put the pixels (row, column) of the blob at ``pixels[0]`` after it; how many they are."""
     rows, columns = image.shape
-    pixels[0, 0], pixels[0, 1] = y, x
-    seen[y, x] = 1
+    seen[pixels[0, 0], pixels[0, 1]] = 1
     size, done = 1, 0
     while done < size:
         row, column = pixels[done]

@@ -15,10 +15,10 @@ from types import TracebackType
 
 from drivers.capture import CaptureWriter
 from drivers.capture_reader import segment_path
-from drivers.chunk import Chunk, LinkEvent
+from drivers.chunk import LinkEvent
 from drivers.compaction import compact
 from drivers.errors import CaptureError
-from drivers.records import RX, TX, Attachment, Message, event_message
+from drivers.records import RX, TX, Attachment, Message, MessageWriter
 
 SEGMENT_BYTES = 512 << 20
 """Some 50 hours at 10 Hz; a file that any tool still opens."""
@@ -30,7 +30,7 @@ CLOSE_S = 30.0
 LAST_TRIES_S = 2.0
 
 
-class Recorder:
+class Recorder(MessageWriter):
     """One session in the making: /serial/rx, /serial/tx, events and derived results, in segments.
 
     It is the ``recorder`` of a SerialLink, which hands it all bytes before anybody decodes them. ``lost_bytes`` are
@@ -66,22 +66,6 @@ class Recorder:
         self._thread = threading.Thread(target=self._run, name="record", daemon=True) if live else None
         if self._thread:
             self._thread.start()
-
-    def rx(self, chunk: Chunk) -> None:
-        """Bytes that came from the port."""
-        self.write(Message(RX, chunk.utc_ns, chunk.mono_ns, chunk.data))
-
-    def tx(self, chunk: Chunk) -> None:
-        """Bytes that went to the port."""
-        self.write(Message(TX, chunk.utc_ns, chunk.mono_ns, chunk.data))
-
-    def event(self, event: LinkEvent) -> None:
-        """Something that happened."""
-        self.write(event_message(event))
-
-    def derived(self, topic: str, utc_ns: int, json_bytes: bytes) -> None:
-        """A result that was derived from the bytes, as JSON."""
-        self.write(Message(topic, utc_ns, 0, json_bytes))
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """A file to freeze into the session; every segment gets it."""

@@ -20,6 +20,7 @@ from gse.cli import EXIT_FAIL
 @click.pass_context
 def command(
     ctx: click.Context,
+    *,
     folder: Path,
     junit_path: Path | None,
     update: bool,

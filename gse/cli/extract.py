@@ -37,6 +37,7 @@ MAX_MAP_BYTES = 1_000_000
 @click.option("--out", "out_path", type=click.Path(path_type=Path, dir_okay=False), help="Write here, not to stdout.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.panorama/1.")
 def command(
+    *,
     image: Path,
     sub_pixel: bool,
     hot_pixels_path: Path | None,
