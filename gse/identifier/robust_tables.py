@@ -21,6 +21,8 @@ _PAIR_STARS_PER_FIELD = 36.0
 _MAX_PAIR_STARS = 65_000
 """Rows of pair stars fit 16 bits."""
 
+_PAIRS_AT_ONCE = 1 << 16
+_CELLS_AT_ONCE = 256
 _MAX_PAIRS = 1_500_000
 """12 MB of pairs; the longest distances are given up first."""
 
@@ -128,12 +130,16 @@ def _pair_table(
     reach = min(diameter_rad, math.acos(max(-1.0, 1 - _MAX_PAIRS / max(mean_pairs, 1.0))))
     found = cKDTree(stars).query_pairs(2 * math.sin(reach / 2), output_type="ndarray")
     found.sort(axis=1)
-    first, second = stars[found[:, 0]], stars[found[:, 1]]
-    distance = 2 * np.arcsin(np.minimum(np.linalg.norm(first - second, axis=1) / 2, 1.0))
     bucket_rad = reach / _BUCKETS
-    bucket = np.minimum((distance / bucket_rad).astype(np.int64), _BUCKETS - 1)
-    order = np.lexsort((found[:, 1], bucket))
-    pairs = np.column_stack([found, _turn(first, second), _turn(second, first)])[order].astype(np.uint16)
+    bucket = np.empty(len(found), dtype=np.int32)
+    pairs = np.empty((len(found), 4), dtype=np.uint16)
+    for part in _slices(len(found), _PAIRS_AT_ONCE):
+        first, second = stars[found[part, 0]], stars[found[part, 1]]
+        distance = 2 * np.arcsin(np.minimum(np.linalg.norm(first - second, axis=1) / 2, 1.0))
+        bucket[part] = np.minimum((distance / bucket_rad).astype(np.int32), _BUCKETS - 1)
+        pairs[part] = np.column_stack([found[part], _turn(first, second), _turn(second, first)])
+    order = np.lexsort((pairs[:, 1], bucket))
+    pairs = pairs[order]
     start = np.zeros(_BUCKETS + 1, dtype=np.int32)
     np.cumsum(np.bincount(bucket, minlength=_BUCKETS), out=start[1:])
     return pairs, start, bucket_rad
@@ -166,8 +172,15 @@ def _cells(
     centres = np.column_stack([sine * np.cos(ra), sine * np.sin(ra), np.cos(colatitude)])
     # 0.71 of a cell to its corner, and some more: a cell of a ring that touches the pole is a wide wedge.
     reach = min(radius_rad + 1.2 * height, math.pi)
-    lists = cKDTree(icrs).query_ball_point(centres, 2 * math.sin(reach / 2), return_sorted=True)
-    lists = [found[: 4 * MAX_FIELD_STARS] for found in lists]
-    cell_start = np.concatenate([[0], np.cumsum([len(found) for found in lists])]).astype(np.int32)
-    cell_stars = np.fromiter((star for found in lists for star in found), dtype=np.int32, count=cell_start[-1])
-    return ring_start, cell_start, cell_stars
+    tree = cKDTree(icrs)
+    around: list[NDArray[np.int32]] = []
+    for part in _slices(len(centres), _CELLS_AT_ONCE):
+        for found in tree.query_ball_point(centres[part], 2 * math.sin(reach / 2), return_sorted=True):
+            around.append(np.array(found[: 4 * MAX_FIELD_STARS], dtype=np.int32))
+    cell_start = np.concatenate([[0], np.cumsum([len(stars) for stars in around])]).astype(np.int32)
+    return ring_start, cell_start, np.concatenate(around)
+
+
+def _slices(count: int, at_once: int) -> list[slice]:
+    """Parts of so many rows: intermediate results of all at once would take ten times the memory of the tables."""
+    return [slice(first, first + at_once) for first in range(0, count, at_once)]
