@@ -163,7 +163,16 @@ def _run(plan: "Plan", workers: int) -> tuple[list["Outcome"], bool]:
                 progress.update(task, completed=len(done))
     except KeyboardInterrupt:
         return done, True
+    except SystemError as error:
+        if not _interrupted(error):
+            raise
+        return done, True
     return done, False
+
+
+def _interrupted(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error: out of compiled code it comes as a SystemError, or as the cause of one."""
+    return error is not None and (isinstance(error, KeyboardInterrupt) or _interrupted(error.__cause__))
 
 
 def table(document: dict[str, Any]) -> list[str]:

@@ -1,4 +1,4 @@
-"""What every onboard identifier asks of a panorama before it looks for stars."""
+"""What every identifier asks of a panorama before it looks for stars."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gse.compiled import compiled
 from gse.identifier.evidence import weigh
 from gse.identifier.robust_tables import SkyTables
-from gse.identifier.verify import SMALLEST_RANGE, U_BINS, Attempt, Noise, Objects, attempt_at, named, objects_of
+from gse.identifier.verify import SMALLEST_RANGE, U_BINS, Attempt, Noise, Objects, attempt_at, named, objects_of, place
 
 _MAX_OFFSETS = 256
 """Offsets compared with each other; the brightest stars come first."""
@@ -84,16 +84,12 @@ def _offsets(
     pairs: NDArray[np.int64],
 ) -> int:
     """Offsets (M, 2) of objects from the stars within reach, and which (object, star) they belong to; how many."""
-    r, uv, n = attempt.rotation, objects.uv, len(objects.uv)
+    uv, n = objects.uv, len(objects.uv)
     low = uv[objects.order[0], 0]
     bins_per_u = U_BINS / max(uv[objects.order[n - 1], 0] - low, SMALLEST_RANGE)
     count = 0
     for f in range(len(attempt.rows)):
-        star = attempt.rows[f]
-        x, y, z = tables.icrs[star, 0], tables.icrs[star, 1], tables.icrs[star, 2]
-        pz = r[2, 0] * x + r[2, 1] * y + r[2, 2] * z
-        u = (r[0, 0] * x + r[0, 1] * y + r[0, 2] * z) / pz
-        v = (r[1, 0] * x + r[1, 1] * y + r[1, 2] * z) / pz
+        u, v = place(tables, attempt, f)
         start = int((u - reach - low) * bins_per_u)
         if start >= U_BINS:
             continue

@@ -153,7 +153,7 @@ def _cell_of(tables: SkyTables, rotation: NDArray[np.float64]) -> int:
 
 
 @compiled
-def _place(tables: SkyTables, attempt: Attempt, f: int) -> tuple[float, float]:
+def place(tables: SkyTables, attempt: Attempt, f: int) -> tuple[float, float]:
     """Where star f of the field is expected, u and v, before the scale."""
     r, star = attempt.rotation, attempt.rows[f]
     x, y, z = tables.icrs[star, 0], tables.icrs[star, 1], tables.icrs[star, 2]
@@ -190,7 +190,7 @@ def _match(tables: SkyTables, objects: Objects, attempt: Attempt, sigma: float) 
     widest = (_MAX_GATE_SHARE * tables.field[5] / (math.pi * GATE_CHI2 * n)) ** 2
     matched = 0
     for f in range(len(attempt.rows)):
-        u, v = _place(tables, attempt, f)
+        u, v = place(tables, attempt, f)
         u, v = u * attempt.scale[0], v * attempt.scale[0]
         suu, svv, suv = _place_covariance(attempt.covariance, u, v)
         suu, svv = suu + sigma * sigma, svv + sigma * sigma
@@ -228,7 +228,7 @@ def _fit(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) ->
     for i in range(len(objects.uv)):
         if attempt.star_of[i] < 0:
             continue
-        u, v = _place(tables, attempt, attempt.star_of[i])
+        u, v = place(tables, attempt, attempt.star_of[i])
         du, dv = objects.uv[i, 0] - u * scale, objects.uv[i, 1] - v * scale
         slope_u = (-u * v, 1.0 + u * u, -v, u)
         slope_v = (-1.0 - v * v, u * v, u, v)
@@ -325,7 +325,7 @@ def squared_residuals(tables: SkyTables, objects: Objects, attempt: Attempt) -> 
     total = 0.0
     for i in range(len(objects.uv)):
         if attempt.star_of[i] >= 0:
-            u, v = _place(tables, attempt, attempt.star_of[i])
+            u, v = place(tables, attempt, attempt.star_of[i])
             total += (objects.uv[i, 0] - u * attempt.scale[0]) ** 2 + (objects.uv[i, 1] - v * attempt.scale[0]) ** 2
     return total
 

@@ -104,14 +104,36 @@ except SystemExit:
 print("ready", flush=True)
 signal.signal(signal.SIGVTALRM, lambda *_: signal.raise_signal(signal.SIGINT))
 signal.setitimer(signal.ITIMER_VIRTUAL, 2.5)
-main(["evaluate", "--json", "--frames", "20000"])
+hard = ["--noise-arcsec", "50", "--magnitude-noise", "0.5", "--false-objects", "8", "--missing", "0.2"]
+main(["evaluate", "--json", "--frames", "20000", *hard])
 """
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGVTALRM"), reason="this system cannot interrupt after some CPU time")
 def test_ctrl_c_keeps_what_is_done():
+    """The frames are hard ones, so that it comes in compiled code, which makes another exception of it."""
     done = subprocess.run([sys.executable, "-c", INTERRUPTED_RUN], capture_output=True, text=True, timeout=240)
     assert done.returncode == 130, done.stderr
     document = json.loads(done.stdout.split("ready\n")[1])
     assert document["interrupted"] is True
     assert 0 < document["cells"][0]["frames_done"] < 20_000
+
+
+INTERRUPTED_WORKERS = """
+import os, signal
+from gse.cli import main
+
+signal.signal(signal.SIGALRM, lambda *_: os.killpg(0, signal.SIGINT))
+signal.setitimer(signal.ITIMER_REAL, 3.0)
+main(["evaluate", "--json", "--frames", "1000000", "--workers", "2"])
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="this system cannot interrupt a group of processes")
+def test_workers_that_start_when_ctrl_c_comes_end_without_a_word():
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED_WORKERS], capture_output=True, text=True, timeout=120, start_new_session=True
+    )
+    assert done.returncode == 130, done.stderr
+    assert json.loads(done.stdout)["interrupted"] is True
+    assert done.stderr.splitlines() == ["interrupted: these are the frames that were done"]
