@@ -95,6 +95,11 @@ def cli() -> None:
     """Ground test station for a star sensor: panoramas in, RA and DE against sidereal truth out."""
 
 
+def was_interrupted(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error: out of compiled code it comes as a SystemError, or as the cause of one."""
+    return error is not None and (isinstance(error, KeyboardInterrupt) or was_interrupted(error.__cause__))
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; expected errors become one or two lines on stderr and an exit code."""
     try:
@@ -110,14 +115,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
         click.echo(f"gse: {error}", err=True)
         code = exit_code_of(error)
     except Exception as error:
-        if isinstance(error, OSError) and error.errno in _DISK_FULL:
-            click.echo(f"gse: {error.strerror}: what was to be written is not complete; make room", err=True)
-            sys.exit(EXIT_DATA_LOST)
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{place.filename}:{place.lineno}"
-        click.echo(f"gse: internal error: {type(error).__name__}: {error} at {where}; please report it", err=True)
-        code = EXIT_INTERNAL
+        code = _unexpected(error)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _unexpected(error: Exception) -> int:
+    """Say what came where nothing was expected; the exit code."""
+    if was_interrupted(error):
+        return EXIT_INTERRUPTED
+    if isinstance(error, OSError) and error.errno in _DISK_FULL:
+        click.echo(f"gse: {error.strerror}: what was to be written is not complete; make room", err=True)
+        return EXIT_DATA_LOST
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{place.filename}:{place.lineno}"
+    click.echo(f"gse: internal error: {type(error).__name__}: {error} at {where}; please report it", err=True)
+    return EXIT_INTERNAL
 
 
 def exit_code_of(error: Exception) -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.cli import EXIT_INTERRUPTED
+from gse.cli import EXIT_INTERRUPTED, was_interrupted
 from gse.cli.options import ALGORITHMS, station_of, station_option
 from gse.errors import UsageError
 
@@ -164,15 +164,10 @@ def _run(plan: "Plan", workers: int) -> tuple[list["Outcome"], bool]:
     except KeyboardInterrupt:
         return done, True
     except SystemError as error:
-        if not _interrupted(error):
+        if not was_interrupted(error):
             raise
         return done, True
     return done, False
-
-
-def _interrupted(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is behind an error: out of compiled code it comes as a SystemError, or as the cause of one."""
-    return error is not None and (isinstance(error, KeyboardInterrupt) or _interrupted(error.__cause__))
 
 
 def table(document: dict[str, Any]) -> list[str]:
