@@ -13,6 +13,7 @@ from drivers.errors import CaptureError
 from drivers.records import CONTINUED, EVENTS, PROFILE, RX, TX, Message, MessageWriter, checksum
 from drivers.spool import Spool
 
+_LAST_NS = 2**64 - 1
 _ENCODINGS = {RX: "octet-stream", TX: "octet-stream"}
 
 
@@ -55,8 +56,8 @@ class CaptureWriter(MessageWriter):
 
     def put(self, message: Message) -> None:
         """Any message, into memory only until ``flush``: for many at once."""
-        # The wire of MCAP is unsigned: a clock before 1970 is stored as 1970.
-        utc_ns, mono_ns = max(message.utc_ns, 0), max(message.mono_ns, 0)
+        # MCAP's clock is unsigned, of 64 bits: before 1970 is stored as 1970, after 2554 as 2554.
+        utc_ns, mono_ns = (min(max(stamp, 0), _LAST_NS) for stamp in (message.utc_ns, message.mono_ns))
         self._writer.add_message(
             channel_id=self._channel(message.topic),
             log_time=utc_ns,

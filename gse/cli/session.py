@@ -90,7 +90,13 @@ def trim(
 
     if from_utc is None and to_utc is None:
         raise UsageError("which part? Give --from, --to or both, e.g. --from 2026-03-20T18:30:00Z")
-    _report(ctx, trim_session(path, out or _beside(path, "trimmed"), _utc(from_utc), _utc(to_utc)), as_json)
+    copied = trim_session(path, out or _beside(path, "trimmed"), _utc(from_utc), _utc(to_utc))
+    if not copied.messages:
+        copied.path.unlink()
+        raise UsageError(
+            f"{path} holds nothing from {from_utc or 'its start'} to {to_utc or 'its end'}; see 'gse session info'"
+        )
+    _report(ctx, copied, as_json)
 
 
 @command.command()

@@ -9,10 +9,10 @@ from drivers.chunk import Chunk
 from drivers.errors import UrlError
 from gse.config import Station
 from gse.errors import GseError
-from gse.instant import NS_PER_S, from_text
+from gse.instant import NS_PER_S
 from gse.simulator.firmware import BITS_PER_BYTE, Detector, SensorFirmware, Transmission
 from gse.simulator.panorama import PanoramaSource
-from gse.simulator.scenario import DEFAULT, Scenario, load_scenario
+from gse.simulator.scenario import DEFAULT, Scenario, check_start, load_scenario
 from protocols import load_protocol
 
 OPTIONS = ("scenario", "seed", "frames", "start", "rate_hz", "standby", "level", "reset_s")
@@ -105,7 +105,7 @@ def scenario_of(options: dict[str, str]) -> Scenario:
     changes: dict[str, object] = {}
     if "start" in options:
         try:
-            from_text(options["start"])
+            check_start(options["start"])
         except ValueError as error:
             raise UrlError(f"sim://: start: {error}") from error
         changes["start"] = options["start"]

@@ -16,6 +16,9 @@ MAX_FILE_BYTES = 100_000
 
 DEFAULT = "clear-zenith"
 
+FIRST_START_NS, LAST_START_NS = from_text("1972-01-01T00:00:00Z"), from_text("2200-01-01T00:00:00Z")
+"""UTC has leap seconds since 1972; the ephemeris ends in 2200."""
+
 _Profile = tuple[tuple[float, float], ...]
 """(seconds since the start, value), linear between, held outside."""
 
@@ -122,8 +125,7 @@ class Scenario(_Section):
     @field_validator("start")
     @classmethod
     def _an_instant(cls, value: str) -> str:
-        from_text(value)
-        return value
+        return check_start(value)
 
     @property
     def start_utc_ns(self) -> int:
@@ -175,6 +177,13 @@ def parse_scenario(text: str, source: str) -> Scenario:
         return Scenario.model_validate(document)
     except ValidationError as error:
         raise ConfigError(f"{source}: {_first_of(error)}") from error
+
+
+def check_start(text: str) -> str:
+    """The start of a scenario as it is given; ValueError where it is none, or without leap seconds and an ephemeris."""
+    if not FIRST_START_NS <= from_text(text) < LAST_START_NS:
+        raise ValueError(f"{text} is too far away: expected an instant from 1972 to 2199")
+    return text
 
 
 def profile_at(profile: _Profile, seconds: float) -> float:

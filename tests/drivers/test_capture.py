@@ -146,6 +146,24 @@ def test_a_foreign_file_is_refused_in_words(
         read_capture(path)
 
 
+def test_a_footer_alone_with_a_damaged_magic_is_refused_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    CaptureWriter(path).close()
+    content = bytearray(path.read_bytes())
+    content[:-37] = bytes(len(content) - 37)  # all but the footer
+    content[-1] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(CaptureError, match="is no session"):
+        read_capture(path)
+
+
+def test_clocks_beyond_what_the_file_can_say_are_stored_at_its_ends(tmp_path: Path) -> None:
+    with CaptureWriter(tmp_path / "session.mcap") as writer:
+        writer.rx(Chunk(2**70, -1, b"x"))
+    [record] = read_capture(tmp_path / "session.mcap")
+    assert record == Message(RX, 2**64 - 1, 0, b"x")
+
+
 def test_a_missing_session_is_told_in_words(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="there is no session"):
         read_capture(tmp_path / "nothing.mcap")

@@ -110,6 +110,12 @@ def test_trim_keeps_a_part_and_all_attachments(session: Path) -> None:
     assert isinstance(run("trim", session, "--from", "noon").exception, UsageError)
 
 
+def test_a_part_that_holds_nothing_is_not_written(session: Path) -> None:
+    result = run("trim", session, "--from", "2030-01-01T00:00:00Z", "-o", session.with_name("none.mcap"))
+    assert "holds nothing from 2030-01-01T00:00:00Z to its end" in str(result.exception)
+    assert not session.with_name("none.mcap").exists()
+
+
 def test_csv_has_a_line_for_each_object(session: Path) -> None:
     rows = list(csv.DictReader(io.StringIO(run("export", session, "--format", "csv").stdout)))
     assert len(rows) == 1 + 2 * (FRAMES - 1)
