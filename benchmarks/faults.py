@@ -36,7 +36,7 @@ from terminal import Terminal
 PROTOCOL = load_protocol("panorama-v1")
 FRAMES = 20_000
 FLIPS = 5_000
-SCATTERED, AT_ONCE = 10_000, 200
+SCATTERED, AT_ONCE = 10_000, 500
 LARGE_FRAMES = 80_000
 FRAME_BYTES = 216
 REALISTIC = {
