@@ -52,23 +52,22 @@ class Attitude:
     @property
     def ra_deg(self) -> float:
         """Right ascension of the boresight, 0 <= RA < 360."""
-        x, y, _ = self.icrs_to_sensor[2]
+        x, y, _ = self.icrs_to_sensor[2].tolist()
         return math.degrees(math.atan2(y, x)) % 360.0
 
     @property
     def de_deg(self) -> float:
         """Declination of the boresight."""
-        x, y, z = self.icrs_to_sensor[2]
+        x, y, z = self.icrs_to_sensor[2].tolist()
         return math.degrees(math.atan2(z, math.hypot(x, y)))
 
     @property
     def roll_deg(self) -> float:
         """Position angle of image up (towards row 0) at the boresight, from north through east, 0 <= roll < 360."""
-        x, y, _ = self.icrs_to_sensor[2]
-        ra = math.atan2(y, x)
-        up = -self.icrs_to_sensor[1]
-        east = -math.sin(ra) * up[0] + math.cos(ra) * up[1]
-        north = math.hypot(x, y) * up[2] - self.icrs_to_sensor[2, 2] * (math.cos(ra) * up[0] + math.sin(ra) * up[1])
+        _, (up_x, up_y, up_z), (x, y, z) = (-self.icrs_to_sensor).tolist()
+        ra = math.atan2(-y, -x)
+        east = -math.sin(ra) * up_x + math.cos(ra) * up_y
+        north = math.hypot(x, y) * up_z + z * (math.cos(ra) * up_x + math.sin(ra) * up_y)
         return math.degrees(math.atan2(east, north)) % 360.0
 
 

@@ -2,8 +2,6 @@
 
 import math
 
-import numpy as np
-
 from gse.attitude import Attitude
 from gse.results import Discrepancy
 
@@ -19,20 +17,19 @@ def compare(measured: Attitude, true: Attitude) -> Discrepancy:
     "east" is that of the meridian RA = 0.
     """
     error = measured.icrs_to_sensor @ true.icrs_to_sensor.T
-    x, y, z = (float(value) for value in error[2])  # the measured boresight in the true sensor frame
+    (e00, e01, _), (e10, e11, _), (x, y, z) = error.tolist()  # the last: the measured boresight, in the true frame
+    axis_x, axis_y, (bx, by, bz) = true.icrs_to_sensor.tolist()
     across = math.hypot(x, y)
     arc = math.atan2(across, z) / across if across else 1.0
-    bx, by, bz = (float(value) for value in true.icrs_to_sensor[2])
     level = math.hypot(bx, by)
     cos_ra, sin_ra = (bx / level, by / level) if level else (1.0, 0.0)
-    east = np.array([-sin_ra, cos_ra, 0.0])
-    north = np.array([-bz * cos_ra, -bz * sin_ra, level])
-    offset_icrs = x * true.icrs_to_sensor[0] + y * true.icrs_to_sensor[1]
-    roll = math.atan2(error[1, 0] - error[0, 1], error[0, 0] + error[1, 1])
+    off_x, off_y, off_z = (x * along_x + y * along_y for along_x, along_y in zip(axis_x, axis_y, strict=True))
+    east = cos_ra * off_y - sin_ra * off_x
+    north = level * off_z - bz * (cos_ra * off_x + sin_ra * off_y)
     return Discrepancy(
-        float(offset_icrs @ east) * arc * _ARCSEC_PER_RAD,
-        float(offset_icrs @ north) * arc * _ARCSEC_PER_RAD,
-        roll * _ARCSEC_PER_RAD,
+        east * arc * _ARCSEC_PER_RAD,
+        north * arc * _ARCSEC_PER_RAD,
+        math.atan2(e10 - e01, e00 + e11) * _ARCSEC_PER_RAD,
         x * arc * _ARCSEC_PER_RAD,
         y * arc * _ARCSEC_PER_RAD,
     )

@@ -33,6 +33,10 @@ than half of the way.
 """
 
 MAX_REMEMBERED = 5000
+MAX_HOT = 1000
+LOOKED_AT_EVERY_NS = NS_PER_S // 2
+"""The sky needs many seconds to move by HOT_MOTION_PX: not every frame of a fast sensor is looked at."""
+
 _NOWHERE = -1, np.inf, np.inf
 _EPHEMERIS_NS = 600 * NS_PER_S
 """The Moon moves 5 arcmin in this time, planets half an arcmin at most: a new place for each cell of it."""
@@ -43,9 +47,11 @@ class NonStars:
 
     def __init__(self, camera: Camera, site: Site, known_hot_pixels: tuple[tuple[int, int], ...] = ()) -> None:
         self._camera = camera
-        self._known = np.array(known_hot_pixels, dtype=np.float64).reshape(-1, 2)
+        self._cos_reach = np.cos(camera.diagonal_rad)
+        self._hot_px = np.array(known_hot_pixels, dtype=np.float64).reshape(-1, 2)
         self._site = site
         self._sightings = _Sightings(HOT_MOTION_PX * camera.pixel_rad)
+        self._looked_ns = -LOOKED_AT_EVERY_NS
         self._cell = -1
         self._bodies_icrs: NDArray[np.float64] = np.zeros((0, 3))
 
@@ -63,9 +69,10 @@ class NonStars:
         left[identified] = False
         rest = left.nonzero()[0]
         xy_px = panorama.xy_px[rest]
-        hot = self._sightings.stay(xy_px, directions_sensor[rest] @ attitude.icrs_to_sensor)
-        if len(self._known) and len(rest):
-            hot |= (np.abs(self._known - xy_px[:, None]).max(axis=2) <= SAME_PIXEL_PX).any(axis=1)
+        if abs(panorama.utc_ns - self._looked_ns) >= LOOKED_AT_EVERY_NS:
+            self._looked_ns = panorama.utc_ns
+            self._look(xy_px, directions_sensor[rest] @ attitude.icrs_to_sensor)
+        hot = self._are_hot(xy_px)
         kinds = [HOT_PIXEL if is_hot else UNKNOWN for is_hot in hot.tolist()]
         if truth_known:
             for body, place_px, within_px in self._bodies_px(panorama.utc_ns, attitude):
@@ -73,13 +80,24 @@ class NonStars:
                     kinds[row] = body
         return tuple(zip(rest.tolist(), kinds, strict=True))
 
+    def _look(self, xy_px: NDArray[np.float64], icrs: NDArray[np.float64]) -> None:
+        """Find more hot pixels among objects (N, 2) behind which the sky is ``icrs`` (N, 3)."""
+        new = self._sightings.stay(xy_px, icrs) & ~self._are_hot(xy_px)
+        self._hot_px = np.concatenate([self._hot_px, xy_px[new]])[:MAX_HOT]
+
+    def _are_hot(self, xy_px: NDArray[np.float64]) -> NDArray[np.bool_]:
+        if not len(self._hot_px):
+            return np.zeros(len(xy_px), dtype=np.bool_)
+        apart_px = np.abs(xy_px[:, None] - self._hot_px).max(axis=2).min(axis=1)
+        return np.asarray(apart_px <= SAME_PIXEL_PX, dtype=np.bool_)
+
     def _bodies_px(self, utc_ns: int, attitude: Attitude) -> list[tuple[str, NDArray[np.float64], float]]:
         """Planets and Moon before the camera: name, place, and how near an object must stand to be one."""
         if self._cell != utc_ns // _EPHEMERIS_NS:
             self._cell = utc_ns // _EPHEMERIS_NS
             self._bodies_icrs = bodies_icrs(self._site, self._cell * _EPHEMERIS_NS + _EPHEMERIS_NS // 2)
         from_boresight = self._bodies_icrs @ attitude.boresight_icrs
-        near = (from_boresight > np.cos(self._camera.diagonal_rad)).nonzero()[0]
+        near = (from_boresight > self._cos_reach).nonzero()[0]
         if not len(near):
             return []
         moon_px = float(MOON_WITHIN_RAD / self._camera.pixel_rad)
@@ -105,24 +123,19 @@ class _Sightings:
         self._first = np.zeros(MAX_REMEMBERED, dtype=np.int64)
         self._count = np.zeros(MAX_REMEMBERED, dtype=np.int64)
         self._icrs = np.zeros((MAX_REMEMBERED, 3))
-        self._hot = np.zeros(MAX_REMEMBERED, dtype=np.bool_)
 
     def stay(self, xy_px: NDArray[np.float64], icrs: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """One more frame: which objects (N, 2), behind which the sky is ``icrs`` (N, 3), are known to stay."""
+        """One more frame: which objects (N, 2), behind which the sky is ``icrs`` (N, 3), have stayed on their pixel."""
         self._frame += 1
         rows = np.array([self._row(place) for place in map(tuple, xy_px.tolist())], dtype=np.int64)
         self._count[rows] += 1
         frames = self._frame - self._first[rows] + 1
         moved = ((icrs - self._icrs[rows]) ** 2).sum(axis=1) > self._motion2
         steady = 2 * self._count[rows] > frames
-        self._hot[rows] |= moved & steady & (self._count[rows] >= HOT_FRAMES)
-        hot: NDArray[np.bool_] = self._hot[rows]
-        anew = ~(steady | hot)
-        self._begin(rows[anew], icrs[anew])
-        return hot
-
-    def _begin(self, rows: NDArray[np.int64], icrs: NDArray[np.float64]) -> None:
-        self._first[rows], self._count[rows], self._icrs[rows] = self._frame, 1, icrs
+        anew = rows[~steady]
+        self._first[anew], self._count[anew], self._icrs[anew] = self._frame, 1, icrs[~steady]
+        stayed: NDArray[np.bool_] = moved & steady & (self._count[rows] >= HOT_FRAMES)
+        return stayed
 
     def _row(self, place_px: tuple[float, float]) -> int:
         """The row of a pixel, which a sub-pixel position may round to a neighbour of."""
@@ -149,5 +162,5 @@ class _Sightings:
         else:
             row = self._rows.popitem(last=False)[1][0]
         self._rows[column, line] = row, x_px, y_px
-        self._hot[row], self._count[row], self._first[row] = False, 0, -self._frame
+        self._count[row], self._first[row] = 0, -self._frame
         return column, line
