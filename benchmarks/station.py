@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-REPLAY_FRAMES = 10_000
+REPLAY_FRAMES = 20_000
 LIVE_S = 30
 GSE = [str(Path(sys.executable).parent / "gse")]
 
@@ -24,6 +24,7 @@ GSE = [str(Path(sys.executable).parent / "gse")]
 def main() -> None:
     """Measure all and print the table."""
     print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.2f}")
+    print(f"20 million additions in a Python loop: {_additions_s():.2f} s of CPU")
     with tempfile.TemporaryDirectory() as folder:
         rows = [*first_frame(Path(folder)), *replay(Path(folder)), *live(Path(folder))]
     width = max(len(row[0]) for row in rows)
@@ -49,20 +50,33 @@ def first_frame(folder: Path) -> list[tuple[str, str, str]]:
 
 def replay(folder: Path) -> list[tuple[str, str, str]]:
     """Frames per second of a replay at speed max, from bytes to report, and identification times in it."""
-    run = [*GSE, "run", "--port", f"sim://?frames={REPLAY_FRAMES}", "--out", str(folder / "night")]
-    subprocess.run(run, check=True, capture_output=True)
-    (session,) = (folder / "night").glob("*/session.mcap")
-    started, before = time.perf_counter(), _children_cpu_s()
-    subprocess.run([*GSE, "replay", str(session), "--out", str(folder / "again")], check=True, capture_output=True)
-    wall_s, cpu_s = time.perf_counter() - started, _children_cpu_s() - before
-    (timing,) = (folder / "again").glob("*/timing.json")
-    times = json.loads(timing.read_text())["identification_us"]
+    few_s, _ = _replayed(folder / "few", 100)
+    cpu_s, times = _replayed(folder / "many", REPLAY_FRAMES)
+    each = (REPLAY_FRAMES - 100) / (cpu_s - few_s)
     return [
         ("identification of a 30-object panorama, median", f"{times['p50']:.0f} us", "< 200 ms [S]"),
         ("identification of a 30-object panorama, p95", f"{times['p95']:.0f} us", "< 200 ms [S]"),
-        ("replay at speed max, bytes to report, wall", f"{REPLAY_FRAMES / wall_s:.0f} frames/s", ">= 1500 frames/s"),
-        ("replay at speed max, bytes to report, CPU", f"{REPLAY_FRAMES / cpu_s:.0f} frames/s", ">= 1500 frames/s"),
+        (
+            f"replay of {REPLAY_FRAMES} frames, bytes to report",
+            f"{REPLAY_FRAMES / cpu_s:.0f} frames/s",
+            ">= 1500 frames/s",
+        ),
+        ("   of which start, tables and report", f"{few_s:.2f} s", ""),
+        ("   and each further frame", f"{each:.0f} frames/s", ">= 1500 frames/s"),
     ]
+
+
+def _replayed(folder: Path, frames: int) -> tuple[float, dict[str, float]]:
+    """Seconds of CPU of the replay of a session of so many frames, and the identification times in it."""
+    subprocess.run(
+        [*GSE, "run", "--port", f"sim://?frames={frames}", "--out", str(folder)], check=False, capture_output=True
+    )
+    (session,) = folder.glob("*/session.mcap")
+    before = _children_cpu_s()
+    subprocess.run([*GSE, "replay", str(session), "--out", str(folder / "again")], check=False, capture_output=True)
+    cpu_s = _children_cpu_s() - before
+    (timing,) = (folder / "again").glob("*/timing.json")
+    return cpu_s, json.loads(timing.read_text())["identification_us"]
 
 
 def live(folder: Path) -> list[tuple[str, str, str]]:
@@ -79,6 +93,14 @@ def live(folder: Path) -> list[tuple[str, str, str]]:
         share = (_cpu_s(process.pid) - used) / (time.perf_counter() - started)
         process.kill()
     return [("gse run at 10 Hz with the live view, of one core", f"{share:.0%}", "<= 25 %")]
+
+
+def _additions_s() -> float:
+    """How fast this machine is just now: shared ones change by a factor of two within minutes."""
+    started, total = time.process_time(), 0
+    for number in range(20_000_000):
+        total += number
+    return time.process_time() - started
 
 
 def _cpu_s(pid: int) -> float:

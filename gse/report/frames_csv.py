@@ -2,6 +2,7 @@
 
 import csv
 import io
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,19 +10,21 @@ from numpy.typing import NDArray
 from gse import instant
 from gse.frame_table import FRAME, JUDGES, STATUSES
 
+_ROWS_AT_ONCE = 4096
 _DECIMALS = {"_deg": 7, "_arcsec": 3, "_us": 1, "_s": 6, "_c": 2}
 
 
-def frames_csv(frames: NDArray[np.void]) -> str:
-    """The columns of FRAME as text, UTC first; empty where there is nothing."""
+def frames_csv(frames: NDArray[np.void]) -> Iterator[str]:
+    """The columns of FRAME as text, UTC first; empty where there is nothing. It comes in parts: a night has 60 MB."""
     names = [name for name in FRAME.names or () if name != "utc_ns"]
-    columns = [[instant.to_text(utc_ns) for utc_ns in frames["utc_ns"].tolist()]]
-    columns += [_texts(name, frames[name]) for name in names]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["utc", *names])
-    writer.writerows(zip(*columns, strict=True))
-    return text.getvalue()
+    yield ",".join(["utc", *names]) + "\n"
+    for first in range(0, len(frames), _ROWS_AT_ONCE):
+        part = frames[first : first + _ROWS_AT_ONCE]
+        columns = [[instant.to_text(utc_ns) for utc_ns in part["utc_ns"].tolist()]]
+        columns += [_texts(name, part[name]) for name in names]
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(zip(*columns, strict=True))
+        yield text.getvalue()
 
 
 def _texts(name: str, values: NDArray[np.void]) -> list[str]:

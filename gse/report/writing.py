@@ -1,6 +1,7 @@
 """The files of a report, written into the folder of a session."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 from gse.errors import UsageError
@@ -16,21 +17,32 @@ def write_report(night: Night, judgement: Judgement, folder: Path) -> dict[str, 
     """Write report.json, report.html, frames.csv and junit.xml; their paths by name.
 
     All four follow from the night alone: the same session gives the same bytes. An earlier report in the folder is
-    replaced.
+    replaced, each file whole or not at all.
     """
     if not folder.is_dir():
         raise UsageError(f"cannot write the report into {folder}: there is no such folder")
     report = summarise(night, judgement)
-    texts = {
-        "report.json": json.dumps(report, indent=2, allow_nan=False) + "\n",
-        "report.html": report_html(night, judgement, report),
+    texts: dict[str, Iterable[str]] = {
+        "report.json": [json.dumps(report, indent=2, allow_nan=False) + "\n"],
+        "report.html": [report_html(night, judgement, report)],
         "frames.csv": frames_csv(night.frames.columns),
-        "junit.xml": junit_xml(report),
+        "junit.xml": [junit_xml(report)],
     }
     paths = {name: folder / name for name in texts}
     try:
         for name, path in paths.items():
-            path.write_text(texts[name], encoding="utf-8", newline="\n")
+            _write(path, texts[name])
     except OSError as error:
         raise UsageError(f"cannot write the report into {folder}: {error.strerror}; is the disk full?") from error
     return paths
+
+
+def _write(path: Path, parts: Iterable[str]) -> None:
+    unfinished = path.with_name(path.name + ".part")
+    try:
+        with unfinished.open("w", encoding="utf-8", newline="\n") as file:
+            file.writelines(parts)
+        unfinished.replace(path)
+    except OSError:
+        unfinished.unlink(missing_ok=True)
+        raise

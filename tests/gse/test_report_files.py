@@ -167,7 +167,7 @@ def test_a_failure_and_an_unknown_are_told_apart_with_their_reasons() -> None:
 
 
 def test_the_table_of_frames_has_a_line_for_each_and_empty_cells_where_nothing_is_known(night) -> None:
-    rows = list(csv.DictReader(io.StringIO(frames_csv(night.frames.columns))))
+    rows = list(csv.DictReader(io.StringIO("".join(frames_csv(night.frames.columns)))))
     assert len(rows) == FRAMES
     assert rows[0]["utc"] == "2026-03-20T18:30:00.000000Z"
     assert rows[0]["status"] == "IDENTIFIED"
