@@ -93,3 +93,5 @@ def draw_spectrum(figure: Figure, drawn: Drawn) -> None:
     axes.set_ylabel("arcsec² / Hz")
     if axes.lines:
         axes.legend()
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_major_formatter("{x:g}")

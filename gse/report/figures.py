@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 
 import matplotlib as mpl
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from gse.view.palette import GREY, hex_of
@@ -43,13 +44,13 @@ def svg_of(name: str, height_in: float, draw: Callable[[Figure], None]) -> str:
         draw(figure)
         _lay_out(figure)
         text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+        FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})
     svg = text.getvalue()
     return _MANY_DECIMALS.sub(r"\1", _renumbered(svg[svg.index("<svg") :], name))
 
 
 def _lay_out(figure: Figure) -> None:
-    """Find the places of all parts once; savefig would draw the whole figure twice for that."""
+    """Find the places of all parts once; savefig would draw the whole figure two more times for that."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)

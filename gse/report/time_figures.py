@@ -98,6 +98,7 @@ def draw_identification_time(figure: Figure, drawn: Drawn) -> None:
     left.axhline(limit, color=hex_of(VERMILLION), linewidth=1)
     line(left, drawn, values, GREEN, "identification")
     left.set_yscale("log")
+    left.yaxis.set_major_formatter("{x:g}")
     left.set_ylim(float(finite.min()) / 1.5, 4 * max(limit, float(finite.max())))
     left.text(0.01, limit, f"limit {limit:g} ms", transform=left.get_yaxis_transform(), va="bottom", fontsize=7)
     bins = np.geomspace(finite.min() / 1.01, finite.max() * 1.01, 60)
