@@ -94,7 +94,10 @@ class StatusLine:
     def _disk(self) -> str:
         if self._folder is None:
             return ""
-        return f"  disk {shutil.disk_usage(self._folder).free / 1e9:.1f} GB free"
+        try:
+            return f"  disk {shutil.disk_usage(self._folder).free / 1e9:.1f} GB free"
+        except OSError as error:
+            return f"  disk: {error.strerror}"
 
     def __enter__(self) -> Self:
         if self._is_terminal:

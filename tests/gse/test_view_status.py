@@ -67,6 +67,10 @@ def test_an_unsynchronised_clock_is_shouted(night) -> None:
     assert "clock NOT synchronised" in told(night, synthetic_frames(1))
 
 
+def test_a_folder_that_vanishes_is_told_in_the_line(night, tmp_path: Path) -> None:
+    assert "disk: No such file or directory" in told(night, synthetic_frames(1), folder=tmp_path / "gone")
+
+
 def test_events_are_told_once_and_then_counted(night) -> None:
     night.events = [LinkEvent(0, 0, "LOST", f"unplugged {n}") for n in range(5)]
     text = told(night, [])
