@@ -31,6 +31,7 @@ from gse.exclusions import Exclusion
 @click.option("--from", "from_utc", help="Replay from this UTC on, e.g. 2026-03-20T18:30:00Z.")
 @click.option("--to", "to_utc", help="Replay up to this UTC.")
 @click.option("--loop", type=click.IntRange(min=1), help="Replay so many times in a row.")
+@click.option("--step", is_flag=True, help="Wait for Enter after each panorama.")
 @click.option("--start-utc", help="UTC of the first panorama of a raw capture.")
 @view_option
 @bind_option
@@ -51,6 +52,7 @@ def command(
     from_utc: str | None,
     to_utc: str | None,
     loop: int | None,
+    step: bool,
     start_utc: str | None,
     view: ViewMode,
     bind: str,
@@ -73,7 +75,7 @@ def command(
         return with_identifier(station, identifier), text
 
     cut = Cut(speed=speed, from_utc=from_utc, to_utc=to_utc, loop=loop, start_utc=start_utc)
-    watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
+    watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames, step=step)
     with watching:
         replay = replay_session(path, cut=cut, station=change, make_sinks=watching.sinks)
         frames = replay.night.frames.columns

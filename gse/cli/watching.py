@@ -1,6 +1,7 @@
 """What follows a session while it runs: the live view, the status line, frames as JSON lines."""
 
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -10,6 +11,7 @@ import click
 
 from drivers.chunk import LinkEvent
 from gse.frame_json import frame_json
+from gse.instant import to_text
 from gse.night import Night
 from gse.results import FrameResult
 from gse.station import Sink, StationLoop
@@ -43,12 +45,32 @@ class JsonFrames:
         """Events are no frames."""
 
 
+class Steps:
+    """Each frame as a line of words on stderr, and a pause until Enter; anything typed before it goes on to the end."""
+
+    def __init__(self) -> None:
+        self._pausing = True
+        click.echo("Enter: next panorama; c and Enter: go on to the end", err=True)
+
+    def show(self, result: FrameResult, night: Night) -> None:
+        """Say what became of the frame, and wait."""
+        if self._pausing:
+            click.echo(_words(result), err=True)
+            self._pausing = sys.stdin.readline() == "\n"
+
+    def log(self, event: LinkEvent) -> None:
+        """Events are told by the status line."""
+
+
 class Watching:
     """The sinks of a session, opened when the tables are there and closed with the session."""
 
-    def __init__(self, *, view: ViewMode, bind: str, save_rrd: Path | None, json_frames: bool) -> None:
+    def __init__(
+        self, *, view: ViewMode, bind: str, save_rrd: Path | None, json_frames: bool, step: bool = False
+    ) -> None:
         self._view, self._bind, self._save_rrd = view, bind, save_rrd
         self._json_frames = json_frames
+        self._step = step
         self._live: LiveView | None = None
         self._status: StatusLine | None = None
 
@@ -58,6 +80,8 @@ class Watching:
         sinks.append(self._open_status(loop, folder))
         if self._view != "none" or self._save_rrd is not None:
             sinks.append(self._open_view(loop))
+        if self._step:
+            sinks.append(Steps())
         return sinks
 
     def conclude(self, report: dict[str, Any]) -> None:
@@ -102,3 +126,15 @@ class Watching:
             click.echo(f"live view: {view.url}", err=True)
         self._live = view
         return view
+
+
+def _words(result: FrameResult) -> str:
+    panorama, error = result.panorama, result.discrepancy
+    line = f"{to_text(panorama.utc_ns, 3)} frame {panorama.frame_no}: {result.status}, {len(panorama.index)} objects"
+    if result.detail:
+        line += f", {result.detail}"
+    if len(result.matches):
+        line += f", {len(result.matches)} stars"
+    if error:
+        line += f", dRA* {error.d_ra_cosde_arcsec:+.1f} dDE {error.d_de_arcsec:+.1f} arcsec"
+    return line

@@ -2,7 +2,10 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
+from subprocess import DEVNULL, PIPE
 
 import pytest
 from command_line import Gse, runner
@@ -90,6 +93,23 @@ def test_a_session_whose_chunks_are_cut_to_single_bytes_gives_the_same_report(
     again = only_folder(tmp_path / "out")
     for name in REPORTS:
         assert (again / name).read_bytes() == (night / name).read_bytes(), name
+
+
+def test_a_replay_in_steps_waits_for_enter_after_each_panorama_until_it_is_told_to_go_on(
+    night: Path, tmp_path: Path
+) -> None:
+    command = [sys.executable, "-m", "gse", "replay", night, "--step", "--out", tmp_path]
+    with subprocess.Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=PIPE, text=True) as replay:
+        assert replay.stdin is not None and replay.stderr is not None
+        for number in range(3):
+            assert (
+                next(line for line in replay.stderr if " frame " in line).split(" frame ")[1].startswith(f"{number}:")
+            )
+            replay.stdin.write("\n" if number < 2 else "c\n")
+            replay.stdin.flush()
+        assert not any(" frame " in line for line in replay.stderr)
+    assert replay.returncode == 0
+    assert (only_folder(tmp_path) / "report.json").exists()
 
 
 def test_frames_are_one_json_object_a_line(gse: Gse, night: Path, tmp_path: Path) -> None:
