@@ -100,7 +100,8 @@ def test_a_replay_in_steps_waits_for_enter_after_each_panorama_until_it_is_told_
 ) -> None:
     command = [sys.executable, "-m", "gse", "replay", night, "--step", "--out", tmp_path]
     with subprocess.Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=PIPE, text=True) as replay:
-        assert replay.stdin is not None and replay.stderr is not None
+        assert replay.stdin is not None
+        assert replay.stderr is not None
         for number in range(3):
             assert (
                 next(line for line in replay.stderr if " frame " in line).split(" frame ")[1].startswith(f"{number}:")
