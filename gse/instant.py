@@ -10,6 +10,8 @@ NS_PER_S = 1_000_000_000
 NS_PER_DAY = 86_400 * NS_PER_S
 UNIX_EPOCH_MJD = 40_587
 UNIX_EPOCH_JD = 2_440_587.5
+LAST_NS = 9_000_000_000 * NS_PER_S
+"""In the year 2255: nanoseconds of 64 bits end in 2262."""
 _RFC_3339 = re.compile(r"(\d{4}-\d{2}-\d{2})[T ](\d{2}:\d{2}:\d{2})(?:\.(\d{1,9}))?Z")
 
 
@@ -21,7 +23,7 @@ def to_text(utc_ns: int, digits: int = 6) -> str:
 
 
 def from_text(text: str) -> int:
-    """UTC nanoseconds of an RFC 3339 text that ends in Z; ValueError says what was expected."""
+    """UTC nanoseconds of an RFC 3339 text that ends in Z, from 1970 to LAST_NS; ValueError says what was expected."""
     found = _RFC_3339.fullmatch(text.strip())
     try:
         if found is None:
@@ -29,7 +31,10 @@ def from_text(text: str) -> int:
         whole = datetime.fromisoformat(f"{found[1]}T{found[2]}+00:00")
     except ValueError:
         raise ValueError(f"{text!r} is no UTC instant: expected for example 2026-03-20T18:30:00Z") from None
-    return int(whole.timestamp()) * NS_PER_S + int((found[3] or "").ljust(9, "0"))
+    utc_ns = int(whole.timestamp()) * NS_PER_S + int((found[3] or "").ljust(9, "0"))
+    if not 0 <= utc_ns <= LAST_NS:
+        raise ValueError(f"{text!r} is too far away: expected an instant from 1970 to {to_text(LAST_NS, 0)}")
+    return utc_ns
 
 
 def to_julian_date(utc_ns: int) -> tuple[float, float]:

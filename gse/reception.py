@@ -6,7 +6,7 @@ from collections import deque
 import numpy as np
 
 from drivers.chunk import Chunk, LinkEvent
-from gse.instant import NS_PER_S
+from gse.instant import LAST_NS, NS_PER_S
 from gse.panorama import Panorama
 from gse.results import LinkCounters
 from gse.sensor_clock import SensorClock
@@ -31,6 +31,9 @@ BITS_PER_BYTE = 10
 CLOCK_STEP_NS = 5_000_000
 """UTC that moves this much against the monotonic clock between two frames was stepped, not slewed."""
 
+LONGEST_PAUSE_NS = 366 * 86_400 * NS_PER_S
+"""A sensor clock that is this far ahead of the panorama before is out of order: no capture pauses for a year."""
+
 Received = Panorama | StatusMessage | AttitudeMessage | Ack | Nak | LinkEvent
 
 
@@ -39,7 +42,7 @@ class Reception:
 
     A frame is stamped with the host time of its first byte: mid-exposure is half an exposure and one byte earlier.
     With ``anchor_utc_ns`` the host times mean nothing (a raw capture): the first panorama is given that instant, the
-    others follow by the sensor's clock.
+    others follow by the sensor's clock. Where that clock starts anew or leaps, it goes on from the latest panorama.
     """
 
     def __init__(self, protocol: Protocol, *, baudrate: int, anchor_utc_ns: int | None = None) -> None:
@@ -54,7 +57,7 @@ class Reception:
         self._clock = SensorClock()
         self._anchor_utc_ns = anchor_utc_ns
         self._anchor_time_us: int | None = None
-        self._last_utc_ns = 0
+        self._latest_utc_ns = 0
         self._utc_minus_mono_ns: int | None = None
 
     @property
@@ -99,6 +102,7 @@ class Reception:
             return received
         if arrival is Arrival.RESET:
             self._clock.reset()
+            self._anchor_time_us = None
             text = f"the sensor started anew: frame {frame.sequence} on the wire, its clock or counter jumped back"
             received.append(LinkEvent(chunk.utc_ns, chunk.mono_ns, "SENSOR_RESET", text))
         if isinstance(message, PanoramaMessage):
@@ -135,7 +139,7 @@ class Reception:
     def _panorama(self, message: PanoramaMessage, frame: Frame, chunk: Chunk) -> Panorama:
         utc_ns = self._utc_of(message, chunk)
         brightest_first = np.argsort(-message.index, kind="stable")
-        self._last_utc_ns = utc_ns
+        self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
         return Panorama(
             utc_ns=utc_ns,
             xy_px=message.xy_px[brightest_first],
@@ -156,7 +160,14 @@ class Reception:
             return self._clock.utc_ns(
                 message.time_us, arrived_mono_ns=arrived_ns, utc_minus_mono_ns=chunk.utc_ns - chunk.mono_ns
             )
-        if self._anchor_time_us is None or message.time_us < self._anchor_time_us:
-            self._anchor_utc_ns = max(self._anchor_utc_ns, self._last_utc_ns)
-            self._anchor_time_us = message.time_us
-        return self._anchor_utc_ns + (message.time_us - self._anchor_time_us) * 1000
+        return self._anchored_utc_ns(message.time_us)
+
+    def _anchored_utc_ns(self, time_us: int) -> int:
+        assert self._anchor_utc_ns is not None
+        latest_ns = max(self._anchor_utc_ns, self._latest_utc_ns)
+        if self._anchor_time_us is not None:
+            utc_ns = self._anchor_utc_ns + (time_us - self._anchor_time_us) * 1000
+            if utc_ns <= min(latest_ns + LONGEST_PAUSE_NS, LAST_NS):
+                return utc_ns
+        self._anchor_utc_ns, self._anchor_time_us = latest_ns, time_us
+        return latest_ns

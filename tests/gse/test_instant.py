@@ -28,3 +28,9 @@ def test_the_julian_date_is_that_of_astropy() -> None:
 def test_what_is_no_instant_is_refused_with_an_example(text: str) -> None:
     with pytest.raises(ValueError, match="expected for example"):
         instant.from_text(text)
+
+
+@pytest.mark.parametrize("text", ["0001-01-01T00:00:00Z", "1969-12-31T23:59:59Z", "2300-01-01T00:00:00Z"])
+def test_an_instant_that_no_frame_can_carry_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="expected an instant from 1970 to 2255"):
+        instant.from_text(text)

@@ -129,6 +129,30 @@ def test_the_frames_of_a_raw_capture_follow_the_sensors_clock_from_the_instant_g
     assert [p.utc_ns for p in panoramas(items)] == [START_NS, START_NS + 100_000_000]
 
 
+def anchored(*frames: bytes) -> list[float]:
+    """Seconds after START of the panoramas of a raw capture."""
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE, anchor_utc_ns=START_NS)
+    items = received(reception, Chunk(START_NS, 0, b"".join(frames)))
+    return [(p.utc_ns - START_NS) / 1e9 for p in panoramas(items)]
+
+
+def test_in_a_raw_capture_a_clock_that_leaps_by_centuries_moves_no_later_panorama() -> None:
+    leaps = [1, 2**64 - 1, 3, 2**53 - 1, 5]
+    frames = [frame(number, time_us) for number, time_us in enumerate(leaps, 1)]
+    assert anchored(*frames, frame(6, 100_005)) == [0, 0, 0, 0, 0, 0.1]
+
+
+def test_in_a_raw_capture_a_sensor_that_starts_anew_later_than_the_anchor_never_steps_back() -> None:
+    assert anchored(frame(500, 10_000_000), frame(501, 100_000_000), frame(1, 12_000_000)) == [0, 90, 90]
+
+
+def test_in_a_raw_capture_stored_data_older_than_the_anchor_leave_the_anchor_alone() -> None:
+    stored = bytearray(frame(2, 50_000_000))
+    stored[5] = 1
+    stored[-4:] = zlib.crc32(stored[4:-4]).to_bytes(4, "big")
+    assert anchored(frame(1, 100_000_000), bytes(stored), frame(3, 101_000_000)) == [0, -50, 1]
+
+
 def test_an_index_over_the_maximum_is_a_problem_of_the_panorama_not_of_the_link() -> None:
     data = bytearray(frame(1, 1))
     first_index = 10 + 22 + 4
