@@ -104,7 +104,8 @@ class Reception:
             self._clock.reset()
             self._anchor_time_us = None
             text = f"the sensor started anew: frame {frame.sequence} on the wire, its clock or counter jumped back"
-            received.append(LinkEvent(chunk.utc_ns, chunk.mono_ns, "SENSOR_RESET", text))
+            utc_ns = chunk.utc_ns if self._anchor_utc_ns is None else max(self._anchor_utc_ns, self._latest_utc_ns)
+            received.append(LinkEvent(utc_ns, chunk.mono_ns, "SENSOR_RESET", text))
         if isinstance(message, PanoramaMessage):
             received.append(self._panorama(message, frame, chunk))
         elif isinstance(message, StatusMessage | AttitudeMessage | Ack | Nak):
@@ -149,7 +150,7 @@ class Reception:
             time_us=message.time_us,
             temperature_c=message.temperature_c,
             flags=message.flags,
-            host_utc_ns=chunk.utc_ns,
+            host_utc_ns=chunk.utc_ns if self._anchor_utc_ns is None else 0,
             sequence=frame.sequence,
             problems=message.problems,
         )

@@ -153,6 +153,15 @@ def test_in_a_raw_capture_stored_data_older_than_the_anchor_leave_the_anchor_alo
     assert anchored(frame(1, 100_000_000), bytes(stored), frame(3, 101_000_000)) == [0, -50, 1]
 
 
+def test_a_raw_capture_has_no_host_times_and_its_events_stand_where_they_happened() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE, anchor_utc_ns=START_NS)
+    data = frame(500, 10_000_000) + frame(501, 100_000_000) + frame(1, 1_000)
+    items = received(reception, Chunk(START_NS, 0, data))
+    assert [p.host_utc_ns for p in panoramas(items)] == [0, 0, 0]
+    (reset,) = [item for item in items if isinstance(item, LinkEvent)]
+    assert reset.utc_ns == START_NS + 90_000_000_000
+
+
 def test_an_index_over_the_maximum_is_a_problem_of_the_panorama_not_of_the_link() -> None:
     data = bytearray(frame(1, 1))
     first_index = 10 + 22 + 4
