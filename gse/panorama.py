@@ -15,9 +15,8 @@ class Panorama:
 
     ``xy_px`` is (N, 2), columns x then rows y, 0-based at pixel centres; ``index`` is (N,), the brightness on the
     sensor's scale; ``flags`` are the fault bits of the sensor by name (``overexposed``, ``detector fault``, ...).
-    ``time_us`` is the sensor's own clock, ``host_utc_ns`` the host's when the frame's first byte was read (0: not known,
-    as in a raw capture), ``sequence`` the frame's number on the wire, ``problems`` what the sensor should not have sent,
-    in words.
+    ``time_us`` is the sensor's own clock, ``host_utc_ns`` the host's when the frame's first byte was read, 0 if
+    unknown, ``sequence`` the frame's number on the wire, ``problems`` what the sensor should not have sent, in words.
     """
 
     utc_ns: int

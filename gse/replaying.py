@@ -76,8 +76,8 @@ def replay_session(
     recorded = read_recorded(path) if is_session(path) else None
     if recorded is None and cut.start_utc is None:
         raise UsageError(
-            f"{path} is no session; a raw serial capture needs the UTC of its first panorama, "
-            "for example --start-utc 2026-03-20T18:30:00Z"
+            f"{path} is no session; expected a session.mcap, or for gse replay a raw serial capture with the UTC of "
+            "its first panorama, for example --start-utc 2026-03-20T18:30:00Z"
         )
     with SerialLink(cut.url(path)) as link:
         first = link.receive(FIRST_WITHIN_S)
