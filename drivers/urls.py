@@ -48,18 +48,18 @@ def parse_mock_url(url: str) -> MockUrl:
     options = dict(pairs)
     if len(options) != len(pairs):
         raise UrlError(f"{url}: an option is given twice")
-    return MockUrl(scheme.lower(), unquote(path), options)
+    return MockUrl(scheme.lower(), unquote(path, errors="surrogateescape"), options)
 
 
 def replay_url(path: Path | str, **options: object) -> str:
-    """The URL that replays a recording; any path works, spaces and question marks included.
+    """The URL that replays a recording; any path works, also with spaces, question marks or bytes that are no UTF-8.
 
     Options: speed, from and to (RFC 3339 UTC; write ``from_`` in Python), loop, cut, start_utc, faults, seed.
     """
     query = urlencode(
         {name.rstrip("_"): value for name, value in options.items() if value is not None}, quote_via=quote
     )
-    return "replay://" + quote(str(path), safe="/:\\") + ("?" + query if query else "")
+    return "replay://" + quote(str(path), safe="/:\\", errors="surrogateescape") + ("?" + query if query else "")
 
 
 def sim_url(**options: object) -> str:

@@ -1,6 +1,7 @@
 """The port replay://: a recorded night behind pyserial's interface."""
 
 import importlib
+import os
 from pathlib import Path
 
 import pytest
@@ -134,6 +135,11 @@ def test_relative_and_absolute_paths_are_the_same(session: Path, monkeypatch: py
 def test_any_path_survives_its_url(path: str) -> None:
     url = parse_mock_url(replay_url(path, speed="max", from_="2026-01-01T00:00:00Z"))
     assert (url.path, url.options) == (path, {"speed": "max", "from": "2026-01-01T00:00:00Z"})
+
+
+def test_a_file_name_that_is_no_utf_8_survives_its_url() -> None:
+    path = os.fsdecode(b"caf\xe9.mcap")
+    assert parse_mock_url(replay_url(path)).path == path
 
 
 def test_a_raw_capture_has_all_its_bytes_at_the_given_start(tmp_path: Path) -> None:
