@@ -84,7 +84,7 @@ def _night(path: Path, identifier: str | None, station_path: Path | None) -> "Ni
 
     def change(recorded: StationText) -> StationText:
         station, text = station_of(station_path) if station_path else recorded
-        return with_identifier(station, identifier), text
+        return with_identifier(station, text, identifier)
 
     return replay_session(path, station=change).night
 

@@ -42,7 +42,7 @@ def command(
         utc_ns = instant.from_text(utc_text) if utc_text else 0
     except ValueError as error:
         raise UsageError(f"--utc: {error}") from error
-    equipment = prepare(with_identifier(station, identifier), text)
+    equipment = prepare(*with_identifier(station, text, identifier))
     result = StationLoop(equipment).observe(Panorama(utc_ns, xy_px, index))
     if as_json:
         document = frame_json(result)

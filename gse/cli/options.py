@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.config import BUILT_IN_TEXT, Station, parse_station, read_station
+from gse.station_text import with_values
 
 if TYPE_CHECKING:
     from gse.exclusions import Exclusion
@@ -68,11 +69,14 @@ def station_of(path: Path | None) -> tuple[Station, str]:
     return _beside(station, path), text
 
 
-def with_identifier(station: Station, algorithm: str | None) -> Station:
-    """The station with another identifier under test."""
-    if algorithm is None:
-        return station
-    return station.model_copy(update={"identifier": station.identifier.model_copy(update={"algorithm": algorithm})})
+def with_identifier(station: Station, text: str, algorithm: str | None) -> tuple[Station, str]:
+    """The station with another identifier under test, and its text, which a session keeps for its replays."""
+    if algorithm is None or algorithm == station.identifier.algorithm:
+        return station, text
+    identifier = station.identifier.model_copy(update={"algorithm": algorithm})
+    return station.model_copy(update={"identifier": identifier}), with_values(
+        text, "identifier", {"algorithm": algorithm}
+    )
 
 
 def _beside(station: Station, path: Path) -> Station:

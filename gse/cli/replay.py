@@ -72,7 +72,7 @@ def command(
 
     def change(recorded: StationText) -> StationText:
         station, text = station_of(station_path) if station_path else recorded
-        return with_identifier(station, identifier), text
+        return with_identifier(station, text, identifier)
 
     cut = Cut(speed=speed, from_utc=from_utc, to_utc=to_utc, loop=loop, start_utc=start_utc)
     watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames, step=step)

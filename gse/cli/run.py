@@ -67,7 +67,7 @@ def command(
     from gse.live_session import run_live
 
     station, text = station_of(station_path)
-    station = with_identifier(station, identifier)
+    station, text = with_identifier(station, text, identifier)
     if url is not None:
         station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
     if station.port.url.startswith("sim://"):

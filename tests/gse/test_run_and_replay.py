@@ -69,6 +69,17 @@ def test_a_run_ends_with_the_verdict_and_the_paths(gse: Gse, tmp_path: Path) -> 
     assert str(folder / "report.html") in done.err
 
 
+def test_a_replay_keeps_the_identifier_that_the_run_was_told_to_use(gse: Gse, tmp_path: Path) -> None:
+    station = patient_station(tmp_path)
+    gse("run", "--station", station, "--port", "sim://?frames=60", "--identifier", "robust", "--out", tmp_path / "out")
+    folder = only_folder(tmp_path / "out")
+    gse("replay", folder / "session.mcap", "--out", tmp_path / "again")
+    again = only_folder(tmp_path / "again")
+    assert json.loads((again / "report.json").read_text())["session"]["identifier"]["algorithm"] == "robust"
+    for name in REPORTS:
+        assert (again / name).read_bytes() == (folder / name).read_bytes(), name
+
+
 @pytest.mark.parametrize("speed", ["max", "60"])
 def test_a_replay_gives_the_report_of_the_run_to_the_byte(gse: Gse, night: Path, tmp_path: Path, speed: str) -> None:
     assert gse("replay", night / "session.mcap", "--speed", speed, "--out", tmp_path).code == 0
