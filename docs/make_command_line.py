@@ -31,7 +31,7 @@ def pages(command: click.Command, context: click.Context) -> Iterator[str]:
 
 def text() -> str:
     """The whole page."""
-    context = click.Context(cli, info_name="gse", max_content_width=110, terminal_width=110)
+    context = click.Context(cli, info_name="gse", max_content_width=110, terminal_width=110, **cli.context_settings)
     return "\n".join([HEAD, *pages(cli, context)])
 
 
