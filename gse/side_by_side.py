@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 
 from gse.axis_figures import block_means
 from gse.frame_table import STATUSES
+from gse.instant import NS_PER_S
 from gse.night import Night
 from gse.results import Status
 from gse.statistics import Statistics, false_answers, statistics
 
 PAIRED_SHARE = 0.9
 """Two nights are of the same panoramas when this share of the shorter one's are in both."""
+SAME_WITHIN_NS = NS_PER_S
+"""The UTC of a panorama differs by less between replays; a sensor that restarts repeats numbers and time tags."""
 
 _NAN = float("nan")
 
@@ -92,6 +95,7 @@ def _pairs(first: NDArray[np.void], second: NDArray[np.void]) -> _Pairs | None:
     """Rows of the panoramas that are in both nights, or None where these are few."""
     common, one, two = np.intersect1d(first["time_us"], second["time_us"], return_indices=True)
     same = first["frame_no"][one] == second["frame_no"][two]
+    same &= np.abs(first["utc_ns"][one] - second["utc_ns"][two]) < SAME_WITHIN_NS
     if len(common) == 0 or same.sum() < PAIRED_SHARE * min(len(first), len(second)):
         return None
     return one[same], two[same]

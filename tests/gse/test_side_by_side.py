@@ -28,6 +28,12 @@ def test_two_nights_of_the_same_sensor_do_not_differ():
     assert max(abs(row.sigmas) for row in result.rows if np.isfinite(row.sigmas)) < 3
 
 
+def test_two_nights_with_the_same_numbers_and_time_tags_are_not_the_same_panoramas():
+    second = night(600, seed=2)
+    second.frames.columns["utc_ns"][:] += 86_400 * 10**9
+    assert not side_by_side(night(600), second).paired
+
+
 def test_more_noise_is_a_regression_in_noise_and_mean_error_one_way_only():
     first, second = night(3000, noise=5.0), night(3000, noise=7.0, seed=2)
     assert worse(first, second) == ["mean |dRA*|", "NEA dRA*", "mean |dDE|", "NEA dDE"]
