@@ -101,7 +101,8 @@ def calibration_report(result: SessionCalibration) -> dict[str, Any]:
 def _values(fitted: Calibration) -> dict[str, float]:
     camera = fitted.camera
     values = (camera.focal_length_px, *camera.principal_point_px, *camera.radial_distortion)
-    return {name: round(value, digits) for name, value, digits in zip(_NAMES, values, _DIGITS, strict=True)}
+    # + 0.0: no -0.0 in a station file.
+    return {name: round(value, digits) + 0.0 for name, value, digits in zip(_NAMES, values, _DIGITS, strict=True)}
 
 
 def _sensor_values(result: SessionCalibration) -> dict[str, object]:
