@@ -29,7 +29,7 @@ def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | N
         f"- reconnects: {link.reconnects}, sensor resets: {link.sensor_resets}",
     ]
     if clock is not None:
-        lines.append(f"- clock: {clock.source}, {clock_health(clock)}")
+        lines.append(f"- clock: {f'{clock.source}, ' if clock.synchronised else ''}{clock_health(clock)}")
     if not math.isnan(running.frames_per_s):
         lines.append(f"- {running.frames_per_s:.1f} frames per second")
     if dropped:

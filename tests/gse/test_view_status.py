@@ -71,6 +71,12 @@ def test_a_folder_that_vanishes_is_told_in_the_line(night, tmp_path: Path) -> No
     assert "disk: No such file or directory" in told(night, synthetic_frames(1), folder=tmp_path / "gone")
 
 
+def test_the_verdict_panel_says_once_that_the_clock_is_not_synchronised(night) -> None:
+    reading = ClockReading(0, 0, "unsynchronised", False, 0.0, 16.0)
+    text = verdict_so_far(Running(night.station.limits), night.link, reading)
+    assert "- clock: NOT synchronised" in text.splitlines()
+
+
 def test_events_are_told_once_and_then_counted(night) -> None:
     night.events = [LinkEvent(0, 0, "LOST", f"unplugged {n}") for n in range(5)]
     text = told(night, [])
