@@ -64,6 +64,7 @@ class StatusLine:
             (f"{instant.to_text(running.utc_ns, 0)[11:]} " if running.frames else "", ""),
             (f"link {self._link}" if self._link != _NO_LINK else self._link, _LINK_STYLES.get(self._link, "")),
             (f"  {running.frames} frames{_rate(running)}", ""),
+            (self._lost(), "bold red"),
             (f"  {running.silence}" if running.silence else "", "bold red"),
             (f"  {percent(running.identified)} identified", _warning(self._misses_availability())),
             (f"  dRA* {_mean(running.d_ra.mean, running.d_ra.n)}", _warning(self._outside("d_ra"))),
@@ -73,6 +74,10 @@ class StatusLine:
             (self._disk(), ""),
         ]
         return Text.assemble(*parts)
+
+    def _lost(self) -> str:
+        lost = self._night.link.frames_lost if self._night else 0
+        return f"  {lost} lost" if lost else ""
 
     def _misses_availability(self) -> bool:
         return self._running.identified < self._running.limits.availability

@@ -62,6 +62,13 @@ def test_a_sky_without_answers_is_shouted_and_forgotten_when_they_come_again(nig
     assert verdict_so_far(running, night.link).startswith("# Running: NO ANSWER for 7 s, ")
 
 
+def test_lost_frames_stand_beside_those_that_came(night) -> None:
+    night.link.frames_lost = 0
+    assert " lost" not in told(night, synthetic_frames(1))
+    night.link.frames_lost = 7
+    assert "1 frames  7 lost  " in told(night, synthetic_frames(1))
+
+
 def test_an_unsynchronised_clock_is_shouted(night) -> None:
     night.clock = [ClockReading(0, 0, "unsynchronised", False, 0.0, 16.0)]
     assert "clock NOT synchronised" in told(night, synthetic_frames(1))
