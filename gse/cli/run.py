@@ -25,6 +25,7 @@ from gse.cli.options import (
 )
 from gse.cli.watching import ViewMode, Watching
 from gse.config import Station
+from gse.station_text import with_values
 
 
 @click.command("run")
@@ -70,6 +71,7 @@ def command(
     station, text = with_identifier(station, text, identifier)
     if url is not None:
         station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
+        text = with_values(text, "port", {"url": url})
     if station.port.url.startswith("sim://"):
         station, text = _simulated(station, text)
     watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
