@@ -174,7 +174,7 @@ def test_a_slow_line_loses_exposures_not_bytes() -> None:
         ({"sceanrio": "x"}, "unknown option 'sceanrio'"),
         ({"scenario": "nowhere"}, "expected one of clear-zenith"),
         ({"start": "yesterday"}, "2026-03-20T18:30:00Z"),
-        ({"start": "2900-01-01T00:00:00Z"}, "expected an instant from 1972 to 2199"),
+        ({"start": "2240-01-01T00:00:00Z"}, "expected an instant from 1972 to 2199"),
         ({"rate_hz": "fast"}, "expected a number"),
         ({"frames": "-1"}, "expected a whole number from 1"),
         ({"frames": "2.5"}, "expected a whole number from 1"),
