@@ -112,6 +112,7 @@ class StationLoop:
     def take(self, item: Chunk | LinkEvent) -> list[FrameResult]:
         """Decode and judge what one chunk completes."""
         if isinstance(item, LinkEvent):
+            self.pass_time(item.utc_ns, item.mono_ns)  # the silence before it comes first, as it did live
             self.log(item)
             self._log_all(self._monitor.port_event(item))
             return []
