@@ -1,5 +1,22 @@
-"""``python -m gse`` is ``gse``."""
+"""The program: ``gse``, and ``python -m gse``."""
 
-from gse.cli import main
+import os
+import signal
 
-main()
+_EXIT_INTERRUPTED = 130
+"""gse.cli.EXIT_INTERRUPTED, which takes numpy and pydantic to import."""
+
+
+def main() -> None:
+    """Run the command line; Ctrl-C while its packages are still being imported ends it without a word."""
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.default_int_handler:
+        signal.signal(signal.SIGINT, lambda number, frame: os._exit(_EXIT_INTERRUPTED))
+    from gse.cli import main as command_line
+
+    signal.signal(signal.SIGINT, before)
+    command_line()
+
+
+if __name__ == "__main__":
+    main()
