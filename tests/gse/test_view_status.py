@@ -47,6 +47,11 @@ def test_the_line_says_all_that_matters(night, tmp_path: Path) -> None:
     assert "clock within 1 ms" in line
 
 
+def test_a_session_folder_that_is_gone_is_said_and_ends_nothing(night, tmp_path: Path) -> None:
+    text = told(night, synthetic_frames(301), folder=tmp_path / "removed")
+    assert "disk No such file or directory" in text.splitlines()[-1]
+
+
 def test_a_sky_without_answers_is_shouted_and_forgotten_when_they_come_again(night) -> None:
     frames = list(synthetic_frames(400, trouble=False))
     clouded = [
