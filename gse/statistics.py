@@ -88,7 +88,7 @@ class Statistics:
 def statistics(night: Night) -> Statistics:
     """The figures of a night, without what its events and its operator leave out."""
     frames = night.frames.columns
-    named = (*exclusions(night.events), *night.left_out)
+    named = (*exclusions(night.events, frames), *night.left_out)
     out = left_out(frames["utc_ns"], named)
     kept = frames[~out]
     answered = kept["status"] == STATUSES.index(Status.IDENTIFIED)

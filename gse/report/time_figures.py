@@ -57,7 +57,8 @@ def _error_panel(axes: Axes, drawn: Drawn, name: str, label: str, limit: float) 
 
 
 def _shade(axes: Axes, drawn: Drawn) -> None:
-    for number, item in enumerate((*exclusions(drawn.night.events), *drawn.night.left_out)):
+    night = drawn.night
+    for number, item in enumerate((*exclusions(night.events, night.frames.columns), *night.left_out)):
         axes.axvspan(_day(item.from_ns), _day(item.until_ns), color="#dddddd", label=None if number else "left out")
 
 

@@ -1,5 +1,6 @@
 """Figures, verdict and diagnosis on nights made of numbers whose answer is known."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -160,6 +161,28 @@ def test_a_stated_clock_error_takes_the_place_of_an_unsynchronised_clock():
     assert judge(made).verdict is Verdict.PASS
     made.clock_error_s = stated_error_s("2s")
     assert any("clock leaves 29.9 of" in reason for reason in judge(made).reasons)
+
+
+def test_frames_that_waited_in_a_buffer_before_the_port_was_read_are_left_out_by_name():
+    made = night(0)
+    for number in range(600):
+        due_ns = START_NS + number * NS_PER_S // 10
+        result = frame(due_ns, number, Discrepancy(1.0, 1.0, 1.0, 1.0, 1.0))
+        if number < 38:
+            read_ns = START_NS + 38 * NS_PER_S // 10
+            waited = dataclasses.replace(result.panorama, utc_ns=read_ns, host_utc_ns=read_ns + 10_000_000)
+            far_off = Discrepancy(-55.0, 0.0, 0.0, 0.0, 0.0)
+            result = dataclasses.replace(result, panorama=waited, discrepancy=far_off)
+        made.frames.append(result)
+    figures = statistics(made)
+    ((stretch, count),) = figures.left_out
+    assert stretch.reason.startswith("read up to 3.80 s late: these frames waited")
+    assert count == 39  # and the one that was read in time, which has the same stamp
+    assert figures.axes["d_ra_cosde"].max_abs_arcsec == 1.0
+
+
+def test_a_sensor_clock_that_runs_fast_is_no_buffer():
+    assert statistics(night(600, sensor_ppm=-1000.0)).left_out == ()
 
 
 def test_a_stretch_to_leave_out_is_read_with_its_reason():

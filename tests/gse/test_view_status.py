@@ -49,7 +49,7 @@ def test_the_line_says_all_that_matters(night, tmp_path: Path) -> None:
 
 def test_a_session_folder_that_is_gone_is_said_and_ends_nothing(night, tmp_path: Path) -> None:
     text = told(night, synthetic_frames(301), folder=tmp_path / "removed")
-    assert "disk No such file or directory" in text.splitlines()[-1]
+    assert "disk: No such file or directory" in text.splitlines()[-1]
 
 
 def test_a_sky_without_answers_is_shouted_and_forgotten_when_they_come_again(night) -> None:
@@ -77,10 +77,6 @@ def test_lost_frames_stand_beside_those_that_came(night) -> None:
 def test_an_unsynchronised_clock_is_shouted(night) -> None:
     night.clock = [ClockReading(0, 0, "unsynchronised", False, 0.0, 16.0)]
     assert "clock NOT synchronised" in told(night, synthetic_frames(1))
-
-
-def test_a_folder_that_vanishes_is_told_in_the_line(night, tmp_path: Path) -> None:
-    assert "disk: No such file or directory" in told(night, synthetic_frames(1), folder=tmp_path / "gone")
 
 
 def test_the_verdict_panel_says_once_that_the_clock_is_not_synchronised(night) -> None:
