@@ -62,12 +62,13 @@ def facts(report: dict[str, Any]) -> list[str]:
     """Frames, link, and what truth leaves open, a line each."""
     found, link, budget = report["identification"], report["link"], report["truth_budget"]
     lines = [
-        f"frames: {found['frames']} of {found['frames_expected']} expected, "
+        f"frames: {found['frames_expected'] - link['frames_lost']} of {found['frames_expected']} expected, "
         f"{found['statuses'].get('IDENTIFIED', 0)} identified",
         f"link: {link['bytes_in']} bytes, {link['bytes_discarded']} discarded, {link['frames_lost']} frames lost, "
         f"{link['duplicates']} duplicates, {link['reconnects']} reconnects",
         f"truth: may be off by {_amount(budget['ra_arcsec'])} in dRA* and {_amount(budget['de_arcsec'])} in dDE",
     ]
+    lines += [f"left out: {item['frames']} frames, {item['reason']}" for item in report["left_out"]]
     lines += [f"note: {finding}" for finding in report["findings"] if finding not in report["reasons"]]
     return [*lines, "the session lost its end"] if link["truncated"] else lines
 
