@@ -160,9 +160,10 @@ port:
 def read_station(path: Path) -> tuple[Station, str]:
     """The station of a file, and the file's text; ConfigError names file, line and key."""
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
+        with path.open(encoding="utf-8") as file:
+            text = file.read(MAX_FILE_BYTES + 1)
+        if len(text) > MAX_FILE_BYTES:
             raise ConfigError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no station file")
-        text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise ConfigError(

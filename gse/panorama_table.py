@@ -42,13 +42,15 @@ def read_panorama_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 def _read_text(path: Path) -> str:
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise TableError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no panorama table")
-        return path.read_text(encoding="utf-8-sig")
+        with path.open(encoding="utf-8-sig") as file:
+            text = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise TableError(f"cannot read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise TableError(f"{path} is not text: expected a table of y, x, index") from error
+    if len(text) > MAX_FILE_BYTES:
+        raise TableError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no panorama table")
+    return text
 
 
 def _row(fields: list[str], path: Path, number: int) -> tuple[float, float, float]:

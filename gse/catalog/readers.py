@@ -63,19 +63,17 @@ def load_catalog(source: str = GAIA) -> StarCatalog:
 
 def _content(path: Path) -> bytes:
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise CatalogError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no star catalogue")
-        content = path.read_bytes()
-        if not content.startswith(_GZIP):
-            return content
-        with gzip.open(path) as file:
+        with path.open("rb") as file:
             content = file.read(MAX_FILE_BYTES + 1)
+        if content.startswith(_GZIP):
+            with gzip.open(path) as unpacked:
+                content = unpacked.read(MAX_FILE_BYTES + 1)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise CatalogError(f"{path} is a damaged gzip file: {error}") from error
     except OSError as error:
         raise CatalogError(f"cannot read the star catalogue {path}: {error.strerror}") from error
     if len(content) > MAX_FILE_BYTES:
-        raise CatalogError(f"{path} unpacks to more than {MAX_FILE_BYTES} bytes: this is no star catalogue")
+        raise CatalogError(f"{path} holds more than {MAX_FILE_BYTES} bytes: this is no star catalogue")
     return content
 
 

@@ -57,9 +57,12 @@ def show_report(report: dict[str, Any], folder: Path, *, as_json: bool, json_fra
             click.echo(f"{'session' if name == 'session.mcap' else 'report'}: {folder / name}", err=True)
 
 
-def exit_code(report: dict[str, Any], *, data_lost: bool) -> int:
-    """The exit code of a report: lost or recovered data before the verdict, because the verdict is not on all of it."""
-    if data_lost:
+def exit_code(report: dict[str, Any], folder: Path, *, data_lost: bool) -> int:
+    """The exit code of a report: lost or recovered data before the verdict, because the verdict is not on all of it.
+
+    A report that could not be written into its folder is lost data too.
+    """
+    if data_lost or not (folder / "report.json").is_file():
         return EXIT_DATA_LOST
     return {"PASS": 0, "FAIL": EXIT_FAIL}.get(report["verdict"], EXIT_INCONCLUSIVE)
 

@@ -84,4 +84,4 @@ def command(
         report = conclude(replay.night, folder, replay.own_elapsed_us, clock_error_s, left_out)
         watching.conclude(report)
     show_report(report, folder, as_json=as_json, json_frames=json_frames)
-    ctx.exit(exit_code(report, data_lost=replay.night.truncated))
+    ctx.exit(exit_code(report, folder, data_lost=replay.night.truncated))

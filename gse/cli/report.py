@@ -54,7 +54,7 @@ def command(
         save_picture(browser, folder / "report.html", screenshot)
         click.echo(f"picture: {screenshot}", err=True)
     show_report(report, folder, as_json=as_json, json_frames=False)
-    ctx.exit(exit_code(report, data_lost=replay.night.truncated))
+    ctx.exit(exit_code(report, folder, data_lost=replay.night.truncated))
 
 
 def _check_free(wanted: Path | None) -> None:

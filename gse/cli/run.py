@@ -92,7 +92,7 @@ def command(
     show_report(report, session.folder, as_json=as_json, json_frames=json_frames)
     if session.lost_bytes:
         click.echo(f"gse: {session.lost_bytes} bytes were received but could not be recorded", err=True)
-    ctx.exit(EXIT_INTERRUPTED if stopped() else exit_code(report, data_lost=session.lost_bytes > 0))
+    ctx.exit(EXIT_INTERRUPTED if stopped() else exit_code(report, session.folder, data_lost=session.lost_bytes > 0))
 
 
 def _simulated(station: Station, text: str) -> tuple[Station, str]:

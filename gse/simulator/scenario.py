@@ -157,12 +157,14 @@ def load_scenario(name_or_path: str) -> Scenario:
         return parse_scenario(packaged.read_text(encoding="utf-8"), f"scenario {name_or_path}")
     path = Path(name_or_path)
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise ConfigError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no scenario")
-        return parse_scenario(path.read_text(encoding="utf-8"), str(path))
+        with path.open(encoding="utf-8") as file:
+            text = file.read(MAX_FILE_BYTES + 1)
     except (OSError, UnicodeDecodeError):
         names = ", ".join(scenario_names())
         raise ConfigError(f"no scenario {name_or_path!r}: expected one of {names}, or a readable YAML file") from None
+    if len(text) > MAX_FILE_BYTES:
+        raise ConfigError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no scenario")
+    return parse_scenario(text, str(path))
 
 
 def parse_scenario(text: str, source: str) -> Scenario:
