@@ -48,7 +48,8 @@ def findings(night: Night, figures: Statistics) -> tuple[str, ...]:
 
 def _events(night: Night) -> Iterator[str]:
     kinds = {event.kind: event for event in night.events}
-    for kind, words in (("CLOCK_STEP", "clock step"), ("MIRRORED", "mirrored image")):
+    named = ("CLOCK_STEP", "clock step"), ("MIRRORED", "mirrored image"), ("NO_STATION", "station file")
+    for kind, words in named:
         if kind in kinds:
             yield f"{words}: {kinds[kind].text}"
 

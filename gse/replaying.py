@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.chunk import LinkEvent
 from drivers.errors import CaptureError
 from drivers.link import SerialLink
 from drivers.recording import is_session
@@ -21,6 +22,7 @@ from gse.truth import EarthOrientation
 
 FIRST_WITHIN_S = 1.0
 StationText = tuple[Station, str]
+_NO_STATION = "the session holds no station file: it is judged on the built-in station; give its own with --station"
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +108,8 @@ def _loop(
         recorded=recorded.timings if recorded else None,
     )
     loop.night.clock_error_s = _stated_clock_error_s(attachments.get(STATED))
+    if recorded and STATION not in attachments and text == BUILT_IN_TEXT:
+        loop.log(LinkEvent(utc_ns or 0, 0, "NO_STATION", _NO_STATION))
     for reading in recorded.clock if recorded else ():
         loop.read_clock(reading)
     return loop

@@ -107,6 +107,15 @@ def test_a_session_whose_chunks_are_cut_to_single_bytes_gives_the_same_report(
         assert (again / name).read_bytes() == (night / name).read_bytes(), name
 
 
+def test_a_session_without_its_station_file_says_what_it_is_judged_on(gse: Gse, night: Path, tmp_path: Path) -> None:
+    with CaptureWriter(tmp_path / "bare.mcap") as writer:
+        for record in read_capture(night / "session.mcap"):
+            if isinstance(record, Message):
+                writer.write(record)
+    done = gse("replay", tmp_path / "bare.mcap", "--out", tmp_path / "out")
+    assert "note: station file: the session holds no station file: it is judged on the built-in station" in done.out
+
+
 def test_a_replay_in_steps_waits_for_enter_after_each_panorama_until_it_is_told_to_go_on(
     night: Path, tmp_path: Path
 ) -> None:
