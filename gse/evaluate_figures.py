@@ -7,12 +7,14 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from gse.errors import UsageError
+from gse.view.palette import BLUE, GREEN, ORANGE, PINK, SKY_BLUE, VERMILLION, hex_of
 
 _AXES = {
     "success-distance.svg": ("noise_arcsec", "Error of position (arcsec, 1 sigma)", "magnitude_noise", "{:g} mag"),
     "success-magnitude.svg": ("magnitude_noise", "Error of magnitude (mag, 1 sigma)", "noise_arcsec", "{:g} arcsec"),
 }
 _MARKERS = "osd^vP"
+_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PINK, SKY_BLUE)
 
 
 def refuse_existing(folder: Path) -> None:
@@ -43,6 +45,7 @@ def write_figures(document: dict[str, Any], folder: Path) -> list[Path]:
 def _figure(document: dict[str, Any], key: str, label: str, other: tuple[str, str]) -> Any:
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     axes = figure.add_subplot()
+    axes.set_prop_cycle(color=[hex_of(colour) for colour in _COLOURS])
     lines = _lines(document, key, other)
     for place, (name, cells) in enumerate(lines.items()):
         y = [100 * cell["rates"]["right"]["share"] for cell in cells]
@@ -53,6 +56,7 @@ def _figure(document: dict[str, Any], key: str, label: str, other: tuple[str, st
         marker = _MARKERS[place % len(_MARKERS)]
         axes.errorbar(x, y, yerr=[below, above], marker=marker, capsize=3, label=name)
     axes.set(xlabel=label, ylabel="Right (%), with 95 % interval", ylim=(_floor_percent(lines), 101))
+    axes.set_xticks(sorted({cell[key] for cells in lines.values() for cell in cells}))
     axes.grid(alpha=0.3)
     if axes.get_legend_handles_labels()[0]:
         axes.legend()
