@@ -14,7 +14,7 @@ def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | N
     limits, last = running.limits, running.last
     share = running.inside / running.d_ra.n if running.d_ra.n else math.nan
     lines = [
-        f"# {_headline(running)}",
+        f"# {_headline(running, link.frames_lost)}",
         f"**{running.frames}** frames, **{percent(running.identified)}** identified, "
         f"**{percent(share)}** of these inside the limits",
         "",
@@ -25,7 +25,7 @@ def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | N
         "",
         *(f"- {status}: {count}" for status, count in sorted(running.by_status.items())),
         f"- false answers: {running.false_answers}",
-        f"- frames lost: {link.frames_lost}, bytes discarded: {link.bytes_discarded} of {link.bytes_in}",
+        f"- frames lost: {_loud(link.frames_lost)}, bytes discarded: {link.bytes_discarded} of {link.bytes_in}",
         f"- reconnects: {link.reconnects}, sensor resets: {link.sensor_resets}",
     ]
     if clock is not None:
@@ -43,7 +43,7 @@ def verdict_at_end(verdict: str, reasons: list[str], so_far: str) -> str:
     return "\n".join([f"# {_MARKS.get(verdict, '')} {verdict}", *(f"- {reason}" for reason in reasons), "", body])
 
 
-def _headline(running: Running) -> str:
+def _headline(running: Running, lost: int) -> str:
     if not running.frames:
         return "Waiting for frames"
     if running.silence:
@@ -52,8 +52,13 @@ def _headline(running: Running) -> str:
         return "Running: nothing compared yet"
     limits = running.limits
     kept = abs(running.d_ra.mean) <= limits.d_ra_cosde_arcsec and abs(running.d_de.mean) <= limits.d_de_arcsec
-    good = kept and running.identified >= limits.availability and not running.false_answers
+    available = running.identified * running.frames / (running.frames + lost)
+    good = kept and available >= limits.availability and not running.false_answers
     return "Running: inside the limits" if good else "Running: OUTSIDE the limits"
+
+
+def _loud(count: int) -> str:
+    return f"**{count}**" if count else "0"
 
 
 def _row(name: str, last: float | None, moments: Moments, limit: float) -> str:

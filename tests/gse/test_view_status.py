@@ -11,7 +11,7 @@ from synthetic_night import synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
-from gse.results import Judge, Status
+from gse.results import Judge, LinkCounters, Status
 from gse.view.running import Moments, Running
 from gse.view.status import StatusLine
 from gse.view.words import verdict_so_far
@@ -124,3 +124,13 @@ def test_running_figures_count_answers_limits_and_false_ones(night) -> None:
     assert running.d_ra.n - running.inside == 2
     assert running.false_answers == sum(frame.judge is Judge.FALSE for frame in frames) == 0
     assert running.frames_per_s == pytest.approx(10)
+
+
+def test_lost_frames_make_the_verdict_panel_bad_though_all_that_came_were_identified(night) -> None:
+    running = Running(night.station.limits)
+    for frame in synthetic_frames(90, trouble=False):
+        running.add(frame)
+    assert verdict_so_far(running, LinkCounters()).startswith("# Running: inside the limits")
+    text = verdict_so_far(running, LinkCounters(frames_lost=10))
+    assert text.startswith("# Running: OUTSIDE the limits")
+    assert "frames lost: **10**" in text
