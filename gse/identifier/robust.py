@@ -134,8 +134,7 @@ class RobustIdentifier:
         self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
-        directions = np.ascontiguousarray(directions_sensor, dtype=np.float64)
-        brightness = np.ascontiguousarray(index, dtype=np.float64)
+        directions, brightness = _contiguous(directions_sensor, index)
         refused = self._refusal(directions, brightness)
         if refused:
             return refused
@@ -154,8 +153,7 @@ class RobustIdentifier:
         self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64], previous: Attitude
     ) -> Identification | Unidentified:
         """The same where the sky is expected within 12 px of the previous attitude; elsewhere the sky is searched."""
-        directions = np.ascontiguousarray(directions_sensor, dtype=np.float64)
-        brightness = np.ascontiguousarray(index, dtype=np.float64)
+        directions, brightness = _contiguous(directions_sensor, index)
         refused = self._refusal(directions, brightness)
         if refused:
             return refused
@@ -168,8 +166,7 @@ class RobustIdentifier:
 
     def best_chance(self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]) -> float:
         """The chance of the best attitude found for sound objects, even one that is not good enough for an answer."""
-        directions = np.ascontiguousarray(directions_sensor, dtype=np.float64)
-        brightness = np.ascontiguousarray(index, dtype=np.float64)
+        directions, brightness = _contiguous(directions_sensor, index)
         return _chance(search(self._sky, directions, brightness, self._plan, self._noise, _MAX_HYPOTHESES)[0])
 
     def identify_many(
@@ -191,6 +188,13 @@ class RobustIdentifier:
         self, directions: NDArray[np.float64], index: NDArray[np.float64], passes: int | None = None
     ) -> Identification | Unidentified:
         return _answer(*search(self._sky, directions, index, self._plan[:passes], self._noise, _MAX_HYPOTHESES))
+
+
+def _contiguous(
+    directions_sensor: NDArray[np.float64], index: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The objects as the compiled searches take them."""
+    return np.ascontiguousarray(directions_sensor, dtype=np.float64), np.ascontiguousarray(index, dtype=np.float64)
 
 
 def _answer(
