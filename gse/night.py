@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.config import Station
-from gse.exclusions import Exclusion
+from gse.exclusions import Exclusion, exclusions
 from gse.frame_table import FrameTable
 from gse.results import LinkCounters
 from gse.truth import Alignment, EarthOrientation
@@ -40,3 +40,7 @@ class Night:
     alignment: Alignment | None = None
     clock_error_s: float | None = None
     left_out: tuple[Exclusion, ...] = ()
+
+    def exclusions(self) -> tuple[Exclusion, ...]:
+        """What the figures leave out, by name: what the events and the frames tell, and what the operator states."""
+        return (*exclusions(self.events, self.frames.columns), *self.left_out)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gse.axis_figures import AxisFigures, axis_figures
 from gse.clock_health import ClockHealth, clock_health
 from gse.equivalence import Equivalence, equivalence
-from gse.exclusions import Exclusion, exclusions, left_out
+from gse.exclusions import Exclusion, left_out
 from gse.frame_table import JUDGES, STATUSES
 from gse.night import Night
 from gse.percentiles import Spread, spread
@@ -88,7 +88,7 @@ class Statistics:
 def statistics(night: Night) -> Statistics:
     """The figures of a night, without what its events and its operator leave out."""
     frames = night.frames.columns
-    named = (*exclusions(night.events, frames), *night.left_out)
+    named = night.exclusions()
     out = left_out(frames["utc_ns"], named)
     kept = frames[~out]
     answered = kept["status"] == STATUSES.index(Status.IDENTIFIED)

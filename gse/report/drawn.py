@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.exclusions import exclusions, left_out
+from gse.exclusions import left_out
 from gse.frame_table import JUDGES, STATUSES
 from gse.night import Night
 from gse.results import Judge, Status
@@ -34,7 +34,7 @@ class Drawn:
         frames = np.sort(night.frames.columns, order="utc_ns", kind="stable")
         answered = frames["status"] == STATUSES.index(Status.IDENTIFIED)
         named_false = frames["judge"] == JUDGES.index(Judge.FALSE)
-        out = left_out(frames["utc_ns"], (*exclusions(night.events, night.frames.columns), *night.left_out))
+        out = left_out(frames["utc_ns"], night.exclusions())
         good = answered & ~named_false & ~out & np.isfinite(frames["d_de_arcsec"]) & _near(frames)
         return cls(night, frames, frames["utc_ns"].astype("datetime64[ns]"), good, ~answered)
 

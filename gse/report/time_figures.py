@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
-from gse.exclusions import exclusions
 from gse.instant import NS_PER_S
 from gse.report.decimation import extremes, sample
 from gse.report.drawn import Drawn, edge_of
@@ -57,8 +56,7 @@ def _error_panel(axes: Axes, drawn: Drawn, name: str, label: str, limit: float) 
 
 
 def _shade(axes: Axes, drawn: Drawn) -> None:
-    night = drawn.night
-    for number, item in enumerate((*exclusions(night.events, night.frames.columns), *night.left_out)):
+    for number, item in enumerate(drawn.night.exclusions()):
         axes.axvspan(_day(item.from_ns), _day(item.until_ns), color="#dddddd", label=None if number else "left out")
 
 
