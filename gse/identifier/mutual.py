@@ -24,10 +24,18 @@ _ONE = np.uint64(1)
 
 
 class Candidates(NamedTuple):
-    """Objects and the stars they may be, row by row."""
+    """Objects and the stars they may be, row by row; ``hit`` (one row more) is where the level before takes notes."""
 
     object: NDArray[np.int64]
     star: NDArray[np.int64]
+    hit: NDArray[np.uint64]
+
+
+@compiled
+def room_for_candidates() -> Candidates:
+    """Room for MOST_CANDIDATES, made once for all stars."""
+    most = MOST_CANDIDATES
+    return Candidates(np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most + 1, np.uint64))
 
 
 class Separations(NamedTuple):

@@ -35,6 +35,7 @@ from gse.identifier.mutual import (
     angle_urad,
     hopeless,
     largest_group,
+    room_for_candidates,
     separations,
     windows,
 )
@@ -67,11 +68,13 @@ class Limits(NamedTuple):
 class Alpha(NamedTuple):
     """The other objects as seen from an alpha star: rows and distances in microradians, nearest first.
 
-    A neighbour whose distance falls into bin b can only be one of the objects ``begin[b]`` to ``end[b]``.
+    Bit u of ``fits``, 64 to a word, tells whether a distance of u whole microradians fits any of them. A neighbour
+    whose distance falls into bin b can only be one of the objects ``begin[b]`` to ``end[b]``.
     """
 
     others: NDArray[np.int64]
     distances: NDArray[np.float64]
+    fits: NDArray[np.uint64]
     begin: NDArray[np.int8]
     end: NDArray[np.int8]
 
@@ -117,7 +120,7 @@ def first_fit(
     """Objects and their stars (M,), the alpha star first, and how many alpha stars were tried; M is 0 for no answer."""
     angles = separations(directions)
     gates = windows(angles, limits.tolerance_urad)
-    room = Candidates(np.empty(MOST_CANDIDATES, np.int64), np.empty(MOST_CANDIDATES, np.int64))
+    room = room_for_candidates()
     tried = min(limits.alphas, len(directions))
     work = 0
     for alpha in range(tried):
@@ -143,7 +146,7 @@ def best_vote(
     """As ``first_fit``, but first among the stars with most votes, and of these the one with the greatest Fn2."""
     angles = separations(directions)
     gates = windows(angles, limits.tolerance_urad)
-    room = Candidates(np.empty(MOST_CANDIDATES, np.int64), np.empty(MOST_CANDIDATES, np.int64))
+    room = room_for_candidates()
     tried = min(limits.alphas, len(directions))
     for alpha in range(tried):
         seen = _seen_from(alpha, angles.cosine, angles.sine, limits.tolerance_urad)
@@ -174,42 +177,65 @@ def _seen_from(alpha: int, cosine: NDArray[np.float64], sine: NDArray[np.float64
             distances[place], others[place] = distances[place - 1], others[place - 1]
             place -= 1
         distances[place], others[place] = distance, other
-    return _binned(others, distances, tolerance_urad)
+    return _looked_up(others, distances, tolerance_urad)
 
 
 @compiled
-def _binned(others: NDArray[np.int64], distances: NDArray[np.float64], tolerance_urad: float) -> Alpha:
-    last = 0 if len(distances) == 0 else int(distances[-1] + tolerance_urad) // _BIN_URAD
-    begin, end = np.zeros(last + 1, np.int8), np.zeros(last + 1, np.int8)
+def _looked_up(others: NDArray[np.int64], distances: NDArray[np.float64], tolerance_urad: float) -> Alpha:
+    last = 0 if len(distances) == 0 else int(distances[-1] + tolerance_urad) + 1
+    fits = np.zeros(last // 64 + 1, np.uint64)
+    begin, end = np.zeros(last // _BIN_URAD + 1, np.int8), np.zeros(last // _BIN_URAD + 1, np.int8)
     for i in range(len(distances)):
-        low = max(int(distances[i] - tolerance_urad), 0) // _BIN_URAD
-        for place in range(low, int(distances[i] + tolerance_urad) // _BIN_URAD + 1):
+        low, high = max(int(distances[i] - tolerance_urad), 0), int(distances[i] + tolerance_urad) + 1
+        while low < high and not abs(low - distances[i]) < tolerance_urad:
+            low += 1
+        while low < high and not abs(high - 1 - distances[i]) < tolerance_urad:
+            high -= 1
+        _set_bits(fits, low, high)
+        for place in range(low // _BIN_URAD, (high - 1) // _BIN_URAD + 1):
             if end[place] == 0:
                 begin[place] = i
             end[place] = i + 1
-    return Alpha(others, distances, begin, end)
+    return Alpha(others, distances, fits, begin, end)
+
+
+@compiled
+def _set_bits(words: NDArray[np.uint64], low: int, high: int) -> None:
+    """Set the bits from ``low`` up to, not including, ``high``."""
+    while low < high:
+        beyond = min(high, (low | 63) + 1)
+        words[low >> 6] |= (~np.uint64(0) >> np.uint64(64 - (beyond - low))) << np.uint64(low & 63)
+        low = beyond
 
 
 @compiled
 def _level_1(star: int, alpha: Alpha, table: PairTable, limits: Limits, room: Candidates) -> tuple[int, int]:
-    """Fn of a catalogue star, and how many candidates (object, neighbour) were put into ``room``, nearest first."""
-    fit = count = 0
+    """Fn of a catalogue star, and how many candidates (object, neighbour) were put into ``room``, nearest first.
+
+    There are none where Fn is too small. No branch depends on a fit: most stars are there by chance, and no processor
+    foresees which of their neighbours fit.
+    """
+    words = np.uint64(len(alpha.fits))
+    fit = np.int64(0)
     for k in range(np.uint64(table.first[star]), np.uint64(table.first[star + 1])):
-        urad = table.neighbour_urad[k]
-        place = np.uint64(urad) >> _BIN_BITS
-        if place >= np.uint64(len(alpha.end)):
+        urad = np.uint64(table.neighbour_urad[k])
+        word = urad >> np.uint64(6)
+        if word >= words:
             break
-        if alpha.end[place] == 0:
-            continue
-        fits = 0
+        room.hit[np.uint64(min(fit, np.int64(MOST_CANDIDATES)))] = k
+        fit += np.int64((alpha.fits[word] >> (urad & np.uint64(63))) & np.uint64(1))
+    if fit < limits.min_fit:
+        return int(fit), 0
+    count = 0
+    for hit in range(min(int(fit), MOST_CANDIDATES)):
+        k = room.hit[hit]
+        urad = np.uint64(table.neighbour_urad[k])
+        place = urad >> _BIN_BITS
         for i in range(alpha.begin[place], alpha.end[place]):
-            if abs(urad - alpha.distances[i]) < limits.tolerance_urad:
-                fits = 1
-                if count < MOST_CANDIDATES:
-                    room.object[count], room.star[count] = alpha.others[i], table.neighbour[k]
-                    count += 1
-        fit += fits
-    return fit, count
+            if abs(np.int64(urad) - alpha.distances[i]) < limits.tolerance_urad and count < MOST_CANDIDATES:
+                room.object[count], room.star[count] = alpha.others[i], table.neighbour[k]
+                count += 1
+    return int(fit), count
 
 
 @compiled

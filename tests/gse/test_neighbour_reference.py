@@ -9,7 +9,7 @@ from reference_neighbour import ReferenceNeighbour, angle_urad, onboard_table
 
 from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
-from gse.identifier.mutual import MOST_CANDIDATES, Candidates, separations
+from gse.identifier.mutual import MOST_CANDIDATES, room_for_candidates, separations
 from gse.identifier.neighbour import Limits, _level_1, _seen_from, best_vote, first_fit
 from gse.identifier.tables import build_pair_table, field_diameter_rad
 from gse.spiral import spiral_directions
@@ -72,15 +72,35 @@ def test_same_answers_over_the_sky(source, stars, table, plain_table, search, mi
 def test_level_1_counts_as_eq_2_5_for_every_star(source, stars, table, plain_table):
     frame = made_frame(sky_of(source, CAMERA, 4.5), CAMERA, spiral_directions(8)[3], NOISE, np.random.default_rng(1))
     directions = CAMERA.directions(frame.xy_px)
-    limits = Limits(3 * TOLERANCE_URAD, 6, 1)
+    limits = Limits(3 * TOLERANCE_URAD, 1, 1)
     plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, *limits)
-    room = Candidates(np.empty(MOST_CANDIDATES, np.int64), np.empty(MOST_CANDIDATES, np.int64))
+    room = room_for_candidates()
     angles = separations(directions)
     seen = _seen_from(0, angles.cosine, angles.sine, limits.tolerance_urad)
     for star in range(len(stars)):
         fit, count = _level_1(star, seen, table, limits, room)
         candidates = list(zip(room.object[:count].tolist(), room.star[:count].tolist(), strict=True))
         assert (fit, candidates) == plain.level_1(star, plain.from_alpha(directions.tolist(), 0))
+
+
+def test_level_1_keeps_the_nearest_candidates_where_more_fit_than_there_is_room_for(source):
+    polar = mission_catalog(source, CAMERA, 8000)
+    polar = polar.rows(np.flatnonzero(polar.icrs[:, 2] > 0.97))
+    table = build_pair_table(polar, field_diameter_rad(CAMERA))
+    plain_table = onboard_table(polar.icrs.tolist(), field_diameter_rad(CAMERA))
+    frame = made_frame(sky_of(source, CAMERA, 4.5), CAMERA, spiral_directions(8)[3], NOISE, np.random.default_rng(1))
+    directions = CAMERA.directions(frame.xy_px)
+    limits = Limits(60 * TOLERANCE_URAD, 1, 1)
+    plain = ReferenceNeighbour(polar.icrs.tolist(), plain_table, *limits)
+    room, angles = room_for_candidates(), separations(directions)
+    seen = _seen_from(0, angles.cosine, angles.sine, limits.tolerance_urad)
+    fits = []
+    for star in range(len(polar)):
+        fit, count = _level_1(star, seen, table, limits, room)
+        candidates = list(zip(room.object[:count].tolist(), room.star[:count].tolist(), strict=True))
+        assert (fit, candidates) == plain.level_1(star, plain.from_alpha(directions.tolist(), 0))
+        fits.append(fit)
+    assert max(fits) > MOST_CANDIDATES
 
 
 @pytest.mark.parametrize("search", [first_fit, best_vote])
