@@ -90,10 +90,10 @@ def solve_attitude(
         raise ValueError(f"sigma_rad is {sigma_rad!r:.60}: expected positive angles in radians")
     weights = np.empty(len(measured))
     weights[:] = sigma**-2.0
-    rotation, covariance = np.empty((3, 3)), np.empty((3, 3))
-    if not davenport(measured, stars, weights, rotation) or not attitude_covariance(measured, weights, covariance):
+    attitude = np.empty((2, 3, 3))
+    if not _solve(measured, stars, weights, attitude):
         raise ValueError("the directions are parallel or not finite: they do not fix an attitude")
-    return Attitude(rotation, covariance)
+    return Attitude(*attitude)
 
 
 def paper_mean(attitude: Attitude, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64]) -> Attitude:
@@ -127,6 +127,17 @@ def _rows_of_three(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     if rows.ndim != 2 or rows.shape[1] != 3:
         raise ValueError(f"unit vectors came with the shape {rows.shape}: expected (N, 3)")
     return rows
+
+
+@compiled
+def _solve(
+    measured: NDArray[np.float64],
+    stars: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    attitude: NDArray[np.float64],
+) -> bool:
+    """Put rotation and covariance, (2, 3, 3), into ``attitude``; False where the directions do not fix one."""
+    return davenport(measured, stars, weights, attitude[0]) and attitude_covariance(measured, weights, attitude[1])
 
 
 @compiled

@@ -144,7 +144,7 @@ class _Keeper:
             now = read_clock()
             event = LinkEvent(now.utc_ns, now.mono_ns, "CLOSED", "the session was ended")
             self._recorder.event(event)
-            self._loop.take(event)
+            self._loop.take([event])
 
     def _read_clock(self) -> None:
         reading = read_clock() if self._link.is_live else _simulated_clock(self._last_ns)

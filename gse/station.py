@@ -14,7 +14,7 @@ from gse.equipment import Equipment, versions
 from gse.errors import TruthError
 from gse.night import Night
 from gse.non_stars import NonStars
-from gse.observer import Observer
+from gse.observer import Answer, Observer
 from gse.panorama import Panorama
 from gse.reception import Received, Reception
 from gse.results import FrameResult
@@ -23,6 +23,8 @@ from gse.truth import EarthOrientation, SiderealTruth
 from protocols import AttitudeMessage, StatusMessage
 
 RECEIVE_TIMEOUT_S = 0.2
+MOST_AT_ONCE = 64
+"""Panoramas that are identified before the first of them is shown, where so many wait."""
 
 
 class Sink(Protocol):
@@ -90,12 +92,9 @@ class StationLoop:
 
         ``first`` is what was received already, ``each`` gets the results of every round.
         """
-        each([result for item in first for result in self.take(item)])
+        each(self.take(first))
         while not link.at_end and not stop():
-            results: list[FrameResult] = []
-            for item in link.receive(RECEIVE_TIMEOUT_S):
-                results += self.take(item)
-            each(results)
+            each(self.take(link.receive(RECEIVE_TIMEOUT_S)))
         each(self._drain(link) + self.finish())
         return self.night
 
@@ -105,23 +104,39 @@ class StationLoop:
         if link.is_live:
             link.close()
             while items := link.receive(0):
-                for item in items:
-                    results += self.take(item)
+                results += self.take(items)
         return results
 
-    def take(self, item: Chunk | LinkEvent) -> list[FrameResult]:
-        """Decode and judge what one chunk completes."""
-        if isinstance(item, LinkEvent):
-            self.pass_time(item.utc_ns, item.mono_ns)  # the silence before it comes first, as it did live
-            self.log(item)
-            self._log_all(self._monitor.port_event(item))
-            return []
+    def take(self, items: Sequence[Chunk | LinkEvent]) -> list[FrameResult]:
+        """Decode and judge what these complete."""
+        news: list[Panorama | LinkEvent] = []
+        for item in items:
+            news += self._port_event(item) if isinstance(item, LinkEvent) else self._decoded(item)
+        return self._judge(news)
+
+    def _port_event(self, event: LinkEvent) -> list[LinkEvent]:
+        """The event, after what the silence before it meant, as it was told live, and before what it means itself."""
+        silence = self._monitor.pass_time(event.utc_ns, event.mono_ns)
+        return [*silence, event, *self._monitor.port_event(event)]
+
+    def _decoded(self, chunk: Chunk) -> list[Panorama | LinkEvent]:
         counters = self.reception.counters
         frames, discards = counters.frames, dict(counters.discards_by_reason)
-        received = self.reception.receive(item)
+        received = self.reception.receive(chunk)
         new = {reason: count - discards.get(reason, 0) for reason, count in counters.discards_by_reason.items()}
-        self._log_all(self._monitor.received(item, counters.frames - frames, new))
-        return self._take(received)
+        return [*self._monitor.received(chunk, counters.frames - frames, new), *self._kept(received)]
+
+    def _kept(self, received: list[Received]) -> list[Panorama | LinkEvent]:
+        """What is to be judged and told; what the sensor said of itself is kept."""
+        news: list[Panorama | LinkEvent] = []
+        for item in received:
+            if isinstance(item, Panorama | LinkEvent):
+                news.append(item)
+            elif isinstance(item, StatusMessage):
+                self.night.statuses.append((self.reception.last_host_utc_ns, item))
+            elif isinstance(item, AttitudeMessage):
+                self.night.sensor_attitudes.append((self.reception.last_host_utc_ns, item))
+        return news
 
     def pass_time(self, utc_ns: int, mono_ns: int) -> None:
         """Tell the link's state that nothing came until now."""
@@ -129,7 +144,7 @@ class StationLoop:
 
     def finish(self) -> list[FrameResult]:
         """Account for what is left when the stream has ended."""
-        results = self._take(self.reception.finish())
+        results = self._judge(self._kept(self.reception.finish()))
         self.night.raw_sha256 = self.reception.raw_sha256
         return results
 
@@ -148,30 +163,30 @@ class StationLoop:
         """One more reading of the host clock's health."""
         self.night.clock.append(reading)
 
-    def _take(self, received: list[Received]) -> list[FrameResult]:
+    def _judge(self, news: list[Panorama | LinkEvent]) -> list[FrameResult]:
+        """Identify the panoramas, many at once where many wait, and tell everything in its order."""
         results = []
-        for item in received:
-            if isinstance(item, Panorama):
-                results.append(self.observe(item))
-            elif isinstance(item, LinkEvent):
-                self.log(item)
-            elif isinstance(item, StatusMessage):
-                self.night.statuses.append((self.reception.last_host_utc_ns, item))
-            elif isinstance(item, AttitudeMessage):
-                self.night.sensor_attitudes.append((self.reception.last_host_utc_ns, item))
+        for begin in range(0, len(news), MOST_AT_ONCE):
+            part = news[begin : begin + MOST_AT_ONCE]
+            answers = iter(self._observer.identify([item for item in part if isinstance(item, Panorama)]))
+            for item in part:
+                if isinstance(item, Panorama):
+                    results.append(self._conclude(item, next(answers)))
+                else:
+                    self.log(item)
         return results
 
     def observe(self, panorama: Panorama) -> FrameResult:
         """Judge one panorama and keep the result."""
+        return self._judge([panorama])[0]
+
+    def _conclude(self, panorama: Panorama, answer: Answer | str) -> FrameResult:
+        """Compare an answer with the truth, keep the result and show it."""
         if not self._truth_sought:
             self._seek_truth(panorama)
         if self._first_seconds is not None:
             self._align(self._first_seconds, panorama)
-        result = self._observer.observe(panorama)
-        if result.elapsed_us is not None:
-            self.own_elapsed_us.append(result.elapsed_us)
-        if self._recorded is not None:
-            result = replace(result, elapsed_us=self._recorded.take(panorama.time_us))
+        result = self._observer.conclude(panorama, answer, self._elapsed_us(panorama, answer))
         self.night.frames.append(result)
         if result.detail.startswith("the image is mirrored"):
             self.log(LinkEvent(panorama.utc_ns, 0, "MIRRORED", result.detail))
@@ -180,6 +195,13 @@ class StationLoop:
         for sink in self.sinks:
             sink.show(result, self.night)
         return result
+
+    def _elapsed_us(self, panorama: Panorama, answer: Answer | str) -> float | None:
+        """The recorded identification time in a replay, else this host's own."""
+        own = None if isinstance(answer, str) else answer.elapsed_us
+        if own is not None:
+            self.own_elapsed_us.append(own)
+        return own if self._recorded is None else self._recorded.take(panorama.time_us)
 
     def _align(self, first_seconds: FirstSeconds, panorama: Panorama) -> None:
         """Fit the mount once the first seconds are over; the frames that it was fitted on are not judged by it."""

@@ -1,5 +1,6 @@
 """The last word on an answer: it must be solvable as an attitude, and is told how likely chance alone is."""
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -36,7 +37,13 @@ class RandomSky:
         window = min(1.0, 4 * self.tolerance_rad / self.widest_rad)
         matches = alphas * max(objects - 1, 0) * 2 * self.pairs * window
         third = min(1.0, self.stars / (4 * math.pi) * _GATE * self.tolerance_rad**2)
-        return min(1.0, matches * float(bdtrc(fit - 2, max(objects - 2, fit - 1), third)))
+        return min(1.0, matches * _more_than(fit - 2, max(objects - 2, fit - 1), third))
+
+
+@functools.lru_cache(maxsize=1024)
+def _more_than(successes: int, trials: int, probability: float) -> float:
+    """The probability of more successes than these; the same few are asked for all night."""
+    return float(bdtrc(successes, trials, probability))
 
 
 def accepted(

@@ -81,12 +81,21 @@ class SiderealTruth:
         if "diurnal aberration" in omit:
             self._site_speed_c = 0.0
         self._cells: dict[int, _Cell] = {}
+        self._latest: tuple[int, NDArray[np.float64]] = -1, np.eye(3)
 
     def icrs_to_horizon(self, utc_ns: int) -> NDArray[np.float64]:
-        """The rotation (3, 3) from ICRS (GCRS) axes to the horizon frame: no aberration, no refraction."""
+        """The rotation (3, 3) from ICRS (GCRS) axes to the horizon frame: no aberration, no refraction.
+
+        It is asked for several times with every frame: the latest is kept, and read-only.
+        """
+        latest_ns, rotation = self._latest
+        if latest_ns == utc_ns:
+            return rotation
         cell = self._cell(utc_ns // _CELL_NS)
         angle = (utc_ns - cell.middle_ns) * (_EARTH_RATE_RAD_PER_S / NS_PER_S)
-        rotation: NDArray[np.float64] = cell.still + cell.cosine * math.cos(angle) + cell.sine * math.sin(angle)
+        rotation = cell.still + cell.cosine * math.cos(angle) + cell.sine * math.sin(angle)
+        rotation.flags.writeable = False
+        self._latest = utc_ns, rotation
         return rotation
 
     def icrs_to_horizon_at(self, utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -190,7 +190,7 @@ def test_a_clock_step_is_named_and_its_frames_are_left_out(equipment, astropy_ni
         step_ns = 2 * NS_PER_S if number >= 200 else 0
         data = equipment.protocol.encode(message, sequence=number)
         arrived_ns = panorama.utc_ns + 60_000_000
-        loop.take(Chunk(arrived_ns + step_ns, mono_ns + arrived_ns - int(instants[0]), data))
+        loop.take([Chunk(arrived_ns + step_ns, mono_ns + arrived_ns - int(instants[0]), data)])
     loop.finish()
     judgement = judge(loop.night)
     assert any("clock step" in found and "+2.000 s" in found for found in judgement.findings)

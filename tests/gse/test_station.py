@@ -26,8 +26,8 @@ def test_a_silence_before_the_port_is_lost_has_its_place_before_it_in_a_replay_t
     lost = LinkEvent(*at(20), "LOST", "the port is gone")
     for item in (opened, data, lost):
         live.pass_time(item.utc_ns, item.mono_ns)
-        live.take(item)
-        replayed.take(item)
+        live.take([item])
+        replayed.take([item])
     kinds = [event.kind for event in replayed.night.events]
     assert kinds == ["OPENED", "WAITING", "SYNCING", "STREAMING", "STALE", "LOST", "NO_PORT"]
     assert replayed.night.events == live.night.events
