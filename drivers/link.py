@@ -35,6 +35,9 @@ class _NoRecording(MessageWriter):
     def write(self, message: Message) -> None:
         """Nobody records."""
 
+    def rx(self, chunk: Chunk) -> None:
+        """Not even a message is made of it."""
+
 
 class SerialLink:
     """A port by its pyserial URL, as a context manager.
@@ -101,7 +104,8 @@ class SerialLink:
             item = self._stamped.read_stamped()
             if item is None:
                 break
-            self._stamped.timeout = 0
+            if not items:
+                self._stamped.timeout = 0
             if isinstance(item, LinkEvent):
                 self._recorder.event(item)
             elif item.data:

@@ -20,8 +20,21 @@ from mcap.records import Channel, DataEnd, Footer, Header
 from mcap.records import Chunk as McapChunk
 
 from drivers.errors import CaptureError
-from drivers.records import CLOCK, CONTINUED, EVENTS, PROFILE, RX, TX, Attachment, Damage, Message, Record, checksum
-from drivers.window import BlockWindow, Window
+from drivers.records import (
+    CLOCK,
+    CONTINUED,
+    EVENTS,
+    PROFILE,
+    RX,
+    TX,
+    Attachment,
+    Damage,
+    Message,
+    Record,
+    checksum,
+    topic_checksum,
+)
+from drivers.window import BlockWindow, FileWindow, Window
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 16 << 20
@@ -35,6 +48,8 @@ FOREIGN_AFTER = 1 << 20
 
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+_HEAD_AND_MESSAGE = struct.Struct("<BQHIQQ")
+_STAMPS_AT = _HEAD.size + struct.calcsize("<HI")
 _CANDIDATE = re.compile(rb"(?=[\x04-\x06\x09\x0f\x02]...\x00\x00\x00\x00\x00)", re.DOTALL)
 # What the mcap package and zstandard raise on damaged content, seen by flipping bits.
 _BROKEN = (
@@ -109,6 +124,10 @@ class Walk:
     def inner_records(self, offset: int = 0) -> Iterator[Record]:
         """The same from an offset on, without the magic of a file."""
         while offset < self._window.size and not self.ended:
+            messages, offset = self._messages(offset)
+            yield from messages
+            if offset == self._window.size:
+                break
             try:
                 found, following = self._try(offset)
             except (_NotBelievedError, *_BROKEN) as error:
@@ -192,6 +211,27 @@ class Walk:
             # Nothing else stands in a session: this was a message before its opcode was damaged.
             raise _NotBelievedError("no record of a session")
         return []
+
+    def _messages(self, offset: int) -> tuple[list[Message], int]:
+        """The messages from an offset of a block on, up to what is no whole message of a known channel, and its offset.
+
+        A night is a million of them: each is one look at the block. What is anything else is looked at with care.
+        """
+        messages: list[Message] = []
+        if isinstance(self._window, FileWindow):
+            return messages, offset
+        block, size = self._window.block, self._window.size
+        while offset + _HEAD_AND_MESSAGE.size <= size:
+            opcode, length, channel, crc, utc_ns, mono_ns = _HEAD_AND_MESSAGE.unpack_from(block, offset)
+            following = offset + _HEAD.size + length
+            if opcode != Opcode.MESSAGE or length < _MESSAGE.size or following > size or channel not in self._topics:
+                break
+            topic = self._topics[channel]
+            if zlib.crc32(block[offset + _STAMPS_AT : following], topic_checksum(topic)) != crc:
+                break
+            messages.append(Message(topic, utc_ns, mono_ns, block[offset + _HEAD_AND_MESSAGE.size : following]))
+            offset = following
+        return messages, offset
 
     def _message(self, content: bytes) -> Message:
         channel, crc, utc_ns, mono_ns = _MESSAGE.unpack_from(content)

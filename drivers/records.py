@@ -7,6 +7,7 @@ CRC-32 of the message, because an unchunked MCAP file has no checksum of its own
     crc32( topic as UTF-8, 0x00, log_time u64 LE, publish_time u64 LE, data )
 """
 
+import functools
 import json
 import struct
 import zlib
@@ -71,7 +72,13 @@ Record = Message | Attachment | Damage
 
 def checksum(topic: str, utc_ns: int, mono_ns: int, data: bytes) -> int:
     """The CRC-32 of a message, see the head of this module."""
-    return zlib.crc32(data, zlib.crc32(topic.encode() + b"\0" + struct.pack("<QQ", utc_ns, mono_ns)))
+    return zlib.crc32(data, zlib.crc32(struct.pack("<QQ", utc_ns, mono_ns), topic_checksum(topic)))
+
+
+@functools.lru_cache(maxsize=64)
+def topic_checksum(topic: str) -> int:
+    """What the CRC-32 of a message begins with: both stamps and the data follow, as they stand in the file."""
+    return zlib.crc32(topic.encode() + b"\0")
 
 
 def event_message(event: LinkEvent) -> Message:

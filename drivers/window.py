@@ -13,12 +13,12 @@ class BlockWindow:
     """Bytes by offset of a block in memory."""
 
     def __init__(self, block: bytes) -> None:
-        self._block = block
+        self.block = block
         self.size = len(block)
 
     def get(self, offset: int, size: int) -> bytes:
         """At most ``size`` bytes from ``offset`` on, fewer at the end."""
-        return self._block[offset : offset + size]
+        return self.block[offset : offset + size]
 
 
 class FileWindow:

@@ -10,6 +10,8 @@ STATUSES = tuple(Status)
 JUDGES = tuple(Judge)
 _NAN = float("nan")
 _BLOCK_ROWS = 4096
+_FRAMES_AT_ONCE = 64
+"""Frames whose matches become columns together: one by one takes eight times as long."""
 MOST_MATCHES = 1_000_000
 """Of a longer night every second, fourth, ... frame keeps its matches: 20 MB, and enough for maps and fits."""
 
@@ -96,6 +98,7 @@ class FrameTable:
         self._frames = _Rows(FRAME)
         self._matches = _Rows(MATCH)
         self._match_stride = 1
+        self._waiting: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -115,7 +118,7 @@ class FrameTable:
                 JUDGES.index(result.judge),
                 min(len(panorama.index), 255),
                 min(len(result.matches), 255),
-                sum(kind == "hot pixel" for _, kind in result.others),
+                [kind for _, kind in result.others].count("hot pixel"),
                 panorama.exposure_s,
                 panorama.temperature_c,
                 result.identification.chance if result.identification else _NAN,
@@ -135,15 +138,22 @@ class FrameTable:
                 ),
             )
         )
-        if row % self._match_stride == 0:
-            self._append_matches(row, result)
+        if row % self._match_stride == 0 and len(result.matches):
+            matches = result.matches
+            self._waiting.append((row, panorama.xy_px[matches.objects], matches.residuals_arcsec))
+            if len(self._waiting) == _FRAMES_AT_ONCE:
+                self._take_in_matches()
 
-    def _append_matches(self, row: int, result: FrameResult) -> None:
-        matches = result.matches
-        rows = np.empty(len(matches), dtype=MATCH)
-        rows["frame"] = row
-        rows["x_px"], rows["y_px"] = result.panorama.xy_px[matches.objects].T
-        rows["residual_x_arcsec"], rows["residual_y_arcsec"] = matches.residuals_arcsec.T
+    def _take_in_matches(self) -> None:
+        """Make columns of the matches that wait, and thin all of them out where they have become too many."""
+        if not self._waiting:
+            return
+        frames, xy_px, residuals_arcsec = zip(*self._waiting, strict=True)
+        self._waiting = []
+        rows = np.empty(sum(map(len, xy_px)), dtype=MATCH)
+        rows["frame"] = np.repeat(frames, [len(of_frame) for of_frame in xy_px])
+        rows["x_px"], rows["y_px"] = np.concatenate(xy_px).T
+        rows["residual_x_arcsec"], rows["residual_y_arcsec"] = np.concatenate(residuals_arcsec).T
         self._matches.extend(rows)
         if len(self._matches) > MOST_MATCHES:
             self._match_stride *= 2
@@ -159,6 +169,7 @@ class FrameTable:
     @property
     def matches(self) -> NDArray[np.void]:
         """One row per identified object, dtype MATCH; of a long night not those of every frame."""
+        self._take_in_matches()
         return self._matches.array()
 
 

@@ -34,7 +34,7 @@ than half of the way.
 
 MAX_REMEMBERED = 5000
 MAX_HOT = 1000
-LOOKED_AT_EVERY_NS = NS_PER_S // 2
+LOOKED_AT_EVERY_NS = NS_PER_S
 """The sky needs many seconds to move by HOT_MOTION_PX: not every frame of a fast sensor is looked at."""
 
 _NOWHERE = -1, np.inf, np.inf
