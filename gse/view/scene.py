@@ -17,7 +17,7 @@ from gse.results import FrameResult, Status
 from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.picture import Picture
 from gse.view.running import LINK_COLOURS, LINK_WORDS, Running
-from gse.view.series import begin_series, send_clock, send_series, times
+from gse.view.series import OUTAGE_NS, begin_series, send_clock, send_outages, send_series, times
 from gse.view.sky import TRACK_ROW_NS, begin_scatter, begin_sky, send_scatter, send_sky, unit_vectors
 
 _GOOD_EVENTS = {"OPENED", "REOPENED", "WAITING", "SYNCING", "STREAMING", "CLOSED", "ALIGNED"} | {
@@ -37,6 +37,7 @@ class Scene:
         self._station = station
         self._live = live
         self._began_ns = 0
+        self._latest_ns: np.int64 | None = None
         self._boresight_icrs: NDArray[np.float64] | None = None
         self._window_s: float | None = None
         self._picture = Picture(station.sensor.camera(), station.sensor.index_max)
@@ -69,11 +70,20 @@ class Scene:
 
     def add_columns(self, columns: NDArray[np.void], matches: NDArray[np.void]) -> None:
         """Show all but the objects of some frames: rows of FRAME, and their rows of MATCH."""
+        self._break_lines(columns["utc_ns"])
         send_series(self._stream, columns, self._station.limits)
         self._picture.send_residuals(self._stream, columns, matches)
         self._track.append(columns)
         if columns["utc_ns"][-1] - self._track[0]["utc_ns"][0] >= TRACK_ROW_NS:
             self.flush()
+
+    def _break_lines(self, utc_ns: NDArray[np.int64]) -> None:
+        """Leave a gap in the series where no frames came, before these frames or among them."""
+        frames_ns = np.append(utc_ns[0] if self._latest_ns is None else self._latest_ns, utc_ns)
+        self._latest_ns = utc_ns[-1]
+        outages = np.flatnonzero(np.diff(frames_ns) > OUTAGE_NS)
+        if len(outages):
+            send_outages(self._stream, frames_ns[outages], self._station.limits)
 
     def flush(self) -> None:
         """Show what scatter and sky track still hold back."""

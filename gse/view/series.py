@@ -8,11 +8,15 @@ from numpy.typing import NDArray
 
 from drivers.clock import ClockReading
 from gse.config import Limits
+from gse.instant import NS_PER_S
 from gse.view.palette import BLUE, GREEN, GREY, ORANGE, PINK, SKY_BLUE, VERMILLION
 
 TIMELINE = "utc"
 EDGE = 1.4
 """Points outside the limits are drawn at this many limits at most: one false answer is off by degrees."""
+
+OUTAGE_NS = 3 * NS_PER_S
+"""After so long without a frame no line is drawn from the one before to the next."""
 
 _DECIMALS = 3
 """Milliarcseconds, microseconds: rerun's tooltips print every digit there is."""
@@ -60,6 +64,17 @@ def send_series(stream: rr.RecordingStream, columns: NDArray[np.void], limits: L
     _send(stream, "/roll", at, _stacked(columns, "d_roll_arcsec"))
     _send(stream, "/identification_ms", at, _stacked(columns, "elapsed_us") / 1000)
     _send(stream, "/temperature_c", at, _stacked(columns, "temperature_c"))
+
+
+def send_outages(stream: rr.RecordingStream, utc_ns: NDArray[np.int64], limits: Limits) -> None:
+    """Break the lines of all series where no frames came, right after the last frames before (their instants, (M,))."""
+    at, nothing = times(utc_ns + 1), np.full((len(utc_ns), 1), np.nan)
+    for path, limit in (("d_ra", limits.d_ra_cosde_arcsec), ("d_de", limits.d_de_arcsec)):
+        bounds = np.full((len(utc_ns), 2), limit) * (1, -1)
+        _send(stream, f"/{path}/value", at, np.column_stack([nothing, bounds]))
+    _send(stream, "/cross", at, np.repeat(nothing, 2, axis=1))
+    for path in ("/roll", "/identification_ms", "/temperature_c"):
+        _send(stream, path, at, nothing)
 
 
 def _stacked(columns: NDArray[np.void], *names: str) -> NDArray[np.float64]:

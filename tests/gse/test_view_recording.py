@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun
 import rerun.error_utils
 from recording import moving, rows_of
 from synthetic_night import small_catalog, synthetic_frames, synthetic_night
@@ -12,6 +13,7 @@ from synthetic_night import small_catalog, synthetic_frames, synthetic_night
 from gse.errors import UsageError
 from gse.results import Status
 from gse.view.saved import SavedView
+from gse.view.scene import Scene
 
 FRAMES = 700
 
@@ -57,6 +59,22 @@ def test_errors_stand_between_their_limits_and_a_frame_without_answer_is_a_gap(r
     assert np.allclose(found[:, 0], expected, atol=0.0006, equal_nan=True)
     assert np.isnan(found[49, 0])
     assert (found[:, 1:] == [60, -60]).all()
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_no_line_is_drawn_across_an_outage(tmp_path: Path, live) -> None:
+    slow, path = list(synthetic_frames(4, rate_hz=0.1)), tmp_path / "outage.rrd"
+    night = synthetic_night(4)
+    stream = rerun.RecordingStream("gse", send_properties=False)
+    stream.set_sinks(rerun.FileSink(str(path)))
+    scene = Scene(stream, night.station, None, live=live)
+    for batch in (slow[:2], slow[2:3], slow[3:]):
+        scene.add(batch)
+    stream.disconnect()
+    series = moving(rows_of(path)["/d_ra/value"])
+    breaks = [row["utc"] for row in series if math.isnan(row["Scalars:scalars"][0])]
+    assert breaks == [frame.panorama.utc_ns + 1 for frame in slow[:3]]
+    assert all(row["Scalars:scalars"][1:] == [60, -60] for row in series)
 
 
 def test_only_frames_outside_the_limit_are_marked(rows) -> None:
