@@ -9,10 +9,10 @@ import numpy as np
 
 from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
-from gse.catalog import StarCatalog, load_catalog
+from gse.catalog import StarCatalog, load_catalog, stars_searched
 from gse.config import Station
 from gse.identifier import Identification, Identifier, make_identifier
-from gse.identifier.robust import RobustIdentifier
+from gse.identifier.robust import RobustIdentifier, stars_looked_at
 from gse.instant import NS_PER_DAY
 from gse.panorama import MAX_OBJECTS
 from protocols import Protocol, load_protocol, parse_protocol
@@ -64,9 +64,10 @@ def prepare(
         protocol = parse_protocol(protocol_text, "the session's protocol.yaml")
     camera = station.sensor.camera()
     epoch_jyear = None if utc_ns is None else _epoch_jyear(utc_ns)
-    catalog = _catalog(station.catalog, epoch_jyear)
+    stars = max(stars_searched(camera, station.identifier.catalog_stars), stars_looked_at(camera))
+    catalog = _catalog(station.catalog, epoch_jyear, stars)
     identifier = make_identifier(station.identifier, camera, catalog)
-    judge = None if station.identifier.algorithm == "robust" else _judge(camera, station.catalog, epoch_jyear)
+    judge = None if station.identifier.algorithm == "robust" else _judge(camera, catalog)
     equipment = Equipment(station, station_text, protocol, camera, identifier, judge)
     _warm_up(equipment)
     return equipment
@@ -78,15 +79,16 @@ def versions() -> dict[str, str]:
 
 
 @functools.lru_cache(maxsize=4)
-def _catalog(source: str, epoch_jyear: float | None) -> StarCatalog:
-    catalog = load_catalog(source)
+def _catalog(source: str, epoch_jyear: float | None, stars: int) -> StarCatalog:
+    """The stars that the identifiers look at and no more: the whole catalogue takes 20 MB."""
+    catalog = load_catalog(source, stars=stars)
     return catalog if epoch_jyear is None else catalog.at_epoch(epoch_jyear)
 
 
 @functools.lru_cache(maxsize=4)
-def _judge(camera: Camera, source: str, epoch_jyear: float | None) -> RobustIdentifier:
+def _judge(camera: Camera, catalog: StarCatalog) -> RobustIdentifier:
     """The judge, kept for the next session of this process: its tables take a second."""
-    return RobustIdentifier(camera, _catalog(source, epoch_jyear))
+    return RobustIdentifier(camera, catalog)
 
 
 def _epoch_jyear(utc_ns: int) -> float:

@@ -1,6 +1,6 @@
 """Star catalogues: unit vectors, magnitudes and names of stars, brightest first."""
 
-from gse.catalog.mission import brightest_per_field, merge_doubles, mission_catalog, stars_for_field
+from gse.catalog.mission import brightest_per_field, merge_doubles, mission_catalog, stars_for_field, stars_searched
 from gse.catalog.readers import load_catalog
 from gse.catalog.stars import StarCatalog
 
@@ -11,4 +11,5 @@ __all__ = [
     "merge_doubles",
     "mission_catalog",
     "stars_for_field",
+    "stars_searched",
 ]

@@ -37,10 +37,15 @@ def stars_for_field(camera: Camera) -> int:
     return int(round(min(max(STARS_PER_FIELD * fields, FEWEST_STARS), MOST_STARS), -2))
 
 
+def stars_searched(camera: Camera, stars: int | Literal["auto"] = "auto") -> int:
+    """How many stars of its source ``mission_catalog`` looks at."""
+    return _STARS_SEARCHED_FOR_COMPANIONS * (stars_for_field(camera) if stars == "auto" else stars)
+
+
 def mission_catalog(source: StarCatalog, camera: Camera, stars: int | Literal["auto"] = "auto") -> StarCatalog:
     """The brightest ``stars`` as the camera sees them: stars closer than 2 px are one."""
+    searched = source.rows(slice(0, stars_searched(camera, stars)))
     wanted = stars_for_field(camera) if stars == "auto" else stars
-    searched = source.rows(slice(0, _STARS_SEARCHED_FOR_COMPANIONS * wanted))
     return merge_doubles(searched, MERGED_WITHIN_PX * camera.pixel_rad).rows(slice(0, wanted))
 
 

@@ -111,7 +111,7 @@ class RobustIdentifier:
         pixel = 1.0 / camera.focal_length_px
         field = _field(camera, field_of_view_deg)
         fields_on_sky = 4 * math.pi / float(field[5])
-        count = round(_FIELD_STARS * fields_on_sky) if stars == "auto" else stars
+        count = stars_looked_at(camera, field_of_view_deg) if stars == "auto" else stars
         self.catalog = merge_doubles(catalog.rows(slice(0, count)), MERGED_WITHIN_PX * pixel)
         self._field = field
         self._sky = tuple(build_tables(self.catalog.icrs, self.catalog.magnitude, field))
@@ -188,6 +188,11 @@ class RobustIdentifier:
         self, directions: NDArray[np.float64], index: NDArray[np.float64], passes: int | None = None
     ) -> Identification | Unidentified:
         return _answer(*search(self._sky, directions, index, self._plan[:passes], self._noise, _MAX_HYPOTHESES))
+
+
+def stars_looked_at(camera: Camera, field_of_view_deg: float | None = None) -> int:
+    """How many stars of its source the identifier takes under ``auto``."""
+    return round(_FIELD_STARS * 4 * math.pi / float(_field(camera, field_of_view_deg)[5]))
 
 
 def _contiguous(

@@ -89,6 +89,21 @@ def test_gaia_is_the_default_and_stands_still():
     assert (np.diff(catalog.magnitude) >= 0).all()
 
 
+def test_a_few_stars_are_the_brightest_of_all():
+    every = load_catalog()
+    for few in (load_catalog(stars=1000), load_catalog(faintest_magnitude=4.0)):
+        assert 100 < len(few) < 2000
+        assert (few.ids == every.ids[: len(few)]).all()
+        assert (few.icrs == every.icrs[: len(few)]).all()
+    assert every.magnitude[len(few) - 1] <= 4.0 < every.magnitude[len(few)]
+
+
+def test_a_few_stars_are_the_brightest_of_a_file_too(written):
+    path = written(bsc5([REGULUS, SIRIUS]))
+    assert load_catalog(path, stars=1).name(0) == "Sirius"
+    assert load_catalog(path, faintest_magnitude=0.0).name(0) == "Sirius"
+
+
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
