@@ -45,7 +45,9 @@ class Scene:
         self.horizon_to_sensor = horizon_to_sensor(station.mount)
         self._scenario = scenario
         self._site = AstropySite(station.site)
-        self._sky = Sky(self._site, load_catalog(), merged_within_px * self.camera.pixel_rad)
+        self._merged_within_rad = merged_within_px * self.camera.pixel_rad
+        self._sky: Sky | None = None
+        self._sky_faintest = -math.inf
         self._satellites = Satellites(self.camera, scenario, random)
         self._start_ns = scenario.start_utc_ns
         self._radius_rad = 0.55 * self.camera.diagonal_rad
@@ -117,13 +119,21 @@ class Scene:
         points = self._points
         is_here = points is not None and 0 <= utc_ns - points.track.start_ns < CELL_NS
         if points is None or not is_here or faintest_magnitude > self._faintest:
-            stars = self._sky.cell(utc_ns, self.horizon_to_sensor[2], self._radius_rad, faintest_magnitude)
+            sky = self._sky_to(faintest_magnitude)
+            stars = sky.cell(utc_ns, self.horizon_to_sensor[2], self._radius_rad, faintest_magnitude)
             bodies = self.bodies(utc_ns)
             nodes = np.concatenate([stars.track.nodes, bodies.track.nodes[:, FIRST_PLANET:]], axis=1)
             magnitude = np.concatenate([stars.magnitude, bodies.magnitude[FIRST_PLANET:]])
             points = SkyCell(Track(stars.track.start_ns, nodes), magnitude)
             self._points, self._faintest = points, faintest_magnitude
         return points
+
+    def _sky_to(self, faintest_magnitude: float) -> Sky:
+        """The stars that are bright enough to matter: all of the catalogue would take 20 MB."""
+        if self._sky is None or faintest_magnitude > self._sky_faintest:
+            catalog = load_catalog(faintest_magnitude=faintest_magnitude)
+            self._sky, self._sky_faintest = Sky(self._site, catalog, self._merged_within_rad), faintest_magnitude
+        return self._sky
 
     def _pixels(self, points: SkyCell, utc_ns: int) -> NDArray[np.float64]:
         return self.camera.pixels(points.track.directions(utc_ns) @ self.horizon_to_sensor.T)

@@ -13,7 +13,7 @@ from gse.catalog import load_catalog
 from gse.config import Mount, Site
 from gse.instant import NS_PER_S, from_text, to_text
 from gse.simulator.pointing import horizon_to_sensor
-from gse.simulator.sky import AstropySite, Sky
+from gse.simulator.sky import AstropySite, Sky, orientation_table
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.truth.mounting import horizon_to_sensor as horizon_to_sensor_of_truth
 
@@ -100,3 +100,10 @@ def test_stars_closer_than_the_footprint_are_one_with_the_light_of_both() -> Non
     merged = Sky(AstropySite(SITE), catalog, math.radians(100 / 3600)).cell(START_NS, boresight, math.radians(10), 9.0)
     assert len(merged.magnitude) < len(single.magnitude)
     assert (10 ** (-0.4 * merged.magnitude)).sum() == pytest.approx((10 ** (-0.4 * single.magnitude)).sum(), rel=1e-9)
+
+
+def test_the_earth_turns_as_in_astropys_own_table() -> None:
+    ours, astropys = orientation_table(), iers.IERS_A.open(iers.IERS_A_FILE)
+    for column in ("MJD", "UT1_UTC", "PM_x", "PM_y"):
+        assert ours[column].unit == astropys[column].unit
+        np.testing.assert_array_equal(ours[column].value, astropys[column].value)
