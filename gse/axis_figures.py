@@ -4,8 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy.special import gammaincinv, stdtrit
+
+from gse.theil_sen import theil_sen
 
 WINDOW_S = 20.0
 """The running mean over this time is called low-frequency; what is left over is noise. In 20 s a star crosses a few
@@ -129,7 +131,7 @@ def _bias_error(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> floa
     means = block_means(time_s, error)
     if len(means) < 2:
         return _NAN
-    return float(scipy.stats.t.ppf(0.975, len(means) - 1) * means.std(ddof=1) / np.sqrt(len(means)))
+    return float(stdtrit(len(means) - 1, 0.975) * means.std(ddof=1) / np.sqrt(len(means)))
 
 
 def _drift(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -140,12 +142,12 @@ def _drift(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> tuple[flo
         return _NAN, _NAN, _NAN
     medians = np.array([np.median(error[rows]) for rows in blocks])
     hours = np.array([time_s[rows].mean() for rows in blocks]) / _S_PER_H
-    fit = scipy.stats.theilslopes(medians, hours)
-    return float(fit.slope), float(fit.low_slope), float(fit.high_slope)
+    fit = theil_sen(medians, hours)
+    return fit.slope, fit.low, fit.high
 
 
 def _chi_square_bounds(sigma: float, freedom: float) -> tuple[float, float]:
     if freedom < 1:
         return _NAN, _NAN
-    low, high = (sigma * math.sqrt(freedom / float(scipy.stats.chi2.ppf(q, freedom))) for q in (0.975, 0.025))
+    low, high = (sigma * math.sqrt(freedom / (2 * float(gammaincinv(freedom / 2, q)))) for q in (0.975, 0.025))
     return low, high

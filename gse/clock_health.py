@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.errors import UsageError
+from gse.theil_sen import theil_sen
 
 _BLOCKS = 60
 _MIN_DRIFT_S = 30.0
@@ -81,8 +81,8 @@ def _sensor_drift_ppm(frames: NDArray[np.void], steps_ns: list[int]) -> tuple[fl
     late_s = host_s - sensor_s
     edges = np.searchsorted(sensor_s, np.linspace(0, sensor_s[-1], _BLOCKS + 1)[1:-1])
     earliest = [int(rows[late_s[rows].argmin()]) for rows in np.split(np.arange(len(late_s)), edges) if len(rows)]
-    fit = scipy.stats.theilslopes(late_s[earliest], sensor_s[earliest])
-    return float(fit.slope) * 1e6, float(fit.high_slope - fit.low_slope) / 2 * 1e6
+    fit = theil_sen(late_s[earliest], sensor_s[earliest])
+    return fit.slope * 1e6, (fit.high - fit.low) / 2 * 1e6
 
 
 def _longest_stretch(frames: NDArray[np.void], steps_ns: list[int]) -> NDArray[np.void]:

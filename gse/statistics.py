@@ -8,8 +8,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy.special import betaincinv
 
 from gse.axis_figures import AxisFigures, axis_figures
 from gse.clock_health import ClockHealth, clock_health
@@ -106,7 +106,7 @@ def statistics(night: Night) -> Statistics:
         judged={judge.value: int((kept["judge"] == place).sum()) for place, judge in enumerate(JUDGES)},
         available=proportion(n_answered - n_false, expected),
         false_answers=proportion(n_false, n_answered),
-        false_upper_95=_upper_95(n_false, n_answered),
+        false_upper_95=_upper(n_false, n_answered, 0.95) if n_answered else _NAN,
         axes=axes,
         mean_abs_d_ra_deg=_mean_abs_d_ra_deg(used),
         mean_abs_d_de_deg=axes["d_de"].mean_abs_arcsec / 3600,
@@ -132,14 +132,13 @@ def proportion(count: int, of: int) -> Proportion:
     """A share with exact (Clopper-Pearson) bounds."""
     if of == 0:
         return Proportion(0, 0, _NAN, _NAN, _NAN)
-    interval = scipy.stats.binomtest(count, of).proportion_ci(0.95, method="exact")
-    return Proportion(count, of, count / of, float(interval.low), float(interval.high))
+    low = float(betaincinv(count, of - count + 1, 0.025)) if count else 0.0
+    return Proportion(count, of, count / of, low, _upper(count, of, 0.975))
 
 
-def _upper_95(count: int, of: int) -> float:
-    if of == 0:
-        return _NAN
-    return float(scipy.stats.binomtest(count, of, alternative="less").proportion_ci(0.95, method="exact").high)
+def _upper(count: int, of: int, confidence: float) -> float:
+    """The one-sided upper bound of a share, by Clopper & Pearson."""
+    return float(betaincinv(count + 1, of - count, confidence)) if count < of else 1.0
 
 
 def _stray(frames: NDArray[np.void]) -> NDArray[np.bool_]:
