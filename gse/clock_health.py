@@ -71,13 +71,16 @@ def clock_health(
 
 def _sensor_drift_ppm(frames: NDArray[np.void], steps_ns: list[int]) -> tuple[float, float]:
     """Slope of the least (host - sensor) difference in the longest stretch without a reset or a step of a clock."""
-    frames = _longest_stretch(frames[frames["host_utc_ns"] > 0], steps_ns)
-    if len(frames) < 2 * _BLOCKS:
+    stamped = frames["host_utc_ns"] > 0
+    host_ns, time_us = frames["host_utc_ns"][stamped], frames["time_us"][stamped]
+    stretch = _longest_stretch(host_ns, time_us, steps_ns)
+    host_ns, time_us = host_ns[stretch], time_us[stretch]
+    if len(host_ns) < 2 * _BLOCKS:
         return _NAN, _NAN
-    sensor_s = (frames["time_us"] - frames["time_us"][0]).astype(np.float64) / 1e6
+    sensor_s = (time_us - time_us[0]).astype(np.float64) / 1e6
     if sensor_s[-1] < _MIN_DRIFT_S:
         return _NAN, _NAN
-    host_s = (frames["host_utc_ns"] - frames["host_utc_ns"][0]) / 1e9
+    host_s = (host_ns - host_ns[0]) / 1e9
     late_s = host_s - sensor_s
     edges = np.searchsorted(sensor_s, np.linspace(0, sensor_s[-1], _BLOCKS + 1)[1:-1])
     earliest = [int(rows[late_s[rows].argmin()]) for rows in np.split(np.arange(len(late_s)), edges) if len(rows)]
@@ -85,14 +88,13 @@ def _sensor_drift_ppm(frames: NDArray[np.void], steps_ns: list[int]) -> tuple[fl
     return fit.slope * 1e6, (fit.high - fit.low) / 2 * 1e6
 
 
-def _longest_stretch(frames: NDArray[np.void], steps_ns: list[int]) -> NDArray[np.void]:
-    if len(frames) == 0:
-        return frames
-    resets = np.flatnonzero(frames["time_us"][1:] < frames["time_us"][:-1]) + 1
-    stepped = [int(np.argmax(frames["host_utc_ns"] >= step_ns)) for step_ns in steps_ns]
-    edges = sorted({0, len(frames), *resets.tolist(), *stepped})
-    first, last = max(itertools.pairwise(edges), key=lambda pair: pair[1] - pair[0])
-    return frames[first:last]
+def _longest_stretch(host_ns: NDArray[np.int64], time_us: NDArray[np.uint64], steps_ns: list[int]) -> slice:
+    if len(host_ns) == 0:
+        return slice(0)
+    resets = np.flatnonzero(time_us[1:] < time_us[:-1]) + 1
+    stepped = [int(np.argmax(host_ns >= step_ns)) for step_ns in steps_ns]
+    edges = sorted({0, len(host_ns), *resets.tolist(), *stepped})
+    return slice(*max(itertools.pairwise(edges), key=lambda pair: pair[1] - pair[0]))
 
 
 def stated_error_s(text: str) -> float:

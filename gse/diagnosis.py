@@ -175,10 +175,10 @@ def _radial(camera: Camera, matches: NDArray[np.void], powers: tuple[int, ...]) 
 def _expected_scale(night: Night, camera: Camera) -> float:
     """By how much refraction and aberration stretch the field: residuals are of directions as they are seen."""
     frames = night.frames.columns
-    frames = frames[np.isfinite(frames["ra_true_deg"])]
-    if night.earth_orientation is None or len(frames) == 0:
+    known = np.flatnonzero(np.isfinite(frames["ra_true_deg"]))
+    if night.earth_orientation is None or len(known) == 0:
         return 0.0
-    frame = frames[len(frames) // 2]
+    frame = frames[known[len(known) // 2]]
     truth = SiderealTruth(night.station.site, night.earth_orientation)
     utc_ns, ra, de = int(frame["utc_ns"]), math.radians(frame["ra_true_deg"]), math.radians(frame["de_true_deg"])
     east = np.array([-math.sin(ra), math.cos(ra), 0.0])

@@ -46,11 +46,14 @@ class Equivalence:
         return unlike == 0 and not self.apart_arcsec.max > SAME_WITHIN_ARCSEC
 
 
-def equivalence(frames: NDArray[np.void], answers: Sequence[AttitudeMessage]) -> Equivalence | None:
-    """Compare the sensor's answers with frames (dtype FRAME); None where the sensor sent none for them."""
-    places = {
-        key: row for row, key in enumerate(zip(frames["frame_no"].tolist(), frames["time_us"].tolist(), strict=True))
-    }
+def equivalence(
+    frames: NDArray[np.void], kept: NDArray[np.int64], answers: Sequence[AttitudeMessage]
+) -> Equivalence | None:
+    """Compare the sensor's answers with rows ``kept`` of frames (dtype FRAME); None where it sent none for them."""
+    if not answers:
+        return None
+    keys = zip(frames["frame_no"][kept].tolist(), frames["time_us"][kept].tolist(), strict=True)
+    places = {key: row for row, key in zip(kept.tolist(), keys, strict=True)}
     paired = [(places[key], answer) for answer in answers if (key := (answer.frame_no, answer.time_us)) in places]
     if not paired:
         return None

@@ -21,8 +21,8 @@ _AXES = (("d_ra_cosde_arcsec", "dRA*", SKY_BLUE), ("d_de_arcsec", "dDE", ORANGE)
 def draw_scatter(figure: Figure, drawn: Drawn) -> None:
     """dRA* and dDE of the frames, as they lie within the limits, and close up with the 1 and 3 sigma rings."""
     wide, close = figure.subplots(1, 2)
-    used, limits = drawn.used, drawn.night.station.limits
-    x, y = used["d_ra_cosde_arcsec"], used["d_de_arcsec"]
+    limits = drawn.night.station.limits
+    x, y = drawn.used("d_ra_cosde_arcsec"), drawn.used("d_de_arcsec")
     box = (limits.d_ra_cosde_arcsec, limits.d_de_arcsec)
     wide.add_patch(Rectangle((-box[0], -box[1]), 2 * box[0], 2 * box[1], fill=False, edgecolor=hex_of(VERMILLION)))
     _points(wide, x, y)
@@ -31,7 +31,7 @@ def draw_scatter(figure: Figure, drawn: Drawn) -> None:
     wide.set_ylim(-edge, edge)
     wide.set_title("Within the limits (box)")
     _points(close, x, y)
-    if len(used) > 2:
+    if len(x) > 2:
         _rings(close, x, y)
     close.set_title("Close up: mean, 1 and 3 sigma")
     for axes in (wide, close):
@@ -60,7 +60,7 @@ def _rings(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
 def draw_histogram(figure: Figure, drawn: Drawn) -> None:
     """Histograms of both errors with the normal curve of the same mean and standard deviation."""
     for axes, (name, label, colour) in zip(figure.subplots(1, 2), _AXES, strict=True):
-        values = drawn.used[name]
+        values = drawn.used(name)
         axes.set_xlabel(f"{label} (arcsec)")
         axes.set_ylabel("frames")
         if len(values) < 2:
@@ -81,11 +81,11 @@ def draw_histogram(figure: Figure, drawn: Drawn) -> None:
 def draw_spectrum(figure: Figure, drawn: Drawn) -> None:
     """Power spectral density of both errors."""
     axes = figure.subplots()
-    used = drawn.used
-    time_s = (used["utc_ns"] - used["utc_ns"][0]) / 1e9 if len(used) else np.empty(0)
+    utc_ns = drawn.used("utc_ns")
+    time_s = (utc_ns - utc_ns[0]) / 1e9 if len(utc_ns) else np.empty(0)
     time_s, first = np.unique(time_s, return_index=True)
     for (name, label, _), colour in zip(_AXES, (BLUE, ORANGE), strict=True):
-        frequency, density = power_density(time_s, used[name][first])
+        frequency, density = power_density(time_s, drawn.used(name)[first])
         if len(frequency):
             axes.loglog(frequency, density, color=hex_of(colour), label=label)
     axes.set_title("Spectrum of the errors less their mean")

@@ -23,9 +23,8 @@ ARCSEC_PER_RAD = 180 * 3600 / np.pi
 
 def draw_sky(figure: Figure, drawn: Drawn) -> None:
     """Measured and true boresight on the sky, and the field of view at the beginning and the end."""
-    answered = drawn.frames[~drawn.unidentified]
-    rows = sample(len(answered), _MAX_POINTS)
-    measured = answered[rows]
+    answered = np.flatnonzero(~drawn.unidentified)
+    measured = drawn.frames[answered[sample(len(answered), _MAX_POINTS)]]
     near_pole = len(measured) > 0 and bool(np.abs(measured["de_deg"]).max() > _NEAR_POLE_DEG)
     axes = figure.subplots(subplot_kw={"projection": "polar"} if near_pole else {})
     place = _Places(axes, measured, polar=near_pole)
