@@ -57,35 +57,37 @@ def axis_figures(utc_ns: NDArray[np.int64], error_arcsec: NDArray[np.float64]) -
     if n == 0:
         return AxisFigures(0, *[_NAN] * 17)
     time_s = (utc_ns - utc_ns[0]) / 1e9
-    bias = float(error_arcsec.mean())
     std = float(error_arcsec.std(ddof=1)) if n > 1 else _NAN
-    absolute = np.abs(error_arcsec)
-    p95, p99 = (float(value) for value in np.percentile(absolute, [95, 99]))
     slope, low, high = _drift(time_s, error_arcsec)
     smooth, count = _running_mean(time_s, error_arcsec)
     nea, freedom = _noise(error_arcsec - smooth, count)
-    steady = smooth - (slope / _S_PER_H) * time_s if np.isfinite(slope) else smooth
     nea_low, nea_high = _chi_square_bounds(nea, freedom)
+    if np.isfinite(slope):
+        smooth -= (slope / _S_PER_H) * time_s
     return AxisFigures(
         n,
-        bias,
+        float(error_arcsec.mean()),
         _bias_error(time_s, error_arcsec),
         std,
         3 * std,
         float(np.sqrt((error_arcsec**2).mean())),
-        float(absolute.mean()),
-        p95,
-        p99,
-        float(absolute.max()),
+        *_absolute(error_arcsec),
         slope,
         low,
         high,
-        float(steady.std()) if time_s[-1] > 2 * WINDOW_S else _NAN,
+        float(smooth.std()) if time_s[-1] > 2 * WINDOW_S else _NAN,
         nea,
         nea_low,
         nea_high,
         _successive(time_s, error_arcsec),
     )
+
+
+def _absolute(error: NDArray[np.float64]) -> tuple[float, float, float, float]:
+    """Mean, 95 %, 99 % and greatest of the absolute values."""
+    absolute = np.abs(error)
+    p95, p99 = (float(value) for value in np.percentile(absolute, [95, 99]))
+    return float(absolute.mean()), p95, p99, float(absolute.max())
 
 
 def _running_mean(
@@ -95,8 +97,14 @@ def _running_mean(
     first = np.searchsorted(time_s, time_s - WINDOW_S / 2, side="left")
     last = np.searchsorted(time_s, time_s + WINDOW_S / 2, side="right")
     centre = error.mean()  # sums of small numbers stay exact
-    sums = np.concatenate([[0.0], np.cumsum(error - centre)])
-    return centre + (sums[last] - sums[first]) / (last - first), last - first
+    sums = np.zeros(len(error) + 1)
+    np.cumsum(error - centre, out=sums[1:])
+    count = last - first
+    means = sums[last]
+    means -= sums[first]
+    means /= count
+    means += centre
+    return means, count
 
 
 def _noise(residual: NDArray[np.float64], count: NDArray[np.int64]) -> tuple[float, float]:

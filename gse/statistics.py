@@ -92,16 +92,16 @@ def statistics(night: Night) -> Statistics:
     """
     frames = night.frames.columns
     named = night.exclusions()
-    kept = np.flatnonzero(~left_out(frames["utc_ns"], named))
-    utc_ns, status, judged = (frames[name][kept] for name in ("utc_ns", "status", "judge"))
+    kept = ~left_out(frames["utc_ns"], named)
+    status, judged = frames["status"][kept], frames["judge"][kept]
     answered = status == STATUSES.index(Status.IDENTIFIED)
     false = answered & _false(judged, frames["cross_x_arcsec"][kept], frames["cross_y_arcsec"][kept])
-    used = kept[answered & ~false & np.isfinite(frames["d_de_arcsec"][kept])]
+    used = np.flatnonzero(kept)[answered & ~false & np.isfinite(frames["d_de_arcsec"][kept])]
     used = used[np.argsort(frames["utc_ns"][used], kind="stable")]  # a step of the clock may turn the order
     used_ns = frames["utc_ns"][used]
     axes = {axis: axis_figures(used_ns, frames[f"{axis}_arcsec"][used]) for axis in AXES}
     de_true_deg = frames["de_true_deg"][used]
-    expected = len(kept) + night.link.frames_lost
+    expected = len(status) + night.link.frames_lost
     n_answered, n_false = int(answered.sum()), int(false.sum())
     return Statistics(
         frames=len(frames),
@@ -118,10 +118,10 @@ def statistics(night: Night) -> Statistics:
         earth_rate=_earth_rate(de_true_deg, axes["d_ra_cosde"]),
         identification_ms=spread(frames["elapsed_us"] / 1e3),
         arrival_ms=spread((frames["host_utc_ns"] - frames["utc_ns"])[frames["host_utc_ns"] > 0] / 1e6),
-        acquisition_s=_acquisition_s(utc_ns, answered & ~false),
-        outage_s=_outage_s(utc_ns, answered & ~false),
+        acquisition_s=_acquisition_s(frames["utc_ns"][kept], answered & ~false),
+        outage_s=_outage_s(frames["utc_ns"][kept], answered & ~false),
         clock=clock_health(night.clock, night.events, frames, stated_error_s=night.clock_error_s),
-        equivalence=equivalence(frames, kept, [answer for _, answer in night.sensor_attitudes]),
+        equivalence=equivalence(frames, np.flatnonzero(kept), [answer for _, answer in night.sensor_attitudes]),
         left_out=tuple((item, int(left_out(frames["utc_ns"], (item,)).sum())) for item in named),
     )
 
