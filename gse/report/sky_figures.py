@@ -17,6 +17,7 @@ from gse.view.palette import BLUE, GREEN, VERMILLION, hex_of
 _MAX_POINTS = 1500
 _CELLS = 12
 _FEWEST = 3
+_MATCHES_AT_ONCE = 1 << 16
 _NEAR_POLE_DEG = 75.0
 ARCSEC_PER_RAD = 180 * 3600 / np.pi
 
@@ -89,13 +90,9 @@ def draw_residual_map(figure: Figure, drawn: Drawn) -> None:
         return
     size = max(camera.columns, camera.rows) / _CELLS
     across, down = int(np.ceil(camera.columns / size)), int(np.ceil(camera.rows / size))
-    column = np.clip((matches["x_px"] + 0.5) / size, 0, across - 1).astype(np.int64)
-    cell = np.clip((matches["y_px"] + 0.5) / size, 0, down - 1).astype(np.int64) * across + column
-    x, y = (np.asarray(matches[f"residual_{axis}_arcsec"], dtype=np.float64) for axis in "xy")
-    x = -x if camera.mirrored else x
-    count, mean_x = _mean(cell, x, across * down)
-    mean_y = _mean(cell, y, across * down)[1]
-    rms = np.sqrt(_mean(cell, x**2 + y**2, across * down)[1])
+    count, (mean_x, mean_y, mean_square) = _means(matches, size, across, across * down)
+    mean_x = -mean_x if camera.mirrored else mean_x
+    rms = np.sqrt(mean_square)
     image = axes.pcolormesh(
         np.arange(across + 1) * size - 0.5,
         np.arange(down + 1) * size - 0.5,
@@ -110,11 +107,19 @@ def draw_residual_map(figure: Figure, drawn: Drawn) -> None:
         _arrows(axes, (centre_x, centre_y), (mean_x[full], mean_y[full]), size, pixel_arcsec)
 
 
-def _mean(
-    cell: NDArray[np.int64], values: NDArray[np.float64], cells: int
+def _means(
+    matches: NDArray[np.void], size_px: float, across: int, cells: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    count = np.bincount(cell, minlength=cells)
-    return count, np.bincount(cell, values, cells) / np.maximum(count, 1)
+    """Matches in each cell of the detector, and the means (3, cells) of their residuals in x, in y, and squared."""
+    count, sums = np.zeros(cells, dtype=np.int64), np.zeros((3, cells))
+    for first in range(0, len(matches), _MATCHES_AT_ONCE):
+        part = matches[first : first + _MATCHES_AT_ONCE]
+        column = np.clip((part["x_px"] + 0.5) / size_px, 0, across - 1).astype(np.int64)
+        cell = np.clip((part["y_px"] + 0.5) / size_px, 0, cells // across - 1).astype(np.int64) * across + column
+        x, y = (np.asarray(part[f"residual_{axis}_arcsec"], dtype=np.float64) for axis in "xy")
+        count += np.bincount(cell, minlength=cells)
+        sums += [np.bincount(cell, values, cells) for values in (x, y, x**2 + y**2)]
+    return count, sums / np.maximum(count, 1)
 
 
 def _arrows(

@@ -22,12 +22,20 @@ def power_density(
     span_s = float(time_s[-1] - time_s[0])
     if step_s <= 0 or span_s <= 0:
         return np.empty(0), np.empty(0)
+    errors, count = _on_slots(time_s, error_arcsec, step_s)
+    power = np.abs(np.fft.rfft(errors)) ** 2 / count
+    frequency = np.fft.rfftfreq(len(errors), step_s)
+    return _averaged(frequency[1:].astype(np.float64), 2 * step_s * power[1:])
+
+
+def _on_slots(
+    time_s: NDArray[np.float64], error_arcsec: NDArray[np.float64], step_s: float
+) -> tuple[NDArray[np.float64], int]:
+    """The errors less their mean, one for each step of time, and how many there are."""
     slot = np.rint((time_s - time_s[0]) / step_s).astype(np.int64)
     drawn = slot < _MAX_SLOTS
     errors = np.bincount(slot[drawn], error_arcsec[drawn] - error_arcsec[drawn].mean())
-    power = np.abs(np.fft.rfft(errors)) ** 2 / drawn.sum()
-    frequency = np.fft.rfftfreq(len(errors), step_s)
-    return _averaged(frequency[1:].astype(np.float64), 2 * step_s * power[1:])
+    return np.asarray(errors, dtype=np.float64), int(drawn.sum())
 
 
 def _averaged(
