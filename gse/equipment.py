@@ -73,6 +73,12 @@ def prepare(
     return equipment
 
 
+def forget() -> None:
+    """Let go of what is kept for the next session of this process: its memory serves the report of this one."""
+    _judge.cache_clear()
+    _catalog.cache_clear()
+
+
 def versions() -> dict[str, str]:
     """Versions of the packages that the numbers depend on."""
     return {name: importlib.metadata.version(name) for name in PACKAGES}

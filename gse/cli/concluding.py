@@ -22,9 +22,11 @@ def conclude(
     left_out: tuple[Exclusion, ...] = (),
 ) -> dict[str, Any]:
     """Judge a night, write its report into a folder and this host's own times beside it; the report."""
+    from gse.equipment import forget
     from gse.report import summarise, write_report
     from gse.verdict import judge
 
+    forget()
     if clock_error_s is not None:
         night.clock_error_s = clock_error_s
     night.left_out = left_out
