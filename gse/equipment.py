@@ -10,6 +10,7 @@ import numpy as np
 from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, stars_searched
+from gse.compiled import leave_compiler
 from gse.config import Station
 from gse.identifier import Identification, Identifier, make_identifier
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
@@ -70,6 +71,7 @@ def prepare(
     judge = None if station.identifier.algorithm == "robust" else _judge(camera, catalog)
     equipment = Equipment(station, station_text, protocol, camera, identifier, judge)
     _warm_up(equipment)
+    leave_compiler()
     return equipment
 
 

@@ -9,11 +9,12 @@ from gse.results import FrameResult, Judge, Status
 STATUSES = tuple(Status)
 JUDGES = tuple(Judge)
 _NAN = float("nan")
-_BLOCK_ROWS = 4096
+_ROOM_ROWS = 1 << 19
+"""14 h at 10 Hz; twice as many are taken when they are full."""
 _FRAMES_AT_ONCE = 64
 """Frames whose matches become columns together: one by one takes eight times as long."""
-MOST_MATCHES = 1_000_000
-"""Of a longer night every second, fourth, ... frame keeps its matches: 20 MB, and enough for maps and fits."""
+MOST_MATCHES = 250_000
+"""Of a longer night every second, fourth, ... frame keeps its matches: 5 MB, and enough for maps and fits."""
 
 FRAME = np.dtype(
     [
@@ -53,42 +54,32 @@ MATCH = np.dtype(
 
 
 class _Rows:
-    """Rows of one dtype that grow in blocks."""
+    """Rows of one dtype in room that is reserved ahead: memory that was never written to takes none."""
 
     def __init__(self, dtype: np.dtype[np.void]) -> None:
-        self._blocks: list[NDArray[np.void]] = []
-        self._dtype = dtype
-        self._used = _BLOCK_ROWS
+        self._room = np.zeros(_ROOM_ROWS, dtype=dtype)
+        self._used = 0
 
     def append(self, row: tuple[float, ...]) -> None:
-        self._make_room()
-        self._blocks[-1][self._used] = row
+        self._make_room(1)
+        self._room[self._used] = row
         self._used += 1
 
     def extend(self, rows: NDArray[np.void]) -> None:
-        while len(rows):
-            self._make_room()
-            fitting = rows[: _BLOCK_ROWS - self._used]
-            self._blocks[-1][self._used : self._used + len(fitting)] = fitting
-            self._used += len(fitting)
-            rows = rows[len(fitting) :]
+        self._make_room(len(rows))
+        self._room[self._used : self._used + len(rows)] = rows
+        self._used += len(rows)
 
-    def _make_room(self) -> None:
-        if self._used == _BLOCK_ROWS:
-            self._blocks.append(np.zeros(_BLOCK_ROWS, dtype=self._dtype))
-            self._used = 0
+    def _make_room(self, count: int) -> None:
+        while self._used + count > len(self._room):
+            self._room = np.concatenate([self._room, np.zeros_like(self._room)])
 
     def __len__(self) -> int:
-        return len(self._blocks) * _BLOCK_ROWS - (_BLOCK_ROWS - self._used if self._blocks else 0)
+        return self._used
 
     def array(self) -> NDArray[np.void]:
-        """All rows in one array; the blocks become views of it, so that nothing is held twice."""
-        if not self._blocks:
-            return np.zeros(0, dtype=self._dtype)
-        count = len(self)
-        whole = np.concatenate(self._blocks)
-        self._blocks = [whole[i : i + _BLOCK_ROWS] for i in range(0, len(whole), _BLOCK_ROWS)]
-        return whole[:count]
+        """All rows so far: a view, nothing is held twice."""
+        return self._room[: self._used]
 
 
 class FrameTable:
