@@ -45,7 +45,7 @@ def search(
     tables = SkyTables(*sky)
     objects = objects_of(directions, index)
     n = len(directions)
-    votes = np.empty((tables.pair_stars, 8), dtype=np.uint16)
+    votes = np.empty(tables.pair_stars, dtype=np.uint64)
     candidates = np.empty((_MAX_CANDIDATES, 4), dtype=np.int64)
     star_of, rotation, best_rotation = np.full(n, -1), np.empty((3, 3)), np.zeros((3, 3))
     best, second, tried = -np.inf, -np.inf, 0

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from gse.compiled import compiled
 from gse.identifier.robust_tables import SkyTables, near_bit
 
-_VOTES = 7
-"""Votes kept of a star; more come only where partners are many."""
-
 FEW_LOOKED_AT = 12
 """A random object has a star near it by a chance of 1 to 3 %."""
 
-_Whole = int | np.int64
+_IN_EACH = np.uint64(0x0001_0001_0001_0001)
+_VOTED = np.uint64(0x8000_8000_8000_8000)
+_ROLL = np.uint64(0x7FFF_7FFF_7FFF_7FFF)
+"""A star's last four votes are kept in one word, 16 bits each: that it is a vote, and a roll in 1/32,768 turn."""
 
 (
     PLAN_WINDOW,
@@ -62,7 +62,7 @@ def hypotheses_of(
     directions: NDArray[np.float64],
     alpha: int,
     step: NDArray[np.float64],
-    votes: NDArray[np.uint16],
+    votes: NDArray[np.uint64],
     candidates: NDArray[np.int64],
 ) -> int:
     """Put the hypotheses of one alpha star that the votes make into ``candidates`` (C, 4); how many.
@@ -79,8 +79,7 @@ def hypotheses_of(
     rotation = np.empty((3, 3))
     looked_at = directions[: int(step[PLAN_LOOKED_AT])]
     least, plenty, count = _least_hits(bright, len(looked_at)), max(6, (2 * len(looked_at)) // 3), 0
-    for star in range(alpha_faintest):
-        votes[star, 0] = 0
+    votes[:faintest] = 0
     for p in range(min(found, int(step[PLAN_PARTNERS]))):
         k = partners[p]
         half = step[PLAN_WINDOW] + step[PLAN_GROWTH] * distance[k]
@@ -89,23 +88,24 @@ def hypotheses_of(
         if high >= len(tables.pair_start):
             break
         apart = step[PLAN_WINDOW] * (1.0 / distance[k] + 1.0 / distance[partners[0]])
-        tolerance = int(apart * (0.8 * 65536.0 / (2.0 * math.pi))) + 2
+        tolerance = np.uint64(int(apart * (0.8 * 32768.0 / (2.0 * math.pi))) + 1)
+        turn = np.uint64(azimuth[k])
         for bucket in range(low, high):
-            for q in range(tables.pair_start[bucket], tables.pair_start[bucket + 1]):
+            for q in range(np.uint64(tables.pair_start[bucket]), np.uint64(tables.pair_start[bucket + 1])):
                 if tables.pairs[q, 1] >= faintest:
                     break
                 for end in range(2):
-                    s = np.int64(tables.pairs[q, end])
-                    if s >= alpha_faintest:
-                        break
-                    roll = (np.int64(tables.pairs[q, 2 + end]) - azimuth[k]) & 0xFFFF
-                    if not _agrees(votes[s], roll, tolerance):
+                    s = np.uint64(tables.pairs[q, end])
+                    roll = ((np.uint64(tables.pairs[q, 2 + end]) - turn) >> np.uint64(1)) & np.uint64(0x7FFF)
+                    given = votes[s]
+                    votes[s] = (given << np.uint64(16)) | np.uint64(0x8000) | roll
+                    if not _agrees(given, roll, tolerance) or s >= alpha_faintest:
                         continue
-                    t = np.int64(tables.pairs[q, 1 - end])
+                    t = np.uint64(tables.pairs[q, 1 - end])
                     pair_rotation(directions[alpha], directions[k], tables.icrs[s], tables.icrs[t], rotation)
                     hits = _stars_near(tables, looked_at, rotation)
                     if hits >= least:
-                        count = _insert(candidates, count, (hits, k, s, t))
+                        count = _insert(candidates, count, (hits, k, int(s), int(t)))
         if count > 0 and candidates[0, 0] >= plenty:
             break
     return count
@@ -120,25 +120,19 @@ def _least_hits(bright: int, looked_at: int) -> int:
 
 
 @compiled
-def _agrees(votes: NDArray[np.uint16], roll: _Whole, tolerance: int) -> bool:
-    """Whether a star's alpha has a vote for the same roll already; the vote is added to its ``votes``.
+def _agrees(votes: np.uint64, roll: np.uint64, tolerance: np.uint64) -> bool:
+    """Whether one of a star's last four votes is for the same roll.
 
-    ``votes`` (8,) are how many there are, then their rolls; the first seven count.
+    All four are compared at once and without a branch, which could not be foretold; 15 bits with the 16th set before a
+    difference keep each from borrowing of the next.
     """
-    given = np.int64(votes[0])
-    agrees = False
-    for v in range(1, given + 1):
-        apart = (roll - np.int64(votes[v]) + 0x8000) & 0xFFFF
-        if abs(apart - 0x8000) <= tolerance:
-            agrees = True
-    if given < _VOTES:
-        votes[0] = given + 1
-        votes[given + 1] = roll
-    return agrees
+    apart = (((roll + tolerance) * _IN_EACH | _VOTED) - (votes & _ROLL)) & _ROLL
+    near = (np.uint64(2) * tolerance * _IN_EACH | _VOTED) - apart
+    return bool(near & votes & _VOTED)
 
 
 @compiled
-def _insert(candidates: NDArray[np.int64], count: int, new: tuple[_Whole, _Whole, _Whole, _Whole]) -> int:
+def _insert(candidates: NDArray[np.int64], count: int, new: tuple[int, int, int, int]) -> int:
     """Insert a candidate where its number of objects near a star puts it; the last one drops out of a full list."""
     place = count
     if count == len(candidates):
@@ -154,6 +148,21 @@ def _insert(candidates: NDArray[np.int64], count: int, new: tuple[_Whole, _Whole
     return count
 
 
+_Axis = tuple[float, float, float]
+
+
+@compiled
+def _triad(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[_Axis, _Axis, _Axis]:
+    """Three axes at right angles: ``x``, the normal of ``x`` and ``y``, and the cross product of these two."""
+    cx = x[1] * y[2] - x[2] * y[1]
+    cy = x[2] * y[0] - x[0] * y[2]
+    cz = x[0] * y[1] - x[1] * y[0]
+    norm = 1.0 / math.sqrt(cx * cx + cy * cy + cz * cz + 1e-300)
+    cx, cy, cz = cx * norm, cy * norm, cz * norm
+    across = (x[1] * cz - x[2] * cy, x[2] * cx - x[0] * cz, x[0] * cy - x[1] * cx)
+    return (x[0], x[1], x[2]), (cx, cy, cz), across
+
+
 @compiled
 def pair_rotation(
     a: NDArray[np.float64],
@@ -163,21 +172,10 @@ def pair_rotation(
     rotation: NDArray[np.float64],
 ) -> None:
     """Put the rotation that takes star ``s`` onto direction ``a`` and ``t`` towards ``b`` into ``rotation``."""
-    left, right = np.empty((3, 3)), np.empty((3, 3))
-    for frame, x, y in ((left, a, b), (right, s, t)):
-        cx = x[1] * y[2] - x[2] * y[1]
-        cy = x[2] * y[0] - x[0] * y[2]
-        cz = x[0] * y[1] - x[1] * y[0]
-        norm = 1.0 / math.sqrt(cx * cx + cy * cy + cz * cz + 1e-300)
-        cx, cy, cz = cx * norm, cy * norm, cz * norm
-        frame[0, 0], frame[0, 1], frame[0, 2] = x[0], x[1], x[2]
-        frame[1, 0], frame[1, 1], frame[1, 2] = cx, cy, cz
-        frame[2, 0] = x[1] * cz - x[2] * cy
-        frame[2, 1] = x[2] * cx - x[0] * cz
-        frame[2, 2] = x[0] * cy - x[1] * cx
+    left, right = _triad(a, b), _triad(s, t)
     for j in range(3):
         for k in range(3):
-            rotation[j, k] = left[0, j] * right[0, k] + left[1, j] * right[1, k] + left[2, j] * right[2, k]
+            rotation[j, k] = left[0][j] * right[0][k] + left[1][j] * right[1][k] + left[2][j] * right[2][k]
 
 
 @compiled
