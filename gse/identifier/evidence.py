@@ -46,6 +46,9 @@ _SEEN = 0.9
 _BLUR = 0.5
 """The limit is blurred by this part of the errors of brightness (the width of an algebraic sigmoid, not a normal's)."""
 
+_LIMIT_WITHIN = 0.02
+"""The magnitude of the limit is found so well, which is a tenth of the least blur."""
+
 _LEAST_COMPLETENESS = 4.0
 """The completeness of a field costs less than this for each matched star: it is left out where it cannot matter."""
 
@@ -217,12 +220,12 @@ def _log_completeness(
     for f in range(len(object_of)):
         matched += object_of[f] >= 0
     limit = _limit_for(star_magnitude, matched, blur)
-    value, variance = 0.0, 0.0
+    likelihood, variance = 1.0, 0.0
     for f in range(len(object_of)):
         seen = _share_seen((limit - star_magnitude[f]) / blur)
-        value += math.log(seen if object_of[f] >= 0 else 1.0 - seen)
+        likelihood *= seen if object_of[f] >= 0 else 1.0 - seen
         variance += seen * (1.0 - seen)
-    value += 0.5 * math.log(1.0 + 2.0 * math.pi * variance)
+    value = math.log(likelihood) + 0.5 * math.log(1.0 + 2.0 * math.pi * variance)
     share = 0.5 + 0.5 / (objects + 1.0) if matched == objects else 0.5 / (objects + 1.0)
     return value + math.log(share)
 
@@ -235,15 +238,27 @@ def _share_seen(above_limit: float) -> float:
 
 @compiled
 def _limit_for(star_magnitude: NDArray[np.float64], stars: int, blur: float) -> float:
-    """The limiting magnitude at which as many stars of the field are expected to be seen."""
+    """The limiting magnitude at which as many stars of the field are expected to be seen.
+
+    By Newton's steps, halved intervals where these lead out: the share seen is steep at the limit and flat elsewhere.
+    """
     low, high = star_magnitude[0] - 4.0, star_magnitude[-1] + 4.0
+    limit = star_magnitude[min(stars, len(star_magnitude) - 1)]
     for _ in range(10):
-        middle = 0.5 * (low + high)
-        expected = 0.0
+        missing, slope = float(stars), 0.0
         for f in range(len(star_magnitude)):
-            expected += _share_seen((middle - star_magnitude[f]) / blur)
-        if expected < stars:
-            low = middle
+            above = (limit - star_magnitude[f]) / blur
+            missing -= _share_seen(above)
+            flat = 1.0 / math.sqrt(1.0 + above * above)
+            slope += flat * flat * flat
+        if missing > 0.0:
+            low = limit
         else:
-            high = middle
-    return float(0.5 * (low + high))
+            high = limit
+        step = missing * blur / (0.5 * (_SEEN - 0.02) * slope)
+        limit += step
+        if not low < limit < high:
+            limit = 0.5 * (low + high)
+        elif abs(step) < _LIMIT_WITHIN:
+            break
+    return float(limit)

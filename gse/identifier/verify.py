@@ -128,12 +128,12 @@ def attempt_at(tables: SkyTables, rotation: NDArray[np.float64], objects: int) -
         pz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
         px = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
         py = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
-        inside = pz > 0.0 and left * pz < px < right * pz and top * pz < py < bottom * pz
-        if inside and px * px + py * py < 1.03 * radius2 * pz * pz:
-            rows[count] = star
-            count += 1
-            if count == len(rows):
-                break
+        inside = (left * pz < px) & (px < right * pz) & (top * pz < py) & (py < bottom * pz)
+        # Whether a star is inside cannot be foretold: it is noted without a branch, and counted if it is.
+        rows[count] = star
+        count += (pz > 0.0) & inside & (px * px + py * py < 1.03 * radius2 * pz * pz)
+        if count == len(rows):
+            break
     star_of = np.empty(objects, dtype=np.int64)
     for i in range(objects):
         star_of[i] = -1
