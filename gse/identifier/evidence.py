@@ -25,6 +25,9 @@ but the mean of the factor is made of many orders of magnitude: measured on rand
 LOG_ACCEPTED = math.log(CHANCE_OF_EVIDENCE / 1e-3)
 """Evidence of an answer: a chance of 1e-3."""
 
+LOG_UNAMBIGUOUS = math.log(100.0)
+"""The best attitude must explain the panorama so many times better than any other."""
+
 LOG_STRONG = math.log(1e5)
 """Evidence that ends a search: another attitude comes near it with a chance of 1e-3, and is worse even then."""
 

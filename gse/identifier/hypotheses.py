@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.compiled import compiled
-from gse.identifier.evidence import LOG_STRONG, weigh
+from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS, weigh
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.verify import Noise, attempt_at, named, objects_of
 from gse.identifier.votes import (
@@ -24,6 +24,64 @@ from gse.identifier.votes import (
 _SAME_ATTITUDE_COS = math.cos(math.radians(0.5))
 
 _MAX_CANDIDATES = 1000
+
+_LOG_MIRRORED = math.log(CHANCE_OF_EVIDENCE / 1e-5)
+
+_MIRROR_PASSES = 2
+"""A flipped image is looked for in the first passes of the search only: a refusal must not take twice as long."""
+
+
+@compiled
+def search_many(
+    sky: tuple[Any, ...],
+    directions: NDArray[np.float64],
+    index: NDArray[np.float64],
+    first: NDArray[np.int64],
+    plan: NDArray[np.float64],
+    known: NDArray[np.float64],
+    max_hypotheses: int,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """What ``search_both`` finds in K panoramas: evidence (K, 2), mirrored (K,), ends (K + 1,), objects and stars (M,).
+
+    Panorama k has the rows of ``directions`` and ``index`` from ``first[k]`` to before ``first[k + 1]``, and of the
+    objects and stars that are returned those from ``ends[k]`` to before ``ends[k + 1]``.
+    """
+    count = len(first) - 1
+    evidence, mirrored = np.empty((count, 2)), np.empty(count, dtype=np.bool_)
+    ends = np.zeros(count + 1, dtype=np.int64)
+    objects, stars = np.empty(len(index), dtype=np.int64), np.empty(len(index), dtype=np.int64)
+    for k in range(count):
+        rows = slice(first[k], first[k + 1])
+        evidence[k, 0], evidence[k, 1], mirrored[k], found, of_sky = search_both(
+            sky, directions[rows], index[rows], plan, known, max_hypotheses
+        )
+        ends[k + 1] = ends[k] + len(found)
+        objects[ends[k] : ends[k + 1]] = found
+        stars[ends[k] : ends[k + 1]] = of_sky
+    return evidence, mirrored, ends, objects[: ends[count]], stars[: ends[count]]
+
+
+@compiled
+def search_both(
+    sky: tuple[Any, ...],
+    directions: NDArray[np.float64],
+    index: NDArray[np.float64],
+    plan: NDArray[np.float64],
+    known: NDArray[np.float64],
+    max_hypotheses: int,
+) -> tuple[float, float, bool, NDArray[np.int64], NDArray[np.int64]]:
+    """The same as ``search`` for an answer, from the image or, which the third tells, from the flipped one; else none.
+
+    Evidence that comes to no answer is minus infinity.
+    """
+    seen = directions.copy()
+    for turn in range(2):
+        passes, needed = (len(plan), LOG_ACCEPTED) if turn == 0 else (_MIRROR_PASSES, _LOG_MIRRORED)
+        best, second, objects, stars = search(sky, seen, index, plan[:passes], known, max_hypotheses)
+        if best >= needed and (turn == 0 or best - second >= LOG_UNAMBIGUOUS):
+            return best, second, turn == 1, objects, stars
+        seen[:, 0] *= -1.0
+    return -np.inf, -np.inf, False, objects[:0], stars[:0]
 
 
 @compiled

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -12,21 +13,13 @@ from gse.attitude import Attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, merge_doubles
 from gse.catalog.mission import MERGED_WITHIN_PX
-from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, TRUSTED_SCALE_SIGMA
-from gse.identifier.hypotheses import search
+from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_UNAMBIGUOUS, TRUSTED_SCALE_SIGMA
+from gse.identifier.hypotheses import search, search_both, search_many
 from gse.identifier.intake import refusal
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.robust_tables import build_tables
 from gse.identifier.tracking import follow
 from gse.identifier.verify import Noise, outside_field
-
-LOG_UNAMBIGUOUS = math.log(100.0)
-"""The best attitude must explain the panorama so many times better than any other."""
-
-_MIRROR_CHANCE = 1e-5
-
-_MIRROR_PASSES = 2
-"""A flipped image is looked for in the first passes of the search only: a refusal must not take twice as long."""
 
 _FEWEST_OBJECTS = 3
 
@@ -138,16 +131,8 @@ class RobustIdentifier:
         refused = self._refusal(directions, brightness)
         if refused:
             return refused
-        answer = self._search(directions, brightness)
-        if isinstance(answer, Unidentified) and answer.reason is Reason.NO_MATCH:
-            mirrored = self._search(directions * np.array([-1.0, 1.0, 1.0]), brightness, _MIRROR_PASSES)
-            if isinstance(mirrored, Identification) and mirrored.chance < _MIRROR_CHANCE:
-                return Unidentified(
-                    Reason.NO_MATCH,
-                    f"the image is mirrored: flipped, {len(mirrored.stars)} of {len(index)} objects are stars; "
-                    "turn sensor.mirrored over",
-                )
-        return answer
+        found = search_both(self._sky, directions, brightness, self._plan, self._noise, _MAX_HYPOTHESES)
+        return _answer(*found, len(brightness))
 
     def track(
         self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64], previous: Attitude
@@ -162,7 +147,7 @@ class RobustIdentifier:
         )
         if evidence < LOG_ACCEPTED:
             return self.identify(directions, brightness)
-        return _answer(evidence, -math.inf, objects, stars)
+        return _answer(evidence, -math.inf, False, objects, stars, len(brightness))
 
     def best_chance(self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]) -> float:
         """The chance of the best attitude found for sound objects, even one that is not good enough for an answer."""
@@ -172,8 +157,28 @@ class RobustIdentifier:
     def identify_many(
         self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
     ) -> list[Identification | Unidentified]:
-        """The answers to many panoramas, each as for ``identify``."""
-        return [self.identify(directions_sensor, index) for directions_sensor, index in panoramas]
+        """The answers to many panoramas, each as for ``identify``, by one search that lets other threads run."""
+        objects = [_contiguous(directions_sensor, index) for directions_sensor, index in panoramas]
+        refusals = [self._refusal(directions, index) for directions, index in objects]
+        found = iter(self._found([one for one, refused in zip(objects, refusals, strict=True) if refused is None]))
+        return [refused or next(found) for refused in refusals]
+
+    def _found(
+        self, sound: list[tuple[NDArray[np.float64], NDArray[np.float64]]]
+    ) -> list[Identification | Unidentified]:
+        """The answers to panoramas that nothing is wrong with."""
+        if not sound:
+            return []
+        directions, index = (np.concatenate(parts) for parts in zip(*sound, strict=True))
+        counts = [len(brightness) for _, brightness in sound]
+        evidence, mirrored, ends, objects, stars = search_many(
+            self._sky, directions, index, np.cumsum([0, *counts]), self._plan, self._noise, _MAX_HYPOTHESES
+        )
+        results = zip(evidence.tolist(), mirrored.tolist(), pairwise(ends.tolist()), counts, strict=True)
+        return [
+            _answer(best, second, flipped, objects[start:end], stars[start:end], count)
+            for (best, second), flipped, (start, end), count in results
+        ]
 
     def _refusal(self, directions: NDArray[np.float64], index: NDArray[np.float64]) -> Unidentified | None:
         refused = refusal(directions, index, _FEWEST_OBJECTS)
@@ -183,11 +188,6 @@ class RobustIdentifier:
         if outside >= 0:
             return Unidentified(Reason.SENSOR_FAULT, f"object {outside} lies outside the detector")
         return None
-
-    def _search(
-        self, directions: NDArray[np.float64], index: NDArray[np.float64], passes: int | None = None
-    ) -> Identification | Unidentified:
-        return _answer(*search(self._sky, directions, index, self._plan[:passes], self._noise, _MAX_HYPOTHESES))
 
 
 def stars_looked_at(camera: Camera, field_of_view_deg: float | None = None) -> int:
@@ -203,8 +203,14 @@ def _contiguous(
 
 
 def _answer(
-    best: float, second: float, objects: NDArray[np.int64], stars: NDArray[np.int64]
+    best: float, second: float, mirrored: bool, objects: NDArray[np.int64], stars: NDArray[np.int64], count: int
 ) -> Identification | Unidentified:
+    """The answer to a panorama of ``count`` objects."""
+    if mirrored:
+        return Unidentified(
+            Reason.NO_MATCH,
+            f"the image is mirrored: flipped, {len(stars)} of {count} objects are stars; turn sensor.mirrored over",
+        )
     if best < LOG_ACCEPTED:
         return Unidentified(Reason.NO_MATCH, "no attitude explains the objects better than chance")
     if best - second < LOG_UNAMBIGUOUS:

@@ -182,15 +182,33 @@ def test_what_is_known_of_the_sensor_lets_three_stars_be_named(catalog: StarCata
 
 
 def test_many_panoramas_in_one_call_give_the_answers_one_by_one(wide: RobustIdentifier, catalog: StarCatalog) -> None:
+    """Sky, mirrored sky, random objects, none, too few, too many, and a NaN, all mixed."""
     seen = frames(WIDE, FALSE_3, catalog, 20)
-    many = wide.identify_many([(frame.directions_sensor, frame.index) for frame in seen])
-    for frame, answer in zip(seen, many, strict=True):
-        one = wide.identify(frame.directions_sensor, frame.index)
-        assert isinstance(one, Identification)
+    panoramas = [(frame.directions_sensor, frame.index) for frame in seen]
+    panoramas += [(frame.directions_sensor * MIRROR, frame.index) for frame in seen[:3]]
+    panoramas += [random_panorama(WIDE, np.random.default_rng(6), count) for count in (3, 5, 30, 31)]
+    panoramas += [
+        (frame.directions_sensor[:count], frame.index[:count]) for frame in seen[:2] for count in (0, 2, 4, 9)
+    ]
+    panoramas.append((np.where(seen[0].directions_sensor > 0.1, np.nan, seen[0].directions_sensor), seen[0].index))
+    panoramas = [panoramas[k] for k in np.random.default_rng(7).permutation(len(panoramas))]
+    many = wide.identify_many(panoramas)
+    ones = [wide.identify(directions, index) for directions, index in panoramas]
+    assert len(many) == len(ones)
+    assert {one.reason for one in ones if isinstance(one, Unidentified)} >= {Reason.TOO_FEW, Reason.NO_MATCH}
+    for one, answer in zip(ones, many, strict=True):
+        if isinstance(one, Unidentified):
+            assert answer == one
+            continue
         assert isinstance(answer, Identification)
-        assert (answer.objects == one.objects).all()
-        assert (answer.stars == one.stars).all()
+        assert (answer.objects.tolist(), answer.stars.tolist()) == (one.objects.tolist(), one.stars.tolist())
         assert answer.chance == one.chance
+
+
+def test_no_panoramas_have_no_answers(wide: RobustIdentifier) -> None:
+    assert wide.identify_many([]) == []
+    empty = (np.empty((0, 3)), np.empty(0))
+    assert [type(answer) for answer in wide.identify_many([empty, empty])] == [Unidentified, Unidentified]
 
 
 def test_bad_input_is_refused_and_never_a_star(wide: RobustIdentifier, catalog: StarCatalog) -> None:
