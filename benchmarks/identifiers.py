@@ -213,17 +213,19 @@ def random_panorama(
 
 
 def random_only(catalog: StarCatalog, count: int, seed: int) -> None:
-    """Panoramas of 30 random objects, camera B."""
-    optics, rng = OPTICS["B"], np.random.default_rng(seed)
-    identifier = robust_for(optics, catalog)
-    answers, times_ms = 0, []
-    for _ in range(count):
-        directions, index = random_panorama(optics, 30, rng)
-        started_ns = time.thread_time_ns()
-        answers += isinstance(identifier.identify(directions, index), Identification)
-        times_ms.append((time.thread_time_ns() - started_ns) / 1e6)
-    print(f"\nrandom objects only, B: {answers} answers in {count}, refused in {np.median(times_ms):.1f} ms,", end=" ")
-    print(f"p95 {np.percentile(times_ms, 95):.1f}, max {max(times_ms):.1f}", flush=True)
+    """Panoramas of 30 random objects, cameras B and C."""
+    for name in ("B", "C"):
+        optics, rng = OPTICS[name], np.random.default_rng(seed)
+        identifier = robust_for(optics, catalog)
+        answers, times_ms = 0, []
+        for _ in range(count):
+            directions, index = random_panorama(optics, 30, rng)
+            started_ns = time.thread_time_ns()
+            answers += isinstance(identifier.identify(directions, index), Identification)
+            times_ms.append((time.thread_time_ns() - started_ns) / 1e6)
+        print(f"\nrandom objects only, {name}: {answers} answers in {count},", end=" ")
+        print(f"refused in {np.median(times_ms):.1f} ms,", end=" ")
+        print(f"p95 {np.percentile(times_ms, 95):.1f}, max {max(times_ms):.1f}", flush=True)
 
 
 def calibration(catalog: StarCatalog, count: int, seed: int) -> None:

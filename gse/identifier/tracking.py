@@ -65,6 +65,8 @@ def _common_shift(tables: SkyTables, objects: Objects, attempt: Attempt, reach: 
             votes += abs(offsets[a, 0] - offsets[b, 0]) < tolerance and abs(offsets[a, 1] - offsets[b, 1]) < tolerance
         if votes > best_votes:
             best, best_votes = a, votes
+        if 2 * best_votes > count:
+            break  # Most of all share it.
     matched = 0
     for b in range(count):
         du, dv = abs(offsets[best, 0] - offsets[b, 0]), abs(offsets[best, 1] - offsets[b, 1])
