@@ -37,8 +37,8 @@ TRUSTED_SCALE_SIGMA = 2e-4
 _MOST_OF_TRUST = 15.0
 """Evidence that the trusted scale cannot add: its prior is 12 times narrower, a factor of 2.5 in the logarithm."""
 
-_MAGNITUDE_FLOOR = 0.02
-"""Likelihood (0.4 at best) of any error of brightness at all: variable stars, clouds, saturation."""
+_ODD_BRIGHTNESS = 0.1
+"""Share of stars whose brightness is any at all: variable stars, clouds, saturation."""
 
 _ANY_MAGNITUDE = 0.4
 """Density of the magnitude of a random object, per magnitude: of one spread evenly over 2.5."""
@@ -101,7 +101,10 @@ def _log_evidence(tables: SkyTables, objects: Objects, attempt: Attempt, noise: 
     lower_bound = value - _LEAST_COMPLETENESS * matched
     if lower_bound > 2.0 * LOG_STRONG:
         return lower_bound
-    return value + _log_completeness(star_magnitude, object_of, len(objects.uv), _BLUR * noise.magnitude_sigma)
+    least_limit = -np.inf if math.isnan(noise.zero_point) else noise.zero_point + objects.magnitude.max()
+    return value + _log_completeness(
+        star_magnitude, object_of, len(objects.uv), _BLUR * noise.magnitude_sigma, least_limit
+    )
 
 
 @compiled
@@ -163,6 +166,7 @@ def _log_labels(
     for i in range(n):
         free[i] = True
         brightest = min(brightest, magnitude[i])
+    odd = _ODD_BRIGHTNESS * _ANY_MAGNITUDE * noise.magnitude_sigma
     total, left = 0.0, n
     for f in range(len(object_of)):
         if object_of[f] < 0:
@@ -173,7 +177,7 @@ def _log_labels(
                 error = zero + magnitude[i] - star_magnitude[f]
                 if magnitude[i] == brightest and error > 0.0:
                     error = 0.0  # It may be saturated.
-                likelihood = _likelihood(error / noise.magnitude_sigma)
+                likelihood = _likelihood(error / noise.magnitude_sigma) + odd
                 likelihoods += likelihood
                 own = likelihood if i == object_of[f] else own
         if known:
@@ -186,8 +190,8 @@ def _log_labels(
 
 @compiled
 def _likelihood(error: float) -> float:
-    """Of an error of brightness in sigmas: as a normal near the middle, with the tails of the real sky."""
-    return (0.38 / (1.0 + 0.25 * error * error) ** 2) + _MAGNITUDE_FLOOR
+    """Of an error of brightness in sigmas: as a normal near the middle, with longer tails."""
+    return 0.38 / (1.0 + 0.25 * error * error) ** 2
 
 
 @compiled
@@ -211,22 +215,28 @@ def _zero_point(
 
 @compiled
 def _log_completeness(
-    star_magnitude: NDArray[np.float64], object_of: NDArray[np.int64], objects: int, blur: float
+    star_magnitude: NDArray[np.float64], object_of: NDArray[np.int64], objects: int, blur: float, least_limit: float
 ) -> float:
     """Logarithm of the probability that the sensor sees just these stars of the field, and makes up the other objects.
 
     ``object_of`` (F,) tells of the stars of the field, brightest first, which object each is, or -1. The number of
     stars among the objects is as likely any as another, but all of them stars is likeliest; given the number, stars are
     mostly seen down to the magnitude that lets one expect this number, and mostly not beyond, with a ``blur`` between.
+    Where the zero point is known, this limit is no brighter than ``least_limit``, the faintest object, and a star that
+    is seen has paid for its magnitude by its brightness already: an error made it bright enough. Minus infinity else.
     """
     matched = 0
     for f in range(len(object_of)):
         matched += object_of[f] >= 0
-    limit = _limit_for(star_magnitude, matched, blur)
+    limit = max(_limit_for(star_magnitude, matched, blur), least_limit)
+    paid = least_limit > -np.inf
     likelihood, variance = 1.0, 0.0
     for f in range(len(object_of)):
         seen = _share_seen((limit - star_magnitude[f]) / blur)
-        likelihood *= seen if object_of[f] >= 0 else 1.0 - seen
+        if object_of[f] < 0:
+            likelihood *= 1.0 - seen
+        else:
+            likelihood *= _SEEN if paid else seen
         variance += seen * (1.0 - seen)
     value = math.log(likelihood) + 0.5 * math.log(1.0 + 2.0 * math.pi * variance)
     share = 0.5 + 0.5 / (objects + 1.0) if matched == objects else 0.5 / (objects + 1.0)
