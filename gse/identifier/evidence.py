@@ -20,7 +20,7 @@ from gse.identifier.verify import Attempt, Noise, Objects, grow, squared_residua
 CHANCE_OF_EVIDENCE = 0.05
 """A random panorama reaches a Bayes factor of x with a probability of at most this over x. Markov's inequality gives 1,
 but the mean of the factor is made of many orders of magnitude: measured on random panoramas of 3 and 4 objects it is
-0.004 to 0.01 for x from 0.01 to 100 (0.02 with brightness known), and less where objects are more."""
+0.004 to 0.01 for x from 0.01 to 100, with brightness known too, and less where objects are more."""
 
 LOG_ACCEPTED = math.log(CHANCE_OF_EVIDENCE / 1e-3)
 """Evidence of an answer: a chance of 1e-3."""
