@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from gse.compiled import compiled
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS, weigh
 from gse.identifier.robust_tables import SkyTables
-from gse.identifier.verify import Noise, attempt_at, named, objects_of
+from gse.identifier.verify import Noise, Objects, attempt_at, fit, named, objects_of, squared_residuals
 from gse.identifier.votes import (
     FEW_LOOKED_AT,
     PLAN_ALPHAS,
     PLAN_CANDIDATES,
     PLAN_LOOKED_AT,
     PLAN_MOST_OBJECTS,
+    PLAN_OBJECTS,
     PLAN_SIGMA,
     hypotheses_of,
     pair_rotation,
@@ -24,6 +25,9 @@ from gse.identifier.votes import (
 _SAME_ATTITUDE_COS = math.cos(math.radians(0.5))
 
 _MAX_CANDIDATES = 1000
+
+_MORE_THAN_NOISE = 1.2
+"""Residuals of so many times the noise assumed tell that it is more."""
 
 _LOG_MIRRORED = math.log(CHANCE_OF_EVIDENCE / 1e-5)
 
@@ -115,8 +119,9 @@ def search(
         noise = Noise(step[PLAN_SIGMA], known[1], int(known[2]), known[3], known[4], known[5])
         keep = candidates[: int(step[PLAN_CANDIDATES])]
         for turn in range(min(n, int(step[PLAN_ALPHAS]))):
-            # Where more objects are looked at, the brightest may be hot pixels: their turn comes last.
-            alpha = turn if step[PLAN_LOOKED_AT] <= FEW_LOOKED_AT else (turn + n // 3) % n
+            # The brightest objects may be hot pixels or planets: their turn comes last.
+            passed_over = min(n, int(step[PLAN_OBJECTS])) // (4 if step[PLAN_LOOKED_AT] <= FEW_LOOKED_AT else 3)
+            alpha = (turn + passed_over) % n
             for c in range(hypotheses_of(tables, directions, alpha, step, votes, keep)):
                 hits, k, s, t = candidates[c, 0], candidates[c, 1], candidates[c, 2], candidates[c, 3]
                 if best > LOG_STRONG and (hits < best_hits - 1 or s == best_alpha):
@@ -142,9 +147,51 @@ def search(
                     _keep(attempt.rows, attempt.star_of, rotation, star_of, best_rotation)
                 elif not same:
                     second = value
-            if best > LOG_STRONG or tried >= max_hypotheses:
+            if best > LOG_STRONG:
+                return _with_more_noise(tables, objects, noise, best, best_rotation, star_of), second, *named(star_of)
+            if tried >= max_hypotheses:
                 return best, second, *named(star_of)
     return best, second, *named(star_of)
+
+
+@compiled
+def _with_more_noise(
+    tables: SkyTables,
+    objects: Objects,
+    noise: Noise,
+    best: float,
+    rotation: NDArray[np.float64],
+    star_of: NDArray[np.int64],
+) -> float:
+    """Grow the best attitude again with twice the noise where its stars lie off more than the noise; its evidence.
+
+    The noise of the first passes leaves out the stars that err by more, and then many. ``rotation`` and ``star_of``
+    (N,), rows of the tables, follow where the evidence rises.
+    """
+    attempt = attempt_at(tables, rotation.copy(), len(star_of))
+    matched = 0
+    for i in range(len(star_of)):
+        for f in range(len(attempt.rows)):
+            if attempt.rows[f] == star_of[i]:
+                attempt.star_of[i] = f
+                matched += 1
+    fit(tables, objects, attempt, noise)
+    expected = _MORE_THAN_NOISE**2 * noise.sigma * noise.sigma * (2 * matched - 4)
+    if squared_residuals(tables, objects, attempt) < expected:
+        return best
+    more = Noise(
+        2.0 * noise.sigma,
+        noise.smallest_sigma,
+        noise.sigma_steps,
+        noise.scale_sigma,
+        noise.zero_point,
+        noise.magnitude_sigma,
+    )
+    value = weigh(tables, objects, attempt, more)
+    if value <= best:
+        return best
+    _keep(attempt.rows, attempt.star_of, attempt.rotation, star_of, rotation)
+    return value
 
 
 @compiled

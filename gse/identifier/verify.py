@@ -216,7 +216,7 @@ def _match(tables: SkyTables, objects: Objects, attempt: Attempt, sigma: float) 
 
 
 @compiled
-def _fit(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -> None:
+def fit(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -> None:
     """One Gauss-Newton step of rotation and scale on the matched objects, and the new covariance."""
     information, pull, step = np.empty((4, 4)), np.empty(4), np.empty(4)
     scale, covariance = attempt.scale[0], attempt.covariance
@@ -303,7 +303,7 @@ def grow(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) ->
     n = len(objects.uv)
     before = np.empty(n, dtype=np.int64)
     matched = 0
-    _fit(tables, objects, attempt, noise)
+    fit(tables, objects, attempt, noise)
     for _ in range(_MAX_ROUNDS):
         same = True
         for i in range(n):
@@ -315,7 +315,7 @@ def grow(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) ->
             same = same and before[i] == attempt.star_of[i]
         if same:
             break
-        _fit(tables, objects, attempt, noise)
+        fit(tables, objects, attempt, noise)
     return matched
 
 
