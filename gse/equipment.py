@@ -37,7 +37,7 @@ class Equipment:
     protocol: Protocol
     camera: Camera
     identifier: Identifier
-    judge: Identifier | None
+    judge: RobustIdentifier | None
 
     def catalog_facts(self) -> dict[str, object]:
         """What the report says of the catalogue under test."""
@@ -112,7 +112,8 @@ def _warm_up(equipment: Equipment) -> None:
     xy_px = camera.pixels(stars_icrs @ icrs_to_sensor.T)
     directions_sensor = camera.directions(np.round(xy_px[camera.contains(xy_px)][:MAX_OBJECTS]))
     index = np.linspace(4000.0, 100.0, len(directions_sensor))
-    for identifier in (equipment.identifier, equipment.judge):
-        answer = identifier.identify(directions_sensor, index) if identifier else None
-        if identifier and isinstance(answer, Identification):
-            solve_attitude(directions_sensor[answer.objects], identifier.catalog.icrs[answer.stars], 1e-4)
+    answer = equipment.identifier.identify(directions_sensor, index)
+    if isinstance(answer, Identification):
+        solve_attitude(directions_sensor[answer.objects], stars_icrs[answer.stars], 1e-4)
+    if equipment.judge:
+        equipment.judge.identify_many([(directions_sensor, index)])

@@ -119,6 +119,7 @@ class _Sightings:
     def __init__(self, motion_rad: float) -> None:
         self._motion2 = motion_rad**2
         self._frame = 0
+        self._whole_pixels = True
         self._rows: OrderedDict[tuple[float, float], tuple[int, float, float]] = OrderedDict()
         self._first = np.zeros(MAX_REMEMBERED, dtype=np.int64)
         self._count = np.zeros(MAX_REMEMBERED, dtype=np.int64)
@@ -143,7 +144,9 @@ class _Sightings:
         if key not in self._rows:
             x_px, y_px = place_px
             column, line = round(x_px), round(y_px)
-            near = ((column + i, line + j) for i in (0, -1, 1) for j in (0, -1, 1))
+            self._whole_pixels &= column == x_px and line == y_px
+            steps = () if self._whole_pixels else (0, -1, 1)
+            near = ((column + i, line + j) for i in steps for j in steps)
             found = next((key for key in near if self._is_at(key, x_px, y_px)), None)
             key = found or self._begun(column, line, x_px, y_px)
         self._rows.move_to_end(key)

@@ -13,6 +13,7 @@ from gse.camera import Camera
 from gse.comparison import compare
 from gse.config import Mount
 from gse.identifier import Identification, Identifier, Unidentified
+from gse.identifier.robust import RobustIdentifier
 from gse.non_stars import NonStars
 from gse.panorama import MAX_OBJECTS, Panorama
 from gse.results import FrameResult, Judge, Matches, Status
@@ -53,7 +54,7 @@ class Observer:
     camera: Camera
     index_max: int
     identifier: Identifier
-    judge: Identifier | None
+    judge: RobustIdentifier | None
     non_stars: NonStars
     truth: SiderealTruth | None
     mount: Mount | None
@@ -115,7 +116,7 @@ class Observer:
         shared_us = (time.perf_counter_ns() - started_ns) / 1000 / len(panoramas)
         objects = [(of_one, panorama.index) for of_one, panorama in zip(directions_sensor, panoramas, strict=True)]
         found = [self._answer(*of_one) for of_one in objects]
-        judged = [self.judge.identify(*of_one) if self.judge else None for of_one in objects]
+        judged = self.judge.identify_many(objects) if self.judge else [None] * len(objects)
         return [
             Answer(of_one, answer, attitude, self._judge(attitude, of_one, judge), round(shared_us + elapsed_us, 1))
             for of_one, (answer, attitude, elapsed_us), judge in zip(directions_sensor, found, judged, strict=True)
