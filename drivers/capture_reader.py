@@ -6,7 +6,7 @@ gives all its whole records. Memory is bounded by the largest record that is bel
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from drivers.errors import CaptureError
@@ -27,7 +27,13 @@ class Capture:
     """
 
     def __init__(
-        self, segments: list[Path], missing: list[str], *, from_utc_ns: int | None = None, alone: bool = False
+        self,
+        segments: list[Path],
+        missing: list[str],
+        *,
+        from_utc_ns: int | None = None,
+        only: Collection[str] | None = None,
+        alone: bool = False,
     ) -> None:
         self.segments = segments
         self.missing = missing
@@ -36,6 +42,7 @@ class Capture:
         self.damage_count = 0
         self.damaged_bytes = 0
         self._from_utc_ns = from_utc_ns
+        self._only = None if only is None else {*only, CONTINUED}
         self._alone = alone
         self._records = self._read()
 
@@ -50,7 +57,7 @@ class Capture:
         for segment in self.segments:
             continued = False
             with FileWindow(segment) as window:
-                walk = Walk(window, segment.name, from_utc_ns=self._from_utc_ns)
+                walk = Walk(window, segment.name, from_utc_ns=self._from_utc_ns, only=self._only)
                 for record in walk.records():
                     if isinstance(record, Attachment):
                         if record.name in attached:
@@ -62,6 +69,8 @@ class Capture:
                         continued = True
                         if not self._alone:
                             continue
+                    elif self._only is not None and record.topic not in self._only:
+                        continue
                     yield record
             self.truncated |= not walk.ended
             if continued and segment == self.segments[-1] and not self._alone:
@@ -75,16 +84,17 @@ class Capture:
             self.damages.append(damage)
 
 
-def read_capture(path: Path | str, *, from_utc_ns: int | None = None) -> Capture:
+def read_capture(path: Path | str, *, from_utc_ns: int | None = None, only: Collection[str] | None = None) -> Capture:
     """The records of a session file, or of a folder with a session.mcap, with all its segments.
 
     With ``from_utc_ns``, compressed chunks that end before it are skipped without being unpacked; single earlier
-    messages may still come. CaptureError where there is no file, or none of ours.
+    messages may still come. ``only`` names the topics whose messages are wanted. CaptureError where there is no file,
+    or none of ours.
     """
     path = session_file(Path(path))
     with FileWindow(path) as window:
         Walk(window, path.name).check_ours()
-    return Capture(*find_segments(path), from_utc_ns=from_utc_ns)
+    return Capture(*find_segments(path), from_utc_ns=from_utc_ns, only=only)
 
 
 def one_file(path: Path) -> Capture:
@@ -119,4 +129,4 @@ def find_segments(first: Path) -> tuple[list[Path], list[str]]:
 
 def messages(path: Path | str, topic: str) -> Iterator[Message]:
     """The messages of one topic of a session."""
-    return (record for record in read_capture(path) if isinstance(record, Message) and record.topic == topic)
+    return (record for record in read_capture(path, only=(topic,)) if isinstance(record, Message))

@@ -8,7 +8,7 @@ checksum says so, and after damage scans for the next record that can be believe
 import re
 import struct
 import zlib
-from collections.abc import Generator, Iterator
+from collections.abc import Container, Generator, Iterator
 from io import BytesIO
 
 import zstandard
@@ -72,11 +72,18 @@ class Walk:
     """The records of one MCAP file, or of the inside of one chunk."""
 
     def __init__(
-        self, window: Window, file: str, *, from_utc_ns: int | None = None, topics: dict[int, str] | None = None
+        self,
+        window: Window,
+        file: str,
+        *,
+        from_utc_ns: int | None = None,
+        only: Container[str] | None = None,
+        topics: dict[int, str] | None = None,
     ) -> None:
         self._window = window
         self._file = file
         self._from_utc_ns = from_utc_ns or 0
+        self._only = only
         self._topics = {} if topics is None else topics
         self.data_end: tuple[int, int] | None = None
         """Where the data section ends, and the CRC-32 that is said to be of everything before."""
@@ -229,7 +236,8 @@ class Walk:
             topic = self._topics[channel]
             if zlib.crc32(block[offset + _STAMPS_AT : following], topic_checksum(topic)) != crc:
                 break
-            messages.append(Message(topic, utc_ns, mono_ns, block[offset + _HEAD_AND_MESSAGE.size : following]))
+            if self._only is None or topic in self._only:
+                messages.append(Message(topic, utc_ns, mono_ns, block[offset + _HEAD_AND_MESSAGE.size : following]))
             offset = following
         return messages, offset
 
@@ -253,7 +261,8 @@ class Walk:
             raise _NotBelievedError("impossible length")
         block = _unpack(chunk)
         whole = len(block) == chunk.uncompressed_size and zlib.crc32(block) == chunk.uncompressed_crc
-        inside = Walk(BlockWindow(block), f"{self._file}, chunk at {offset}", topics=self._topics)
+        name = f"{self._file}, chunk at {offset}"
+        inside = Walk(BlockWindow(block), name, only=self._only if whole else None, topics=self._topics)
         records = list(inside.inner_records())
         if not whole:
             if not any(isinstance(record, Message) for record in records):

@@ -93,7 +93,7 @@ def solve_attitude(
     attitude = np.empty((2, 3, 3))
     if not _solve(measured, stars, weights, attitude):
         raise ValueError("the directions are parallel or not finite: they do not fix an attitude")
-    return Attitude(*attitude)
+    return Attitude(attitude[0], attitude[1])
 
 
 def paper_mean(attitude: Attitude, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64]) -> Attitude:

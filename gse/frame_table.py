@@ -131,7 +131,7 @@ class FrameTable:
         )
         if row % self._match_stride == 0 and len(result.matches):
             matches = result.matches
-            self._waiting.append((row, panorama.xy_px[matches.objects], matches.residuals_arcsec))
+            self._waiting.append((row, panorama.xy_px.take(matches.objects, axis=0), matches.residuals_arcsec))
             if len(self._waiting) == _FRAMES_AT_ONCE:
                 self._take_in_matches()
 

@@ -18,7 +18,7 @@ _RFC_3339 = re.compile(r"(\d{4}-\d{2}-\d{2})[T ](\d{2}:\d{2}:\d{2})(?:\.(\d{1,9}
 def to_text(utc_ns: int, digits: int = 6) -> str:
     """RFC 3339 with Z, cut (not rounded) to ``digits`` decimals of a second."""
     seconds, ns = divmod(utc_ns, NS_PER_S)
-    whole = datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%S")
+    whole = datetime.fromtimestamp(seconds, UTC).isoformat()[:19]
     return f"{whole}.{ns:09d}"[: 20 + digits] + "Z" if digits else whole + "Z"
 
 

@@ -68,12 +68,13 @@ class NonStars:
         left = np.ones(len(panorama.index), dtype=np.bool_)
         left[identified] = False
         rest = left.nonzero()[0]
-        xy_px = panorama.xy_px[rest]
+        xy_px = panorama.xy_px.take(rest, axis=0)
         if abs(panorama.utc_ns - self._looked_ns) >= LOOKED_AT_EVERY_NS:
             self._looked_ns = panorama.utc_ns
-            self._look(xy_px, directions_sensor[rest] @ attitude.icrs_to_sensor)
-        hot = self._are_hot(xy_px)
-        kinds = [HOT_PIXEL if is_hot else UNKNOWN for is_hot in hot.tolist()]
+            self._look(xy_px, directions_sensor.take(rest, axis=0) @ attitude.icrs_to_sensor)
+        kinds = [UNKNOWN] * len(rest)
+        if len(self._hot_px):
+            kinds = [HOT_PIXEL if is_hot else UNKNOWN for is_hot in self._are_hot(xy_px).tolist()]
         if truth_known:
             for body, place_px, within_px in self._bodies_px(panorama.utc_ns, attitude):
                 for row in (np.hypot(*(xy_px - place_px).T) <= within_px).nonzero()[0].tolist():

@@ -130,7 +130,7 @@ class Observer:
         answer = self.identifier.identify(directions_sensor, index)
         attitude = None
         if isinstance(answer, Identification):
-            attitude = self._attitude(directions_sensor[answer.objects], self.identifier.catalog.icrs[answer.stars])
+            attitude = self._attitude(*self._pairs(answer, directions_sensor))
         return answer, attitude, (time.perf_counter_ns() - started_ns) / 1000
 
     def _fault(self, panorama: Panorama) -> str:
@@ -141,8 +141,8 @@ class Observer:
             return f"the sensor sent what it should not: {panorama.problems[0]}"
         if len(panorama.index) > MAX_OBJECTS:
             return f"{len(panorama.index)} objects came, at most {MAX_OBJECTS} were expected"
-        if len(panorama.index) and panorama.index.max() > self.index_max:
-            return f"index value {panorama.index.max():.0f} came, at most {self.index_max} was expected"
+        if len(panorama.index) and panorama.index[0] > self.index_max:
+            return f"index value {panorama.index[0]:.0f} came, at most {self.index_max} was expected"
         return ""
 
     def _attitude(self, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64]) -> Attitude:
@@ -156,17 +156,23 @@ class Observer:
         """The attitude from apparent places and un-refracted directions (DESIGN decision 5)."""
         if self.truth is None:
             return None
+        measured_sensor, stars_icrs = self._pairs(answer, directions_sensor)
         zenith_sensor = attitude.icrs_to_sensor @ self.truth.icrs_to_horizon(utc_ns)[2]
         return self._attitude(
-            self.truth.unrefracted(directions_sensor[answer.objects], zenith_sensor),
-            self.truth.apparent(self.identifier.catalog.icrs[answer.stars], utc_ns),
+            self.truth.unrefracted(measured_sensor, zenith_sensor), self.truth.apparent(stars_icrs, utc_ns)
         )
 
     def _matches(self, answer: Identification, attitude: Attitude, directions_sensor: NDArray[np.float64]) -> Matches:
-        catalog = self.identifier.catalog
-        expected_sensor = catalog.icrs[answer.stars] @ attitude.icrs_to_sensor.T
-        residuals = (directions_sensor[answer.objects] - expected_sensor)[:, :2] * ARCSEC_PER_RAD
-        return Matches(answer.objects, answer.stars, residuals, catalog.name)
+        measured_sensor, stars_icrs = self._pairs(answer, directions_sensor)
+        residuals = (measured_sensor - stars_icrs @ attitude.icrs_to_sensor.T)[:, :2] * ARCSEC_PER_RAD
+        return Matches(answer.objects, answer.stars, residuals, self.identifier.catalog.name)
+
+    def _pairs(
+        self, answer: Identification, directions_sensor: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Identified directions (M, 3) and their stars (M, 3)."""
+        # Thrice as fast as by an index in brackets.
+        return directions_sensor.take(answer.objects, axis=0), self.identifier.catalog.icrs.take(answer.stars, axis=0)
 
     def _judge(
         self,
@@ -178,7 +184,8 @@ class Observer:
             return Judge.NONE
         if attitude is None:
             return Judge.ABSENT
-        true = solve_attitude(directions_sensor[judged.objects], self.judge.catalog.icrs[judged.stars], 1e-4)
+        measured_sensor = directions_sensor.take(judged.objects, axis=0)
+        true = solve_attitude(measured_sensor, self.judge.catalog.icrs.take(judged.stars, axis=0), 1e-4)
         apart_rad = math.dist(attitude.boresight_icrs, true.boresight_icrs)
         return Judge.CORRECT if apart_rad < SAME_BORESIGHT_RAD else Judge.FALSE
 

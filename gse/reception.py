@@ -143,8 +143,8 @@ class Reception:
         self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
         return Panorama(
             utc_ns=utc_ns,
-            xy_px=message.xy_px[brightest_first],
-            index=message.index[brightest_first],
+            xy_px=message.xy_px.take(brightest_first, axis=0),
+            index=message.index.take(brightest_first),
             frame_no=message.frame_no,
             exposure_s=message.exposure_s,
             time_us=message.time_us,

@@ -57,7 +57,7 @@ class Recorded:
 def read_recorded(path: Path) -> Recorded:
     """What a session holds besides bytes and events; CaptureError where the file is missing or no session."""
     recorded = Recorded()
-    capture = read_capture(path)
+    capture = read_capture(path, only=(CLOCK, TIMING_TOPIC))
     for record in capture:
         if isinstance(record, Damage):
             recorded.damaged = True

@@ -55,7 +55,7 @@ def accepted(
     chance: float,
 ) -> Identification | Unidentified:
     """The identification, or Unidentified where no attitude puts the stars on their objects within the tolerance."""
-    measured, icrs = directions_sensor[objects], catalog.icrs[stars]
+    measured, icrs = directions_sensor.take(objects, axis=0), catalog.icrs.take(stars, axis=0)
     rms_rad = wahba_residual_rad(measured, icrs)
     if rms_rad <= tolerance_rad:
         return Identification(objects, stars, chance)

@@ -102,8 +102,10 @@ class NeighbourIdentifier:
         if refused:
             return refused
         distinct = distinct_objects(directions)
-        rows, stars, alphas = self._search(directions[distinct], self.catalog.icrs, self._table, self._limits)
-        objects = distinct[rows]
+        rows, stars, alphas = self._search(
+            directions.take(distinct, axis=0), self.catalog.icrs, self._table, self._limits
+        )
+        objects = distinct.take(rows)
         if len(objects) == 0:
             return Unidentified(
                 Reason.NO_MATCH,

@@ -50,7 +50,8 @@ class StatusLine:
         self._night = night
         if not self._is_terminal and self._running.utc_ns >= self._due_ns:
             self._due_ns = self._running.utc_ns + PLAIN_EVERY_NS
-            self._console.print(self.line(), soft_wrap=True)
+            # Not by rich, which needs a millisecond: a replay of a night writes thousands of them.
+            print(self.line().plain, file=self._console.file, flush=True)
 
     def log(self, event: LinkEvent) -> None:
         """Tell what happens, each kind once; the state of the link stays in the line."""
