@@ -10,11 +10,11 @@ import numpy as np
 from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, stars_searched
-from gse.compiled import leave_compiler
 from gse.config import Station
 from gse.identifier import Identification, Identifier, make_identifier
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
 from gse.instant import NS_PER_DAY
+from gse.memory import give_back
 from gse.panorama import MAX_OBJECTS
 from protocols import Protocol, load_protocol, parse_protocol
 
@@ -71,7 +71,7 @@ def prepare(
     judge = None if station.identifier.algorithm == "robust" else _judge(camera, catalog)
     equipment = Equipment(station, station_text, protocol, camera, identifier, judge)
     _warm_up(equipment)
-    leave_compiler()
+    give_back()
     return equipment
 
 
@@ -79,6 +79,7 @@ def forget() -> None:
     """Let go of what is kept for the next session of this process: its memory serves the report of this one."""
     _judge.cache_clear()
     _catalog.cache_clear()
+    give_back()
 
 
 def versions() -> dict[str, str]:
