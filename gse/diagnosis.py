@@ -29,7 +29,7 @@ _SCALE = 3e-4
 _DISTORTION_PX = 0.3
 _ARCSEC_PER_RAD = math.degrees(1) * 3600
 _MIN_MATCHES = 200
-_MAX_MATCHES = 100_000
+_MAX_MATCHES = 50_000
 """More of a night do not make it better: it is the number of stars that does."""
 _CELLS = 32
 

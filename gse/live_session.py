@@ -17,6 +17,7 @@ from gse import instant
 from gse.config import Station
 from gse.equipment import prepare
 from gse.errors import UsageError
+from gse.memory import give_back
 from gse.night import Night
 from gse.recorder import Recorder
 from gse.results import FrameResult
@@ -98,6 +99,7 @@ def run_live(
         loop.sinks = make_sinks(loop, folder)
         night = loop.run(link, first, stop=lambda: stop() or keeper.is_over(), each=keeper.keep)
         keeper.close()
+        give_back()  # the file of a night is compressed next
     return LiveSession(night, folder, loop.own_elapsed_us, recorder.lost_bytes)
 
 

@@ -39,13 +39,9 @@ class Refraction:
     ) -> NDArray[np.float64]:
         """The directions (N, 3) that light had before it entered the air; ``zenith_sensor`` (3,) is a unit vector."""
         removed = np.empty((len(directions_sensor), 3))
-        _remove(
-            np.ascontiguousarray(directions_sensor, dtype=np.float64),
-            np.ascontiguousarray(zenith_sensor, dtype=np.float64),
-            self.a_rad,
-            self.b_rad,
-            removed,
-        )
+        # Copies: for each other layout of an array, or one that is read-only, the function would be compiled anew.
+        directions, zenith = np.array(directions_sensor, dtype=float, order="C"), np.array(zenith_sensor, dtype=float)
+        _remove(directions, zenith, self.a_rad, self.b_rad, removed)
         return removed
 
     def added(self, directions_sensor: NDArray[np.float64], zenith_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
