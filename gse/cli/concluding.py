@@ -23,6 +23,7 @@ def conclude(
 ) -> dict[str, Any]:
     """Judge a night, write its report into a folder and this host's own times beside it; the report."""
     from gse.equipment import forget
+    from gse.memory import give_back
     from gse.report import summarise, write_report
     from gse.verdict import judge
 
@@ -32,6 +33,7 @@ def conclude(
     night.left_out = left_out
     judgement = judge(night)
     report = summarise(night, judgement)
+    give_back()
     try:
         write_report(night, judgement, folder)
         (folder / "timing.json").write_text(json.dumps(_timing(own_elapsed_us), indent=2) + "\n")
