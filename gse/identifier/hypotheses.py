@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gse.compiled import compiled
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS, weigh
 from gse.identifier.robust_tables import SkyTables
-from gse.identifier.verify import Noise, Objects, attempt_at, fit, named, objects_of, squared_residuals
+from gse.identifier.verify import Attempt, Noise, Objects, attempt_at, fit, named, objects_of, squared_residuals
 from gse.identifier.votes import (
     FEW_LOOKED_AT,
     PLAN_ALPHAS,
@@ -23,6 +23,9 @@ from gse.identifier.votes import (
 )
 
 _SAME_ATTITUDE_COS = math.cos(math.radians(0.5))
+
+MAX_HYPOTHESES = 6_000
+"""A search of this length takes some 30 ms."""
 
 _MAX_CANDIDATES = 1000
 
@@ -43,7 +46,6 @@ def search_many(
     first: NDArray[np.int64],
     plan: NDArray[np.float64],
     known: NDArray[np.float64],
-    max_hypotheses: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """What ``search_both`` finds in K panoramas: evidence (K, 2), mirrored (K,), ends (K + 1,), objects and stars (M,).
 
@@ -57,7 +59,7 @@ def search_many(
     for k in range(count):
         rows = slice(first[k], first[k + 1])
         evidence[k, 0], evidence[k, 1], mirrored[k], found, of_sky = search_both(
-            sky, directions[rows], index[rows], plan, known, max_hypotheses
+            sky, directions[rows], index[rows], plan, known
         )
         ends[k + 1] = ends[k] + len(found)
         objects[ends[k] : ends[k + 1]] = found
@@ -72,7 +74,6 @@ def search_both(
     index: NDArray[np.float64],
     plan: NDArray[np.float64],
     known: NDArray[np.float64],
-    max_hypotheses: int,
 ) -> tuple[float, float, bool, NDArray[np.int64], NDArray[np.int64]]:
     """The same as ``search`` for an answer, from the image or, which the third tells, from the flipped one; else none.
 
@@ -81,7 +82,7 @@ def search_both(
     seen = directions.copy()
     for turn in range(2):
         passes, needed = (len(plan), LOG_ACCEPTED) if turn == 0 else (_MIRROR_PASSES, _LOG_MIRRORED)
-        best, second, objects, stars = search(sky, seen, index, plan[:passes], known, max_hypotheses)
+        best, second, objects, stars = search(sky, seen, index, plan[:passes], known)
         if best >= needed and (turn == 0 or best - second >= LOG_UNAMBIGUOUS):
             return best, second, turn == 1, objects, stars
         seen[:, 0] *= -1.0
@@ -95,14 +96,13 @@ def search(
     index: NDArray[np.float64],
     plan: NDArray[np.float64],
     known: NDArray[np.float64],
-    max_hypotheses: int,
 ) -> tuple[float, float, NDArray[np.int64], NDArray[np.int64]]:
     """Find the attitude with the most evidence: its logarithm, that of the second best, objects (M,), their stars (M,).
 
     ``directions`` (N, 3) and ``index`` (N,) of the objects, brightest first; stars are rows of the tables. Each row of
     ``plan`` is a pass (see PLAN_WINDOW and the others) with a ``sigma`` of its own. ``sky`` is SkyTables and ``known``
     is Noise, as plain tuple and array: these are twice as fast to hand over. The search ends with the
-    alpha star that gives strong evidence, at the end of the plan or after ``max_hypotheses``.
+    alpha star that gives strong evidence, at the end of the plan or after MAX_HYPOTHESES.
     """
     tables = SkyTables(*sky)
     objects = objects_of(directions, index)
@@ -110,6 +110,7 @@ def search(
     votes = np.empty(tables.pair_stars, dtype=np.uint64)
     candidates = np.empty((_MAX_CANDIDATES, 4), dtype=np.int64)
     star_of, rotation, best_rotation = np.full(n, -1), np.empty((3, 3)), np.zeros((3, 3))
+    pair = np.full(n, -1)
     best, second, tried = -np.inf, -np.inf, 0
     best_hits, best_alpha = np.int64(0), np.int64(-1)
     for line in range(len(plan)):
@@ -128,13 +129,10 @@ def search(
                     continue  # Only another attitude that looks as good could make the answer ambiguous.
                 tried += 1
                 pair_rotation(directions[alpha], directions[k], tables.icrs[s], tables.icrs[t], rotation)
-                attempt = attempt_at(tables, rotation, n)
-                for f in range(len(attempt.rows)):
-                    if attempt.rows[f] == s:
-                        attempt.star_of[alpha] = f
-                    elif attempt.rows[f] == t:
-                        attempt.star_of[k] = f
-                if attempt.star_of[alpha] < 0 or attempt.star_of[k] < 0:
+                pair[alpha], pair[k] = s, t
+                attempt, begun = _attempt_with(tables, rotation, pair)
+                pair[alpha] = pair[k] = -1
+                if begun < 2:
                     continue
                 value = weigh(tables, objects, attempt, noise)
                 if value <= second:
@@ -148,10 +146,28 @@ def search(
                 elif not same:
                     second = value
             if best > LOG_STRONG:
-                return _with_more_noise(tables, objects, noise, best, best_rotation, star_of), second, *named(star_of)
-            if tried >= max_hypotheses:
+                best = _with_more_noise(tables, objects, noise, best, best_rotation, star_of)
+                return best, second, *named(star_of)
+            if tried >= MAX_HYPOTHESES:
                 return best, second, *named(star_of)
     return best, second, *named(star_of)
+
+
+@compiled
+def _attempt_with(tables: SkyTables, rotation: NDArray[np.float64], star_of: NDArray[np.int64]) -> tuple[Attempt, int]:
+    """The attempt to verify a rotation that begins with these matches, and how many of them are in its field.
+
+    ``star_of`` (N,) are rows of the tables, -1 for an object without a star.
+    """
+    attempt = attempt_at(tables, rotation, len(star_of))
+    begun = 0
+    for i in range(len(star_of)):
+        if star_of[i] >= 0:
+            for f in range(len(attempt.rows)):
+                if attempt.rows[f] == star_of[i]:
+                    attempt.star_of[i] = f
+                    begun += 1
+    return attempt, begun
 
 
 @compiled
@@ -168,13 +184,7 @@ def _with_more_noise(
     The noise of the first passes leaves out the stars that err by more, and then many. ``rotation`` and ``star_of``
     (N,), rows of the tables, follow where the evidence rises.
     """
-    attempt = attempt_at(tables, rotation.copy(), len(star_of))
-    matched = 0
-    for i in range(len(star_of)):
-        for f in range(len(attempt.rows)):
-            if attempt.rows[f] == star_of[i]:
-                attempt.star_of[i] = f
-                matched += 1
+    attempt, matched = _attempt_with(tables, rotation.copy(), star_of)
     fit(tables, objects, attempt, noise)
     expected = _MORE_THAN_NOISE**2 * noise.sigma * noise.sigma * (2 * matched - 4)
     if squared_residuals(tables, objects, attempt) < expected:

@@ -39,9 +39,6 @@ _TRACKING_SIGMA_PX = 1.0
 _TRACKING_REACH_PX = 12.0
 """How far the sky may have moved between panoramas; 40 s of the Earth's rotation with 49 arcsec per pixel."""
 
-_MAX_HYPOTHESES = 6_000
-"""A search of this length takes some 30 ms."""
-
 _SCALE_SIGMA = 2.5e-3
 """How far the focal length may be off: 0.5 % is two sigma."""
 
@@ -131,7 +128,7 @@ class RobustIdentifier:
         refused = self._refusal(directions, brightness)
         if refused:
             return refused
-        found = search_both(self._sky, directions, brightness, self._plan, self._noise, _MAX_HYPOTHESES)
+        found = search_both(self._sky, directions, brightness, self._plan, self._noise)
         return _answer(*found, len(brightness))
 
     def track(
@@ -152,7 +149,7 @@ class RobustIdentifier:
     def best_chance(self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]) -> float:
         """The chance of the best attitude found for sound objects, even one that is not good enough for an answer."""
         directions, brightness = _contiguous(directions_sensor, index)
-        return _chance(search(self._sky, directions, brightness, self._plan, self._noise, _MAX_HYPOTHESES)[0])
+        return _chance(search(self._sky, directions, brightness, self._plan, self._noise)[0])
 
     def identify_many(
         self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
@@ -172,7 +169,7 @@ class RobustIdentifier:
         directions, index = (np.concatenate(parts) for parts in zip(*sound, strict=True))
         counts = [len(brightness) for _, brightness in sound]
         evidence, mirrored, ends, objects, stars = search_many(
-            self._sky, directions, index, np.cumsum([0, *counts]), self._plan, self._noise, _MAX_HYPOTHESES
+            self._sky, directions, index, np.cumsum([0, *counts]), self._plan, self._noise
         )
         results = zip(evidence.tolist(), mirrored.tolist(), pairwise(ends.tolist()), counts, strict=True)
         return [
