@@ -16,22 +16,22 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from drivers.capture import CaptureWriter
-from drivers.capture_reader import read_capture
 from drivers.chunk import Chunk, LinkEvent
-from drivers.compaction import compact
 from drivers.errors import CaptureError
 from drivers.link import SerialLink
-from drivers.records import RX, Damage, Message
+from drivers.mock.urls import replay_url
+from drivers.session_file.compaction import compact
+from drivers.session_file.reader import read_capture
+from drivers.session_file.records import RX, Damage, Message
+from drivers.session_file.verification import verify
+from drivers.session_file.writer import CaptureWriter
 from drivers.urlhandlers.protocol_sim import register
-from drivers.urls import replay_url
-from drivers.verification import verify
-from gse.config import BUILT_IN_TEXT, parse_station
+from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.simulator import device_factory
 from protocols import Frame, FrameDecoder, Start, load_protocol
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "drivers"))
-from terminal import Terminal
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from devices.terminal import Terminal
 
 PROTOCOL = load_protocol("panorama-v1")
 FRAMES = 20_000
@@ -143,7 +143,7 @@ RECORD = """
 import sys
 from pathlib import Path
 from drivers.link import SerialLink
-from gse.recorder import Recorder
+from gse.recording.recorder import Recorder
 with Recorder(Path(sys.argv[2]), live=True) as recorder, SerialLink(sys.argv[1], 921600, recorder=recorder) as link:
     print("open", flush=True)
     while True:

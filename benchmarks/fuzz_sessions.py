@@ -19,9 +19,9 @@ with atheris.instrument_imports(include=["drivers", "mcap"]):
     from mcap.records import Chunk as McapChunk
 
     from drivers.errors import CaptureError
-    from drivers.mcap_walk import MAGIC, Walk
-    from drivers.records import Damage, Message, Record
-    from drivers.window import BlockWindow
+    from drivers.session_file.file_window import BlockWindow
+    from drivers.session_file.record_scanner import MAGIC, Walk
+    from drivers.session_file.records import Damage, Message, Record
 
 HEAD = MAGIC + bytes.fromhex("01220000000000000b000000") + b"\0" * 4
 

@@ -15,9 +15,9 @@ from pathlib import Path
 import atheris  # type: ignore[import-not-found]
 
 with atheris.instrument_imports(include=["protocols", "gse"]):
-    from gse.config import parse_station
+    from gse.config.station import parse_station
     from gse.errors import ConfigError, TableError
-    from gse.panorama_table import read_panorama_table
+    from gse.imaging.panorama_table import read_panorama_table
     from gse.simulator.scenario import parse_scenario
     from protocols import parse_protocol
     from protocols.errors import DescriptionError

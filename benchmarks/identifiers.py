@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from gse.attitude import solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog
-from gse.config import IdentifierOptions
-from gse.evaluate_frames import Conditions, FrameMaker, Optics, TestFrame
+from gse.config.station import IdentifierOptions
+from gse.evaluation.frames import Conditions, FrameMaker, Optics, TestFrame
 from gse.identifier import Identification, Identifier, make_identifier
 from gse.identifier.robust import KnownSensor, RobustIdentifier
 from gse.spiral import spiral_directions

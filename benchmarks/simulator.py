@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gse.config import BUILT_IN_TEXT, parse_station
-from gse.extraction import extract, extract_sub_pixel
+from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.imaging.extraction import extract, extract_sub_pixel
 from gse.simulator import device_factory
 from gse.simulator.image import ImageSource
 from gse.simulator.scenario import load_scenario

@@ -2,7 +2,7 @@
 
     python benchmarks/truth.py
 
-Needs the test dependencies: the cases and the comparison are those of tests/gse/test_against_astropy.py and
+Needs the test dependencies: the cases and the comparison are those of tests/gse/truth/test_against_astropy.py and
 test_against_skyfield.py.
 """
 
@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from astropy.utils import iers
 
-from gse.config import BUILT_IN_TEXT, parse_station
+from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S, from_text
 from gse.truth import EarthOrientation, SiderealTruth
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "gse"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "gse" / "truth"))
 
 BATCHES, BATCH = 10, 10_000
 EPOCHS = 100_000

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from drivers.errors import CommandError
 from drivers.link import SerialLink
-from drivers.stamped import Item
+from drivers.mock.timestamped_port import Item
 
 ANSWER_S = 0.5
 """A command not answered within this time may be repeated, ICD of the panorama protocol."""

@@ -17,10 +17,10 @@ import serial
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import PortError
+from drivers.mock.timestamped_port import Item, StampedPort, StampedSerial
 from drivers.ports import READ_TIMEOUT_S, PortInfo, is_awaitable, open_port, ports_here
 from drivers.reconnect import PortFinder
-from drivers.records import Message, MessageWriter
-from drivers.stamped import Item, StampedPort, StampedSerial
+from drivers.session_file.records import Message, MessageWriter
 
 BACKLOG_BYTES = 4 << 20
 """Received and not yet fetched: more than 40 s at 921600 baud, so the station hangs."""

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gse.compiled import compiled
+from gse.jit import compiled
 
 _MIN_SEPARATION_RAD = 1e-7
 """Directions closer than this (0.02 arcsec) to one line do not fix the roll."""

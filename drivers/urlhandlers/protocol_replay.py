@@ -10,12 +10,12 @@ from pathlib import Path
 
 from drivers.chunk import LinkEvent
 from drivers.errors import CaptureError, UrlError
-from drivers.fault_injection import inject
-from drivers.faults import OPTIONS as FAULT_OPTIONS
-from drivers.faults import parse_faults
-from drivers.recording import cut, is_session, raw_items, session_items, utc_option
-from drivers.stamped import Item, StampedSerial
-from drivers.urls import MockUrl, parse_mock_url
+from drivers.faults.injection import inject
+from drivers.faults.options import OPTIONS as FAULT_OPTIONS
+from drivers.faults.options import parse_faults
+from drivers.mock.playback import cut, is_session, raw_items, session_items, utc_option
+from drivers.mock.timestamped_port import Item, StampedSerial
+from drivers.mock.urls import MockUrl, parse_mock_url
 
 OPTIONS = ("speed", "from", "to", "loop", "cut", "start_utc", *FAULT_OPTIONS)
 

@@ -11,11 +11,11 @@ from typing import Protocol
 
 from drivers.chunk import Chunk
 from drivers.errors import PortError
-from drivers.fault_injection import inject
-from drivers.faults import NS_PER_S, parse_faults
-from drivers.recording import cut
-from drivers.stamped import Item, StampedSerial
-from drivers.urls import parse_mock_url
+from drivers.faults.injection import inject
+from drivers.faults.options import NS_PER_S, parse_faults
+from drivers.mock.playback import cut
+from drivers.mock.timestamped_port import Item, StampedSerial
+from drivers.mock.urls import parse_mock_url
 
 OWN_OPTIONS = ("speed", "cut", "faults", "frame_start", "ack_start")
 

@@ -8,13 +8,13 @@ from typing import Any
 import click
 import numpy as np
 
-from gse.alignment import CrossJudged, MeasuredMounts, cross_judged
 from gse.attitude import Attitude
 from gse.cli.options import station_of, station_option
 from gse.cli.writing import write_new
-from gse.comparison import compare
-from gse.config import Mount
-from gse.station_text import with_values
+from gse.config.edit import with_values
+from gse.config.station import Mount
+from gse.station.attitude_error import compare
+from gse.station.mount_alignment import CrossJudged, MeasuredMounts, cross_judged
 from gse.truth import horizon_to_sensor
 
 _NEAR_ZENITH_DEG = 89.9
@@ -45,7 +45,7 @@ def command(
     Fits on even minutes are judged on odd ones and the other way round. The verdict of a session must not rest on a
     mount that was fitted on the same frames: use --write for the next session, or `mount: {align: first 60 s}`.
     """
-    from gse.replaying import Cut, StationText, replay_session
+    from gse.sessions.replay import Cut, StationText, replay_session
 
     def change(recorded: StationText) -> StationText:
         return station_of(station_path) if station_path else recorded

@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.calibration import Calibration
-from gse.calibration_session import PanoramaSample, SessionCalibration, calibrate_session
+from gse.calibration.camera_fit import Calibration
+from gse.calibration.session_fit import PanoramaSample, SessionCalibration, calibrate_session
 from gse.cli.options import station_of, station_option
 from gse.cli.writing import write_new
+from gse.config.edit import with_values
 from gse.errors import TruthError
-from gse.station_text import with_values
 from gse.truth import EarthOrientation, SiderealTruth
 
 if TYPE_CHECKING:
-    from gse.recorded_panoramas import Recording
+    from gse.sessions.panoramas import Recording
 
 _NAMES = ("focal_length_px", "principal_point_x_px", "principal_point_y_px", "k1", "k2")
 _DIGITS = (4, 4, 4, 8, 8)
@@ -46,9 +46,9 @@ def command(
     Starts from the station file's camera, whose focal length may be wrong by 3 %; the session's own site and times
     correct for aberration and refraction. The new station file is for `gse replay --station`.
     """
-    from gse.equipment import prepare
-    from gse.recorded_panoramas import open_recording
-    from gse.replaying import Cut, StationText
+    from gse.sessions.panoramas import open_recording
+    from gse.sessions.replay import Cut, StationText
+    from gse.station.setup import prepare
 
     def change(recorded: StationText) -> StationText:
         return station_of(station_path) if station_path else recorded

@@ -11,7 +11,7 @@ import click
 
 from gse.camera import Camera
 from gse.cli.options import json_option, station_of, station_option
-from gse.config import Station
+from gse.config.station import Station
 
 if TYPE_CHECKING:
     from gse.catalog import StarCatalog

@@ -32,8 +32,8 @@ def command(
 
     Only the versions of packages may differ. The exit code is 1 where a report differs, is missing, or cannot be made.
     """
-    from gse.regression import check, junit_of, recordings_in
-    from gse.replaying import Cut
+    from gse.sessions.golden import check, junit_of, recordings_in
+    from gse.sessions.replay import Cut
 
     outcomes = []
     for recording in recordings_in(folder):

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gse.assessment.session_comparison import Row, SideBySide, side_by_side
 from gse.cli import EXIT_FAIL
 from gse.cli.options import ALGORITHMS, station_of, with_identifier
 from gse.errors import UsageError
-from gse.side_by_side import Row, SideBySide, side_by_side
 
 if TYPE_CHECKING:
-    from gse.night import Night
+    from gse.station.session_data import Night
 
 
 @click.command("compare")
@@ -80,7 +80,7 @@ def _of(options: tuple[Any, ...], place: int) -> Any:
 
 
 def _night(path: Path, identifier: str | None, station_path: Path | None) -> "Night":
-    from gse.replaying import StationText, replay_session
+    from gse.sessions.replay import StationText, replay_session
 
     def change(recorded: StationText) -> StationText:
         station, text = station_of(station_path) if station_path else recorded

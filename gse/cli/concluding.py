@@ -10,8 +10,8 @@ import numpy as np
 
 from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.errors import UsageError
-from gse.exclusions import Exclusion
-from gse.night import Night
+from gse.station.exclusions import Exclusion
+from gse.station.session_data import Night
 
 
 def conclude(
@@ -22,10 +22,10 @@ def conclude(
     left_out: tuple[Exclusion, ...] = (),
 ) -> dict[str, Any]:
     """Judge a night, write its report into a folder and this host's own times beside it; the report."""
-    from gse.equipment import forget
-    from gse.memory import give_back
+    from gse.assessment.verdict import judge
+    from gse.release_memory import give_back
     from gse.report import summarise, write_report
-    from gse.verdict import judge
+    from gse.station.setup import forget
 
     forget()
     if clock_error_s is not None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from gse.config import BUILT_IN_TEXT, parse_station, read_station
+from gse.config.station import BUILT_IN_TEXT, parse_station, read_station
 from gse.errors import ConfigError
 
 

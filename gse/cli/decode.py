@@ -25,8 +25,8 @@ def command(
     FILE is a session (.mcap or its folder) or a raw capture. Columns: rx from the sensor or tx to it, UTC where it is
     known, offset, bytes, and what they are. Discarded bytes are no error; a damaged session file is (exit code 3).
     """
-    from gse.decode import Decoding
-    from gse.decode_text import explanation, line, piece_json, totals_json, totals_lines
+    from gse.inspection.decode import Decoding
+    from gse.inspection.decode_text import explanation, line, piece_json, totals_json, totals_lines
     from protocols import Frame
 
     decoding = Decoding(path, protocol_name)

@@ -14,7 +14,7 @@ from gse.cli.options import ALGORITHMS, station_of, station_option
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
-    from gse.evaluate_presets import Outcome, Plan
+    from gse.evaluation.plan import Outcome, Plan
 
 _NOISE_ARCSEC, _NOISE_MAGNITUDE, _LIMIT = 10.0, 0.3, 6.0
 
@@ -61,11 +61,11 @@ def command(ctx: click.Context, /, *, workers: int, as_json: bool, figures: Path
     --preset lapan: 14 x 14 deg on 1024 x 1024 whole pixels, 10 arcsec, neighbour with 0, 3 and 8 false objects.
     Ctrl-C ends early with what is done, exit code 130.
     """
-    from gse.evaluate_presets import report, tallies
+    from gse.evaluation.plan import report, tallies
 
     plan, note = _plan(options)
     if figures is not None:
-        from gse.evaluate_figures import refuse_existing
+        from gse.evaluation.plots import refuse_existing
 
         refuse_existing(figures)
     done, interrupted = _run(plan, workers)
@@ -75,7 +75,7 @@ def command(ctx: click.Context, /, *, workers: int, as_json: bool, figures: Path
     else:
         click.echo("\n".join([note, *table(document)]))
     if figures is not None:
-        from gse.evaluate_figures import write_figures
+        from gse.evaluation.plots import write_figures
 
         for path in write_figures(document, figures):
             click.echo(f"{path} written", err=True)
@@ -86,8 +86,8 @@ def command(ctx: click.Context, /, *, workers: int, as_json: bool, figures: Path
 
 def _plan(options: dict[str, Any]) -> tuple["Plan", str]:
     """The plan that the options ask for, and one line about it."""
-    from gse.evaluate_frames import Conditions, Optics
-    from gse.evaluate_presets import GAIA_LIMIT, PRESETS, Cell, Plan
+    from gse.evaluation.frames import Conditions, Optics
+    from gse.evaluation.plan import GAIA_LIMIT, PRESETS, Cell, Plan
 
     preset = PRESETS[options["preset"]] if options["preset"] else None
     if preset and options["station_path"]:
@@ -151,7 +151,7 @@ def _run(plan: "Plan", workers: int) -> tuple[list["Outcome"], bool]:
     from rich.console import Console
     from rich.progress import Progress
 
-    from gse.evaluate import outcomes
+    from gse.evaluation.monte_carlo import outcomes
 
     console = Console(stderr=True)
     done: list[Outcome] = []
@@ -172,7 +172,7 @@ def _run(plan: "Plan", workers: int) -> tuple[list["Outcome"], bool]:
 
 def table(document: dict[str, Any]) -> list[str]:
     """The report for a person; shares in %, with their intervals."""
-    from gse.evaluate_presets import KINDS
+    from gse.evaluation.plan import KINDS
 
     fewest = document["fewest_stars"]
     head = f"{'identifier':12}{'arcsec':>7}{'mag':>6}{'false':>6}{'miss':>6}{'frames':>8}"

@@ -11,7 +11,7 @@ from gse.cli.writing import write_new
 from gse.errors import TableError
 
 if TYPE_CHECKING:
-    from gse.extraction import Objects
+    from gse.imaging.extraction import Objects
 
 MAX_MAP_BYTES = 1_000_000
 """Some 100,000 hot pixels: a detector with more is dead."""
@@ -50,8 +50,8 @@ def command(
 
     The brightest pixel of each row, neighbours of one star made one, the 30 highest; index values 0..4096.
     """
-    from gse.extraction import extract, extract_sub_pixel, without_hot_pixels
-    from gse.image_file import read_image
+    from gse.imaging.extraction import extract, extract_sub_pixel, without_hot_pixels
+    from gse.imaging.image_file import read_image
 
     hot_xy_px = _read_map(hot_pixels_path) if hot_pixels_path else []
     if station_path:

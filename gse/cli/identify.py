@@ -8,7 +8,7 @@ import click
 from gse import instant
 from gse.cli.options import identifier_option, station_of, station_option, with_identifier
 from gse.errors import UsageError
-from gse.results import FrameResult, Status
+from gse.station.results import FrameResult, Status
 
 
 @click.command("identify")
@@ -30,11 +30,11 @@ def command(
 
     Exit code 1 where the panorama is not identified.
     """
-    from gse.equipment import prepare
-    from gse.frame_json import frame_json
+    from gse.imaging.panorama_table import read_panorama_table
     from gse.panorama import Panorama
-    from gse.panorama_table import read_panorama_table
-    from gse.station import StationLoop
+    from gse.station.frame_json import frame_json
+    from gse.station.loop import StationLoop
+    from gse.station.setup import prepare
 
     xy_px, index = read_panorama_table(table)
     station, text = station_of(station_path)

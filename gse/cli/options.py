@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.config import BUILT_IN_TEXT, Station, parse_station, read_station
-from gse.station_text import with_values
+from gse.config.edit import with_values
+from gse.config.station import BUILT_IN_TEXT, Station, parse_station, read_station
 
 if TYPE_CHECKING:
-    from gse.exclusions import Exclusion
+    from gse.station.exclusions import Exclusion
 
 ALGORITHMS = ("neighbour", "pivot", "match-group", "robust")
 
@@ -90,12 +90,12 @@ def _beside(station: Station, path: Path) -> Station:
 
 
 def _clock_error_s(text: str | None) -> float | None:
-    from gse.clock_health import stated_error_s
+    from gse.assessment.clock_health import stated_error_s
 
     return None if text is None else stated_error_s(text)
 
 
 def _exclusions(texts: tuple[str, ...]) -> tuple["Exclusion", ...]:
-    from gse.exclusions import parse_exclusion
+    from gse.station.exclusions import parse_exclusion
 
     return tuple(parse_exclusion(text) for text in texts)

@@ -31,7 +31,7 @@ def command(
 
     The exit code is 1 where something would spoil the night.
     """
-    from gse.preflight import Check, Outcome, checks
+    from gse.inspection.preflight import Check, Outcome, checks
 
     found: list[Check] = []
 

@@ -6,12 +6,12 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from drivers.capture_reader import messages
-from drivers.recording import is_session
-from drivers.records import RX
-from gse.replaying import Cut, Replay, replay_session
-from gse.results import FrameResult
-from gse.station import Sink, StationLoop
+from drivers.mock.playback import is_session
+from drivers.session_file.reader import messages
+from drivers.session_file.records import RX
+from gse.sessions.replay import Cut, Replay, replay_session
+from gse.station.loop import Sink, StationLoop
+from gse.station.results import FrameResult
 
 SinkMaker = Callable[[StationLoop, Path | None], Sequence[Sink]]
 

@@ -20,7 +20,7 @@ from gse.cli.options import (
     with_identifier,
 )
 from gse.cli.watching import ViewMode, Watching
-from gse.exclusions import Exclusion
+from gse.station.exclusions import Exclusion
 
 
 @click.command("replay")
@@ -67,8 +67,8 @@ def command(
 
     A session brings its station file along; --station replaces it. The report goes to a new folder under --out.
     """
-    from gse.live_session import new_session_folder
-    from gse.replaying import Cut, StationText, replay_session
+    from gse.sessions.live import new_session_folder
+    from gse.sessions.replay import Cut, StationText, replay_session
 
     def change(recorded: StationText) -> StationText:
         station, text = station_of(station_path) if station_path else recorded

@@ -6,7 +6,7 @@ import click
 
 from gse.cli.concluding import conclude, exit_code, show_report
 from gse.cli.options import clock_error_option, leave_out_option
-from gse.exclusions import Exclusion
+from gse.station.exclusions import Exclusion
 
 
 @click.command("report")

@@ -24,8 +24,8 @@ from gse.cli.options import (
     with_identifier,
 )
 from gse.cli.watching import ViewMode, Watching
-from gse.config import Station
-from gse.station_text import with_values
+from gse.config.edit import with_values
+from gse.config.station import Station
 
 
 @click.command("run")
@@ -65,7 +65,7 @@ def command(
     With no arguments: a simulated sensor on the built-in station, 60 s of night. A session on a real port ends with
     Ctrl-C or after --duration. The exit code is the verdict's.
     """
-    from gse.live_session import run_live
+    from gse.sessions.live import run_live
 
     station, text = station_of(station_path)
     station, text = with_identifier(station, text, identifier)
@@ -97,8 +97,8 @@ def command(
 
 def _simulated(station: Station, text: str) -> tuple[Station, str]:
     """The station as the scenario of its sim:// URL changes it, its sensor ready to be opened."""
+    from drivers.mock.urls import parse_mock_url
     from drivers.urlhandlers.protocol_sim import register
-    from drivers.urls import parse_mock_url
     from gse.simulator import device_factory
     from gse.simulator.scenario import DEFAULT, load_scenario
 

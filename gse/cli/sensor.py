@@ -74,7 +74,7 @@ def exposure(exposure_s: float, **options: Any) -> None:
 
 
 def _send(message: Message, *, station_path: Path | None, url: str | None, out: Path, as_json: bool) -> None:
-    from gse.commanding import command_sensor
+    from gse.sessions.commanding import command_sensor
     from gse.simulator import device_factory
 
     station, text = station_of(station_path)

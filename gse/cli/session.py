@@ -26,7 +26,7 @@ def command() -> None:
 @_json
 def info(path: Path, as_json: bool) -> None:
     """Say what stands in a session."""
-    from gse.session_tools import session_info
+    from gse.recording.session_tools import session_info
 
     document = session_info(path)
     if as_json:
@@ -53,8 +53,8 @@ def _text(value: Any) -> str:
 @click.pass_context
 def verify(ctx: click.Context, path: Path, as_json: bool) -> None:
     """Read every byte: is the session whole? The exit code is 3 where it is not."""
-    from drivers.verification import verify as verify_session
-    from gse.session_tools import describe, verify_json
+    from drivers.session_file.verification import verify as verify_session
+    from gse.recording.session_tools import describe, verify_json
 
     check = verify_session(path)
     click.echo(json.dumps(verify_json(check)) if as_json else "\n".join(describe(check)))
@@ -70,7 +70,7 @@ def verify(ctx: click.Context, path: Path, as_json: bool) -> None:
 @click.pass_context
 def recover(ctx: click.Context, path: Path, out: Path | None, as_json: bool) -> None:
     """Make a new session of every whole record. The exit code is 3 where something was lost."""
-    from gse.session_tools import recover as recover_session
+    from gse.recording.session_tools import recover as recover_session
 
     _report(ctx, recover_session(path, out or _beside(path, "recovered")), as_json)
 
@@ -86,7 +86,7 @@ def trim(
     ctx: click.Context, path: Path, from_utc: str | None, to_utc: str | None, out: Path | None, as_json: bool
 ) -> None:
     """Make a new session of a part of one."""
-    from gse.session_tools import trim as trim_session
+    from gse.recording.session_tools import trim as trim_session
 
     if from_utc is None and to_utc is None:
         raise UsageError("which part? Give --from, --to or both, e.g. --from 2026-03-20T18:30:00Z")
@@ -115,7 +115,7 @@ def export(ctx: click.Context, path: Path, form: str, out: Path | None) -> None:
     if form == "rrd":
         _export_rrd(ctx, path, out)
         return
-    from gse.session_export import export_csv, export_ndjson, export_raw
+    from gse.sessions.export import export_csv, export_ndjson, export_raw
 
     with ExitStack() as stack:
         if form == "raw":
@@ -147,7 +147,7 @@ def _new(out: Path, mode: str) -> Any:
 
 
 def _beside(path: Path, what: str) -> Path:
-    from drivers.capture_reader import session_file
+    from drivers.session_file.reader import session_file
 
     first = session_file(path)
     return first.with_name(f"{first.stem}.{what}.mcap")

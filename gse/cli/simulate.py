@@ -44,10 +44,10 @@ def command(
     The session is a new folder under --out, or the file that --file names; its path goes to stdout. The station file in
     it is the one that fits the scenario. Replay it with gse replay.
     """
-    from drivers.faults import parse_faults
-    from drivers.urls import sim_url
-    from gse.config import parse_station
-    from gse.live_session import new_session_folder
+    from drivers.faults.options import parse_faults
+    from drivers.mock.urls import sim_url
+    from gse.config.station import parse_station
+    from gse.sessions.live import new_session_folder
     from gse.simulator.device import scenario_of
     from gse.simulator.recording import record_simulation
     from gse.simulator.scenario import load_scenario, scenario_names

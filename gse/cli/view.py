@@ -57,9 +57,9 @@ def command(
 
 
 def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -> None:
+    from gse.assessment.verdict import judge
     from gse.cli.progress import replay_with_progress
-    from gse.station import Sink, StationLoop
-    from gse.verdict import judge
+    from gse.station.loop import Sink, StationLoop
     from gse.view.saved import SavedView
 
     views: list[Any] = []

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import click
 
 from drivers.chunk import LinkEvent
-from gse.frame_json import frame_json
 from gse.instant import to_text
-from gse.night import Night
-from gse.results import FrameResult
-from gse.station import Sink, StationLoop
+from gse.station.frame_json import frame_json
+from gse.station.loop import Sink, StationLoop
+from gse.station.results import FrameResult
+from gse.station.session_data import Night
 from gse.view.status import StatusLine
 
 if TYPE_CHECKING:

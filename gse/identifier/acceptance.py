@@ -10,8 +10,8 @@ from scipy.special import bdtrc
 
 from gse.attitude import davenport
 from gse.catalog import StarCatalog
-from gse.compiled import compiled
 from gse.identifier.result import Identification, Reason, Unidentified
+from gse.jit import compiled
 
 _ARCSEC = math.radians(1 / 3600)
 _GATE = 16.0

@@ -13,9 +13,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.compiled import compiled
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.verify import Attempt, Noise, Objects, grow, squared_residuals
+from gse.jit import compiled
 
 CHANCE_OF_EVIDENCE = 0.05
 """A random panorama reaches a Bayes factor of x with a probability of at most this over x. Markov's inequality gives 1,

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.compiled import compiled
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS, weigh
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.verify import Attempt, Noise, Objects, attempt_at, fit, named, objects_of, squared_residuals
@@ -21,6 +20,7 @@ from gse.identifier.votes import (
     hypotheses_of,
     pair_rotation,
 )
+from gse.jit import compiled
 
 _SAME_ATTITUDE_COS = math.cos(math.radians(0.5))
 

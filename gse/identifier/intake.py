@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.compiled import compiled
 from gse.identifier.result import Reason, Unidentified
+from gse.jit import compiled
 from gse.panorama import MAX_OBJECTS
 
 _SOUND, _NOT_FINITE, _NOT_UNIT, _DARK, _NEGATIVE, _ALL_EQUAL = range(6)

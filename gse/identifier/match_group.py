@@ -6,7 +6,7 @@ group is given the zero point that suits it best, which makes the gate a little 
 
 from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.config import IdentifierOptions
+from gse.config.station import IdentifierOptions
 from gse.identifier.pivot import PivotIdentifier
 from gse.identifier.tables import field_diameter_rad, tolerance_rad
 

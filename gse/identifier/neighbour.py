@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.compiled import compiled
-from gse.config import IdentifierOptions
+from gse.config.station import IdentifierOptions
 from gse.identifier.acceptance import RandomSky, accepted
 from gse.identifier.intake import distinct_objects, refusal
 from gse.identifier.mutual import (
@@ -41,6 +40,7 @@ from gse.identifier.mutual import (
 )
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.tables import PairTable, field_diameter_rad, pair_table, tolerance_rad
+from gse.jit import compiled
 
 _VOTERS = 10
 _BRIGHT_OBJECTS = 15

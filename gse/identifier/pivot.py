@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.config import IdentifierOptions
+from gse.config.station import IdentifierOptions
 from gse.identifier.acceptance import RandomSky, accepted
 from gse.identifier.cells import Cells
 from gse.identifier.intake import distinct_objects, refusal

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.compiled import compiled
 from gse.identifier.mutual import angle_urad, stars_fit
 from gse.identifier.tables import PairTable
+from gse.jit import compiled
 
 PIVOT_MEMBERS = 4
 """K of [N]: the pivot and its members."""

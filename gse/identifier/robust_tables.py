@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from gse.compiled import compiled
+from gse.jit import compiled
 
 MAX_FIELD_STARS = 96
 """No more of the brightest catalogue stars in a field are looked at: a panorama has 30 objects."""

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.compiled import compiled
 from gse.identifier.evidence import weigh
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.verify import SMALLEST_RANGE, U_BINS, Attempt, Noise, Objects, attempt_at, named, objects_of, place
+from gse.jit import compiled
 
 _MAX_OFFSETS = 256
 """Offsets compared with each other; the brightest stars come first."""

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.compiled import compiled
 from gse.identifier.robust_tables import MAX_FIELD_STARS, SkyTables
+from gse.jit import compiled
 
 GATE_CHI2 = 13.0
 """Squared gate in sigmas of a two-dimensional normal: 0.15 % of true stars fall outside."""

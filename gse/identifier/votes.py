@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.compiled import compiled
 from gse.identifier.robust_tables import SkyTables, near_bit
+from gse.jit import compiled
 
 FEW_LOOKED_AT = 12
 """A random object has a star near it by a chance of 1 to 3 %."""

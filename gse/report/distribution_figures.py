@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 from numpy.typing import NDArray
 
+from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
 from gse.report.decimation import sample
 from gse.report.drawn import Drawn, edge_of
 from gse.report.spectrum import power_density
-from gse.view.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
 
 _MAX_POINTS = 3000
 _BINS = 60

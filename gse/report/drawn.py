@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.exclusions import left_out
-from gse.frame_table import JUDGES, STATUSES
-from gse.night import Night
-from gse.results import Judge, Status
-from gse.statistics import STRAY_ARCSEC
+from gse.assessment.statistics import STRAY_ARCSEC
+from gse.station.exclusions import left_out
+from gse.station.frame_table import JUDGES, STATUSES
+from gse.station.results import Judge, Status
+from gse.station.session_data import Night
 
 _EDGE_PERCENTILE = 99.5
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse import instant
-from gse.frame_table import FRAME, JUDGES, STATUSES
+from gse.station.frame_table import FRAME, JUDGES, STATUSES
 
 _ROWS_AT_ONCE = 1024
 _DECIMALS = {"_deg": 7, "_arcsec": 3, "_us": 1, "_s": 6, "_c": 2}

@@ -7,14 +7,14 @@ from typing import Any
 import jinja2
 
 from gse import instant
-from gse.night import Night
+from gse.assessment.verdict import Judgement
 from gse.report.distribution_figures import draw_histogram, draw_scatter, draw_spectrum
 from gse.report.drawn import Drawn
 from gse.report.figures import svg_of
 from gse.report.sky_figures import draw_residual_map, draw_sky
 from gse.report.terminal import quantity
 from gse.report.time_figures import draw_errors, draw_identification_time, draw_paper, draw_timelines
-from gse.verdict import Judgement
+from gse.station.session_data import Night
 
 _FIGURES = (
     ("errors", 4.0, draw_errors),

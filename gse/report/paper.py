@@ -6,7 +6,7 @@
 import math
 from dataclasses import dataclass
 
-from gse.statistics import Statistics
+from gse.assessment.statistics import Statistics
 
 ARCMIN_PER_DEG = 60.0
 LIMIT_DEG = 1 / 60

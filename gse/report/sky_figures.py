@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from gse.attitude import Attitude
 from gse.camera import Camera
+from gse.drawing.outline import field_outline_icrs
+from gse.drawing.palette import BLUE, GREEN, VERMILLION, hex_of
 from gse.report.decimation import sample
 from gse.report.drawn import Drawn
-from gse.view.outline import field_outline_icrs
-from gse.view.palette import BLUE, GREEN, VERMILLION, hex_of
 
 _MAX_POINTS = 1500
 _CELLS = 12

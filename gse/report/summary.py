@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse import instant
-from gse.night import Night
+from gse.assessment.statistics import Statistics
+from gse.assessment.truth_budget import TruthBudget
+from gse.assessment.verdict import Judgement
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, Row, this_sensor
-from gse.statistics import Statistics
-from gse.truth.budget import TruthBudget
-from gse.verdict import Judgement
+from gse.station.session_data import Night
 
 SCHEMA = "gse.report/1"
 DECIMALS = 6

@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
+from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
 from gse.instant import NS_PER_S
 from gse.report.decimation import extremes, sample
 from gse.report.drawn import Drawn, edge_of
 from gse.report.paper import LIMIT_DEG
-from gse.view.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
 from gse.view.running import LINK_COLOURS, LINK_WORDS
 
 _MAX_MARKS = 400

@@ -4,13 +4,13 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
+from gse.assessment.verdict import Judgement
 from gse.errors import UsageError
-from gse.night import Night
 from gse.report.frames_csv import frames_csv
 from gse.report.junit import junit_xml
 from gse.report.page import report_html
 from gse.report.summary import summarise
-from gse.verdict import Judgement
+from gse.station.session_data import Night
 
 
 def write_report(night: Night, judgement: Judgement, folder: Path) -> dict[str, Path]:

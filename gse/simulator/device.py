@@ -7,7 +7,7 @@ import numpy as np
 
 from drivers.chunk import Chunk
 from drivers.errors import UrlError
-from gse.config import Station
+from gse.config.station import Station
 from gse.errors import GseError
 from gse.instant import NS_PER_S
 from gse.simulator.firmware import BITS_PER_BYTE, Detector, SensorFirmware, Transmission

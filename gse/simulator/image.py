@@ -10,9 +10,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.compiled import compiled
-from gse.config import Station
-from gse.extraction import extract, extract_sub_pixel
+from gse.config.station import Station
+from gse.imaging.extraction import extract, extract_sub_pixel
+from gse.jit import compiled
 from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.photometry import BIAS_INDEX, Photometry
 from gse.simulator.scenario import Scenario

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.config import Station
+from gse.config.station import Station
 from gse.panorama import MAX_OBJECTS
 from gse.simulator.photometry import Photometry
 from gse.simulator.scenario import Scenario

@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.config import Sensor
+from gse.config.station import Sensor
 from gse.simulator.scenario import Scenario
 
 OVEREXPOSED_SHARE = 0.6

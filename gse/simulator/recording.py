@@ -6,12 +6,12 @@ from drivers.chunk import Chunk
 from drivers.clock import ClockReading
 from drivers.errors import DriverError
 from drivers.link import SerialLink
-from drivers.records import CLOCK
+from drivers.session_file.records import CLOCK
 from drivers.urlhandlers.protocol_sim import register
-from gse.config import Station
+from gse.config.station import Station
 from gse.instant import NS_PER_S
-from gse.recorder import Recorder
-from gse.session import EARTH_ORIENTATION, PROTOCOL, STATION, clock_json
+from gse.recording.recorder import Recorder
+from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, clock_json
 from gse.simulator.device import device_factory
 from protocols import load_protocol
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from gse.config import BUILT_IN_TEXT, Station
+from gse.config.station import BUILT_IN_TEXT, Station
 from gse.errors import ConfigError
 from gse.instant import from_text
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gse.camera import Camera
 from gse.catalog import load_catalog
-from gse.config import Station
+from gse.config.station import Station
 from gse.simulator.bodies import FIRST_PLANET, MOON, SUN, BodyCell, bodies_over
 from gse.simulator.pointing import horizon_to_sensor
 from gse.simulator.scenario import Air, Scenario, profile_at

@@ -22,7 +22,7 @@ from erfa import ErfaWarning
 from numpy.typing import NDArray
 
 from gse.catalog import StarCatalog, merge_doubles
-from gse.config import Site
+from gse.config.station import Site
 from gse.instant import NS_PER_S, to_julian_date
 
 CELL_NS = 300 * NS_PER_S

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gse.config import Mount
+from gse.config.station import Mount
 from gse.errors import UsageError
 from gse.truth.mounting import horizon_to_sensor, mount_of
 

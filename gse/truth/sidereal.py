@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.attitude import Attitude
-from gse.config import Mount, Site
+from gse.config.station import Mount, Site
 from gse.errors import UsageError
 from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
 from gse.truth.mounting import horizon_to_sensor

@@ -5,7 +5,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from gse.config import Station
+from gse.config.station import Station
 from gse.view.picture import RESIDUAL_SCALE
 from gse.view.series import TIMELINE
 

@@ -20,11 +20,11 @@ import rerun as rr
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.catalog import StarCatalog
-from gse.config import Station
+from gse.config.station import Station
 from gse.errors import GseError
 from gse.instant import NS_PER_S
-from gse.night import Night
-from gse.results import FrameResult, LinkCounters
+from gse.station.results import FrameResult, LinkCounters
+from gse.station.session_data import Night
 from gse.view.page import ViewerPage
 from gse.view.ports import free_port
 from gse.view.saved import file_sink

@@ -8,9 +8,9 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from gse.camera import Camera
-from gse.non_stars import HOT_PIXEL, UNKNOWN
-from gse.results import FrameResult
-from gse.view.palette import GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
+from gse.drawing.palette import GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
+from gse.station.non_stellar import HOT_PIXEL, UNKNOWN
+from gse.station.results import FrameResult
 from gse.view.series import times
 
 RESIDUAL_SCALE = 100

@@ -4,10 +4,10 @@ import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-from gse.config import Limits
+from gse.config.station import Limits
+from gse.drawing.palette import GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLOW
 from gse.instant import NS_PER_S
-from gse.results import Discrepancy, FrameResult, Status
-from gse.view.palette import GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLOW
+from gse.station.results import Discrepancy, FrameResult, Status
 
 LINK_WORDS = {
     "NO_PORT": "no port",

@@ -7,10 +7,10 @@ import rerun as rr
 
 from drivers.chunk import LinkEvent
 from gse.catalog import StarCatalog
-from gse.config import Station
+from gse.config.station import Station
 from gse.errors import UsageError
-from gse.night import Night
-from gse.results import FrameResult
+from gse.station.results import FrameResult
+from gse.station.session_data import Night
 from gse.view.scene import Scene
 from gse.view.words import verdict_at_end, verdict_so_far
 

@@ -10,10 +10,10 @@ from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse import instant
 from gse.catalog import StarCatalog
-from gse.config import Station
-from gse.frame_table import FrameTable
+from gse.config.station import Station
 from gse.instant import NS_PER_S
-from gse.results import FrameResult, Status
+from gse.station.frame_table import FrameTable
+from gse.station.results import FrameResult, Status
 from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.picture import Picture
 from gse.view.running import LINK_COLOURS, LINK_WORDS, Running

@@ -12,10 +12,10 @@ from rich.text import Text
 
 from drivers.chunk import LinkEvent
 from gse import instant
-from gse.config import Station
-from gse.night import Night
-from gse.results import FrameResult
-from gse.telling import Teller
+from gse.config.station import Station
+from gse.station.announcer import Teller
+from gse.station.results import FrameResult
+from gse.station.session_data import Night
 from gse.view.running import LINK_WORDS, Running
 from gse.view.words import clock_health, percent
 

@@ -3,7 +3,7 @@
 import math
 
 from drivers.clock import ClockReading
-from gse.results import LinkCounters
+from gse.station.results import LinkCounters
 from gse.view.running import Moments, Running
 
 _MARKS = {"PASS": "✔", "FAIL": "✘", "INCONCLUSIVE": "?"}

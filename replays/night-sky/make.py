@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from drivers.capture import CaptureWriter
 from drivers.chunk import Chunk
+from drivers.session_file.writer import CaptureWriter
 from gse import instant
-from gse.panorama_table import read_panorama_table
-from gse.reception import BITS_PER_BYTE
+from gse.imaging.panorama_table import read_panorama_table
+from gse.station.reception import BITS_PER_BYTE
 from protocols import PanoramaMessage, load_protocol
 
 HERE = Path(__file__).parent

@@ -6,16 +6,16 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from terminal import Terminal
+from devices.terminal import Terminal
 
-from drivers.capture import CaptureWriter
-from drivers.capture_reader import messages
 from drivers.chunk import Chunk
 from drivers.commands import ANSWER_S, receive_until, send_command
 from drivers.errors import CommandError
 from drivers.link import SerialLink
-from drivers.records import TX
-from drivers.stamped import Item
+from drivers.mock.timestamped_port import Item
+from drivers.session_file.reader import messages
+from drivers.session_file.records import TX
+from drivers.session_file.writer import CaptureWriter
 from drivers.urlhandlers.protocol_sim import register
 
 

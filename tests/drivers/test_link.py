@@ -9,15 +9,15 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from terminal import Terminal
+from devices.terminal import Terminal
 
-from drivers.capture import CaptureWriter
-from drivers.capture_reader import messages
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import PortError
 from drivers.link import SerialLink
 from drivers.ports import PortInfo, explain, holders
-from drivers.records import EVENTS, RX, TX
+from drivers.session_file.reader import messages
+from drivers.session_file.records import EVENTS, RX, TX
+from drivers.session_file.writer import CaptureWriter
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from drivers.chunk import Chunk
 from drivers.clock import read_clock
 from drivers.link import SerialLink
 from gse.cli.emulate import command
-from gse.config import BUILT_IN_TEXT, parse_station
+from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError
 from gse.simulator.device import detector_of, firmware_of, scenario_of
 from gse.simulator.emulator import Emulator

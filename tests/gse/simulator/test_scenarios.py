@@ -9,15 +9,15 @@ import pytest
 
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
-from gse.config import BUILT_IN_TEXT, parse_station
-from gse.equipment import Equipment, prepare
+from gse.assessment.verdict import judge
+from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import ConfigError
-from gse.night import Night
-from gse.session import RecordedTimings
+from gse.recording.session_format import RecordedTimings
 from gse.simulator import device_factory
 from gse.simulator.scenario import load_scenario, parse_scenario, profile_at, scenario_names
-from gse.station import StationLoop
-from gse.verdict import judge
+from gse.station.loop import StationLoop
+from gse.station.session_data import Night
+from gse.station.setup import Equipment, prepare
 
 SECONDS_PER_FRAME = {"twilight": 40.0}
 """Fewer frames than the scenario says, but enough for a verdict."""

@@ -12,9 +12,9 @@ from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import UrlError
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
-from gse.config import BUILT_IN_TEXT, Station, parse_station
-from gse.reception import Reception
+from gse.config.station import BUILT_IN_TEXT, Station, parse_station
 from gse.simulator import device_factory
+from gse.station.reception import Reception
 from protocols import (
     Ack,
     FrameDecoder,

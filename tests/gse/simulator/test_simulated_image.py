@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gse.config import BUILT_IN_TEXT, Station, parse_station
-from gse.extraction import extract_sub_pixel
+from gse.config.station import BUILT_IN_TEXT, Station, parse_station
+from gse.imaging.extraction import extract_sub_pixel
 from gse.instant import NS_PER_S, from_text
 from gse.simulator.bodies import MOON, NAMES, SUN, bodies_over
 from gse.simulator.image import ImageSource

@@ -10,7 +10,7 @@ from astropy.time import Time
 from astropy.utils import iers
 
 from gse.catalog import load_catalog
-from gse.config import Mount, Site
+from gse.config.station import Mount, Site
 from gse.instant import NS_PER_S, from_text, to_text
 from gse.simulator.pointing import horizon_to_sensor
 from gse.simulator.sky import AstropySite, Sky, orientation_table

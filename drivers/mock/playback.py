@@ -1,0 +1,83 @@
+"""Recordings as items of a stamped port: sessions and raw captures, cut out, cut up, repeated."""
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+from drivers.chunk import Chunk, LinkEvent
+from drivers.errors import CaptureError, UrlError
+from drivers.mock.timestamped_port import Item
+from drivers.session_file.reader import Capture, read_capture
+from drivers.session_file.record_scanner import MAGIC
+from drivers.session_file.records import EVENTS, RX, Damage, Message
+
+RAW_CHUNK_BYTES = 4096
+NS_PER_S = 1_000_000_000
+
+
+def session_items(path: Path, from_utc_ns: int | None = None, to_utc_ns: int | None = None) -> Iterator[Item]:
+    """Received chunks and events of a session in their order, within [from, to); CaptureError at once if it is none.
+
+    Damage in the file and a missing end come as events DAMAGED and TRUNCATED, in the place where they are.
+    """
+    return _session_items(path, read_capture(path, from_utc_ns=from_utc_ns), from_utc_ns or 0, to_utc_ns)
+
+
+def _session_items(path: Path, capture: Capture, from_utc_ns: int, to_utc_ns: int | None) -> Iterator[Item]:
+    stamp = (from_utc_ns, 0)
+    for record in capture:
+        if isinstance(record, Damage):
+            if record.reason != "cut off":
+                text = f"{record.file}: {record.size} bytes from {record.offset} on are damaged: {record.reason}"
+                yield LinkEvent(*stamp, "DAMAGED", text)
+        elif isinstance(record, Message) and record.topic in (RX, EVENTS):
+            if record.utc_ns < from_utc_ns or (to_utc_ns is not None and record.utc_ns >= to_utc_ns):
+                continue
+            stamp = (record.utc_ns, record.mono_ns)
+            yield record.chunk() if record.topic == RX else record.event()
+    if capture.missing:
+        yield LinkEvent(*stamp, "DAMAGED", f"missing: {', '.join(capture.missing)}")
+    elif capture.truncated:
+        yield LinkEvent(*stamp, "TRUNCATED", f"{path.name} was not closed: its end may be missing")
+
+
+def raw_items(path: Path, start_utc_ns: int) -> Iterator[Item]:
+    """The bytes of a raw capture, all stamped with the UTC of its start: the sensor's time tags give the rest."""
+    with path.open("rb") as file:
+        while data := file.read(RAW_CHUNK_BYTES):
+            yield Chunk(start_utc_ns, 0, data)
+
+
+def is_session(path: Path) -> bool:
+    """Whether a path is to be read as a session: a folder, a .mcap file, or anything that begins as MCAP."""
+    if path.is_dir() or path.suffix == ".mcap":
+        return True
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError as error:
+        raise CaptureError(f"cannot read {path}: {error.strerror}") from error
+
+
+def cut(items: Iterator[Item], most: int) -> Iterator[Item]:
+    """The same bytes in chunks of at most ``most``, each part with the stamps of its whole."""
+    for item in items:
+        if isinstance(item, LinkEvent) or len(item.data) <= most:
+            yield item
+        else:
+            for start in range(0, len(item.data), most):
+                yield Chunk(item.utc_ns, item.mono_ns, item.data[start : start + most])
+
+
+def utc_option(name: str, text: str | None) -> int | None:
+    """UTC nanoseconds of an RFC 3339 option, None where it is absent."""
+    if not text:
+        return None
+    try:
+        if not text.endswith("Z"):
+            raise ValueError
+        instant = datetime.fromisoformat(text[:-1] + "+00:00").astimezone(UTC)
+    except ValueError:
+        message = f"{name}={text} is no UTC instant: expected for example 2026-03-20T18:30:00Z"
+        raise UrlError(message) from None
+    return int(instant.replace(microsecond=0).timestamp()) * NS_PER_S + instant.microsecond * 1000

@@ -1,0 +1,325 @@
+"""MCAP records one after another, with a way on after damage.
+
+An MCAP record is an opcode u8, a length u64 LE and that many bytes. The mcap package's readers stop at the first
+broken one, trust lengths, and check neither messages nor attachments; this walk believes a record only when its
+checksum says so, and after damage scans for the next record that can be believed.
+"""
+
+import re
+import struct
+import zlib
+from collections.abc import Container, Generator, Iterator
+from io import BytesIO
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment as McapAttachment
+from mcap.records import Channel, DataEnd, Footer, Header
+from mcap.records import Chunk as McapChunk
+
+from drivers.errors import CaptureError
+from drivers.session_file.file_window import BlockWindow, FileWindow, Window
+from drivers.session_file.records import (
+    CLOCK,
+    CONTINUED,
+    EVENTS,
+    PROFILE,
+    RX,
+    TX,
+    Attachment,
+    Damage,
+    Message,
+    Record,
+    checksum,
+    topic_checksum,
+)
+
+MAGIC = b"\x89MCAP0\r\n"
+MAX_RECORD_BYTES = 16 << 20
+"""No record is longer: chunks are cut at 256 KiB, attachments are pages of text, messages are reads of a port."""
+MAX_CHUNK_BYTES = 4 << 20
+"""Unpacked: a few hundred bytes can unpack to very much more."""
+SCAN_BYTES = 1 << 20
+MAX_SCAN_WORK = 64
+"""Bytes checked per byte scanned before long candidates are passed over: damage must not cost hours."""
+FOREIGN_AFTER = 1 << 20
+
+_HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_HEAD_AND_MESSAGE = struct.Struct("<BQHIQQ")
+_STAMPS_AT = _HEAD.size + struct.calcsize("<HI")
+_CANDIDATE = re.compile(rb"(?=[\x04-\x06\x09\x0f\x02]...\x00\x00\x00\x00\x00)", re.DOTALL)
+# What the mcap package and zstandard raise on damaged content, seen by flipping bits.
+_BROKEN = (
+    McapError,
+    struct.error,
+    ValueError,
+    KeyError,
+    IndexError,
+    OverflowError,
+    MemoryError,
+    zstandard.ZstdError,
+)
+
+
+class _NotBelievedError(Exception):
+    """This is no whole, true record."""
+
+
+class Walk:
+    """The records of one MCAP file, or of the inside of one chunk."""
+
+    def __init__(
+        self,
+        window: Window,
+        file: str,
+        *,
+        from_utc_ns: int | None = None,
+        only: Container[str] | None = None,
+        topics: dict[int, str] | None = None,
+    ) -> None:
+        self._window = window
+        self._file = file
+        self._from_utc_ns = from_utc_ns or 0
+        self._only = only
+        self._topics = {} if topics is None else topics
+        self.data_end: tuple[int, int] | None = None
+        """Where the data section ends, and the CRC-32 that is said to be of everything before."""
+        self.footer: tuple[int, int, int] | None = None
+        """Where the footer stands, where the summary starts, and the CRC-32 that is said to be of both."""
+        self.ended = False
+
+    def check_ours(self) -> None:
+        """CaptureError where the file is no session of this station."""
+        if self._window.size == 0:
+            raise CaptureError(f"{self._file} is empty: no session")
+        if self._window.get(0, len(MAGIC)) == MAGIC:
+            try:
+                opcode, content, _ = self._content(len(MAGIC))
+                if opcode == Opcode.HEADER and _header(content).profile == PROFILE:
+                    return
+            except (_NotBelievedError, *_BROKEN):
+                pass
+        # The head may be damaged: one message that proves true makes it ours.
+        if not self._has_message(min(FOREIGN_AFTER, self._window.size)):
+            raise CaptureError(
+                f"{self._file} is no session of this station (MCAP with profile {PROFILE!r} expected); "
+                "for a raw serial capture give the UTC of its start: --start-utc"
+            )
+
+    def _has_message(self, end: int) -> bool:
+        offset = 0
+        while (start := self._scan(offset, end)) is not None:
+            try:
+                records, offset = self._try(start)
+            except (_NotBelievedError, *_BROKEN):
+                # A footer is proven by its place, and may have no magic after it all the same.
+                records, offset = [], start + 1
+            if any(isinstance(record, Message) for record in records):
+                return True
+        return False
+
+    def records(self) -> Iterator[Record]:
+        """All that can be believed, in order of the file, with the damage between."""
+        offset = len(MAGIC)
+        if self._window.size and self._window.get(0, offset) != MAGIC:
+            offset = yield from self._pass_damage(0, "no MCAP magic")
+        yield from self.inner_records(offset)
+
+    def inner_records(self, offset: int = 0) -> Iterator[Record]:
+        """The same from an offset on, without the magic of a file."""
+        while offset < self._window.size and not self.ended:
+            messages, offset = self._messages(offset)
+            yield from messages
+            if offset == self._window.size:
+                break
+            try:
+                found, following = self._try(offset)
+            except (_NotBelievedError, *_BROKEN) as error:
+                offset = yield from self._pass_damage(offset, _reason(error))
+            else:
+                yield from found
+                offset = following
+
+    def _pass_damage(self, offset: int, reason: str) -> Generator[Damage, None, int]:
+        following = self._scan(offset + 1, self._window.size)
+        end = self._window.size if following is None else following
+        yield Damage(self._file, offset, end - offset, "cut off" if following is None else reason)
+        return end
+
+    def _scan(self, offset: int, end: int) -> int | None:
+        """The offset of the next record that proves true, or None."""
+        work = 0
+        start = offset
+        while offset < end:
+            block = self._window.get(offset, SCAN_BYTES)
+            for match in _CANDIDATE.finditer(block):
+                here = offset + match.start()
+                size = _HEAD.unpack_from(block, match.start())[1]
+                if size > 4096 and work > SCAN_BYTES + MAX_SCAN_WORK * (here - start):
+                    continue
+                work += size if here + 9 + size <= self._window.size else 0
+                if self._is_proven(here):
+                    return here
+            offset += max(1, len(block) - 8)
+        return None
+
+    def _is_proven(self, offset: int) -> bool:
+        try:
+            opcode, content, _ = self._content(offset)
+            if opcode == Opcode.CHANNEL:
+                _channel(content)
+            elif opcode == Opcode.DATA_END:
+                return len(content) == 4
+            elif opcode == Opcode.FOOTER:
+                return len(content) == 20 and self._window.size == offset + 9 + 20 + len(MAGIC)
+            else:
+                self._parse(opcode, content, offset)
+        except (_NotBelievedError, *_BROKEN):
+            return False
+        return True
+
+    def _try(self, offset: int) -> tuple[list[Record], int]:
+        opcode, content, following = self._content(offset)
+        return self._parse(opcode, content, offset), following
+
+    def _content(self, offset: int) -> tuple[int, bytes, int]:
+        head = self._window.get(offset, 9)
+        if len(head) < 9:
+            raise _NotBelievedError("cut off")
+        opcode, size = _HEAD.unpack(head)
+        if not Opcode.HEADER <= opcode <= Opcode.DATA_END:
+            raise _NotBelievedError("no MCAP record")
+        if size > MAX_RECORD_BYTES or offset + 9 + size > self._window.size:
+            raise _NotBelievedError("impossible length")
+        return opcode, self._window.get(offset + 9, size), offset + 9 + size
+
+    def _parse(self, opcode: int, content: bytes, offset: int) -> list[Record]:
+        if opcode == Opcode.MESSAGE:
+            return [self._message(content)]
+        if opcode == Opcode.CHUNK:
+            return self._chunk(content, offset)
+        if opcode == Opcode.ATTACHMENT:
+            return [_attachment(content)]
+        if opcode == Opcode.CHANNEL:
+            channel = _channel(content)
+            self._topics[channel.id] = channel.topic
+        elif opcode == Opcode.DATA_END and len(content) == 4:
+            self.data_end = (offset, DataEnd.read(_stream(content)).data_section_crc)
+        elif opcode == Opcode.FOOTER and self._window.get(offset + 9 + len(content), len(MAGIC)) == MAGIC:
+            footer = Footer.read(_stream(content))
+            self.footer = (offset, footer.summary_start, footer.summary_crc)
+            self.ended = True
+        elif opcode == Opcode.HEADER and offset == len(MAGIC):
+            _header(content)
+        elif self.data_end is None and not _is_index(opcode, content):
+            # Nothing else stands in a session: this was a message before its opcode was damaged.
+            raise _NotBelievedError("no record of a session")
+        return []
+
+    def _messages(self, offset: int) -> tuple[list[Message], int]:
+        """The messages from an offset of a block on, up to what is no whole message of a known channel, and its offset.
+
+        A night is a million of them: each is one look at the block. What is anything else is looked at with care.
+        """
+        messages: list[Message] = []
+        if isinstance(self._window, FileWindow):
+            return messages, offset
+        block, size = self._window.block, self._window.size
+        while offset + _HEAD_AND_MESSAGE.size <= size:
+            opcode, length, channel, crc, utc_ns, mono_ns = _HEAD_AND_MESSAGE.unpack_from(block, offset)
+            following = offset + _HEAD.size + length
+            if opcode != Opcode.MESSAGE or length < _MESSAGE.size or following > size or channel not in self._topics:
+                break
+            topic = self._topics[channel]
+            if zlib.crc32(block[offset + _STAMPS_AT : following], topic_checksum(topic)) != crc:
+                break
+            if self._only is None or topic in self._only:
+                messages.append(Message(topic, utc_ns, mono_ns, block[offset + _HEAD_AND_MESSAGE.size : following]))
+            offset = following
+        return messages, offset
+
+    def _message(self, content: bytes) -> Message:
+        channel, crc, utc_ns, mono_ns = _MESSAGE.unpack_from(content)
+        data = content[_MESSAGE.size :]
+        topic = self._topics.get(channel, "")
+        if checksum(topic, utc_ns, mono_ns, data) == crc:
+            return Message(topic, utc_ns, mono_ns, data)
+        # Where the record that names the channel was damaged, the checksum still tells which topic it was.
+        for topic in {RX, TX, EVENTS, CLOCK, CONTINUED, *self._topics.values()}:
+            if checksum(topic, utc_ns, mono_ns, data) == crc:
+                return Message(topic, utc_ns, mono_ns, data)
+        raise _NotBelievedError("message with a wrong checksum")
+
+    def _chunk(self, content: bytes, offset: int) -> list[Record]:
+        chunk = McapChunk.read(_stream(content))
+        if chunk.message_start_time <= chunk.message_end_time < self._from_utc_ns:
+            return []
+        if chunk.uncompressed_size > MAX_CHUNK_BYTES:
+            raise _NotBelievedError("impossible length")
+        block = _unpack(chunk)
+        whole = len(block) == chunk.uncompressed_size and zlib.crc32(block) == chunk.uncompressed_crc
+        name = f"{self._file}, chunk at {offset}"
+        inside = Walk(BlockWindow(block), name, only=self._only if whole else None, topics=self._topics)
+        records = list(inside.inner_records())
+        if not whole:
+            if not any(isinstance(record, Message) for record in records):
+                raise _NotBelievedError("chunk with a wrong checksum")
+            records.append(Damage(self._file, offset, len(content) + 9, "chunk with a wrong checksum, read in part"))
+        return records
+
+
+def _header(content: bytes) -> Header:
+    stream = _stream(content)
+    header = Header.read(stream)
+    if stream.count != len(content):
+        raise _NotBelievedError("no header of a session")
+    return header
+
+
+def _channel(content: bytes) -> Channel:
+    stream = _stream(content)
+    channel = Channel.read(stream)
+    if stream.count != len(content) or channel.schema_id != 0 or not channel.topic.startswith("/"):
+        raise _NotBelievedError("no channel of a session")
+    return channel
+
+
+def _is_index(opcode: int, content: bytes) -> bool:
+    """Whether this is the message index that follows a chunk: channel u16, size u32, entries of 16 bytes."""
+    return opcode == Opcode.MESSAGE_INDEX and content[2:6] == struct.pack("<I", len(content) - 6)
+
+
+def _attachment(content: bytes) -> Attachment:
+    if len(content) < 4 or zlib.crc32(content[:-4]) != struct.unpack("<I", content[-4:])[0]:
+        raise _NotBelievedError("attachment with a wrong checksum")
+    attachment = McapAttachment.read(_stream(content))
+    return Attachment(attachment.name, attachment.media_type, attachment.data)
+
+
+def _unpack(chunk: McapChunk) -> bytes:
+    """The content of a chunk, as far as it can be unpacked."""
+    if chunk.compression == "":
+        return bytes(chunk.data)
+    if chunk.compression != "zstd":
+        raise _NotBelievedError(f"chunk with unknown compression {chunk.compression[:20]!r}")
+    unpacker = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK_BYTES).decompressobj()
+    block = bytearray()
+    try:
+        for start in range(0, len(chunk.data), 1024):
+            block += unpacker.decompress(chunk.data[start : start + 1024])
+            if unpacker.eof or len(block) > MAX_CHUNK_BYTES:
+                break
+    except zstandard.ZstdError:
+        pass
+    return bytes(block[:MAX_CHUNK_BYTES])
+
+
+def _stream(content: bytes) -> ReadDataStream:
+    return ReadDataStream(BytesIO(content))
+
+
+def _reason(error: BaseException) -> str:
+    return str(error) if isinstance(error, _NotBelievedError) else "no whole record"

@@ -1,0 +1,117 @@
+"""Whether a session is whole: every file of it, to the bit."""
+
+import zlib
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drivers.session_file.file_window import FileWindow
+from drivers.session_file.reader import find_segments, session_file
+from drivers.session_file.record_scanner import Walk
+from drivers.session_file.records import CONTINUED, RX, TX, Attachment, Damage, Message
+
+_BLOCK_BYTES = 1 << 20
+_FOOTER_BYTES_IN_CRC = 9 + 16
+"""The CRC of the summary covers the footer up to the CRC itself, MCAP specification, section Footer."""
+
+
+@dataclass(slots=True)
+class FileCheck:
+    """What was found in one file of a session.
+
+    ``closed``: it has its proper end. ``checksums`` is False where the whole-file checksums of a closed file do not
+    agree although no record was found damaged: then an index or a length was, and no data.
+    """
+
+    name: str
+    size: int
+    closed: bool = False
+    checksums: bool = True
+    continued: bool = False
+    messages: Counter[str] = field(default_factory=Counter)
+    rx_bytes: int = 0
+    tx_bytes: int = 0
+    attachments: list[str] = field(default_factory=list)
+    damages: list[Damage] = field(default_factory=list)
+    first_ns: int | None = None
+    last_ns: int | None = None
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing at all is wrong with it."""
+        return self.closed and self.checksums and not self.damages
+
+
+@dataclass(frozen=True, slots=True)
+class SessionCheck:
+    """What was found in a session: its files, and the names of files that are missing."""
+
+    files: tuple[FileCheck, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing at all is wrong with it."""
+        return not self.missing and all(file.is_whole for file in self.files)
+
+    @property
+    def damaged_bytes(self) -> int:
+        """Bytes of the files that are no whole record."""
+        return sum(damage.size for file in self.files for damage in file.damages)
+
+
+def verify(path: Path) -> SessionCheck:
+    """Read every byte of a session; CaptureError where there is none."""
+    first = session_file(path)
+    with FileWindow(first) as window:
+        Walk(window, first.name).check_ours()
+    segments, missing = find_segments(first)
+    files = tuple(_check(segment) for segment in segments)
+    if files[-1].continued:
+        missing.append(f"what follows {segments[-1].name}")
+    return SessionCheck(files, tuple(missing))
+
+
+def _check(path: Path) -> FileCheck:
+    with FileWindow(path) as window:
+        check = FileCheck(path.name, window.size)
+        walk = Walk(window, path.name)
+        for record in walk.records():
+            if isinstance(record, Damage):
+                check.damages.append(record)
+            elif isinstance(record, Attachment):
+                check.attachments.append(record.name)
+            else:
+                _count(check, record)
+        check.closed = walk.ended
+        if walk.ended:
+            check.checksums = _checksums_agree(window, walk)
+    return check
+
+
+def _count(check: FileCheck, message: Message) -> None:
+    check.messages[message.topic] += 1
+    check.rx_bytes += len(message.data) if message.topic == RX else 0
+    check.tx_bytes += len(message.data) if message.topic == TX else 0
+    check.continued |= message.topic == CONTINUED
+    if message.topic in (RX, TX):
+        check.first_ns = min(check.first_ns or message.utc_ns, message.utc_ns)
+        check.last_ns = max(check.last_ns or message.utc_ns, message.utc_ns)
+
+
+def _checksums_agree(window: FileWindow, walk: Walk) -> bool:
+    if walk.data_end is None or walk.footer is None:
+        return False
+    data_end, data_crc = walk.data_end
+    footer, summary_start, summary_crc = walk.footer
+    if data_crc == 0 or not 0 < summary_start <= footer:
+        return False
+    summary_end = footer + _FOOTER_BYTES_IN_CRC
+    return _crc(window, 0, data_end) == data_crc and _crc(window, summary_start, summary_end) == summary_crc
+
+
+def _crc(window: FileWindow, start: int, end: int) -> int:
+    crc = 0
+    for offset in range(start, end, _BLOCK_BYTES):
+        crc = zlib.crc32(window.get(offset, min(_BLOCK_BYTES, end - offset)), crc)
+    return crc

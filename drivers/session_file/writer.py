@@ -1,0 +1,125 @@
+"""Session files: chunks to MCAP.
+
+Unchunked, and handed to the kernel after every message: what was written stays when the process is killed. Reading is
+``read_capture`` of drivers/capture_reader.py.
+"""
+
+from pathlib import Path
+from types import TracebackType
+
+from mcap.writer import IndexType, Writer
+
+from drivers.errors import CaptureError
+from drivers.session_file.records import CONTINUED, EVENTS, PROFILE, RX, TX, Message, MessageWriter, checksum
+from drivers.session_file.retrying_file import Spool
+
+_LAST_NS = 2**64 - 1
+_ENCODINGS = {RX: "octet-stream", TX: "octet-stream"}
+
+
+class CaptureWriter(MessageWriter):
+    """One session file in the making, never one that exists already."""
+
+    def __init__(self, path: Path | str) -> None:
+        """Create the file; CaptureError where it exists or cannot be made."""
+        try:
+            self._spool = Spool(Path(path))
+        except FileExistsError:
+            raise CaptureError(f"{path} exists already; a session is never overwritten: choose another name") from None
+        except OSError as error:
+            raise CaptureError(f"cannot create {path}: {error.strerror}") from error
+        self._writer = Writer(
+            self._spool,
+            use_chunking=False,
+            index_types=IndexType.ATTACHMENT,
+            enable_data_crcs=True,
+        )
+        self._channels: dict[str, int] = {}
+        self._writer.start(profile=PROFILE, library="gse-star-sensor")
+        for topic in (RX, TX, EVENTS):
+            self._channel(topic)
+        self._writer.flush()
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """A file to freeze into the session."""
+        self.put_attachment(name, media_type, data)
+        self.flush()
+
+    def put_attachment(self, name: str, media_type: str, data: bytes) -> None:
+        """A file to freeze into the session, into memory only until ``flush``."""
+        self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
+
+    def write(self, message: Message) -> None:
+        """Any message. OSError when the disk refuses it: it is kept then, and written with the next one."""
+        self.put(message)
+        self.flush()
+
+    def put(self, message: Message) -> None:
+        """Any message, into memory only until ``flush``: for many at once."""
+        # MCAP's clock is unsigned, of 64 bits: before 1970 is stored as 1970, after 2554 as 2554.
+        utc_ns, mono_ns = (min(max(stamp, 0), _LAST_NS) for stamp in (message.utc_ns, message.mono_ns))
+        self._writer.add_message(
+            channel_id=self._channel(message.topic),
+            log_time=utc_ns,
+            publish_time=mono_ns,
+            data=message.data,
+            sequence=checksum(message.topic, utc_ns, mono_ns, message.data),
+        )
+
+    def flush(self) -> None:
+        """Hand everything to the kernel; OSError when the disk refuses."""
+        self._spool.flush()
+
+    def sync(self) -> None:
+        """Bring everything to the disk; once a second is right."""
+        self._spool.sync()
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file so far."""
+        return self._spool.tell()
+
+    @property
+    def pending(self) -> int:
+        """Bytes that the disk has not taken yet."""
+        return self._spool.pending
+
+    def vanished(self) -> bool:
+        """Whether somebody deleted the file or its folder."""
+        return self._spool.vanished()
+
+    def restore_if_vanished(self) -> bool:
+        """Write the file again where somebody deleted it or its folder; True when that was necessary."""
+        if not self._spool.vanished():
+            return False
+        self._spool.restore()
+        return True
+
+    def continued(self, successor: str, utc_ns: int, mono_ns: int) -> None:
+        """Say that the session goes on in another file."""
+        self.write(Message(CONTINUED, utc_ns, mono_ns, successor.encode()))
+
+    def close(self) -> None:
+        """Write the summary and close; OSError when the disk refuses, the messages before stay readable."""
+        try:
+            # finish() leaves records that are not flushed out of the checksum of the data section (mcap 1.6).
+            self._writer.flush()
+            self._writer.finish()
+            self._spool.flush()
+            self._spool.sync()
+        finally:
+            self._spool.close()
+
+    def __enter__(self) -> "CaptureWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _channel(self, topic: str) -> int:
+        if topic not in self._channels:
+            encoding = _ENCODINGS.get(topic, "json")
+            self._channels[topic] = self._writer.register_channel(topic, encoding, schema_id=0)
+        return self._channels[topic]

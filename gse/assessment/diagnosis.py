@@ -1,0 +1,192 @@
+"""Diagnosis: what a session's errors look like, named: mount, clock, focal length, distortion, mirror.
+
+A finding is a hint for the operator and decides nothing; the verdict goes by the limits alone.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.assessment.statistics import EARTH_RATE_ARCSEC_PER_S, Statistics
+from gse.camera import Camera
+from gse.station.frame_table import STATUSES
+from gse.station.results import Status
+from gse.station.session_data import Night
+from gse.truth import SiderealTruth
+
+_SIGMAS = 4.0
+_BIAS_SHARE_OF_LIMIT = 1 / 6
+_DRIFT_ARCSEC = 4.0
+"""Over a session: whole pixels alone can make 3 arcsec of slope out of a few stars."""
+_MIN_DRIFT_S = 600.0
+"""In less time whole pixels alone make a slope: a star takes 3 s from one to the next."""
+_SENSOR_DRIFT_PPM = 100.0
+"""A crystal keeps within 50 ppm over its whole temperature range."""
+_SCALE = 3e-4
+"""0.03 % of the focal length puts stars at the edge of 14 deg by 8 arcsec."""
+_DISTORTION_PX = 0.3
+_ARCSEC_PER_RAD = math.degrees(1) * 3600
+_MIN_MATCHES = 200
+_MAX_MATCHES = 50_000
+"""More of a night do not make it better: it is the number of stars that does."""
+_CELLS = 32
+
+
+def findings(night: Night, figures: Statistics) -> tuple[str, ...]:
+    """One line for each thing that the errors of a night look like."""
+    return (
+        *_events(night),
+        *_nothing_identified(night),
+        *_bias(night, figures),
+        *_drift(figures),
+        *_optics(night),
+        *_unlike(figures),
+    )
+
+
+def _events(night: Night) -> Iterator[str]:
+    kinds = {event.kind: event for event in night.events}
+    named = ("CLOCK_STEP", "clock step"), ("MIRRORED", "mirrored image"), ("NO_STATION", "station file")
+    for kind, words in named:
+        if kind in kinds:
+            yield f"{words}: {kinds[kind].text}"
+
+
+def _nothing_identified(night: Night) -> Iterator[str]:
+    status = night.frames.columns["status"]
+    no_match = int((status == STATUSES.index(Status.NO_MATCH)).sum())
+    if no_match and not (status == STATUSES.index(Status.IDENTIFIED)).any():
+        yield (
+            f"not one of {no_match} panoramas with enough objects was identified: a focal length that is wrong by more "
+            "than 0.2 %, or a mirrored image, does that; gse calibrate finds either"
+        )
+
+
+def _bias(night: Night, figures: Statistics) -> Iterator[str]:
+    """A steady error: of the mount, or of the clock where it is a turn about the pole."""
+    ra, de, roll = (figures.axes[axis] for axis in ("d_ra_cosde", "d_de", "d_roll"))
+    least = _BIAS_SHARE_OF_LIMIT * min(night.station.limits.d_ra_cosde_arcsec, night.station.limits.d_de_arcsec)
+    size = math.hypot(ra.bias_arcsec, de.bias_arcsec)
+    error = math.hypot(ra.bias_error_arcsec, de.bias_error_arcsec) / 2  # 95 % to 1 sigma
+    if not size > max(least, _SIGMAS * error):
+        return
+    where = f"{ra.bias_arcsec:+.1f} arcsec east and {de.bias_arcsec:+.1f} north of where the mount should look"
+    de_rad = math.radians(float(np.nanmedian(night.frames.columns["de_true_deg"])))
+    about_pole = ra.bias_arcsec / math.cos(de_rad)  # keeps position angles, so that it turns the roll the other way
+    no_turn = abs(de.bias_arcsec) > max(_SIGMAS * de.bias_error_arcsec, 0.1 * size)
+    other_roll = abs(roll.bias_arcsec + about_pole * math.sin(de_rad)) > max(2 * roll.bias_error_arcsec, 0.2 * size)
+    if no_turn or other_roll:
+        yield f"mount: the boresight lies {where}; gse align fits the mount"
+        return
+    yield (
+        f"clock offset or mount: the boresight lies {where}, as if the clock were "
+        f"{abs(about_pole) / EARTH_RATE_ARCSEC_PER_S:.2f} s {'slow' if about_pole > 0 else 'fast'}; only a clock that "
+        "is measured otherwise tells the two apart"
+    )
+
+
+def _drift(figures: Statistics) -> Iterator[str]:
+    if figures.duration_s > _MIN_DRIFT_S:
+        yield from _drift_of_boresight(figures)
+    ppm = figures.clock.sensor_drift_ppm
+    if abs(ppm) > max(_SENSOR_DRIFT_PPM, 3 * figures.clock.sensor_drift_error_ppm):
+        yield f"sensor clock drift: it runs {abs(ppm):.0f} ppm {'slow' if ppm > 0 else 'fast'} against the host's"
+
+
+def _drift_of_boresight(figures: Statistics) -> Iterator[str]:
+    ra, de = (figures.axes[axis] for axis in ("d_ra_cosde", "d_de"))
+    moves = [
+        abs(axis.drift_arcsec_per_h) * figures.duration_s / 3600 > _DRIFT_ARCSEC
+        and axis.drift_low_arcsec_per_h * axis.drift_high_arcsec_per_h > 0
+        for axis in (ra, de)
+    ]
+    rate = figures.earth_rate.measured_arcsec_per_s / EARTH_RATE_ARCSEC_PER_S - 1
+    if moves[1]:
+        yield f"the mount moves: dDE drifts by {de.drift_arcsec_per_h:+.1f} arcsec/h"
+    elif moves[0] and math.isfinite(rate):
+        yield (
+            f"clock drift: dRA* drifts by {ra.drift_arcsec_per_h:+.1f} arcsec/h, as if the clock ran "
+            f"{abs(rate) * 1e6:.0f} ppm {'slow' if rate > 0 else 'fast'}"
+        )
+
+
+def _unlike(figures: Statistics) -> Iterator[str]:
+    own = figures.equivalence
+    if own is None or own.same:
+        return
+    yield (
+        f"the sensor's own answers are not the onboard-equivalent ones: of {own.answers}, {own.only_sensor} were "
+        f"answered only by the sensor and {own.only_station} only here, the others lie up to "
+        f"{own.apart_arcsec.max:.1f} arcsec apart"
+    )
+
+
+def _optics(night: Night) -> Iterator[str]:
+    matches = night.frames.matches
+    if len(matches) < _MIN_MATCHES:
+        return
+    matches = matches[:: max(len(matches) // _MAX_MATCHES, 1)]
+    camera = night.station.sensor.camera()
+    scale, scale_sigma = _radial(camera, matches, (1,))
+    cubic, cubic_sigma = _radial(camera, matches, (1, 3))
+    edge_px = abs(cubic) * camera.columns / 2
+    if edge_px > _DISTORTION_PX and abs(cubic) > _SIGMAS * cubic_sigma:
+        yield (
+            f"distortion: stars at the edge lie {edge_px:.1f} px too far {'out' if cubic > 0 else 'in'} "
+            "beyond what the focal length explains; gse calibrate fits it"
+        )
+        return
+    scale -= _expected_scale(night, camera)
+    if abs(scale) > max(_SCALE, _SIGMAS * scale_sigma):
+        off = "short" if scale > 0 else "long"
+        yield f"focal length: it is about {abs(scale):.2%} too {off}; gse calibrate fits it"
+
+
+def _radial(camera: Camera, matches: NDArray[np.void], powers: tuple[int, ...]) -> tuple[float, float]:
+    """Residuals along the radius by least squares on powers of it: the last coefficient, as a share of the half
+    width at the edge, with its standard deviation.
+
+    Errors in one of 32 x 32 cells of the detector are taken as dependent (the sandwich of Liang & Zeger 1986): one star
+    crosses it, on the same side of its pixels.
+    """
+    offset_px = np.column_stack([matches["x_px"], matches["y_px"]]) - np.array(camera.principal_point_px)
+    residual_px = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64) / (
+        camera.pixel_rad * _ARCSEC_PER_RAD
+    )
+    if camera.mirrored:
+        residual_px[:, 0] = -residual_px[:, 0]
+    length = np.hypot(residual_px[:, 0], residual_px[:, 1])
+    good = length <= 5 * np.median(length)
+    offset_px, residual_px = offset_px[good], residual_px[good]
+    s = np.hypot(offset_px[:, 0], offset_px[:, 1]) / (camera.columns / 2)
+    design = np.stack([offset_px * (s ** (power - 1))[:, None] for power in powers], axis=2)
+    inverse = np.linalg.inv(np.einsum("nki,nkj->ij", design, design))
+    fit = inverse @ np.einsum("nki,nk->i", design, residual_px)
+    scores = np.einsum("nki,nk->ni", design, residual_px - design @ fit)
+    cell = np.floor(np.column_stack([matches["x_px"], matches["y_px"]])[good] / (camera.columns / _CELLS)).astype(int)
+    _, cluster = np.unique(cell[:, 0] * 10_000 + cell[:, 1], return_inverse=True)
+    summed = np.stack([np.bincount(cluster, weights=score) for score in scores.T], axis=1)
+    covariance = inverse @ (summed.T @ summed) @ inverse
+    return float(fit[-1]), math.sqrt(float(covariance[-1, -1]))
+
+
+def _expected_scale(night: Night, camera: Camera) -> float:
+    """By how much refraction and aberration stretch the field: residuals are of directions as they are seen."""
+    frames = night.frames.columns
+    known = np.flatnonzero(np.isfinite(frames["ra_true_deg"]))
+    if night.earth_orientation is None or len(known) == 0:
+        return 0.0
+    frame = frames[known[len(known) // 2]]
+    truth = SiderealTruth(night.station.site, night.earth_orientation)
+    utc_ns, ra, de = int(frame["utc_ns"]), math.radians(frame["ra_true_deg"]), math.radians(frame["de_true_deg"])
+    east = np.array([-math.sin(ra), math.cos(ra), 0.0])
+    north = np.array([-math.sin(de) * math.cos(ra), -math.sin(de) * math.sin(ra), math.cos(de)])
+    boresight = np.cross(east, north)
+    reach = camera.columns / 4 / camera.focal_length_px
+    ring = boresight + reach * np.array([east, north, -east, -north])
+    ring /= np.linalg.norm(ring, axis=1)[:, None]
+    seen = truth.refraction.added(truth.apparent(ring, utc_ns), truth.icrs_to_horizon(utc_ns)[2])
+    across = [np.linalg.norm(rays[0] - rays[2]) + np.linalg.norm(rays[1] - rays[3]) for rays in (seen, ring)]
+    return float(across[0] / across[1] - 1)

@@ -1,0 +1,169 @@
+"""Calibration from a session: its panoramas are identified, if need be by search, and the camera is fitted to them."""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.calibration.camera_fit import Calibration, StarField, calibrate
+from gse.calibration.hot_pixels import hot_pixels
+from gse.camera import Camera
+from gse.catalog import StarCatalog
+from gse.config.station import IdentifierOptions
+from gse.errors import UsageError
+from gse.identifier import Identification, Identifier
+from gse.identifier.neighbour import NeighbourIdentifier
+from gse.panorama import Panorama
+from gse.truth import SiderealTruth
+
+MAX_PANORAMAS = 400
+"""More do not make it better: neighbouring ones show the same stars on the same pixels."""
+
+_TRIED = 5
+_ALPHA_RETRIES = 3
+_ENOUGH = 0.5
+_SCALE_STEP = 0.002
+"""An identifier tolerates a focal length that is wrong by 0.2 %."""
+_SCALE_STEPS = 15
+_ROUNDS = 3
+
+
+class PanoramaSample:
+    """Panoramas from all over a session of any length, no more than memory bears."""
+
+    def __init__(self) -> None:
+        self.panoramas: list[Panorama] = []
+        self._every = 1
+        self._count = 0
+
+    def add(self, panorama: Panorama) -> None:
+        """One more panorama of the session."""
+        if self._count % self._every == 0:
+            self.panoramas.append(panorama)
+            if len(self.panoramas) >= 2 * MAX_PANORAMAS:
+                self.panoramas = self.panoramas[::2]
+                self._every *= 2
+        self._count += 1
+
+    def spread(self, count: int) -> list[Panorama]:
+        """Some of the panoramas, from the whole length."""
+        places = np.unique(np.linspace(0, len(self.panoramas) - 1, min(count, len(self.panoramas))).astype(int))
+        return [self.panoramas[place] for place in places.tolist()]
+
+
+@dataclass(frozen=True, slots=True)
+class SessionCalibration:
+    """A calibration, and the hot pixels seen on the way.
+
+    ``identified_before`` of ``tried`` panoramas were identified with the camera as it was, ``identified_after`` of all
+    ``panoramas`` with the fitted one; ``first_scale`` is the factor by which the focal length had to be changed before
+    anything was identified (1 where nothing had to).
+    """
+
+    calibration: Calibration
+    hot_pixels: tuple[tuple[int, int], ...]
+    tried: int
+    identified_before: int
+    panoramas: int
+    identified_after: int
+    first_scale: float
+
+
+def calibrate_session(
+    sample: PanoramaSample, camera: Camera, identifier: Identifier, truth: SiderealTruth | None
+) -> SessionCalibration:
+    """Fit the camera of a session, starting from one whose focal length may be wrong by 3 % or that lacks the mirror.
+
+    Without ``truth`` stars are taken from the catalogue as they are: that leaves refraction (0.03 % of the focal
+    length) and aberration (0.01 %) in the result. UsageError where nothing can be identified.
+    """
+    panoramas, tried = sample.spread(MAX_PANORAMAS), sample.spread(_TRIED)
+    if not panoramas:
+        raise UsageError("the session holds no panorama; expected some hundred to calibrate on")
+    before = len(_identified(tried, camera, identifier))
+    start = camera if before >= _ENOUGH * len(tried) else _search(tried, camera, identifier.catalog)
+    found = _identified(panoramas, start, identifier)
+    fitted = calibrate(start, [_field(item, identifier, truth) for item in found])
+    for _ in range(_ROUNDS):
+        more = _identified(panoramas, fitted.camera, identifier)
+        grown = sum(len(answer.objects) for _, answer in more) > sum(len(answer.objects) for _, answer in found)
+        found = more
+        refitted = calibrate(fitted.camera, [_field(item, identifier, truth) for item in found], anchor=start)
+        fitted = replace(refitted, before=fitted.before)
+        if not grown:
+            break
+    return SessionCalibration(
+        fitted,
+        _hot(panoramas, found),
+        len(tried),
+        before,
+        len(panoramas),
+        len(found),
+        start.focal_length_px / camera.focal_length_px,
+    )
+
+
+_Named = tuple[Panorama, Identification]
+
+
+def _identified(panoramas: list[Panorama], camera: Camera, identifier: Identifier) -> list[_Named]:
+    answers = ((item, identifier.identify(camera.directions(item.xy_px), item.index)) for item in panoramas)
+    return [(item, answer) for item, answer in answers if isinstance(answer, Identification)]
+
+
+def _search(some: list[Panorama], camera: Camera, catalog: StarCatalog) -> Camera:
+    """The trial camera that identifies most of a few panoramas, nearest to the given one first.
+
+    By the neighbour technique with few alpha stars: it says no soonest, and most trials end so.
+    """
+    identifier = NeighbourIdentifier(catalog, camera, IdentifierOptions(alpha_retries=_ALPHA_RETRIES))
+    best, most = camera, 0
+    for trial in _trials(camera):
+        count = len(_identified(some, trial, identifier))
+        if count > most:
+            best, most = trial, count
+        if count >= max(_ENOUGH * len(some), 1):
+            return best
+    if most == 0:
+        raise UsageError(
+            f"none of {len(some)} panoramas could be identified with a focal length within "
+            f"{_SCALE_STEP * _SCALE_STEPS:.0%} of {camera.focal_length_px:g} px, as it is or mirrored; "
+            "check sensor.rows, sensor.columns and sensor.focal_length_px"
+        )
+    return best
+
+
+def _trials(camera: Camera) -> Iterator[Camera]:
+    for step in range(_SCALE_STEPS + 1):
+        for sign in (1, -1) if step else (1,):
+            scaled = replace(camera, focal_length_px=camera.focal_length_px * (1 + sign * step * _SCALE_STEP))
+            yield scaled
+            yield replace(scaled, mirrored=not camera.mirrored)
+
+
+def _field(item: _Named, identifier: Identifier, truth: SiderealTruth | None) -> StarField:
+    panorama, answer = item
+    stars = identifier.catalog.icrs[answer.stars]
+    if truth is not None:
+        stars = truth.apparent(stars, panorama.utc_ns)
+        stars = truth.refraction.added(stars, truth.icrs_to_horizon(panorama.utc_ns)[2])
+    return StarField(panorama.xy_px[answer.objects], stars, answer.stars)
+
+
+def _hot(panoramas: list[Panorama], found: list[_Named]) -> tuple[tuple[int, int], ...]:
+    rows = {id(item): answer.objects for item, answer in found}
+    none: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+    named = [rows.get(id(item), none) for item in panoramas]
+    return hot_pixels([item.xy_px for item in panoramas], named, _moved_px(found))
+
+
+def _moved_px(found: list[_Named]) -> float:
+    """How far the sky moved over the detector: the mean shifts of the stars between two panoramas, added up."""
+    path = np.zeros(2)
+    for (earlier, one), (later, two) in itertools.pairwise(found):
+        stars, first, second = np.intersect1d(one.stars, two.stars, return_indices=True)
+        if len(stars):
+            path += (later.xy_px[two.objects[second]] - earlier.xy_px[one.objects[first]]).mean(axis=0)
+    return float(np.hypot(*path))

@@ -1,0 +1,210 @@
+"""Monte-Carlo over spiral directions: how often an identifier is right, and how long it takes.
+
+Right: the boresight within 0.05 deg of the truth. Coarse: most stars right, the boresight 0.05 to 0.5 deg off. False:
+any other answer. None: no answer. Rates are those of the frames with at least 4 real stars; what was answered in the
+others is counted beside them.
+
+With noise on angles ([N] section 4) there are no directions: right is the first star named right, any other answer is
+false, and the frames with at least 3 real stars count.
+"""
+
+import math
+import multiprocessing
+import signal
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.attitude import solve_attitude
+from gse.catalog import StarCatalog, brightest_per_field, load_catalog, merge_doubles
+from gse.errors import GseError
+from gse.evaluation.frames import ARCSEC, Conditions, FrameMaker, Optics, TestFrame
+from gse.evaluation.plan import Cell, Outcome, Plan
+from gse.identifier import Identification, Identifier, Unidentified, make_identifier
+from gse.spiral import spiral_directions
+
+RIGHT_DEG, COARSE_DEG = 0.05, 0.5
+
+FAINTER = 0.9
+"""The catalogue of ``robust`` reaches so far beyond the sensor's limit."""
+
+_CHUNK_FRAMES = 25
+_QUEUED_PER_WORKER = 4
+"""Chunks handed over ahead, so that no worker waits."""
+
+_WARM_UP_FRAMES = 3
+_DOUBLES_RAD = 60 * ARCSEC
+_LEAST_TOLERANCE_ARCSEC = 1.0
+_INDEX_ZERO_POINT = 2.5 * math.log10(4096) - 7.5
+"""Magnitude of index 1 above the limit, as the simulated frames have it."""
+
+
+class Bench:
+    """Makes the frames of a plan and has them identified; tables are built when a cell first needs them."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self._source = load_catalog(plan.catalog)
+        self._directions = spiral_directions(plan.frames)
+        self._ready: dict[int, tuple[FrameMaker, Identifier]] = {}
+        if plan.angle_noise:
+            limit = plan.optics.magnitude_limit
+            bright = self._source.rows(np.flatnonzero(self._source.magnitude <= limit))
+            self._source = merge_doubles(bright, _DOUBLES_RAD)
+
+    def run(self, cell: int, frames: range) -> list[Outcome]:
+        """The outcomes of some frames of a cell."""
+        if cell not in self._ready:
+            self._ready[cell] = self._prepared(self._plan.cells[cell])
+            for frame in range(min(_WARM_UP_FRAMES, self._plan.frames)):
+                self._outcome(cell, frame)
+        return [self._outcome(cell, frame) for frame in frames]
+
+    def _prepared(self, cell: Cell) -> tuple[FrameMaker, Identifier]:
+        plan, conditions = self._plan, cell.conditions
+        if plan.angle_noise:
+            mission = brightest_per_field(self._source, 2 * plan.optics.radius_rad())
+            exact = Conditions(conditions.name, 0.0, conditions.magnitude, whole_pixels=False, merge_px=0.0)
+            return FrameMaker(plan.optics, exact, self._source), _for_angles(cell, plan.optics, mission)
+        return FrameMaker(plan.optics, conditions, self._source), _for_field(cell, plan.optics, self._source)
+
+    def _outcome(self, cell: int, frame: int) -> Outcome:
+        maker, identifier = self._ready[cell]
+        rng = np.random.default_rng(np.random.SeedSequence(self._plan.seed, spawn_key=(frame,)))
+        seen = maker.frame(self._directions[frame], rng)
+        sigma_rad = self._plan.cells[cell].conditions.position_arcsec * ARCSEC
+        identify = _by_angles(identifier, seen, sigma_rad, rng) if self._plan.angle_noise else _whole(identifier, seen)
+        started_ns = time.thread_time_ns()
+        answer = identify()
+        cpu_us = (time.thread_time_ns() - started_ns) / 1000
+        if isinstance(answer, Unidentified):
+            kind = "none"
+        elif isinstance(answer, Identification):
+            kind = judged(answer, identifier.catalog, seen)
+        else:
+            first_right = identifier.catalog.ids[answer[1][0]] == seen.star_ids[answer[0][0]]
+            kind = "right" if first_right else "false"
+        return Outcome(cell, frame, kind, seen.real_stars, cpu_us)
+
+
+def judged(answer: Identification, catalog: StarCatalog, frame: TestFrame) -> str:
+    """Right, coarse or false."""
+    found = solve_attitude(frame.directions_sensor[answer.objects], catalog.icrs[answer.stars], 10 * ARCSEC)
+    apart = math.dist(found.boresight_icrs, frame.attitude.boresight_icrs)
+    error_deg = math.degrees(2 * math.asin(min(1.0, apart / 2)))
+    if error_deg <= RIGHT_DEG:
+        return "right"
+    mostly = float((catalog.ids[answer.stars] == frame.star_ids[answer.objects]).mean()) > 0.5
+    return "coarse" if mostly and error_deg <= COARSE_DEG else "false"
+
+
+_Named = tuple[NDArray[np.int64], NDArray[np.int64]]
+_Identify = Callable[[], Identification | Unidentified | _Named]
+
+
+def _whole(identifier: Identifier, frame: TestFrame) -> _Identify:
+    return lambda: identifier.identify(frame.directions_sensor, frame.index)
+
+
+def _by_angles(identifier: Identifier, frame: TestFrame, sigma_rad: float, rng: np.random.Generator) -> _Identify:
+    from gse.identifier.mutual import Separations
+    from gse.identifier.pivot import PivotIdentifier
+
+    assert isinstance(identifier, PivotIdentifier)
+    pivot = identifier
+    v = frame.directions_sensor
+    noise = np.triu(rng.normal(0, sigma_rad, (len(v), len(v))), 1)
+    angles = np.abs(np.arccos(np.clip(v @ v.T, -1, 1)) + noise + noise.T)
+    np.fill_diagonal(angles, 0.0)
+    return lambda: pivot.identify_angles(Separations(np.cos(angles), np.sin(angles)), frame.index)
+
+
+def _for_angles(cell: Cell, optics: Optics, mission: StarCatalog) -> Identifier:
+    """``pivot`` or ``match-group`` with a tolerance of three sigma and the frames' own zero point."""
+    from gse.identifier.match_group import MatchGroupIdentifier
+    from gse.identifier.pivot import PivotIdentifier
+
+    tolerance_rad = max(3 * cell.conditions.position_arcsec, _LEAST_TOLERANCE_ARCSEC) * ARCSEC
+    field_rad = 2 * optics.radius_rad()
+    if cell.identifier.algorithm == "pivot":
+        return PivotIdentifier(mission, field_rad, tolerance_rad)
+    zero_point = optics.magnitude_limit + _INDEX_ZERO_POINT
+    return MatchGroupIdentifier(mission, field_rad, tolerance_rad, zero_point=zero_point)
+
+
+def _for_field(cell: Cell, optics: Optics, source: StarCatalog) -> Identifier:
+    if cell.identifier.algorithm != "robust":
+        return make_identifier(cell.identifier, optics.camera, source)
+    from gse.identifier.robust import RobustIdentifier
+
+    stars = int((source.magnitude < optics.magnitude_limit + FAINTER).sum())
+    return RobustIdentifier(optics.camera, source, stars=stars, field_of_view_deg=optics.field_of_view_deg)
+
+
+def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[Outcome]]:
+    """The outcomes chunk by chunk, the same in the same order for any number of worker processes.
+
+    Chunks are strided over the spiral and go through the cells in turn, so that the first of them, where the rest is
+    given up, show the whole sky in every cell.
+    """
+    if workers == 1:
+        bench = Bench(plan)
+        yield from (bench.run(*task) for task in _tasks(plan))
+        return
+    load_catalog(plan.catalog)  # its errors are told here, not by a worker that cannot start
+    context = multiprocessing.get_context("spawn")
+    executor = ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(plan,))
+    queued: deque[Future[list[Outcome]]] = deque()
+    try:
+        for task in _tasks(plan):
+            with _interrupts_held():
+                queued.append(executor.submit(_work, *task))
+            if len(queued) == _QUEUED_PER_WORKER * workers:
+                yield queued.popleft().result()
+        while queued:
+            yield queued.popleft().result()
+    except BrokenProcessPool as error:
+        raise GseError("a worker process ended by itself, perhaps for want of memory; try fewer --workers") from error
+    except (KeyboardInterrupt, GeneratorExit):
+        executor.shutdown(wait=False, cancel_futures=True)
+        for child in multiprocessing.active_children():
+            child.terminate()
+        raise
+    executor.shutdown()
+
+
+def _tasks(plan: Plan) -> Iterator[tuple[int, range]]:
+    chunks = math.ceil(plan.frames / _CHUNK_FRAMES)
+    return ((cell, range(c, plan.frames, chunks)) for c in range(chunks) for cell in range(len(plan.cells)))
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Ctrl-C waits, and processes started meanwhile never hear of it: they would print tracebacks as they start."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+_worker_bench: list[Bench] = []
+
+
+def _start_worker(plan: Plan) -> None:
+    with suppress(ValueError):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _worker_bench[:] = [Bench(plan)]
+
+
+def _work(cell: int, frames: range) -> list[Outcome]:
+    return _worker_bench[0].run(cell, frames)

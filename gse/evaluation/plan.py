@@ -1,0 +1,183 @@
+"""What ``gse evaluate`` runs: the settings of both papers, and what became of them as rates with their intervals."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gse.assessment.percentiles import Spread, spread
+from gse.camera import Camera
+from gse.config.station import IdentifierOptions
+from gse.evaluation.frames import Conditions, Optics
+
+SCHEMA = "gse.evaluation/1"
+CONFIDENCE = 0.95
+
+
+KINDS = ("right", "false", "none", "coarse")
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One line of the table: an identifier under one set of conditions."""
+
+    identifier: IdentifierOptions
+    conditions: Conditions
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Everything that decides the answers; ``catalog`` is a source as ``load_catalog`` takes it."""
+
+    optics: Optics
+    cells: tuple[Cell, ...]
+    frames: int
+    seed: int
+    catalog: str
+    angle_noise: bool = False
+
+    @property
+    def fewest_stars(self) -> int:
+        """Frames with fewer real stars do not count."""
+        return 3 if self.angle_noise else 4
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one frame of one cell."""
+
+    cell: int
+    frame: int
+    kind: str
+    real_stars: int
+    cpu_us: float
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """The conditions of a paper."""
+
+    optics: Optics
+    identifiers: tuple[str, ...]
+    conditions: tuple[Conditions, ...]
+    angle_noise: bool
+    note: str
+
+
+def _square(width_deg: float) -> Camera:
+    return Camera(1024, 1024, 512 / math.tan(math.radians(width_deg) / 2), (511.5, 511.5))
+
+
+_PIVOT_ERRORS = (
+    *((arcsec, 0.1) for arcsec in (10.0, 20.0, 30.0, 40.0, 50.0)),
+    *((10.0, magnitude) for magnitude in (0.2, 0.3, 0.4, 0.5)),
+)
+"""Errors of angular distance (arcsec) and magnitude along the axes of [N] figures 11 to 14; the paper gives figures for
+(10, 0.1), (50, 0.1) and (10, 0.5)."""
+
+PIVOT_PAPER = "pivot-paper"
+PRESETS = {
+    PIVOT_PAPER: Preset(
+        Optics("8 deg circular", _square(8.0), 6.0, field_of_view_deg=8.0),
+        ("pivot", "match-group"),
+        tuple(Conditions("angles", *errors, whole_pixels=False) for errors in _PIVOT_ERRORS),
+        angle_noise=True,
+        note="[N] section 4: noise on each angle between stars, tolerance 3 sigma, right = first star named right",
+    ),
+    "lapan": Preset(
+        Optics("14 x 14 deg", _square(14.0), 6.0),
+        ("neighbour",),
+        tuple(Conditions("lapan", 10.0, 0.3, false_objects=count) for count in (0, 3, 8)),
+        angle_noise=False,
+        note="[S]: whole pixels, Fn and Fn2 of the identifier's defaults",
+    ),
+}
+
+GAIA_LIMIT = 5.7
+"""Gaia has as many stars to here as the Bright Star Catalogue of [N] to V = 6.0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """One cell's counts; ``excluded`` are those of frames with too few real stars. Times are CPU of all frames."""
+
+    frames: int
+    counted: dict[str, int]
+    excluded: dict[str, int]
+    cpu_us: Spread
+
+    @property
+    def total(self) -> int:
+        """The frames that count."""
+        return sum(self.counted.values())
+
+
+def tallies(plan: Plan, done: Iterable[Outcome]) -> list[Tally]:
+    """The counts of every cell of a plan, of the frames that were done."""
+    import numpy as np
+
+    cells: list[list[Outcome]] = [[] for _ in plan.cells]
+    for outcome in done:
+        cells[outcome.cell].append(outcome)
+    result = []
+    for cell in cells:
+        enough = [one for one in cell if one.real_stars >= plan.fewest_stars]
+        few = [one for one in cell if one.real_stars < plan.fewest_stars]
+        times = spread(np.array([one.cpu_us for one in cell], dtype=np.float64))
+        result.append(Tally(len(cell), _counts(enough), _counts(few), times))
+    return result
+
+
+def _counts(outcomes: Sequence[Outcome]) -> dict[str, int]:
+    return {kind: sum(one.kind == kind for one in outcomes) for kind in KINDS}
+
+
+def interval(count: int, total: int) -> tuple[float, float] | None:
+    """Clopper-Pearson interval of a share at 95 %; None where nothing was counted."""
+    from scipy.stats import binomtest
+
+    if total == 0:
+        return None
+    bounds = binomtest(count, total).proportion_ci(CONFIDENCE, method="exact")
+    return float(bounds.low), float(bounds.high)
+
+
+def report(plan: Plan, rows: Sequence[Tally], *, interrupted: bool) -> dict[str, Any]:
+    """The JSON of schema gse.evaluation/1; all but ``cpu_ms`` is the same in every run of one seed."""
+    return {
+        "schema": SCHEMA,
+        "optics": plan.optics.name,
+        "magnitude_limit": plan.optics.magnitude_limit,
+        "catalog": plan.catalog,
+        "frames": plan.frames,
+        "seed": plan.seed,
+        "angle_noise": plan.angle_noise,
+        "fewest_stars": plan.fewest_stars,
+        "confidence": CONFIDENCE,
+        "interrupted": interrupted,
+        "cells": [_cell(plan, k, row) for k, row in enumerate(rows)],
+    }
+
+
+def _cell(plan: Plan, k: int, row: Tally) -> dict[str, Any]:
+    cell, total = plan.cells[k], row.total
+    conditions = cell.conditions
+    rates = {}
+    for kind, count in row.counted.items():
+        bounds = interval(count, total)
+        share = round(count / total, 6) if total else None
+        rates[kind] = {"count": count, "share": share, "interval": bounds and [round(bound, 6) for bound in bounds]}
+    times = {"median": row.cpu_us.p50, "p95": row.cpu_us.p95, "max": row.cpu_us.max}
+    return {
+        "identifier": cell.identifier.algorithm,
+        "noise_arcsec": conditions.position_arcsec,
+        "magnitude_noise": conditions.magnitude,
+        "false_objects": conditions.false_objects,
+        "missing_share": conditions.missing_share,
+        "whole_pixels": conditions.whole_pixels,
+        "frames_done": row.frames,
+        "frames_counted": total,
+        "rates": rates,
+        "excluded": row.excluded,
+        "cpu_ms": {name: round(us / 1000, 4) if math.isfinite(us) else None for name, us in times.items()},
+    }

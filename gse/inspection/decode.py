@@ -1,0 +1,201 @@
+"""Recorded bytes taken apart: each frame and each discard in order, with the bytes around it."""
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drivers.errors import CaptureError
+from drivers.mock.playback import is_session
+from drivers.session_file.reader import Capture, read_capture
+from drivers.session_file.records import RX, TX, Attachment, Damage
+from gse.errors import UsageError
+from gse.recording.session_format import PROTOCOL
+from protocols import (
+    Arrival,
+    Discard,
+    Frame,
+    FrameDecoder,
+    Message,
+    PanoramaMessage,
+    Protocol,
+    SequenceTracker,
+    load_protocol,
+    parse_protocol,
+)
+
+CONTEXT_BYTES = 16
+"""Bytes shown before and after a discard."""
+
+_BLOCK_BYTES = 65_536
+_DEFAULT_PROTOCOL = "panorama-v1"
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A frame with its message, or a discard with the bytes around it.
+
+    ``direction`` is ``rx`` (from the sensor) or ``tx``; ``utc_ns`` is when its first byte was read, None in a raw
+    capture; ``arrival`` what its sequence number says.
+    """
+
+    direction: str
+    utc_ns: int | None
+    item: Frame | Discard
+    message: Message | None = None
+    arrival: Arrival | None = None
+    before: bytes = b""
+    after: bytes = b""
+
+
+@dataclass(slots=True)
+class Totals:
+    """What one direction came to; bytes_in == bytes_framed + bytes_discarded when the stream is over."""
+
+    bytes_in: int = 0
+    bytes_framed: int = 0
+    bytes_discarded: int = 0
+    frames: Counter[str] = field(default_factory=Counter)
+    discards: Counter[str] = field(default_factory=Counter)
+    discarded_by_reason: Counter[str] = field(default_factory=Counter)
+    frames_lost: int = 0
+    duplicates: int = 0
+    resets: int = 0
+    frames_with_problems: int = 0
+
+
+class _Stream:
+    """One direction; pieces are held back until the bytes after them are there, or the stream is over."""
+
+    def __init__(self, direction: str, protocol: Protocol) -> None:
+        self.totals = Totals()
+        self._direction = direction
+        self._protocol = protocol
+        self._decoder = FrameDecoder(protocol)
+        self._sequence = SequenceTracker(protocol.sequence_modulus)
+        self._recent = bytearray()
+        self._recent_start = 0
+        self._stamps: deque[tuple[int, int | None]] = deque()
+        self._waiting: deque[Frame | Discard] = deque()
+
+    def feed(self, data: bytes, utc_ns: int | None) -> Iterator[Piece]:
+        """The pieces that are complete with these bytes."""
+        self._stamps.append((self._decoder.bytes_in, utc_ns))
+        self._recent += data
+        self._waiting += self._decoder.feed(data)
+        yield from self._release(self._decoder.bytes_in - CONTEXT_BYTES)
+        needed = self._waiting[0].start if self._waiting else self._decoder.bytes_in - self._decoder.pending
+        cut = max(0, needed - CONTEXT_BYTES - self._recent_start)
+        del self._recent[:cut]
+        self._recent_start += cut
+
+    def finish(self) -> Iterator[Piece]:
+        """The rest, when the stream is over."""
+        self._waiting += self._decoder.finish()
+        yield from self._release(self._decoder.bytes_in)
+
+    def _release(self, up_to: int) -> Iterator[Piece]:
+        while self._waiting and _end(self._waiting[0]) <= up_to:
+            yield self._piece(self._waiting.popleft())
+
+    def _piece(self, item: Frame | Discard) -> Piece:
+        while len(self._stamps) > 1 and self._stamps[1][0] <= item.start:
+            self._stamps.popleft()
+        utc_ns = self._stamps[0][1]
+        totals = self.totals
+        totals.bytes_in = _end(item)
+        if isinstance(item, Frame):
+            return self._frame(item, utc_ns)
+        totals.bytes_discarded += len(item.data)
+        totals.discards[item.reason] += 1
+        totals.discarded_by_reason[item.reason] += len(item.data)
+        start, end = item.start - self._recent_start, _end(item) - self._recent_start
+        before, after = self._recent[max(0, start - CONTEXT_BYTES) : start], self._recent[end : end + CONTEXT_BYTES]
+        return Piece(self._direction, utc_ns, item, before=bytes(before), after=bytes(after))
+
+    def _frame(self, frame: Frame, utc_ns: int | None) -> Piece:
+        message = self._protocol.decode(frame)
+        arrival = self._arrival(frame, message)
+        totals = self.totals
+        totals.bytes_framed += frame.size
+        totals.frames[frame.type] += 1
+        totals.frames_with_problems += bool(message.problems)
+        totals.frames_lost, totals.duplicates = self._sequence.lost, self._sequence.duplicates
+        totals.resets = self._sequence.resets
+        return Piece(self._direction, utc_ns, frame, message, arrival)
+
+    def _arrival(self, frame: Frame, message: Message) -> Arrival:
+        # As the reception does it: only the tags of live panoramas tell a restart.
+        if isinstance(message, PanoramaMessage) and "stored" not in self._protocol.flags_of(frame):
+            restarted = "clock reset" in message.flags
+            return self._sequence.accept(frame.sequence, time_us=message.time_us, restarted=restarted)
+        return self._sequence.accept(frame.sequence)
+
+
+class Decoding:
+    """The pieces of a recording: iterate over it once; ``totals`` by direction fill as it goes.
+
+    ``damages`` lists what was damaged in the session file itself, when the iteration is over.
+    """
+
+    def __init__(self, path: Path, protocol_name: str | None = None) -> None:
+        """CaptureError where there is no such recording, DescriptionError for a wrong protocol."""
+        _check_readable(path)
+        self._path = path
+        self._capture: Capture | None = None
+        self.protocol = _protocol_of(path, protocol_name)
+        self._streams = {name: _Stream(name, self.protocol) for name in ("rx", "tx")}
+
+    @property
+    def totals(self) -> dict[str, Totals]:
+        """The totals of each direction that had any bytes, and of ``rx`` always."""
+        return {name: s.totals for name, s in self._streams.items() if name == "rx" or s.totals.bytes_in}
+
+    @property
+    def is_damaged(self) -> bool:
+        """Whether the session file lacks its end or has damaged places."""
+        return self._capture is not None and (self._capture.truncated or self._capture.damage_count > 0)
+
+    @property
+    def damages(self) -> list[Damage]:
+        """The first damaged places of the session file."""
+        return self._capture.damages if self._capture else []
+
+    def __iter__(self) -> Iterator[Piece]:
+        for direction, data, utc_ns in self._bytes():
+            yield from self._streams[direction].feed(data, utc_ns)
+        for stream in self._streams.values():
+            yield from stream.finish()
+
+    def _bytes(self) -> Iterator[tuple[str, bytes, int | None]]:
+        if not is_session(self._path):
+            with self._path.open("rb") as file:
+                while block := file.read(_BLOCK_BYTES):
+                    yield "rx", block, None
+            return
+        self._capture = read_capture(self._path)
+        for record in self._capture:
+            if not isinstance(record, Attachment | Damage) and record.topic in (RX, TX):
+                yield ("rx" if record.topic == RX else "tx"), record.data, record.utc_ns
+
+
+def _end(item: Frame | Discard) -> int:
+    return item.start + (item.size if isinstance(item, Frame) else len(item.data))
+
+
+def _check_readable(path: Path) -> None:
+    if not path.exists():
+        raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
+    if path.is_file() and path.stat().st_size == 0:
+        raise UsageError(f"{path} is empty: nothing was recorded in it")
+
+
+def _protocol_of(path: Path, name: str | None) -> Protocol:
+    """The protocol that is asked for, else the one frozen in the session, else the reference protocol."""
+    if name is not None:
+        return load_protocol(name)
+    if is_session(path):
+        for record in read_capture(path):
+            if isinstance(record, Attachment) and record.name == PROTOCOL:
+                return parse_protocol(record.data.decode("utf-8", "replace"), f"{path}: protocol.yaml")
+    return load_protocol(_DEFAULT_PROTOCOL)

@@ -1,0 +1,178 @@
+"""Is everything ready for the night? One check for each thing that has ended a night before."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from drivers.chunk import Chunk
+from drivers.clock import read_clock
+from drivers.errors import DriverError
+from drivers.link import SerialLink
+from drivers.ports import is_mock
+from gse import instant
+from gse.catalog.mission import stars_for_field
+from gse.catalog.readers import load_catalog
+from gse.config.station import Limits, Station
+from gse.errors import GseError
+from gse.truth import EarthOrientation
+from gse.view.viewer import rerun_program
+from protocols import Frame, FrameDecoder, Protocol, ProtocolError, load_protocol
+
+LISTEN_S = 3.0
+"""The slowest sensor known exposes for 2 s."""
+ENOUGH_FRAMES = 3
+ARCSEC_PER_S = 15.04
+"""The sky turns by this much, at the equator."""
+BITS_PER_BYTE = 10
+OVERHEAD = 2.5
+"""Records around the bytes, derived results, and the compressed copy beside the plain file at close."""
+
+
+class Outcome(StrEnum):
+    """What a check found."""
+
+    OK = "OK"
+    WARN = "WARN"
+    FAIL = "FAIL"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One thing that was looked at: what was found, and what to do about it."""
+
+    name: str
+    outcome: Outcome
+    text: str
+    advice: str = ""
+
+
+def checks(station: Station, out: Path, hours: float) -> Iterator[Check]:
+    """All checks of a station, one after the other; each takes at most some seconds."""
+    now_ns = read_clock().utc_ns
+    yield _protocol(station)
+    yield _port(station)
+    yield _clock(station)
+    yield _disk(station, out, hours)
+    yield _earth_orientation(now_ns + round(hours * 3600 * instant.NS_PER_S))
+    yield _catalog(station)
+    yield _viewer()
+
+
+def _protocol(station: Station) -> Check:
+    try:
+        protocol = load_protocol(station.protocol)
+    except ProtocolError as error:
+        return Check("protocol", Outcome.FAIL, str(error), "correct the description, or name a built-in one")
+    return Check("protocol", Outcome.OK, f"{protocol.name}: {', '.join(protocol.types)}")
+
+
+def _port(station: Station) -> Check:
+    url = station.port.url
+    if is_mock(url):
+        return Check("port", Outcome.OK, f"{url} needs no device")
+    try:
+        protocol = load_protocol(station.protocol)
+        with SerialLink(url, station.port.baudrate) as link:
+            size, frames = _listen(link, protocol)
+    except DriverError as error:
+        return Check("port", Outcome.FAIL, str(error), "see 'gse ports' for what is there")
+    except ProtocolError:
+        return Check("port", Outcome.WARN, f"{url} opens; without a protocol nothing can be said of what comes")
+    if frames:
+        return Check("port", Outcome.OK, f"{url} at {station.port.baudrate}: valid frames come")
+    if size:
+        text = f"{url} at {station.port.baudrate}: {size} bytes in {LISTEN_S:g} s, but no valid frame"
+        return Check("port", Outcome.FAIL, text, "is the baud rate right, and the protocol that of this sensor?")
+    text = f"{url} opens, but nothing comes within {LISTEN_S:g} s"
+    return Check(
+        "port", Outcome.WARN, text, "is the sensor powered? 'gse sensor status' asks it, 'gse sensor start' starts it"
+    )
+
+
+def _listen(link: SerialLink, protocol: Protocol) -> tuple[int, int]:
+    """How many bytes and how many valid frames come while we listen; some frames are enough."""
+    decoder = FrameDecoder(protocol)
+    frames = 0
+    until_ns = link.mono_ns() + round(LISTEN_S * instant.NS_PER_S)
+    while link.mono_ns() < until_ns and frames < ENOUGH_FRAMES:
+        for item in link.receive(0.2):
+            pieces = decoder.feed(item.data) if isinstance(item, Chunk) else []
+            frames += sum(isinstance(piece, Frame) for piece in pieces)
+    return decoder.bytes_in, frames
+
+
+def _clock(station: Station) -> Check:
+    if is_mock(station.port.url):
+        return Check("clock", Outcome.OK, "a simulated or recorded session brings its own time")
+    clock = read_clock()
+    if not clock.synchronised:
+        return Check(
+            "clock",
+            Outcome.FAIL,
+            f"the clock is not synchronised ({clock.source}); 1 s of error is {ARCSEC_PER_S:.0f} arcsec of RA",
+            "start chrony, ntpd or systemd-timesyncd, or state a measured bound: gse run --clock-error 0.1s",
+        )
+    bound_s = abs(clock.offset_s) + clock.error_bound_s
+    text = f"{clock.source}, within {bound_s * 1e3:.1f} ms = {bound_s * ARCSEC_PER_S:.2g} arcsec of RA"
+    if bound_s * ARCSEC_PER_S > _tightest(station.limits) / 10:
+        return Check(
+            "clock", Outcome.WARN, text, "that is more than a tenth of the limits: choose a nearer time server"
+        )
+    return Check("clock", Outcome.OK, text)
+
+
+def _tightest(limits: Limits) -> float:
+    return min(limits.d_ra_cosde_arcsec, limits.d_de_arcsec)
+
+
+def _disk(station: Station, out: Path, hours: float) -> Check:
+    folder = next(path for path in (out.absolute(), *out.absolute().parents) if path.exists())
+    if not folder.is_dir() or not os.access(folder, os.W_OK):
+        return Check("disk", Outcome.FAIL, f"{folder} cannot be written", "choose another folder with --out")
+    needed = round(hours * 3600 * station.port.baudrate / BITS_PER_BYTE * OVERHEAD)
+    free = shutil.disk_usage(folder).free
+    text = f"{_size(free)} free in {folder}; {hours:g} h need at most {_size(needed)}"
+    if free < needed:
+        return Check("disk", Outcome.FAIL, text, "make room, or choose another disk with --out")
+    return Check("disk", Outcome.OK, text)
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"
+
+
+def _earth_orientation(end_ns: int) -> Check:
+    try:
+        orientation = EarthOrientation.from_disk(end_ns)
+        warning = orientation.warning(end_ns)
+    except GseError as error:
+        return Check("earth", Outcome.FAIL, str(error), "set the clock, or reinstall astropy-iers-data")
+    if warning:
+        return Check("earth", Outcome.WARN, warning, "pip install -U astropy-iers-data")
+    here = orientation.at(end_ns)
+    return Check(
+        "earth", Outcome.OK, f"{orientation.source}: UT1 {here.kind}, known to {here.ut1_error_s * 1e3:.2g} ms"
+    )
+
+
+def _catalog(station: Station) -> Check:
+    try:
+        catalog = load_catalog(station.catalog)
+    except GseError as error:
+        return Check("catalogue", Outcome.FAIL, str(error), "correct 'catalog' in the station file")
+    wanted = station.identifier.catalog_stars
+    count = stars_for_field(station.sensor.camera()) if wanted == "auto" else wanted
+    text = f"{len(catalog)} stars from {catalog.source}, {count} of them in use"
+    if count > len(catalog):
+        return Check("catalogue", Outcome.FAIL, text, "this field needs a deeper catalogue: 'catalog: gaia'")
+    return Check("catalogue", Outcome.OK, text)
+
+
+def _viewer() -> Check:
+    try:
+        return Check("viewer", Outcome.OK, f"rerun is there: {rerun_program()}")
+    except GseError as error:
+        return Check("viewer", Outcome.WARN, str(error), "only the live view needs it: gse run --view none works")

@@ -1,0 +1,106 @@
+"""A recorded session: what stands in it besides the bytes."""
+
+import json
+from array import array
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drivers.clock import ClockReading
+from drivers.session_file.reader import read_capture
+from drivers.session_file.records import CLOCK, Attachment, Damage, Message
+
+STATION = "station.yaml"
+PROTOCOL = "protocol.yaml"
+EARTH_ORIENTATION = "earth_orientation.json"
+STATED = "stated.json"
+"""What the operator stated for the session: {"clock_error_s": 0.1}."""
+TIMING_TOPIC = "/gse/timing"
+_SEARCH_AHEAD = 1000
+"""Timings that may be missing between two frames before the search for the next gives up."""
+
+
+class RecordedTimings:
+    """Identification times of the live run, in the order of its panoramas."""
+
+    def __init__(self) -> None:
+        self._time_us = array("Q")
+        self._elapsed_us = array("d")
+        self._next = 0
+
+    def add(self, time_us: int, elapsed_us: float) -> None:
+        """Append one."""
+        self._time_us.append(time_us)
+        self._elapsed_us.append(elapsed_us)
+
+    def take(self, time_us: int) -> float | None:
+        """The identification time of the panorama with this time tag, which comes after those already taken."""
+        for place in range(self._next, min(self._next + _SEARCH_AHEAD, len(self._time_us))):
+            if self._time_us[place] == time_us:
+                self._next = place + 1
+                return self._elapsed_us[place]
+        return None
+
+
+@dataclass(slots=True)
+class Recorded:
+    """What a session file tells besides its bytes and events.
+
+    ``damaged``: a stretch of it is no whole record, or its end or a segment is missing.
+    """
+
+    attachments: dict[str, str] = field(default_factory=dict)
+    clock: list[ClockReading] = field(default_factory=list)
+    timings: RecordedTimings = field(default_factory=RecordedTimings)
+    damaged: bool = False
+
+
+def read_recorded(path: Path) -> Recorded:
+    """What a session holds besides bytes and events; CaptureError where the file is missing or no session."""
+    recorded = Recorded()
+    capture = read_capture(path, only=(CLOCK, TIMING_TOPIC))
+    for record in capture:
+        if isinstance(record, Damage):
+            recorded.damaged = True
+        elif isinstance(record, Attachment):
+            recorded.attachments.setdefault(record.name, record.data.decode("utf-8", "replace"))
+        elif record.topic == CLOCK:
+            recorded.clock += _clock_reading(record)
+        elif record.topic == TIMING_TOPIC:
+            _add_timing(recorded.timings, record)
+    recorded.damaged |= capture.truncated
+    return recorded
+
+
+def timing_json(time_us: int, elapsed_us: float) -> bytes:
+    """The message of /gse/timing for one panorama."""
+    return json.dumps({"time_us": time_us, "elapsed_us": elapsed_us}).encode()
+
+
+def clock_json(reading: ClockReading) -> bytes:
+    """The message of /clock for one reading."""
+    return json.dumps({name: getattr(reading, name) for name in ClockReading.__slots__}).encode()
+
+
+def _add_timing(timings: RecordedTimings, message: Message) -> None:
+    try:
+        document = json.loads(message.data)
+        timings.add(int(document["time_us"]), float(document["elapsed_us"]))
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return
+
+
+def _clock_reading(message: Message) -> list[ClockReading]:
+    try:
+        document = json.loads(message.data)
+        return [
+            ClockReading(
+                utc_ns=int(document["utc_ns"]),
+                mono_ns=int(document["mono_ns"]),
+                source=str(document["source"]),
+                synchronised=bool(document["synchronised"]),
+                offset_s=float(document["offset_s"]),
+                error_bound_s=float(document["error_bound_s"]),
+            )
+        ]
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return []

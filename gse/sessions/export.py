@@ -1,0 +1,84 @@
+"""Sessions for other programs: CSV, NDJSON, raw bytes."""
+
+import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO, TextIO
+
+from drivers.session_file.reader import read_capture
+from drivers.session_file.records import RX, TX, Attachment, Damage, Message
+from gse import instant
+from gse.panorama import Panorama
+from gse.sessions.panoramas import open_recording
+from gse.sessions.replay import Cut
+
+CSV_COLUMNS = ("utc", "frame_no", "time_us", "exposure_s", "temperature_c", "flags", "object", "x_px", "y_px", "index")
+
+
+def export_csv(path: Path, out: TextIO) -> int:
+    """Each object of each panorama as one line; how many panoramas there were."""
+    panoramas = open_recording(path, Cut()).panoramas()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(CSV_COLUMNS)
+    count = 0
+    for panorama in panoramas:
+        count += 1
+        writer.writerows(_rows(panorama))
+    return count
+
+
+def _rows(panorama: Panorama) -> Iterator[tuple[object, ...]]:
+    head = (
+        instant.to_text(panorama.utc_ns),
+        panorama.frame_no,
+        panorama.time_us,
+        f"{panorama.exposure_s:.6f}",
+        f"{panorama.temperature_c:.2f}",
+        " ".join(sorted(panorama.flags)),
+    )
+    if not len(panorama.index):
+        yield (*head, "", "", "", "")
+    for row, ((x, y), index) in enumerate(zip(panorama.xy_px.tolist(), panorama.index.tolist(), strict=True)):
+        yield (*head, row, f"{x:.5f}", f"{y:.5f}", f"{index:g}")
+
+
+def export_ndjson(path: Path, out: TextIO) -> int:
+    """Each record as one JSON line, damage included: bytes of the port in hexadecimal; how many records."""
+    count = 0
+    for record in read_capture(path):
+        out.write(json.dumps(_document(record)) + "\n")
+        count += 1
+    return count
+
+
+def _document(record: Message | Attachment | Damage) -> dict[str, Any]:
+    if isinstance(record, Damage):
+        return {"damage": record.reason, "file": record.file, "offset": record.offset, "bytes": record.size}
+    if isinstance(record, Attachment):
+        return {
+            "attachment": record.name,
+            "media_type": record.media_type,
+            "text": record.data.decode("utf-8", "replace"),
+        }
+    document: dict[str, Any] = {
+        "topic": record.topic,
+        "utc": instant.to_text(record.utc_ns, 9),
+        "mono_ns": record.mono_ns,
+    }
+    if record.topic in (RX, TX):
+        return document | {"hex": record.data.hex()}
+    try:
+        return document | {"json": json.loads(record.data)}
+    except (ValueError, RecursionError):
+        return document | {"hex": record.data.hex()}
+
+
+def export_raw(path: Path, out: BinaryIO) -> int:
+    """The received bytes as they came; how many."""
+    count = 0
+    for record in read_capture(path):
+        if isinstance(record, Message) and record.topic == RX:
+            out.write(record.data)
+            count += len(record.data)
+    return count

@@ -1,0 +1,176 @@
+"""A live session: receive, record, identify, compare, show; then judge and report."""
+
+import json
+import os
+import re
+from array import array
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.chunk import LinkEvent
+from drivers.clock import ClockReading, read_clock
+from drivers.errors import DriverError
+from drivers.link import SerialLink
+from drivers.session_file.records import CLOCK
+from gse import instant
+from gse.config.station import Station
+from gse.errors import UsageError
+from gse.recording.recorder import Recorder
+from gse.recording.session_format import (
+    EARTH_ORIENTATION,
+    PROTOCOL,
+    STATED,
+    STATION,
+    TIMING_TOPIC,
+    clock_json,
+    timing_json,
+)
+from gse.release_memory import give_back
+from gse.station.loop import Sink, StationLoop
+from gse.station.results import FrameResult
+from gse.station.session_data import Night
+from gse.station.setup import prepare
+from protocols import load_protocol
+
+MOCK_PORTS = ("sim://", "replay://")
+"""Ports that can wait for the disk."""
+
+FIRST_WITHIN_S = 1.0
+"""A live port tells at once that it is open, a simulated one sends its first bytes."""
+
+CLOCK_EVERY_NS = 60 * instant.NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class LiveSession:
+    """What a live session left: the night, its folder, this host's identification times, and what could not be kept."""
+
+    night: Night
+    folder: Path
+    own_elapsed_us: "array[float]"
+    lost_bytes: int
+
+
+def new_session_folder(out: Path, name: str, utc_ns: int) -> Path:
+    """A new folder <UTC>-<sensor>/ under ``out``; a number is added where there is one already."""
+    stem = instant.to_text(utc_ns, 0).replace(":", "").replace("-", "") + "-" + re.sub(r"[^A-Za-z0-9._-]+", "-", name)
+    for number in range(1, 10_000):
+        folder = out / (stem if number == 1 else f"{stem}-{number}")
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            if not out.is_dir():
+                raise UsageError(f"--out {out} is a file; expected a folder for the sessions") from None
+            continue
+        except OSError as error:
+            raise UsageError(f"cannot make the session folder {folder}: {error.strerror}") from error
+        return folder
+    raise UsageError(f"{out} is full of sessions called {stem}; choose another --out")
+
+
+def run_live(
+    station: Station,
+    station_text: str,
+    out: Path,
+    *,
+    make_sinks: Callable[[StationLoop, Path], Sequence[Sink]] = lambda loop, folder: (),
+    stop: Callable[[], bool] = lambda: False,
+    duration_s: float | None = None,
+    wait_port: bool = False,
+    clock_error_s: float | None = None,
+) -> LiveSession:
+    """Run until the port is at its end (simulated), ``duration_s`` of the data's time have passed, or ``stop``.
+
+    Recording begins with the first byte, before the tables are loaded. DriverError where the port cannot be opened:
+    then nothing is left behind.
+    """
+    protocol = load_protocol(station.protocol)
+    folder = new_session_folder(out, station.sensor.name, read_clock().utc_ns)
+    recorder = Recorder(folder / "session.mcap", live=not station.port.url.startswith(MOCK_PORTS))
+    try:
+        link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder, wait_port=wait_port)
+    except DriverError:
+        recorder.close()
+        recorder.path.unlink()
+        folder.rmdir()
+        raise
+    recorder.attach(STATION, "application/yaml", station_text.encode())
+    recorder.attach(PROTOCOL, "application/yaml", protocol.text.encode())
+    if clock_error_s is not None:
+        recorder.attach(STATED, "application/json", json.dumps({"clock_error_s": clock_error_s}).encode())
+    with recorder, link:
+        first = link.receive(FIRST_WITHIN_S)
+        loop = StationLoop(prepare(station, station_text, utc_ns=first[0].utc_ns if first else None))
+        keeper = _Keeper(loop, recorder, link, duration_s)
+        loop.night.clock_error_s = clock_error_s
+        loop.sinks = make_sinks(loop, folder)
+        night = loop.run(link, first, stop=lambda: stop() or keeper.is_over(), each=keeper.keep)
+        keeper.close()
+        give_back()  # the file of a night is compressed next
+    return LiveSession(night, folder, loop.own_elapsed_us, recorder.lost_bytes)
+
+
+class _Keeper:
+    """Records what is derived, beside the bytes: times, clock readings, the Earth orientation of the night."""
+
+    def __init__(self, loop: StationLoop, recorder: Recorder, link: SerialLink, duration_s: float | None) -> None:
+        self._loop, self._recorder, self._link = loop, recorder, link
+        self._duration_ns = None if duration_s is None else round(duration_s * instant.NS_PER_S)
+        self._first_ns: int | None = None
+        self._last_ns = 0
+        self._clock_due_ns = 0
+        self._orientation_kept = False
+
+    def is_over(self) -> bool:
+        """Whether the session has lasted as long as it was to."""
+        if self._duration_ns is None:
+            return False
+        now_ns = read_clock().utc_ns if self._link.is_live else self._last_ns
+        if self._first_ns is None:
+            self._first_ns = now_ns or None
+            return False
+        return now_ns - self._first_ns >= self._duration_ns
+
+    def keep(self, results: list[FrameResult]) -> None:
+        """Record what these results bring."""
+        for result in results:
+            self._last_ns = result.panorama.host_utc_ns
+            if result.elapsed_us is not None:
+                data = timing_json(result.panorama.time_us, result.elapsed_us)
+                self._recorder.derived(TIMING_TOPIC, result.panorama.host_utc_ns, data)
+        orientation = self._loop.night.earth_orientation
+        if not self._orientation_kept and orientation is not None:
+            self._orientation_kept = True
+            self._recorder.attach(EARTH_ORIENTATION, "application/json", orientation.to_json().encode())
+        for event in self._recorder.news():
+            self._recorder.event(event)
+            self._loop.log(event)
+        self._read_clock()
+
+    def close(self) -> None:
+        """Record when the session ended: what nobody heard up to then belongs to it."""
+        if self._link.is_live:
+            now = read_clock()
+            event = LinkEvent(now.utc_ns, now.mono_ns, "CLOSED", "the session was ended")
+            self._recorder.event(event)
+            self._loop.take([event])
+
+    def _read_clock(self) -> None:
+        reading = read_clock() if self._link.is_live else _simulated_clock(self._last_ns)
+        if self._link.is_live and not self._link.backlog_bytes:
+            self._loop.pass_time(reading.utc_ns, reading.mono_ns)
+        if reading.utc_ns >= self._clock_due_ns and (self._link.is_live or self._last_ns):
+            self._clock_due_ns = reading.utc_ns + CLOCK_EVERY_NS
+            self._loop.read_clock(reading)
+            self._recorder.derived(CLOCK, reading.utc_ns, clock_json(reading))
+
+
+def _simulated_clock(utc_ns: int) -> ClockReading:
+    return ClockReading(utc_ns, utc_ns, "simulated", synchronised=True, offset_s=0.0, error_bound_s=0.0)
+
+
+def disk_free_bytes(path: Path) -> int:
+    """Free bytes of the disk that a path lies on."""
+    status = os.statvfs(path)
+    return status.f_bavail * status.f_frsize

@@ -1,0 +1,68 @@
+"""The panoramas of a recording, not identified: what a calibration starts from."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.chunk import Chunk
+from drivers.errors import CaptureError
+from drivers.link import SerialLink
+from drivers.mock.playback import is_session
+from gse.config.station import Station, parse_station
+from gse.errors import UsageError
+from gse.panorama import Panorama
+from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, read_recorded
+from gse.sessions.replay import Cut
+from gse.station.reception import Reception
+from gse.truth import EarthOrientation
+from protocols import Protocol, load_protocol, parse_protocol
+
+RECEIVE_TIMEOUT_S = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A session with its station file, wire format and frozen Earth orientation (None where it has none)."""
+
+    path: Path
+    cut: Cut
+    station: Station
+    station_text: str
+    protocol: Protocol
+    earth_orientation: EarthOrientation | None
+
+    def panoramas(self) -> Iterator[Panorama]:
+        """The panoramas, in order, through the same link and reception as a live sensor's."""
+        reception = Reception(self.protocol, baudrate=self.station.port.baudrate)
+        with SerialLink(self.cut.url(self.path), self.station.port.baudrate) as link:
+            while not link.at_end:
+                for item in link.receive(RECEIVE_TIMEOUT_S):
+                    received = reception.receive(item) if isinstance(item, Chunk) else []
+                    yield from (found for found in received if isinstance(found, Panorama))
+            yield from (found for found in reception.finish() if isinstance(found, Panorama))
+
+
+def open_recording(
+    path: Path, cut: Cut, change: Callable[[tuple[Station, str]], tuple[Station, str]] = lambda recorded: recorded
+) -> Recording:
+    """A session, with the station file that is frozen in it or what ``change`` puts in its place.
+
+    CaptureError where the file is missing, UsageError where it is no session.
+    """
+    if not path.exists():
+        raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder)")
+    if not is_session(path):
+        raise UsageError(f"{path} is no session; expected a session.mcap, as gse run writes it")
+    attachments = read_recorded(path).attachments
+    if STATION not in attachments:
+        raise UsageError(f"{path} holds no station file; it is no session of gse, or its head is damaged")
+    frozen = parse_station(attachments[STATION], "the session's station.yaml")
+    station, text = change((frozen, attachments[STATION]))
+    if PROTOCOL in attachments and station.protocol == frozen.protocol:
+        protocol = parse_protocol(attachments[PROTOCOL], "the session's protocol.yaml")
+    else:
+        protocol = load_protocol(station.protocol)
+    orientation = attachments.get(EARTH_ORIENTATION)
+    return Recording(
+        path, cut, station, text, protocol, EarthOrientation.from_json(orientation) if orientation else None
+    )

@@ -1,0 +1,142 @@
+"""Replay: a recorded session, a raw capture or a panorama table through the same loop as a live sensor."""
+
+import json
+from array import array
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.chunk import LinkEvent
+from drivers.errors import CaptureError
+from drivers.link import SerialLink
+from drivers.mock.playback import is_session
+from drivers.mock.urls import replay_url
+from gse.config.station import BUILT_IN_TEXT, Station, parse_station
+from gse.errors import TruthError, UsageError
+from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATED, STATION, Recorded, read_recorded
+from gse.station.loop import Sink, StationLoop
+from gse.station.results import FrameResult
+from gse.station.session_data import Night
+from gse.station.setup import prepare
+from gse.truth import EarthOrientation
+
+FIRST_WITHIN_S = 1.0
+StationText = tuple[Station, str]
+_NO_STATION = "the session holds no station file: it is judged on the built-in station; give its own with --station"
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """What came out of a recording: the night, and this host's own identification times (not the recorded ones)."""
+
+    night: Night
+    own_elapsed_us: "array[float]"
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """How a recording is played: pace, part, passes, and the instant at which a raw capture began."""
+
+    speed: str = "max"
+    from_utc: str | None = None
+    to_utc: str | None = None
+    loop: int | None = None
+    cut: int | None = None
+    start_utc: str | None = None
+
+    def url(self, path: Path) -> str:
+        """The replay:// URL."""
+        return replay_url(
+            path,
+            speed=self.speed,
+            from_=self.from_utc,
+            to=self.to_utc,
+            loop=self.loop,
+            cut=self.cut,
+            start_utc=self.start_utc,
+        )
+
+
+def replay_session(
+    path: Path,
+    *,
+    cut: Cut = Cut(),
+    station: Callable[[StationText], StationText] = lambda recorded: recorded,
+    make_sinks: Callable[[StationLoop, Path | None], Sequence[Sink]] = lambda loop, folder: (),
+    stop: Callable[[], bool] = lambda: False,
+    each: Callable[[list[FrameResult]], None] = lambda results: None,
+) -> Replay:
+    """Replay a recording into a Night.
+
+    The station file is the one frozen in the session, or the built-in one where there is none; ``station`` may exchange
+    or change it. CaptureError where the file is missing or foreign.
+    """
+    if not path.exists():
+        raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
+    if path.is_file() and path.stat().st_size == 0:
+        raise CaptureError(f"{path} is empty: nothing was recorded in it")
+    recorded = read_recorded(path) if is_session(path) else None
+    if recorded is None and cut.start_utc is None:
+        raise UsageError(
+            f"{path} is no session; expected a session.mcap, or for gse replay a raw serial capture with the UTC of "
+            "its first panorama, for example --start-utc 2026-03-20T18:30:00Z"
+        )
+    with SerialLink(cut.url(path)) as link:
+        first = link.receive(FIRST_WITHIN_S)
+        loop = _loop(recorded, cut, station, first[0].utc_ns if first else None)
+        loop.sinks = make_sinks(loop, None)
+        night = loop.run(link, first, stop=stop, each=each)
+    if recorded is not None:
+        night.truncated = recorded.damaged
+    return Replay(night, loop.own_elapsed_us)
+
+
+def _loop(
+    recorded: Recorded | None, cut: Cut, change: Callable[[StationText], StationText], utc_ns: int | None
+) -> StationLoop:
+    attachments = recorded.attachments if recorded else {}
+    text = attachments.get(STATION, BUILT_IN_TEXT)
+    station, text = change((parse_station(text, "the session's station.yaml"), text))
+    same_protocol = station.protocol == parse_station(attachments.get(STATION, BUILT_IN_TEXT)).protocol
+    equipment = prepare(
+        station, text, utc_ns=utc_ns, protocol_text=attachments.get(PROTOCOL) if same_protocol else None
+    )
+    loop = StationLoop(
+        equipment,
+        earth_orientation=_frozen_orientation(attachments.get(EARTH_ORIENTATION)),
+        anchor_utc_ns=None if recorded else _anchor(cut),
+        recorded=recorded.timings if recorded else None,
+    )
+    loop.night.clock_error_s = _stated_clock_error_s(attachments.get(STATED))
+    if recorded and STATION not in attachments and text == BUILT_IN_TEXT:
+        loop.log(LinkEvent(utc_ns or 0, 0, "NO_STATION", _NO_STATION))
+    for reading in recorded.clock if recorded else ():
+        loop.read_clock(reading)
+    return loop
+
+
+def _anchor(cut: Cut) -> int:
+    from gse import instant
+
+    try:
+        return instant.from_text(cut.start_utc or "")
+    except ValueError as error:
+        raise UsageError(f"--start-utc: {error}") from error
+
+
+def _stated_clock_error_s(text: str | None) -> float | None:
+    """What the operator stated when the session was recorded; nothing where that cannot be read."""
+    try:
+        seconds = float(json.loads(text or "null")["clock_error_s"])
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return None
+    return seconds if seconds >= 0 else None
+
+
+def _frozen_orientation(text: str | None) -> EarthOrientation | None:
+    if text is None:
+        return None
+    try:
+        return EarthOrientation.from_json(text)
+    except TruthError as error:
+        raise CaptureError(f"the session's {EARTH_ORIENTATION} cannot be read: {error}") from error

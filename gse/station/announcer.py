@@ -1,0 +1,39 @@
+"""Telling the operator: each kind of event once, then counted."""
+
+from collections import Counter
+from collections.abc import Callable
+
+from drivers.chunk import LinkEvent
+from drivers.link_state import STREAMING, SYNCING, WAITING
+from gse import instant
+from gse.station.results import FrameResult
+from gse.station.session_data import Night
+
+_CALM = {"OPENED", WAITING, SYNCING, STREAMING}
+"""The ordinary course of things: told each time until the first repetition, never counted at the end."""
+
+
+class Teller:
+    """A sink of the station loop that says events in words: the first of each kind, and how many more came.
+
+    A link that flaps all night gives two lines, not ten thousand.
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._seen: Counter[str] = Counter()
+
+    def show(self, result: FrameResult, night: Night) -> None:
+        """Panoramas are not told."""
+
+    def log(self, event: LinkEvent) -> None:
+        """Say an event if it is the first of its kind."""
+        self._seen[event.kind] += 1
+        if self._seen[event.kind] == 1:
+            self._say(f"{instant.to_text(event.utc_ns, 1)} {event.kind}: {event.text}")
+
+    def conclude(self) -> None:
+        """Say how many more there were of each kind."""
+        more = [f"{kind} {count - 1} x" for kind, count in self._seen.items() if count > 1 and kind not in _CALM]
+        if more:
+            self._say(f"and again, not said each time: {', '.join(more)}")

@@ -1,0 +1,42 @@
+"""A frame as JSON, schema gse.frame/1."""
+
+from typing import Any
+
+from gse import instant
+from gse.station.results import FrameResult
+
+SCHEMA = "gse.frame/1"
+
+
+def frame_json(result: FrameResult) -> dict[str, Any]:
+    """One panorama's result; numbers are rounded well below their meaning, absent ones are null.
+
+    RA, DE and roll are the sensor's answer: from catalogue places in ICRS, not corrected for aberration and
+    refraction; the d_... are measured minus true after these corrections.
+    """
+    attitude, error = result.attitude, result.discrepancy
+    return {
+        "schema": SCHEMA,
+        "utc": instant.to_text(result.panorama.utc_ns),
+        "frame_no": result.panorama.frame_no,
+        "status": result.status.value,
+        "detail": result.detail,
+        "identifier": result.identifier,
+        "ra_deg": round(attitude.ra_deg, 7) if attitude else None,
+        "de_deg": round(attitude.de_deg, 7) if attitude else None,
+        "roll_deg": round(attitude.roll_deg, 6) if attitude else None,
+        "frame": "ICRS",
+        "matched": len(result.matches),
+        "objects": len(result.panorama.index),
+        "chance": float(f"{result.identification.chance:.3g}") if result.identification else None,
+        "elapsed_us": None if result.elapsed_us is None else round(result.elapsed_us, 1),
+        "d_ra_cosde_arcsec": round(error.d_ra_cosde_arcsec, 3) if error else None,
+        "d_de_arcsec": round(error.d_de_arcsec, 3) if error else None,
+        "d_roll_arcsec": round(error.d_roll_arcsec, 3) if error else None,
+        "judge": result.judge.value,
+        "matches": [
+            {"object": match.object, "star": match.star, "residual_arcsec": round(match.residual_arcsec, 2)}
+            for match in result.matches
+        ],
+        "others": [{"object": row, "kind": kind} for row, kind in result.others],
+    }

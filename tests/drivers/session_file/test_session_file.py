@@ -1,0 +1,211 @@
+"""Session files: what goes in comes out, and nothing else, whatever is done to the file."""
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from drivers.chunk import Chunk, LinkEvent
+from drivers.errors import CaptureError
+from drivers.session_file.reader import Capture, read_capture, segment_path
+from drivers.session_file.records import EVENTS, RX, TX, Attachment, Damage, Message
+from drivers.session_file.writer import CaptureWriter
+
+MESSAGES = 6
+
+
+def write_session(path: Path, count: int = MESSAGES) -> list[bytes]:
+    data = [bytes([number]) * (5 + number) for number in range(count)]
+    with CaptureWriter(path) as writer:
+        writer.attach("station.yaml", "application/yaml", b"version: 1\n")
+        for number, piece in enumerate(data):
+            writer.rx(Chunk(10**18 + number, 7000 + number, piece))
+    return data
+
+
+def whole(path: Path) -> tuple[list[Message | Attachment], Capture]:
+    capture = read_capture(path)
+    return [record for record in capture if not isinstance(record, Damage)], capture
+
+
+def test_everything_written_is_read_back_with_both_clocks(tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    with CaptureWriter(path) as writer:
+        writer.attach("protocol.yaml", "application/yaml", b"x")
+        writer.rx(Chunk(1_700_000_000_123_456_789, 42, b"\x00\xff"))
+        writer.tx(Chunk(1_700_000_000_123_456_790, 43, b"go"))
+        writer.event(LinkEvent(5, 6, "LOST", "süd"))
+        writer.derived("/gse/frame", 9, b"{}")
+    records, capture = whole(path)
+    assert records == [
+        Attachment("protocol.yaml", "application/yaml", b"x"),
+        Message(RX, 1_700_000_000_123_456_789, 42, b"\x00\xff"),
+        Message(TX, 1_700_000_000_123_456_790, 43, b"go"),
+        Message(EVENTS, 5, 6, json.dumps({"kind": "LOST", "text": "süd"}, ensure_ascii=False).encode()),
+        Message("/gse/frame", 9, 0, b"{}"),
+    ]
+    assert isinstance(records[3], Message)
+    assert records[3].event() == LinkEvent(5, 6, "LOST", "süd")
+    assert not capture.truncated
+    assert capture.damage_count == 0
+
+
+def test_other_mcap_readers_read_our_sessions(tmp_path: Path) -> None:
+    data = write_session(tmp_path / "session.mcap")
+    with (tmp_path / "session.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert [message.data for _, _, message in reader.iter_messages(RX)] == data
+
+
+def test_a_session_is_never_overwritten(tmp_path: Path) -> None:
+    write_session(tmp_path / "session.mcap")
+    with pytest.raises(CaptureError, match="never overwritten"):
+        CaptureWriter(tmp_path / "session.mcap")
+
+
+def test_a_session_that_is_still_written_can_be_read(tmp_path: Path) -> None:
+    writer = CaptureWriter(tmp_path / "session.mcap")
+    writer.rx(Chunk(1, 2, b"abc"))
+    records, capture = whole(tmp_path / "session.mcap")
+    assert records == [Message(RX, 1, 2, b"abc")]
+    assert capture.truncated
+    writer.close()
+
+
+def test_a_session_cut_at_any_byte_gives_its_whole_records_and_nothing_else(tmp_path: Path) -> None:
+    path, piece = tmp_path / "session.mcap", tmp_path / "cut.mcap"
+    data = write_session(path)
+    content = path.read_bytes()
+    given: list[int] = []
+    for size in range(len(content)):
+        piece.write_bytes(content[:size])
+        try:
+            records, capture = whole(piece)
+        except CaptureError:
+            assert size < 60  # the file does not yet say whose it is
+            continue
+        received = [record.data for record in records if isinstance(record, Message)]
+        assert received == data[: len(received)]
+        assert capture.truncated
+        given.append(len(received))
+    assert given == sorted(given)
+    assert given[-1] == len(data)
+
+
+def test_any_flipped_bit_costs_at_most_the_record_it_is_in(tmp_path: Path) -> None:
+    path, flipped = tmp_path / "session.mcap", tmp_path / "flipped.mcap"
+    data = write_session(path)
+    content = path.read_bytes()
+    true = set(whole(path)[0])
+    for position in range(len(content)):
+        damaged = bytearray(content)
+        damaged[position] ^= 1 << position % 8
+        flipped.write_bytes(damaged)
+        records, capture = whole(flipped)
+        assert set(records) <= true
+        assert len(records) >= len(data)  # of one attachment and the messages, one may be missing
+        if len(records) <= len(data):
+            assert capture.damage_count
+
+
+def test_a_channel_record_that_is_damaged_costs_no_message(tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    data = write_session(path)
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"/serial/rx", b"/serial/ry", 1))
+    records, _ = whole(path)
+    assert [record.data for record in records if isinstance(record, Message)] == data
+
+
+def test_a_hole_in_the_file_costs_what_stood_in_it(tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    data = write_session(path, 200)
+    content = bytearray(path.read_bytes())
+    start = content.index(data[90])
+    end = content.index(data[110])
+    content[start:end] = bytes(end - start)
+    path.write_bytes(content)
+    records, capture = whole(path)
+    received = [record.data for record in records if isinstance(record, Message)]
+    assert received == data[:90] + data[111:]  # the head of 110 was in the hole
+    assert capture.damage_count == 1
+    assert not capture.truncated
+
+
+@settings(max_examples=60, deadline=None)
+@given(noise=st.binary(max_size=300), head=st.sampled_from([b"", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n\x01"]))
+def test_a_foreign_file_is_refused_in_words(
+    tmp_path_factory: pytest.TempPathFactory, noise: bytes, head: bytes
+) -> None:
+    path = tmp_path_factory.mktemp("foreign") / "x.mcap"
+    path.write_bytes(head + noise)
+    with pytest.raises(CaptureError, match="session"):
+        read_capture(path)
+
+
+def test_a_footer_alone_with_a_damaged_magic_is_refused_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    CaptureWriter(path).close()
+    content = bytearray(path.read_bytes())
+    content[:-37] = bytes(len(content) - 37)  # all but the footer
+    content[-1] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(CaptureError, match="is no session"):
+        read_capture(path)
+
+
+def test_clocks_beyond_what_the_file_can_say_are_stored_at_its_ends(tmp_path: Path) -> None:
+    with CaptureWriter(tmp_path / "session.mcap") as writer:
+        writer.rx(Chunk(2**70, -1, b"x"))
+    [record] = read_capture(tmp_path / "session.mcap")
+    assert record == Message(RX, 2**64 - 1, 0, b"x")
+
+
+def test_a_missing_session_is_told_in_words(tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match="there is no session"):
+        read_capture(tmp_path / "nothing.mcap")
+
+
+def test_a_folder_stands_for_the_session_in_it(tmp_path: Path) -> None:
+    data = write_session(tmp_path / "session.mcap")
+    assert [record.data for record in whole(tmp_path)[0] if isinstance(record, Message)] == data
+
+
+def test_segments_are_read_as_one_session_and_a_missing_one_is_named(tmp_path: Path) -> None:
+    first = tmp_path / "session.mcap"
+    for number in (1, 2, 3):
+        with CaptureWriter(segment_path(first, number)) as writer:
+            writer.attach("station.yaml", "application/yaml", b"version: 1\n")
+            writer.rx(Chunk(number, number, bytes([number])))
+            if number < 3:
+                writer.continued(segment_path(first, number + 1).name, number, number)
+    records, capture = whole(first)
+    assert [record.data for record in records] == [b"version: 1\n", b"\1", b"\2", b"\3"]
+    assert not capture.truncated
+    segment_path(first, 2).unlink()
+    records, capture = whole(first)
+    assert [record.data for record in records] == [b"version: 1\n", b"\1", b"\3"]
+    assert capture.truncated
+    assert capture.missing == ["session.part2.mcap"]
+    segment_path(first, 3).unlink()
+    _, capture = whole(first)
+    assert capture.missing == ["what follows session.mcap"]
+
+
+@settings(max_examples=150, deadline=None)
+@given(content=st.binary(max_size=400), cuts=st.lists(st.integers(0, 2000), max_size=4))
+def test_the_reader_bears_any_bytes_after_a_true_head(
+    tmp_path_factory: pytest.TempPathFactory, content: bytes, cuts: list[int]
+) -> None:
+    folder = tmp_path_factory.mktemp("fuzz")
+    write_session(folder / "true.mcap")
+    true = bytearray((folder / "true.mcap").read_bytes())
+    for position in cuts:
+        true = true[:60] + true[60 : 60 + position] + content + true[60 + position :]
+    path = folder / "x.mcap"
+    path.write_bytes(true)
+    known = set(whole(folder / "true.mcap")[0])
+    assert set(whole(path)[0]) <= known

@@ -1,0 +1,163 @@
+"""The camera fitted to identified stars."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gse.calibration.camera_fit import StarField, calibrate
+from gse.calibration.hot_pixels import hot_pixels
+from gse.calibration.session_fit import PanoramaSample, calibrate_session
+from gse.camera import Camera
+from gse.catalog import load_catalog
+from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.errors import UsageError
+from gse.identifier import make_identifier
+from gse.panorama import Panorama
+
+NOISE_PX = 0.25
+STATION = parse_station(BUILT_IN_TEXT)
+TRUE = Camera(1024, 1024, 4169.9, (535.3, 487.2), (0.004, -0.001))
+
+
+def random_fields(camera, rng, *, panoramas=120, stars=20, false_share=0.0):
+    """Star fields of random attitudes, as a camera shows them, with noise and false names."""
+    fields = []
+    for rotation in Rotation.random(panoramas, rng=rng).as_matrix():
+        xy = rng.uniform(0, 1023, (stars, 2))
+        seen = camera.directions(xy) @ rotation
+        false = rng.random(stars) < false_share
+        xy = np.where(false[:, None], rng.uniform(0, 1023, (stars, 2)), xy + rng.normal(0, NOISE_PX, xy.shape))
+        fields.append(StarField(xy, seen, len(fields) * stars + np.arange(stars)))
+    return fields
+
+
+def values(camera):
+    return np.array([camera.focal_length_px, *camera.principal_point_px, *camera.radial_distortion])
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_camera_is_found_within_its_stated_sigma(mirrored):
+    true = Camera(1024, 1024, 4169.9, (535.3, 487.2), (0.004, -0.001), mirrored)
+    start = Camera(1024, 1024, 4169.9 * 1.002, (511.5, 511.5), (0.0, 0.0), mirrored)
+    pulls = []
+    for seed in range(4):
+        fitted = calibrate(start, random_fields(true, np.random.default_rng(seed), false_share=0.02))
+        pulls.append((values(fitted.camera) - values(true)) / fitted.sigma)
+    rms = np.sqrt((np.array(pulls) ** 2).mean())
+    assert 0.6 < rms < 1.5
+    assert fitted.after.sigma_axis_px == pytest.approx(NOISE_PX, rel=0.1)
+    assert fitted.before.rms_px > 5 * fitted.after.rms_px
+
+
+def test_without_noise_the_camera_is_exact():
+    rng = np.random.default_rng(1)
+    fields = [
+        StarField(xy, TRUE.directions(xy) @ rotation, np.arange(12))
+        for rotation, xy in zip(
+            Rotation.random(40, rng=rng).as_matrix(), rng.uniform(0, 1023, (40, 12, 2)), strict=True
+        )
+    ]
+    fitted = calibrate(Camera(1024, 1024, 4200.0, (511.5, 511.5)), fields)
+    assert values(fitted.camera) == pytest.approx(values(TRUE), rel=1e-6, abs=1e-6)
+
+
+def test_what_the_stars_do_not_tell_is_left_as_it_was():
+    true = Camera(1024, 1024, 4175.0, (511.5, 511.5))
+    start = Camera(1024, 1024, 4169.9, (511.5, 511.5))
+    fitted = calibrate(start, random_fields(true, np.random.default_rng(9)))
+    assert fitted.held == ("principal point", "distortion")
+    assert fitted.camera.principal_point_px == pytest.approx((511.5, 511.5), abs=1e-6)
+    assert fitted.camera.radial_distortion == pytest.approx((0, 0), abs=1e-9)
+    assert fitted.camera.focal_length_px == pytest.approx(4175.0, abs=4 * fitted.sigma[0])
+    assert fitted.sigma[1] > 0.3
+
+
+def test_the_residual_map_shows_where_on_the_detector_stars_are_off():
+    rng = np.random.default_rng(2)
+    fields = []
+    for field in random_fields(TRUE, rng):
+        corner = (field.xy_px[:, :1] < 128) & (field.xy_px[:, 1:] > 895)
+        fields.append(StarField(field.xy_px + np.where(corner, [0.8, 0.0], 0.0), field.stars, field.numbers))
+    residual_map = calibrate(TRUE, fields).map_px
+    assert residual_map[7, 0, 0] > 0.5
+    assert np.abs(residual_map[:7, 1:, :2]).max() < 0.2
+    assert residual_map[:, :, 2].sum() > 2300
+
+
+def test_a_few_stars_seen_again_and_again_leave_a_larger_sigma_than_as_many_different_ones():
+    rng = np.random.default_rng(5)
+    xy = rng.uniform(0, 1023, (12, 2))
+    seen, shown = TRUE.directions(xy), xy + rng.normal(0, NOISE_PX, xy.shape)
+    again = calibrate(TRUE, [StarField(shown + rng.normal(0, 0.02, xy.shape), seen, np.arange(12))] * 100)
+    different = calibrate(TRUE, random_fields(TRUE, rng, panoramas=100, stars=12))
+    assert again.sigma[0] > 3 * different.sigma[0]
+    assert abs(again.camera.focal_length_px - TRUE.focal_length_px) < 4 * again.sigma[0]
+
+
+def test_too_few_stars_are_refused_with_their_number():
+    with pytest.raises(UsageError, match="20 identified stars"):
+        calibrate(TRUE, random_fields(TRUE, np.random.default_rng(3), panoramas=1))
+
+
+@pytest.fixture(scope="module")
+def identifier():
+    return make_identifier(STATION.identifier, STATION.sensor.camera(), load_catalog())
+
+
+def session(camera, identifier, *, count=40, hot=()):
+    """Panoramas of a sky that moves by 15 arcsec/s, every 20 s, whole pixels, with hot pixels."""
+    rng = np.random.default_rng(4)
+    sample = PanoramaSample()
+    first = Rotation.from_euler("xyz", [0.3, 0.5, 0.2])
+    for number in range(count):
+        rotation = (first * Rotation.from_rotvec([0, 0, number * 20 * 7.29e-5])).as_matrix()
+        xy = camera.pixels(identifier.catalog.icrs @ rotation.T)
+        inside = np.flatnonzero(camera.contains(xy))[:26]
+        xy = np.rint(np.vstack([xy[inside] + rng.normal(0, 0.1, (len(inside), 2)), *[[pixel] for pixel in hot]]))
+        index = np.linspace(4000, 300, len(xy))
+        panorama = Panorama(number * 20_000_000_000, xy, index, number)
+        sample.add(panorama)
+    return sample
+
+
+@pytest.mark.parametrize(("scale", "mirrored"), [(1.02, False), (1.0, True), (0.99, True)])
+def test_a_session_is_calibrated_from_a_wrong_focal_length_or_without_its_mirror(identifier, scale, mirrored):
+    start = STATION.sensor.camera()
+    true = Camera(1024, 1024, start.focal_length_px / scale, (513.0, 510.0), (0.002, 0.0), mirrored)
+    result = calibrate_session(session(true, identifier, hot=[(100, 200), (900, 31)]), start, identifier, None)
+    fitted = result.calibration
+    assert result.identified_before == 0
+    assert result.identified_after > 0.9 * result.panoramas
+    assert fitted.camera.mirrored is mirrored
+    assert fitted.camera.focal_length_px == pytest.approx(true.focal_length_px, rel=3e-4)
+    assert result.hot_pixels == ((100, 200), (900, 31))
+    assert fitted.after.rms_px < 0.6
+
+
+def test_a_session_that_nothing_can_identify_says_what_to_check(identifier):
+    foreign = Camera(1024, 1024, 2000.0, (511.5, 511.5))
+    with pytest.raises(UsageError, match=r"none of \d panoramas.*check sensor"):
+        calibrate_session(session(foreign, identifier, count=2), STATION.sensor.camera(), identifier, None)
+
+
+def test_an_empty_session_is_refused():
+    with pytest.raises(UsageError, match="no panorama"):
+        calibrate_session(PanoramaSample(), TRUE, None, None)
+
+
+def test_hot_pixels_are_not_named_where_the_sky_stood_still():
+    still = [np.array([[10.0, 20.0]])] * 40
+    none = [np.empty(0, dtype=np.int64)] * 40
+    assert hot_pixels(still, none, moved_px=1.0) == ()
+    assert hot_pixels(still, none, moved_px=100.0) == ((10, 20),)
+    assert hot_pixels(still, [np.array([0])] * 40, moved_px=100.0) == ()
+
+
+def test_a_sample_keeps_panoramas_from_the_whole_session():
+    sample = PanoramaSample()
+    for number in range(5000):
+        sample.add(Panorama(number, np.empty((0, 2)), np.empty(0), number))
+    numbers = [panorama.frame_no for panorama in sample.spread(100)]
+    assert len(numbers) == 100
+    assert numbers[0] < 50
+    assert numbers[-1] > 4900

@@ -1,0 +1,152 @@
+"""gse align, gse calibrate and gse compare, on simulated sessions."""
+
+import json
+
+import pytest
+from devices.command_line import Gse, runner
+
+from gse.config.station import read_station
+
+
+@pytest.fixture
+def gse(capsys: pytest.CaptureFixture[str]) -> Gse:
+    return runner(capsys)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("sessions")
+
+
+def simulated(gse, folder, scenario, *options):
+    """A session of 45 panoramas, made once."""
+    path = folder / f"{scenario}.mcap"
+    if not path.exists():
+        options = options or ("--seconds", 600, "--rate-hz", 0.075)
+        assert gse("simulate", "--scenario", scenario, "--file", path, *options).code == 0
+    return path
+
+
+def test_align_finds_the_mount_that_was_simulated_and_writes_it(gse, folder, tmp_path):
+    session = simulated(gse, folder, "inclined")
+    written = tmp_path / "aligned.yaml"
+    report = json.loads(gse("align", session, "--json", "--write", written).out)
+    assert report["schema"] == "gse.alignment/1"
+    assert report["azimuth_deg"] == pytest.approx(140, abs=2 / 3600)
+    assert report["altitude_deg"] == pytest.approx(45, abs=2 / 3600)
+    assert report["roll_deg"] == pytest.approx(30, abs=30 / 3600)
+    assert report["frames"] + report["rejected"] == 45
+    station, _ = read_station(written)
+    assert station.mount.altitude_deg == report["altitude_deg"]
+    assert station.mount.align is None
+
+
+def test_align_says_what_it_found_in_words(gse, folder):
+    out = gse("align", simulated(gse, folder, "inclined")).out
+    assert "altitude" in out
+    assert "even against odd minutes" in out
+
+
+def test_a_station_file_that_exists_is_not_overwritten(gse, folder, tmp_path):
+    there = tmp_path / "there.yaml"
+    there.write_text("mine")
+    done = gse("align", simulated(gse, folder, "inclined"), "--write", there)
+    assert done.code == 2
+    assert "exists already" in done.err
+    assert there.read_text() == "mine"
+
+
+def test_calibrate_finds_a_lens_that_is_one_percent_longer_and_replay_then_passes(gse, folder, tmp_path):
+    session = simulated(gse, folder, "wrong-focal-length")
+    written = tmp_path / "calibrated.yaml"
+    report = json.loads(gse("calibrate", session, "--json", "--write", written).out)
+    assert report["schema"] == "gse.calibration/1"
+    assert report["identified_before"] == 0
+    assert report["identified_after"] == report["panoramas"] == 45
+    assert report["focal_length_px"] == pytest.approx(4211.6, abs=6 * report["sigma"]["focal_length_px"])
+    assert report["before"]["rms_px"] > 0
+    assert sum(cell[2] for row in report["residual_map_px"] for cell in row) > 400
+    replayed = gse("replay", session, "--station", written, "--out", tmp_path / "replayed", "--json")
+    assert json.loads(replayed.out)["verdict"] == "PASS"
+    assert replayed.code == 0
+
+
+def test_calibrate_names_the_hot_pixels(gse, folder):
+    done = gse("calibrate", simulated(gse, folder, "hot-pixels", "--seconds", 300, "--rate-hz", 0.2))
+    (line,) = [line for line in done.out.splitlines() if line.startswith("hot pixels")]
+    assert line.count("(") == 12
+
+
+def test_compare_one_session_under_two_identifiers(gse, folder):
+    done = gse("compare", simulated(gse, folder, "inclined"), "--identifier", "robust", "--json")
+    report = json.loads(done.out)
+    assert report["schema"] == "gse.compare/1"
+    assert report["paired"] is True
+    assert done.code == (1 if report["regression"] else 0)
+    names = [row["name"] for row in report["rows"]]
+    assert names[:3] == ["mean |dRA*|", "NEA dRA*", "bias dRA*"]
+
+
+def test_compare_ends_with_1_where_a_station_file_makes_it_worse(gse, folder, tmp_path):
+    session = simulated(gse, folder, "inclined")
+    worse = tmp_path / "worse.yaml"
+    gse("align", session, "--write", worse)
+    text = worse.read_text().replace("altitude_deg: 4", "altitude_deg: 4", 1)
+    station, _ = read_station(worse)
+    worse.write_text(text.replace(str(station.mount.altitude_deg), str(station.mount.altitude_deg + 0.01)))
+    done = gse("compare", session, "--station", worse)
+    assert done.code == 1
+    assert done.out.startswith("REGRESSION in mean |d")
+
+
+def test_compare_of_one_session_with_itself_asks_for_another(gse, folder):
+    done = gse("compare", simulated(gse, folder, "inclined"))
+    assert done.code == 2
+    assert "name a second one" in done.err
+
+
+@pytest.mark.parametrize("command", ["align", "calibrate", "compare"])
+def test_a_missing_session_is_one_line_and_no_traceback(gse, tmp_path, command):
+    arguments = (command, tmp_path / "none.mcap", *([tmp_path / "other.mcap"] if command == "compare" else []))
+    done = gse(*arguments)
+    assert done.code == 2
+    assert "none.mcap" in done.err
+    assert len(done.err.strip().splitlines()) <= 2
+
+
+@pytest.mark.parametrize("command", ["align", "calibrate"])
+def test_a_foreign_file_is_refused(gse, tmp_path, command):
+    foreign = tmp_path / "foreign.mcap"
+    foreign.write_bytes(b"this is no session" * 10)
+    done = gse(command, foreign)
+    assert done.code == 2
+    assert len(done.err.strip().splitlines()) <= 2
+
+
+def test_what_is_left_out_and_a_stated_clock_stand_in_the_report(gse, folder, tmp_path):
+    session = simulated(gse, folder, "inclined")
+    first = json.loads(gse("replay", session, "--json-frames", "--out", tmp_path / "a").out.splitlines()[0])["utc"]
+    stretch = f"{first}/2100-01-01T00:00:00Z=dew on the lens"
+    done = gse("replay", session, "--leave-out", stretch, "--clock-error", "0.1s", "--json", "--out", tmp_path / "b")
+    report = json.loads(done.out)
+    assert report["left_out"][0]["reason"] == "dew on the lens"
+    assert report["left_out"][0]["frames"] == 45
+    assert report["clock"]["stated"] is True
+    assert report["verdict"] == "INCONCLUSIVE"
+
+
+@pytest.mark.parametrize("command", ["run", "replay", "report"])
+def test_a_clock_error_without_unit_is_refused_before_anything_is_done(gse, tmp_path, command):
+    arguments = () if command == "run" else (tmp_path / "none.mcap",)
+    done = gse(command, *arguments, "--clock-error", "0.1", "--out", tmp_path / "sessions")
+    assert done.code == 2
+    assert "expected for example 0.1s" in done.err
+    assert not (tmp_path / "sessions").exists()
+
+
+def test_a_clock_error_that_was_stated_live_is_in_the_session(gse, tmp_path):
+    live = gse("run", "--duration", 2, "--clock-error", "20ms", "--json", "--out", tmp_path / "live")
+    (session,) = (tmp_path / "live").glob("*/session.mcap")
+    replayed = gse("replay", session, "--json", "--out", tmp_path / "replayed")
+    assert json.loads(live.out)["clock"]["error_bound_s"] == 0.02
+    assert json.loads(replayed.out)["clock"] == json.loads(live.out)["clock"]

@@ -1,0 +1,103 @@
+"""gse preflight and gse ports: what is wrong before the night, and what to do about it."""
+
+import json
+import os
+import threading
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from gse.cli.ports import command as ports
+from gse.cli.preflight import command as preflight
+from gse.config.station import BUILT_IN_TEXT
+from protocols import StatusMessage, load_protocol
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, str]]:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    yield master, os.ttyname(slave)
+    os.close(master)
+    os.close(slave)
+
+
+def checked(*arguments: object) -> tuple[dict[str, dict[str, Any]], int]:
+    result = CliRunner().invoke(preflight, [*map(str, arguments), "--json"])
+    document = json.loads(result.stdout)
+    assert document["schema"] == "gse.preflight/1"
+    assert document["ready"] == (result.exit_code == 0)
+    found = {check["name"]: check for check in document["checks"]}
+    assert all(check["advice"] for check in found.values() if check["outcome"] != "OK")
+    return found, result.exit_code
+
+
+def test_a_simulated_night_is_ready(tmp_path: Path) -> None:
+    found, exit_code = checked("--out", tmp_path)
+    assert list(found) == ["station", "protocol", "port", "clock", "disk", "earth", "catalogue", "viewer"]
+    assert {check["outcome"] for check in found.values()} == {"OK"}
+    assert exit_code == 0
+    assert "UT1" in found["earth"]["text"]
+    assert "482176 stars" in found["catalogue"]["text"]
+
+
+@pytest.mark.parametrize(
+    ("sent", "outcome", "words"),
+    [(b"", "WARN", "nothing comes"), (b"noise" * 20, "FAIL", "100 bytes"), (None, "OK", "valid frames come")],
+)
+def test_the_port_is_listened_to(
+    tmp_path: Path, terminal: tuple[int, str], sent: bytes | None, outcome: str, words: str
+) -> None:
+    protocol = load_protocol("panorama-v1")
+    status = StatusMessage(temperature_c=20.0, supply_v=5.0, mode="standby", firmware=(1, 2, 0))
+    frames = b"".join(protocol.encode(status, number) for number in range(20))
+    master, name = terminal
+    threading.Timer(0.5, os.write, (master, frames if sent is None else sent)).start()
+    found, _ = checked("--port", name, "--out", tmp_path)
+    assert found["port"]["outcome"] == outcome
+    assert words in found["port"]["text"]
+    assert found["clock"]["outcome"] in ("OK", "WARN", "FAIL")
+    assert "arcsec of RA" in found["clock"]["text"]
+
+
+def test_what_would_spoil_the_night_is_a_failure_with_advice(tmp_path: Path) -> None:
+    found, exit_code = checked("--port", "/dev/ttyNOWHERE", "--hours", 999, "--out", tmp_path)
+    assert found["port"]["outcome"] == "FAIL"
+    assert "there is no port" in found["port"]["text"]
+    assert exit_code == 1
+    station = tmp_path / "station.yaml"
+    station.write_text(BUILT_IN_TEXT.replace("latitude_deg: -6.53", "latitude_deg: 95"))
+    found, exit_code = checked("--station", station)
+    assert (list(found), exit_code) == (["station"], 1)
+    assert "latitude_deg" in found["station"]["text"]
+    station.write_text(BUILT_IN_TEXT + "protocol: nothing-like-it\ncatalog: nowhere.dat\n")
+    found, exit_code = checked("--station", station, "--out", tmp_path)
+    assert [found[name]["outcome"] for name in ("protocol", "catalogue")] == ["FAIL", "FAIL"]
+    assert exit_code == 1
+
+
+def test_a_full_disk_is_seen_before_the_night(tmp_path: Path) -> None:
+    station = tmp_path / "station.yaml"
+    station.write_text(BUILT_IN_TEXT.replace("url: sim://", "url: sim://\n  baudrate: 8000000"))
+    found, _ = checked("--station", station, "--hours", 1000, "--out", tmp_path / "new" / "folder")
+    assert found["disk"]["outcome"] == "FAIL"
+    assert "need at most 7200.0 GB" in found["disk"]["text"]
+
+
+def test_the_text_names_each_check_and_its_outcome(tmp_path: Path) -> None:
+    text = CliRunner().invoke(preflight, ["--out", str(tmp_path)]).stdout
+    assert text.count("OK ") == 8
+
+
+def test_ports_says_what_there_is(tmp_path: Path) -> None:
+    document = json.loads(CliRunner().invoke(ports, ["--json"]).stdout)
+    assert document["schema"] == "gse.ports/1"
+    for port in document["ports"]:
+        assert {"device", "description", "serial_number", "holders", "accessible"} <= set(port)
+    result = CliRunner().invoke(ports, [])
+    assert result.exit_code == 0
+    assert result.output.count("\n") == max(1, len(document["ports"]))

@@ -1,0 +1,255 @@
+"""The main job from the command line: a session is run, recorded, judged and replayed to the same report."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from subprocess import DEVNULL, PIPE
+
+import pytest
+from devices.command_line import Gse, runner
+
+from drivers.chunk import Chunk
+from drivers.session_file.reader import read_capture
+from drivers.session_file.records import RX, Attachment, Message
+from drivers.session_file.writer import CaptureWriter
+from gse.config.station import BUILT_IN_TEXT
+
+NIGHT_SKY = Path(__file__).parents[3] / "replays" / "night-sky"
+REPORTS = ("report.json", "report.html", "frames.csv", "junit.xml")
+
+
+@pytest.fixture
+def gse(capsys: pytest.CaptureFixture[str]) -> Gse:
+    return runner(capsys)
+
+
+def patient_station(folder: Path) -> Path:
+    """The built-in station, on a host that may be busy: the pace of this machine is not under test."""
+    path = folder / "station.yaml"
+    path.write_text(BUILT_IN_TEXT + "limits: {identification_ms: 60000}\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a simulated session of 12 s."""
+    from gse.cli import main
+
+    out = tmp_path_factory.mktemp("night")
+    station = patient_station(tmp_path_factory.mktemp("station"))
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "--station", str(station), "--port", "sim://?frames=120", "--out", str(out)])
+    assert not ended.value.code
+    (folder,) = out.iterdir()
+    return folder
+
+
+def only_folder(out: Path) -> Path:
+    (folder,) = out.iterdir()
+    return folder
+
+
+def test_a_scenario_changes_the_station_that_it_is_run_on_as_well(gse: Gse, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    url = "sim://?scenario=inclined&rate_hz=2&frames=60"
+    assert gse("run", "--station", patient_station(tmp_path), "--port", url, "--out", out).code == 0
+    folder = only_folder(out)
+    assert gse("replay", folder / "session.mcap", "--out", tmp_path / "again").code == 0
+
+
+def test_a_run_ends_with_the_verdict_and_the_paths(gse: Gse, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = gse("run", "--station", patient_station(tmp_path), "--port", "sim://?frames=60", "--out", out)
+    folder = only_folder(out)
+    assert done.code == 0
+    assert done.out.split()[0] == "PASS"
+    assert str(folder / "session.mcap") in done.err
+    assert str(folder / "report.html") in done.err
+    assert "sim://?frames=60" in (folder / "report.html").read_text()
+
+
+def test_a_replay_keeps_the_identifier_that_the_run_was_told_to_use(gse: Gse, tmp_path: Path) -> None:
+    station = patient_station(tmp_path)
+    gse("run", "--station", station, "--port", "sim://?frames=60", "--identifier", "robust", "--out", tmp_path / "out")
+    folder = only_folder(tmp_path / "out")
+    gse("replay", folder / "session.mcap", "--out", tmp_path / "again")
+    again = only_folder(tmp_path / "again")
+    assert json.loads((again / "report.json").read_text())["session"]["identifier"]["algorithm"] == "robust"
+    for name in REPORTS:
+        assert (again / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("speed", ["max", "60"])
+def test_a_replay_gives_the_report_of_the_run_to_the_byte(gse: Gse, night: Path, tmp_path: Path, speed: str) -> None:
+    assert gse("replay", night / "session.mcap", "--speed", speed, "--out", tmp_path).code == 0
+    again = only_folder(tmp_path)
+    for name in REPORTS:
+        assert (again / name).read_bytes() == (night / name).read_bytes(), name
+
+
+def test_a_session_whose_chunks_are_cut_to_single_bytes_gives_the_same_report(
+    gse: Gse, night: Path, tmp_path: Path
+) -> None:
+    with CaptureWriter(tmp_path / "cut.mcap") as writer:
+        for record in read_capture(night / "session.mcap"):
+            if isinstance(record, Attachment):
+                writer.attach(record.name, record.media_type, record.data)
+            elif isinstance(record, Message) and record.topic == RX:
+                for byte in record.data:
+                    writer.rx(Chunk(record.utc_ns, record.mono_ns, bytes([byte])))
+            elif isinstance(record, Message):
+                writer.write(record)
+    assert gse("replay", tmp_path / "cut.mcap", "--out", tmp_path / "out").code == 0
+    again = only_folder(tmp_path / "out")
+    for name in REPORTS:
+        assert (again / name).read_bytes() == (night / name).read_bytes(), name
+
+
+def test_a_session_without_its_station_file_says_what_it_is_judged_on(gse: Gse, night: Path, tmp_path: Path) -> None:
+    with CaptureWriter(tmp_path / "bare.mcap") as writer:
+        for record in read_capture(night / "session.mcap"):
+            if isinstance(record, Message):
+                writer.write(record)
+    done = gse("replay", tmp_path / "bare.mcap", "--out", tmp_path / "out")
+    assert "note: station file: the session holds no station file: it is judged on the built-in station" in done.out
+
+
+def test_a_replay_in_steps_waits_for_enter_after_each_panorama_until_it_is_told_to_go_on(
+    night: Path, tmp_path: Path
+) -> None:
+    command = [sys.executable, "-m", "gse", "replay", night, "--step", "--out", tmp_path]
+    with subprocess.Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=PIPE, text=True) as replay:
+        assert replay.stdin is not None
+        assert replay.stderr is not None
+        for number in range(3):
+            assert (
+                next(line for line in replay.stderr if " frame " in line).split(" frame ")[1].startswith(f"{number}:")
+            )
+            replay.stdin.write("\n" if number < 2 else "c\n")
+            replay.stdin.flush()
+        assert not any(" frame " in line for line in replay.stderr)
+    assert replay.returncode == 0
+    assert (only_folder(tmp_path) / "report.json").exists()
+
+
+def test_frames_are_one_json_object_a_line(gse: Gse, night: Path, tmp_path: Path) -> None:
+    done = gse("replay", night / "session.mcap", "--json-frames", "--json", "--out", tmp_path)
+    *frames, report = [json.loads(line) for line in done.out.splitlines()]
+    assert len(frames) == 120
+    assert {frame["schema"] for frame in frames} == {"gse.frame/1"}
+    assert frames[0]["utc"].endswith("Z")
+    assert frames[0]["matches"][0]["residual_arcsec"] < 60
+    assert report["schema"] == "gse.report/1"
+
+
+def test_a_truncated_session_is_replayed_and_says_that_data_are_missing(gse: Gse, night: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    data = (night / "session.mcap").read_bytes()
+    cut.write_bytes(data[: len(data) * 2 // 3])
+    done = gse("replay", cut, "--out", tmp_path / "out")
+    assert done.code == 3
+    assert "recover" in done.err or "truncated" in done.err
+
+
+def test_a_raw_capture_takes_its_time_from_the_sensor_and_the_start_given(
+    gse: Gse, night: Path, tmp_path: Path
+) -> None:
+    raw = tmp_path / "raw.bin"
+    rx = [record for record in read_capture(night / "session.mcap") if isinstance(record, Message)]
+    raw.write_bytes(b"".join(record.data for record in rx if record.topic == RX))
+    first = json.loads(
+        gse("replay", night / "session.mcap", "--json-frames", "--out", tmp_path / "a").out.splitlines()[0]
+    )
+    done = gse("replay", raw, "--start-utc", first["utc"], "--json-frames", "--clock-error", "1ms", "--out", tmp_path)
+    lines = [json.loads(line) for line in done.out.splitlines() if line.startswith("{")]
+    assert lines[0]["utc"] == first["utc"]
+    assert abs(lines[-1]["d_ra_cosde_arcsec"]) < 60
+
+
+def test_a_raw_capture_without_a_start_is_asked_for_it(gse: Gse, tmp_path: Path) -> None:
+    raw = tmp_path / "raw.bin"
+    raw.write_bytes(b"\x1a\xcf\xfc\x1d" * 100)
+    done = gse("replay", raw)
+    assert done.code == 2
+    assert "--start-utc" in done.err
+
+
+@pytest.mark.parametrize("identifier", ["neighbour", "pivot", "match-group", "robust"])
+def test_each_identifier_names_the_stars_of_a_real_panorama(gse: Gse, identifier: str) -> None:
+    name = "rooftop-alt60-azi45"
+    table, station = NIGHT_SKY / "tables" / f"{name}.csv", NIGHT_SKY / f"{name}.yaml"
+    done = gse("identify", table, "--station", station, "--identifier", identifier, "--json")
+    frame = json.loads(done.out)
+    assert done.code == 0
+    assert frame["ra_deg"] == pytest.approx(314.69368, abs=0.02)
+    assert frame["de_deg"] == pytest.approx(64.22432, abs=0.01)
+    assert frame["utc"] is None
+
+
+@pytest.mark.parametrize("text", ["", "5 5 100\n", "5 5 100\n800 900 90\n", "1 1 7\n" * 30])
+def test_too_little_sky_is_not_identified_and_exits_with_1(gse: Gse, tmp_path: Path, text: str) -> None:
+    (tmp_path / "table.csv").write_text(text)
+    done = gse("identify", tmp_path / "table.csv")
+    assert done.code == 1
+    assert done.out.split(":")[0] in {"TOO_FEW", "NO_MATCH", "SENSOR_FAULT"}
+
+
+def test_all_equal_index_values_are_identified_all_the_same(gse: Gse, tmp_path: Path) -> None:
+    name = "rooftop-alt60-azi45"
+    rows = (NIGHT_SKY / "tables" / f"{name}.csv").read_text().splitlines()[1:]
+    (tmp_path / "table.csv").write_text("\n".join(",".join(row.split(",")[:2]) + ",100" for row in rows))
+    done = gse("identify", tmp_path / "table.csv", "--station", NIGHT_SKY / f"{name}.yaml")
+    assert done.code in {0, 1}
+
+
+def test_an_index_over_the_maximum_is_a_sensor_fault(gse: Gse, tmp_path: Path) -> None:
+    (tmp_path / "table.csv").write_text("1 1 5000\n2 200 100\n300 3 90\n")
+    done = gse("identify", tmp_path / "table.csv")
+    assert done.code == 1
+    assert "5000" in done.out
+    assert "4096" in done.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["run", "--port", "/dev/ttyNONE"], 4, "/dev/ttyNONE"),
+        (["run", "--port", "nonsense://x"], 2, "nonsense"),
+        (["run", "--port", "sim://?frames=none"], 2, "frames"),
+        (["run", "--port", "replay://absent.mcap"], 2, "absent.mcap"),
+        (["run", "--station", "absent.yaml"], 2, "gse config init"),
+        (["replay", "absent.mcap"], 2, "absent.mcap"),
+        (["replay", __file__], 2, "--start-utc"),
+        (["identify", "absent.csv"], 2, "absent.csv"),
+        (["nonsense"], 2, "nonsense"),
+    ],
+)
+def test_what_cannot_work_is_said_in_a_line_or_two_with_its_exit_code(
+    gse: Gse, tmp_path: Path, arguments: list[str], code: int, words: str
+) -> None:
+    out = ["--out", str(tmp_path)] if arguments[0] in ("run", "replay") else []
+    done = gse(*arguments, *out)
+    assert done.code == code
+    assert words in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_empty_or_a_foreign_session_is_refused(gse: Gse, tmp_path: Path) -> None:
+    (tmp_path / "empty.mcap").touch()
+    (tmp_path / "foreign.mcap").write_bytes(b"PK\x03\x04 not a session")
+    for name in ("empty.mcap", "foreign.mcap"):
+        done = gse("replay", tmp_path / name, "--out", tmp_path / "out")
+        assert done.code == 2
+        assert name in done.err
+
+
+def test_a_session_folder_is_never_written_twice(night: Path, gse: Gse, tmp_path: Path) -> None:
+    copy = tmp_path / "session.mcap"
+    shutil.copy(night / "session.mcap", copy)
+    before = copy.read_bytes()
+    for _ in range(2):
+        gse("replay", copy, "--out", tmp_path / "out")
+    assert copy.read_bytes() == before
+    assert len(list((tmp_path / "out").iterdir())) == 2

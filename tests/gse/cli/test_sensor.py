@@ -1,0 +1,45 @@
+"""gse sensor: the operator's commands, on the simulated sensor."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from drivers.errors import CommandError, PortError
+from drivers.session_file.reader import messages
+from drivers.session_file.records import RX, TX
+from gse.cli.sensor import command
+
+
+def run(tmp_path: Path, *arguments: str) -> Result:
+    return CliRunner().invoke(command, [*arguments, "--out", str(tmp_path)])
+
+
+@pytest.mark.parametrize("words", [["start"], ["stop"], ["request"], ["exposure", "0.05"]])
+def test_the_sensor_obeys_and_the_command_is_recorded(tmp_path: Path, words: list[str]) -> None:
+    result = run(tmp_path, *words, "--json", "--port", "sim://?standby=yes")
+    assert result.exit_code == 0, result.output
+    document = json.loads(result.stdout)
+    assert (document["schema"], document["answer"]) == ("gse.sensor/1", "ACK")
+    assert len(list(messages(document["session"], TX))) == 1
+    assert list(messages(document["session"], RX))
+
+
+def test_status_says_how_the_sensor_is(tmp_path: Path) -> None:
+    result = run(tmp_path, "status", "--port", "sim://?standby=yes")
+    assert result.exit_code == 0
+    assert "standby" in result.stdout
+    assert "firmware       1.2.0" in result.stdout
+
+
+def test_a_refusal_gives_the_sensors_reason(tmp_path: Path) -> None:
+    result = run(tmp_path, "exposure", "9")
+    assert isinstance(result.exception, CommandError)
+    assert "out of range" in str(result.exception)
+
+
+def test_a_port_that_is_not_there_leaves_no_folder_behind(tmp_path: Path) -> None:
+    result = run(tmp_path, "start", "--port", "/dev/ttyNOWHERE")
+    assert isinstance(result.exception, PortError)
+    assert list(tmp_path.iterdir()) == []

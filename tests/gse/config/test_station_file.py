@@ -1,0 +1,85 @@
+"""The station file is checked at the door, and every refusal helps."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gse.config.station import BUILT_IN_TEXT, Station, parse_station, read_station
+from gse.errors import ConfigError
+
+SMALLEST = """\
+version: 1
+sensor: {rows: 1024, columns: 1280, focal_length_px: 4000}
+site: {latitude_deg: 52.2, longitude_deg: 4.4}
+"""
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(ConfigError) as refused:
+        parse_station(text, "roof.yaml")
+    return str(refused.value)
+
+
+def test_everything_but_sensor_and_site_has_defaults() -> None:
+    station = parse_station(SMALLEST)
+    assert station.mount.altitude_deg == 90
+    assert station.port.url == "sim://"
+    assert station.limits.d_de_arcsec == 60
+
+
+def test_the_built_in_station_sees_fourteen_degrees() -> None:
+    camera = parse_station(BUILT_IN_TEXT).sensor.camera()
+    corners = camera.directions([[-0.5, 511.5], [1023.5, 511.5]])  # type: ignore[arg-type]
+    assert abs(corners[0] @ corners[1] - 0.9702957) < 1e-6  # cos 14 deg
+
+
+def test_the_principal_point_is_the_middle_of_pixels_counted_from_zero() -> None:
+    assert parse_station(SMALLEST).sensor.camera().principal_point_px == (639.5, 511.5)
+
+
+def test_an_unknown_key_is_named_with_its_line_and_the_nearest_known_key() -> None:
+    text = SMALLEST.replace("site: {", "site: {hieght_m: 3, ")
+    assert refusal(text) == "roof.yaml, line 3: unknown key site.hieght_m; did you mean height_m?"
+
+
+def test_a_latitude_of_95_is_refused_with_its_line() -> None:
+    message = refusal(SMALLEST.replace("52.2", "95"))
+    assert message.startswith("roof.yaml, line 3: site.latitude_deg is 95")
+    assert "90" in message
+
+
+@pytest.mark.parametrize("text", ["", "- 1", "just words", "a: [", "version: 1", "{" * 2000, "&a [*a]", "1: 2"])
+def test_what_is_no_station_file_is_refused_in_words(text: str) -> None:
+    assert refusal(text).startswith("roof.yaml")
+
+
+@given(st.recursive(st.none() | st.booleans() | st.floats() | st.text(max_size=5), lambda inner: st.lists(inner)))
+def test_any_value_in_place_of_a_section_is_refused_or_taken_but_never_a_crash(value: object) -> None:
+    document = {"version": 1, "sensor": value, "site": value}
+    with pytest.raises(ConfigError):
+        parse_station(str(document), "roof.yaml")
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"no\.yaml.*gse config init"):
+        read_station(tmp_path / "no.yaml")
+
+
+def test_a_file_of_a_gigabyte_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "big.yaml"
+    with path.open("wb") as file:
+        file.truncate(1 << 30)
+    with pytest.raises(ConfigError, match="larger"):
+        read_station(path)
+
+
+def test_a_not_a_number_is_refused() -> None:
+    assert "latitude_deg" in refusal(SMALLEST.replace("52.2", ".nan"))
+
+
+def test_align_gives_its_seconds() -> None:
+    station = parse_station(SMALLEST + "mount: {align: first 60 s}\n")
+    assert station.mount.align_s == 60
+    assert isinstance(station, Station)

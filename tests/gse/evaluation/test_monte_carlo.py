@@ -1,0 +1,139 @@
+import json
+import signal
+import subprocess
+import sys
+
+import pytest
+from devices.command_line import runner
+
+from gse.evaluation.plan import interval
+
+
+@pytest.fixture
+def gse(capsys):
+    return runner(capsys)
+
+
+def evaluated(gse, *options):
+    done = gse("evaluate", "--json", *options)
+    assert done.code == 0, done.err
+    return json.loads(done.out)
+
+
+def without_times(document):
+    for cell in document["cells"]:
+        del cell["cpu_ms"]
+    return document
+
+
+def test_a_seed_gives_the_same_on_any_number_of_workers(gse):
+    options = ("--frames", 12, "--noise-arcsec", 10, "--noise-arcsec", 60, "--false-objects", 3, "--seed", 7)
+    alone = without_times(evaluated(gse, *options))
+    assert without_times(evaluated(gse, *options, "--workers", 2)) == alone
+
+
+def test_every_frame_is_counted_once(gse):
+    document = evaluated(gse, "--preset", "pivot-paper", "--frames", 40, "--seed", 3)
+    assert document["schema"] == "gse.evaluation/1"
+    assert [(cell["identifier"], cell["noise_arcsec"], cell["magnitude_noise"]) for cell in document["cells"]] == [
+        (name, *noise)
+        for name in ("pivot", "match-group")
+        for noise in (*((arcsec, 0.1) for arcsec in (10, 20, 30, 40, 50)), *((10, mag) for mag in (0.2, 0.3, 0.4, 0.5)))
+    ]
+    for cell in document["cells"]:
+        counted = sum(rate["count"] for rate in cell["rates"].values())
+        assert counted == cell["frames_counted"]
+        assert counted + sum(cell["excluded"].values()) == cell["frames_done"] == 40
+        low, high = cell["rates"]["right"]["interval"]
+        assert low <= cell["rates"]["right"]["share"] <= high
+    assert document["cells"][0]["rates"]["right"]["share"] > 0.85
+
+
+def test_the_table_shows_what_went_wrong_beside_what_went_right(gse, tmp_path):
+    done = gse("evaluate", "--preset", "lapan", "--frames", 8, "--figures", tmp_path / "figures")
+    assert done.code == 0, done.err
+    lines = [line.split() for line in done.out.splitlines() if line.startswith("neighbour")]
+    assert [line[3] for line in lines] == ["0", "3", "8"]
+    assert all(word in done.out for word in ("right %", "false %", "none %", "coarse %", "Clopper-Pearson"))
+    for name, unit in (("success-distance.svg", "arcsec"), ("success-magnitude.svg", "mag")):
+        assert unit in (tmp_path / "figures" / name).read_text(encoding="utf-8")
+    again = gse("evaluate", "--frames", 8, "--figures", tmp_path / "figures")
+    assert again.code == 2
+    assert "exists already" in again.err
+
+
+def test_random_pixels_are_not_called_right(gse):
+    """With noise of degrees nothing of the sky is left in a frame."""
+    rates = evaluated(gse, "--frames", 3, "--noise-arcsec", 3600)["cells"][0]["rates"]
+    assert rates["right"]["count"] == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--noise-arcsec", "nan"), "nan"),
+        (("--missing", "1.5"), "1.5"),
+        (("--frames", "0"), "frames"),
+        (("--preset", "pivot-paper", "--identifier", "robust"), "pivot and match-group only"),
+        (("--preset", "pivot-paper", "--false-objects", "3"), "no pixels"),
+        (("--preset", "lapan", "--station", "any.yaml"), "camera"),
+        (("--catalog", "no-such-file"), "no-such-file"),
+    ],
+)
+def test_bad_options_are_refused(gse, options, words):
+    done = gse("evaluate", *options)
+    assert done.code == 2
+    assert words in done.err
+
+
+def test_the_interval_is_that_of_the_beta_distribution():
+    from scipy.stats import beta
+
+    assert interval(90, 100) == pytest.approx((beta.ppf(0.025, 90, 11), beta.ppf(0.975, 91, 10)), abs=1e-9)
+    assert interval(0, 0) is None
+
+
+INTERRUPTED_RUN = """
+import signal, sys
+from gse.cli import main
+
+try:
+    main(["evaluate", "--frames", "2"])  # what is compiled and cached once does not count
+except SystemExit:
+    sys.stdout.flush()
+print("ready", flush=True)
+signal.signal(signal.SIGVTALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+signal.setitimer(signal.ITIMER_VIRTUAL, 2.5)
+hard = ["--noise-arcsec", "50", "--magnitude-noise", "0.5", "--false-objects", "8", "--missing", "0.2"]
+main(["evaluate", "--json", "--frames", "20000", *hard])
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGVTALRM"), reason="this system cannot interrupt after some CPU time")
+def test_ctrl_c_keeps_what_is_done():
+    """The frames are hard ones, so that it comes in compiled code, which makes another exception of it."""
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED_RUN], capture_output=True, text=True, timeout=240)
+    assert done.returncode == 130, done.stderr
+    document = json.loads(done.stdout.split("ready\n")[1])
+    assert document["interrupted"] is True
+    assert 0 < document["cells"][0]["frames_done"] < 20_000
+
+
+INTERRUPTED_WORKERS = """
+import os, signal
+from gse.cli import main
+
+signal.signal(signal.SIGALRM, lambda *_: os.killpg(0, signal.SIGINT))
+signal.setitimer(signal.ITIMER_REAL, 3.0)
+main(["evaluate", "--json", "--frames", "1000000", "--workers", "2"])
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="this system cannot interrupt a group of processes")
+def test_workers_that_start_when_ctrl_c_comes_end_without_a_word():
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED_WORKERS], capture_output=True, text=True, timeout=120, start_new_session=True
+    )
+    assert done.returncode == 130, done.stderr
+    assert json.loads(done.stdout)["interrupted"] is True
+    assert done.stderr.splitlines() == ["interrupted: these are the frames that were done"]

@@ -1,0 +1,120 @@
+"""The compiled neighbour technique gives the answer of the plain one, object for object."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from skies.made_frames import Noise, made_frame, sky_of
+from skies.reference_neighbour import ReferenceNeighbour, angle_urad, onboard_table
+
+from gse.camera import Camera
+from gse.catalog import load_catalog, mission_catalog
+from gse.identifier.mutual import MOST_CANDIDATES, room_for_candidates, separations
+from gse.identifier.neighbour import Limits, _level_1, _seen_from, best_vote, first_fit
+from gse.identifier.tables import build_pair_table, field_diameter_rad
+from gse.spiral import spiral_directions
+
+CAMERA = Camera(768, 1024, 1400.0, (511.5, 383.5))
+"""40 deg wide, so that few stars make a full sky and the plain search ends within the day."""
+
+TOLERANCE_URAD = 1e6 * 1.5 / 1400
+NOISE = Noise(false_objects=3, limit=4.5)
+
+
+@pytest.fixture(scope="module")
+def source():
+    return load_catalog()
+
+
+@pytest.fixture(scope="module")
+def stars(source):
+    return mission_catalog(source, CAMERA, 400)
+
+
+@pytest.fixture(scope="module")
+def table(stars):
+    return build_pair_table(stars, field_diameter_rad(CAMERA))
+
+
+@pytest.fixture(scope="module")
+def plain_table(stars):
+    return onboard_table(stars.icrs.tolist(), field_diameter_rad(CAMERA))
+
+
+def compared(search, directions, stars, table, plain_table, limits):
+    """What the compiled and the plain search answer, as {object: star}."""
+    objects, named, _ = search(directions, stars.icrs, table, limits)
+    plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, *limits)
+    slow = plain.first_fit if search is first_fit else plain.best_vote
+    return dict(zip(objects.tolist(), named.tolist(), strict=True)), slow(directions.tolist())
+
+
+def test_the_table_of_pairs_is_the_onboard_table(table, plain_table):
+    for star, neighbours in enumerate(plain_table):
+        rows = slice(table.first[star], table.first[star + 1])
+        assert list(zip(table.neighbour_urad[rows], table.neighbour[rows], strict=True)) == neighbours
+
+
+@pytest.mark.parametrize("search", [first_fit, best_vote])
+@pytest.mark.parametrize("min_fit", [3, 6])
+def test_same_answers_over_the_sky(source, stars, table, plain_table, search, min_fit):
+    sky, rng = sky_of(source, CAMERA, 4.5), np.random.default_rng(11)
+    limits, named = Limits(TOLERANCE_URAD, min_fit, 3), 0
+    for boresight in spiral_directions(8):
+        frame = made_frame(sky, CAMERA, boresight, NOISE, rng)
+        directions = CAMERA.directions(frame.xy_px)
+        fast, slow = compared(search, directions, stars, table, plain_table, limits)
+        assert fast == slow
+        named += bool(fast)
+    assert named >= 4
+
+
+def test_level_1_counts_as_eq_2_5_for_every_star(source, stars, table, plain_table):
+    frame = made_frame(sky_of(source, CAMERA, 4.5), CAMERA, spiral_directions(8)[3], NOISE, np.random.default_rng(1))
+    directions = CAMERA.directions(frame.xy_px)
+    limits = Limits(3 * TOLERANCE_URAD, 1, 1)
+    plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, *limits)
+    room = room_for_candidates()
+    angles = separations(directions)
+    seen = _seen_from(0, angles.cosine, angles.sine, limits.tolerance_urad)
+    for star in range(len(stars)):
+        fit, count = _level_1(star, seen, table, limits, room)
+        candidates = list(zip(room.object[:count].tolist(), room.star[:count].tolist(), strict=True))
+        assert (fit, candidates) == plain.level_1(star, plain.from_alpha(directions.tolist(), 0))
+
+
+def test_level_1_keeps_the_nearest_candidates_where_more_fit_than_there_is_room_for(source):
+    polar = mission_catalog(source, CAMERA, 8000)
+    polar = polar.rows(np.flatnonzero(polar.icrs[:, 2] > 0.97))
+    table = build_pair_table(polar, field_diameter_rad(CAMERA))
+    plain_table = onboard_table(polar.icrs.tolist(), field_diameter_rad(CAMERA))
+    frame = made_frame(sky_of(source, CAMERA, 4.5), CAMERA, spiral_directions(8)[3], NOISE, np.random.default_rng(1))
+    directions = CAMERA.directions(frame.xy_px)
+    limits = Limits(60 * TOLERANCE_URAD, 1, 1)
+    plain = ReferenceNeighbour(polar.icrs.tolist(), plain_table, *limits)
+    room, angles = room_for_candidates(), separations(directions)
+    seen = _seen_from(0, angles.cosine, angles.sine, limits.tolerance_urad)
+    fits = []
+    for star in range(len(polar)):
+        fit, count = _level_1(star, seen, table, limits, room)
+        candidates = list(zip(room.object[:count].tolist(), room.star[:count].tolist(), strict=True))
+        assert (fit, candidates) == plain.level_1(star, plain.from_alpha(directions.tolist(), 0))
+        fits.append(fit)
+    assert max(fits) > MOST_CANDIDATES
+
+
+@pytest.mark.parametrize("search", [first_fit, best_vote])
+@settings(max_examples=12, deadline=None)
+@given(
+    pixels=st.lists(st.tuples(st.integers(0, 1023), st.integers(0, 767)), min_size=3, max_size=14),
+    min_fit=st.integers(2, 4),
+)
+def test_same_answers_on_any_objects(stars, table, plain_table, search, pixels, min_fit):
+    directions = CAMERA.directions(np.array(pixels, dtype=float))
+    limits = Limits(2 * TOLERANCE_URAD, min_fit, 2)
+    fast, slow = compared(search, directions, stars, table, plain_table, limits)
+    assert fast == slow
+
+
+def test_the_angle_of_the_reference_is_exact_for_small_angles():
+    assert angle_urad((1.0, 0.0, 0.0), (1.0, 1e-7, 0.0)) == pytest.approx(0.1, rel=1e-9)

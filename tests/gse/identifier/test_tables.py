@@ -1,0 +1,134 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from skies.made_frames import FIELD_14_DEG
+
+from gse.camera import Camera
+from gse.catalog import StarCatalog, load_catalog, mission_catalog
+from gse.errors import CatalogError
+from gse.identifier.tables import MOST_PAIRS, build_pair_table, field_diameter_rad, pair_table, tolerance_rad
+from gse.spiral import spiral_directions
+
+
+def scattered(count, seed=0):
+    """A catalogue of stars anywhere."""
+    icrs = np.random.default_rng(seed).normal(size=(count, 3))
+    icrs /= np.linalg.norm(icrs, axis=1)[:, None]
+    return StarCatalog("scattered", 2016.0, np.arange(count), icrs, np.linspace(0, 6, count))
+
+
+def same(one, other):
+    return all(np.array_equal(a, b) and a.dtype == b.dtype for a, b in zip(one, other, strict=True))
+
+
+@settings(deadline=None)
+@given(st.integers(0, 40), st.integers(0, 2**32 - 1), st.floats(0.01, 3.0))
+def test_the_table_holds_every_pair_once_and_each_star_its_neighbours(count, seed, widest_rad):
+    catalog = scattered(count, seed)
+    table = build_pair_table(catalog, widest_rad)
+    cosine = np.clip(catalog.icrs @ catalog.icrs.T, -1, 1)
+    expected = {(i, j) for i in range(count) for j in range(i + 1, count) if np.arccos(cosine[i, j]) < widest_rad}
+    pairs = list(zip(table.brighter.tolist(), table.dimmer.tolist(), strict=True))
+    assert set(pairs) == expected
+    assert len(pairs) == len(expected)
+    assert (np.diff(table.distance_urad) >= 0).all()
+    for star in range(count):
+        rows = slice(table.first[star], table.first[star + 1])
+        assert sorted(table.neighbour[rows]) == sorted({j if i == star else i for i, j in pairs if star in (i, j)})
+        assert (np.diff(table.neighbour_urad[rows]) >= 0).all()
+
+
+def test_distances_are_whole_microradians():
+    catalog = scattered(50)
+    table = build_pair_table(catalog, 1.0)
+    exact = 1e6 * np.arccos((catalog.icrs[table.brighter] * catalog.icrs[table.dimmer]).sum(axis=1))
+    assert np.abs(table.distance_urad - exact).max() <= 0.5 + 1e-6
+
+
+def test_the_table_of_the_papers_field_has_the_size_it_should():
+    table = build_pair_table(mission_catalog(load_catalog(), FIELD_14_DEG, 4000), field_diameter_rad(FIELD_14_DEG))
+    assert 240_000 < len(table.distance_urad) < 280_000
+
+
+def test_a_table_from_the_cache_is_the_table(tmp_path):
+    catalog = scattered(60)
+    made = pair_table(catalog, 0.5, tmp_path)
+    (stored,) = tmp_path.iterdir()
+    before = stored.stat().st_mtime_ns
+    assert same(pair_table(catalog, 0.5, tmp_path), made)
+    assert same(build_pair_table(catalog, 0.5), made)
+    assert all(column.flags.c_contiguous for column in made), "compiled code would be compiled twice"
+    assert stored.stat().st_mtime_ns == before
+
+
+def test_another_catalogue_or_field_is_another_table(tmp_path):
+    pair_table(scattered(60, 1), 0.5, tmp_path)
+    pair_table(scattered(60, 2), 0.5, tmp_path)
+    pair_table(scattered(60, 2), 0.6, tmp_path)
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+@settings(deadline=None)
+@given(data=st.data())
+def test_a_damaged_cache_file_is_replaced(tmp_path_factory, data):
+    folder = tmp_path_factory.mktemp("cache")
+    catalog = scattered(20)
+    made = pair_table(catalog, 0.8, folder)
+    (stored,) = folder.iterdir()
+    content = bytearray(stored.read_bytes())
+    kind = data.draw(st.sampled_from(["cut", "flip", "foreign"]))
+    if kind == "cut":
+        content = content[: data.draw(st.integers(0, len(content) - 1))]
+    elif kind == "flip":
+        content[data.draw(st.integers(0, len(content) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+    else:
+        content = bytearray(data.draw(st.binary(max_size=60)))
+    stored.write_bytes(content)
+    assert same(pair_table(catalog, 0.8, folder), made)
+    assert same(pair_table(catalog, 0.8, folder), made)
+
+
+def test_a_cache_file_that_names_absent_stars_is_replaced(tmp_path):
+    catalog = scattered(20)
+    made = pair_table(catalog, 0.8, tmp_path)
+    (stored,) = tmp_path.iterdir()
+    np.savez(stored, **made._replace(neighbour=made.neighbour + 20)._asdict())
+    assert same(pair_table(catalog, 0.8, tmp_path), made)
+
+
+def test_a_pickle_in_the_cache_is_not_opened(tmp_path):
+    catalog = scattered(20)
+    made = pair_table(catalog, 0.8, tmp_path)
+    (stored,) = tmp_path.iterdir()
+    np.savez(stored, **made._replace(brighter=np.array([{}], dtype=object))._asdict())
+    assert same(pair_table(catalog, 0.8, tmp_path), made)
+
+
+def test_a_cache_that_cannot_be_written_is_done_without(tmp_path):
+    in_the_way = tmp_path / "file"
+    in_the_way.write_text("no folder")
+    assert len(pair_table(scattered(20), 0.8, in_the_way / "below").first) == 21
+
+
+def test_old_tables_are_forgotten(tmp_path):
+    for seed in range(12):
+        pair_table(scattered(10, seed), 0.8, tmp_path)
+    assert len(list(tmp_path.iterdir())) == 8
+
+
+def test_a_table_too_big_to_hold_is_refused_before_it_is_made():
+    stars = spiral_directions(100_000)
+    catalog = StarCatalog("dense", 2016.0, np.arange(len(stars)), stars, np.zeros(len(stars)))
+    with pytest.raises(CatalogError, match=str(MOST_PAIRS)):
+        build_pair_table(catalog, np.radians(60))
+
+
+def test_the_field_is_as_wide_as_its_diagonal():
+    assert field_diameter_rad(FIELD_14_DEG) == pytest.approx(FIELD_14_DEG.diagonal_rad)
+    shifted = Camera(1024, 1024, 4170.0, (300.0, 700.0))
+    assert field_diameter_rad(shifted) < FIELD_14_DEG.diagonal_rad
+
+
+def test_the_tolerance_is_that_of_eq_2_1():
+    assert tolerance_rad(FIELD_14_DEG, 1.5) == pytest.approx(1.5 * FIELD_14_DEG.pixel_rad, rel=1e-6)

@@ -1,0 +1,215 @@
+"""The recorder: what was received is in the file, or it is counted."""
+
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from drivers.chunk import Chunk, LinkEvent
+from drivers.errors import CaptureError
+from drivers.session_file.reader import Capture, read_capture
+from drivers.session_file.records import RX, Attachment, Message
+from drivers.session_file.writer import CaptureWriter
+from gse.recording.recorder import Recorder
+
+
+def received(path: Path) -> tuple[bytes, Capture]:
+    capture = read_capture(path)
+    return b"".join(r.data for r in capture if isinstance(r, Message) and r.topic == RX), capture
+
+
+def chunks(count: int, size: int = 216) -> list[Chunk]:
+    rng = random.Random(count)
+    return [Chunk(10**18 + n, n, rng.randbytes(size)) for n in range(count)]
+
+
+def kinds(recorder: Recorder) -> list[str]:
+    return [event.kind for event in recorder.news()]
+
+
+@pytest.mark.parametrize("live", [True, False])
+def test_everything_is_in_the_file_in_order(tmp_path: Path, live: bool) -> None:
+    path = tmp_path / "session.mcap"
+    with Recorder(path, live=live) as recorder:
+        recorder.attach("station.yaml", "application/yaml", b"version: 1")
+        for chunk in chunks(300):
+            recorder.rx(chunk)
+        recorder.tx(Chunk(1, 1, b"stop"))
+        recorder.event(LinkEvent(1, 1, "LOST", "x"))
+        recorder.derived("/gse/timing", 1, b"{}")
+    data, capture = received(path)
+    assert data == b"".join(chunk.data for chunk in chunks(300))
+    assert not capture.truncated
+    assert (recorder.lost_bytes, recorder.news()) == (0, [])
+
+
+def test_the_closed_file_is_compressed_and_holds_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    recorder = Recorder(path, live=False)
+    recorder.attach("a", "text/plain", b"b")
+    for n in range(2000):
+        recorder.rx(Chunk(n, n, b"the same again and again" * 4))
+    plain = list(read_capture(path))
+    size = path.stat().st_size
+    recorder.close()
+    assert list(read_capture(path)) == plain
+    assert path.stat().st_size < size / 5
+    assert [entry.name for entry in tmp_path.iterdir()] == ["session.mcap"]
+
+
+def test_segments_lose_nothing_at_the_seams_and_each_stands_alone(tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    with Recorder(path, live=True, segment_bytes=10_000) as recorder:
+        recorder.attach("station.yaml", "application/yaml", b"version: 1")
+        for chunk in chunks(200):
+            recorder.rx(chunk)
+            time.sleep(0.0002)
+    data, capture = received(path)
+    assert data == b"".join(chunk.data for chunk in chunks(200))
+    assert len(capture.segments) > 2
+    assert not capture.truncated
+    for segment in capture.segments:
+        assert any(isinstance(record, Attachment) for record in read_capture(segment))
+
+
+def test_a_session_is_never_overwritten(tmp_path: Path) -> None:
+    Recorder(tmp_path / "session.mcap", live=False).close()
+    with pytest.raises(CaptureError, match="never overwritten"):
+        Recorder(tmp_path / "session.mcap", live=True)
+
+
+def test_a_deleted_folder_is_made_again_with_all_that_was_in_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "night" / "session.mcap"
+    path.parent.mkdir()
+    with Recorder(path, live=False) as recorder:
+        for chunk in chunks(20):
+            recorder.rx(chunk)
+        shutil.rmtree(path.parent)
+        for chunk in chunks(30):
+            recorder.rx(chunk)
+    assert received(path)[0] == b"".join(chunk.data for chunk in chunks(20) + chunks(30))
+    assert kinds(recorder) == ["FILE_RESTORED"]
+    assert recorder.lost_bytes == 0
+
+
+def test_a_file_that_cannot_be_restored_is_counted_as_lost(tmp_path: Path) -> None:
+    path = tmp_path / "night" / "session.mcap"
+    path.parent.mkdir()
+    with Recorder(path, live=False) as recorder:
+        for chunk in chunks(20):
+            recorder.rx(chunk)
+        shutil.rmtree(path.parent)
+        path.parent.write_text("a file where the folder was")
+    assert recorder.lost_bytes == 20 * 216
+    assert "RECORDER_LOST" in kinds(recorder)
+
+
+DISK_FULL = """
+import resource, sys
+from pathlib import Path
+from drivers.chunk import Chunk
+from gse.recording.recorder import Recorder
+hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+recorder = Recorder(Path(sys.argv[1]), live=sys.argv[2] == "live")
+for n in range(200):
+    recorder.rx(Chunk(n, n, bytes([n]) * 216))
+if sys.argv[3] == "freed":
+    if sys.argv[2] == "live":
+        while not (news := recorder.news()):
+            pass
+        print(news[0].kind)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+recorder.close()
+print(recorder.lost_bytes, *(event.kind for event in recorder.news()))
+"""
+
+
+def run(script: str, *arguments: str) -> list[str]:
+    done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True)
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize("live", ["live", "simulated"])
+def test_a_full_disk_keeps_what_it_took_and_the_rest_is_counted(tmp_path: Path, live: str) -> None:
+    path = tmp_path / "session.mcap"
+    lost, *told = run(DISK_FULL, str(path), live, "full")
+    data, capture = received(path)
+    assert capture.truncated
+    assert len(data) + int(lost) == 200 * 216
+    assert 15_000 < len(data) < 20_000
+    assert told.count("RECORDER_REFUSED") == 1
+    assert told.count("RECORDER_LOST") == 1
+
+
+@pytest.mark.parametrize("live", ["live", "simulated"])
+def test_a_full_disk_that_is_freed_in_time_loses_nothing(tmp_path: Path, live: str) -> None:
+    path = tmp_path / "session.mcap"
+    told = run(DISK_FULL, str(path), live, "freed")
+    assert "0" in told
+    assert "RECORDER_RECOVERED" in told
+    data, capture = received(path)
+    assert data == b"".join(bytes([n]) * 216 for n in range(200))
+    assert not capture.truncated
+
+
+def test_a_disk_that_stalls_holds_up_nobody_and_loses_nothing(tmp_path: Path) -> None:
+    stalled, go_on = threading.Event(), threading.Event()
+
+    class StalledDisk(CaptureWriter):
+        def flush(self) -> None:
+            if self.size > 1000:
+                stalled.set()
+                go_on.wait(10)
+            super().flush()
+
+    path = tmp_path / "session.mcap"
+    with Recorder(path, live=True, open_writer=StalledDisk) as recorder:
+        for chunk in chunks(10):
+            recorder.rx(chunk)
+        assert stalled.wait(5)
+        many = chunks(2000, 4096)
+        started = time.monotonic()
+        for chunk in many:
+            recorder.rx(chunk)
+        assert time.monotonic() - started < 2
+        assert kinds(recorder) == ["RECORDER_BEHIND"]
+        go_on.set()
+    assert received(path)[0] == b"".join(chunk.data for chunk in chunks(10) + many)
+    assert recorder.lost_bytes == 0
+
+
+KILLED = """
+import sys, time
+from pathlib import Path
+from drivers.chunk import Chunk
+from gse.recording.recorder import Recorder
+recorder = Recorder(Path(sys.argv[1]), live=True)
+while True:
+    recorder.rx(Chunk(time.time_ns(), time.monotonic_ns(), bytes(216)))
+    print(time.monotonic_ns(), flush=True)
+    time.sleep(0.001)
+"""
+
+
+def test_kill_9_loses_nothing_but_what_came_at_that_moment(tmp_path: Path) -> None:
+    rng = random.Random(9)
+    for number in range(4):
+        path = tmp_path / f"{number}.mcap"
+        with subprocess.Popen([sys.executable, "-c", KILLED, str(path)], stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            handed_over = [int(process.stdout.readline()) for _ in range(rng.randrange(1, 500))]
+            process.send_signal(signal.SIGKILL)
+            killed_ns = time.monotonic_ns()
+            handed_over += [int(line) for line in process.stdout.read().split()]
+        written = [record.mono_ns for record in read_capture(path) if isinstance(record, Message)]
+        # benchmarks/faults.py measures 10 ms on an idle machine; the machine that runs tests may be a busy one.
+        due = sum(handed_ns < killed_ns - 300_000_000 for handed_ns in handed_over)
+        assert len(written) >= due
+        assert written == sorted(written)

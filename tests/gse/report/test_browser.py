@@ -1,0 +1,58 @@
+"""The report in a real browser, offline: it opens, it shows all its figures, it prints."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from devices.browser import visit
+from skies.synthetic_night import synthetic_night
+
+from gse.assessment.verdict import judge
+from gse.report import write_report
+from gse.report.printing import find_browser, print_to_pdf
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    night = synthetic_night(200, bias_arcsec=(100.0, 0.0))
+    return write_report(night, judge(night), tmp_path_factory.mktemp("report"))["report.html"]
+
+
+def test_it_opens_offline_with_the_verdict_in_sight_and_no_request(page: Path) -> None:
+    with visit(offline=True, size=(1100, 700)) as seen:
+        seen.page.goto(page.as_uri())
+        verdict = seen.page.locator(".verdict strong").bounding_box()
+        assert verdict["y"] + verdict["height"] < 700
+        assert seen.page.locator(".verdict strong").inner_text() == "FAIL"
+        assert seen.hosts() == set()
+        assert seen.errors == []
+
+
+def test_nothing_sticks_out_of_the_page_on_a_screen_or_a_phone(page: Path) -> None:
+    with visit(offline=True) as seen:
+        seen.page.goto(page.as_uri())
+        for width in (1100, 700, 420):
+            seen.page.set_viewport_size({"width": width, "height": 700})
+            assert seen.page.evaluate("document.documentElement.scrollWidth") <= width
+            for figure in seen.page.locator("figure svg").all():
+                box = figure.bounding_box()
+                assert box["width"] > 0.6 * width
+                assert box["height"] > 50
+                assert box["x"] + box["width"] <= width
+
+
+def test_it_prints_to_pages_that_hold_every_section(page: Path) -> None:
+    if shutil.which("chromium") is None:
+        pytest.skip("no Chromium on this machine (Debian: apt install chromium)")
+    pdf = print_to_pdf(find_browser(), page)
+    assert pdf.read_bytes()[:5] == b"%PDF-"
+    if shutil.which("pdftotext") is None:
+        pytest.skip("no pdftotext on this machine (Debian: apt install poppler-utils)")
+    text = subprocess.run(["pdftotext", "-layout", str(pdf), "-"], capture_output=True, text=True, check=True).stdout
+    first = text.split("\f")[0]
+    assert "FAIL" in first
+    assert "mean |dRA*|" in first
+    for section in ("Accuracy", "Table 4-1", "Identification", "Truth budget", "Link and clock", "Configuration"):
+        assert section in text
+    assert 4 <= text.count("\f") <= 12

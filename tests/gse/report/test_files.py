@@ -1,0 +1,230 @@
+"""The files of a report: complete, true to the night, and the same to the byte each time."""
+
+import csv
+import io
+import json
+import math
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from markupsafe import escape
+from rich.console import Console
+from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
+
+from drivers.chunk import LinkEvent
+from gse.assessment.verdict import judge
+from gse.errors import UsageError
+from gse.report import summarise, write_report
+from gse.report.frames_csv import frames_csv
+from gse.report.junit import junit_xml
+from gse.report.page import report_html
+from gse.report.terminal import plain_lines, print_verdict
+from gse.station.results import NO_MATCHES, Status
+from gse.station.session_data import Night
+
+FRAMES = 800
+
+
+@pytest.fixture(scope="module")
+def night() -> Night:
+    return synthetic_night(FRAMES)
+
+
+@pytest.fixture(scope="module")
+def judgement(night):
+    return judge(night)
+
+
+@pytest.fixture(scope="module")
+def report(night, judgement):
+    return summarise(night, judgement)
+
+
+@pytest.fixture(scope="module")
+def page(night, judgement, report) -> str:
+    return report_html(night, judgement, report)
+
+
+def failing() -> Night:
+    """A night with a sensor that is off by 100 arcsec in RA."""
+    return synthetic_night(200, bias_arcsec=(100.0, 0.0))
+
+
+def floats_in(value):
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, dict | list):
+        for item in value.values() if isinstance(value, dict) else value:
+            yield from floats_in(item)
+
+
+def test_the_summary_has_the_shape_that_is_promised(report) -> None:
+    assert report["schema"] == "gse.report/1"
+    assert report["verdict"] in ("PASS", "FAIL", "INCONCLUSIVE")
+    for key in ("reasons", "measurements", "link", "identification", "truth_budget", "table_4_1", "session"):
+        assert key in report
+    for measurement in report["measurements"]:
+        assert set(measurement) == {"name", "value", "unit", "limit", "outcome"}
+
+
+def test_every_number_is_finite_and_rounded_to_six_decimals(report) -> None:
+    numbers = list(floats_in(report))
+    assert len(numbers) > 100
+    assert all(math.isfinite(number) and number == round(number, 6) for number in numbers)
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
+
+
+def test_what_is_unknown_is_null_not_zero() -> None:
+    night = synthetic_night(100)
+    night.clock = []
+    report = summarise(night, judge(night))
+    assert report["clock"]["error_bound_s"] is None
+    assert report["truth_budget"]["ra_arcsec"] is None
+    assert report["verdict"] == "INCONCLUSIVE"
+
+
+def test_table_4_1_stands_beside_the_papers_figures(report, night) -> None:
+    own, *paper = report["table_4_1"]["rows"]
+    frames = night.frames.columns
+    d_de = frames["d_de_arcsec"][np.isfinite(frames["d_de_arcsec"])]
+    assert own["mean_d_de_deg"] == pytest.approx(np.abs(d_de).mean() / 3600, abs=1e-6)
+    assert [row["mean_d_ra_deg"] for row in paper] == [0.006676, 0.003552, 0.005, 0.005076]
+    assert [row["mean_d_de_deg"] for row in paper] == [0.009221, 0.00866, 0.005, 0.007627]
+    assert paper[-1]["mean_d_ra_arcmin"] == pytest.approx(0.3, abs=0.01)
+
+
+def test_the_same_night_gives_the_same_bytes_and_another_does_not(page, report, tmp_path: Path) -> None:
+    again = synthetic_night(FRAMES)
+    paths = write_report(again, judge(again), tmp_path)
+    assert set(paths) == {"report.json", "report.html", "frames.csv", "junit.xml"}
+    assert paths["report.html"].read_text(encoding="utf-8") == page
+    assert json.loads(paths["report.json"].read_text()) == report
+    other = synthetic_night(FRAMES, seed=2)
+    assert summarise(other, judge(other)) != report
+
+
+def test_a_troubled_night_is_told_from_its_verdict_down() -> None:
+    night = failing()
+    night.station_text = "# <script>alert(1)</script>"
+    step = LinkEvent(START_NS + 10**10, 0, "CLOCK_STEP", "the host clock stepped by +2.0 s <img src=x>")
+    night.events.append(step)
+    judgement = judge(night)
+    report = summarise(night, judgement)
+    text = report_html(night, judgement, report)
+    body = text[text.index("<body>") :]
+    assert report["verdict"] == "FAIL"
+    assert report["left_out"][0]["frames"] > 50
+    for reason in map(escape, report["reasons"]):
+        assert body.index("<strong>FAIL</strong>") < body.index(str(reason)) < body.index("<table>")
+    for words in (night.raw_sha256, "Gaia DR3", "numpy 2", "stepped by +2.0 s", "deflection of the vertical"):
+        assert words in body
+    assert "<script" not in text
+    assert "<img" not in text
+
+
+def test_the_page_needs_nothing_from_elsewhere(page) -> None:
+    assert not re.findall(r'(?:src|href)="(?!#|data:)[^"]*"', page)
+    assert "<script" not in page
+    assert "@import" not in page
+    assert "default-src 'none'" in page
+
+
+def test_the_page_has_all_figures_as_vectors_with_ids_of_their_own(page) -> None:
+    figures = re.findall(r"<svg .*?</svg>", page, re.DOTALL)
+    assert len(figures) == 9
+    for figure in figures:
+        ET.fromstring(figure)
+    ids = re.findall(r'\bid="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+    links = set(re.findall(r'(?:xlink:href="#|url\(#)([^")]+)', page))
+    assert links <= set(ids)
+
+
+def test_each_measurement_is_a_test_case(report) -> None:
+    suite = ET.fromstring(junit_xml(report).split("\n", 1)[1])
+    assert [case.get("name") for case in suite] == [item["name"] for item in report["measurements"]]
+    assert suite.get("failures") == "0"
+
+
+def test_a_failure_and_an_unknown_are_told_apart_with_their_reasons() -> None:
+    night = failing()
+    suite = ET.fromstring(junit_xml(summarise(night, judge(night))).split("\n", 1)[1])
+    failed = [case for case in suite if case.find("failure") is not None]
+    assert [case.get("name") for case in failed] == ["mean |dRA*|", "95 % of |dRA*|"]
+    assert "arcsec, the limit is 60" in (failed[0].findtext("failure") or "")
+    night.clock = []
+    night.station = night.station.model_copy(
+        update={"limits": night.station.limits.model_copy(update={"d_ra_cosde_arcsec": 1e4})}
+    )
+    suite = ET.fromstring(junit_xml(summarise(night, judge(night))).split("\n", 1)[1])
+    skipped = [case.find("skipped") for case in suite if case.find("skipped") is not None]
+    assert suite.get("skipped") == str(len(skipped))
+    assert "clock" in skipped[0].get("message")
+
+
+def test_the_table_of_frames_has_a_line_for_each_and_empty_cells_where_nothing_is_known(night) -> None:
+    rows = list(csv.DictReader(io.StringIO("".join(frames_csv(night.frames.columns)))))
+    assert len(rows) == FRAMES
+    assert rows[0]["utc"] == "2026-03-20T18:30:00.000000Z"
+    assert rows[0]["status"] == "IDENTIFIED"
+    assert rows[49]["status"] == "NO_MATCH"
+    assert rows[49]["d_de_arcsec"] == rows[49]["ra_deg"] == rows[49]["chance"] == ""
+    assert float(rows[3]["d_de_arcsec"]) == pytest.approx(night.frames.columns["d_de_arcsec"][3], abs=0.0006)
+
+
+def test_without_a_terminal_the_verdict_is_plain_text_with_its_reason(report) -> None:
+    screen = io.StringIO()
+    print_verdict(report, Console(file=screen, width=80))
+    assert screen.getvalue().splitlines() == plain_lines(report)
+    assert screen.getvalue().startswith("PASS\n")
+    assert screen.getvalue().isascii()
+
+
+def test_on_a_terminal_the_verdict_stands_in_a_box_above_the_tables() -> None:
+    night = failing()
+    report = summarise(night, judge(night))
+    screen = io.StringIO()
+    print_verdict(report, Console(file=screen, width=100, force_terminal=True, color_system=None))
+    text = screen.getvalue()
+    assert (
+        text.index("FAIL")
+        < text.index(report["reasons"][0])
+        < text.index("mean |dRA*|  ")
+        < text.index("Star Sensor 1")
+    )
+
+
+@pytest.mark.parametrize("frames", [0, 3])
+def test_a_night_of_few_frames_still_has_a_report(frames: int, tmp_path: Path) -> None:
+    night = synthetic_night(frames)
+    paths = write_report(night, judge(night), tmp_path)
+    assert "INCONCLUSIVE" in paths["report.html"].read_text(encoding="utf-8")
+    assert len(paths["frames.csv"].read_text().splitlines()) == frames + 1
+
+
+def test_a_night_without_one_answer_still_has_a_report(tmp_path: Path) -> None:
+    night = synthetic_night(0)
+    for frame in synthetic_frames(60):
+        empty = replace(
+            frame,
+            status=Status.TOO_FEW,
+            attitude=None,
+            matches=NO_MATCHES,
+            discrepancy=None,
+            attitude_true=None,
+            elapsed_us=None,
+        )
+        night.frames.append(empty)
+    night.clock, night.events = [], []
+    paths = write_report(night, judge(night), tmp_path)
+    assert "no times were recorded" not in paths["junit.xml"].read_text()
+    assert json.loads(paths["report.json"].read_text())["identification"]["statuses"]["TOO_FEW"] == 60
+
+
+def test_a_disk_that_takes_nothing_is_told(night, judgement, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="cannot write the report into"):
+        write_report(night, judgement, tmp_path / "absent")

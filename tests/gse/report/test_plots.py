@@ -1,0 +1,138 @@
+"""What figures are drawn from: thinned lines, spectra, tracks."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from astropy.timeseries import LombScargle
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from skies.synthetic_night import synthetic_frames, synthetic_night
+
+from gse.attitude import Attitude
+from gse.drawing.outline import field_outline_icrs
+from gse.report.decimation import extremes, sample
+from gse.report.drawn import Drawn, edge_of
+from gse.report.figures import svg_of
+from gse.report.sky_figures import draw_sky
+from gse.report.spectrum import power_density
+from gse.report.time_figures import draw_errors
+from gse.station.results import Discrepancy, Judge
+
+
+@given(st.integers(0, 4000), st.integers(0, 2**32 - 1), st.floats(0, 0.5))
+@settings(max_examples=40, deadline=None)
+def test_a_thinned_line_keeps_every_extreme_of_every_bin(n: int, seed: int, missing: float) -> None:
+    generator = np.random.default_rng(seed)
+    values = generator.normal(size=n)
+    values[generator.random(n) < missing] = math.nan
+    rows = extremes(values, bins=50)
+    assert (np.diff(rows) > 0).all()
+    assert len(rows) <= max(200, 4 * 50)
+    edges = np.linspace(0, n, 51).astype(int)
+    for first, last in itertools.pairwise(edges):
+        part, kept = values[first:last], values[rows[(rows >= first) & (rows < last)]]
+        if np.isfinite(part).any():
+            assert np.nanmax(kept) == np.nanmax(part)
+            assert np.nanmin(kept) == np.nanmin(part)
+
+
+def test_a_short_line_is_not_thinned() -> None:
+    assert extremes(np.arange(10.0)).tolist() == list(range(10))
+    assert sample(5, 10).tolist() == [0, 1, 2, 3, 4]
+    assert sample(1000, 3).tolist() == [0, 499, 999]
+
+
+def test_white_noise_has_the_flat_spectrum_of_its_variance() -> None:
+    generator = np.random.default_rng(3)
+    time_s = np.arange(20_000) / 10
+    frequency, density = power_density(time_s, generator.normal(0, 4, len(time_s)))
+    assert frequency[-1] == pytest.approx(5, rel=0.05)
+    assert np.median(density[frequency > 0.1]) == pytest.approx(2 * 4**2 / 10, rel=0.1)
+
+
+def test_a_sine_in_the_errors_stands_out_at_its_frequency_though_frames_are_missing() -> None:
+    generator = np.random.default_rng(4)
+    time_s = np.flatnonzero(generator.random(20_000) < 0.8) / 10
+    frequency, density = power_density(
+        time_s, np.sin(2 * np.pi * 0.25 * time_s) + generator.normal(0, 0.5, len(time_s))
+    )
+    assert frequency[np.argmax(density)] == pytest.approx(0.25, rel=0.05)
+
+
+def test_the_spectrum_of_a_night_with_gaps_is_that_of_lomb_and_scargle():
+    generator = np.random.default_rng(5)
+    time_s = np.flatnonzero(generator.random(6000) < 0.9) / 10
+    error = np.cumsum(generator.normal(0, 0.3, len(time_s))) + generator.normal(0, 4, len(time_s))
+    frequency, density = power_density(time_s, error)
+    scargle = LombScargle(time_s, error - error.mean(), normalization="psd", fit_mean=False)
+    slow, fast = (frequency > 0.01) & (frequency < 0.1), frequency > 0.5
+    for band in slow, fast:
+        expected = 2 * 0.1 * scargle.power(frequency[band]).mean()
+        assert density[band].mean() == pytest.approx(expected, rel=0.3)
+
+
+def test_too_few_frames_have_no_spectrum() -> None:
+    assert len(power_density(np.arange(15.0), np.ones(15))[0]) == 0
+    assert len(power_density(np.zeros(40), np.ones(40))[0]) == 0
+
+
+def test_false_answers_are_not_drawn_as_errors() -> None:
+    night = synthetic_night(0)
+    for number, frame in enumerate(synthetic_frames(100, trouble=False)):
+        if number == 50:
+            frame = _with(frame, Discrepancy(4e5, 0.0, 0.0, 4e5, 0.0), frame.judge)
+        if number == 60:
+            frame = _with(frame, frame.discrepancy, Judge.FALSE)
+        night.frames.append(frame)
+    good = Drawn.of(night).good
+    assert np.flatnonzero(~good).tolist() == [50, 60]
+
+
+def _with(frame, discrepancy, judge):
+    return replace(frame, discrepancy=discrepancy, judge=judge)
+
+
+def test_the_range_of_a_graph_holds_the_limits_and_nearly_all_values() -> None:
+    assert edge_of(np.array([1.0, -2.0]), 60) == 78
+    assert edge_of(np.full(100, 500.0), 60) == 600
+    assert edge_of(np.array([]), 60) == 78
+    assert edge_of(np.append(np.zeros(10_000), 1e6), 60) == 78
+
+
+@pytest.mark.parametrize(("ra_deg", "de_deg"), [(0.0, 0.0), (359.9, -40.0), (120.0, 89.9), (10.0, -88.0)])
+def test_the_field_of_view_on_the_sky_is_as_wide_as_the_camera_sees(ra_deg: float, de_deg: float) -> None:
+    camera = synthetic_night(0).station.sensor.camera()
+    attitude = Attitude.from_angles(ra_deg, de_deg, 33.0)
+    outline = field_outline_icrs(attitude, camera)
+    corner = math.degrees(math.acos(float((outline @ attitude.boresight_icrs).min())))
+    assert corner == pytest.approx(math.degrees(camera.diagonal_rad / 2), abs=0.01)
+    assert np.allclose(outline[0], outline[-1])
+
+
+@pytest.mark.parametrize("de_deg", [-89.99, -6.0, 80.0, 89.99])
+def test_a_track_is_drawn_at_the_poles_and_across_ra_zero(de_deg: float) -> None:
+    night = synthetic_night(0)
+    for number, frame in enumerate(synthetic_frames(30, trouble=False)):
+        attitude = Attitude.from_angles((359.9 + number * 0.01) % 360, de_deg, 10.0)
+        night.frames.append(replace(frame, attitude=attitude, attitude_true=attitude))
+    drawn = Drawn.of(night)
+    svg = svg_of("sky", 3.0, lambda figure: draw_sky(figure, drawn))
+    assert svg.startswith("<svg")
+
+
+def test_a_hundred_thousand_points_make_a_small_figure() -> None:
+    night = synthetic_night(300)
+    drawn = Drawn.of(night)
+    big = Drawn(
+        night,
+        np.tile(drawn.frames, 330),
+        np.tile(drawn.utc, 330),
+        np.tile(drawn.good, 330),
+        np.tile(drawn.unidentified, 330),
+    )
+    big.frames["utc_ns"] = drawn.frames["utc_ns"][0] + np.arange(len(big.frames)) * 100_000_000
+    svg = svg_of("errors", 4.0, lambda figure: draw_errors(figure, big))
+    assert len(svg) < 600_000

@@ -1,0 +1,48 @@
+"""The golden sessions, through replay:// and the station's own loop, give their reports to the last digit."""
+
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gse.sessions.golden import check, expected_path, recordings_in
+from gse.sessions.replay import Cut
+
+GOLDEN = Path(__file__).parents[3] / "replays" / "golden"
+RECORDINGS = recordings_in(GOLDEN)
+
+
+@pytest.mark.parametrize("recording", RECORDINGS, ids=lambda path: path.stem)
+def test_a_golden_session_gives_its_report_exactly(recording: Path) -> None:
+    outcome = check(recording, recording.stem, Cut())
+    assert outcome.passed, outcome
+
+
+def test_the_bad_cable_gives_the_same_report_in_pieces_of_13_bytes() -> None:
+    outcome = check(GOLDEN / "faults.mcap", "faults", Cut(cut=13))
+    assert outcome.passed, outcome
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the instructions that are switched off are x86-64's")
+def test_a_machine_with_a_lesser_processor_gives_the_same_report_to_the_byte(tmp_path: Path) -> None:
+    lesser = {"OPENBLAS_CORETYPE": "Nehalem", "NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512_SKX"}
+    pages = []
+    for name, environment in (("this", {}), ("lesser", lesser)):
+        command = [sys.executable, "-m", "gse", "replay", GOLDEN / "inclined.mcap", "--out", tmp_path / name]
+        subprocess.run(command, env={**os.environ, **environment}, check=True, capture_output=True)
+        (page,) = (tmp_path / name).glob("*/report.html")
+        pages.append(page.read_bytes())
+    assert pages[0] == pages[1]
+
+
+def test_each_golden_session_is_small_and_has_its_command_and_its_words() -> None:
+    make, words = (GOLDEN / "make.sh").read_text(), (GOLDEN / "README.md").read_text()
+    assert {path.stem for path in RECORDINGS} == {"clear", "inclined", "cloudy", "faults"}
+    for path in RECORDINGS:
+        assert path.stat().st_size <= 300_000
+        assert expected_path(path).exists()
+        assert f"--file {path.name}" in make
+        assert f"`{path.stem}`" in words

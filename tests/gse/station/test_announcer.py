@@ -1,0 +1,20 @@
+"""The operator is told once, clearly."""
+
+from drivers.chunk import LinkEvent
+from gse.station.announcer import Teller
+
+
+def test_each_kind_of_event_is_said_once_and_then_counted() -> None:
+    said: list[str] = []
+    teller = Teller(said.append)
+    for number in range(5):
+        teller.log(LinkEvent(1_774_000_000_000_000_000 + number, 0, "LOST", "the port is gone"))
+        teller.log(LinkEvent(1_774_000_000_000_000_000 + number, 0, "STREAMING", "valid frames come"))
+    teller.log(LinkEvent(0, 0, "CLOCK_STEP", "the clock stepped"))
+    assert said == [
+        "2026-03-20T09:46:40.0Z LOST: the port is gone",
+        "2026-03-20T09:46:40.0Z STREAMING: valid frames come",
+        "1970-01-01T00:00:00.0Z CLOCK_STEP: the clock stepped",
+    ]
+    teller.conclude()
+    assert said[3:] == ["and again, not said each time: LOST 4 x"]

@@ -1,0 +1,160 @@
+"""The mount fitted on a session."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gse.attitude import Attitude
+from gse.config.edit import with_values
+from gse.config.station import BUILT_IN_TEXT, Mount, parse_station
+from gse.errors import ConfigError, UsageError
+from gse.instant import NS_PER_S, from_text
+from gse.panorama import Panorama
+from gse.station.mount_alignment import FirstSeconds, MeasuredMounts, cross_judged
+from gse.station.results import FrameResult, Judge, Status
+from gse.truth import EarthOrientation, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations
+
+ARCSEC = np.pi / 180 / 3600
+START_NS = from_text("2026-03-20T18:30:00Z")
+TRUTH = SiderealTruth(parse_station(BUILT_IN_TEXT).site, EarthOrientation.from_disk(START_NS))
+MOUNTS = [
+    Mount(),
+    Mount(azimuth_deg=123.0, altitude_deg=41.0, roll_deg=200.0),
+    Mount(azimuth_deg=359.99, altitude_deg=89.999, roll_deg=0.01),
+    Mount(azimuth_deg=180.0, altitude_deg=6.53, roll_deg=90.0),  # the celestial pole
+]
+
+
+def scattered(mount, count=600, *, sigma_arcsec=(3.0, 3.0, 30.0), seed=1, step_s=1.0):
+    rng = np.random.default_rng(seed)
+    turns = Rotation.from_rotvec(rng.normal(0, np.array(sigma_arcsec) * ARCSEC, (count, 3))).as_matrix()
+    utc_ns = START_NS + (np.arange(count) * step_s * NS_PER_S).astype(np.int64)
+    return utc_ns, turns @ horizon_to_sensor(mount)
+
+
+def frames(mount, count, **options):
+    utc_ns, rotations = scattered(mount, count, **options)
+    for number, (ns, rotation) in enumerate(zip(utc_ns.tolist(), rotations, strict=True)):
+        attitude = Attitude(rotation @ TRUTH.icrs_to_horizon(ns), np.zeros((3, 3)))
+        panorama = Panorama(ns, np.empty((0, 2)), np.empty(0), number)
+        yield FrameResult(panorama, Status.IDENTIFIED, "", "neighbour", attitude_geometric=attitude)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_the_mount_is_found_within_its_covariance_everywhere_on_the_sky(mount):
+    fitted = fit_mount(*scattered(mount))
+    apart = small_rotations(horizon_to_sensor(fitted.mount)[None], horizon_to_sensor(mount))[0] / ARCSEC
+    assert (np.abs(apart) < 4 * np.array(fitted.sigma_arcsec)).all()
+    assert fitted.scatter_arcsec == pytest.approx((3.0, 3.0, 30.0), rel=0.12)
+    assert fitted.sigma_arcsec == pytest.approx(np.array([3.0, 3.0, 30.0]) / np.sqrt(600), rel=0.5)
+
+
+def test_the_angles_have_the_sigmas_that_their_geometry_gives():
+    fitted = fit_mount(*scattered(Mount(azimuth_deg=50, altitude_deg=60, roll_deg=30)))
+    azimuth, altitude, roll = fitted.sigma_azimuth_altitude_roll_arcsec
+    across, _, about = fitted.sigma_arcsec
+    assert azimuth == pytest.approx(across / np.cos(np.radians(60)), rel=0.3)
+    assert altitude == pytest.approx(across, rel=0.3)
+    assert roll == pytest.approx(about, rel=0.3)
+
+
+def test_false_answers_do_not_pull_the_mount():
+    utc_ns, rotations = scattered(MOUNTS[1])
+    rotations[::10] = Rotation.random(60, rng=np.random.default_rng(2)).as_matrix()
+    fitted = fit_mount(utc_ns, rotations)
+    assert fitted.rejected >= 60
+    apart = small_rotations(horizon_to_sensor(fitted.mount)[None], horizon_to_sensor(MOUNTS[1]))[0] / ARCSEC
+    assert np.abs(apart[:2]).max() < 1
+
+
+def test_no_frame_fits_no_mount():
+    with pytest.raises(UsageError, match="no frame was identified"):
+        fit_mount([], np.empty((0, 3, 3)))
+
+
+def test_the_first_seconds_fit_the_mount_for_the_frames_after_them():
+    first = FirstSeconds(20.0)
+    fitted = None
+    for number, result in enumerate(frames(MOUNTS[1], 40)):
+        fitted = fitted or first.alignment(result.panorama.utc_ns)
+        if fitted is not None:
+            assert number == 20
+            break
+        first.add(result, TRUTH)
+    assert fitted is not None
+    assert fitted.n + fitted.rejected == 20
+    assert fitted.mount.altitude_deg == pytest.approx(41.0, abs=2 / 3600)
+
+
+def test_the_first_seconds_go_on_until_ten_frames_are_identified():
+    first = FirstSeconds(5.0)
+    for result in frames(MOUNTS[0], 9):
+        assert first.alignment(result.panorama.utc_ns) is None
+        first.add(result, TRUTH)
+    assert first.alignment(START_NS + 3600 * NS_PER_S) is None
+
+
+def test_false_and_unanswered_frames_enter_no_fit():
+    measured = MeasuredMounts()
+    (result,) = frames(MOUNTS[0], 1)
+    measured.add(FrameResult(result.panorama, Status.NO_MATCH, "", "neighbour"), TRUTH)
+    false = FrameResult(
+        result.panorama,
+        Status.IDENTIFIED,
+        "",
+        "neighbour",
+        attitude_geometric=result.attitude_geometric,
+        judge=Judge.FALSE,
+    )
+    measured.add(false, TRUTH)
+    assert len(measured) == 0
+
+
+def test_a_fit_is_judged_on_the_other_half_of_the_minutes():
+    measured = MeasuredMounts()
+    for result in frames(MOUNTS[1], 600):
+        measured.add(result, TRUTH)
+    judged = cross_judged(measured)
+    assert judged.alignment.n > 590
+    assert judged.rms_arcsec == pytest.approx((3.0, 3.0, 30.0), rel=0.15)
+    assert max(judged.repeatability_arcsec[:2]) < 1
+
+
+def test_a_mount_that_moved_between_the_minutes_shows_in_the_repeatability():
+    measured = MeasuredMounts()
+    moved = Mount(azimuth_deg=123.0, altitude_deg=41.0 + 20 / 3600, roll_deg=200.0)
+    for one, two in zip(frames(MOUNTS[1], 720), frames(moved, 720), strict=True):
+        odd = (one.panorama.utc_ns - START_NS) // (60 * NS_PER_S) % 2 == 1
+        measured.add(two if odd else one, TRUTH)
+    assert np.hypot(*cross_judged(measured).repeatability_arcsec[:2]) == pytest.approx(20, abs=1)
+
+
+def test_one_frame_cannot_be_judged_on_others():
+    measured = MeasuredMounts()
+    for result in frames(MOUNTS[1], 1):
+        measured.add(result, TRUTH)
+    with pytest.raises(UsageError, match="1 frames were identified"):
+        cross_judged(measured)
+
+
+def test_a_fitted_mount_goes_into_the_station_file_and_leaves_the_rest_alone():
+    text = with_values(BUILT_IN_TEXT, "mount", {"azimuth_deg": 12.5, "altitude_deg": 88.25}, drop=("align",))
+    assert parse_station(text).mount == Mount(azimuth_deg=12.5, altitude_deg=88.25)
+    kept = set(text.splitlines())
+    assert [line for line in BUILT_IN_TEXT.splitlines() if line not in kept] == [
+        "  azimuth_deg: 0",
+        "  altitude_deg: 90",
+    ]
+
+
+def test_a_section_that_was_not_there_is_added_and_one_to_be_dropped_goes():
+    sensor, site = "{rows: 64, columns: 64, focal_length_px: 100}", "{latitude_deg: 1, longitude_deg: 2}"
+    short = f"version: 1\nsensor: {sensor}\nsite: {site}\n"
+    added = with_values(short, "mount", {"align": "first 60 s"})
+    assert parse_station(added).mount.align_s == 60
+    assert parse_station(with_values(added, "mount", {"altitude_deg": 45.0}, drop=("align",))).mount.align is None
+
+
+def test_values_that_make_no_station_file_are_refused():
+    with pytest.raises(ConfigError, match="altitude_deg"):
+        with_values(BUILT_IN_TEXT, "mount", {"altitude_deg": 95.0})

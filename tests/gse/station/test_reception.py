@@ -1,0 +1,189 @@
+"""Bytes become panoramas in UTC, and every byte is counted."""
+
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.chunk import Chunk, LinkEvent
+from gse.panorama import Panorama
+from gse.station.reception import Received, Reception
+from gse.station.sensor_clock import SensorClock
+from protocols import PanoramaMessage, load_protocol
+
+PROTOCOL = load_protocol("panorama-v1")
+BAUDRATE = 115200
+BYTE_NS = 10 * 1_000_000_000 // BAUDRATE
+EXPOSURE_S = 0.1
+START_NS = 1_774_018_800_000_000_000
+BOOTED_NS = 5_000_000_000
+
+
+def frame(number: int, time_us: int, *, flags: frozenset[str] = frozenset()) -> bytes:
+    message = PanoramaMessage(
+        time_us=time_us,
+        frame_no=number,
+        exposure_s=EXPOSURE_S,
+        flags=flags,
+        temperature_c=20.0,
+        xy_px=np.array([[10.0, 20.0], [30.0, 40.0]]),
+        index=np.array([200.0, 100.0]),
+    )
+    return PROTOCOL.encode(message, sequence=number % 65536)
+
+
+def arrival(time_us: int, late_ns: int = 0) -> tuple[int, int]:
+    """UTC and monotonic stamps of the first byte of a frame exposed at ``time_us`` after START."""
+    after_ns = time_us * 1000 + round(EXPOSURE_S / 2 * 1e9) + BYTE_NS + late_ns
+    return START_NS + after_ns, BOOTED_NS + after_ns
+
+
+def received(reception: Reception, *chunks: Chunk) -> list[Received]:
+    return [item for chunk in chunks for item in reception.receive(chunk)] + reception.finish()
+
+
+def panoramas(items: list[Received]) -> list[Panorama]:
+    return [item for item in items if isinstance(item, Panorama)]
+
+
+def events(items: list[Received]) -> list[str]:
+    return [item.kind for item in items if isinstance(item, LinkEvent)]
+
+
+def test_mid_exposure_is_half_an_exposure_and_a_byte_before_the_first_byte() -> None:
+    (panorama,) = panoramas(received(Reception(PROTOCOL, baudrate=BAUDRATE), Chunk(*arrival(0), frame(1, 0))))
+    assert abs(panorama.utc_ns - START_NS) < 1000
+
+
+def test_the_jitter_of_the_host_is_filtered_by_the_sensors_time_tag() -> None:
+    random = np.random.default_rng(1)
+    late_ns = random.uniform(20_000, 20_000_000, 400)
+    chunks = [Chunk(*arrival(100_000 * n, int(late)), frame(n, 100_000 * n)) for n, late in enumerate(late_ns, start=1)]
+    found = panoramas(received(Reception(PROTOCOL, baudrate=BAUDRATE), *chunks))
+    errors_ns = [p.utc_ns - START_NS - 100_000_000 * n for n, p in enumerate(found, start=1)]
+    assert max(errors_ns[200:]) < 500_000
+    assert min(errors_ns) >= 0
+
+
+def test_a_drifting_sensor_clock_is_followed() -> None:
+    clock = SensorClock()
+    for n in range(1000):
+        true_ns = n * 1_000_000_000
+        utc_ns = clock.utc_ns(round(true_ns / 1000 * (1 - 50e-6)), arrived_mono_ns=true_ns, utc_minus_mono_ns=0)
+    assert abs(utc_ns - true_ns) < 2_000_000
+
+
+@given(st.lists(st.integers(1, 300), max_size=12), st.binary(max_size=60))
+def test_cuts_and_noise_change_no_panorama_and_lose_no_byte(cuts: list[int], noise: bytes) -> None:
+    stream = frame(1, 100_000) + noise + frame(2, 200_000)
+    stamps = arrival(100_000)
+    places = sorted({min(sum(cuts[: n + 1]), len(stream)) for n in range(len(cuts))} | {len(stream)})
+    pieces = [stream[a:b] for a, b in zip([0, *places], places, strict=False)]
+    whole, cut = Reception(PROTOCOL, baudrate=BAUDRATE), Reception(PROTOCOL, baudrate=BAUDRATE)
+    one = panoramas(received(whole, Chunk(*stamps, stream)))
+    other = panoramas(received(cut, *(Chunk(*stamps, piece) for piece in pieces)))
+    assert [(p.utc_ns, p.frame_no) for p in one] == [(p.utc_ns, p.frame_no) for p in other]
+    assert whole.counters == cut.counters
+    assert whole.counters.bytes_in == whole.counters.bytes_framed + whole.counters.bytes_discarded == len(stream)
+    assert whole.raw_sha256 == cut.raw_sha256
+
+
+def test_a_repeated_sequence_number_is_dropped_and_a_gap_is_counted() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    data = frame(1, 100_000) + frame(1, 100_000) + frame(5, 500_000)
+    assert [p.frame_no for p in panoramas(received(reception, Chunk(*arrival(0), data)))] == [1, 5]
+    assert (reception.counters.duplicates, reception.counters.frames_lost) == (1, 3)
+
+
+@pytest.mark.parametrize("flags", [frozenset[str](), frozenset({"clock reset"})])
+def test_a_sensor_that_starts_anew_is_an_event_and_its_clock_is_learned_again(flags: frozenset[str]) -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    later = arrival(60_000_000)
+    items = received(
+        reception,
+        Chunk(*arrival(50_000_000), frame(500, 50_000_000)),
+        Chunk(*later, frame(1, 1_000, flags=flags)),
+    )
+    assert "SENSOR_RESET" in events(items)
+    assert reception.counters.sensor_resets == 1
+    assert abs(panoramas(items)[1].utc_ns - START_NS - 60_000_000_000) < 1000
+
+
+def test_a_step_of_the_hosts_clock_is_an_event_and_moves_no_frame_against_another() -> None:
+    utc_ns, mono_ns = arrival(200_000)
+    items = received(
+        Reception(PROTOCOL, baudrate=BAUDRATE),
+        Chunk(*arrival(100_000), frame(1, 100_000)),
+        Chunk(utc_ns + 400_000_000, mono_ns, frame(2, 200_000)),
+    )
+    assert events(items) == ["CLOCK_STEP"]
+    first, second = panoramas(items)
+    assert second.utc_ns - first.utc_ns == 500_000_000
+
+
+def test_the_frames_of_a_raw_capture_follow_the_sensors_clock_from_the_instant_given() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE, anchor_utc_ns=START_NS)
+    items = received(reception, Chunk(START_NS, 0, frame(1, 7_000_000) + frame(2, 7_100_000)))
+    assert [p.utc_ns for p in panoramas(items)] == [START_NS, START_NS + 100_000_000]
+
+
+def anchored(*frames: bytes) -> list[float]:
+    """Seconds after START of the panoramas of a raw capture."""
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE, anchor_utc_ns=START_NS)
+    items = received(reception, Chunk(START_NS, 0, b"".join(frames)))
+    return [(p.utc_ns - START_NS) / 1e9 for p in panoramas(items)]
+
+
+def test_in_a_raw_capture_a_clock_that_leaps_by_centuries_moves_no_later_panorama() -> None:
+    leaps = [1, 2**64 - 1, 3, 2**53 - 1, 5]
+    frames = [frame(number, time_us) for number, time_us in enumerate(leaps, 1)]
+    assert anchored(*frames, frame(6, 100_005)) == [0, 0, 0, 0, 0, 0.1]
+
+
+def test_in_a_raw_capture_a_sensor_that_starts_anew_later_than_the_anchor_never_steps_back() -> None:
+    assert anchored(frame(500, 10_000_000), frame(501, 100_000_000), frame(1, 12_000_000)) == [0, 90, 90]
+
+
+def test_in_a_raw_capture_stored_data_older_than_the_anchor_leave_the_anchor_alone() -> None:
+    stored = bytearray(frame(2, 50_000_000))
+    stored[5] = 1
+    stored[-4:] = zlib.crc32(stored[4:-4]).to_bytes(4, "big")
+    assert anchored(frame(1, 100_000_000), bytes(stored), frame(3, 101_000_000)) == [0, -50, 1]
+
+
+def test_a_raw_capture_has_no_host_times_and_its_events_stand_where_they_happened() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE, anchor_utc_ns=START_NS)
+    data = frame(500, 10_000_000) + frame(501, 100_000_000) + frame(1, 1_000)
+    items = received(reception, Chunk(START_NS, 0, data))
+    assert [p.host_utc_ns for p in panoramas(items)] == [0, 0, 0]
+    (reset,) = [item for item in items if isinstance(item, LinkEvent)]
+    assert reset.utc_ns == START_NS + 90_000_000_000
+
+
+def test_an_index_over_the_maximum_is_a_problem_of_the_panorama_not_of_the_link() -> None:
+    data = bytearray(frame(1, 1))
+    first_index = 10 + 22 + 4
+    data[first_index : first_index + 2] = (5000).to_bytes(2, "big")
+    data[-4:] = zlib.crc32(data[4:-4]).to_bytes(4, "big")
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    (panorama,) = panoramas(received(reception, Chunk(*arrival(0), bytes(data))))
+    assert "5000" in panorama.problems[0]
+    assert reception.counters.bytes_discarded == 0
+
+
+def test_objects_that_come_unsorted_are_brightest_first_in_the_panorama() -> None:
+    message = PanoramaMessage(
+        time_us=1,
+        frame_no=1,
+        exposure_s=EXPOSURE_S,
+        flags=frozenset(),
+        temperature_c=20.0,
+        xy_px=np.array([[10.0, 20.0], [30.0, 40.0]]),
+        index=np.array([100.0, 200.0]),
+    )
+    chunk = Chunk(*arrival(0), PROTOCOL.encode(message, sequence=1))
+    (panorama,) = panoramas(received(Reception(PROTOCOL, baudrate=BAUDRATE), chunk))
+    assert panorama.index.tolist() == [200, 100]
+    assert panorama.xy_px.tolist() == [[30, 40], [10, 20]]

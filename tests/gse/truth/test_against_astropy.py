@@ -1,0 +1,160 @@
+"""Sidereal truth against astropy's own high-level frames (ICRS to AltAz and back)."""
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy.coordinates import AltAz, EarthLocation, SkyCoord, get_body
+from astropy.time import Time, TimeDelta
+from astropy.utils import iers
+
+from gse.config.station import Mount, Site
+from gse.instant import NS_PER_S, from_text
+from gse.truth import EarthOrientation, Refraction, SiderealTruth
+from gse.truth.solar_system import BODIES, bodies_icrs
+
+ARCSEC = np.pi / 180 / 3600
+CASES = 10_000
+FIRST_NS, LAST_NS = from_text("1973-01-02T00:00:00Z"), from_text("2027-06-01T00:00:00Z")
+
+
+def angle(a, b):
+    return 2 * np.arcsin(np.minimum(np.linalg.norm(a - b, axis=-1) / 2, 1))
+
+
+def astropy_time(utc_ns):
+    days, ns = np.divmod(np.asarray(utc_ns), 86_400 * NS_PER_S)
+    # Midnight, then SI seconds: a fraction of a day of 86,401 s would be off by up to a second.
+    return (Time(days + 40587.0, format="mjd", scale="utc").tai + TimeDelta(ns / NS_PER_S, format="sec")).utc
+
+
+def altaz_frame(utc_ns, sites, *, air):
+    location = EarthLocation.from_geodetic(
+        [s.longitude_deg for s in sites] * u.deg, [s.latitude_deg for s in sites] * u.deg, [s.height_m for s in sites]
+    )
+    if not air:
+        return AltAz(obstime=astropy_time(utc_ns), location=location)
+    return AltAz(
+        obstime=astropy_time(utc_ns),
+        location=location,
+        pressure=[s.pressure_hpa for s in sites] * u.hPa,
+        temperature=[s.temperature_c for s in sites] * u.deg_C,
+        relative_humidity=[s.relative_humidity for s in sites],
+        obswl=0.6 * u.micron,
+    )
+
+
+def unit(coordinate):
+    """Rows east, north, up of astropy's azimuth and altitude."""
+    az, alt = coordinate.az.rad, coordinate.alt.rad
+    return np.column_stack([np.cos(alt) * np.sin(az), np.cos(alt) * np.cos(az), np.sin(alt)])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_download():
+    with iers.conf.set_temp("auto_download", False):
+        yield
+
+
+@pytest.fixture(scope="module")
+def cases():
+    return random_cases(np.random.default_rng(6), CASES)
+
+
+def random_cases(rng, count):
+    """Instants, sites with their air, and directions above 10 deg of altitude (count, 3) in the horizon frame."""
+    utc_ns = np.sort(rng.integers(FIRST_NS, LAST_NS, count))
+    sites = [
+        Site(
+            latitude_deg=float(np.degrees(np.arcsin(rng.uniform(-1, 1)))),
+            longitude_deg=rng.uniform(-180, 180),
+            height_m=rng.uniform(0, 4000),
+            pressure_hpa=rng.uniform(600, 1050),
+            temperature_c=rng.uniform(-20, 40),
+            relative_humidity=rng.uniform(0, 1),
+        )
+        for _ in range(count)
+    ]
+    sin_alt = rng.uniform(np.sin(np.radians(10)), 1, count)
+    azimuth = rng.uniform(0, 2 * np.pi, count)
+    level = np.sqrt(1 - sin_alt**2)
+    seen = np.column_stack([level * np.sin(azimuth), level * np.cos(azimuth), sin_alt])
+    return utc_ns, sites, seen
+
+
+@pytest.fixture(scope="module")
+def truths(cases):
+    return truths_of(cases)
+
+
+def truths_of(cases):
+    utc_ns, sites, _ = cases
+    tables = [EarthOrientation.from_disk(int(ns), days=2) for ns in utc_ns]
+    return [SiderealTruth(site, table) for site, table in zip(sites, tables, strict=True)]
+
+
+def observed_star(coordinate, cases, *, air):
+    """The ICRS direction of the star that astropy says is seen there."""
+    utc_ns, sites, seen = cases
+    az, alt = np.arctan2(seen[:, 0], seen[:, 1]), np.arcsin(seen[:, 2])
+    star = SkyCoord(az=az * u.rad, alt=alt * u.rad, frame=altaz_frame(utc_ns, sites, air=air)).icrs
+    return np.asarray(star.cartesian.xyz.value.T)
+
+
+@pytest.mark.parametrize("air", [False, True])
+def test_stars_are_seen_where_astropy_sees_them(cases, truths, air):
+    assert worst_rad(cases, truths, air=air) < 0.01 * ARCSEC
+
+
+def worst_rad(cases, truths, *, air):
+    """The greatest angle between a star's place and astropy's."""
+    utc_ns, _, seen = cases
+    stars_icrs = observed_star("icrs", cases, air=air)
+    zenith = np.array([0.0, 0.0, 1.0])
+    worst = 0.0
+    for ns, truth, direction, star in zip(utc_ns.tolist(), truths, seen, stars_icrs, strict=True):
+        ours = truth.icrs_to_horizon(ns) @ truth.apparent(star[None], ns)[0]
+        measured = truth.unrefracted(direction[None], zenith)[0] if air else direction
+        worst = max(worst, angle(ours, measured))
+    return worst
+
+
+def test_earth_orientation_is_what_astropy_reads_from_the_same_table():
+    table = iers.IERS_Auto.open()
+    rng = np.random.default_rng(7)
+    for ns in rng.integers(FIRST_NS, LAST_NS, 200).tolist():
+        here = EarthOrientation.from_disk(ns).at(ns)
+        time = astropy_time(ns)
+        ut1, _ = table.ut1_utc(time, return_status=True)
+        x, y, _ = table.pm_xy(time, return_status=True)
+        assert here.ut1_minus_utc_s == pytest.approx(ut1.to_value(u.s), abs=2e-6)
+        assert here.x_pole_rad == pytest.approx(x.to_value(u.rad), abs=1e-4 * ARCSEC)
+        assert here.y_pole_rad == pytest.approx(y.to_value(u.rad), abs=1e-4 * ARCSEC)
+
+
+def test_a_mount_looks_where_its_azimuth_and_altitude_say():
+    site = Site(latitude_deg=-6.53, longitude_deg=106.7, height_m=250)
+    ns = from_text("2026-03-20T18:30:00Z")
+    truth = SiderealTruth(site, EarthOrientation.from_disk(ns))
+    attitude = truth.attitude_true(ns, Mount(azimuth_deg=123, altitude_deg=41, roll_deg=17))
+    # An apparent direction: astropy's AltAz gives it to the star whose aberration leads there.
+    up_icrs = truth.icrs_to_horizon(ns).T @ [0.0, 0.0, 1.0]
+    horizon = truth.icrs_to_horizon(ns) @ attitude.boresight_icrs
+    assert np.degrees(np.arctan2(horizon[0], horizon[1])) == pytest.approx(123)
+    assert np.degrees(np.arcsin(attitude.boresight_icrs @ up_icrs)) == pytest.approx(41)
+
+
+def test_the_refraction_constants_are_those_of_the_air(cases):
+    _, sites, _ = cases
+    thin, thick = (Refraction.at(sites[0].model_copy(update={"pressure_hpa": p})) for p in (500.0, 1000.0))
+    assert thick.a_rad == pytest.approx(2 * thin.a_rad, rel=0.01)
+    assert 50 * ARCSEC < thick.bend_rad(np.pi / 4) < 65 * ARCSEC
+
+
+def test_planets_and_the_moon_stand_where_astropy_has_them():
+    rng = np.random.default_rng(8)
+    for ns in rng.integers(from_text("1995-01-01T00:00:00Z"), LAST_NS, 20).tolist():
+        site = Site(latitude_deg=rng.uniform(-80, 80), longitude_deg=rng.uniform(-180, 180), height_m=100)
+        place = EarthLocation.from_geodetic(site.longitude_deg * u.deg, site.latitude_deg * u.deg, 100 * u.m)
+        for body, found in zip(BODIES, bodies_icrs(site, ns), strict=True):
+            there = get_body(body.lower(), astropy_time(ns), place, ephemeris="builtin").cartesian.xyz.value
+            assert angle(found, there / np.linalg.norm(there)) < 60 * ARCSEC

@@ -1,0 +1,189 @@
+"""Sidereal truth: Earth orientation, mount convention, refraction, and what happens outside the tables."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gse.config.station import Mount, Site
+from gse.errors import TruthError, UsageError
+from gse.instant import NS_PER_DAY, NS_PER_S, from_text
+from gse.truth import CORRECTIONS, EarthOrientation, Refraction, SiderealTruth, horizon_to_sensor, mount_of
+
+ARCSEC = np.pi / 180 / 3600
+NOW_NS = from_text("2026-03-20T18:30:00Z")
+ROOF = Site(latitude_deg=-6.53, longitude_deg=106.7, height_m=250, pressure_hpa=985, temperature_c=25)
+directions = st.floats(-1, 1)
+
+
+@pytest.fixture(scope="module")
+def table():
+    return EarthOrientation.from_disk(NOW_NS)
+
+
+def test_a_frozen_table_comes_back_equal_from_json(table):
+    assert EarthOrientation.from_json(table.to_json()) == table
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda document: document.pop("mjd"),
+        lambda document: document.update(schema="gse.report/1"),
+        lambda document: document.update(ut1_minus_utc_s=document["ut1_minus_utc_s"][:-1]),
+        lambda document: document["x_pole_arcsec"].__setitem__(0, "west"),
+        lambda document: document["ut1_error_s"].__setitem__(0, float("nan")),
+        lambda document: document.update(mjd=[value + (place == 3) for place, value in enumerate(document["mjd"])]),
+    ],
+)
+def test_a_damaged_frozen_table_is_refused(table, damage):
+    document = json.loads(table.to_json())
+    damage(document)
+    with pytest.raises(TruthError, match="Earth orientation"):
+        EarthOrientation.from_json(json.dumps(document))
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", "nonsense", '{"schema": 3}', "[" * 100_000])
+def test_a_text_that_is_no_table_is_refused(text):
+    with pytest.raises(TruthError):
+        EarthOrientation.from_json(text)
+
+
+def test_ut1_goes_on_steadily_over_a_leap_second():
+    midnight = from_text("2017-01-01T00:00:00Z")
+    before, after = (EarthOrientation.from_disk(midnight).at(midnight + shift) for shift in (-1, 0))
+    assert after.ut1_minus_utc_s - before.ut1_minus_utc_s == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_sky_turns_by_two_seconds_over_a_leap_second():
+    midnight = from_text("2017-01-01T00:00:00Z")
+    truth = SiderealTruth(ROOF, EarthOrientation.from_disk(midnight))
+    before, after = (truth.icrs_to_horizon(midnight + shift * NS_PER_S) for shift in (-1, 0))
+    turned = np.arccos((np.trace(after @ before.T) - 1) / 2)
+    assert turned == pytest.approx(2 * 15.041067 * ARCSEC, rel=1e-4)
+
+
+def test_a_clock_before_1972_has_no_truth_and_is_told_why():
+    with pytest.raises(TruthError, match=r"1969-12-31.*set the clock"):
+        EarthOrientation.from_disk(-5)
+
+
+def test_past_the_end_of_the_table_the_last_value_is_held_and_a_warning_says_so():
+    later = from_text("2031-06-01T00:00:00Z")
+    table = EarthOrientation.from_disk(later)
+    held = table.at(later)
+    assert held.kind == "past the end"
+    assert 0.1 < held.ut1_error_s <= 0.9
+    warning = table.warning(later)
+    assert warning is not None
+    assert "pip install -U astropy-iers-data" in warning
+    assert "\n" not in warning
+
+
+def test_inside_the_table_there_is_no_warning(table):
+    assert table.warning(NOW_NS) is None
+    assert table.at(NOW_NS).kind == "measured"
+
+
+def test_an_instant_far_from_a_frozen_table_is_past_its_end(table):
+    assert table.at(NOW_NS + 400 * NS_PER_DAY).kind == "past the end"
+
+
+def test_the_rotation_to_the_horizon_is_a_rotation_and_the_same_one_by_one_and_many_at_once(table):
+    truth = SiderealTruth(ROOF, table)
+    instants = NOW_NS + np.arange(0, 2000, 7) * NS_PER_S
+    many = truth.icrs_to_horizon_at(instants)
+    for utc_ns, rotation in zip(instants.tolist(), many, strict=True):
+        assert np.allclose(rotation, truth.icrs_to_horizon(utc_ns), rtol=0, atol=1e-15)
+        assert np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-14)
+
+
+def test_an_answer_does_not_depend_on_what_was_asked_before(table):
+    fresh, used = SiderealTruth(ROOF, table), SiderealTruth(ROOF, table)
+    for second in range(-4000, 4000, 137):
+        used.icrs_to_horizon(NOW_NS + second * NS_PER_S)
+    assert (fresh.icrs_to_horizon(NOW_NS) == used.icrs_to_horizon(NOW_NS)).all()
+
+
+def test_between_two_cells_the_sky_does_not_jump(table):
+    truth = SiderealTruth(ROOF, table)
+    edge = NOW_NS - NOW_NS % (300 * NS_PER_S)
+    before, after = truth.icrs_to_horizon(edge - 1), truth.icrs_to_horizon(edge)
+    assert np.abs(after - before).max() < 0.001 * ARCSEC
+    star = np.array([[0.0, -0.6, -0.8]])
+    assert np.abs(truth.apparent(star, edge) - truth.apparent(star, edge - 1)).max() < 0.002 * ARCSEC
+
+
+def test_image_up_points_away_from_the_azimuth_at_the_zenith():
+    up_horizon = -horizon_to_sensor(Mount(azimuth_deg=30))[1]
+    assert np.degrees(np.arctan2(up_horizon[0], up_horizon[1])) == pytest.approx(-150)
+
+
+def test_roll_turns_image_up_counter_clockwise_as_seen_in_the_sky():
+    # Facing north at the horizon: west is to the left, and that is counter-clockwise of up.
+    up_horizon = -horizon_to_sensor(Mount(azimuth_deg=0, altitude_deg=0, roll_deg=90))[1]
+    assert np.allclose(up_horizon, [-1, 0, 0])
+
+
+@given(st.floats(0, 360), st.floats(-90, 90), st.floats(0, 360))
+def test_a_mount_comes_back_from_its_rotation(azimuth, altitude, roll):
+    rotation = horizon_to_sensor(Mount(azimuth_deg=azimuth, altitude_deg=altitude, roll_deg=roll))
+    assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(rotation) > 0
+    assert np.abs(horizon_to_sensor(mount_of(rotation)) - rotation).max() < 0.03 * ARCSEC
+
+
+def test_without_air_there_is_no_refraction():
+    space = Refraction.at(ROOF.model_copy(update={"pressure_hpa": 0.0}))
+    assert (space.a_rad, space.b_rad) == (0, 0)
+
+
+@given(directions, directions, directions)
+@settings(deadline=None)
+def test_refraction_is_removed_away_from_the_zenith_and_in_its_plane(x, y, z):
+    length = np.sqrt(x * x + y * y + z * z)
+    if length < 1e-3:
+        return
+    seen, zenith = np.array([x, y, z]) / length, np.array([0.0, 0.0, 1.0])
+    (before,) = Refraction.at(ROOF).removed(seen[None], zenith)
+    assert np.linalg.norm(before) == pytest.approx(1, abs=1e-12)
+    assert before[2] <= seen[2] + 1e-15
+    assert abs(before[0] * seen[1] - before[1] * seen[0]) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("name", "least_arcsec", "most_arcsec"),
+    [
+        # The sizes that a rooftop near the zenith sees in this year.
+        ("precession", 1141, 1370),
+        ("nutation", 1, 20),
+        ("UT1", 0.001, 13.5),
+        ("polar motion", 0.01, 0.6),
+        ("geodetic latitude", 155, 157),
+        ("annual aberration", 0.6, 20.6),
+        ("diurnal aberration", 0.3, 0.33),
+        ("light deflection", 1e-4, 0.1),
+        ("refraction", 50, 60),
+    ],
+)
+def test_each_correction_left_out_shows_its_own_size(table, name, least_arcsec, most_arcsec):
+    full, without = SiderealTruth(ROOF, table), SiderealTruth(ROOF, table, {name})
+    altitude = 45 if name == "refraction" else 88
+    sensor = horizon_to_sensor(Mount(azimuth_deg=60, altitude_deg=altitude))
+    boresight = np.array([[0.0, 0.0, 1.0]])
+
+    def star_icrs(truth):
+        """Where the star that is seen on the boresight would stand in ICRS axes, to first order."""
+        direction = truth.unrefracted(boresight, sensor[:, 2]) @ sensor @ truth.icrs_to_horizon(NOW_NS)
+        return direction - (truth.apparent(direction, NOW_NS) - direction)
+
+    size = np.linalg.norm(star_icrs(without) - star_icrs(full)) / ARCSEC
+    assert least_arcsec < size < most_arcsec
+
+
+def test_an_unknown_correction_is_refused_by_name(table):
+    with pytest.raises(UsageError, match="known are: precession"):
+        SiderealTruth(ROOF, table, {"luck"})
+    assert len(CORRECTIONS) == len(set(CORRECTIONS))

@@ -1,0 +1,110 @@
+"""The live view in a real browser: the page opens, the plots draw, and no request leaves the machine."""
+
+import io
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from devices.browser import chromium, visit
+from PIL import Image
+from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
+
+from gse.drawing.palette import ORANGE, PINK, SKY_BLUE, VERMILLION
+from gse.view.live import LiveView
+from gse.view.page import ViewerPage
+from gse.view.saved import SavedView
+
+DRAWN_WITHIN_MS = 60_000
+FRAMES = 299
+"""The 300th would have no answer, and so no stars to see."""
+
+
+@contextmanager
+def sent_again_and_again(view: LiveView) -> Iterator[None]:
+    """Frames keep coming while the page is looked at, as on the roof."""
+    night = synthetic_night(20)
+    ended = threading.Event()
+
+    def send() -> None:
+        for event in night.events:
+            view.log(event)
+        for frame in synthetic_frames(FRAMES):
+            view.show(frame, night)
+        ended.wait()
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        sender.join()
+
+
+def pixels_near(picture: np.ndarray, colour: tuple[int, int, int], box: tuple[float, float, float, float]) -> int:
+    """Pixels of a colour within a part of the picture (left, top, right, bottom as shares)."""
+    height, width = picture.shape[:2]
+    left, top, right, bottom = box
+    part = picture[int(top * height) : int(bottom * height), int(left * width) : int(right * width)].astype(int)
+    return int((np.abs(part - colour).sum(axis=2) < 60).sum())
+
+
+GRAPHS = (0.0, 0.0, 0.385, 0.45)
+PANORAMA = (0.385, 0.03, 0.77, 0.58)
+SCATTER = (0.385, 0.6, 0.58, 0.97)
+
+
+def wait_until_drawn(page) -> np.ndarray:
+    """The picture once the graphs have lines; a software renderer needs its time."""
+    page.wait_for_selector("canvas.visible", timeout=DRAWN_WITHIN_MS)
+    for _ in range(DRAWN_WITHIN_MS // 2000):
+        page.wait_for_timeout(2000)
+        picture = np.array(Image.open(io.BytesIO(page.screenshot())).convert("RGB"))
+        if pixels_near(picture, SKY_BLUE, SCATTER) and pixels_near(picture, PINK, PANORAMA):
+            return picture
+    return picture
+
+
+def assert_all_is_drawn(picture: np.ndarray) -> None:
+    assert pixels_near(picture, SKY_BLUE, GRAPHS) > 150, "the lines of dRA* and dDE"
+    assert pixels_near(picture, VERMILLION, GRAPHS) > 150, "the limits"
+    assert pixels_near(picture, SKY_BLUE, PANORAMA) > 50, "the identified stars"
+    assert pixels_near(picture, PINK, PANORAMA) > 5, "the planet and its name"
+    assert pixels_near(picture, ORANGE, PANORAMA) > 0, "the unidentified object"
+    assert pixels_near(picture, SKY_BLUE, SCATTER) > 10, "the points of the scatter"
+
+
+def test_the_live_page_draws_what_is_sent_and_no_request_leaves_the_machine() -> None:
+    chromium()
+    station = synthetic_night(1).station
+    with LiveView(station, mode="web", catalog=small_catalog()) as view, sent_again_and_again(view), visit() as seen:
+        seen.page.goto(view.url)
+        picture = wait_until_drawn(seen.page)
+        assert_all_is_drawn(picture)
+        assert seen.hosts() == {"127.0.0.1"}
+        assert any(url.endswith("/ReadMessages") for url in seen.requests)
+
+
+def test_a_saved_night_is_shown_by_the_same_page(tmp_path: Path) -> None:
+    chromium()
+    night = synthetic_night(FRAMES)
+    saved = SavedView(night.station, small_catalog(), tmp_path / "night.rrd")
+    for frame in synthetic_frames(FRAMES):
+        saved.show(frame, night)
+    saved.finish(night, "PASS", ["all limits are kept"])
+    with ViewerPage("127.0.0.1", 0, recording=tmp_path / "night.rrd") as page, visit() as seen:
+        seen.page.goto(page.url)
+        assert_all_is_drawn(wait_until_drawn(seen.page))
+        assert seen.hosts() == {"127.0.0.1"}
+
+
+def test_the_page_cannot_call_out_even_if_it_tries() -> None:
+    chromium()
+    with ViewerPage("127.0.0.1", 0, grpc_port=9876) as page, visit() as seen:
+        seen.page.goto(page.url + "start.js")
+        seen.page.goto(page.url)
+        blocked = seen.page.evaluate("fetch('http://localhost:1/').then(() => 'sent', e => String(e))")
+        assert "sent" not in blocked
+        assert any("Content Security Policy" in error for error in seen.errors)

@@ -1,0 +1,230 @@
+"""The live view beside a running session: complete when it can be, and never in the way."""
+
+import json
+import signal
+import subprocess
+import threading
+import urllib.error
+import urllib.request
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import rerun.error_utils
+from devices.rerun_recording import moving, rows_of
+from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
+
+from gse.errors import GseError
+from gse.view.live import LiveView
+from gse.view.page import ViewerPage
+from gse.view.ports import free_port
+from gse.view.viewer import quiet_environment, rerun_program
+
+FRAMES = 300
+
+
+@pytest.fixture(autouse=True)
+def _strict() -> None:
+    rerun.error_utils.set_strict_mode(True)
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return list(synthetic_frames(FRAMES))
+
+
+@pytest.fixture(scope="module")
+def night():
+    return synthetic_night(20)
+
+
+def view_threads() -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if thread.name in ("live view", "viewer page")]
+
+
+def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, night, tmp_path: Path) -> None:
+    path = tmp_path / "live.rrd"
+    with LiveView(night.station, mode="none", save_rrd=path, catalog=small_catalog()) as view:
+        for event in night.events:
+            view.log(event)
+        for frame in frames:
+            view.show(frame, night)
+        view.conclude("PASS", ["all limits are kept"])
+    rows = rows_of(path)
+    assert view.dropped == 0
+    assert len(moving(rows["/d_ra/value"])) == FRAMES
+    assert len(moving(rows["/clock"])) == len(night.clock)
+    assert len(moving(rows["/link"])) == len(night.events)
+    assert moving(rows["/verdict"])[-1]["TextDocument:text"][0].startswith("# ✔ PASS\n- all limits are kept")
+    assert view_threads() == []
+
+
+def test_frames_that_the_view_has_no_room_for_are_dropped_and_counted(frames, night, tmp_path: Path) -> None:
+    path = tmp_path / "live.rrd"
+    with LiveView(night.station, mode="none", save_rrd=path, queue_frames=10) as view:
+        for frame in frames:
+            view.show(frame, night)
+    shown = len(moving(rows_of(path)["/d_ra/value"]))
+    assert view.dropped > 0
+    assert shown + view.dropped == FRAMES
+
+
+def test_what_was_dropped_is_told_in_the_panel(frames, night, tmp_path: Path) -> None:
+    path = tmp_path / "live.rrd"
+    view = LiveView(night.station, mode="none", save_rrd=path, queue_frames=5)
+    for frame in frames:
+        view.show(frame, night)
+    view.close()
+    assert "not shown here:" in moving(rows_of(path)["/verdict"])[-1]["TextDocument:text"][0]
+
+
+def test_a_page_that_nobody_opens_starts_no_program_and_holds_nothing_up(frames, night) -> None:
+    with LiveView(night.station, mode="web") as view:
+        assert view.url.startswith("http://127.0.0.1:")
+        for frame in frames:
+            view.show(frame, night)
+    assert view.dropped == 0
+    assert view_threads() == []
+
+
+def wait_until_connected(port: int) -> None:
+    """Until a viewer holds a connection to a local port, as Linux tells it."""
+    pause = threading.Event()
+    for _ in range(300):
+        for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
+            _, local, _, state = line.split()[:4]
+            if state == "01" and int(local.split(":")[1], 16) == port:
+                return
+        pause.wait(0.1)
+    pytest.fail("the viewer never asked for the data")
+
+
+def test_a_view_that_breaks_ends_with_one_line_and_the_session_goes_on(
+    frames, night, caplog: pytest.LogCaptureFixture
+) -> None:
+    wrong = replace(frames[0], panorama=replace(frames[0].panorama, xy_px=frames[0].panorama.xy_px[:3]))
+    with LiveView(night.station, mode="none") as view:
+        view.show(wrong, night)
+        view.show(frames[1], night)
+    (record,) = caplog.records
+    assert record.getMessage().startswith("the live view has ended")
+    assert record.getMessage().endswith("the session goes on")
+
+
+def test_a_view_that_cannot_open_is_told_and_the_session_goes_on(
+    frames, night, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with ViewerPage("127.0.0.1", 0, grpc_port=9876) as page:
+        port = int(page.url.rsplit(":", 1)[1].strip("/"))
+        for mode in ("native", "web"):
+            with LiveView(night.station, mode=mode, port=port) as view:
+                view.show(frames[0], night)
+            assert view.url == ""
+    with LiveView(night.station, mode="web", bind="192.0.2.1") as view:
+        view.show(frames[0], night)
+    native, web, elsewhere = (record.getMessage() for record in caplog.records)
+    assert "there is no screen for a window here" in native
+    assert f"port {port}: Address already in use" in web
+    assert "cannot serve on 192.0.2.1: Cannot assign requested address" in elsewhere
+    assert native.endswith("the session goes on")
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="needs /proc/net/tcp to see the viewer connect")
+@pytest.mark.parametrize("harm", [signal.SIGSTOP, signal.SIGKILL], ids=["frozen", "killed"])
+def test_a_viewer_that_is_frozen_or_killed_holds_nothing_up(frames, night, harm: signal.Signals) -> None:
+    view = LiveView(night.station, mode="web")
+    data = f"rerun+http://127.0.0.1:{view.grpc_port}/proxy"
+    viewer = subprocess.Popen(
+        [str(rerun_program()), "--headless", "--connect", data, "--port", "auto"],
+        env=quiet_environment(),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        for frame in frames[:100]:
+            view.show(frame, night)
+        wait_until_connected(view.grpc_port)
+        viewer.send_signal(harm)
+        for _ in range(5):
+            for frame in frames:
+                view.show(frame, night)
+        closer = threading.Thread(target=view.close)
+        closer.start()
+        closer.join(15)
+        assert not closer.is_alive()
+        assert view_threads() == []
+        assert view.dropped == 0
+    finally:
+        viewer.kill()
+        viewer.wait()
+
+
+def test_the_rerun_program_sends_no_usage_data_even_where_its_user_allowed_it(tmp_path: Path) -> None:
+    (tmp_path / "rerun").mkdir()
+    allowed = {
+        "analytics_enabled": True,
+        "analytics_id": "0" * 32,
+        "metadata": {},
+        "config_file_path": str(tmp_path / "rerun" / "analytics.json"),
+        "data_dir_path": str(tmp_path / "sent"),
+    }
+    (tmp_path / "rerun" / "analytics.json").write_text(json.dumps(allowed))
+    folders = {"XDG_CONFIG_HOME": str(tmp_path), "XDG_DATA_HOME": str(tmp_path), "RUST_LOG": "re_analytics=debug"}
+    options = ["--headless", "--bind", "127.0.0.1", "--port", str(free_port("127.0.0.1"))]
+    with subprocess.Popen(
+        [str(rerun_program()), *options],
+        env={**quiet_environment(), **folders},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as viewer:
+        guard = threading.Timer(60, viewer.kill)
+        guard.start()
+        assert viewer.stdout is not None
+        told = next((line for line in viewer.stdout if "nalytics" in line), "nothing")
+        viewer.kill()
+        guard.cancel()
+    assert "disabled" in told
+    assert not (tmp_path / "sent").exists()
+
+
+def get(url: str) -> tuple[bytes, dict[str, str]]:
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    with opener.open(url, timeout=60) as answer:
+        return answer.read(), dict(answer.headers)
+
+
+def test_the_page_names_no_other_machine_and_forbids_any() -> None:
+    with ViewerPage("127.0.0.1", 0, grpc_port=9876) as page:
+        for path in ("", "start.js"):
+            body, headers = get(page.url + path)
+            assert b"://" not in body.replace(b"rerun+http://${location.hostname}:", b"")
+            policy = headers["Content-Security-Policy"]
+            assert "default-src 'none'" in policy
+            assert "connect-src 'self' http://127.0.0.1:9876" in policy
+            assert policy.count("://") == 1
+
+
+def test_the_viewer_itself_comes_out_of_the_rerun_program() -> None:
+    with ViewerPage("127.0.0.1", 0, grpc_port=9876) as page:
+        assert get(page.url + "re_viewer_bg.wasm")[0][:4] == b"\0asm"
+        assert b"wasm_bindgen" in get(page.url + "re_viewer.js")[0]
+
+
+def test_a_recording_is_served_as_it_is_and_nothing_else_is(tmp_path: Path) -> None:
+    recording = tmp_path / "night.rrd"
+    recording.write_bytes(b"RRF2" + bytes(1000))
+    with ViewerPage("127.0.0.1", 0, recording=recording) as page:
+        assert get(page.url + "session.rrd")[0] == recording.read_bytes()
+        for path in ("night.rrd", "../night.rrd", "etc/passwd"):
+            with pytest.raises(urllib.error.HTTPError, match="404"):
+                get(page.url + path)
+
+
+def test_a_port_that_is_taken_is_told_with_what_to_do() -> None:
+    with ViewerPage("127.0.0.1", 0, grpc_port=9876) as page:
+        port = int(page.url.rsplit(":", 1)[1].strip("/"))
+        with pytest.raises(GseError, match=f"port {port}: Address already in use; choose another"):
+            ViewerPage("127.0.0.1", port, grpc_port=9876)

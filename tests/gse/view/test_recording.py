@@ -1,0 +1,173 @@
+"""What a recording for rerun holds, read back row by row."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rerun
+import rerun.error_utils
+from devices.rerun_recording import moving, rows_of
+from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
+
+from gse.errors import UsageError
+from gse.station.results import Status
+from gse.view.saved import SavedView
+from gse.view.scene import Scene
+
+FRAMES = 700
+
+
+@pytest.fixture(autouse=True)
+def _strict() -> None:
+    """rerun only warns where it is used wrongly, unless it is told to raise."""
+    rerun.error_utils.set_strict_mode(True)
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return list(synthetic_frames(FRAMES))
+
+
+@pytest.fixture(scope="module")
+def rows(frames, tmp_path_factory: pytest.TempPathFactory):
+    path = tmp_path_factory.mktemp("view") / "night.rrd"
+    night = synthetic_night(FRAMES)
+    view = SavedView(night.station, small_catalog(), path)
+    for event in night.events:
+        view.log(event)
+    for frame in frames:
+        view.show(frame, night)
+    view.finish(night, "FAIL", ["mean |dRA*| is 75.0 arcsec, the limit is 60"])
+    return rows_of(path)
+
+
+def values(rows, path: str) -> np.ndarray:
+    return np.array([row["Scalars:scalars"] for row in moving(rows[path])])
+
+
+def test_each_frame_is_one_row_of_each_series_at_its_own_instant(rows, frames) -> None:
+    for path in ("/d_ra/value", "/d_de/value", "/cross", "/roll", "/identification_ms", "/temperature_c"):
+        assert len(moving(rows[path])) == FRAMES, path
+    utc_ns = [row["utc"] for row in moving(rows["/d_ra/value"])]
+    assert utc_ns == [frame.panorama.utc_ns for frame in frames]
+
+
+def test_errors_stand_between_their_limits_and_a_frame_without_answer_is_a_gap(rows, frames) -> None:
+    found = values(rows, "/d_ra/value")
+    expected = [math.nan if f.discrepancy is None else f.discrepancy.d_ra_cosde_arcsec for f in frames]
+    assert np.allclose(found[:, 0], expected, atol=0.0006, equal_nan=True)
+    assert np.isnan(found[49, 0])
+    assert (found[:, 1:] == [60, -60]).all()
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_no_line_is_drawn_across_an_outage(tmp_path: Path, live) -> None:
+    slow, path = list(synthetic_frames(4, rate_hz=0.1)), tmp_path / "outage.rrd"
+    night = synthetic_night(4)
+    stream = rerun.RecordingStream("gse", send_properties=False)
+    stream.set_sinks(rerun.FileSink(str(path)))
+    scene = Scene(stream, night.station, None, live=live)
+    for batch in (slow[:2], slow[2:3], slow[3:]):
+        scene.add(batch)
+    stream.disconnect()
+    series = moving(rows_of(path)["/d_ra/value"])
+    breaks = [row["utc"] for row in series if math.isnan(row["Scalars:scalars"][0])]
+    assert breaks == [frame.panorama.utc_ns + 1 for frame in slow[:3]]
+    assert all(row["Scalars:scalars"][1:] == [60, -60] for row in series)
+
+
+def test_only_frames_outside_the_limit_are_marked(rows) -> None:
+    assert values(rows, "/d_ra/outside").ravel().tolist() == [75.0] * (FRAMES // 211)
+    assert moving(rows["/d_de/outside"]) == []
+
+
+def test_tooltips_show_milliarcseconds_and_no_more(rows) -> None:
+    for path in ("/d_ra/value", "/cross", "/roll"):
+        found = values(rows, path)
+        assert np.array_equal(found, np.round(found, 3), equal_nan=True)
+
+
+def test_objects_of_a_panorama_are_told_apart_by_kind(rows, frames) -> None:
+    kinds = {kind: moving(rows[f"/panorama/{kind}"]) for kind in ("named", "stars", "unidentified", "hot", "planets")}
+    assert all(len(kind) == FRAMES for kind in kinds.values())
+    assert kinds["named"][0]["Points2D:labels"] == ["Alphard"]
+    assert kinds["hot"][0]["Points2D:labels"] == ["hot pixel"]
+    assert kinds["planets"][0]["Points2D:labels"] == ["Jupiter"]
+    assert np.allclose(kinds["hot"][0]["Points2D:positions"], [[300, 700]])
+    shown = sum(len(kind[0]["Points2D:positions"]) for kind in kinds.values())
+    assert shown == len(frames[0].panorama.index)
+    assert len(kinds["unidentified"][49]["Points2D:positions"]) == len(frames[49].panorama.index)
+
+
+def test_brighter_objects_are_drawn_larger(rows, frames) -> None:
+    radii = moving(rows["/panorama/stars"])[0]["Points2D:radii"]
+    assert radii == sorted(radii, reverse=True)
+    assert radii[0] > 1.2 * radii[-1]
+
+
+def test_residual_arrows_are_a_hundred_times_the_residual(rows, frames) -> None:
+    arrow = moving(rows["/panorama/residuals"])[0]
+    match = next(iter(frames[0].matches))
+    pixel_arcsec = math.degrees(math.atan(1 / (512 / math.tan(math.radians(7))))) * 3600
+    expected = np.array([match.residual_x_arcsec, match.residual_y_arcsec]) / pixel_arcsec * 100
+    assert np.allclose(arrow["Arrows2D:vectors"][0], expected, rtol=1e-3)
+    assert np.allclose(arrow["Arrows2D:origins"][0], frames[0].panorama.xy_px[0], rtol=1e-5)
+
+
+def test_scatter_and_track_hold_every_compared_frame_once(rows, frames) -> None:
+    answered = sum(frame.status is Status.IDENTIFIED for frame in frames)
+    for path, column in (
+        ("/scatter/points", "Points2D:positions"),
+        ("/sky/measured", "Points3D:positions"),
+        ("/sky/true", "Points3D:positions"),
+    ):
+        assert sum(len(row[column]) for row in moving(rows[path])) == answered, path
+
+
+def test_the_scatter_has_d_de_upwards(rows, frames) -> None:
+    first = moving(rows["/scatter/points"])[0]["Points2D:positions"][0]
+    found = frames[0].discrepancy
+    assert np.allclose(first, [found.d_ra_cosde_arcsec, -found.d_de_arcsec], atol=0.01)
+
+
+def test_the_track_lies_on_the_sphere_where_the_attitude_points(rows, frames) -> None:
+    track = moving(rows["/sky/measured"])[0]["Points3D:positions"]
+    assert np.allclose(track[0], frames[0].attitude.boresight_icrs, atol=1e-6)
+
+
+def test_the_rings_are_one_and_three_sigma_about_the_mean(rows, frames) -> None:
+    last = moving(rows["/scatter/rings"])[-1]["LineStrips2D:strips"]
+    errors = np.array([f.discrepancy.d_ra_cosde_arcsec for f in frames if f.discrepancy])
+    for ring, n in zip(last, (1, 3), strict=True):
+        assert np.ptp(np.array(ring)[:, 0]) == pytest.approx(2 * n * errors.std(ddof=1), rel=0.01)
+
+
+def test_the_verdict_is_seen_at_any_time_and_says_why(rows) -> None:
+    (text,) = [row["TextDocument:text"][0] for row in rows["/verdict"] if row["static"]]
+    assert text.startswith("# ✘ FAIL\n- mean |dRA*| is 75.0 arcsec")
+    assert f"**{FRAMES}** frames" in text
+
+
+def test_link_states_and_log_tell_what_happened(rows) -> None:
+    states = [row["StateChange:state"][0] for row in moving(rows["/link"])]
+    assert states == ["waiting", "streaming", "no port", "waiting", "streaming", "closed"]
+    log = [row["TextLog:text"][0] for row in moving(rows["/log"])]
+    assert any("LOST: device disconnected" in line for line in log)
+    assert "18:30:04Z frame 49: NO_MATCH no star reached Fn = 6" in log
+    assert "18:30:05Z frame 50: IDENTIFIED" in log
+
+
+def test_the_clock_is_shown_with_its_bounds_in_milliseconds(rows) -> None:
+    assert values(rows, "/clock")[0].tolist() == [0.02, 1.0, -1.0]
+
+
+def test_an_existing_file_is_not_overwritten_and_an_absent_folder_is_told(tmp_path: Path) -> None:
+    station = synthetic_night(1).station
+    taken = tmp_path / "taken.rrd"
+    taken.write_text("mine")
+    with pytest.raises(UsageError, match="exists already"):
+        SavedView(station, None, taken)
+    assert taken.read_text() == "mine"
+    with pytest.raises(UsageError, match="No such file or directory"):
+        SavedView(station, None, tmp_path / "absent" / "night.rrd")
