@@ -6,7 +6,6 @@ import astropy.units as u
 import numpy as np
 from astropy.coordinates import AltAz, EarthLocation, SkyCoord
 from astropy.time import Time, TimeDelta
-from astropy.utils import iers
 
 from gse.instant import NS_PER_S, from_text
 from gse.panorama import Panorama
@@ -102,5 +101,4 @@ def altaz(utc_ns, *, air):
         "relative_humidity": HUMIDITY,
         "obswl": 0.6 * u.micron,
     }
-    with iers.conf.set_temp("auto_download", False):
-        return AltAz(obstime=time, location=location, **(weather if air else {}))
+    return AltAz(obstime=time, location=location, **(weather if air else {}))

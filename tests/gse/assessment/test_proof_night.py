@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 import pytest
-from astropy.utils import iers
 from skies.astropy_night import FOCAL_LENGTH_PX, START_NS, STATION_TEXT, AstropyNight
 
 from drivers.chunk import Chunk
@@ -28,12 +27,6 @@ ARCSEC = math.pi / 180 / 3600
 NOISE_PX = 0.1
 POINTINGS = START_NS + np.arange(30) * 960 * NS_PER_S
 """Eight hours of night, in which the sky turns by 120 deg over the camera."""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _no_download():
-    with iers.conf.set_temp("auto_download", False):
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -49,12 +49,6 @@ def unit(coordinate):
     return np.column_stack([np.cos(alt) * np.sin(az), np.cos(alt) * np.cos(az), np.sin(alt)])
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _no_download():
-    with iers.conf.set_temp("auto_download", False):
-        yield
-
-
 @pytest.fixture(scope="module")
 def cases():
     return random_cases(np.random.default_rng(6), CASES)
@@ -119,7 +113,7 @@ def worst_rad(cases, truths, *, air):
 
 
 def test_earth_orientation_is_what_astropy_reads_from_the_same_table():
-    table = iers.IERS_Auto.open()
+    table = iers.earth_orientation_table.get()
     rng = np.random.default_rng(7)
     for ns in rng.integers(FIRST_NS, LAST_NS, 200).tolist():
         here = EarthOrientation.from_disk(ns).at(ns)
