@@ -20,7 +20,7 @@ with atheris.instrument_imports(include=["drivers", "mcap"]):
 
     from drivers.errors import CaptureError
     from drivers.session_file.file_window import BlockWindow
-    from drivers.session_file.record_scanner import MAGIC, Walk
+    from drivers.session_file.record_scanner import MAGIC, RecordScanner
     from drivers.session_file.records import Damage, Message, Record
 
 HEAD = MAGIC + bytes.fromhex("01220000000000000b000000") + b"\0" * 4
@@ -28,7 +28,7 @@ HEAD = MAGIC + bytes.fromhex("01220000000000000b000000") + b"\0" * 4
 
 def read(data: bytes) -> list[Record]:
     """All records, damage included; the damage lies within the bytes."""
-    walk = Walk(BlockWindow(data), "fuzz")
+    walk = RecordScanner(BlockWindow(data), "fuzz")
     with contextlib.suppress(CaptureError):
         walk.check_ours()
     records = list(walk.records())

@@ -28,7 +28,7 @@ from gse.attitude import solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog
 from gse.config.station import IdentifierOptions
-from gse.evaluation.frames import Conditions, FrameMaker, Optics, TestFrame
+from gse.evaluation.frames import Conditions, FrameMaker, Optics, SimulatedFrame
 from gse.identifier import Identification, Identifier, make_identifier
 from gse.identifier.robust import KnownSensor, RobustIdentifier
 from gse.spiral import spiral_directions
@@ -59,7 +59,7 @@ FEWEST_REAL_STARS = 4
 FAINTER = 0.9
 """The catalogues reach so far beyond the sensor's limit: 3 sigma of its errors of brightness."""
 
-Solver = tuple[Callable[[TestFrame], Any], Callable[[Any, TestFrame], NDArray[np.float64] | None]]
+Solver = tuple[Callable[[SimulatedFrame], Any], Callable[[Any, SimulatedFrame], NDArray[np.float64] | None]]
 """Solve a frame (timed); the boresight of what came out (not timed)."""
 
 
@@ -99,10 +99,10 @@ def robust(optics: Optics, catalog: StarCatalog) -> Solver:
 def solver_of(identifier: Identifier) -> Solver:
     """An identifier as a solver."""
 
-    def solve(frame: TestFrame) -> Any:
-        return identifier.identify(frame.directions_sensor, frame.index)
+    def solve(frame: SimulatedFrame) -> Any:
+        return identifier.identify(frame.directions_sensor, frame.brightness)
 
-    def boresight(answer: Any, frame: TestFrame) -> NDArray[np.float64] | None:
+    def boresight(answer: Any, frame: SimulatedFrame) -> NDArray[np.float64] | None:
         if not isinstance(answer, Identification):
             return None
         return solve_attitude(
@@ -135,21 +135,21 @@ def tetra3rs(optics: Optics, catalog: StarCatalog) -> Solver:
     model = tetra3.CameraModel(optics.camera.focal_length_px, optics.camera.columns, optics.camera.rows)
     centre = np.array(optics.camera.principal_point_px)
 
-    def solve(frame: TestFrame) -> Any:
+    def solve(frame: SimulatedFrame) -> Any:
         return database.solve_from_centroids(
-            np.column_stack([frame.xy_px - centre, frame.index]),
+            np.column_stack([frame.xy_px - centre, frame.brightness]),
             camera_model=model,
             match_radius=0.004,
             solve_timeout_ms=1000,
         )
 
-    def boresight(answer: Any, frame: TestFrame) -> NDArray[np.float64] | None:
+    def boresight(answer: Any, frame: SimulatedFrame) -> NDArray[np.float64] | None:
         return answer.rotation_matrix_icrs_to_camera[2] if answer else None
 
     return solve, boresight
 
 
-def measure(solver: Solver, frames: list[TestFrame], fewest: int = FEWEST_REAL_STARS) -> Row:
+def measure(solver: Solver, frames: list[SimulatedFrame], fewest: int = FEWEST_REAL_STARS) -> Row:
     """Run a solver over frames; shares are of those with ``fewest`` real stars."""
     solve, boresight = solver
     for frame in frames[:20]:
@@ -176,13 +176,15 @@ def measure(solver: Solver, frames: list[TestFrame], fewest: int = FEWEST_REAL_S
     )
 
 
-def judged(boresight_icrs: NDArray[np.float64], frame: TestFrame) -> str:
+def judged(boresight_icrs: NDArray[np.float64], frame: SimulatedFrame) -> str:
     """Right, coarse or false."""
     error_deg = math.degrees(2 * math.asin(min(1.0, math.dist(boresight_icrs, frame.attitude.boresight_icrs) / 2)))
     return "right" if error_deg <= RIGHT_DEG else "coarse" if error_deg <= FALSE_DEG else "false"
 
 
-def frames_of(optics: Optics, conditions: Conditions, catalog: StarCatalog, count: int, seed: int) -> list[TestFrame]:
+def frames_of(
+    optics: Optics, conditions: Conditions, catalog: StarCatalog, count: int, seed: int
+) -> list[SimulatedFrame]:
     """One frame for each direction of the spiral."""
     maker = FrameMaker(optics, conditions, catalog)
     return [maker.frame(at, np.random.default_rng([seed, k])) for k, at in enumerate(spiral_directions(count))]
@@ -219,9 +221,9 @@ def random_only(catalog: StarCatalog, count: int, seed: int) -> None:
         identifier = robust_for(optics, catalog)
         answers, times_ms = 0, []
         for _ in range(count):
-            directions, index = random_panorama(optics, 30, rng)
+            directions, brightness = random_panorama(optics, 30, rng)
             started_ns = time.thread_time_ns()
-            answers += isinstance(identifier.identify(directions, index), Identification)
+            answers += isinstance(identifier.identify(directions, brightness), Identification)
             times_ms.append((time.thread_time_ns() - started_ns) / 1e6)
         print(f"\nrandom objects only, {name}: {answers} answers in {count},", end=" ")
         print(f"refused in {np.median(times_ms):.1f} ms,", end=" ")
@@ -233,7 +235,12 @@ def calibration(catalog: StarCatalog, count: int, seed: int) -> None:
     print(f"\nrandom panoramas that reach a chance of p, of {count}")
     for name, objects in (("A", 3), ("A", 4), ("B", 4)):
         identifier, rng = robust_for(OPTICS[name], catalog), np.random.default_rng(seed)
-        chances = np.array([identifier.best_chance(*random_panorama(OPTICS[name], objects, rng)) for _ in range(count)])
+        chances = np.array(
+            [
+                identifier.best_false_match_probability(*random_panorama(OPTICS[name], objects, rng))
+                for _ in range(count)
+            ]
+        )
         reached = ", ".join(f"{p:g}: {int((chances <= p).sum())}" for p in (0.3, 0.1, 0.03, 0.01, 0.003, 0.001))
         print(f"{name}, {objects} objects: {reached}", flush=True)
 
@@ -242,7 +249,7 @@ def many_and_tracking(catalog: StarCatalog, seed: int) -> None:
     """Panoramas per second in one call, and the time of tracking, camera B nominal."""
     identifier = robust_for(OPTICS["B"], catalog)
     frames = frames_of(OPTICS["B"], CONDITIONS["nominal"], catalog, 1000, seed)
-    panoramas = [(frame.directions_sensor, frame.index) for frame in frames]
+    panoramas = [(frame.directions_sensor, frame.brightness) for frame in frames]
     identifier.identify_many(panoramas[:20])
     started = time.thread_time()
     identifier.identify_many(panoramas)
@@ -251,7 +258,7 @@ def many_and_tracking(catalog: StarCatalog, seed: int) -> None:
     for frame in frames[::20]:
         for _ in range(50):
             started_ns = time.thread_time_ns()
-            identifier.track(frame.directions_sensor, frame.index, frame.attitude)
+            identifier.track(frame.directions_sensor, frame.brightness, frame.attitude)
             times_us.append((time.thread_time_ns() - started_ns) / 1000)
     print(f"tracking, 50 panoramas of each of 50 places: median {np.median(times_us):.1f} us", flush=True)
 

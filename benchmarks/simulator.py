@@ -44,9 +44,9 @@ def p95_ms(work: Callable[[], object]) -> float:
 def main() -> None:
     """Measure all and print the table."""
     station = parse_station(BUILT_IN_TEXT)
-    night = load_scenario("clear-zenith")
-    source = ImageSource(station, night, np.random.default_rng(1))
-    image = source.image(night.start_utc_ns, night.exposure_s)
+    session = load_scenario("clear-zenith")
+    source = ImageSource(station, session, np.random.default_rng(1))
+    image = source.image(session.start_utc_ns, session.exposure_s)
 
     def frames() -> int:
         device = device_factory(station)({"frames": str(FRAMES)})
@@ -56,7 +56,7 @@ def main() -> None:
 
     def images() -> int:
         for number in range(IMAGES):
-            source.expose(night.start_utc_ns + number * FRAME_NS, night.exposure_s, 20.0)
+            source.expose(session.start_utc_ns + number * FRAME_NS, session.exposure_s, 20.0)
         return IMAGES
 
     rows = [

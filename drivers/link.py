@@ -17,7 +17,7 @@ import serial
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import PortError
-from drivers.mock.timestamped_port import Item, StampedPort, StampedSerial
+from drivers.mock.timestamped_port import Item, TimestampedPort, TimestampedSerial
 from drivers.ports import READ_TIMEOUT_S, PortInfo, is_awaitable, open_port, ports_here
 from drivers.reconnect import PortFinder
 from drivers.session_file.records import Message, MessageWriter
@@ -58,7 +58,7 @@ class SerialLink:
         """Open the port; PortError says why not. With ``wait_port`` a port that is not there is waited for."""
         self.url = url
         self._recorder = recorder or _NoRecording()
-        self._stamped: StampedPort | None = None
+        self._stamped: TimestampedPort | None = None
         self._live: _Receiver | None = None
         finder = PortFinder(url, baudrate, list_ports)
         try:
@@ -68,7 +68,7 @@ class SerialLink:
                 raise
             self._live = _Receiver(url, finder, self._recorder, None, str(error))
         else:
-            if isinstance(port, StampedSerial):
+            if isinstance(port, TimestampedSerial):
                 self._stamped = port
             else:
                 self._live = _Receiver(url, finder, self._recorder, port)
@@ -101,7 +101,7 @@ class SerialLink:
         until_ns = self._stamped.stamp()[1] + round(timeout_s * 1e9)
         self._stamped.timeout = timeout_s
         while len(items) < ITEMS_AT_ONCE:
-            item = self._stamped.read_stamped()
+            item = self._stamped.read_timestamped()
             if item is None:
                 break
             if not items:
@@ -132,7 +132,7 @@ class SerialLink:
         """Stop receiving; what came is still there to fetch."""
         if self._live:
             self._live.close()
-        elif isinstance(self._stamped, StampedSerial):
+        elif isinstance(self._stamped, TimestampedSerial):
             self._stamped.close()
 
     def __enter__(self) -> "SerialLink":

@@ -21,7 +21,7 @@ class Panorama:
 
     utc_ns: int
     xy_px: NDArray[np.float64]
-    index: NDArray[np.float64]
+    brightness: NDArray[np.float64]
     frame_no: int = 0
     exposure_s: float = 0.0
     time_us: int = 0

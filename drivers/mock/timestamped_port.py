@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Item = Chunk | LinkEvent
 
 
-class StampedPort(Protocol):
+class TimestampedPort(Protocol):
     """What SerialLink asks of a port that carries its own time."""
 
     timeout: float | None
@@ -29,7 +29,7 @@ class StampedPort(Protocol):
     def at_end(self) -> bool:
         """Whether everything has been given."""
 
-    def read_stamped(self) -> Item | None:
+    def read_timestamped(self) -> Item | None:
         """The next chunk or event, or None when none is due within ``timeout`` or there are no more."""
 
     def stamp(self) -> tuple[int, int]:
@@ -70,7 +70,7 @@ class Pace:
         self._stop.set()
 
 
-class StampedSerial(SerialBase):
+class TimestampedSerial(SerialBase):
     """A pyserial port over an iterator of stamped chunks and events; subclasses open the iterator."""
 
     def _open_items(self) -> tuple[Iterator[Item], float]:
@@ -107,7 +107,7 @@ class StampedSerial(SerialBase):
         """Whether everything has been given."""
         return not self._rest and self._peek() is None
 
-    def read_stamped(self) -> Item | None:
+    def read_timestamped(self) -> Item | None:
         """The next chunk or event, or None when none is due within ``timeout`` or there are no more."""
         if not self.is_open:
             raise PortNotOpenError()
@@ -125,7 +125,7 @@ class StampedSerial(SerialBase):
         """At most ``size`` bytes, as pyserial gives them; fewer on a time-out and at the end."""
         data = bytearray()
         while len(data) < size:
-            item = self.read_stamped()
+            item = self.read_timestamped()
             if item is None:
                 break
             if isinstance(item, Chunk):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drivers.errors import CaptureError
 from drivers.session_file.file_window import FileWindow
-from drivers.session_file.record_scanner import Walk
+from drivers.session_file.record_scanner import RecordScanner
 from drivers.session_file.records import CONTINUED, Attachment, Damage, Message, Record
 
 MAX_DAMAGES_KEPT = 100
@@ -57,7 +57,7 @@ class Capture:
         for segment in self.segments:
             continued = False
             with FileWindow(segment) as window:
-                walk = Walk(window, segment.name, from_utc_ns=self._from_utc_ns, only=self._only)
+                walk = RecordScanner(window, segment.name, from_utc_ns=self._from_utc_ns, only=self._only)
                 for record in walk.records():
                     if isinstance(record, Attachment):
                         if record.name in attached:
@@ -93,7 +93,7 @@ def read_capture(path: Path | str, *, from_utc_ns: int | None = None, only: Coll
     """
     path = session_file(Path(path))
     with FileWindow(path) as window:
-        Walk(window, path.name).check_ours()
+        RecordScanner(window, path.name).check_ours()
     return Capture(*find_segments(path), from_utc_ns=from_utc_ns, only=only)
 
 

@@ -68,7 +68,7 @@ class _NotBelievedError(Exception):
     """This is no whole, true record."""
 
 
-class Walk:
+class RecordScanner:
     """The records of one MCAP file, or of the inside of one chunk."""
 
     def __init__(
@@ -262,7 +262,7 @@ class Walk:
         block = _unpack(chunk)
         whole = len(block) == chunk.uncompressed_size and zlib.crc32(block) == chunk.uncompressed_crc
         name = f"{self._file}, chunk at {offset}"
-        inside = Walk(BlockWindow(block), name, only=self._only if whole else None, topics=self._topics)
+        inside = RecordScanner(BlockWindow(block), name, only=self._only if whole else None, topics=self._topics)
         records = list(inside.inner_records())
         if not whole:
             if not any(isinstance(record, Message) for record in records):

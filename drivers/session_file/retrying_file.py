@@ -10,7 +10,7 @@ from pathlib import Path
 COPY_BYTES = 1 << 20
 
 
-class Spool:
+class RetryingFile:
     """An append-only file with a memory of what is not yet written."""
 
     def __init__(self, path: Path) -> None:

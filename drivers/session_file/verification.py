@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drivers.session_file.file_window import FileWindow
 from drivers.session_file.reader import find_segments, session_file
-from drivers.session_file.record_scanner import Walk
+from drivers.session_file.record_scanner import RecordScanner
 from drivers.session_file.records import CONTINUED, RX, TX, Attachment, Damage, Message
 
 _BLOCK_BYTES = 1 << 20
@@ -64,7 +64,7 @@ def verify(path: Path) -> SessionCheck:
     """Read every byte of a session; CaptureError where there is none."""
     first = session_file(path)
     with FileWindow(first) as window:
-        Walk(window, first.name).check_ours()
+        RecordScanner(window, first.name).check_ours()
     segments, missing = find_segments(first)
     files = tuple(_check(segment) for segment in segments)
     if files[-1].continued:
@@ -75,7 +75,7 @@ def verify(path: Path) -> SessionCheck:
 def _check(path: Path) -> FileCheck:
     with FileWindow(path) as window:
         check = FileCheck(path.name, window.size)
-        walk = Walk(window, path.name)
+        walk = RecordScanner(window, path.name)
         for record in walk.records():
             if isinstance(record, Damage):
                 check.damages.append(record)
@@ -99,7 +99,7 @@ def _count(check: FileCheck, message: Message) -> None:
         check.last_ns = max(check.last_ns or message.utc_ns, message.utc_ns)
 
 
-def _checksums_agree(window: FileWindow, walk: Walk) -> bool:
+def _checksums_agree(window: FileWindow, walk: RecordScanner) -> bool:
     if walk.data_end is None or walk.footer is None:
         return False
     data_end, data_crc = walk.data_end

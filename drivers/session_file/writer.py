@@ -11,7 +11,7 @@ from mcap.writer import IndexType, Writer
 
 from drivers.errors import CaptureError
 from drivers.session_file.records import CONTINUED, EVENTS, PROFILE, RX, TX, Message, MessageWriter, checksum
-from drivers.session_file.retrying_file import Spool
+from drivers.session_file.retrying_file import RetryingFile
 
 _LAST_NS = 2**64 - 1
 _ENCODINGS = {RX: "octet-stream", TX: "octet-stream"}
@@ -23,7 +23,7 @@ class CaptureWriter(MessageWriter):
     def __init__(self, path: Path | str) -> None:
         """Create the file; CaptureError where it exists or cannot be made."""
         try:
-            self._spool = Spool(Path(path))
+            self._spool = RetryingFile(Path(path))
         except FileExistsError:
             raise CaptureError(f"{path} exists already; a session is never overwritten: choose another name") from None
         except OSError as error:

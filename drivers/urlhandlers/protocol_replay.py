@@ -14,13 +14,13 @@ from drivers.faults.injection import inject
 from drivers.faults.options import OPTIONS as FAULT_OPTIONS
 from drivers.faults.options import parse_faults
 from drivers.mock.playback import cut, is_session, raw_items, session_items, utc_option
-from drivers.mock.timestamped_port import Item, StampedSerial
+from drivers.mock.timestamped_port import Item, TimestampedSerial
 from drivers.mock.urls import MockUrl, parse_mock_url
 
 OPTIONS = ("speed", "from", "to", "loop", "cut", "start_utc", *FAULT_OPTIONS)
 
 
-class Serial(StampedSerial):
+class Serial(TimestampedSerial):
     """A recording behind the interface of a serial port."""
 
     def _open_items(self) -> tuple[Iterator[Item], float]:

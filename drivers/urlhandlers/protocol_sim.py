@@ -14,7 +14,7 @@ from drivers.errors import PortError
 from drivers.faults.injection import inject
 from drivers.faults.options import NS_PER_S, parse_faults
 from drivers.mock.playback import cut
-from drivers.mock.timestamped_port import Item, StampedSerial
+from drivers.mock.timestamped_port import Item, TimestampedSerial
 from drivers.mock.urls import parse_mock_url
 
 OWN_OPTIONS = ("speed", "cut", "faults", "frame_start", "ack_start")
@@ -40,7 +40,7 @@ def register(factory: Factory) -> None:
     _factories[:] = [factory]
 
 
-class Serial(StampedSerial):
+class Serial(TimestampedSerial):
     """A simulated sensor behind the interface of a serial port."""
 
     def _open_items(self) -> tuple[Iterator[Item], float]:

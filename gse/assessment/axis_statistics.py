@@ -20,8 +20,8 @@ _NAN = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
-class AxisFigures:
-    """One axis of the discrepancy, in arcsec; NaN where there are too few frames for a figure.
+class AxisStatistics:
+    """One axis of the attitude error, in arcsec; NaN where there are too few frames for a figure.
 
     ``bias`` is the mean, with the half-width of its 95 % confidence interval from the scatter of block means, since
     neighbouring frames are not independent. ``std`` is about the mean, ``rms`` about zero. ``drift`` is the Theil-Sen
@@ -51,11 +51,11 @@ class AxisFigures:
     nea_successive_arcsec: float
 
 
-def axis_figures(utc_ns: NDArray[np.int64], error_arcsec: NDArray[np.float64]) -> AxisFigures:
+def axis_statistics(utc_ns: NDArray[np.int64], error_arcsec: NDArray[np.float64]) -> AxisStatistics:
     """The figures of errors (M,) at instants (M,) in order, all finite."""
     n = len(error_arcsec)
     if n == 0:
-        return AxisFigures(0, *[_NAN] * 17)
+        return AxisStatistics(0, *[_NAN] * 17)
     time_s = (utc_ns - utc_ns[0]) / 1e9
     std = float(error_arcsec.std(ddof=1)) if n > 1 else _NAN
     slope, low, high = _drift(time_s, error_arcsec)
@@ -64,7 +64,7 @@ def axis_figures(utc_ns: NDArray[np.int64], error_arcsec: NDArray[np.float64]) -
     nea_low, nea_high = _chi_square_bounds(nea, freedom)
     if np.isfinite(slope):
         smooth -= (slope / _S_PER_H) * time_s
-    return AxisFigures(
+    return AxisStatistics(
         n,
         float(error_arcsec.mean()),
         _bias_error(time_s, error_arcsec),

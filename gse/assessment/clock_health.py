@@ -71,8 +71,8 @@ def clock_health(
 
 def _sensor_drift_ppm(frames: NDArray[np.void], steps_ns: list[int]) -> tuple[float, float]:
     """Slope of the least (host - sensor) difference in the longest stretch without a reset or a step of a clock."""
-    stamped = frames["host_utc_ns"] > 0
-    host_ns, time_us = frames["host_utc_ns"][stamped], frames["time_us"][stamped]
+    timestamped = frames["host_utc_ns"] > 0
+    host_ns, time_us = frames["host_utc_ns"][timestamped], frames["time_us"][timestamped]
     stretch = _longest_stretch(host_ns, time_us, steps_ns)
     host_ns, time_us = host_ns[stretch], time_us[stretch]
     if len(host_ns) < 2 * _BLOCKS:

@@ -13,7 +13,7 @@ from gse.assessment.statistics import EARTH_RATE_ARCSEC_PER_S, Statistics
 from gse.camera import Camera
 from gse.station.frame_table import STATUSES
 from gse.station.results import Status
-from gse.station.session_data import Night
+from gse.station.session_data import SessionData
 from gse.truth import SiderealTruth
 
 _SIGMAS = 4.0
@@ -34,28 +34,28 @@ _MAX_MATCHES = 50_000
 _CELLS = 32
 
 
-def findings(night: Night, figures: Statistics) -> tuple[str, ...]:
+def findings(session: SessionData, figures: Statistics) -> tuple[str, ...]:
     """One line for each thing that the errors of a night look like."""
     return (
-        *_events(night),
-        *_nothing_identified(night),
-        *_bias(night, figures),
+        *_events(session),
+        *_nothing_identified(session),
+        *_bias(session, figures),
         *_drift(figures),
-        *_optics(night),
+        *_optics(session),
         *_unlike(figures),
     )
 
 
-def _events(night: Night) -> Iterator[str]:
-    kinds = {event.kind: event for event in night.events}
+def _events(session: SessionData) -> Iterator[str]:
+    kinds = {event.kind: event for event in session.events}
     named = ("CLOCK_STEP", "clock step"), ("MIRRORED", "mirrored image"), ("NO_STATION", "station file")
     for kind, words in named:
         if kind in kinds:
             yield f"{words}: {kinds[kind].text}"
 
 
-def _nothing_identified(night: Night) -> Iterator[str]:
-    status = night.frames.columns["status"]
+def _nothing_identified(session: SessionData) -> Iterator[str]:
+    status = session.frames.columns["status"]
     no_match = int((status == STATUSES.index(Status.NO_MATCH)).sum())
     if no_match and not (status == STATUSES.index(Status.IDENTIFIED)).any():
         yield (
@@ -64,16 +64,16 @@ def _nothing_identified(night: Night) -> Iterator[str]:
         )
 
 
-def _bias(night: Night, figures: Statistics) -> Iterator[str]:
+def _bias(session: SessionData, figures: Statistics) -> Iterator[str]:
     """A steady error: of the mount, or of the clock where it is a turn about the pole."""
     ra, de, roll = (figures.axes[axis] for axis in ("d_ra_cosde", "d_de", "d_roll"))
-    least = _BIAS_SHARE_OF_LIMIT * min(night.station.limits.d_ra_cosde_arcsec, night.station.limits.d_de_arcsec)
+    least = _BIAS_SHARE_OF_LIMIT * min(session.station.limits.d_ra_cosde_arcsec, session.station.limits.d_de_arcsec)
     size = math.hypot(ra.bias_arcsec, de.bias_arcsec)
     error = math.hypot(ra.bias_error_arcsec, de.bias_error_arcsec) / 2  # 95 % to 1 sigma
     if not size > max(least, _SIGMAS * error):
         return
     where = f"{ra.bias_arcsec:+.1f} arcsec east and {de.bias_arcsec:+.1f} north of where the mount should look"
-    de_rad = math.radians(float(np.nanmedian(night.frames.columns["de_true_deg"])))
+    de_rad = math.radians(float(np.nanmedian(session.frames.columns["de_true_deg"])))
     about_pole = ra.bias_arcsec / math.cos(de_rad)  # keeps position angles, so that it turns the roll the other way
     no_turn = abs(de.bias_arcsec) > max(_SIGMAS * de.bias_error_arcsec, 0.1 * size)
     other_roll = abs(roll.bias_arcsec + about_pole * math.sin(de_rad)) > max(2 * roll.bias_error_arcsec, 0.2 * size)
@@ -119,16 +119,16 @@ def _unlike(figures: Statistics) -> Iterator[str]:
     yield (
         f"the sensor's own answers are not the onboard-equivalent ones: of {own.answers}, {own.only_sensor} were "
         f"answered only by the sensor and {own.only_station} only here, the others lie up to "
-        f"{own.apart_arcsec.max:.1f} arcsec apart"
+        f"{own.separation_arcsec.max:.1f} arcsec apart"
     )
 
 
-def _optics(night: Night) -> Iterator[str]:
-    matches = night.frames.matches
+def _optics(session: SessionData) -> Iterator[str]:
+    matches = session.frames.matches
     if len(matches) < _MIN_MATCHES:
         return
     matches = matches[:: max(len(matches) // _MAX_MATCHES, 1)]
-    camera = night.station.sensor.camera()
+    camera = session.station.sensor.camera()
     scale, scale_sigma = _radial(camera, matches, (1,))
     cubic, cubic_sigma = _radial(camera, matches, (1, 3))
     edge_px = abs(cubic) * camera.columns / 2
@@ -138,7 +138,7 @@ def _optics(night: Night) -> Iterator[str]:
             "beyond what the focal length explains; gse calibrate fits it"
         )
         return
-    scale -= _expected_scale(night, camera)
+    scale -= _expected_scale(session, camera)
     if abs(scale) > max(_SCALE, _SIGMAS * scale_sigma):
         off = "short" if scale > 0 else "long"
         yield f"focal length: it is about {abs(scale):.2%} too {off}; gse calibrate fits it"
@@ -172,14 +172,14 @@ def _radial(camera: Camera, matches: NDArray[np.void], powers: tuple[int, ...]) 
     return float(fit[-1]), math.sqrt(float(covariance[-1, -1]))
 
 
-def _expected_scale(night: Night, camera: Camera) -> float:
+def _expected_scale(session: SessionData, camera: Camera) -> float:
     """By how much refraction and aberration stretch the field: residuals are of directions as they are seen."""
-    frames = night.frames.columns
+    frames = session.frames.columns
     known = np.flatnonzero(np.isfinite(frames["ra_true_deg"]))
-    if night.earth_orientation is None or len(known) == 0:
+    if session.earth_orientation is None or len(known) == 0:
         return 0.0
     frame = frames[known[len(known) // 2]]
-    truth = SiderealTruth(night.station.site, night.earth_orientation)
+    truth = SiderealTruth(session.station.site, session.earth_orientation)
     utc_ns, ra, de = int(frame["utc_ns"]), math.radians(frame["ra_true_deg"]), math.radians(frame["de_true_deg"])
     east = np.array([-math.sin(ra), math.cos(ra), 0.0])
     north = np.array([-math.sin(de) * math.cos(ra), -math.sin(de) * math.sin(ra), math.cos(de)])

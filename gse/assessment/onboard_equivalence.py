@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.assessment.percentiles import Spread, spread
+from gse.assessment.percentiles import Percentiles, percentiles
 from gse.station.frame_table import STATUSES
 from gse.station.results import Status
 from protocols import AttitudeMessage
@@ -22,12 +22,12 @@ _ARCSEC_PER_RAD = 180 * 3600 / np.pi
 
 
 @dataclass(frozen=True, slots=True)
-class Equivalence:
+class OnboardEquivalence:
     """The sensor's answers for panoramas that are here.
 
     Of ``answers``, ``both`` were answered on either side, ``only_sensor`` and ``only_station`` on one; where both
-    answered, ``same_number`` named as many stars, and ``apart_arcsec`` and ``roll_arcsec`` say how far the directions
-    lie from each other. ``latency_ms`` is the sensor's own processing time.
+    answered, ``same_number`` named as many stars, and ``separation_arcsec`` and ``roll_arcsec`` say how far the
+    directions lie from each other. ``latency_ms`` is the sensor's own processing time.
     """
 
     answers: int
@@ -35,20 +35,20 @@ class Equivalence:
     only_sensor: int
     only_station: int
     same_number: int
-    apart_arcsec: Spread
-    roll_arcsec: Spread
-    latency_ms: Spread
+    separation_arcsec: Percentiles
+    roll_arcsec: Percentiles
+    latency_ms: Percentiles
 
     @property
     def same(self) -> bool:
         """Whether both sides always answered alike."""
         unlike = self.only_sensor + self.only_station
-        return unlike == 0 and not self.apart_arcsec.max > SAME_WITHIN_ARCSEC
+        return unlike == 0 and not self.separation_arcsec.max > SAME_WITHIN_ARCSEC
 
 
 def equivalence(
     frames: NDArray[np.void], kept: NDArray[np.int64], answers: Sequence[AttitudeMessage]
-) -> Equivalence | None:
+) -> OnboardEquivalence | None:
     """Compare the sensor's answers with rows ``kept`` of frames (dtype FRAME); None where it sent none for them."""
     if not answers:
         return None
@@ -67,15 +67,15 @@ def equivalence(
     apart = np.linalg.norm(_unit(ra, de) - _unit(here["ra_deg"], here["de_deg"]), axis=1) * _ARCSEC_PER_RAD
     turned = np.abs((roll - here["roll_deg"] + 180) % 360 - 180) * 3600
     matched = np.array([answer.matched for _, answer in paired])
-    return Equivalence(
+    return OnboardEquivalence(
         answers=len(paired),
         both=int(both.sum()),
         only_sensor=int((acquired & ~identified).sum()),
         only_station=int((identified & ~acquired).sum()),
         same_number=int((both & (matched == here["matched"])).sum()),
-        apart_arcsec=spread(apart[both]),
-        roll_arcsec=spread(turned[both]),
-        latency_ms=spread(np.array([answer.latency_s for _, answer in paired]) * 1e3),
+        separation_arcsec=percentiles(apart[both]),
+        roll_arcsec=percentiles(turned[both]),
+        latency_ms=percentiles(np.array([answer.latency_s for _, answer in paired]) * 1e3),
     )
 
 

@@ -9,7 +9,7 @@ _NAN = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class Percentiles:
     """Percentiles of ``n`` values; NaN where there is none."""
 
     n: int
@@ -19,10 +19,10 @@ class Spread:
     max: float
 
 
-def spread(values: NDArray[np.float64]) -> Spread:
+def percentiles(values: NDArray[np.float64]) -> Percentiles:
     """Percentiles of the finite values."""
     finite = values[np.isfinite(values)]
     if len(finite) == 0:
-        return Spread(0, _NAN, _NAN, _NAN, _NAN)
+        return Percentiles(0, _NAN, _NAN, _NAN, _NAN)
     p50, p95, p99 = (float(value) for value in np.percentile(finite, [50, 95, 99]))
-    return Spread(len(finite), p50, p95, p99, float(finite.max()))
+    return Percentiles(len(finite), p50, p95, p99, float(finite.max()))

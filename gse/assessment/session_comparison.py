@@ -12,7 +12,7 @@ from gse.assessment.statistics import Statistics, false_answers, statistics
 from gse.instant import NS_PER_S
 from gse.station.frame_table import STATUSES
 from gse.station.results import Status
-from gse.station.session_data import Night
+from gse.station.session_data import SessionData
 
 PAIRED_SHARE = 0.9
 """Two nights are of the same panoramas when this share of the shorter one's are in both."""
@@ -41,7 +41,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class SideBySide:
+class SessionComparison:
     """All rows; ``paired`` where both nights are of the same panoramas, which makes small differences significant."""
 
     rows: tuple[Row, ...]
@@ -53,7 +53,9 @@ class SideBySide:
         return tuple(row for row in self.rows if row.worse)
 
 
-def side_by_side(first: Night, second: Night, *, sigmas: float = 3.0, allowed_share: float = 0.01) -> SideBySide:
+def session_comparison(
+    first: SessionData, second: SessionData, *, sigmas: float = 3.0, allowed_share: float = 0.01
+) -> SessionComparison:
     """Compare two nights.
 
     The second is worse in a figure where the difference is beyond ``sigmas`` and larger than ``allowed_share`` of the
@@ -76,7 +78,7 @@ def side_by_side(first: Night, second: Night, *, sigmas: float = 3.0, allowed_sh
     if pairs is None:
         measured.append((_time(figures), math.inf))
     rows = tuple(_judged(row, sigmas, allowed) for row, allowed in measured)
-    return SideBySide(rows, pairs is not None)
+    return SessionComparison(rows, pairs is not None)
 
 
 _Pairs = tuple[NDArray[np.int64], NDArray[np.int64]]
@@ -107,7 +109,7 @@ def _good(frames: NDArray[np.void]) -> NDArray[np.bool_]:
 
 def _mean_abs(name: str, axis: str, columns: _Columns, figures: _Figures, pairs: _Pairs | None) -> Row:
     """Mean absolute error; the scatter of the difference is that of means over 20 s, paired where possible."""
-    a, b = (night.axes[axis].mean_abs_arcsec for night in figures)
+    a, b = (session.axes[axis].mean_abs_arcsec for session in figures)
     errors = [np.abs(frames[f"{axis}_arcsec"]) for frames in columns]
     if pairs is not None:
         both = _good(columns[0])[pairs[0]] & _good(columns[1])[pairs[1]]
@@ -137,7 +139,7 @@ def _sigmas(difference: float, sigma: float) -> float:
 
 
 def _noise(name: str, axis: str, figures: _Figures) -> Row:
-    a, b = (night.axes[axis] for night in figures)
+    a, b = (session.axes[axis] for session in figures)
     sigma = math.hypot(*((one.nea_high_arcsec - one.nea_low_arcsec) / 2 / 1.96 for one in (a, b)))
     difference = b.nea_arcsec - a.nea_arcsec
     return Row(name, "arcsec", a.nea_arcsec, b.nea_arcsec, difference, _sigmas(difference, sigma), worse=False)
@@ -145,7 +147,7 @@ def _noise(name: str, axis: str, figures: _Figures) -> Row:
 
 def _bias(name: str, axis: str, figures: _Figures) -> Row:
     """Shown, not gated: it may go either way, and mean |error| has it."""
-    a, b = (night.axes[axis] for night in figures)
+    a, b = (session.axes[axis] for session in figures)
     sigma = math.hypot(a.bias_error_arcsec, b.bias_error_arcsec) / 1.96
     difference = b.bias_arcsec - a.bias_arcsec
     sigmas = _sigmas(difference, sigma)
@@ -153,14 +155,14 @@ def _bias(name: str, axis: str, figures: _Figures) -> Row:
 
 
 def _availability(figures: _Figures, columns: _Columns, pairs: _Pairs | None) -> Row:
-    a, b = (night.available for night in figures)
+    a, b = (session.available for session in figures)
     missed = [~_answered_well(frames) for frames in columns]
     sigmas = _more_often(missed, pairs, (a.of - a.count, a.of), (b.of - b.count, b.of))
     return Row("availability", "", a.value, b.value, b.value - a.value, sigmas, worse=False)
 
 
 def _false(figures: _Figures, columns: _Columns, pairs: _Pairs | None) -> Row:
-    a, b = (night.false_answers for night in figures)
+    a, b = (session.false_answers for session in figures)
     false = [false_answers(frames) for frames in columns]
     sigmas = _more_often(false, pairs, (a.count, a.of), (b.count, b.of))
     return Row("false answers", "", a.count, b.count, b.count - a.count, sigmas, worse=False)
@@ -196,5 +198,5 @@ def _more_often(
 
 def _time(figures: _Figures) -> Row:
     """Shown, not gated: recorded times belong to a host. Panoramas that are in both nights have the same."""
-    a, b = (night.identification_ms.p99 for night in figures)
+    a, b = (session.identification_ms.p99 for session in figures)
     return Row("identification time, 99 %", "ms", a, b, b - a, _NAN, worse=False, gate=False)

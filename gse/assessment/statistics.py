@@ -11,20 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincinv
 
-from gse.assessment.axis_statistics import AxisFigures, axis_figures
+from gse.assessment.axis_statistics import AxisStatistics, axis_statistics
 from gse.assessment.clock_health import ClockHealth, clock_health
-from gse.assessment.onboard_equivalence import Equivalence, equivalence
-from gse.assessment.percentiles import Spread, spread
-from gse.station.exclusions import Exclusion, left_out
-from gse.station.frame_table import JUDGES, STATUSES
-from gse.station.results import Judge, Status
-from gse.station.session_data import Night
+from gse.assessment.onboard_equivalence import OnboardEquivalence, equivalence
+from gse.assessment.percentiles import Percentiles, percentiles
+from gse.station.exclusions import Exclusion, excluded
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, Status
+from gse.station.session_data import SessionData
 
 AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y")
 EARTH_RATE_ARCSEC_PER_S = 15.041067
 """Of the sidereal day, IERS Conventions 2010: 1.00273781 turns per UT1 day."""
 
-STRAY_ARCSEC = 1800.0
+OUTLIER_ARCSEC = 1800.0
 """An answer this far from the median of all is false, whatever the judge has seen: half a degree."""
 
 _MAX_DE_FOR_RA_DEG = 89.9
@@ -72,43 +72,43 @@ class Statistics:
     available: Proportion
     false_answers: Proportion
     false_upper_95: float
-    axes: dict[str, AxisFigures]
+    axes: dict[str, AxisStatistics]
     mean_abs_d_ra_deg: float
     mean_abs_d_de_deg: float
     earth_rate: EarthRate
-    identification_ms: Spread
-    arrival_ms: Spread
+    identification_ms: Percentiles
+    arrival_ms: Percentiles
     acquisition_s: float
     outage_s: float
     clock: ClockHealth
-    equivalence: Equivalence | None
-    left_out: tuple[tuple[Exclusion, int], ...]
+    equivalence: OnboardEquivalence | None
+    excluded: tuple[tuple[Exclusion, int], ...]
 
 
-def statistics(night: Night) -> Statistics:
+def statistics(session: SessionData) -> Statistics:
     """The figures of a night, without what its events and its operator leave out.
 
     Columns are taken one at a time: the rows of eight hours at 10 Hz are 40 MB, and a selection of them is a copy.
     """
-    frames = night.frames.columns
-    named = night.exclusions()
-    kept = ~left_out(frames["utc_ns"], named)
+    frames = session.frames.columns
+    named = session.exclusions()
+    kept = ~excluded(frames["utc_ns"], named)
     status, judged = frames["status"][kept], frames["judge"][kept]
     answered = status == STATUSES.index(Status.IDENTIFIED)
     false = answered & _false(judged, frames["cross_x_arcsec"][kept], frames["cross_y_arcsec"][kept])
     used = np.flatnonzero(kept)[answered & ~false & np.isfinite(frames["d_de_arcsec"][kept])]
     used = used[np.argsort(frames["utc_ns"][used], kind="stable")]  # a step of the clock may turn the order
     used_ns = frames["utc_ns"][used]
-    axes = {axis: axis_figures(used_ns, frames[f"{axis}_arcsec"][used]) for axis in AXES}
+    axes = {axis: axis_statistics(used_ns, frames[f"{axis}_arcsec"][used]) for axis in AXES}
     de_true_deg = frames["de_true_deg"][used]
-    expected = len(status) + night.link.frames_lost
+    expected = len(status) + session.link.frames_lost
     n_answered, n_false = int(answered.sum()), int(false.sum())
     return Statistics(
         frames=len(frames),
         duration_s=float(np.ptp(frames["utc_ns"])) / 1e9 if len(frames) else 0.0,
         frames_expected=expected,
         statuses={name.value: int((status == place).sum()) for place, name in enumerate(STATUSES)},
-        judged={name.value: int((judged == place).sum()) for place, name in enumerate(JUDGES)},
+        judged={name.value: int((judged == place).sum()) for place, name in enumerate(ANSWER_CHECKS)},
         available=proportion(n_answered - n_false, expected),
         false_answers=proportion(n_false, n_answered),
         false_upper_95=_upper(n_false, n_answered, 0.95) if n_answered else _NAN,
@@ -116,13 +116,13 @@ def statistics(night: Night) -> Statistics:
         mean_abs_d_ra_deg=_mean_abs_d_ra_deg(frames["d_ra_cosde_arcsec"][used], de_true_deg),
         mean_abs_d_de_deg=axes["d_de"].mean_abs_arcsec / 3600,
         earth_rate=_earth_rate(de_true_deg, axes["d_ra_cosde"]),
-        identification_ms=spread(frames["elapsed_us"] / 1e3),
-        arrival_ms=spread((frames["host_utc_ns"] - frames["utc_ns"])[frames["host_utc_ns"] > 0] / 1e6),
+        identification_ms=percentiles(frames["elapsed_us"] / 1e3),
+        arrival_ms=percentiles((frames["host_utc_ns"] - frames["utc_ns"])[frames["host_utc_ns"] > 0] / 1e6),
         acquisition_s=_acquisition_s(frames["utc_ns"][kept], answered & ~false),
         outage_s=_outage_s(frames["utc_ns"][kept], answered & ~false),
-        clock=clock_health(night.clock, night.events, frames, stated_error_s=night.clock_error_s),
-        equivalence=equivalence(frames, np.flatnonzero(kept), [answer for _, answer in night.sensor_attitudes]),
-        left_out=tuple((item, int(left_out(frames["utc_ns"], (item,)).sum())) for item in named),
+        clock=clock_health(session.clock, session.events, frames, stated_error_s=session.clock_error_s),
+        equivalence=equivalence(frames, np.flatnonzero(kept), [answer for _, answer in session.sensor_attitudes]),
+        excluded=tuple((item, int(excluded(frames["utc_ns"], (item,)).sum())) for item in named),
     )
 
 
@@ -135,7 +135,9 @@ def false_answers(frames: NDArray[np.void]) -> NDArray[np.bool_]:
 def _false(
     judged: NDArray[np.uint8], cross_x_arcsec: NDArray[np.float64], cross_y_arcsec: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    return np.asarray((judged == JUDGES.index(Judge.FALSE)) | _stray(cross_x_arcsec, cross_y_arcsec), dtype=bool)
+    return np.asarray(
+        (judged == ANSWER_CHECKS.index(AnswerCheck.FALSE)) | _outlier(cross_x_arcsec, cross_y_arcsec), dtype=bool
+    )
 
 
 def proportion(count: int, of: int) -> Proportion:
@@ -151,13 +153,13 @@ def _upper(count: int, of: int, confidence: float) -> float:
     return float(betaincinv(count + 1, of - count, confidence)) if count < of else 1.0
 
 
-def _stray(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _outlier(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Answers far from the median of all: a wrong mount moves all answers alike, a false answer only itself."""
     known = np.isfinite(x)
     if not known.any():
         return np.zeros(len(x), dtype=bool)
     distance = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
-    return np.asarray(distance > STRAY_ARCSEC, dtype=bool)  # NaN is not
+    return np.asarray(distance > OUTLIER_ARCSEC, dtype=bool)  # NaN is not
 
 
 def _mean_abs_d_ra_deg(d_ra_cosde_arcsec: NDArray[np.float64], de_true_deg: NDArray[np.float64]) -> float:
@@ -168,7 +170,7 @@ def _mean_abs_d_ra_deg(d_ra_cosde_arcsec: NDArray[np.float64], de_true_deg: NDAr
     return float(np.abs(d_ra_arcsec).mean()) / 3600
 
 
-def _earth_rate(de_true_deg: NDArray[np.float64], d_ra_cosde: AxisFigures) -> EarthRate:
+def _earth_rate(de_true_deg: NDArray[np.float64], d_ra_cosde: AxisStatistics) -> EarthRate:
     if len(de_true_deg) == 0 or abs(de_true_deg[0]) > _MAX_DE_FOR_RA_DEG:
         return EarthRate(_NAN, _NAN, EARTH_RATE_ARCSEC_PER_S)
     per_hour = math.cos(math.radians(float(np.mean(de_true_deg)))) * 3600

@@ -49,7 +49,7 @@ class Term:
 
 
 @dataclass(frozen=True, slots=True)
-class TruthBudget:
+class TruthUncertaintyBudget:
     """All terms of a night; NaN sizes are not known."""
 
     terms: tuple[Term, ...]
@@ -83,7 +83,7 @@ def _amount(arcsec: float) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class NightFacts:
+class SessionFacts:
     """What the budget is made from; ``alignment`` where the mount was fitted on other frames of the session."""
 
     site: Site
@@ -96,15 +96,15 @@ class NightFacts:
     alignment: Alignment | None = None
 
 
-def truth_budget(facts: NightFacts) -> TruthBudget:
+def truth_budget(facts: SessionFacts) -> TruthUncertaintyBudget:
     """The budget of a night; without Earth orientation there is no truth, and one unknown term says so."""
     if facts.earth_orientation is None:
         remark = "see the events for why"
-        return TruthBudget((Term("sidereal truth", math.inf, False, math.inf, math.inf, remark),))
+        return TruthUncertaintyBudget((Term("sidereal truth", math.inf, False, math.inf, math.inf, remark),))
     truth = SiderealTruth(facts.site, facts.earth_orientation)
     attitude = truth.attitude_true(facts.utc_ns, facts.mount)
     cos_de = math.cos(math.radians(attitude.de_deg))
-    return TruthBudget(
+    return TruthUncertaintyBudget(
         (
             *_frame_terms(facts, truth, cos_de),
             *_star_terms(facts, truth),
@@ -116,7 +116,7 @@ def truth_budget(facts: NightFacts) -> TruthBudget:
     )
 
 
-def _frame_terms(facts: NightFacts, truth: SiderealTruth, cos_de: float) -> list[Term]:
+def _frame_terms(facts: SessionFacts, truth: SiderealTruth, cos_de: float) -> list[Term]:
     here = truth.earth_orientation.at(facts.utc_ns)
     pole = _POLE_ERROR_ARCSEC[here.kind] + _MODEL_ARCSEC
     ut1 = ARCSEC_PER_S * cos_de * here.ut1_error_s + _MODEL_ARCSEC
@@ -136,7 +136,7 @@ def _frame_terms(facts: NightFacts, truth: SiderealTruth, cos_de: float) -> list
     return terms
 
 
-def _star_terms(facts: NightFacts, truth: SiderealTruth) -> list[Term]:
+def _star_terms(facts: SessionFacts, truth: SiderealTruth) -> list[Term]:
     star = truth.attitude_true(facts.utc_ns, facts.mount).boresight_icrs[None]
     seen = truth.apparent(star, facts.utc_ns)
     terms = []
@@ -147,14 +147,14 @@ def _star_terms(facts: NightFacts, truth: SiderealTruth) -> list[Term]:
     return terms
 
 
-def _refraction(facts: NightFacts, truth: SiderealTruth) -> Term:
+def _refraction(facts: SessionFacts, truth: SiderealTruth) -> Term:
     zenith_distance = math.radians(90 - facts.mount.altitude_deg)
     size = truth.refraction.bend_rad(zenith_distance) * _ARCSEC_PER_RAD
     remains = _AIR_SHARE * size
     return Term("refraction", size, True, remains, remains, "measure pressure and temperature at the mount")
 
 
-def _catalog_terms(facts: NightFacts) -> list[Term]:
+def _catalog_terms(facts: SessionFacts) -> list[Term]:
     years = abs(2000 + (facts.utc_ns - _J2000_NS) / _JULIAN_YEAR_NS - facts.catalog_epoch_jyear)
     moved = _PROPER_MOTION_ARCSEC_PER_YEAR * years
     remains = 0.02 * moved if facts.proper_motions else moved
@@ -165,7 +165,7 @@ def _catalog_terms(facts: NightFacts) -> list[Term]:
     ]
 
 
-def _mount_terms(facts: NightFacts) -> list[Term]:
+def _mount_terms(facts: SessionFacts) -> list[Term]:
     """A fitted mount has the deflection of the vertical in it; a stated one has not."""
     if facts.alignment is None:
         remark = "fit the mount with: mount: {align: first 60 s}"
@@ -179,7 +179,7 @@ def _mount_terms(facts: NightFacts) -> list[Term]:
     ]
 
 
-def _clock(facts: NightFacts, cos_de: float) -> Term:
+def _clock(facts: SessionFacts, cos_de: float) -> Term:
     """A constant clock error cannot be told from the mount's hour angle, so that an alignment absorbs it too."""
     size = ARCSEC_PER_S * cos_de * facts.clock_error_s
     remark = "synchronise the clock, or state its error if it was measured: --clock-error 0.1s"

@@ -9,12 +9,12 @@ be the reason. False answers and lost frames are no matter of truth.
 import math
 from dataclasses import dataclass
 
-from gse.assessment.axis_statistics import AxisFigures
+from gse.assessment.axis_statistics import AxisStatistics
 from gse.assessment.diagnosis import findings
 from gse.assessment.statistics import Statistics, statistics
-from gse.assessment.truth_budget import NightFacts, TruthBudget, truth_budget
+from gse.assessment.truth_budget import SessionFacts, TruthUncertaintyBudget, truth_budget
 from gse.station.results import Verdict
-from gse.station.session_data import Night
+from gse.station.session_data import SessionData
 
 MIN_FRAMES = 30
 """Fewer compared frames than this decide nothing: 95 % of them would be all but one."""
@@ -35,56 +35,56 @@ class Measurement:
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class Assessment:
     """The verdict, one line per reason where it is not PASS, what it was made from, and what the errors look like."""
 
     verdict: Verdict
     reasons: tuple[str, ...]
     measurements: tuple[Measurement, ...]
     statistics: Statistics
-    budget: TruthBudget
+    budget: TruthUncertaintyBudget
     findings: tuple[str, ...] = ()
 
 
-def judge(night: Night) -> Judgement:
+def judge(session: SessionData) -> Assessment:
     """Measure a night and judge it."""
-    figures = statistics(night)
-    budget = truth_budget(_facts(night, figures))
+    figures = statistics(session)
+    budget = truth_budget(_facts(session, figures))
     measured = [
-        *_accuracy("dRA*", figures.axes["d_ra_cosde"], night.station.limits.d_ra_cosde_arcsec, budget.ra_arcsec),
-        *_accuracy("dDE", figures.axes["d_de"], night.station.limits.d_de_arcsec, budget.de_arcsec),
-        _availability(figures, night.station.limits.availability),
+        *_accuracy("dRA*", figures.axes["d_ra_cosde"], session.station.limits.d_ra_cosde_arcsec, budget.ra_arcsec),
+        *_accuracy("dDE", figures.axes["d_de"], session.station.limits.d_de_arcsec, budget.de_arcsec),
+        _availability(figures, session.station.limits.availability),
         _false_answers(figures),
-        *_identification_time(figures, night.station.limits.identification_ms),
+        *_identification_time(figures, session.station.limits.identification_ms),
     ]
     outcomes = [measurement.outcome for measurement, _ in measured]
     worst = (Verdict.FAIL, Verdict.INCONCLUSIVE)
     verdict = next((outcome for outcome in worst if outcome in outcomes), Verdict.PASS)
     reasons = [reason for measurement, reason in measured if reason and measurement.outcome is not Verdict.PASS]
-    found = findings(night, figures)
+    found = findings(session, figures)
     if verdict is not Verdict.PASS:
-        reasons += [*_complaints(night, budget), *found]
+        reasons += [*_complaints(session, budget), *found]
     measurements = tuple(measurement for measurement, _ in measured)
-    return Judgement(verdict, tuple(dict.fromkeys(reasons)), measurements, figures, budget, found)
+    return Assessment(verdict, tuple(dict.fromkeys(reasons)), measurements, figures, budget, found)
 
 
-def _facts(night: Night, figures: Statistics) -> NightFacts:
-    frames = night.frames.columns
-    epoch = night.catalog.get("epoch_jyear")
-    return NightFacts(
-        site=night.station.site,
-        mount=night.alignment.mount if night.alignment else night.station.mount,
-        earth_orientation=night.earth_orientation if len(frames) else None,
+def _facts(session: SessionData, figures: Statistics) -> SessionFacts:
+    frames = session.frames.columns
+    epoch = session.catalog.get("epoch_jyear")
+    return SessionFacts(
+        site=session.station.site,
+        mount=session.alignment.mount if session.alignment else session.station.mount,
+        earth_orientation=session.earth_orientation if len(frames) else None,
         utc_ns=int(frames["utc_ns"][len(frames) // 2]) if len(frames) else 0,
         clock_error_s=figures.clock.error_bound_s,
         catalog_epoch_jyear=epoch if isinstance(epoch, float) else 2016.0,
-        proper_motions=bool(night.catalog.get("proper_motions")),
-        alignment=night.alignment,
+        proper_motions=bool(session.catalog.get("proper_motions")),
+        alignment=session.alignment,
     )
 
 
-def _complaints(night: Night, budget: TruthBudget) -> list[str]:
-    limits = night.station.limits
+def _complaints(session: SessionData, budget: TruthUncertaintyBudget) -> list[str]:
+    limits = session.station.limits
     rows = (("dRA*", limits.d_ra_cosde_arcsec), ("dDE", limits.d_de_arcsec))
     return [line for axis, limit in rows if (line := budget.complaint(axis, limit, TRUTH_SHARE))]
 
@@ -92,7 +92,7 @@ def _complaints(night: Night, budget: TruthBudget) -> list[str]:
 _Measured = tuple[Measurement, str]
 
 
-def _accuracy(axis: str, figures: AxisFigures, limit: float, truth_arcsec: float) -> list[_Measured]:
+def _accuracy(axis: str, figures: AxisStatistics, limit: float, truth_arcsec: float) -> list[_Measured]:
     rows = ((f"mean |{axis}|", figures.mean_abs_arcsec), (f"95 % of |{axis}|", figures.p95_abs_arcsec))
     measured = []
     for name, value in rows:

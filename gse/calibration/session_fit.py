@@ -47,7 +47,7 @@ class PanoramaSample:
                 self._every *= 2
         self._count += 1
 
-    def spread(self, count: int) -> list[Panorama]:
+    def percentiles(self, count: int) -> list[Panorama]:
         """Some of the panoramas, from the whole length."""
         places = np.unique(np.linspace(0, len(self.panoramas) - 1, min(count, len(self.panoramas))).astype(int))
         return [self.panoramas[place] for place in places.tolist()]
@@ -79,7 +79,7 @@ def calibrate_session(
     Without ``truth`` stars are taken from the catalogue as they are: that leaves refraction (0.03 % of the focal
     length) and aberration (0.01 %) in the result. UsageError where nothing can be identified.
     """
-    panoramas, tried = sample.spread(MAX_PANORAMAS), sample.spread(_TRIED)
+    panoramas, tried = sample.percentiles(MAX_PANORAMAS), sample.percentiles(_TRIED)
     if not panoramas:
         raise UsageError("the session holds no panorama; expected some hundred to calibrate on")
     before = len(_identified(tried, camera, identifier))
@@ -109,7 +109,7 @@ _Named = tuple[Panorama, Identification]
 
 
 def _identified(panoramas: list[Panorama], camera: Camera, identifier: Identifier) -> list[_Named]:
-    answers = ((item, identifier.identify(camera.directions(item.xy_px), item.index)) for item in panoramas)
+    answers = ((item, identifier.identify(camera.directions(item.xy_px), item.brightness)) for item in panoramas)
     return [(item, answer) for item, answer in answers if isinstance(answer, Identification)]
 
 

@@ -9,8 +9,8 @@ import click
 import numpy as np
 
 from gse.attitude import Attitude
+from gse.cli.new_files import write_new
 from gse.cli.options import station_of, station_option
-from gse.cli.writing import write_new
 from gse.config.edit import with_values
 from gse.config.station import Mount
 from gse.station.attitude_error import compare
@@ -45,21 +45,24 @@ def command(
     Fits on even minutes are judged on odd ones and the other way round. The verdict of a session must not rest on a
     mount that was fitted on the same frames: use --write for the next session, or `mount: {align: first 60 s}`.
     """
-    from gse.sessions.replay import Cut, StationText, replay_session
+    from gse.sessions.replay import ReplayOptions, StationText, replay_session
 
     def change(recorded: StationText) -> StationText:
         return station_of(station_path) if station_path else recorded
 
     measured = MeasuredMounts()
     replay = replay_session(
-        path, cut=Cut(from_utc=from_utc, to_utc=to_utc), station=change, make_sinks=lambda loop, folder: [measured]
+        path,
+        options=ReplayOptions(from_utc=from_utc, to_utc=to_utc),
+        station=change,
+        make_listeners=lambda loop, folder: [measured],
     )
     judged = cross_judged(measured)
     if write_path is not None:
         mount = judged.alignment.mount.model_dump(exclude={"align"})
         angles = {name: round(value, 6) for name, value in mount.items()}
-        write_new(write_path, with_values(replay.night.station_text, "mount", angles, drop=("align",)))
-    report = alignment_report(judged, replay.night.station.mount)
+        write_new(write_path, with_values(replay.session.station_text, "mount", angles, drop=("align",)))
+    report = alignment_report(judged, replay.session.station.mount)
     click.echo(json.dumps(report) if as_json else "\n".join(_lines(report)))
 
 

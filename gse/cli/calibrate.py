@@ -8,8 +8,8 @@ import click
 
 from gse.calibration.camera_fit import Calibration
 from gse.calibration.session_fit import PanoramaSample, SessionCalibration, calibrate_session
+from gse.cli.new_files import write_new
 from gse.cli.options import station_of, station_option
-from gse.cli.writing import write_new
 from gse.config.edit import with_values
 from gse.errors import TruthError
 from gse.truth import EarthOrientation, SiderealTruth
@@ -47,19 +47,19 @@ def command(
     correct for aberration and refraction. The new station file is for `gse replay --station`.
     """
     from gse.sessions.panoramas import open_recording
-    from gse.sessions.replay import Cut, StationText
-    from gse.station.setup import prepare
+    from gse.sessions.replay import ReplayOptions, StationText
+    from gse.station.setup import set_up
 
     def change(recorded: StationText) -> StationText:
         return station_of(station_path) if station_path else recorded
 
-    recording = open_recording(path, Cut(from_utc=from_utc, to_utc=to_utc), change)
+    recording = open_recording(path, ReplayOptions(from_utc=from_utc, to_utc=to_utc), change)
     sample = PanoramaSample()
     for panorama in recording.panoramas():
         sample.add(panorama)
     first_ns = sample.panoramas[0].utc_ns if sample.panoramas else None
-    equipment = prepare(recording.station, recording.station_text, utc_ns=first_ns)
-    result = calibrate_session(sample, equipment.camera, equipment.identifier, _truth(recording, first_ns))
+    setup = set_up(recording.station, recording.station_text, utc_ns=first_ns)
+    result = calibrate_session(sample, setup.camera, setup.identifier, _truth(recording, first_ns))
     if write_path is not None:
         write_new(write_path, with_values(recording.station_text, "sensor", _sensor_values(result)))
     click.echo(json.dumps(calibration_report(result)) if as_json else "\n".join(_lines(result)))

@@ -33,12 +33,12 @@ def command(
     Only the versions of packages may differ. The exit code is 1 where a report differs, is missing, or cannot be made.
     """
     from gse.sessions.golden import check, junit_of, recordings_in
-    from gse.sessions.replay import Cut
+    from gse.sessions.replay import ReplayOptions
 
     outcomes = []
     for recording in recordings_in(folder):
         name = recording.relative_to(folder).as_posix().removesuffix(".mcap")
-        outcome = check(recording, name, Cut(speed=speed, cut=cut_bytes), update=update)
+        outcome = check(recording, name, ReplayOptions(speed=speed, chunk_bytes=cut_bytes), update=update)
         outcomes.append(outcome)
         if not as_json:
             what = "ERROR" if outcome.error else "DIFFERS" if outcome.differences else "kept" if update else "same"

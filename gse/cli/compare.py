@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.assessment.session_comparison import Row, SideBySide, side_by_side
+from gse.assessment.session_comparison import Row, SessionComparison, session_comparison
 from gse.cli import EXIT_FAIL
 from gse.cli.options import ALGORITHMS, station_of, with_identifier
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
-    from gse.station.session_data import Night
+    from gse.station.session_data import SessionData
 
 
 @click.command("compare")
@@ -63,11 +63,11 @@ def command(
     """
     if second is None and not identifiers and not stations:
         raise UsageError("one session alone compares with nothing; name a second one, or --identifier, or --station")
-    nights = [
-        _night(path, _of(identifiers, place), _of(stations, place))
+    sessions = [
+        _session(path, _of(identifiers, place), _of(stations, place))
         for place, path in enumerate((first, second or first))
     ]
-    result = side_by_side(*nights, sigmas=sigmas, allowed_share=allowed_share)
+    result = session_comparison(*sessions, sigmas=sigmas, allowed_share=allowed_share)
     click.echo(json.dumps(compare_report(result)) if as_json else "\n".join(_lines(result)))
     ctx.exit(EXIT_FAIL if result.regressions else 0)
 
@@ -75,21 +75,21 @@ def command(
 def _of(options: tuple[Any, ...], place: int) -> Any:
     """The option of the first (0) or second (1) night: one value is for the second."""
     if len(options) > 2:
-        raise UsageError(f"{len(options)} values were given where two nights are compared: expected one or two")
+        raise UsageError(f"{len(options)} values were given where two sessions are compared: expected one or two")
     return options[place] if len(options) == 2 else options[0] if options and place == 1 else None
 
 
-def _night(path: Path, identifier: str | None, station_path: Path | None) -> "Night":
+def _session(path: Path, identifier: str | None, station_path: Path | None) -> "SessionData":
     from gse.sessions.replay import StationText, replay_session
 
     def change(recorded: StationText) -> StationText:
         station, text = station_of(station_path) if station_path else recorded
         return with_identifier(station, text, identifier)
 
-    return replay_session(path, station=change).night
+    return replay_session(path, station=change).session
 
 
-def compare_report(result: SideBySide) -> dict[str, Any]:
+def compare_report(result: SessionComparison) -> dict[str, Any]:
     """The JSON of schema gse.compare/1."""
     return {
         "schema": "gse.compare/1",
@@ -115,7 +115,7 @@ def _number(value: float, digits: int = 6) -> float | None:
     return round(value, digits) if math.isfinite(value) else None
 
 
-def _lines(result: SideBySide) -> list[str]:
+def _lines(result: SessionComparison) -> list[str]:
     """The result for a person."""
     head = f"{'':28}{'first':>12}{'second':>12}{'difference':>12}{'sigmas':>9}"
     words = ", ".join(row.name for row in result.regressions)

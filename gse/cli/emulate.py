@@ -57,15 +57,15 @@ def command(
         raise UsageError("say where the sensor shall be: --pty, or --tcp 127.0.0.1:4000")
     options = {"scenario": scenario, "seed": str(seed), "start": start or to_text(read_clock().utc_ns, 9)}
     options |= {"level": level, "standby": "yes" if standby else "no"}
-    night = scenario_of(options | ({"rate_hz": str(rate_hz)} if rate_hz else {}))
+    session = scenario_of(options | ({"rate_hz": str(rate_hz)} if rate_hz else {}))
     station, _ = station_of(station_path)
-    device = night.device_for(station)
-    detector = detector_of(station, night, options)
+    device = session.device_for(station)
+    detector = detector_of(station, session, options)
     # Catalogue, ephemeris and Earth orientation are loaded by a first exposure, which nobody sees.
-    detector.expose(night.start_utc_ns, night.exposure_s, night.firmware.temperature_c[0])
+    detector.expose(session.start_utc_ns, session.exposure_s, session.firmware.temperature_c[0])
     began_ns = read_clock().utc_ns
-    offset_ns = night.start_utc_ns - began_ns if start else 0
-    firmware = firmware_of(station, night, options, detector, began_ns + offset_ns)
+    offset_ns = session.start_utc_ns - began_ns if start else 0
+    firmware = firmware_of(station, session, options, detector, began_ns + offset_ns)
     endpoint = _endpoint(tcp_address)
     click.echo(endpoint.address)
     click.echo(f"{device.sensor.name} speaks {device.protocol}; Ctrl-C ends it", err=True)

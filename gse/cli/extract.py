@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gse.cli.new_files import write_new
 from gse.cli.options import station_of
-from gse.cli.writing import write_new
 from gse.errors import TableError
 
 if TYPE_CHECKING:

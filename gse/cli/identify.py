@@ -34,16 +34,16 @@ def command(
     from gse.panorama import Panorama
     from gse.station.frame_json import frame_json
     from gse.station.loop import StationLoop
-    from gse.station.setup import prepare
+    from gse.station.setup import set_up
 
-    xy_px, index = read_panorama_table(table)
+    xy_px, brightness = read_panorama_table(table)
     station, text = station_of(station_path)
     try:
         utc_ns = instant.from_text(utc_text) if utc_text else 0
     except ValueError as error:
         raise UsageError(f"--utc: {error}") from error
-    equipment = prepare(*with_identifier(station, text, identifier))
-    result = StationLoop(equipment).observe(Panorama(utc_ns, xy_px, index))
+    setup = set_up(*with_identifier(station, text, identifier))
+    result = StationLoop(setup).observe(Panorama(utc_ns, xy_px, brightness))
     if as_json:
         document = frame_json(result)
         if utc_text is None:
@@ -59,16 +59,17 @@ def _print(result: FrameResult) -> None:
     if attitude is None:
         click.echo(f"{result.status}: {result.detail}")
         return
-    count = len(result.panorama.index)
+    count = len(result.panorama.brightness)
     click.echo(f"RA {attitude.ra_deg:.5f}  DE {attitude.de_deg:+.5f}  roll {attitude.roll_deg:.4f} deg (ICRS)")
-    chance = result.identification.chance if result.identification else 1.0
-    click.echo(f"{len(result.matches)} of {count} objects identified by {result.identifier}, chance {chance:.1g}")
-    if result.discrepancy:
-        error = result.discrepancy
+    probability = result.identification.false_match_probability if result.identification else 1.0
+    named = f"{len(result.matches)} of {count} objects identified by {result.identifier}"
+    click.echo(f"{named}, false-match probability {probability:.1g}")
+    if result.attitude_error:
+        error = result.attitude_error
         click.echo(f"dRA* {error.d_ra_cosde_arcsec:+.1f}  dDE {error.d_de_arcsec:+.1f} arcsec from the mount")
     names = {match.object: match for match in result.matches}
     others = dict(result.others)
-    for row, ((x, y), index) in enumerate(zip(result.panorama.xy_px, result.panorama.index, strict=True)):
+    for row, ((x, y), brightness) in enumerate(zip(result.panorama.xy_px, result.panorama.brightness, strict=True)):
         match = names.get(row)
         what = f"{match.star:32} {match.residual_arcsec:6.1f} arcsec" if match else others.get(row, "-")
-        click.echo(f"  y {y:8.2f}  x {x:8.2f}  index {index:6.0f}  {what}")
+        click.echo(f"  y {y:8.2f}  x {x:8.2f}  index {brightness:6.0f}  {what}")

@@ -41,7 +41,7 @@ clock_error_option: Callable[[Any], Any] = click.option(
 )
 leave_out_option: Callable[[Any], Any] = click.option(
     "--leave-out",
-    "left_out",
+    "excluded",
     multiple=True,
     callback=lambda ctx, param, value: _exclusions(value),
     help="Stretch to leave out of the figures, and why: 2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds",

@@ -9,32 +9,34 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from drivers.mock.playback import is_session
 from drivers.session_file.reader import messages
 from drivers.session_file.records import RX
-from gse.sessions.replay import Cut, Replay, replay_session
-from gse.station.loop import Sink, StationLoop
+from gse.sessions.replay import Replay, ReplayOptions, replay_session
+from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
 
-SinkMaker = Callable[[StationLoop, Path | None], Sequence[Sink]]
+ListenerMaker = Callable[[StationLoop, Path | None], Sequence[Listener]]
 
 
-def replay_with_progress(path: Path, make_sinks: SinkMaker = lambda loop, folder: (), cut: Cut | None = None) -> Replay:
+def replay_with_progress(
+    path: Path, make_listeners: ListenerMaker = lambda loop, folder: (), options: ReplayOptions | None = None
+) -> Replay:
     """Replay a session at full speed; a bar shows its progress where stderr is a terminal."""
-    cut = cut or Cut()
+    options = options or ReplayOptions()
     console = Console(stderr=True)
     if not console.is_terminal or not path.exists():
-        return replay_session(path, cut=cut, make_sinks=make_sinks)
+        return replay_session(path, options=options, make_listeners=make_listeners)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("replaying", total=_bytes_of(path))
         loops: list[StationLoop] = []
 
-        def sinks_of(loop: StationLoop, folder: Path | None) -> Sequence[Sink]:
+        def listeners_of(loop: StationLoop, folder: Path | None) -> Sequence[Listener]:
             loops.append(loop)
-            return make_sinks(loop, folder)
+            return make_listeners(loop, folder)
 
         def each(results: list[FrameResult]) -> None:
-            progress.update(task, completed=loops[0].night.link.bytes_in)
+            progress.update(task, completed=loops[0].session.link.bytes_in)
 
-        return replay_session(path, cut=cut, make_sinks=sinks_of, each=each)
+        return replay_session(path, options=options, make_listeners=listeners_of, each=each)
 
 
 def _bytes_of(path: Path) -> int:

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from gse.cli.concluding import conclude, exit_code, show_report
+from gse.cli.finish import conclude, exit_code, show_report
+from gse.cli.live_outputs import ViewMode, Watching
 from gse.cli.options import (
     bind_option,
     clock_error_option,
@@ -19,7 +20,6 @@ from gse.cli.options import (
     view_option,
     with_identifier,
 )
-from gse.cli.watching import ViewMode, Watching
 from gse.station.exclusions import Exclusion
 
 
@@ -58,7 +58,7 @@ def command(
     bind: str,
     save_rrd: Path | None,
     clock_error_s: float | None,
-    left_out: tuple[Exclusion, ...],
+    excluded: tuple[Exclusion, ...],
     as_json: bool,
     json_frames: bool,
     out: Path,
@@ -68,20 +68,20 @@ def command(
     A session brings its station file along; --station replaces it. The report goes to a new folder under --out.
     """
     from gse.sessions.live import new_session_folder
-    from gse.sessions.replay import Cut, StationText, replay_session
+    from gse.sessions.replay import ReplayOptions, StationText, replay_session
 
     def change(recorded: StationText) -> StationText:
         station, text = station_of(station_path) if station_path else recorded
         return with_identifier(station, text, identifier)
 
-    cut = Cut(speed=speed, from_utc=from_utc, to_utc=to_utc, loop=loop, start_utc=start_utc)
+    options = ReplayOptions(speed=speed, from_utc=from_utc, to_utc=to_utc, loop=loop, start_utc=start_utc)
     watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames, step=step)
     with watching:
-        replay = replay_session(path, cut=cut, station=change, make_sinks=watching.sinks)
-        frames = replay.night.frames.columns
+        replay = replay_session(path, options=options, station=change, make_listeners=watching.listeners)
+        frames = replay.session.frames.columns
         first_ns = int(frames["utc_ns"][0]) if len(frames) else 0
-        folder = new_session_folder(out, f"{replay.night.station.sensor.name}-replay", first_ns)
-        report = conclude(replay.night, folder, replay.own_elapsed_us, clock_error_s, left_out)
+        folder = new_session_folder(out, f"{replay.session.station.sensor.name}-replay", first_ns)
+        report = conclude(replay.session, folder, replay.own_elapsed_us, clock_error_s, excluded)
         watching.conclude(report)
     show_report(report, folder, as_json=as_json, json_frames=json_frames)
-    ctx.exit(exit_code(report, folder, data_lost=replay.night.truncated))
+    ctx.exit(exit_code(report, folder, data_lost=replay.session.truncated))

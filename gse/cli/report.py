@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from gse.cli.concluding import conclude, exit_code, show_report
+from gse.cli.finish import conclude, exit_code, show_report
 from gse.cli.options import clock_error_option, leave_out_option
 from gse.station.exclusions import Exclusion
 
@@ -30,7 +30,7 @@ def command(
     path: Path,
     out: Path | None,
     clock_error_s: float | None,
-    left_out: tuple[Exclusion, ...],
+    excluded: tuple[Exclusion, ...],
     pdf: bool,
     screenshot: Path | None,
     as_json: bool,
@@ -47,14 +47,14 @@ def command(
     browser = find_browser() if pdf or screenshot else None
     replay = replay_with_progress(path)
     folder = _new_folder(out, path)
-    report = conclude(replay.night, folder, replay.own_elapsed_us, clock_error_s, left_out)
+    report = conclude(replay.session, folder, replay.own_elapsed_us, clock_error_s, excluded)
     if browser and pdf:
         click.echo(f"printed: {print_to_pdf(browser, folder / 'report.html')}", err=True)
     if browser and screenshot:
         save_picture(browser, folder / "report.html", screenshot)
         click.echo(f"picture: {screenshot}", err=True)
     show_report(report, folder, as_json=as_json, json_frames=False)
-    ctx.exit(exit_code(report, folder, data_lost=replay.night.truncated))
+    ctx.exit(exit_code(report, folder, data_lost=replay.session.truncated))
 
 
 def _check_free(wanted: Path | None) -> None:

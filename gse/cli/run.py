@@ -9,7 +9,8 @@ from types import FrameType
 import click
 
 from gse.cli import EXIT_INTERRUPTED
-from gse.cli.concluding import conclude, exit_code, show_report
+from gse.cli.finish import conclude, exit_code, show_report
+from gse.cli.live_outputs import ViewMode, Watching
 from gse.cli.options import (
     bind_option,
     clock_error_option,
@@ -23,7 +24,6 @@ from gse.cli.options import (
     view_option,
     with_identifier,
 )
-from gse.cli.watching import ViewMode, Watching
 from gse.config.edit import with_values
 from gse.config.station import Station
 
@@ -77,22 +77,22 @@ def command(
     watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
     click.echo("preparing catalogue and identifiers; the first time takes half a minute", err=True)
     with _stop_on_signal() as stopped, watching:
-        session = run_live(
+        live = run_live(
             station,
             text,
             out,
-            make_sinks=watching.sinks,
+            make_listeners=watching.listeners,
             stop=stopped,
             duration_s=duration_s,
             wait_port=wait_port,
             clock_error_s=clock_error_s,
         )
-        report = conclude(session.night, session.folder, session.own_elapsed_us, clock_error_s)
+        report = conclude(live.session, live.folder, live.own_elapsed_us, clock_error_s)
         watching.conclude(report)
-    show_report(report, session.folder, as_json=as_json, json_frames=json_frames)
-    if session.lost_bytes:
-        click.echo(f"gse: {session.lost_bytes} bytes were received but could not be recorded", err=True)
-    ctx.exit(EXIT_INTERRUPTED if stopped() else exit_code(report, session.folder, data_lost=session.lost_bytes > 0))
+    show_report(report, live.folder, as_json=as_json, json_frames=json_frames)
+    if live.lost_bytes:
+        click.echo(f"gse: {live.lost_bytes} bytes were received but could not be recorded", err=True)
+    ctx.exit(EXIT_INTERRUPTED if stopped() else exit_code(report, live.folder, data_lost=live.lost_bytes > 0))
 
 
 def _simulated(station: Station, text: str) -> tuple[Station, str]:

@@ -59,17 +59,17 @@ def command(
         return
     changes = {"scenario": scenario, "start": start, "rate_hz": rate_hz, "seed": seed, "level": level}
     options = {name: str(value) for name, value in changes.items() if value is not None}
-    night = scenario_of(options)
+    described = scenario_of(options)
     parse_faults({"faults": faults or "", "seed": str(seed)})
     if seconds is not None:
-        options["frames"] = str(max(round(seconds * night.rate_hz), 1))
+        options["frames"] = str(max(round(seconds * described.rate_hz), 1))
     base, text = station_of(station_path)
-    text = night.station_text(text)
-    station = parse_station(text, f"station of scenario {scenario}") if night.station else base
+    text = described.station_text(text)
+    station = parse_station(text, f"station of scenario {scenario}") if described.station else base
     port = station.port.model_copy(update={"url": sim_url(**options, faults=faults)})
-    orientation = EarthOrientation.from_disk(night.start_utc_ns)
+    orientation = EarthOrientation.from_disk(described.start_utc_ns)
     if path is None:
-        path = new_session_folder(out, f"{station.sensor.name}-{scenario}", night.start_utc_ns) / "session.mcap"
+        path = new_session_folder(out, f"{station.sensor.name}-{scenario}", described.start_utc_ns) / "session.mcap"
     size = record_simulation(path, station.model_copy(update={"port": port}), text, orientation.to_json())
     click.echo(path)
-    click.echo(f"{size} bytes of {scenario}: {night.text}", err=True)
+    click.echo(f"{size} bytes of {scenario}: {described.text}", err=True)

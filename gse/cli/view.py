@@ -59,20 +59,20 @@ def command(
 def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -> None:
     from gse.assessment.verdict import judge
     from gse.cli.progress import replay_with_progress
-    from gse.station.loop import Sink, StationLoop
-    from gse.view.saved import SavedView
+    from gse.station.loop import Listener, StationLoop
+    from gse.view.saved_view import SavedView
 
     views: list[Any] = []
 
-    def sinks_of(loop: StationLoop, folder: Path | None) -> list[Sink]:
-        views.append(SavedView(loop.equipment.station, loop.equipment.identifier.catalog, recording))
+    def listeners_of(loop: StationLoop, folder: Path | None) -> list[Listener]:
+        views.append(SavedView(loop.setup.station, loop.setup.identifier.catalog, recording))
         return list(views)
 
-    night = replay_with_progress(path, sinks_of).night
+    session = replay_with_progress(path, listeners_of).session
     if clock_error_s is not None:
-        night.clock_error_s = clock_error_s
-    judgement = judge(night)
-    views[0].finish(night, judgement.verdict.value, judgement.reasons)
+        session.clock_error_s = clock_error_s
+    assessment = judge(session)
+    views[0].finish(session, assessment.verdict.value, assessment.reasons)
 
 
 def _remove(recording: Path) -> None:

@@ -63,14 +63,14 @@ class Conditions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TestFrame:
+class SimulatedFrame:
     """A panorama with its truth; objects brightest first, ``star_ids`` (N,) 0 for a false object."""
 
     __test__ = False
 
     directions_sensor: NDArray[np.float64]
     xy_px: NDArray[np.float64]
-    index: NDArray[np.float64]
+    brightness: NDArray[np.float64]
     star_ids: NDArray[np.int64]
     attitude: Attitude
 
@@ -90,7 +90,7 @@ class FrameMaker:
         self._true_camera = _longer(optics.camera, conditions.focal_length_error)
         self._cos_radius = math.cos(optics.radius_rad() * 1.02 + 10 * conditions.position_arcsec * ARCSEC)
 
-    def frame(self, boresight_icrs: NDArray[np.float64], rng: np.random.Generator) -> TestFrame:
+    def frame(self, boresight_icrs: NDArray[np.float64], rng: np.random.Generator) -> SimulatedFrame:
         """What is seen along ``boresight_icrs`` (3,) with a random roll."""
         attitude = _attitude(boresight_icrs, rng.uniform(0, 360))
         xy, magnitude, ids = self._stars(attitude, rng)
@@ -102,8 +102,8 @@ class FrameMaker:
             xy = np.round(xy)
         order = np.argsort(magnitude, kind="stable")[:MAX_OBJECTS]
         xy = xy[order]
-        index = 4096.0 * 10 ** (-0.4 * (magnitude[order] - self.optics.magnitude_limit + _INDEX_MAX_MAGNITUDES))
-        return TestFrame(self.optics.camera.directions(xy), xy, index, ids[order], attitude)
+        brightness = 4096.0 * 10 ** (-0.4 * (magnitude[order] - self.optics.magnitude_limit + _INDEX_MAX_MAGNITUDES))
+        return SimulatedFrame(self.optics.camera.directions(xy), xy, brightness, ids[order], attitude)
 
     def _stars(
         self, attitude: Attitude, rng: np.random.Generator

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from gse.attitude import solve_attitude
 from gse.catalog import StarCatalog, brightest_per_field, load_catalog, merge_doubles
 from gse.errors import GseError
-from gse.evaluation.frames import ARCSEC, Conditions, FrameMaker, Optics, TestFrame
+from gse.evaluation.frames import ARCSEC, Conditions, FrameMaker, Optics, SimulatedFrame
 from gse.evaluation.plan import Cell, Outcome, Plan
 from gse.identifier import Identification, Identifier, Unidentified, make_identifier
 from gse.spiral import spiral_directions
@@ -45,7 +45,7 @@ _INDEX_ZERO_POINT = 2.5 * math.log10(4096) - 7.5
 """Magnitude of index 1 above the limit, as the simulated frames have it."""
 
 
-class Bench:
+class Evaluator:
     """Makes the frames of a plan and has them identified; tables are built when a cell first needs them."""
 
     def __init__(self, plan: Plan) -> None:
@@ -93,7 +93,7 @@ class Bench:
         return Outcome(cell, frame, kind, seen.real_stars, cpu_us)
 
 
-def judged(answer: Identification, catalog: StarCatalog, frame: TestFrame) -> str:
+def judged(answer: Identification, catalog: StarCatalog, frame: SimulatedFrame) -> str:
     """Right, coarse or false."""
     found = solve_attitude(frame.directions_sensor[answer.objects], catalog.icrs[answer.stars], 10 * ARCSEC)
     apart = math.dist(found.boresight_icrs, frame.attitude.boresight_icrs)
@@ -108,12 +108,12 @@ _Named = tuple[NDArray[np.int64], NDArray[np.int64]]
 _Identify = Callable[[], Identification | Unidentified | _Named]
 
 
-def _whole(identifier: Identifier, frame: TestFrame) -> _Identify:
-    return lambda: identifier.identify(frame.directions_sensor, frame.index)
+def _whole(identifier: Identifier, frame: SimulatedFrame) -> _Identify:
+    return lambda: identifier.identify(frame.directions_sensor, frame.brightness)
 
 
-def _by_angles(identifier: Identifier, frame: TestFrame, sigma_rad: float, rng: np.random.Generator) -> _Identify:
-    from gse.identifier.mutual import Separations
+def _by_angles(identifier: Identifier, frame: SimulatedFrame, sigma_rad: float, rng: np.random.Generator) -> _Identify:
+    from gse.identifier.consistency import Separations
     from gse.identifier.pivot import PivotIdentifier
 
     assert isinstance(identifier, PivotIdentifier)
@@ -122,7 +122,7 @@ def _by_angles(identifier: Identifier, frame: TestFrame, sigma_rad: float, rng: 
     noise = np.triu(rng.normal(0, sigma_rad, (len(v), len(v))), 1)
     angles = np.abs(np.arccos(np.clip(v @ v.T, -1, 1)) + noise + noise.T)
     np.fill_diagonal(angles, 0.0)
-    return lambda: pivot.identify_angles(Separations(np.cos(angles), np.sin(angles)), frame.index)
+    return lambda: pivot.identify_angles(Separations(np.cos(angles), np.sin(angles)), frame.brightness)
 
 
 def _for_angles(cell: Cell, optics: Optics, mission: StarCatalog) -> Identifier:
@@ -154,7 +154,7 @@ def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[Outcome]]:
     given up, show the whole sky in every cell.
     """
     if workers == 1:
-        bench = Bench(plan)
+        bench = Evaluator(plan)
         yield from (bench.run(*task) for task in _tasks(plan))
         return
     load_catalog(plan.catalog)  # its errors are told here, not by a worker that cannot start
@@ -197,13 +197,13 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-_worker_bench: list[Bench] = []
+_worker_bench: list[Evaluator] = []
 
 
 def _start_worker(plan: Plan) -> None:
     with suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _worker_bench[:] = [Bench(plan)]
+    _worker_bench[:] = [Evaluator(plan)]
 
 
 def _work(cell: int, frames: range) -> list[Outcome]:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gse.assessment.percentiles import Spread, spread
+from gse.assessment.percentiles import Percentiles, percentiles
 from gse.camera import Camera
 from gse.config.station import IdentifierOptions
 from gse.evaluation.frames import Conditions, Optics
@@ -104,7 +104,7 @@ class Tally:
     frames: int
     counted: dict[str, int]
     excluded: dict[str, int]
-    cpu_us: Spread
+    cpu_us: Percentiles
 
     @property
     def total(self) -> int:
@@ -123,7 +123,7 @@ def tallies(plan: Plan, done: Iterable[Outcome]) -> list[Tally]:
     for cell in cells:
         enough = [one for one in cell if one.real_stars >= plan.fewest_stars]
         few = [one for one in cell if one.real_stars < plan.fewest_stars]
-        times = spread(np.array([one.cpu_us for one in cell], dtype=np.float64))
+        times = percentiles(np.array([one.cpu_us for one in cell], dtype=np.float64))
         result.append(Tally(len(cell), _counts(enough), _counts(few), times))
     return result
 

@@ -22,7 +22,7 @@ class Identifier(Protocol):
     """The catalogue whose row numbers the answers give."""
 
     def identify(
-        self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]
+        self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
         ...

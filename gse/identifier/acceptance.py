@@ -28,7 +28,7 @@ class RandomSky:
     widest_rad: float
     tolerance_rad: float
 
-    def chance(self, objects: int, fit: int, alphas: int) -> float:
+    def false_match_probability(self, objects: int, fit: int, alphas: int) -> float:
         """Bound on the probability that random objects reach a fit of ``fit`` with any of ``alphas`` alpha stars.
 
         The expected number of two-star matches (pairs grow with distance, so at most twice their mean density, each
@@ -52,13 +52,13 @@ def accepted(
     objects: NDArray[np.int64],
     stars: NDArray[np.int64],
     tolerance_rad: float,
-    chance: float,
+    false_match_probability: float,
 ) -> Identification | Unidentified:
     """The identification, or Unidentified where no attitude puts the stars on their objects within the tolerance."""
     measured, icrs = directions_sensor.take(objects, axis=0), catalog.icrs.take(stars, axis=0)
     rms_rad = wahba_residual_rad(measured, icrs)
     if rms_rad <= tolerance_rad:
-        return Identification(objects, stars, chance)
+        return Identification(objects, stars, false_match_probability)
     mirrored_rad = wahba_residual_rad(measured * np.array([-1.0, 1.0, 1.0]), icrs)
     residual = f"the stars found lie {rms_rad / _ARCSEC:.0f} arcsec rms off their objects"
     if mirrored_rad <= tolerance_rad:

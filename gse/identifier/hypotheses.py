@@ -42,7 +42,7 @@ _MIRROR_PASSES = 2
 def search_many(
     sky: tuple[Any, ...],
     directions: NDArray[np.float64],
-    index: NDArray[np.float64],
+    brightness: NDArray[np.float64],
     first: NDArray[np.int64],
     plan: NDArray[np.float64],
     known: NDArray[np.float64],
@@ -55,11 +55,11 @@ def search_many(
     count = len(first) - 1
     evidence, mirrored = np.empty((count, 2)), np.empty(count, dtype=np.bool_)
     ends = np.zeros(count + 1, dtype=np.int64)
-    objects, stars = np.empty(len(index), dtype=np.int64), np.empty(len(index), dtype=np.int64)
+    objects, stars = np.empty(len(brightness), dtype=np.int64), np.empty(len(brightness), dtype=np.int64)
     for k in range(count):
         rows = slice(first[k], first[k + 1])
         evidence[k, 0], evidence[k, 1], mirrored[k], found, of_sky = search_both(
-            sky, directions[rows], index[rows], plan, known
+            sky, directions[rows], brightness[rows], plan, known
         )
         ends[k + 1] = ends[k] + len(found)
         objects[ends[k] : ends[k + 1]] = found
@@ -71,7 +71,7 @@ def search_many(
 def search_both(
     sky: tuple[Any, ...],
     directions: NDArray[np.float64],
-    index: NDArray[np.float64],
+    brightness: NDArray[np.float64],
     plan: NDArray[np.float64],
     known: NDArray[np.float64],
 ) -> tuple[float, float, bool, NDArray[np.int64], NDArray[np.int64]]:
@@ -82,7 +82,7 @@ def search_both(
     seen = directions.copy()
     for turn in range(2):
         passes, needed = (len(plan), LOG_ACCEPTED) if turn == 0 else (_MIRROR_PASSES, _LOG_MIRRORED)
-        best, second, objects, stars = search(sky, seen, index, plan[:passes], known)
+        best, second, objects, stars = search(sky, seen, brightness, plan[:passes], known)
         if best >= needed and (turn == 0 or best - second >= LOG_UNAMBIGUOUS):
             return best, second, turn == 1, objects, stars
         seen[:, 0] *= -1.0
@@ -93,7 +93,7 @@ def search_both(
 def search(
     sky: tuple[Any, ...],
     directions: NDArray[np.float64],
-    index: NDArray[np.float64],
+    brightness: NDArray[np.float64],
     plan: NDArray[np.float64],
     known: NDArray[np.float64],
 ) -> tuple[float, float, NDArray[np.int64], NDArray[np.int64]]:
@@ -105,7 +105,7 @@ def search(
     alpha star that gives strong evidence, at the end of the plan or after MAX_HYPOTHESES.
     """
     tables = SkyTables(*sky)
-    objects = objects_of(directions, index)
+    objects = objects_of(directions, brightness)
     n = len(directions)
     votes = np.empty(tables.pair_stars, dtype=np.uint64)
     candidates = np.empty((_MAX_CANDIDATES, 4), dtype=np.int64)

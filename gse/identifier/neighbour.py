@@ -26,18 +26,18 @@ from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.config.station import IdentifierOptions
 from gse.identifier.acceptance import RandomSky, accepted
-from gse.identifier.intake import distinct_objects, refusal
-from gse.identifier.mutual import (
+from gse.identifier.consistency import (
     MOST_CANDIDATES,
     Candidates,
     agreements,
     angle_urad,
-    hopeless,
     largest_group,
+    pigeonhole_bound,
     room_for_candidates,
     separations,
     windows,
 )
+from gse.identifier.input_checks import distinct_objects, refusal
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.tables import PairTable, field_diameter_rad, pair_table, tolerance_rad
 from gse.jit import compiled
@@ -94,11 +94,11 @@ class NeighbourIdentifier:
         self._search = first_fit if options.selection == "first-fit" else best_vote
 
     def identify(
-        self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]
+        self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
         directions = np.ascontiguousarray(directions_sensor, dtype=np.float64)
-        refused = refusal(directions, np.asarray(index, dtype=np.float64), self._limits.min_fit + 1)
+        refused = refusal(directions, np.asarray(brightness, dtype=np.float64), self._limits.min_fit + 1)
         if refused:
             return refused
         distinct = distinct_objects(directions)
@@ -111,8 +111,8 @@ class NeighbourIdentifier:
                 Reason.NO_MATCH,
                 f"no catalogue star reached a fit of {self._limits.min_fit} with any of {alphas} alpha star(s)",
             )
-        chance = self._sky.chance(len(directions), len(objects) - 1, alphas)
-        return accepted(directions, self.catalog, objects, stars, self._tolerance_rad, chance)
+        false_match_probability = self._sky.false_match_probability(len(directions), len(objects) - 1, alphas)
+        return accepted(directions, self.catalog, objects, stars, self._tolerance_rad, false_match_probability)
 
 
 @compiled
@@ -130,7 +130,7 @@ def first_fit(
         for star in range(len(icrs)):
             work += table.first[star + 1] - table.first[star]
             fit, count = _level_1(star, seen, table, limits, room)
-            if fit < limits.min_fit or hopeless(room, count, icrs, gates, limits.min_fit):
+            if fit < limits.min_fit or pigeonhole_bound(room, count, icrs, gates, limits.min_fit):
                 continue
             work += count * count
             if work > _MOST_WORK:
@@ -156,7 +156,7 @@ def best_vote(
         for star in _most_voted(seen, table, limits.tolerance_urad):
             fit, count = _level_1(star, seen, table, limits, room)
             better = max(limits.min_fit, len(objects))
-            if fit < better or hopeless(room, count, icrs, gates, better):
+            if fit < better or pigeonhole_bound(room, count, icrs, gates, better):
                 continue
             group = largest_group(agreements(room, count, icrs, angles, gates, limits.tolerance_urad), better)
             if group != 0:

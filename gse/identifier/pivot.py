@@ -20,8 +20,8 @@ from gse.catalog import StarCatalog
 from gse.config.station import IdentifierOptions
 from gse.identifier.acceptance import RandomSky, accepted
 from gse.identifier.cells import Cells
-from gse.identifier.intake import distinct_objects, refusal
-from gse.identifier.mutual import Separations, separations
+from gse.identifier.consistency import Separations, separations
+from gse.identifier.input_checks import distinct_objects, refusal
 from gse.identifier.pivot_search import FEWEST_OBJECTS, FOUND, NO_GATE, TIE, Gates, Objects, PivotSky, search
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.tables import field_diameter_rad, pair_table, tolerance_rad
@@ -47,11 +47,11 @@ class PivotIdentifier:
         return cls(catalog, field_diameter_rad(camera), tolerance_rad(camera, options.tolerance_px))
 
     def identify(
-        self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]
+        self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
         directions = np.ascontiguousarray(directions_sensor, dtype=np.float64)
-        brightness = np.ascontiguousarray(index, dtype=np.float64)
+        brightness = np.ascontiguousarray(brightness, dtype=np.float64)
         refused = refusal(directions, brightness, FEWEST_OBJECTS)
         if refused:
             return refused
@@ -60,20 +60,24 @@ class PivotIdentifier:
         if isinstance(named, Unidentified):
             return named
         objects, stars = distinct[named[0]], named[1]
-        chance = self._random.chance(len(directions), len(objects) - 1, len(directions))
-        return accepted(directions, self.catalog, objects, stars, self._tolerance_rad, chance)
+        false_match_probability = self._random.false_match_probability(
+            len(directions), len(objects) - 1, len(directions)
+        )
+        return accepted(directions, self.catalog, objects, stars, self._tolerance_rad, false_match_probability)
 
     def identify_angles(
-        self, angles: Separations, index: NDArray[np.float64]
+        self, angles: Separations, brightness: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]] | Unidentified:
         """Objects and their stars (M,), the pivot first, from the angles between objects alone.
 
         [N] validates this, with noise on each angle. There are no directions then that could be solved as an attitude.
         """
-        magnitude = -2.5 * np.log10(np.maximum(index, 1.0))
+        magnitude = -2.5 * np.log10(np.maximum(brightness, 1.0))
         outcome, objects, stars = search(Objects(angles.cosine, angles.sine, magnitude), self._sky, self._gates)
         if outcome == FOUND:
             return objects, stars
         if outcome == TIE:
             return Unidentified(Reason.AMBIGUOUS, "several catalogue stars fit a pivot equally well")
-        return Unidentified(Reason.NO_MATCH, f"none of {len(index)} objects is the pivot of a group in the catalogue")
+        return Unidentified(
+            Reason.NO_MATCH, f"none of {len(brightness)} objects is the pivot of a group in the catalogue"
+        )

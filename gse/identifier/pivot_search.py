@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.identifier.mutual import angle_urad, stars_fit
+from gse.identifier.consistency import angle_urad, stars_fit
 from gse.identifier.tables import PairTable
 from gse.jit import compiled
 

@@ -26,7 +26,7 @@ class Identification:
 
     objects: NDArray[np.int64]
     stars: NDArray[np.int64]
-    chance: float
+    false_match_probability: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from gse.catalog import StarCatalog, merge_doubles
 from gse.catalog.mission import MERGED_WITHIN_PX
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_UNAMBIGUOUS, TRUSTED_SCALE_SIGMA
 from gse.identifier.hypotheses import search, search_both, search_many
-from gse.identifier.intake import refusal
+from gse.identifier.input_checks import refusal
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.robust_tables import build_tables
 from gse.identifier.tracking import follow
@@ -121,10 +121,10 @@ class RobustIdentifier:
         )
 
     def identify(
-        self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]
+        self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
-        directions, brightness = _contiguous(directions_sensor, index)
+        directions, brightness = _contiguous(directions_sensor, brightness)
         refused = self._refusal(directions, brightness)
         if refused:
             return refused
@@ -132,10 +132,10 @@ class RobustIdentifier:
         return _answer(*found, len(brightness))
 
     def track(
-        self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64], previous: Attitude
+        self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64], previous: Attitude
     ) -> Identification | Unidentified:
         """The same where the sky is expected within 12 px of the previous attitude; elsewhere the sky is searched."""
-        directions, brightness = _contiguous(directions_sensor, index)
+        directions, brightness = _contiguous(directions_sensor, brightness)
         refused = self._refusal(directions, brightness)
         if refused:
             return refused
@@ -146,17 +146,19 @@ class RobustIdentifier:
             return self.identify(directions, brightness)
         return _answer(evidence, -math.inf, False, objects, stars, len(brightness))
 
-    def best_chance(self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]) -> float:
+    def best_false_match_probability(
+        self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
+    ) -> float:
         """The chance of the best attitude found for sound objects, even one that is not good enough for an answer."""
-        directions, brightness = _contiguous(directions_sensor, index)
+        directions, brightness = _contiguous(directions_sensor, brightness)
         return _chance(search(self._sky, directions, brightness, self._plan, self._noise)[0])
 
     def identify_many(
         self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
     ) -> list[Identification | Unidentified]:
         """The answers to many panoramas, each as for ``identify``, by one search that lets other threads run."""
-        objects = [_contiguous(directions_sensor, index) for directions_sensor, index in panoramas]
-        refusals = [self._refusal(directions, index) for directions, index in objects]
+        objects = [_contiguous(directions_sensor, brightness) for directions_sensor, brightness in panoramas]
+        refusals = [self._refusal(directions, brightness) for directions, brightness in objects]
         found = iter(self._found([one for one, refused in zip(objects, refusals, strict=True) if refused is None]))
         return [refused or next(found) for refused in refusals]
 
@@ -166,10 +168,10 @@ class RobustIdentifier:
         """The answers to panoramas that nothing is wrong with."""
         if not sound:
             return []
-        directions, index = (np.concatenate(parts) for parts in zip(*sound, strict=True))
+        directions, brightness = (np.concatenate(parts) for parts in zip(*sound, strict=True))
         counts = [len(brightness) for _, brightness in sound]
         evidence, mirrored, ends, objects, stars = search_many(
-            self._sky, directions, index, np.cumsum([0, *counts]), self._plan, self._noise
+            self._sky, directions, brightness, np.cumsum([0, *counts]), self._plan, self._noise
         )
         results = zip(evidence.tolist(), mirrored.tolist(), pairwise(ends.tolist()), counts, strict=True)
         return [
@@ -177,8 +179,8 @@ class RobustIdentifier:
             for (best, second), flipped, (start, end), count in results
         ]
 
-    def _refusal(self, directions: NDArray[np.float64], index: NDArray[np.float64]) -> Unidentified | None:
-        refused = refusal(directions, index, _FEWEST_OBJECTS)
+    def _refusal(self, directions: NDArray[np.float64], brightness: NDArray[np.float64]) -> Unidentified | None:
+        refused = refusal(directions, brightness, _FEWEST_OBJECTS)
         if refused:
             return refused
         outside = outside_field(directions, self._field)
@@ -193,10 +195,10 @@ def stars_looked_at(camera: Camera, field_of_view_deg: float | None = None) -> i
 
 
 def _contiguous(
-    directions_sensor: NDArray[np.float64], index: NDArray[np.float64]
+    directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The objects as the compiled searches take them."""
-    return np.ascontiguousarray(directions_sensor, dtype=np.float64), np.ascontiguousarray(index, dtype=np.float64)
+    return np.ascontiguousarray(directions_sensor, dtype=np.float64), np.ascontiguousarray(brightness, dtype=np.float64)
 
 
 def _answer(

@@ -23,7 +23,7 @@ _MAX_OFFSETS = 256
 def follow(
     sky: tuple[Any, ...],
     directions: NDArray[np.float64],
-    index: NDArray[np.float64],
+    brightness: NDArray[np.float64],
     previous: NDArray[np.float64],
     reach: float,
     known: NDArray[np.float64],
@@ -35,7 +35,7 @@ def follow(
     """
     tables = SkyTables(*sky)
     noise = Noise(known[0], known[1], int(known[2]), known[3], known[4], known[5])
-    objects = objects_of(directions, index)
+    objects = objects_of(directions, brightness)
     n = len(directions)
     rotation = np.empty((3, 3))
     for j in range(3):

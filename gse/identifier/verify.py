@@ -88,7 +88,7 @@ def outside_field(directions: NDArray[np.float64], field: NDArray[np.float64]) -
 
 
 @compiled
-def objects_of(directions: NDArray[np.float64], index: NDArray[np.float64]) -> Objects:
+def objects_of(directions: NDArray[np.float64], brightness: NDArray[np.float64]) -> Objects:
     """The objects of unit vectors (N, 3) and brightness (N,)."""
     n = len(directions)
     uv, magnitude = np.empty((n, 2)), np.empty(n)
@@ -96,7 +96,7 @@ def objects_of(directions: NDArray[np.float64], index: NDArray[np.float64]) -> O
     for i in range(n):
         uv[i, 0] = directions[i, 0] / directions[i, 2]
         uv[i, 1] = directions[i, 1] / directions[i, 2]
-        magnitude[i] = -2.5 * math.log10(max(index[i], 1e-3))
+        magnitude[i] = -2.5 * math.log10(max(brightness[i], 1e-3))
         j = i
         while j > 0 and uv[order[j - 1], 0] > uv[i, 0]:
             order[j] = order[j - 1]

@@ -35,9 +35,9 @@ def _noise_of(image: NDArray[np.uint16]) -> float:
     sampled = image[::_NOISE_ROWS].astype(np.int32)
     even = sampled.shape[1] // 2 * 2
     differences = np.abs(sampled[:, 1:even:2] - sampled[:, 0:even:2])
-    spread = float(np.median(differences)) if differences.size else 0.0
+    percentiles = float(np.median(differences)) if differences.size else 0.0
     # Whole numbers: the spread of a quiet image can be 0.
-    return max(_MEDIAN_TO_SIGMA * spread / math.sqrt(2), 0.5)
+    return max(_MEDIAN_TO_SIGMA * percentiles / math.sqrt(2), 0.5)
 
 
 def find_blobs(image: NDArray[np.uint16], background: NDArray[np.float32], threshold: float) -> NDArray[np.float64]:

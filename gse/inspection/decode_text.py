@@ -39,8 +39,8 @@ def explanation(piece: Piece, protocol: Protocol) -> list[str]:
     lines += _rows(discard.start - len(piece.before), piece.before, " ")
     rows = _rows(discard.start, discard.data, ">")
     if len(rows) > _FIRST_ROWS + _LAST_ROWS:
-        left_out = f"  ... {len(rows) - _FIRST_ROWS - _LAST_ROWS} rows of {_ROW_BYTES} bytes"
-        rows = [*rows[:_FIRST_ROWS], left_out, *rows[-_LAST_ROWS:]]
+        excluded = f"  ... {len(rows) - _FIRST_ROWS - _LAST_ROWS} rows of {_ROW_BYTES} bytes"
+        rows = [*rows[:_FIRST_ROWS], excluded, *rows[-_LAST_ROWS:]]
     lines += rows
     lines += _rows(discard.start + len(discard.data), piece.after, " ")
     return [f"      {text}" for text in lines]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse import instant
-from gse.station.frame_table import FRAME, JUDGES, STATUSES
+from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
 
 _ROWS_AT_ONCE = 1024
 _DECIMALS = {"_deg": 7, "_arcsec": 3, "_us": 1, "_s": 6, "_c": 2}
@@ -31,7 +31,7 @@ def _texts(name: str, values: NDArray[np.void]) -> list[str]:
     if name == "status":
         return [STATUSES[place].value for place in values.tolist()]
     if name == "judge":
-        return [JUDGES[place].value for place in values.tolist()]
+        return [ANSWER_CHECKS[place].value for place in values.tolist()]
     if values.dtype.kind != "f":
         return [str(value) for value in values.tolist()]
     if name == "chance":

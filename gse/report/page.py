@@ -7,14 +7,14 @@ from typing import Any
 import jinja2
 
 from gse import instant
-from gse.assessment.verdict import Judgement
-from gse.report.distribution_figures import draw_histogram, draw_scatter, draw_spectrum
-from gse.report.drawn import Drawn
-from gse.report.figures import svg_of
-from gse.report.sky_figures import draw_residual_map, draw_sky
+from gse.assessment.verdict import Assessment
+from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_spectrum
+from gse.report.plot_data import PlotData
+from gse.report.sky_plots import draw_residual_map, draw_sky
+from gse.report.svg import svg_of
 from gse.report.terminal import quantity
-from gse.report.time_figures import draw_errors, draw_identification_time, draw_paper, draw_timelines
-from gse.station.session_data import Night
+from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_timelines
+from gse.station.session_data import SessionData
 
 _FIGURES = (
     ("errors", 4.0, draw_errors),
@@ -52,9 +52,9 @@ _AXIS_COLUMNS = (
 _MAX_EVENTS = 200
 
 
-def report_html(night: Night, judgement: Judgement, report: dict[str, Any]) -> str:
+def report_html(session: SessionData, assessment: Assessment, report: dict[str, Any]) -> str:
     """The page of a night; the same night gives the same bytes."""
-    drawn = Drawn.of(night)
+    drawn = PlotData.of(session)
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
@@ -67,10 +67,10 @@ def report_html(night: Night, judgement: Judgement, report: dict[str, Any]) -> s
         figures=figures,
         axis_names=_AXIS_NAMES,
         axis_columns=_AXIS_COLUMNS,
-        terms=judgement.budget.terms,
-        events=[(instant.to_text(event.utc_ns, 0), event.kind, event.text) for event in night.events[:_MAX_EVENTS]],
-        events_more=max(len(night.events) - _MAX_EVENTS, 0),
-        station_text=night.station_text,
+        terms=assessment.budget.terms,
+        events=[(instant.to_text(event.utc_ns, 0), event.kind, event.text) for event in session.events[:_MAX_EVENTS]],
+        events_more=max(len(session.events) - _MAX_EVENTS, 0),
+        station_text=session.station_text,
     )
 
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from gse import instant
 from gse.assessment.statistics import Statistics
-from gse.assessment.truth_budget import TruthBudget
-from gse.assessment.verdict import Judgement
+from gse.assessment.truth_budget import TruthUncertaintyBudget
+from gse.assessment.verdict import Assessment
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, Row, this_sensor
-from gse.station.session_data import Night
+from gse.station.session_data import SessionData
 
 SCHEMA = "gse.report/1"
 DECIMALS = 6
@@ -22,25 +22,25 @@ DIGITS = 8
 """Of every number: 1e-6 deg is 0.004 arcsec, and no more digits than any machine computes alike."""
 
 
-def summarise(night: Night, judgement: Judgement) -> dict[str, Any]:
+def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
     """What is in report.json; floats are rounded to 6 decimals or 8 digits, null where they are unknown or infinite."""
-    figures = judgement.statistics
+    figures = assessment.statistics
     report = {
         "schema": SCHEMA,
-        "verdict": judgement.verdict,
-        "reasons": judgement.reasons,
-        "findings": judgement.findings,
-        "measurements": judgement.measurements,
+        "verdict": assessment.verdict,
+        "reasons": assessment.reasons,
+        "findings": assessment.findings,
+        "measurements": assessment.measurements,
         "accuracy": figures.axes,
         "identification": _identification(figures),
         "timing": _timing(figures),
         "clock": figures.clock,
         "equivalence": figures.equivalence,
-        "link": {**dataclasses.asdict(night.link), "truncated": night.truncated},
-        "truth_budget": _budget(judgement.budget),
-        "table_4_1": _table_4_1(night, figures),
-        "left_out": [_left_out(item, count) for item, count in figures.left_out],
-        "session": _session(night),
+        "link": {**dataclasses.asdict(session.link), "truncated": session.truncated},
+        "truth_budget": _budget(assessment.budget),
+        "table_4_1": _table_4_1(session, figures),
+        "left_out": [_left_out(item, count) for item, count in figures.excluded],
+        "session": _session(session),
     }
     plain: dict[str, Any] = _plain(report)
     return plain
@@ -68,12 +68,12 @@ def _timing(figures: Statistics) -> dict[str, Any]:
     }
 
 
-def _budget(budget: TruthBudget) -> dict[str, Any]:
+def _budget(budget: TruthUncertaintyBudget) -> dict[str, Any]:
     return {"ra_arcsec": budget.ra_arcsec, "de_arcsec": budget.de_arcsec, "terms": budget.terms}
 
 
-def _table_4_1(night: Night, figures: Statistics) -> dict[str, Any]:
-    rows = (this_sensor(night.station.sensor.name, figures), *PAPER)
+def _table_4_1(session: SessionData, figures: Statistics) -> dict[str, Any]:
+    rows = (this_sensor(session.station.sensor.name, figures), *PAPER)
     return {"rows": [_table_row(row) for row in rows], "limit_deg": LIMIT_DEG}
 
 
@@ -97,25 +97,25 @@ def _left_out(item: Any, count: int) -> dict[str, Any]:
     }
 
 
-def _session(night: Night) -> dict[str, Any]:
-    station = night.station
-    utc_ns = night.frames.columns["utc_ns"]
+def _session(session: SessionData) -> dict[str, Any]:
+    station = session.station
+    utc_ns = session.frames.columns["utc_ns"]
     return {
         "sensor": station.sensor.name,
         "site": station.site.model_dump(mode="json"),
-        "mount": (night.alignment.mount if night.alignment else station.mount).model_dump(mode="json"),
-        "protocol": night.protocol_name,
+        "mount": (session.alignment.mount if session.alignment else station.mount).model_dump(mode="json"),
+        "protocol": session.protocol_name,
         "identifier": station.identifier.model_dump(mode="json"),
         "first_utc": instant.to_text(int(utc_ns.min())) if len(utc_ns) else None,
         "last_utc": instant.to_text(int(utc_ns.max())) if len(utc_ns) else None,
         "duration_s": float(utc_ns.max() - utc_ns.min()) / instant.NS_PER_S if len(utc_ns) else None,
-        "alignment": str(night.alignment) if night.alignment else None,
-        "events": len(night.events),
-        "temperature_c": _range(night.frames.columns["temperature_c"]),
-        "raw_sha256": night.raw_sha256,
-        "station_sha256": hashlib.sha256(night.station_text.encode()).hexdigest(),
-        "catalog": night.catalog,
-        "versions": night.versions,
+        "alignment": str(session.alignment) if session.alignment else None,
+        "events": len(session.events),
+        "temperature_c": _range(session.frames.columns["temperature_c"]),
+        "raw_sha256": session.raw_sha256,
+        "station_sha256": hashlib.sha256(session.station_text.encode()).hexdigest(),
+        "catalog": session.catalog,
+        "versions": session.versions,
     }
 
 

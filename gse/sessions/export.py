@@ -11,14 +11,14 @@ from drivers.session_file.records import RX, TX, Attachment, Damage, Message
 from gse import instant
 from gse.panorama import Panorama
 from gse.sessions.panoramas import open_recording
-from gse.sessions.replay import Cut
+from gse.sessions.replay import ReplayOptions
 
 CSV_COLUMNS = ("utc", "frame_no", "time_us", "exposure_s", "temperature_c", "flags", "object", "x_px", "y_px", "index")
 
 
 def export_csv(path: Path, out: TextIO) -> int:
     """Each object of each panorama as one line; how many panoramas there were."""
-    panoramas = open_recording(path, Cut()).panoramas()
+    panoramas = open_recording(path, ReplayOptions()).panoramas()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
     count = 0
@@ -37,10 +37,10 @@ def _rows(panorama: Panorama) -> Iterator[tuple[object, ...]]:
         f"{panorama.temperature_c:.2f}",
         " ".join(sorted(panorama.flags)),
     )
-    if not len(panorama.index):
+    if not len(panorama.brightness):
         yield (*head, "", "", "", "")
-    for row, ((x, y), index) in enumerate(zip(panorama.xy_px.tolist(), panorama.index.tolist(), strict=True)):
-        yield (*head, row, f"{x:.5f}", f"{y:.5f}", f"{index:g}")
+    for row, ((x, y), brightness) in enumerate(zip(panorama.xy_px.tolist(), panorama.brightness.tolist(), strict=True)):
+        yield (*head, row, f"{x:.5f}", f"{y:.5f}", f"{brightness:g}")
 
 
 def export_ndjson(path: Path, out: TextIO) -> int:

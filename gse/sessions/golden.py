@@ -12,7 +12,7 @@ from drivers.session_file.reader import find_segments
 from gse.assessment.verdict import judge
 from gse.errors import GseError, UsageError
 from gse.report import summarise
-from gse.sessions.replay import Cut, replay_session
+from gse.sessions.replay import ReplayOptions, replay_session
 from protocols import ProtocolError
 
 EXPECTED_SUFFIX = ".report.json"
@@ -61,11 +61,11 @@ def expected_path(recording: Path) -> Path:
     return recording.with_name(recording.name.removesuffix(".mcap") + EXPECTED_SUFFIX)
 
 
-def check(recording: Path, name: str, cut: Cut, *, update: bool = False) -> Outcome:
+def check(recording: Path, name: str, options: ReplayOptions, *, update: bool = False) -> Outcome:
     """Replay a recording and compare its report with the expected one; ``update`` makes it the expected one."""
     try:
         expected = {} if update else _read_report(expected_path(recording))
-        report = report_of(recording, cut)
+        report = report_of(recording, options)
         if update:
             return _keep(report, recording, name)
     except (GseError, DriverError, ProtocolError) as error:
@@ -74,10 +74,10 @@ def check(recording: Path, name: str, cut: Cut, *, update: bool = False) -> Outc
     return Outcome(name, report["verdict"], tuple(differences[:MOST_DIFFERENCES]))
 
 
-def report_of(recording: Path, cut: Cut) -> dict[str, Any]:
+def report_of(recording: Path, options: ReplayOptions) -> dict[str, Any]:
     """The report of a recording."""
-    night = replay_session(recording, cut=cut).night
-    return summarise(night, judge(night))
+    session = replay_session(recording, options=options).session
+    return summarise(session, judge(session))
 
 
 def junit_of(outcomes: list[Outcome], folder: Path) -> str:

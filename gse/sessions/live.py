@@ -27,10 +27,10 @@ from gse.recording.session_format import (
     timing_json,
 )
 from gse.release_memory import give_back
-from gse.station.loop import Sink, StationLoop
+from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
-from gse.station.session_data import Night
-from gse.station.setup import prepare
+from gse.station.session_data import SessionData
+from gse.station.setup import set_up
 from protocols import load_protocol
 
 MOCK_PORTS = ("sim://", "replay://")
@@ -46,7 +46,7 @@ CLOCK_EVERY_NS = 60 * instant.NS_PER_S
 class LiveSession:
     """What a live session left: the night, its folder, this host's identification times, and what could not be kept."""
 
-    night: Night
+    session: SessionData
     folder: Path
     own_elapsed_us: "array[float]"
     lost_bytes: int
@@ -74,7 +74,7 @@ def run_live(
     station_text: str,
     out: Path,
     *,
-    make_sinks: Callable[[StationLoop, Path], Sequence[Sink]] = lambda loop, folder: (),
+    make_listeners: Callable[[StationLoop, Path], Sequence[Listener]] = lambda loop, folder: (),
     stop: Callable[[], bool] = lambda: False,
     duration_s: float | None = None,
     wait_port: bool = False,
@@ -101,17 +101,17 @@ def run_live(
         recorder.attach(STATED, "application/json", json.dumps({"clock_error_s": clock_error_s}).encode())
     with recorder, link:
         first = link.receive(FIRST_WITHIN_S)
-        loop = StationLoop(prepare(station, station_text, utc_ns=first[0].utc_ns if first else None))
-        keeper = _Keeper(loop, recorder, link, duration_s)
-        loop.night.clock_error_s = clock_error_s
-        loop.sinks = make_sinks(loop, folder)
-        night = loop.run(link, first, stop=lambda: stop() or keeper.is_over(), each=keeper.keep)
-        keeper.close()
+        loop = StationLoop(set_up(station, station_text, utc_ns=first[0].utc_ns if first else None))
+        derived_data = _DerivedDataRecorder(loop, recorder, link, duration_s)
+        loop.session.clock_error_s = clock_error_s
+        loop.listeners = make_listeners(loop, folder)
+        session = loop.run(link, first, stop=lambda: stop() or derived_data.is_over(), each=derived_data.keep)
+        derived_data.close()
         give_back()  # the file of a night is compressed next
-    return LiveSession(night, folder, loop.own_elapsed_us, recorder.lost_bytes)
+    return LiveSession(session, folder, loop.own_elapsed_us, recorder.lost_bytes)
 
 
-class _Keeper:
+class _DerivedDataRecorder:
     """Records what is derived, beside the bytes: times, clock readings, the Earth orientation of the night."""
 
     def __init__(self, loop: StationLoop, recorder: Recorder, link: SerialLink, duration_s: float | None) -> None:
@@ -139,13 +139,13 @@ class _Keeper:
             if result.elapsed_us is not None:
                 data = timing_json(result.panorama.time_us, result.elapsed_us)
                 self._recorder.derived(TIMING_TOPIC, result.panorama.host_utc_ns, data)
-        orientation = self._loop.night.earth_orientation
+        orientation = self._loop.session.earth_orientation
         if not self._orientation_kept and orientation is not None:
             self._orientation_kept = True
             self._recorder.attach(EARTH_ORIENTATION, "application/json", orientation.to_json().encode())
         for event in self._recorder.news():
             self._recorder.event(event)
-            self._loop.log(event)
+            self._loop.on_event(event)
         self._read_clock()
 
     def close(self) -> None:

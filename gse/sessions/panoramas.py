@@ -12,7 +12,7 @@ from gse.config.station import Station, parse_station
 from gse.errors import UsageError
 from gse.panorama import Panorama
 from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, read_recorded
-from gse.sessions.replay import Cut
+from gse.sessions.replay import ReplayOptions
 from gse.station.reception import Reception
 from gse.truth import EarthOrientation
 from protocols import Protocol, load_protocol, parse_protocol
@@ -25,7 +25,7 @@ class Recording:
     """A session with its station file, wire format and frozen Earth orientation (None where it has none)."""
 
     path: Path
-    cut: Cut
+    options: ReplayOptions
     station: Station
     station_text: str
     protocol: Protocol
@@ -34,7 +34,7 @@ class Recording:
     def panoramas(self) -> Iterator[Panorama]:
         """The panoramas, in order, through the same link and reception as a live sensor's."""
         reception = Reception(self.protocol, baudrate=self.station.port.baudrate)
-        with SerialLink(self.cut.url(self.path), self.station.port.baudrate) as link:
+        with SerialLink(self.options.url(self.path), self.station.port.baudrate) as link:
             while not link.at_end:
                 for item in link.receive(RECEIVE_TIMEOUT_S):
                     received = reception.receive(item) if isinstance(item, Chunk) else []
@@ -43,7 +43,9 @@ class Recording:
 
 
 def open_recording(
-    path: Path, cut: Cut, change: Callable[[tuple[Station, str]], tuple[Station, str]] = lambda recorded: recorded
+    path: Path,
+    options: ReplayOptions,
+    change: Callable[[tuple[Station, str]], tuple[Station, str]] = lambda recorded: recorded,
 ) -> Recording:
     """A session, with the station file that is frozen in it or what ``change`` puts in its place.
 
@@ -64,5 +66,5 @@ def open_recording(
         protocol = load_protocol(station.protocol)
     orientation = attachments.get(EARTH_ORIENTATION)
     return Recording(
-        path, cut, station, text, protocol, EarthOrientation.from_json(orientation) if orientation else None
+        path, options, station, text, protocol, EarthOrientation.from_json(orientation) if orientation else None
     )

@@ -14,10 +14,10 @@ from drivers.mock.urls import replay_url
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station
 from gse.errors import TruthError, UsageError
 from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATED, STATION, Recorded, read_recorded
-from gse.station.loop import Sink, StationLoop
+from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
-from gse.station.session_data import Night
-from gse.station.setup import prepare
+from gse.station.session_data import SessionData
+from gse.station.setup import set_up
 from gse.truth import EarthOrientation
 
 FIRST_WITHIN_S = 1.0
@@ -29,19 +29,19 @@ _NO_STATION = "the session holds no station file: it is judged on the built-in s
 class Replay:
     """What came out of a recording: the night, and this host's own identification times (not the recorded ones)."""
 
-    night: Night
+    session: SessionData
     own_elapsed_us: "array[float]"
 
 
 @dataclass(frozen=True, slots=True)
-class Cut:
+class ReplayOptions:
     """How a recording is played: pace, part, passes, and the instant at which a raw capture began."""
 
     speed: str = "max"
     from_utc: str | None = None
     to_utc: str | None = None
     loop: int | None = None
-    cut: int | None = None
+    chunk_bytes: int | None = None
     start_utc: str | None = None
 
     def url(self, path: Path) -> str:
@@ -52,7 +52,7 @@ class Cut:
             from_=self.from_utc,
             to=self.to_utc,
             loop=self.loop,
-            cut=self.cut,
+            cut=self.chunk_bytes,
             start_utc=self.start_utc,
         )
 
@@ -60,9 +60,9 @@ class Cut:
 def replay_session(
     path: Path,
     *,
-    cut: Cut = Cut(),
+    options: ReplayOptions = ReplayOptions(),
     station: Callable[[StationText], StationText] = lambda recorded: recorded,
-    make_sinks: Callable[[StationLoop, Path | None], Sequence[Sink]] = lambda loop, folder: (),
+    make_listeners: Callable[[StationLoop, Path | None], Sequence[Listener]] = lambda loop, folder: (),
     stop: Callable[[], bool] = lambda: False,
     each: Callable[[list[FrameResult]], None] = lambda results: None,
 ) -> Replay:
@@ -76,50 +76,48 @@ def replay_session(
     if path.is_file() and path.stat().st_size == 0:
         raise CaptureError(f"{path} is empty: nothing was recorded in it")
     recorded = read_recorded(path) if is_session(path) else None
-    if recorded is None and cut.start_utc is None:
+    if recorded is None and options.start_utc is None:
         raise UsageError(
             f"{path} is no session; expected a session.mcap, or for gse replay a raw serial capture with the UTC of "
             "its first panorama, for example --start-utc 2026-03-20T18:30:00Z"
         )
-    with SerialLink(cut.url(path)) as link:
+    with SerialLink(options.url(path)) as link:
         first = link.receive(FIRST_WITHIN_S)
-        loop = _loop(recorded, cut, station, first[0].utc_ns if first else None)
-        loop.sinks = make_sinks(loop, None)
-        night = loop.run(link, first, stop=stop, each=each)
+        loop = _loop(recorded, options, station, first[0].utc_ns if first else None)
+        loop.listeners = make_listeners(loop, None)
+        session = loop.run(link, first, stop=stop, each=each)
     if recorded is not None:
-        night.truncated = recorded.damaged
-    return Replay(night, loop.own_elapsed_us)
+        session.truncated = recorded.damaged
+    return Replay(session, loop.own_elapsed_us)
 
 
 def _loop(
-    recorded: Recorded | None, cut: Cut, change: Callable[[StationText], StationText], utc_ns: int | None
+    recorded: Recorded | None, options: ReplayOptions, change: Callable[[StationText], StationText], utc_ns: int | None
 ) -> StationLoop:
     attachments = recorded.attachments if recorded else {}
     text = attachments.get(STATION, BUILT_IN_TEXT)
     station, text = change((parse_station(text, "the session's station.yaml"), text))
     same_protocol = station.protocol == parse_station(attachments.get(STATION, BUILT_IN_TEXT)).protocol
-    equipment = prepare(
-        station, text, utc_ns=utc_ns, protocol_text=attachments.get(PROTOCOL) if same_protocol else None
-    )
+    setup = set_up(station, text, utc_ns=utc_ns, protocol_text=attachments.get(PROTOCOL) if same_protocol else None)
     loop = StationLoop(
-        equipment,
+        setup,
         earth_orientation=_frozen_orientation(attachments.get(EARTH_ORIENTATION)),
-        anchor_utc_ns=None if recorded else _anchor(cut),
+        anchor_utc_ns=None if recorded else _anchor(options),
         recorded=recorded.timings if recorded else None,
     )
-    loop.night.clock_error_s = _stated_clock_error_s(attachments.get(STATED))
+    loop.session.clock_error_s = _stated_clock_error_s(attachments.get(STATED))
     if recorded and STATION not in attachments and text == BUILT_IN_TEXT:
-        loop.log(LinkEvent(utc_ns or 0, 0, "NO_STATION", _NO_STATION))
+        loop.on_event(LinkEvent(utc_ns or 0, 0, "NO_STATION", _NO_STATION))
     for reading in recorded.clock if recorded else ():
         loop.read_clock(reading)
     return loop
 
 
-def _anchor(cut: Cut) -> int:
+def _anchor(options: ReplayOptions) -> int:
     from gse import instant
 
     try:
-        return instant.from_text(cut.start_utc or "")
+        return instant.from_text(options.start_utc or "")
     except ValueError as error:
         raise UsageError(f"--start-utc: {error}") from error
 

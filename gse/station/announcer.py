@@ -7,13 +7,13 @@ from drivers.chunk import LinkEvent
 from drivers.link_state import STREAMING, SYNCING, WAITING
 from gse import instant
 from gse.station.results import FrameResult
-from gse.station.session_data import Night
+from gse.station.session_data import SessionData
 
 _CALM = {"OPENED", WAITING, SYNCING, STREAMING}
 """The ordinary course of things: told each time until the first repetition, never counted at the end."""
 
 
-class Teller:
+class Announcer:
     """A sink of the station loop that says events in words: the first of each kind, and how many more came.
 
     A link that flaps all night gives two lines, not ten thousand.
@@ -23,10 +23,10 @@ class Teller:
         self._say = say
         self._seen: Counter[str] = Counter()
 
-    def show(self, result: FrameResult, night: Night) -> None:
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Panoramas are not told."""
 
-    def log(self, event: LinkEvent) -> None:
+    def on_event(self, event: LinkEvent) -> None:
         """Say an event if it is the first of its kind."""
         self._seen[event.kind] += 1
         if self._seen[event.kind] == 1:

@@ -3,12 +3,12 @@
 import math
 
 from gse.attitude import Attitude
-from gse.station.results import Discrepancy
+from gse.station.results import AttitudeError
 
 _ARCSEC_PER_RAD = math.degrees(1) * 3600
 
 
-def compare(measured: Attitude, true: Attitude) -> Discrepancy:
+def compare(measured: Attitude, true: Attitude) -> AttitudeError:
     """How far the measured attitude lies from the true one.
 
     E = measured true^T; the directions are taken on the tangent plane of the true boresight with the angle itself as
@@ -26,7 +26,7 @@ def compare(measured: Attitude, true: Attitude) -> Discrepancy:
     off_x, off_y, off_z = (x * along_x + y * along_y for along_x, along_y in zip(axis_x, axis_y, strict=True))
     east = cos_ra * off_y - sin_ra * off_x
     north = level * off_z - bz * (cos_ra * off_x + sin_ra * off_y)
-    return Discrepancy(
+    return AttitudeError(
         east * arc * _ARCSEC_PER_RAD,
         north * arc * _ARCSEC_PER_RAD,
         math.atan2(e10 - e01, e00 + e11) * _ARCSEC_PER_RAD,

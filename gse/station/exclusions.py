@@ -91,7 +91,7 @@ def parse_exclusion(text: str) -> Exclusion:
     return stated
 
 
-def left_out(utc_ns: NDArray[np.int64], named: Iterable[Exclusion]) -> NDArray[np.bool_]:
+def excluded(utc_ns: NDArray[np.int64], named: Iterable[Exclusion]) -> NDArray[np.bool_]:
     """Which instants (M,) lie in any of the stretches."""
     out = np.zeros(len(utc_ns), dtype=bool)
     for item in named:

@@ -14,7 +14,7 @@ def frame_json(result: FrameResult) -> dict[str, Any]:
     RA, DE and roll are the sensor's answer: from catalogue places in ICRS, not corrected for aberration and
     refraction; the d_... are measured minus true after these corrections.
     """
-    attitude, error = result.attitude, result.discrepancy
+    attitude, error = result.attitude, result.attitude_error
     return {
         "schema": SCHEMA,
         "utc": instant.to_text(result.panorama.utc_ns),
@@ -27,13 +27,13 @@ def frame_json(result: FrameResult) -> dict[str, Any]:
         "roll_deg": round(attitude.roll_deg, 6) if attitude else None,
         "frame": "ICRS",
         "matched": len(result.matches),
-        "objects": len(result.panorama.index),
-        "chance": float(f"{result.identification.chance:.3g}") if result.identification else None,
+        "objects": len(result.panorama.brightness),
+        "chance": float(f"{result.identification.false_match_probability:.3g}") if result.identification else None,
         "elapsed_us": None if result.elapsed_us is None else round(result.elapsed_us, 1),
         "d_ra_cosde_arcsec": round(error.d_ra_cosde_arcsec, 3) if error else None,
         "d_de_arcsec": round(error.d_de_arcsec, 3) if error else None,
         "d_roll_arcsec": round(error.d_roll_arcsec, 3) if error else None,
-        "judge": result.judge.value,
+        "judge": result.answer_check.value,
         "matches": [
             {"object": match.object, "star": match.star, "residual_arcsec": round(match.residual_arcsec, 2)}
             for match in result.matches

@@ -15,15 +15,15 @@ from gse.identifier import Identification, Identifier, Unidentified
 from gse.identifier.robust import RobustIdentifier
 from gse.panorama import MAX_OBJECTS, Panorama
 from gse.station.attitude_error import compare
-from gse.station.non_stellar import NonStars
-from gse.station.results import FrameResult, Judge, Matches, Status
+from gse.station.non_stellar import NonStellarObjects
+from gse.station.results import AnswerCheck, FrameResult, Matches, Status
 from gse.truth import SiderealTruth
 
 CENTROID_SIGMA_PX = 0.3
 """Position noise of a whole-pixel object, 1 / sqrt(12) px, for the covariance of an attitude."""
 
 SAME_BORESIGHT_RAD = math.radians(0.05)
-"""The answer under test is correct when its boresight is within this of the judge's."""
+"""The answer under test is correct when its boresight is within this of the reference identifier's."""
 
 ARCSEC_PER_RAD = 180 * 3600 / math.pi
 FAULT_FLAGS = frozenset({"detector fault", "memory fault"})
@@ -31,7 +31,7 @@ FAULT_FLAGS = frozenset({"detector fault", "memory fault"})
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """What the identifier under test says of one panorama, with its attitude, and what the judge says of that.
+    """The answer of the identifier under test to one panorama, its attitude, and the reference identifier's check.
 
     ``elapsed_us`` is this host's time from objects to RA and DE.
     """
@@ -39,13 +39,13 @@ class Answer:
     directions_sensor: NDArray[np.float64]
     identification: Identification | Unidentified
     attitude: Attitude | None
-    judge: Judge
+    answer_check: AnswerCheck
     elapsed_us: float
 
 
 @dataclass(frozen=True, slots=True)
-class Observer:
-    """What stands ready for panoramas: camera, identifier under test, judge, and sidereal truth for a mount.
+class FrameProcessor:
+    """What stands ready for panoramas: camera, identifier under test, reference identifier, sidereal truth for a mount.
 
     There is no ``truth`` for instants before the Earth orientation table, and no ``mount`` while it is being fitted:
     then nothing is compared. ``paper_mean`` takes the boresight as [S] does, instead of Wahba's.
@@ -54,8 +54,8 @@ class Observer:
     camera: Camera
     index_max: int
     identifier: Identifier
-    judge: RobustIdentifier | None
-    non_stars: NonStars
+    reference: RobustIdentifier | None
+    non_stellar: NonStellarObjects
     truth: SiderealTruth | None
     mount: Mount | None
     paper_mean: bool = False
@@ -82,7 +82,7 @@ class Observer:
         if isinstance(found, Unidentified) or attitude is None:
             status, detail = _explain(found)
             return FrameResult(
-                panorama, status, detail, self.identifier.name, elapsed_us=elapsed_us, judge=answer.judge
+                panorama, status, detail, self.identifier.name, elapsed_us=elapsed_us, answer_check=answer.answer_check
             )
         geometric = self._geometric(panorama.utc_ns, found, attitude, answer.directions_sensor)
         true = self.truth.attitude_true(panorama.utc_ns, self.mount) if self.truth and self.mount else None
@@ -96,10 +96,10 @@ class Observer:
             matches=self._matches(found, attitude, answer.directions_sensor),
             elapsed_us=elapsed_us,
             attitude_geometric=geometric,
-            discrepancy=compare(geometric, true) if geometric and true else None,
+            attitude_error=compare(geometric, true) if geometric and true else None,
             attitude_true=true,
-            judge=answer.judge,
-            others=self.non_stars.name(
+            answer_check=answer.answer_check,
+            others=self.non_stellar.name(
                 panorama,
                 answer.directions_sensor,
                 found.objects,
@@ -111,23 +111,27 @@ class Observer:
     def _answers(self, panoramas: Sequence[Panorama]) -> list[Answer]:
         started_ns = time.perf_counter_ns()
         whole = self.camera.directions(np.concatenate([panorama.xy_px for panorama in panoramas]))
-        ends = np.cumsum([len(panorama.index) for panorama in panoramas])
+        ends = np.cumsum([len(panorama.brightness) for panorama in panoramas])
         directions_sensor = np.split(whole, ends[:-1])
         shared_us = (time.perf_counter_ns() - started_ns) / 1000 / len(panoramas)
-        objects = [(of_one, panorama.index) for of_one, panorama in zip(directions_sensor, panoramas, strict=True)]
+        objects = [(of_one, panorama.brightness) for of_one, panorama in zip(directions_sensor, panoramas, strict=True)]
         found = [self._answer(*of_one) for of_one in objects]
-        judged = self.judge.identify_many(objects) if self.judge else [None] * len(objects)
+        true_stars = self.reference.identify_many(objects) if self.reference else [None] * len(objects)
         return [
-            Answer(of_one, answer, attitude, self._judge(attitude, of_one, judge), round(shared_us + elapsed_us, 1))
-            for of_one, (answer, attitude, elapsed_us), judge in zip(directions_sensor, found, judged, strict=True)
+            Answer(
+                of_one, answer, attitude, self._check(attitude, of_one, true_stars), round(shared_us + elapsed_us, 1)
+            )
+            for of_one, (answer, attitude, elapsed_us), true_stars in zip(
+                directions_sensor, found, true_stars, strict=True
+            )
         ]
 
     def _answer(
-        self, directions_sensor: NDArray[np.float64], index: NDArray[np.float64]
+        self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> tuple[Identification | Unidentified, Attitude | None, float]:
         """The answer under test, its attitude, and how long these took in microseconds."""
         started_ns = time.perf_counter_ns()
-        answer = self.identifier.identify(directions_sensor, index)
+        answer = self.identifier.identify(directions_sensor, brightness)
         attitude = None
         if isinstance(answer, Identification):
             attitude = self._attitude(*self._pairs(answer, directions_sensor))
@@ -139,10 +143,10 @@ class Observer:
             return f"the sensor reports {' and '.join(faults)}"
         if panorama.problems:
             return f"the sensor sent what it should not: {panorama.problems[0]}"
-        if len(panorama.index) > MAX_OBJECTS:
-            return f"{len(panorama.index)} objects came, at most {MAX_OBJECTS} were expected"
-        if len(panorama.index) and panorama.index[0] > self.index_max:
-            return f"index value {panorama.index[0]:.0f} came, at most {self.index_max} was expected"
+        if len(panorama.brightness) > MAX_OBJECTS:
+            return f"{len(panorama.brightness)} objects came, at most {MAX_OBJECTS} were expected"
+        if len(panorama.brightness) and panorama.brightness[0] > self.index_max:
+            return f"index value {panorama.brightness[0]:.0f} came, at most {self.index_max} was expected"
         return ""
 
     def _attitude(self, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64]) -> Attitude:
@@ -174,20 +178,20 @@ class Observer:
         # Thrice as fast as by an index in brackets.
         return directions_sensor.take(answer.objects, axis=0), self.identifier.catalog.icrs.take(answer.stars, axis=0)
 
-    def _judge(
+    def _check(
         self,
         attitude: Attitude | None,
         directions_sensor: NDArray[np.float64],
-        judged: Identification | Unidentified | None,
-    ) -> Judge:
-        if self.judge is None or not isinstance(judged, Identification):
-            return Judge.NONE
+        true_stars: Identification | Unidentified | None,
+    ) -> AnswerCheck:
+        if self.reference is None or not isinstance(true_stars, Identification):
+            return AnswerCheck.NONE
         if attitude is None:
-            return Judge.ABSENT
-        measured_sensor = directions_sensor.take(judged.objects, axis=0)
-        true = solve_attitude(measured_sensor, self.judge.catalog.icrs.take(judged.stars, axis=0), 1e-4)
-        apart_rad = math.dist(attitude.boresight_icrs, true.boresight_icrs)
-        return Judge.CORRECT if apart_rad < SAME_BORESIGHT_RAD else Judge.FALSE
+            return AnswerCheck.ABSENT
+        measured_sensor = directions_sensor.take(true_stars.objects, axis=0)
+        true = solve_attitude(measured_sensor, self.reference.catalog.icrs.take(true_stars.stars, axis=0), 1e-4)
+        separation_rad = math.dist(attitude.boresight_icrs, true.boresight_icrs)
+        return AnswerCheck.CORRECT if separation_rad < SAME_BORESIGHT_RAD else AnswerCheck.FALSE
 
 
 def _explain(answer: Identification | Unidentified) -> tuple[Status, str]:

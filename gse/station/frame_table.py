@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.attitude import Attitude
-from gse.station.results import FrameResult, Judge, Status
+from gse.station.results import AnswerCheck, FrameResult, Status
 
 STATUSES = tuple(Status)
-JUDGES = tuple(Judge)
+ANSWER_CHECKS = tuple(AnswerCheck)
 _NAN = float("nan")
 _ROOM_ROWS = 1 << 19
 """14 h at 10 Hz; twice as many are taken when they are full."""
@@ -97,7 +97,7 @@ class FrameTable:
     def append(self, result: FrameResult) -> None:
         """Add one frame."""
         row = len(self._frames)
-        panorama, error = result.panorama, result.discrepancy
+        panorama, error = result.panorama, result.attitude_error
         self._frames.append(
             (
                 panorama.utc_ns,
@@ -106,13 +106,13 @@ class FrameTable:
                 panorama.frame_no,
                 panorama.sequence,
                 STATUSES.index(result.status),
-                JUDGES.index(result.judge),
-                min(len(panorama.index), 255),
+                ANSWER_CHECKS.index(result.answer_check),
+                min(len(panorama.brightness), 255),
                 min(len(result.matches), 255),
                 [kind for _, kind in result.others].count("hot pixel"),
                 panorama.exposure_s,
                 panorama.temperature_c,
-                result.identification.chance if result.identification else _NAN,
+                result.identification.false_match_probability if result.identification else _NAN,
                 _NAN if result.elapsed_us is None else result.elapsed_us,
                 *_angles(result.attitude),
                 *_angles(result.attitude_true),

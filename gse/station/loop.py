@@ -12,13 +12,13 @@ from drivers.link_state import LinkMonitor
 from gse.errors import TruthError
 from gse.panorama import Panorama
 from gse.recording.session_format import RecordedTimings
-from gse.station.frame_processor import Answer, Observer
+from gse.station.frame_processor import Answer, FrameProcessor
 from gse.station.mount_alignment import FirstSeconds
-from gse.station.non_stellar import NonStars
+from gse.station.non_stellar import NonStellarObjects
 from gse.station.reception import Received, Reception
 from gse.station.results import FrameResult
-from gse.station.session_data import Night
-from gse.station.setup import Equipment, versions
+from gse.station.session_data import SessionData
+from gse.station.setup import Setup, versions
 from gse.truth import EarthOrientation, SiderealTruth
 from protocols import AttitudeMessage, StatusMessage
 
@@ -27,14 +27,14 @@ MOST_AT_ONCE = 64
 """Panoramas that are identified before the first of them is shown, where so many wait."""
 
 
-class Sink(Protocol):
+class Listener(Protocol):
     """Something that is told of each result and event as they come: a view, a stream of JSON, a calibration."""
 
-    def show(self, result: FrameResult, night: Night) -> None:
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
         """One more panorama."""
         ...
 
-    def log(self, event: LinkEvent) -> None:
+    def on_event(self, event: LinkEvent) -> None:
         """One more event."""
         ...
 
@@ -47,32 +47,32 @@ class StationLoop:
 
     def __init__(
         self,
-        equipment: Equipment,
+        setup: Setup,
         *,
         earth_orientation: EarthOrientation | None = None,
         anchor_utc_ns: int | None = None,
         recorded: RecordedTimings | None = None,
     ) -> None:
-        station = equipment.station
-        self.equipment = equipment
-        self.night = Night(station, equipment.station_text, equipment.protocol.name)
-        self.night.catalog = equipment.catalog_facts()
-        self.night.versions = versions()
-        self.reception = Reception(equipment.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
-        self.night.link = self.reception.counters
-        self.night.earth_orientation = earth_orientation
+        station = setup.station
+        self.setup = setup
+        self.session = SessionData(station, setup.station_text, setup.protocol.name)
+        self.session.catalog = setup.catalog_facts()
+        self.session.versions = versions()
+        self.reception = Reception(setup.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
+        self.session.link = self.reception.counters
+        self.session.earth_orientation = earth_orientation
         self.own_elapsed_us: array[float] = array("d")
         self._recorded = recorded
-        self.sinks: Sequence[Sink] = ()
+        self.listeners: Sequence[Listener] = ()
         align_s = station.mount.align_s
         self._first_seconds = FirstSeconds(align_s) if align_s is not None else None
         mount = station.mount if align_s is None else None
-        self._observer = Observer(
-            camera=equipment.camera,
+        self._frame_processor = FrameProcessor(
+            camera=setup.camera,
             index_max=station.sensor.index_max,
-            identifier=equipment.identifier,
-            judge=equipment.judge,
-            non_stars=NonStars(equipment.camera, station.site, station.sensor.hot_pixels),
+            identifier=setup.identifier,
+            reference=setup.reference,
+            non_stellar=NonStellarObjects(setup.camera, station.site, station.sensor.hot_pixels),
             truth=None,
             mount=mount,
             paper_mean=station.identifier.attitude == "paper-mean",
@@ -87,7 +87,7 @@ class StationLoop:
         *,
         stop: Callable[[], bool] = lambda: False,
         each: Callable[[list[FrameResult]], None] = lambda results: None,
-    ) -> Night:
+    ) -> SessionData:
         """Receive until the link is at its end or ``stop`` says so.
 
         ``first`` is what was received already, ``each`` gets the results of every round.
@@ -96,7 +96,7 @@ class StationLoop:
         while not link.at_end and not stop():
             each(self.take(link.receive(RECEIVE_TIMEOUT_S)))
         each(self._drain(link) + self.finish())
-        return self.night
+        return self.session
 
     def _drain(self, link: SerialLink) -> list[FrameResult]:
         """What a live port still gave before it was closed: it is recorded, so it counts."""
@@ -108,11 +108,11 @@ class StationLoop:
         return results
 
     def take(self, items: Sequence[Chunk | LinkEvent]) -> list[FrameResult]:
-        """Decode and judge what these complete."""
+        """Decode and identify what these complete."""
         news: list[Panorama | LinkEvent] = []
         for item in items:
             news += self._port_event(item) if isinstance(item, LinkEvent) else self._decoded(item)
-        return self._judge(news)
+        return self._identify(news)
 
     def _port_event(self, event: LinkEvent) -> list[LinkEvent]:
         """The event, after what the silence before it meant, as it was told live, and before what it means itself."""
@@ -121,9 +121,9 @@ class StationLoop:
 
     def _decoded(self, chunk: Chunk) -> list[Panorama | LinkEvent]:
         counters = self.reception.counters
-        frames, discards = counters.frames, dict(counters.discards_by_reason)
+        frames, discards = counters.frames, dict(counters.discarded_bytes_by_reason)
         received = self.reception.receive(chunk)
-        new = {reason: count - discards.get(reason, 0) for reason, count in counters.discards_by_reason.items()}
+        new = {reason: count - discards.get(reason, 0) for reason, count in counters.discarded_bytes_by_reason.items()}
         return [*self._monitor.received(chunk, counters.frames - frames, new), *self._kept(received)]
 
     def _kept(self, received: list[Received]) -> list[Panorama | LinkEvent]:
@@ -133,9 +133,9 @@ class StationLoop:
             if isinstance(item, Panorama | LinkEvent):
                 news.append(item)
             elif isinstance(item, StatusMessage):
-                self.night.statuses.append((self.reception.last_host_utc_ns, item))
+                self.session.statuses.append((self.reception.last_host_utc_ns, item))
             elif isinstance(item, AttitudeMessage):
-                self.night.sensor_attitudes.append((self.reception.last_host_utc_ns, item))
+                self.session.sensor_attitudes.append((self.reception.last_host_utc_ns, item))
         return news
 
     def pass_time(self, utc_ns: int, mono_ns: int) -> None:
@@ -144,41 +144,41 @@ class StationLoop:
 
     def finish(self) -> list[FrameResult]:
         """Account for what is left when the stream has ended."""
-        results = self._judge(self._kept(self.reception.finish()))
-        self.night.raw_sha256 = self.reception.raw_sha256
+        results = self._identify(self._kept(self.reception.finish()))
+        self.session.raw_sha256 = self.reception.raw_sha256
         return results
 
-    def log(self, event: LinkEvent) -> None:
+    def on_event(self, event: LinkEvent) -> None:
         """An event of the link or of the reception."""
-        self.night.events.append(event)
-        self.night.link.reconnects += event.kind == "REOPENED"
-        for sink in self.sinks:
-            sink.log(event)
+        self.session.events.append(event)
+        self.session.link.reconnects += event.kind == "REOPENED"
+        for listener in self.listeners:
+            listener.on_event(event)
 
     def _log_all(self, events: list[LinkEvent]) -> None:
         for event in events:
-            self.log(event)
+            self.on_event(event)
 
     def read_clock(self, reading: ClockReading) -> None:
         """One more reading of the host clock's health."""
-        self.night.clock.append(reading)
+        self.session.clock.append(reading)
 
-    def _judge(self, news: list[Panorama | LinkEvent]) -> list[FrameResult]:
+    def _identify(self, news: list[Panorama | LinkEvent]) -> list[FrameResult]:
         """Identify the panoramas, many at once where many wait, and tell everything in its order."""
         results = []
         for begin in range(0, len(news), MOST_AT_ONCE):
             part = news[begin : begin + MOST_AT_ONCE]
-            answers = iter(self._observer.identify([item for item in part if isinstance(item, Panorama)]))
+            answers = iter(self._frame_processor.identify([item for item in part if isinstance(item, Panorama)]))
             for item in part:
                 if isinstance(item, Panorama):
                     results.append(self._conclude(item, next(answers)))
                 else:
-                    self.log(item)
+                    self.on_event(item)
         return results
 
     def observe(self, panorama: Panorama) -> FrameResult:
         """Judge one panorama and keep the result."""
-        return self._judge([panorama])[0]
+        return self._identify([panorama])[0]
 
     def _conclude(self, panorama: Panorama, answer: Answer | str) -> FrameResult:
         """Compare an answer with the truth, keep the result and show it."""
@@ -186,14 +186,14 @@ class StationLoop:
             self._seek_truth(panorama)
         if self._first_seconds is not None:
             self._align(self._first_seconds, panorama)
-        result = self._observer.conclude(panorama, answer, self._elapsed_us(panorama, answer))
-        self.night.frames.append(result)
+        result = self._frame_processor.conclude(panorama, answer, self._elapsed_us(panorama, answer))
+        self.session.frames.append(result)
         if result.detail.startswith("the image is mirrored"):
-            self.log(LinkEvent(panorama.utc_ns, 0, "MIRRORED", result.detail))
-        if self._first_seconds is not None and self._observer.truth is not None:
-            self._first_seconds.add(result, self._observer.truth)
-        for sink in self.sinks:
-            sink.show(result, self.night)
+            self.on_event(LinkEvent(panorama.utc_ns, 0, "MIRRORED", result.detail))
+        if self._first_seconds is not None and self._frame_processor.truth is not None:
+            self._first_seconds.add(result, self._frame_processor.truth)
+        for listener in self.listeners:
+            listener.on_result(result, self.session)
         return result
 
     def _elapsed_us(self, panorama: Panorama, answer: Answer | str) -> float | None:
@@ -209,21 +209,21 @@ class StationLoop:
         if alignment is None:
             return
         self._first_seconds = None
-        self._observer = replace(self._observer, mount=alignment.mount)
-        self.night.alignment = alignment
-        self.log(LinkEvent(panorama.utc_ns, 0, "ALIGNED", str(alignment)))
+        self._frame_processor = replace(self._frame_processor, mount=alignment.mount)
+        self.session.alignment = alignment
+        self.on_event(LinkEvent(panorama.utc_ns, 0, "ALIGNED", str(alignment)))
 
     def _seek_truth(self, panorama: Panorama) -> None:
         """The Earth orientation of the night: frozen in the session, or from disk around the first panorama."""
         self._truth_sought = True
         try:
-            orientation = self.night.earth_orientation or EarthOrientation.from_disk(panorama.utc_ns)
+            orientation = self.session.earth_orientation or EarthOrientation.from_disk(panorama.utc_ns)
             warning = orientation.warning(panorama.utc_ns)
         except TruthError as error:
-            self.log(LinkEvent(panorama.utc_ns, 0, "NO_TRUTH", str(error)))
+            self.on_event(LinkEvent(panorama.utc_ns, 0, "NO_TRUTH", str(error)))
             return
         if warning:
-            self.log(LinkEvent(panorama.utc_ns, 0, "EARTH_ORIENTATION", warning))
-        self.night.earth_orientation = orientation
-        truth = SiderealTruth(self.night.station.site, orientation)
-        self._observer = replace(self._observer, truth=truth)
+            self.on_event(LinkEvent(panorama.utc_ns, 0, "EARTH_ORIENTATION", warning))
+        self.session.earth_orientation = orientation
+        truth = SiderealTruth(self.session.station.site, orientation)
+        self._frame_processor = replace(self._frame_processor, truth=truth)

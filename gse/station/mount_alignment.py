@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from gse.errors import UsageError
 from gse.instant import NS_PER_S
-from gse.station.results import FrameResult, Judge
-from gse.station.session_data import Night
+from gse.station.results import AnswerCheck, FrameResult
+from gse.station.session_data import SessionData
 from gse.truth import Alignment, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations
 
 MIN_FRAMES = 10
@@ -21,7 +21,7 @@ _ARCSEC_PER_RAD = math.degrees(1) * 3600
 
 
 class MeasuredMounts:
-    """Directions of the mount as each identified frame shows them; ``show`` makes it a sink of the station's loop."""
+    """Directions of the mount as each identified frame shows them: a listener of the station's loop."""
 
     def __init__(self) -> None:
         self._utc_ns = array("q")
@@ -33,21 +33,21 @@ class MeasuredMounts:
 
     def add(self, result: FrameResult, truth: SiderealTruth) -> None:
         """One more frame; one without an answer, or with a false one, adds nothing."""
-        if result.attitude_geometric is None or result.judge is Judge.FALSE:
+        if result.attitude_geometric is None or result.answer_check is AnswerCheck.FALSE:
             return
         utc_ns = result.panorama.utc_ns
         self._utc_ns.append(utc_ns)
         rotation = result.attitude_geometric.icrs_to_sensor @ truth.icrs_to_horizon(utc_ns).T
         self._rotations.extend(rotation.ravel().tolist())
 
-    def show(self, result: FrameResult, night: Night) -> None:
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Take a frame from the loop."""
-        if self._truth is None and night.earth_orientation is not None:
-            self._truth = SiderealTruth(night.station.site, night.earth_orientation)
+        if self._truth is None and session.earth_orientation is not None:
+            self._truth = SiderealTruth(session.station.site, session.earth_orientation)
         if self._truth is not None:
             self.add(result, self._truth)
 
-    def log(self, event: object) -> None:
+    def on_event(self, event: object) -> None:
         """Events say nothing of the mount."""
 
     @property

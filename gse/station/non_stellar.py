@@ -42,7 +42,7 @@ _EPHEMERIS_NS = 600 * NS_PER_S
 """The Moon moves 5 arcmin in this time, planets half an arcmin at most: a new place for each cell of it."""
 
 
-class NonStars:
+class NonStellarObjects:
     """Names the objects that no star stands for; it remembers the frames before."""
 
     def __init__(self, camera: Camera, site: Site, known_hot_pixels: tuple[tuple[int, int], ...] = ()) -> None:
@@ -65,7 +65,7 @@ class NonStars:
         truth_known: bool,
     ) -> tuple[tuple[int, str], ...]:
         """(row, kind) of each object that is not among ``identified``, given the geometric attitude of the frame."""
-        left = np.ones(len(panorama.index), dtype=np.bool_)
+        left = np.ones(len(panorama.brightness), dtype=np.bool_)
         left[identified] = False
         rest = left.nonzero()[0]
         xy_px = panorama.xy_px.take(rest, axis=0)

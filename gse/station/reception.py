@@ -90,7 +90,7 @@ class Reception:
 
     def _count_discard(self, discard: Discard) -> None:
         self.counters.bytes_discarded += len(discard.data)
-        by_reason = self.counters.discards_by_reason
+        by_reason = self.counters.discarded_bytes_by_reason
         by_reason[discard.reason] = by_reason.get(discard.reason, 0) + len(discard.data)
 
     def _take_frame(self, frame: Frame) -> list[Received]:
@@ -144,7 +144,7 @@ class Reception:
         return Panorama(
             utc_ns=utc_ns,
             xy_px=message.xy_px.take(brightest_first, axis=0),
-            index=message.index.take(brightest_first),
+            brightness=message.index.take(brightest_first),
             frame_no=message.frame_no,
             exposure_s=message.exposure_s,
             time_us=message.time_us,

@@ -23,7 +23,7 @@ class Status(StrEnum):
     SENSOR_FAULT = "SENSOR_FAULT"
 
 
-class Judge(StrEnum):
+class AnswerCheck(StrEnum):
     """What the robust identifier says of the answer under test; NONE where it has no answer itself."""
 
     CORRECT = "correct"
@@ -83,7 +83,7 @@ NO_MATCHES = Matches(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 
 
 
 @dataclass(frozen=True, slots=True)
-class Discrepancy:
+class AttitudeError:
     """Measured minus true attitude, all in arcsec.
 
     ``d_ra_cosde`` is towards east and ``d_de`` towards north, at the true boresight (on the tangent plane there, so
@@ -104,7 +104,7 @@ class FrameResult:
 
     ``attitude`` is what the sensor would answer: from catalogue places in ICRS, uncorrected for aberration and
     refraction. ``attitude_geometric`` is the same with these corrections, ``attitude_true`` where the mount looked
-    (geometric direction, ICRS axes), and ``discrepancy`` is between these two. ``others`` names objects that are no
+    (geometric direction, ICRS axes), and ``attitude_error`` is between these two. ``others`` names objects that are no
     stars: (object, "hot pixel" | "Jupiter" | "unknown" ...).
     """
 
@@ -117,9 +117,9 @@ class FrameResult:
     matches: Matches = NO_MATCHES
     elapsed_us: float | None = None
     attitude_geometric: Attitude | None = None
-    discrepancy: Discrepancy | None = None
+    attitude_error: AttitudeError | None = None
     attitude_true: Attitude | None = None
-    judge: Judge = Judge.NONE
+    answer_check: AnswerCheck = AnswerCheck.NONE
     others: tuple[tuple[int, str], ...] = ()
 
 
@@ -131,7 +131,7 @@ class LinkCounters:
     bytes_framed: int = 0
     bytes_discarded: int = 0
     frames: int = 0
-    discards_by_reason: dict[str, int] = field(default_factory=dict)
+    discarded_bytes_by_reason: dict[str, int] = field(default_factory=dict)
     duplicates: int = 0
     frames_lost: int = 0
     sensor_resets: int = 0

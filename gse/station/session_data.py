@@ -13,13 +13,13 @@ from protocols import AttitudeMessage, StatusMessage
 
 
 @dataclass(slots=True)
-class Night:
+class SessionData:
     """One session, whole, in the order in which it happened.
 
     ``sensor_attitudes`` are the sensor's own answers (ATTITUDE frames) with the UTC given to them; ``raw_sha256`` is
     the hash of all received bytes; ``catalog`` describes the mission catalogue in use; ``versions`` the packages that
     numbers depend on. A ``truncated`` session lost its end. ``alignment`` is the mount that was fitted on the session
-    itself, ``clock_error_s`` a bound of the host clock's error that the operator states, ``left_out`` what the operator
+    itself, ``clock_error_s`` a bound of the host clock's error that the operator states, ``excluded`` what the operator
     leaves out of the figures.
     """
 
@@ -39,8 +39,8 @@ class Night:
     earth_orientation: EarthOrientation | None = None
     alignment: Alignment | None = None
     clock_error_s: float | None = None
-    left_out: tuple[Exclusion, ...] = ()
+    excluded: tuple[Exclusion, ...] = ()
 
     def exclusions(self) -> tuple[Exclusion, ...]:
         """What the figures leave out, by name: what the events and the frames tell, and what the operator states."""
-        return (*exclusions(self.events, self.frames.columns), *self.left_out)
+        return (*exclusions(self.events, self.frames.columns), *self.excluded)

@@ -29,15 +29,15 @@ PACKAGES = ("gse-star-sensor", "numpy", "numba", "astropy", "pyerfa", "astropy-i
 
 
 @dataclass(frozen=True, slots=True)
-class Equipment:
-    """Station file, wire format, camera, identifier under test and judge (None: the judge itself is under test)."""
+class Setup:
+    """Station file, wire format, camera, identifier under test, and reference (None where that is under test)."""
 
     station: Station
     station_text: str
     protocol: Protocol
     camera: Camera
     identifier: Identifier
-    judge: RobustIdentifier | None
+    reference: RobustIdentifier | None
 
     def catalog_facts(self) -> dict[str, object]:
         """What the report says of the catalogue under test."""
@@ -51,9 +51,9 @@ class Equipment:
         }
 
 
-def prepare(
+def set_up(
     station: Station, station_text: str, *, utc_ns: int | None = None, protocol_text: str | None = None
-) -> Equipment:
+) -> Setup:
     """Load catalogue, tables and wire format, and compile what is compiled, so that the first panorama is not late.
 
     ``utc_ns`` is when the night begins: stars stand where their proper motion, where it is known, has brought them by
@@ -68,16 +68,16 @@ def prepare(
     stars = max(stars_searched(camera, station.identifier.catalog_stars), stars_looked_at(camera))
     catalog = _catalog(station.catalog, epoch_jyear, stars)
     identifier = make_identifier(station.identifier, camera, catalog)
-    judge = None if station.identifier.algorithm == "robust" else _judge(camera, catalog)
-    equipment = Equipment(station, station_text, protocol, camera, identifier, judge)
-    _warm_up(equipment)
+    reference = None if station.identifier.algorithm == "robust" else _reference(camera, catalog)
+    setup = Setup(station, station_text, protocol, camera, identifier, reference)
+    _warm_up(setup)
     give_back()
-    return equipment
+    return setup
 
 
-def forget() -> None:
+def clear_caches() -> None:
     """Let go of what is kept for the next session of this process: its memory serves the report of this one."""
-    _judge.cache_clear()
+    _reference.cache_clear()
     _catalog.cache_clear()
     give_back()
 
@@ -95,8 +95,8 @@ def _catalog(source: str, epoch_jyear: float | None, stars: int) -> StarCatalog:
 
 
 @functools.lru_cache(maxsize=4)
-def _judge(camera: Camera, catalog: StarCatalog) -> RobustIdentifier:
-    """The judge, kept for the next session of this process: its tables take a second."""
+def _reference(camera: Camera, catalog: StarCatalog) -> RobustIdentifier:
+    """The reference identifier, kept for the next session of this process: its tables take a second."""
     return RobustIdentifier(camera, catalog)
 
 
@@ -105,16 +105,16 @@ def _epoch_jyear(utc_ns: int) -> float:
     return round(2000.0 + (utc_ns / NS_PER_DAY - _J2000_DAY) / 365.25, 1)
 
 
-def _warm_up(equipment: Equipment) -> None:
+def _warm_up(setup: Setup) -> None:
     """Identify a panorama of the catalogue's own stars: what is compiled or loaded on the way is ready then."""
-    camera = equipment.camera
+    camera = setup.camera
     icrs_to_sensor = Attitude.from_angles(*_WARM_UP_RA_DE_DEG, 0.0).icrs_to_sensor
-    stars_icrs = equipment.identifier.catalog.icrs
+    stars_icrs = setup.identifier.catalog.icrs
     xy_px = camera.pixels(stars_icrs @ icrs_to_sensor.T)
     directions_sensor = camera.directions(np.round(xy_px[camera.contains(xy_px)][:MAX_OBJECTS]))
-    index = np.linspace(4000.0, 100.0, len(directions_sensor))
-    answer = equipment.identifier.identify(directions_sensor, index)
+    brightness = np.linspace(4000.0, 100.0, len(directions_sensor))
+    answer = setup.identifier.identify(directions_sensor, brightness)
     if isinstance(answer, Identification):
         solve_attitude(directions_sensor[answer.objects], stars_icrs[answer.stars], 1e-4)
-    if equipment.judge:
-        equipment.judge.identify_many([(directions_sensor, index)])
+    if setup.reference:
+        setup.reference.identify_many([(directions_sensor, brightness)])

@@ -1,6 +1,6 @@
 """The live view: rerun, fed from a thread of its own behind a queue that drops.
 
-Nothing here can hold up the measurement: ``show`` puts a frame on a bounded queue or counts it as dropped. rerun's
+Nothing here can hold up the measurement: ``on_result`` puts a frame on a bounded queue or counts it as dropped. rerun's
 data go to a server in this process, bound to 127.0.0.1, from which viewers fetch them; so a viewer that is absent,
 frozen or killed blocks nobody. (A client connection to a viewer does block, after some 36,000 frames.)
 """
@@ -24,13 +24,13 @@ from gse.config.station import Station
 from gse.errors import GseError
 from gse.instant import NS_PER_S
 from gse.station.results import FrameResult, LinkCounters
-from gse.station.session_data import Night
+from gse.station.session_data import SessionData
 from gse.view.page import ViewerPage
 from gse.view.ports import free_port
-from gse.view.saved import file_sink
+from gse.view.saved_view import rrd_file_sink
 from gse.view.scene import Scene
+from gse.view.verdict_text import verdict_at_end, verdict_so_far
 from gse.view.viewer import open_native_viewer
-from gse.view.words import verdict_at_end, verdict_so_far
 
 _LOG = logging.getLogger(__name__)
 
@@ -99,15 +99,15 @@ class LiveView:
         self._thread.start()
 
     def _connect(self, mode: ViewMode, save_rrd: Path | None, bind: str, port: int) -> None:
-        sinks: list[object] = [] if save_rrd is None else [file_sink(save_rrd)]
+        listeners: list[object] = [] if save_rrd is None else [rrd_file_sink(save_rrd)]
         try:
             if mode != "none":
                 self.grpc_port = free_port(bind)
-                sinks.append(rr.GrpcServerSink(bind, self.grpc_port, server_memory_limit=MEMORY_LIMIT))
+                listeners.append(rr.GrpcServerSink(bind, self.grpc_port, server_memory_limit=MEMORY_LIMIT))
             self._open(mode, bind, port)
         except GseError as error:
             _LOG.warning("no live view: %s; the session goes on", error)
-        self._stream.set_sinks(*sinks)
+        self._stream.set_sinks(*listeners)
 
     def _open(self, mode: ViewMode, bind: str, port: int) -> None:
         if mode == "web":
@@ -116,13 +116,13 @@ class LiveView:
         elif mode == "native":
             open_native_viewer(f"rerun+http://{bind}:{self.grpc_port}/proxy")
 
-    def show(self, result: FrameResult, night: Night) -> None:
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Show a frame, and link and clock of the night as they are now; dropped and counted when the view lags."""
-        readings = tuple(night.clock[self._readings :])
+        readings = tuple(session.clock[self._readings :])
         self._readings += len(readings)
-        self._put(_Shown(result, replace(night.link), readings))
+        self._put(_Shown(result, replace(session.link), readings))
 
-    def log(self, event: LinkEvent) -> None:
+    def on_event(self, event: LinkEvent) -> None:
         """Show an event of the link."""
         self._put(event)
 
@@ -159,7 +159,7 @@ class LiveView:
             _LOG.warning("the live view has ended (%s: %s); the session goes on", type(error).__name__, error)
 
     def _tell(self, station: Station, catalog: StarCatalog | None) -> None:
-        teller = _Teller(Scene(self._stream, station, catalog, live=True))
+        teller = _Announcer(Scene(self._stream, station, catalog, live=True))
         while True:
             last = self._closing.is_set()
             while batch := self._take():
@@ -183,7 +183,7 @@ class LiveView:
         return batch
 
 
-class _Teller:
+class _Announcer:
     """Tells a scene what came off the queue, in order."""
 
     def __init__(self, scene: Scene) -> None:

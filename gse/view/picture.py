@@ -60,8 +60,8 @@ class Picture:
         panoramas = [frame.panorama for frame in frames]
         at = times([panorama.utc_ns for panorama in panoramas])
         xy_px = np.concatenate([panorama.xy_px for panorama in panoramas]).reshape(-1, 2).astype(np.float32)
-        radii = self._radii(np.concatenate([panorama.index for panorama in panoramas]))
-        row = np.repeat(np.arange(len(frames)), [len(panorama.index) for panorama in panoramas])
+        radii = self._radii(np.concatenate([panorama.brightness for panorama in panoramas]))
+        row = np.repeat(np.arange(len(frames)), [len(panorama.brightness) for panorama in panoramas])
         objects = [_objects(frame) for frame in frames]
         kinds = np.array([kind for kinds, _ in objects for kind in kinds], dtype=np.str_)
         labels = [label for _, labels in objects for label in labels]
@@ -73,8 +73,8 @@ class Picture:
             lengths = np.bincount(row[chosen], minlength=len(frames))
             stream.send_columns(f"/panorama/{kind}", [at], columns.partition(lengths))
 
-    def _radii(self, index: NDArray[np.float64]) -> NDArray[np.float32]:
-        share = np.sqrt(np.clip(index / self.index_max, 0, 1))
+    def _radii(self, brightness: NDArray[np.float64]) -> NDArray[np.float32]:
+        share = np.sqrt(np.clip(brightness / self.index_max, 0, 1))
         low, high = _RADIUS_SHARE
         return (self.camera.columns * (low + (high - low) * share)).astype(np.float32)
 
@@ -92,7 +92,7 @@ class Picture:
 
 def _objects(frame: FrameResult) -> tuple[list[str], list[str]]:
     """What each object of a frame is: its kind, and its label (a star's name, a planet's, or what else it is)."""
-    count = len(frame.panorama.index)
+    count = len(frame.panorama.brightness)
     kinds, labels = ["unidentified"] * count, [UNKNOWN] * count
     for row, name in frame.others:
         if name != UNKNOWN:

@@ -16,7 +16,7 @@ from gse.station.frame_table import FrameTable
 from gse.station.results import FrameResult, Status
 from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.picture import Picture
-from gse.view.running import LINK_COLOURS, LINK_WORDS, Running
+from gse.view.running_statistics import LINK_COLOURS, LINK_WORDS, Running
 from gse.view.series import OUTAGE_NS, begin_series, send_clock, send_outages, send_series, times
 from gse.view.sky import TRACK_ROW_NS, begin_scatter, begin_sky, send_scatter, send_sky, unit_vectors
 

@@ -13,7 +13,7 @@ from gse.config.station import Limits
 from gse.drawing.outline import field_outline_icrs
 from gse.drawing.palette import GREEN, GREY, PALE, SKY_BLUE, VERMILLION, YELLOW
 from gse.instant import NS_PER_S
-from gse.view.running import Moments
+from gse.view.running_statistics import Moments
 from gse.view.series import EDGE, times
 
 MAX_CATALOG_STARS = 5000
@@ -110,7 +110,7 @@ def begin_scatter(stream: rr.RecordingStream, limits: Limits) -> None:
 
 
 def send_scatter(
-    stream: rr.RecordingStream, columns: NDArray[np.void], limits: Limits, spread: tuple[Moments, Moments]
+    stream: rr.RecordingStream, columns: NDArray[np.void], limits: Limits, moments: tuple[Moments, Moments]
 ) -> None:
     """dRA* to the right and dDE upwards of some frames, with the rings of ``spread`` (1 and 3 sigma) about the mean."""
     found = columns[np.isfinite(columns["d_ra_cosde_arcsec"])]
@@ -123,12 +123,12 @@ def send_scatter(
     points = np.round(np.clip(xy, -edge, edge), 3).astype(np.float32)
     rows = rr.Points2D.columns(positions=points).partition(lengths)
     stream.send_columns("/scatter/points", [times(found["utc_ns"][ends])], rows)
-    rings = sigma_rings(*spread)
+    rings = sigma_rings(*moments)
     if rings:
         at = times(found["utc_ns"][:1])
         columns = rr.LineStrips2D.columns(strips=[ring.astype(np.float32) for ring in rings])
         stream.send_columns("/scatter/rings", [at], columns.partition([len(rings)]))
-        label = f"1 and 3 sigma; 1 sigma = {spread[0].std:.1f} x {spread[1].std:.1f} arcsec"
+        label = f"1 and 3 sigma; 1 sigma = {moments[0].std:.1f} x {moments[1].std:.1f} arcsec"
         stream.send_columns("/scatter/sigma", [at], rr.Points2D.columns(labels=[label]).partition([1]))
 
 

@@ -13,11 +13,11 @@ from rich.text import Text
 from drivers.chunk import LinkEvent
 from gse import instant
 from gse.config.station import Station
-from gse.station.announcer import Teller
+from gse.station.announcer import Announcer
 from gse.station.results import FrameResult
-from gse.station.session_data import Night
-from gse.view.running import LINK_WORDS, Running
-from gse.view.words import clock_health, percent
+from gse.station.session_data import SessionData
+from gse.view.running_statistics import LINK_WORDS, Running
+from gse.view.verdict_text import clock_health, percent
 
 PLAIN_EVERY_NS = 10 * instant.NS_PER_S
 """Of the data's time, between two lines where there is no terminal."""
@@ -37,26 +37,26 @@ class StatusLine:
         self._is_terminal = self._console.is_terminal
         self._folder = folder
         self._running = Running(station.limits)
-        self._night: Night | None = None
+        self._night: SessionData | None = None
         self._link = _NO_LINK
         self._due_ns = 0
         self._closed = False
-        self._teller = Teller(lambda text: self._console.print(text, soft_wrap=True, markup=False))
+        self._teller = Announcer(lambda text: self._console.print(text, soft_wrap=True, markup=False))
         self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=1, transient=True)
 
-    def show(self, result: FrameResult, night: Night) -> None:
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Take in one more frame."""
         self._running.add(result)
-        self._night = night
+        self._night = session
         if not self._is_terminal and self._running.utc_ns >= self._due_ns:
             self._due_ns = self._running.utc_ns + PLAIN_EVERY_NS
             # Not by rich, which needs a millisecond: a replay of a night writes thousands of them.
             print(self.line().plain, file=self._console.file, flush=True)
 
-    def log(self, event: LinkEvent) -> None:
+    def on_event(self, event: LinkEvent) -> None:
         """Tell what happens, each kind once; the state of the link stays in the line."""
         self._link = LINK_WORDS.get(event.kind, self._link)
-        self._teller.log(event)
+        self._teller.on_event(event)
 
     def line(self) -> Text:
         """The line as it is now."""

@@ -70,7 +70,7 @@ def station_text(name: str, truth: dict[str, Any], protocol: str) -> str:
 
 def make(name: str, kind: str, truth: dict[str, Any]) -> None:
     """One session and, for whole pixels, the station file beside it."""
-    xy_px, index = read_panorama_table(HERE / "tables" / f"{name}{kind}.csv")
+    xy_px, brightness = read_panorama_table(HERE / "tables" / f"{name}{kind}.csv")
     protocol = load_protocol(KINDS[kind])
     text = station_text(name, truth, protocol.name)
     (HERE / f"{name}{kind}.yaml").write_text(text) if kind != "-literal" else None
@@ -81,7 +81,7 @@ def make(name: str, kind: str, truth: dict[str, Any]) -> None:
         flags=frozenset(),
         temperature_c=20.0,
         xy_px=xy_px,
-        index=np.minimum(index, 4096.0),
+        index=np.minimum(brightness, 4096.0),
     )
     utc_ns = instant.from_text(truth["utc"]) if "utc" in truth else 0
     path = HERE / f"{name}{kind}.mcap"

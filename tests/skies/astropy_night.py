@@ -44,9 +44,9 @@ class AstropyNight:
             xy = self._pixels(directions, focal_length_px, k1, mirrored) + rng.normal(
                 0, noise_px or 1e-12, (len(rows), 2)
             )
-            index = np.linspace(4000.0, 200.0, len(rows))
+            brightness = np.linspace(4000.0, 200.0, len(rows))
             time_us = (ns - START_NS) // 1000
-            yield Panorama(ns, xy, index, time_us // 100_000, 0.1, time_us, ns)
+            yield Panorama(ns, xy, brightness, time_us // 100_000, 0.1, time_us, ns)
 
     def _brightest_in_field(self, utc_ns):
         """Rows of the brightest stars that stay inside the detector; the catalogue is brightest first."""

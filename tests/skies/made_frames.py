@@ -28,7 +28,7 @@ class MadeFrame:
     """One panorama, brightest first, with its truth; ``ids`` is 0 where an object is no star."""
 
     xy_px: np.ndarray
-    index: np.ndarray
+    brightness: np.ndarray
     ids: np.ndarray
     icrs_to_sensor: np.ndarray
 
@@ -63,6 +63,6 @@ def made_frame(
     magnitude = np.concatenate([magnitude[seen], rng.uniform(noise.limit - 4, noise.limit, count)])
     ids = np.concatenate([sky.ids[near][seen], np.zeros(count, np.int64)])
     brightest = np.argsort(magnitude, kind="stable")[:MAX_OBJECTS]
-    index = np.clip(np.rint(4096 * 10 ** (-0.4 * (magnitude[brightest] - noise.limit + 5))), 1, 4096)
+    brightness = np.clip(np.rint(4096 * 10 ** (-0.4 * (magnitude[brightest] - noise.limit + 5))), 1, 4096)
     placed = xy[brightest]
-    return MadeFrame(np.rint(placed) if noise.whole_pixels else placed, index, ids[brightest], rotation)
+    return MadeFrame(np.rint(placed) if noise.whole_pixels else placed, brightness, ids[brightest], rotation)

@@ -12,8 +12,8 @@ from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.identifier import Identification
 from gse.instant import NS_PER_S, from_text
 from gse.panorama import Panorama
-from gse.station.results import Discrepancy, FrameResult, Judge, LinkCounters, Matches, Status
-from gse.station.session_data import Night
+from gse.station.results import AnswerCheck, AttitudeError, FrameResult, LinkCounters, Matches, Status
+from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation
 
 START_NS = from_text("2026-03-20T18:30:00Z")
@@ -45,13 +45,13 @@ def _frame(number, utc_ns, true, camera, catalog, generator, noise_arcsec, bias_
     inside = camera.contains(xy)
     stars, xy = near[inside][:OBJECTS], xy[inside][:OBJECTS]
     xy = xy + generator.normal(0, 0.2, xy.shape)
-    index = np.round(4000 * 10 ** (-0.3 * (catalog.magnitude[stars] - catalog.magnitude[stars[0]]))) + 40
+    brightness = np.round(4000 * 10 ** (-0.3 * (catalog.magnitude[stars] - catalog.magnitude[stars[0]]))) + 40
     xy = np.vstack([xy, [[300.0, 700.0], [811.0, 122.0], [640.0, 500.0]]])
-    index = np.concatenate([index, [900.0, 300.0, 120.0]])
+    brightness = np.concatenate([brightness, [900.0, 300.0, 120.0]])
     panorama = Panorama(
         utc_ns,
         xy,
-        index,
+        brightness,
         number,
         0.1,
         number * 100_000,
@@ -81,23 +81,23 @@ def _frame(number, utc_ns, true, camera, catalog, generator, noise_arcsec, bias_
         Matches(np.arange(len(stars)), np.arange(len(stars)), residuals, names.__getitem__),
         float(60 + generator.exponential(20)),
         measured,
-        Discrepancy(float(d_ra), float(d_de), d_roll, float(-d_ra), float(d_de)),
+        AttitudeError(float(d_ra), float(d_de), d_roll, float(-d_ra), float(d_de)),
         true,
-        Judge.CORRECT,
+        AnswerCheck.CORRECT,
         others,
     )
 
 
 def synthetic_night(count, **options):
     """A Night of ``count`` frames at 10 Hz with events, clock readings and counters."""
-    night = Night(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, "panorama-v1")
+    session = SessionData(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, "panorama-v1")
     for frame in synthetic_frames(count, **options):
-        night.frames.append(frame)
+        session.frames.append(frame)
         if frame.panorama.frame_no % 100 == 0:
-            night.clock.append(reading_at(frame.panorama.utc_ns))
+            session.clock.append(reading_at(frame.panorama.utc_ns))
     end_ns = START_NS + count * NS_PER_S // 10
     half_ns, back_ns = START_NS + (end_ns - START_NS) // 2, START_NS + (end_ns - START_NS) * 6 // 10
-    night.events = [
+    session.events = [
         LinkEvent(START_NS, 0, "OPENED", "sim:// is open"),
         LinkEvent(START_NS, 0, "STREAMING", "valid frames come"),
         LinkEvent(half_ns, 0, "LOST", "device disconnected"),
@@ -105,12 +105,12 @@ def synthetic_night(count, **options):
         LinkEvent(back_ns, 0, "STREAMING", "valid frames come"),
         LinkEvent(end_ns, 0, "CLOSED", "the session was ended"),
     ]
-    night.link = LinkCounters(count * 216 + 40, count * 216, 40, count, {"no sync": 40}, 1, 3, 0, 1)
-    night.earth_orientation = EarthOrientation.from_disk(START_NS)
-    night.raw_sha256 = "0" * 64
-    night.catalog = {"source": "Gaia DR3", "stars": 4200, "sha256": "1" * 64}
-    night.versions = {"gse": "0.1.0", "numpy": "2"}
-    return night
+    session.link = LinkCounters(count * 216 + 40, count * 216, 40, count, {"no sync": 40}, 1, 3, 0, 1)
+    session.earth_orientation = EarthOrientation.from_disk(START_NS)
+    session.raw_sha256 = "0" * 64
+    session.catalog = {"source": "Gaia DR3", "stars": 4200, "sha256": "1" * 64}
+    session.versions = {"gse": "0.1.0", "numpy": "2"}
+    return session
 
 
 def reading_at(utc_ns):

@@ -103,7 +103,7 @@ def test_in_waiting_bytes_are_there_at_once(session: Path) -> None:
 def test_a_read_across_chunks_leaves_the_rest_with_its_stamp(session: Path) -> None:
     with serial.serial_for_url(replay_url(session), timeout=1) as port:
         assert port.read(2) == CHUNKS[0].data + CHUNKS[1].data[:1]
-        assert port.read_stamped() == Chunk(CHUNKS[1].utc_ns, CHUNKS[1].mono_ns, CHUNKS[1].data[1:])
+        assert port.read_timestamped() == Chunk(CHUNKS[1].utc_ns, CHUNKS[1].mono_ns, CHUNKS[1].data[1:])
 
 
 @pytest.mark.parametrize("speed", ["max", "1000", "2e3"])

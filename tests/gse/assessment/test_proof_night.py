@@ -19,7 +19,7 @@ from gse.identifier import make_identifier
 from gse.instant import NS_PER_S
 from gse.station.loop import StationLoop
 from gse.station.results import Verdict
-from gse.station.setup import Equipment
+from gse.station.setup import Setup
 from gse.truth import SiderealTruth
 from protocols import PanoramaMessage, load_protocol
 
@@ -30,32 +30,32 @@ POINTINGS = START_NS + np.arange(30) * 960 * NS_PER_S
 
 
 @pytest.fixture(scope="module")
-def equipment():
+def setup():
     """Without a judge: what is right or wrong is known here."""
     station = parse_station(STATION_TEXT)
     camera = station.sensor.camera()
     identifier = make_identifier(station.identifier, camera, load_catalog())
-    return Equipment(station, STATION_TEXT, load_protocol(station.protocol), camera, identifier, None)
+    return Setup(station, STATION_TEXT, load_protocol(station.protocol), camera, identifier, None)
 
 
 @pytest.fixture(scope="module")
-def astropy_night(equipment):
-    return AstropyNight(equipment.identifier.catalog.icrs)
+def astropy_night(setup):
+    return AstropyNight(setup.identifier.catalog.icrs)
 
 
-def watched(equipment: Equipment, panoramas, *, omit=frozenset(), mount=None):
+def watched(setup: Setup, panoramas, *, omit=frozenset(), mount=None):
     """The night that the station makes of panoramas; ``omit`` leaves corrections out of its truth."""
-    station = equipment.station
+    station = setup.station
     if mount is not None:
         station = station.model_copy(update={"mount": station.mount.model_copy(update=mount)})
-    loop = StationLoop(dataclasses.replace(equipment, station=station))
-    loop.night.clock = [ClockReading(START_NS, 0, "kernel PLL", True, 0.0, 1e-4)]
+    loop = StationLoop(dataclasses.replace(setup, station=station))
+    loop.session.clock = [ClockReading(START_NS, 0, "kernel PLL", True, 0.0, 1e-4)]
     for panorama in panoramas:
-        if omit and loop.night.earth_orientation is not None:
-            truth = SiderealTruth(station.site, loop.night.earth_orientation, omit)
-            loop._observer = dataclasses.replace(loop._observer, truth=truth)
+        if omit and loop.session.earth_orientation is not None:
+            truth = SiderealTruth(station.site, loop.session.earth_orientation, omit)
+            loop._frame_processor = dataclasses.replace(loop._frame_processor, truth=truth)
         loop.observe(panorama)
-    return loop.night
+    return loop.session
 
 
 def burst(astropy_night, *, count, step_s=0.2, pointings=POINTINGS, **options):
@@ -64,22 +64,22 @@ def burst(astropy_night, *, count, step_s=0.2, pointings=POINTINGS, **options):
         yield from astropy_night.panoramas(instants, seed=number, **options)
 
 
-def test_mean_errors_vanish_and_the_noise_is_that_which_was_put_in(equipment, astropy_night):
-    figures = statistics(watched(equipment, burst(astropy_night, count=60, noise_px=NOISE_PX)))
+def test_mean_errors_vanish_and_the_noise_is_that_which_was_put_in(setup, astropy_night):
+    figures = statistics(watched(setup, burst(astropy_night, count=60, noise_px=NOISE_PX)))
     axes = figures.axes
     assert figures.available.value == 1.0
     assert abs(axes["d_ra_cosde"].bias_arcsec) < 0.1
     assert abs(axes["d_de"].bias_arcsec) < 0.1
     assert abs(axes["d_roll"].bias_arcsec) < 1.0
-    expected = expected_noise_arcsec(equipment, astropy_night)
+    expected = expected_noise_arcsec(setup, astropy_night)
     for axis, noise in zip(("cross_x", "cross_y"), expected, strict=True):
         assert axes[axis].nea_arcsec == pytest.approx(noise, rel=0.03)
         assert axes[axis].nea_successive_arcsec == pytest.approx(noise, rel=0.04)
 
 
-def expected_noise_arcsec(equipment, astropy_night):
+def expected_noise_arcsec(setup, astropy_night):
     """Scatter of the boresight along x and y that the injected noise makes: the Cramer-Rao bound of each pointing."""
-    camera, variances = equipment.camera, []
+    camera, variances = setup.camera, []
     for panorama in burst(astropy_night, count=1):
         directions = camera.directions(panorama.xy_px)
         covariance = solve_attitude(directions, directions, NOISE_PX / FOCAL_LENGTH_PX).covariance_rad2
@@ -101,12 +101,10 @@ def expected_noise_arcsec(equipment, astropy_night):
         ("refraction", 29, 34),
     ],
 )
-def test_each_effect_left_out_of_the_truth_shows_its_own_size(
-    equipment, astropy_night, name, least_arcsec, most_arcsec
-):
+def test_each_effect_left_out_of_the_truth_shows_its_own_size(setup, astropy_night, name, least_arcsec, most_arcsec):
     few = POINTINGS[5::9]
-    full = watched(equipment, burst(astropy_night, count=2, pointings=few)).frames.columns
-    without = watched(equipment, burst(astropy_night, count=2, pointings=few), omit={name}).frames.columns
+    full = watched(setup, burst(astropy_night, count=2, pointings=few)).frames.columns
+    without = watched(setup, burst(astropy_night, count=2, pointings=few), omit={name}).frames.columns
     assert np.abs(full["d_ra_cosde_arcsec"]).max() < 0.02
     assert np.abs(full["d_de_arcsec"]).max() < 0.02
     left = without[1::2]  # the first of each loop still had its whole truth
@@ -114,60 +112,60 @@ def test_each_effect_left_out_of_the_truth_shows_its_own_size(
     assert least_arcsec < sizes.max() < most_arcsec
 
 
-def test_a_perfect_night_passes_and_looks_like_nothing(equipment, astropy_night):
-    judgement = judge(watched(equipment, burst(astropy_night, count=4, noise_px=NOISE_PX)))
-    assert judgement.verdict is Verdict.PASS
-    assert judgement.findings == ()
+def test_a_perfect_night_passes_and_looks_like_nothing(setup, astropy_night):
+    assessment = judge(watched(setup, burst(astropy_night, count=4, noise_px=NOISE_PX)))
+    assert assessment.verdict is Verdict.PASS
+    assert assessment.findings == ()
 
 
-def looks_like(equipment, panoramas, **options):
-    return "\n".join(judge(watched(equipment, panoramas, **options)).findings)
+def looks_like(setup, panoramas, **options):
+    return "\n".join(judge(watched(setup, panoramas, **options)).findings)
 
 
-def test_a_mount_error_is_named(equipment, astropy_night):
-    text = looks_like(equipment, burst(astropy_night, count=2, noise_px=NOISE_PX), mount={"altitude_deg": 60.02})
+def test_a_mount_error_is_named(setup, astropy_night):
+    text = looks_like(setup, burst(astropy_night, count=2, noise_px=NOISE_PX), mount={"altitude_deg": 60.02})
     assert text.startswith("mount: the boresight lies")
 
 
-def test_a_clock_that_is_slow_is_named_with_its_offset(equipment, astropy_night):
+def test_a_clock_that_is_slow_is_named_with_its_offset(setup, astropy_night):
     panoramas = (
         dataclasses.replace(panorama, utc_ns=panorama.utc_ns - 3 * NS_PER_S)
         for panorama in burst(astropy_night, count=2, noise_px=NOISE_PX)
     )
-    text = looks_like(equipment, panoramas)
+    text = looks_like(setup, panoramas)
     found = re.search(r"clock offset.*the clock were (\d+\.\d+) s slow", text)
     assert found is not None
     assert float(found[1]) == pytest.approx(3.0, abs=0.05)
 
 
-def test_a_drifting_clock_is_named_with_its_rate(equipment, astropy_night):
+def test_a_drifting_clock_is_named_with_its_rate(setup, astropy_night):
     panoramas = (
         dataclasses.replace(panorama, utc_ns=START_NS + round((panorama.utc_ns - START_NS) * (1 + 50e-6)))
         for panorama in burst(astropy_night, count=2, noise_px=NOISE_PX)
     )
-    text = looks_like(equipment, panoramas)
+    text = looks_like(setup, panoramas)
     found = re.search(r"clock drift: .* the clock ran (\d+) ppm fast", text)
     assert found is not None
     assert int(found[1]) == pytest.approx(50, abs=4)
 
 
-def test_a_wrong_focal_length_is_named(equipment, astropy_night):
+def test_a_wrong_focal_length_is_named(setup, astropy_night):
     panoramas = burst(astropy_night, count=2, noise_px=NOISE_PX, focal_length_px=FOCAL_LENGTH_PX * 1.0005)
-    assert "focal length: it is about 0.05% too short" in looks_like(equipment, panoramas)
+    assert "focal length: it is about 0.05% too short" in looks_like(setup, panoramas)
 
 
-def test_distortion_is_named(equipment, astropy_night):
-    text = looks_like(equipment, burst(astropy_night, count=2, noise_px=NOISE_PX, k1=0.002))
+def test_distortion_is_named(setup, astropy_night):
+    text = looks_like(setup, burst(astropy_night, count=2, noise_px=NOISE_PX, k1=0.002))
     assert "distortion: stars at the edge lie" in text
 
 
-def test_a_mirrored_image_is_named(equipment, astropy_night):
-    text = looks_like(equipment, burst(astropy_night, count=1, pointings=POINTINGS[:5], mirrored=True))
+def test_a_mirrored_image_is_named(setup, astropy_night):
+    text = looks_like(setup, burst(astropy_night, count=1, pointings=POINTINGS[:5], mirrored=True))
     assert "mirrored image" in text
 
 
-def test_a_clock_step_is_named_and_its_frames_are_left_out(equipment, astropy_night):
-    loop = StationLoop(equipment)
+def test_a_clock_step_is_named_and_its_frames_are_left_out(setup, astropy_night):
+    loop = StationLoop(setup)
     mono_ns = 10**12
     instants = POINTINGS[0] + np.arange(400) * NS_PER_S // 10
     for number, panorama in enumerate(astropy_night.panoramas(instants)):
@@ -178,15 +176,15 @@ def test_a_clock_step_is_named_and_its_frames_are_left_out(equipment, astropy_ni
             flags=frozenset(),
             temperature_c=20.0,
             xy_px=np.rint(panorama.xy_px),
-            index=np.rint(panorama.index),
+            index=np.rint(panorama.brightness),
         )
         step_ns = 2 * NS_PER_S if number >= 200 else 0
-        data = equipment.protocol.encode(message, sequence=number)
+        data = setup.protocol.encode(message, sequence=number)
         arrived_ns = panorama.utc_ns + 60_000_000
         loop.take([Chunk(arrived_ns + step_ns, mono_ns + arrived_ns - int(instants[0]), data)])
     loop.finish()
-    judgement = judge(loop.night)
-    assert any("clock step" in found and "+2.000 s" in found for found in judgement.findings)
-    ((item, count),) = judgement.statistics.left_out
+    assessment = judge(loop.session)
+    assert any("clock step" in found and "+2.000 s" in found for found in assessment.findings)
+    ((item, count),) = assessment.statistics.excluded
     assert "stepped" in item.reason
     assert 90 <= count <= 130

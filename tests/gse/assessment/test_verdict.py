@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from skies.known_nights import START_NS, STATION, TRUTH, frame, night, unanswered
+from skies.known_nights import START_NS, STATION, TRUTH, frame, session, unanswered
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
-from gse.assessment.axis_statistics import axis_figures
+from gse.assessment.axis_statistics import axis_statistics
 from gse.assessment.clock_health import clock_health, stated_error_s
 from gse.assessment.statistics import proportion, statistics
 from gse.assessment.verdict import judge
@@ -19,8 +19,8 @@ from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.station.attitude_error import compare
 from gse.station.exclusions import Exclusion, parse_exclusion
-from gse.station.results import Discrepancy, Judge, Verdict
-from gse.station.session_data import Night
+from gse.station.results import AnswerCheck, AttitudeError, Verdict
+from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation
 from protocols import AttitudeMessage
 
@@ -28,7 +28,7 @@ from protocols import AttitudeMessage
 
 
 def axis(error, step_s=0.1):
-    return axis_figures(np.arange(len(error)) * round(step_s * NS_PER_S), np.asarray(error, dtype=float))
+    return axis_statistics(np.arange(len(error)) * round(step_s * NS_PER_S), np.asarray(error, dtype=float))
 
 
 def test_white_noise_is_found_as_the_noise_equivalent_angle_both_ways():
@@ -63,7 +63,7 @@ def test_gaps_do_not_enter_the_successive_differences():
     utc_ns = np.concatenate([np.arange(500), 10_000 + np.arange(500)]) * 100_000_000
     error = np.random.default_rng(5).normal(0, 1.0, 1000)
     error[500:] += 1000
-    assert axis_figures(utc_ns, error).nea_successive_arcsec == pytest.approx(1.0, rel=0.1)
+    assert axis_statistics(utc_ns, error).nea_successive_arcsec == pytest.approx(1.0, rel=0.1)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
@@ -75,7 +75,7 @@ def test_very_few_frames_give_no_figure_instead_of_a_wrong_one(count):
 
 def test_exact_bounds_are_those_of_clopper_and_pearson():
     assert proportion(0, 100).high == pytest.approx(0.0362, abs=1e-4)  # 1 - 0.025 ** (1 / 100)
-    none = statistics(night(300))
+    none = statistics(session(300))
     assert none.false_upper_95 == pytest.approx(3 / 300, rel=0.01)
 
 
@@ -113,10 +113,10 @@ def test_an_answer_on_the_other_side_of_the_sky_is_180_degrees_off():
 
 
 def test_a_good_night_passes_with_every_measurement():
-    judgement = judge(night())
-    assert judgement.verdict is Verdict.PASS
-    assert judgement.reasons == ()
-    assert [item.name for item in judgement.measurements] == [
+    assessment = judge(session())
+    assert assessment.verdict is Verdict.PASS
+    assert assessment.reasons == ()
+    assert [item.name for item in assessment.measurements] == [
         "mean |dRA*|",
         "95 % of |dRA*|",
         "mean |dDE|",
@@ -128,34 +128,34 @@ def test_a_good_night_passes_with_every_measurement():
 
 
 def test_a_bias_over_the_limit_fails_by_its_axis_only():
-    judgement = judge(night(bias=(0.0, 70.0, 0.0)))
-    assert judgement.verdict is Verdict.FAIL
-    failed = [item.name for item in judgement.measurements if item.outcome is Verdict.FAIL]
+    assessment = judge(session(bias=(0.0, 70.0, 0.0)))
+    assert assessment.verdict is Verdict.FAIL
+    failed = [item.name for item in assessment.measurements if item.outcome is Verdict.FAIL]
     assert failed == ["mean |dDE|", "95 % of |dDE|"]
-    assert any("mean |dDE| is 70" in reason for reason in judgement.reasons)
+    assert any("mean |dDE| is 70" in reason for reason in assessment.reasons)
 
 
 def test_few_frames_are_inconclusive_with_their_number():
-    judgement = judge(night(29))
-    assert judgement.verdict is Verdict.INCONCLUSIVE
-    assert any(reason.startswith("29 frames were compared") for reason in judgement.reasons)
+    assessment = judge(session(29))
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert any(reason.startswith("29 frames were compared") for reason in assessment.reasons)
 
 
 def test_no_frame_at_all_is_inconclusive():
-    empty = Night(STATION, BUILT_IN_TEXT, "panorama-v1")
+    empty = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
     assert judge(empty).verdict is Verdict.INCONCLUSIVE
 
 
 def test_an_unsynchronised_clock_is_inconclusive_and_named():
-    made = night()
+    made = session()
     made.clock.append(ClockReading(START_NS, 0, "unsynchronised", False, 0.0, 16.0))
-    judgement = judge(made)
-    assert judgement.verdict is Verdict.INCONCLUSIVE
-    assert any("dRA*: clock leaves an unknown error" in reason for reason in judgement.reasons)
+    assessment = judge(made)
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert any("dRA*: clock leaves an unknown error" in reason for reason in assessment.reasons)
 
 
 def test_a_stated_clock_error_takes_the_place_of_an_unsynchronised_clock():
-    made = night()
+    made = session()
     made.clock = []
     made.clock_error_s = stated_error_s("0.1s")
     assert judge(made).verdict is Verdict.PASS
@@ -164,25 +164,25 @@ def test_a_stated_clock_error_takes_the_place_of_an_unsynchronised_clock():
 
 
 def test_frames_that_waited_in_a_buffer_before_the_port_was_read_are_left_out_by_name():
-    made = night(0)
+    made = session(0)
     for number in range(600):
         due_ns = START_NS + number * NS_PER_S // 10
-        result = frame(due_ns, number, Discrepancy(1.0, 1.0, 1.0, 1.0, 1.0))
+        result = frame(due_ns, number, AttitudeError(1.0, 1.0, 1.0, 1.0, 1.0))
         if number < 38:
             read_ns = START_NS + 38 * NS_PER_S // 10
             waited = dataclasses.replace(result.panorama, utc_ns=read_ns, host_utc_ns=read_ns + 10_000_000)
-            far_off = Discrepancy(-55.0, 0.0, 0.0, 0.0, 0.0)
-            result = dataclasses.replace(result, panorama=waited, discrepancy=far_off)
+            far_off = AttitudeError(-55.0, 0.0, 0.0, 0.0, 0.0)
+            result = dataclasses.replace(result, panorama=waited, attitude_error=far_off)
         made.frames.append(result)
     figures = statistics(made)
-    ((stretch, count),) = figures.left_out
+    ((stretch, count),) = figures.excluded
     assert stretch.reason.startswith("read up to 3.80 s late: these frames waited")
     assert count == 39  # and the one that was read in time, which has the same stamp
     assert figures.axes["d_ra_cosde"].max_abs_arcsec == 1.0
 
 
 def test_a_sensor_clock_that_runs_fast_is_no_buffer():
-    assert statistics(night(600, sensor_ppm=-1000.0)).left_out == ()
+    assert statistics(session(600, sensor_ppm=-1000.0)).excluded == ()
 
 
 def test_a_stretch_to_leave_out_is_read_with_its_reason():
@@ -209,7 +209,7 @@ def test_a_clock_error_without_sense_is_refused(text):
 
 
 def test_an_error_that_truth_cannot_explain_fails_even_on_a_bad_clock():
-    made = night(bias=(200.0, 0.0, 0.0))
+    made = session(bias=(200.0, 0.0, 0.0))
     made.clock_error_s = 2.0  # 30 arcsec
     assert judge(made).verdict is Verdict.FAIL
 
@@ -217,73 +217,73 @@ def test_an_error_that_truth_cannot_explain_fails_even_on_a_bad_clock():
 def test_ut1_past_the_end_of_the_table_is_inconclusive_by_name_under_a_tight_limit():
     far = from_text("2031-01-01T00:00:00Z")
     tight = STATION.model_copy(update={"limits": STATION.limits.model_copy(update={"d_ra_cosde_arcsec": 36.0})})
-    made = night(station=tight)
+    made = session(station=tight)
     made.earth_orientation = EarthOrientation.from_disk(far)
-    judgement = judge(made)
-    assert judgement.verdict is Verdict.INCONCLUSIVE
-    assert any("UT1" in reason for reason in judgement.reasons)
+    assessment = judge(made)
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert any("UT1" in reason for reason in assessment.reasons)
 
 
 def test_missed_frames_fail_by_availability():
-    made = night(100)
+    made = session(100)
     for number in range(100, 110):
         made.frames.append(unanswered(number))
-    judgement = judge(made)
-    assert judgement.verdict is Verdict.FAIL
-    assert judgement.statistics.available.value == pytest.approx(100 / 110)
-    assert any("100 of 110" in reason for reason in judgement.reasons)
+    assessment = judge(made)
+    assert assessment.verdict is Verdict.FAIL
+    assert assessment.statistics.available.value == pytest.approx(100 / 110)
+    assert any("100 of 110" in reason for reason in assessment.reasons)
 
 
 def test_frames_that_never_arrived_count_as_expected():
-    made = night(100)
+    made = session(100)
     made.link.frames_lost = 100
     assert judge(made).statistics.available.value == pytest.approx(0.5)
 
 
 def test_one_false_answer_fails_and_does_not_enter_the_mean():
-    made = night(200)
-    made.frames.append(frame(START_NS + 30 * NS_PER_S, 201, Discrepancy(9e4, 9e4, 0, 9e4, 9e4), Judge.FALSE))
-    judgement = judge(made)
-    assert judgement.verdict is Verdict.FAIL
-    assert judgement.statistics.false_answers.count == 1
-    assert judgement.statistics.axes["d_de"].max_abs_arcsec < 100
+    made = session(200)
+    made.frames.append(frame(START_NS + 30 * NS_PER_S, 201, AttitudeError(9e4, 9e4, 0, 9e4, 9e4), AnswerCheck.FALSE))
+    assessment = judge(made)
+    assert assessment.verdict is Verdict.FAIL
+    assert assessment.statistics.false_answers.count == 1
+    assert assessment.statistics.axes["d_de"].max_abs_arcsec < 100
 
 
 def test_an_answer_far_from_all_others_is_false_also_where_no_judge_saw_it():
-    made = night(200, judged=Judge.NONE)
-    made.frames.append(frame(START_NS + 30 * NS_PER_S, 201, Discrepancy(9e4, 0, 0, 9e4, 0), Judge.NONE))
+    made = session(200, judged=AnswerCheck.NONE)
+    made.frames.append(frame(START_NS + 30 * NS_PER_S, 201, AttitudeError(9e4, 0, 0, 9e4, 0), AnswerCheck.NONE))
     assert judge(made).statistics.false_answers.count == 1
 
 
 def test_frames_around_a_clock_step_are_left_out_by_name():
-    made = night(600)
+    made = session(600)
     made.events.append(LinkEvent(START_NS + 30 * NS_PER_S, 0, "CLOCK_STEP", "the host's UTC clock stepped by +2.000 s"))
-    ((item, count),) = statistics(made).left_out
+    ((item, count),) = statistics(made).excluded
     assert "stepped by +2.000 s" in item.reason
     assert count == 120  # 7 s before, 5 s after
 
 
 def test_what_the_operator_leaves_out_is_not_counted():
-    made = night(600)
-    made.left_out = (Exclusion(START_NS, START_NS + 10 * NS_PER_S, "clouds"),)
+    made = session(600)
+    made.excluded = (Exclusion(START_NS, START_NS + 10 * NS_PER_S, "clouds"),)
     figures = statistics(made)
     assert figures.available.of == 500
-    assert figures.left_out[0][1] == 100
+    assert figures.excluded[0][1] == 100
 
 
 def test_the_earth_turns_at_its_rate():
-    figures = statistics(night(10_000))
+    figures = statistics(session(10_000))
     rate = figures.earth_rate
     assert abs(rate.measured_arcsec_per_s - 15.041067) < max(2 * rate.error_arcsec_per_s, 1e-3)
 
 
 def test_the_sensor_clock_drifts_by_so_many_ppm():
-    health = statistics(night(5000, sensor_ppm=40.0)).clock
+    health = statistics(session(5000, sensor_ppm=40.0)).clock
     assert health.sensor_drift_ppm == pytest.approx(40.0, abs=3)
 
 
 def test_a_reset_of_the_sensor_clock_does_not_spoil_its_drift():
-    whole = night(5000, sensor_ppm=40.0).frames.columns.copy()
+    whole = session(5000, sensor_ppm=40.0).frames.columns.copy()
     whole["time_us"][4000:] -= whole["time_us"][4000]
     assert clock_health([], [], whole).sensor_drift_ppm == pytest.approx(40.0, abs=4)
 
@@ -311,28 +311,28 @@ def own_answers(made, *, off_arcsec=0.0, state="acquired"):
 
 
 def test_a_sensor_that_answers_as_its_rebuilding_is_equivalent():
-    made = night(100)
+    made = session(100)
     made.sensor_attitudes = own_answers(made)
     own = statistics(made).equivalence
     assert own.same
     assert (own.answers, own.both, own.only_sensor, own.only_station) == (100, 100, 0, 0)
-    assert own.apart_arcsec.max < 0.01
+    assert own.separation_arcsec.max < 0.01
     assert own.latency_ms.p50 == pytest.approx(80)
     assert found(made) == ""
 
 
 def test_a_sensor_that_answers_otherwise_is_named():
-    made = night(100)
+    made = session(100)
     made.sensor_attitudes = own_answers(made, off_arcsec=30.0)[:50] + own_answers(made, state="lost")[50:]
     own = statistics(made).equivalence
     assert not own.same
     assert (own.both, own.only_station) == (50, 50)
-    assert own.apart_arcsec.p50 == pytest.approx(30, abs=0.01)
+    assert own.separation_arcsec.p50 == pytest.approx(30, abs=0.01)
     assert "not the onboard-equivalent ones: of 100, 0 were answered only by the sensor and 50 only here" in found(made)
 
 
 def test_a_sensor_without_answers_of_its_own_is_not_compared():
-    assert statistics(night(10)).equivalence is None
+    assert statistics(session(10)).equivalence is None
 
 
 # Diagnosis
@@ -343,11 +343,11 @@ def found(made):
 
 
 def test_a_good_night_looks_like_nothing():
-    assert found(night(10_000)) == ""
+    assert found(session(10_000)) == ""
 
 
 def test_a_mount_error_is_named_with_its_size():
-    text = found(night(bias=(30.0, 50.0, 0.0)))
+    text = found(session(bias=(30.0, 50.0, 0.0)))
     assert text.startswith("mount: the boresight lies +3")
     assert "+50." in text or "+49." in text
 
@@ -356,7 +356,7 @@ def test_a_turn_about_the_pole_is_named_as_clock_offset():
     de = math.radians(TRUTH.attitude_true(START_NS, STATION.mount).de_deg)
     offset_s = 4.0
     turn = offset_s * 15.041067
-    text = found(night(bias=(turn * math.cos(de), 0.0, -turn * math.sin(de))))
+    text = found(session(bias=(turn * math.cos(de), 0.0, -turn * math.sin(de))))
     assert "clock offset" in text
     assert "4.0" in text
     assert "slow" in text
@@ -364,14 +364,14 @@ def test_a_turn_about_the_pole_is_named_as_clock_offset():
 
 def test_a_drifting_clock_is_named_in_ppm():
     per_h = 15.041067 * 3600 * 500e-6
-    text = found(night(9000, step_s=0.2, drift_per_h=(per_h * 0.9935, 0.0)))
+    text = found(session(9000, step_s=0.2, drift_per_h=(per_h * 0.9935, 0.0)))
     assert "clock drift" in text
     ppm = float(text.split("ran ")[1].split(" ppm")[0])
     assert ppm == pytest.approx(500, rel=0.15)
 
 
 def test_a_moving_mount_is_named():
-    assert "the mount moves" in found(night(9000, step_s=0.2, drift_per_h=(0.0, 30.0)))
+    assert "the mount moves" in found(session(9000, step_s=0.2, drift_per_h=(0.0, 30.0)))
 
 
 def radial_matches(scale, cubic):
@@ -387,18 +387,18 @@ def radial_matches(scale, cubic):
 
 
 def test_a_wrong_focal_length_is_named():
-    text = found(night(100, matches=radial_matches(np.full(12, 1e-3), 0.0)))
+    text = found(session(100, matches=radial_matches(np.full(12, 1e-3), 0.0)))
     assert "focal length: it is about 0.1" in text
     assert "too short" in text
 
 
 def test_distortion_is_named():
-    text = found(night(100, matches=radial_matches(np.zeros(12), 4e-3)))
+    text = found(session(100, matches=radial_matches(np.zeros(12), 4e-3)))
     assert "distortion: stars at the edge lie 2." in text
 
 
 def test_a_night_without_one_answer_says_where_to_look():
-    made = Night(STATION, BUILT_IN_TEXT, "panorama-v1")
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
     for number in range(50):
         made.frames.append(unanswered(number))
     made.events.append(LinkEvent(START_NS, 0, "MIRRORED", "the image is mirrored: once flipped, it fits"))

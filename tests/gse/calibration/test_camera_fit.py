@@ -114,8 +114,8 @@ def session(camera, identifier, *, count=40, hot=()):
         xy = camera.pixels(identifier.catalog.icrs @ rotation.T)
         inside = np.flatnonzero(camera.contains(xy))[:26]
         xy = np.rint(np.vstack([xy[inside] + rng.normal(0, 0.1, (len(inside), 2)), *[[pixel] for pixel in hot]]))
-        index = np.linspace(4000, 300, len(xy))
-        panorama = Panorama(number * 20_000_000_000, xy, index, number)
+        brightness = np.linspace(4000, 300, len(xy))
+        panorama = Panorama(number * 20_000_000_000, xy, brightness, number)
         sample.add(panorama)
     return sample
 
@@ -157,7 +157,7 @@ def test_a_sample_keeps_panoramas_from_the_whole_session():
     sample = PanoramaSample()
     for number in range(5000):
         sample.add(Panorama(number, np.empty((0, 2)), np.empty(0), number))
-    numbers = [panorama.frame_no for panorama in sample.spread(100)]
+    numbers = [panorama.frame_no for panorama in sample.percentiles(100)]
     assert len(numbers) == 100
     assert numbers[0] < 50
     assert numbers[-1] > 4900

@@ -33,7 +33,7 @@ def patient_station(folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def night(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a simulated session of 12 s."""
     from gse.cli import main
 
@@ -82,18 +82,18 @@ def test_a_replay_keeps_the_identifier_that_the_run_was_told_to_use(gse: Gse, tm
 
 
 @pytest.mark.parametrize("speed", ["max", "60"])
-def test_a_replay_gives_the_report_of_the_run_to_the_byte(gse: Gse, night: Path, tmp_path: Path, speed: str) -> None:
-    assert gse("replay", night / "session.mcap", "--speed", speed, "--out", tmp_path).code == 0
+def test_a_replay_gives_the_report_of_the_run_to_the_byte(gse: Gse, session: Path, tmp_path: Path, speed: str) -> None:
+    assert gse("replay", session / "session.mcap", "--speed", speed, "--out", tmp_path).code == 0
     again = only_folder(tmp_path)
     for name in REPORTS:
-        assert (again / name).read_bytes() == (night / name).read_bytes(), name
+        assert (again / name).read_bytes() == (session / name).read_bytes(), name
 
 
 def test_a_session_whose_chunks_are_cut_to_single_bytes_gives_the_same_report(
-    gse: Gse, night: Path, tmp_path: Path
+    gse: Gse, session: Path, tmp_path: Path
 ) -> None:
     with CaptureWriter(tmp_path / "cut.mcap") as writer:
-        for record in read_capture(night / "session.mcap"):
+        for record in read_capture(session / "session.mcap"):
             if isinstance(record, Attachment):
                 writer.attach(record.name, record.media_type, record.data)
             elif isinstance(record, Message) and record.topic == RX:
@@ -104,12 +104,12 @@ def test_a_session_whose_chunks_are_cut_to_single_bytes_gives_the_same_report(
     assert gse("replay", tmp_path / "cut.mcap", "--out", tmp_path / "out").code == 0
     again = only_folder(tmp_path / "out")
     for name in REPORTS:
-        assert (again / name).read_bytes() == (night / name).read_bytes(), name
+        assert (again / name).read_bytes() == (session / name).read_bytes(), name
 
 
-def test_a_session_without_its_station_file_says_what_it_is_judged_on(gse: Gse, night: Path, tmp_path: Path) -> None:
+def test_a_session_without_its_station_file_says_what_it_is_judged_on(gse: Gse, session: Path, tmp_path: Path) -> None:
     with CaptureWriter(tmp_path / "bare.mcap") as writer:
-        for record in read_capture(night / "session.mcap"):
+        for record in read_capture(session / "session.mcap"):
             if isinstance(record, Message):
                 writer.write(record)
     done = gse("replay", tmp_path / "bare.mcap", "--out", tmp_path / "out")
@@ -117,9 +117,9 @@ def test_a_session_without_its_station_file_says_what_it_is_judged_on(gse: Gse, 
 
 
 def test_a_replay_in_steps_waits_for_enter_after_each_panorama_until_it_is_told_to_go_on(
-    night: Path, tmp_path: Path
+    session: Path, tmp_path: Path
 ) -> None:
-    command = [sys.executable, "-m", "gse", "replay", night, "--step", "--out", tmp_path]
+    command = [sys.executable, "-m", "gse", "replay", session, "--step", "--out", tmp_path]
     with subprocess.Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=PIPE, text=True) as replay:
         assert replay.stdin is not None
         assert replay.stderr is not None
@@ -134,8 +134,8 @@ def test_a_replay_in_steps_waits_for_enter_after_each_panorama_until_it_is_told_
     assert (only_folder(tmp_path) / "report.json").exists()
 
 
-def test_frames_are_one_json_object_a_line(gse: Gse, night: Path, tmp_path: Path) -> None:
-    done = gse("replay", night / "session.mcap", "--json-frames", "--json", "--out", tmp_path)
+def test_frames_are_one_json_object_a_line(gse: Gse, session: Path, tmp_path: Path) -> None:
+    done = gse("replay", session / "session.mcap", "--json-frames", "--json", "--out", tmp_path)
     *frames, report = [json.loads(line) for line in done.out.splitlines()]
     assert len(frames) == 120
     assert {frame["schema"] for frame in frames} == {"gse.frame/1"}
@@ -144,9 +144,11 @@ def test_frames_are_one_json_object_a_line(gse: Gse, night: Path, tmp_path: Path
     assert report["schema"] == "gse.report/1"
 
 
-def test_a_truncated_session_is_replayed_and_says_that_data_are_missing(gse: Gse, night: Path, tmp_path: Path) -> None:
+def test_a_truncated_session_is_replayed_and_says_that_data_are_missing(
+    gse: Gse, session: Path, tmp_path: Path
+) -> None:
     cut = tmp_path / "cut.mcap"
-    data = (night / "session.mcap").read_bytes()
+    data = (session / "session.mcap").read_bytes()
     cut.write_bytes(data[: len(data) * 2 // 3])
     done = gse("replay", cut, "--out", tmp_path / "out")
     assert done.code == 3
@@ -154,13 +156,13 @@ def test_a_truncated_session_is_replayed_and_says_that_data_are_missing(gse: Gse
 
 
 def test_a_raw_capture_takes_its_time_from_the_sensor_and_the_start_given(
-    gse: Gse, night: Path, tmp_path: Path
+    gse: Gse, session: Path, tmp_path: Path
 ) -> None:
     raw = tmp_path / "raw.bin"
-    rx = [record for record in read_capture(night / "session.mcap") if isinstance(record, Message)]
+    rx = [record for record in read_capture(session / "session.mcap") if isinstance(record, Message)]
     raw.write_bytes(b"".join(record.data for record in rx if record.topic == RX))
     first = json.loads(
-        gse("replay", night / "session.mcap", "--json-frames", "--out", tmp_path / "a").out.splitlines()[0]
+        gse("replay", session / "session.mcap", "--json-frames", "--out", tmp_path / "a").out.splitlines()[0]
     )
     done = gse("replay", raw, "--start-utc", first["utc"], "--json-frames", "--clock-error", "1ms", "--out", tmp_path)
     lines = [json.loads(line) for line in done.out.splitlines() if line.startswith("{")]
@@ -245,9 +247,9 @@ def test_an_empty_or_a_foreign_session_is_refused(gse: Gse, tmp_path: Path) -> N
         assert name in done.err
 
 
-def test_a_session_folder_is_never_written_twice(night: Path, gse: Gse, tmp_path: Path) -> None:
+def test_a_session_folder_is_never_written_twice(session: Path, gse: Gse, tmp_path: Path) -> None:
     copy = tmp_path / "session.mcap"
-    shutil.copy(night / "session.mcap", copy)
+    shutil.copy(session / "session.mcap", copy)
     before = copy.read_bytes()
     for _ in range(2):
         gse("replay", copy, "--out", tmp_path / "out")

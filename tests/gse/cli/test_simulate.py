@@ -46,9 +46,9 @@ def test_faults_are_in_the_session_as_the_cable_makes_them(tmp_path: Path) -> No
     path = simulate(
         "--rate-hz", "2", "--seconds", "30", "--faults", "drop_frame:0.2", "--file", str(tmp_path / "f.mcap")
     )
-    night = replay_session(path).night
-    assert night.link.frames_lost > 3
-    assert night.link.frames + night.link.frames_lost in range(55, 61)
+    session = replay_session(path).session
+    assert session.link.frames_lost > 3
+    assert session.link.frames + session.link.frames_lost in range(55, 61)
 
 
 @pytest.mark.parametrize(

@@ -34,17 +34,17 @@ def labels_are_right(answer: Identification, frame, identifier) -> bool:
 @pytest.mark.parametrize("selection", SELECTIONS)
 def test_stars_are_named_right_among_three_false_objects(identifiers, frames, selection):
     identifier = identifiers[selection]
-    answers = [identifier.identify(FIELD_14_DEG.directions(f.xy_px), f.index) for f in frames]
+    answers = [identifier.identify(FIELD_14_DEG.directions(f.xy_px), f.brightness) for f in frames]
     named = [(a, f) for a, f in zip(answers, frames, strict=True) if isinstance(a, Identification)]
     assert len(named) >= 99
     assert all(labels_are_right(a, f, identifier) for a, f in named)
-    assert all(len(a.objects) >= 7 and a.chance < 1e-3 for a, _ in named)
+    assert all(len(a.objects) >= 7 and a.false_match_probability < 1e-3 for a, _ in named)
 
 
 @pytest.mark.parametrize("selection", SELECTIONS)
 def test_one_object_is_one_star(identifiers, frames, selection):
     for frame in frames[:30]:
-        answer = identifiers[selection].identify(FIELD_14_DEG.directions(frame.xy_px), frame.index)
+        answer = identifiers[selection].identify(FIELD_14_DEG.directions(frame.xy_px), frame.brightness)
         if isinstance(answer, Identification):
             assert len(set(answer.objects)) == len(set(answer.stars)) == len(answer.objects)
 
@@ -52,7 +52,7 @@ def test_one_object_is_one_star(identifiers, frames, selection):
 @pytest.mark.parametrize("selection", SELECTIONS)
 def test_a_mirrored_image_is_refused_and_called_mirrored(identifiers, frames, selection):
     flipped = frames[0].xy_px * [-1, 1] + [FIELD_14_DEG.columns - 1, 0]
-    answer = identifiers[selection].identify(FIELD_14_DEG.directions(flipped), frames[0].index)
+    answer = identifiers[selection].identify(FIELD_14_DEG.directions(flipped), frames[0].brightness)
     assert isinstance(answer, Unidentified)
     assert answer.reason is Reason.NO_MATCH
     assert "mirrored" in answer.detail
@@ -61,6 +61,6 @@ def test_a_mirrored_image_is_refused_and_called_mirrored(identifiers, frames, se
 def test_without_retries_a_false_alpha_star_ends_the_search(catalog, frames):
     identifier = make_identifier(IdentifierOptions(alpha_retries=0), FIELD_14_DEG, catalog)
     false_first = next(f for f in frames if f.ids[0] == 0)
-    answer = identifier.identify(FIELD_14_DEG.directions(false_first.xy_px), false_first.index)
+    answer = identifier.identify(FIELD_14_DEG.directions(false_first.xy_px), false_first.brightness)
     assert isinstance(answer, Unidentified)
     assert "1 alpha star" in answer.detail

@@ -36,8 +36,8 @@ def frame():
     return made_frame(sky, FIELD_14_DEG, spiral_directions(10)[4], Noise(), np.random.default_rng(2))
 
 
-def answer(identifier, xy_px, index):
-    return identifier.identify(FIELD_14_DEG.directions(np.array(xy_px, dtype=float)), np.array(index, dtype=float))
+def answer(identifier, xy_px, brightness):
+    return identifier.identify(FIELD_14_DEG.directions(np.array(xy_px, dtype=float)), np.array(brightness, dtype=float))
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
@@ -53,21 +53,21 @@ def test_a_position_that_is_no_number_is_a_sensor_fault(identifier, frame, value
     xy = frame.xy_px.copy()
     xy[3, 1] = value
     with np.errstate(invalid="ignore"):
-        result = answer(identifier, xy, frame.index)
+        result = answer(identifier, xy, frame.brightness)
     assert isinstance(result, Unidentified)
     assert result.reason is Reason.SENSOR_FAULT
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
 def test_an_index_that_is_no_brightness_is_a_sensor_fault(identifier, frame, value):
-    index = frame.index.copy()
-    index[-1] = value
-    assert answer(identifier, frame.xy_px, index).reason is Reason.SENSOR_FAULT
+    brightness = frame.brightness.copy()
+    brightness[-1] = value
+    assert answer(identifier, frame.xy_px, brightness).reason is Reason.SENSOR_FAULT
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, 4096.0])
 def test_index_values_that_are_all_equal_are_a_sensor_fault(identifier, frame, value):
-    result = answer(identifier, frame.xy_px, np.full(len(frame.index), value))
+    result = answer(identifier, frame.xy_px, np.full(len(frame.brightness), value))
     assert result.reason is Reason.SENSOR_FAULT
     assert "zero" in result.detail if value == 0 else "equal" in result.detail
 
@@ -90,8 +90,8 @@ def test_objects_in_one_clump_are_not_stars(identifier):
 
 
 def test_an_object_listed_twice_is_one_star(identifier, frame):
-    once = answer(identifier, frame.xy_px[:15], frame.index[:15])
-    twice = answer(identifier, np.repeat(frame.xy_px[:15], 2, axis=0), np.repeat(frame.index[:15], 2))
+    once = answer(identifier, frame.xy_px[:15], frame.brightness[:15])
+    twice = answer(identifier, np.repeat(frame.xy_px[:15], 2, axis=0), np.repeat(frame.brightness[:15], 2))
     assert isinstance(once, Identification)
     assert isinstance(twice, Identification)
     assert (twice.objects == 2 * once.objects).all()
@@ -100,13 +100,13 @@ def test_an_object_listed_twice_is_one_star(identifier, frame):
 
 def test_directions_that_are_not_unit_vectors_are_a_sensor_fault(identifier, frame):
     directions = 2 * FIELD_14_DEG.directions(frame.xy_px)
-    assert identifier.identify(directions, frame.index).reason is Reason.SENSOR_FAULT
+    assert identifier.identify(directions, frame.brightness).reason is Reason.SENSOR_FAULT
 
 
-@pytest.mark.parametrize(("directions", "index"), [((5, 2), (5,)), ((5, 3), (4,)), ((5,), (5,)), ((5, 3), (5, 1))])
-def test_shapes_that_do_not_belong_together_are_the_callers_error(identifier, directions, index):
+@pytest.mark.parametrize(("directions", "brightness"), [((5, 2), (5,)), ((5, 3), (4,)), ((5,), (5,)), ((5, 3), (5, 1))])
+def test_shapes_that_do_not_belong_together_are_the_callers_error(identifier, directions, brightness):
     with pytest.raises(ValueError, match="expected"):
-        identifier.identify(np.ones(directions), np.ones(index))
+        identifier.identify(np.ones(directions), np.ones(brightness))
 
 
 @settings(max_examples=60, deadline=None)
@@ -115,12 +115,12 @@ def test_shapes_that_do_not_belong_together_are_the_callers_error(identifier, di
     seed=st.integers(0, 2**32 - 1),
 )
 def test_any_panorama_gets_an_answer_in_which_one_object_is_one_star(identifiers, xy, seed):
-    index = np.sort(np.random.default_rng(seed).uniform(1, 4096, len(xy)))[::-1]
+    brightness = np.sort(np.random.default_rng(seed).uniform(1, 4096, len(xy)))[::-1]
     for identifier in identifiers.values():
-        result = answer(identifier, np.array(xy, dtype=float).reshape(-1, 2), index)
+        result = answer(identifier, np.array(xy, dtype=float).reshape(-1, 2), brightness)
         if isinstance(result, Identification):
             assert len(set(result.objects)) == len(set(result.stars)) == len(result.objects)
-            assert 0 <= result.chance <= 1
+            assert 0 <= result.false_match_probability <= 1
 
 
 @pytest.mark.parametrize("selection", ["first-fit", "best-vote"])

@@ -5,8 +5,8 @@ from skies.made_frames import ARCSEC, FIELD_14_DEG, Noise, made_frame, sky_of
 from gse.catalog import StarCatalog, brightest_per_field, load_catalog, merge_doubles, mission_catalog
 from gse.config.station import IdentifierOptions
 from gse.identifier import Identification, Reason, Unidentified, make_identifier
+from gse.identifier.consistency import Separations
 from gse.identifier.match_group import MatchGroupIdentifier
-from gse.identifier.mutual import Separations
 from gse.identifier.pivot import PivotIdentifier
 from gse.spiral import spiral_directions
 
@@ -41,8 +41,8 @@ def success(kind, stars, mission, *, noise_arcsec, noise_mag, directions=200, **
         angles = np.arccos(np.clip(stars.icrs[rows] @ stars.icrs[rows].T, -1, 1))
         noise = np.triu(rng.normal(0, noise_arcsec * ARCSEC, angles.shape), 1)
         angles = np.abs(angles + noise + noise.T)
-        index = 10 ** (-0.4 * (magnitude[seen] - ZERO_POINT))
-        named = identifier.identify_angles(Separations(np.cos(angles), np.sin(angles)), index)
+        brightness = 10 ** (-0.4 * (magnitude[seen] - ZERO_POINT))
+        named = identifier.identify_angles(Separations(np.cos(angles), np.sin(angles)), brightness)
         counted += 1
         if not isinstance(named, Unidentified):
             right += bool(mission.ids[named[1][0]] == stars.ids[rows[named[0][0]]])
@@ -75,7 +75,7 @@ def test_stars_are_named_right_in_a_panorama(algorithm):
     named = 0
     for boresight in spiral_directions(60):
         frame = made_frame(sky, FIELD_14_DEG, boresight, Noise(magnitude=0.1), rng)
-        answer = identifier.identify(FIELD_14_DEG.directions(frame.xy_px), frame.index)
+        answer = identifier.identify(FIELD_14_DEG.directions(frame.xy_px), frame.brightness)
         if isinstance(answer, Identification):
             assert (identifier.catalog.ids[answer.stars] == frame.ids[answer.objects]).mean() > 0.8
             named += 1
@@ -89,7 +89,7 @@ def test_a_mirrored_image_is_refused_and_called_mirrored():
     sky = sky_of(catalog, FIELD_14_DEG, 6.0)
     frame = made_frame(sky, FIELD_14_DEG, spiral_directions(60)[20], Noise(magnitude=0.0), np.random.default_rng(4))
     flipped = frame.xy_px * [-1, 1] + [FIELD_14_DEG.columns - 1, 0]
-    answer = identifier.identify(FIELD_14_DEG.directions(flipped), frame.index)
+    answer = identifier.identify(FIELD_14_DEG.directions(flipped), frame.brightness)
     assert isinstance(answer, Unidentified)
     assert "mirrored" in answer.detail
 

@@ -11,8 +11,8 @@ from skies.reference_pivot import ReferencePivot, magnitude_gate
 from gse.camera import Camera
 from gse.catalog import brightest_per_field, load_catalog, mission_catalog
 from gse.identifier.cells import Cells
+from gse.identifier.consistency import separations
 from gse.identifier.match_group import MAGNITUDE_GATE
-from gse.identifier.mutual import separations
 from gse.identifier.pivot_search import FOUND, NO_GATE, TIE, Gates, Objects, PivotSky, search
 from gse.identifier.tables import build_pair_table
 from gse.spiral import spiral_directions
@@ -46,9 +46,9 @@ def plain(stars, sky):
     return lambda tolerance: ReferencePivot(stars.icrs.tolist(), table, sky.cell.tolist(), touching, tolerance)
 
 
-def assert_same(sky, plain, directions, index, gates):
+def assert_same(sky, plain, directions, brightness, gates):
     angles = separations(directions)
-    objects = Objects(angles.cosine, angles.sine, -2.5 * np.log10(index))
+    objects = Objects(angles.cosine, angles.sine, -2.5 * np.log10(brightness))
     outcome, rows, named = search(objects, sky, gates)
     zero_point = None if np.isnan(gates.zero_point) else gates.zero_point
     gate = magnitude_gate(objects.magnitude.tolist(), sky.magnitude.tolist(), gates.magnitude, zero_point)
@@ -73,8 +73,8 @@ def test_same_answers_over_the_sky(source, sky, plain, tolerance_px, magnitude, 
     gates, found = Gates(1e6 * tolerance_px / 2400, magnitude, zero_point), 0
     for false_objects, boresight in enumerate(spiral_directions(25)):
         frame = made_frame(seen, CAMERA, boresight, Noise(false_objects=false_objects % 3, limit=4.5), rng)
-        if len(frame.index) >= 3:
-            found += assert_same(sky, plain, CAMERA.directions(frame.xy_px), frame.index, gates)
+        if len(frame.brightness) >= 3:
+            found += assert_same(sky, plain, CAMERA.directions(frame.xy_px), frame.brightness, gates)
     assert found >= 10
 
 
@@ -85,6 +85,6 @@ def test_same_answers_over_the_sky(source, sky, plain, tolerance_px, magnitude, 
     gate=st.sampled_from([NO_GATE, MAGNITUDE_GATE]),
 )
 def test_same_answers_on_any_objects(sky, plain, pixels, tolerance_px, gate):
-    index = np.linspace(3000, 300, len(pixels))
+    brightness = np.linspace(3000, 300, len(pixels))
     gates = Gates(1e6 * tolerance_px / 2400, gate, float("nan"))
-    assert_same(sky, plain, CAMERA.directions(np.array(pixels, dtype=float)), index, gates)
+    assert_same(sky, plain, CAMERA.directions(np.array(pixels, dtype=float)), brightness, gates)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog
-from gse.evaluation.frames import Conditions, FrameMaker, Optics, TestFrame
+from gse.evaluation.frames import Conditions, FrameMaker, Optics, SimulatedFrame
 from gse.identifier import Identification, Reason, Unidentified
 from gse.identifier.robust import KnownSensor, RobustIdentifier
 from gse.spiral import spiral_directions
@@ -41,12 +41,12 @@ def narrow(catalog: StarCatalog) -> RobustIdentifier:
     return RobustIdentifier(ROUND.camera, catalog, stars=bright(catalog), field_of_view_deg=8.0)
 
 
-def frames(optics: Optics, conditions: Conditions, catalog: StarCatalog, count: int) -> list[TestFrame]:
+def frames(optics: Optics, conditions: Conditions, catalog: StarCatalog, count: int) -> list[SimulatedFrame]:
     maker = FrameMaker(optics, conditions, catalog)
     return [maker.frame(at, np.random.default_rng([3, k])) for k, at in enumerate(spiral_directions(count))]
 
 
-def error_deg(identifier: RobustIdentifier, answer: Identification, frame: TestFrame) -> float:
+def error_deg(identifier: RobustIdentifier, answer: Identification, frame: SimulatedFrame) -> float:
     found = attitude_of(identifier, answer, frame.directions_sensor)
     return math.degrees(math.dist(found.boresight_icrs, frame.attitude.boresight_icrs))
 
@@ -68,7 +68,7 @@ def random_panorama(
 @pytest.mark.parametrize("conditions", [NOMINAL, FALSE_3, Conditions("worst", 50.0, 0.5, 8, 0.2)])
 def test_a_wide_field_is_right_everywhere(wide: RobustIdentifier, catalog: StarCatalog, conditions: Conditions) -> None:
     for frame in frames(WIDE, conditions, catalog, 150):
-        answer = wide.identify(frame.directions_sensor, frame.index)
+        answer = wide.identify(frame.directions_sensor, frame.brightness)
         assert isinstance(answer, Identification)
         assert error_deg(wide, answer, frame) < 0.05
 
@@ -76,7 +76,7 @@ def test_a_wide_field_is_right_everywhere(wide: RobustIdentifier, catalog: StarC
 def test_a_narrow_field_of_few_stars_is_right_or_refused(narrow: RobustIdentifier, catalog: StarCatalog) -> None:
     hard = Conditions("hard", 30.0, 0.3, 3, 0.2)
     seen = [frame for frame in frames(ROUND, hard, catalog, 150) if frame.real_stars >= 4]
-    answers = [narrow.identify(frame.directions_sensor, frame.index) for frame in seen]
+    answers = [narrow.identify(frame.directions_sensor, frame.brightness) for frame in seen]
     right = 0
     for frame, answer in zip(seen, answers, strict=True):
         if isinstance(answer, Identification):
@@ -91,10 +91,10 @@ def test_hot_pixels_brighter_than_the_stars_do_not_hide_the_sky(wide: RobustIden
     hot = WIDE.camera.directions(np.floor(rng.uniform(0, 1024, (12, 2))))
     hot_index = rng.uniform(1000, 4000, 12)
     for frame in frames(WIDE, Conditions(false_objects=2, missing_share=0.05), catalog, 40):
-        index = np.concatenate([frame.index, hot_index])
-        brightest = np.argsort(-index, kind="stable")[:30]
+        brightness = np.concatenate([frame.brightness, hot_index])
+        brightest = np.argsort(-brightness, kind="stable")[:30]
         directions = np.concatenate([frame.directions_sensor, hot])[brightest]
-        answer = wide.identify(directions, index[brightest])
+        answer = wide.identify(directions, brightness[brightest])
         assert isinstance(answer, Identification)
         found = attitude_of(wide, answer, directions)
         assert math.degrees(math.dist(found.boresight_icrs, frame.attitude.boresight_icrs)) < 0.05
@@ -103,7 +103,7 @@ def test_hot_pixels_brighter_than_the_stars_do_not_hide_the_sky(wide: RobustIden
 def test_the_stars_are_named_and_false_objects_are_not(wide: RobustIdentifier, catalog: StarCatalog) -> None:
     named = right = 0
     for frame in frames(WIDE, FALSE_3, catalog, 60):
-        answer = wide.identify(frame.directions_sensor, frame.index)
+        answer = wide.identify(frame.directions_sensor, frame.brightness)
         assert isinstance(answer, Identification)
         named += len(answer.stars)
         right += int((wide.catalog.ids[answer.stars] == frame.star_ids[answer.objects]).sum())
@@ -117,14 +117,14 @@ def test_poles_and_right_ascension_0_are_no_special_case(
 ) -> None:
     maker = FrameMaker(WIDE, FALSE_3, catalog)
     frame = maker.frame(Attitude.from_angles(*at, 0.0).boresight_icrs, np.random.default_rng(9))
-    answer = wide.identify(frame.directions_sensor, frame.index)
+    answer = wide.identify(frame.directions_sensor, frame.brightness)
     assert isinstance(answer, Identification)
     assert error_deg(wide, answer, frame) < 0.05
 
 
 def test_a_mirrored_image_is_named_so(wide: RobustIdentifier, catalog: StarCatalog) -> None:
     for frame in frames(WIDE, NOMINAL, catalog, 10):
-        answer = wide.identify(frame.directions_sensor * MIRROR, frame.index)
+        answer = wide.identify(frame.directions_sensor * MIRROR, frame.brightness)
         assert isinstance(answer, Unidentified)
         assert answer.reason is Reason.NO_MATCH
         assert "mirrored" in answer.detail
@@ -132,7 +132,7 @@ def test_a_mirrored_image_is_named_so(wide: RobustIdentifier, catalog: StarCatal
 
 def test_a_focal_length_half_a_percent_off_is_borne(wide: RobustIdentifier, catalog: StarCatalog) -> None:
     for frame in frames(WIDE, Conditions(false_objects=3, focal_length_error=0.005), catalog, 60):
-        answer = wide.identify(frame.directions_sensor, frame.index)
+        answer = wide.identify(frame.directions_sensor, frame.brightness)
         assert isinstance(answer, Identification)
         assert error_deg(wide, answer, frame) < 0.05
         assert len(answer.stars) > 0.8 * frame.real_stars
@@ -151,15 +151,15 @@ def test_chance_bounds_how_often_random_objects_would_be_answered(
     """Three objects are the most dangerous: a share of p or less reaches a chance of p, for p from 0.3 to 0.01."""
     for identifier in (narrow, told(catalog, 10.0, 0.1), told(catalog, 50.0, 0.1)):
         rng = np.random.default_rng(2)
-        chances = [identifier.best_chance(*random_panorama(ROUND, rng, 3)) for _ in range(300)]
-        for chance in (0.3, 0.1, 0.03, 0.01):
-            assert (np.array(chances) <= chance).mean() <= chance
+        chances = [identifier.best_false_match_probability(*random_panorama(ROUND, rng, 3)) for _ in range(300)]
+        for false_match_probability in (0.3, 0.1, 0.03, 0.01):
+            assert (np.array(chances) <= false_match_probability).mean() <= false_match_probability
 
 
 def test_brightness_alone_does_not_make_or_break_an_answer(wide: RobustIdentifier, catalog: StarCatalog) -> None:
     rng = np.random.default_rng(5)
     for frame in frames(WIDE, NOMINAL, catalog, 20):
-        shuffled = np.sort(rng.permutation(frame.index))[::-1]
+        shuffled = np.sort(rng.permutation(frame.brightness))[::-1]
         order = rng.permutation(len(shuffled))
         answer = wide.identify(frame.directions_sensor[order], shuffled)
         assert isinstance(answer, Identification)
@@ -181,7 +181,7 @@ def test_what_is_known_of_the_sensor_lets_three_stars_be_named(
     conditions = Conditions("sub-pixel", 10.0, magnitude, whole_pixels=False)
     identifier = told(catalog, 10.0, magnitude)
     few = [frame for frame in frames(ROUND, conditions, catalog, 1000) if frame.real_stars == 3]
-    answers = [identifier.identify(frame.directions_sensor, frame.index) for frame in few]
+    answers = [identifier.identify(frame.directions_sensor, frame.brightness) for frame in few]
     named = [(f, a) for f, a in zip(few, answers, strict=True) if isinstance(a, Identification)]
     assert len(few) > 20
     assert len(named) / len(few) > least
@@ -191,16 +191,16 @@ def test_what_is_known_of_the_sensor_lets_three_stars_be_named(
 def test_many_panoramas_in_one_call_give_the_answers_one_by_one(wide: RobustIdentifier, catalog: StarCatalog) -> None:
     """Sky, mirrored sky, random objects, none, too few, too many, and a NaN, all mixed."""
     seen = frames(WIDE, FALSE_3, catalog, 20)
-    panoramas = [(frame.directions_sensor, frame.index) for frame in seen]
-    panoramas += [(frame.directions_sensor * MIRROR, frame.index) for frame in seen[:3]]
+    panoramas = [(frame.directions_sensor, frame.brightness) for frame in seen]
+    panoramas += [(frame.directions_sensor * MIRROR, frame.brightness) for frame in seen[:3]]
     panoramas += [random_panorama(WIDE, np.random.default_rng(6), count) for count in (3, 5, 30, 31)]
     panoramas += [
-        (frame.directions_sensor[:count], frame.index[:count]) for frame in seen[:2] for count in (0, 2, 4, 9)
+        (frame.directions_sensor[:count], frame.brightness[:count]) for frame in seen[:2] for count in (0, 2, 4, 9)
     ]
-    panoramas.append((np.where(seen[0].directions_sensor > 0.1, np.nan, seen[0].directions_sensor), seen[0].index))
+    panoramas.append((np.where(seen[0].directions_sensor > 0.1, np.nan, seen[0].directions_sensor), seen[0].brightness))
     panoramas = [panoramas[k] for k in np.random.default_rng(7).permutation(len(panoramas))]
     many = wide.identify_many(panoramas)
-    ones = [wide.identify(directions, index) for directions, index in panoramas]
+    ones = [wide.identify(directions, brightness) for directions, brightness in panoramas]
     assert len(many) == len(ones)
     assert {one.reason for one in ones if isinstance(one, Unidentified)} >= {Reason.TOO_FEW, Reason.NO_MATCH}
     for one, answer in zip(ones, many, strict=True):
@@ -209,7 +209,7 @@ def test_many_panoramas_in_one_call_give_the_answers_one_by_one(wide: RobustIden
             continue
         assert isinstance(answer, Identification)
         assert (answer.objects.tolist(), answer.stars.tolist()) == (one.objects.tolist(), one.stars.tolist())
-        assert answer.chance == one.chance
+        assert answer.false_match_probability == one.false_match_probability
 
 
 def test_no_panoramas_have_no_answers(wide: RobustIdentifier) -> None:
@@ -220,38 +220,38 @@ def test_no_panoramas_have_no_answers(wide: RobustIdentifier) -> None:
 
 def test_bad_input_is_refused_and_never_a_star(wide: RobustIdentifier, catalog: StarCatalog) -> None:
     frame = frames(WIDE, NOMINAL, catalog, 3)[1]
-    directions, index = frame.directions_sensor, frame.index
+    directions, brightness = frame.directions_sensor, frame.brightness
     broken = directions.copy()
     broken[4] = np.nan
-    endless = index.copy()
+    endless = brightness.copy()
     endless[0] = np.inf
     behind = directions.copy()
     behind[2] = (0.0, 0.6, -0.8)
     beside = directions.copy()
     beside[2] = (0.0, 0.6, 0.8)
     one_pixel = np.repeat(directions[:1], 30, axis=0)
-    for objects, brightness, reason in (
-        (broken, index, Reason.SENSOR_FAULT),
+    for objects, values, reason in (
+        (broken, brightness, Reason.SENSOR_FAULT),
         (directions, endless, Reason.SENSOR_FAULT),
-        (behind, index, Reason.SENSOR_FAULT),
-        (beside, index, Reason.SENSOR_FAULT),
-        (directions, np.zeros_like(index), Reason.SENSOR_FAULT),
+        (behind, brightness, Reason.SENSOR_FAULT),
+        (beside, brightness, Reason.SENSOR_FAULT),
+        (directions, np.zeros_like(brightness), Reason.SENSOR_FAULT),
         (np.repeat(directions[:1], 31, axis=0), np.arange(31.0, 0, -1), Reason.SENSOR_FAULT),
         (one_pixel, np.arange(30.0, 0, -1), Reason.NO_MATCH),
-        (directions[:0], index[:0], Reason.TOO_FEW),
-        (directions[:2], index[:2], Reason.TOO_FEW),
+        (directions[:0], brightness[:0], Reason.TOO_FEW),
+        (directions[:2], brightness[:2], Reason.TOO_FEW),
     ):
-        answer = wide.identify(objects, brightness)
+        answer = wide.identify(objects, values)
         assert isinstance(answer, Unidentified)
         assert answer.reason is reason
     with pytest.raises(ValueError, match="expected"):
-        wide.identify(directions[:, :2], index)
+        wide.identify(directions[:, :2], brightness)
 
 
 def test_an_object_sent_ten_times_is_one_star(wide: RobustIdentifier, catalog: StarCatalog) -> None:
     for frame in frames(WIDE, NOMINAL, catalog, 5):
         rows = np.concatenate([np.zeros(10, dtype=np.int64), np.arange(1, 15)])
-        answer = wide.identify(frame.directions_sensor[rows], frame.index[rows])
+        answer = wide.identify(frame.directions_sensor[rows], frame.brightness[rows])
         assert isinstance(answer, Identification)
         assert len(set(answer.stars.tolist())) == len(answer.stars)
         found = attitude_of(wide, answer, frame.directions_sensor[rows])
@@ -273,8 +273,8 @@ def test_a_copy_of_the_sky_that_fits_as_well_makes_the_answer_ambiguous() -> Non
     frame = FrameMaker(WIDE, Conditions(position_arcsec=5.0), sky).frame(
         np.array([0.0, 0.0, 1.0]), np.random.default_rng(1)
     )
-    for count in (5, len(frame.index)):
-        answer = identifier.identify(frame.directions_sensor[:count], frame.index[:count])
+    for count in (5, len(frame.brightness)):
+        answer = identifier.identify(frame.directions_sensor[:count], frame.brightness[:count])
         assert isinstance(answer, Unidentified)
         assert answer.reason is Reason.AMBIGUOUS
 
@@ -305,7 +305,7 @@ def test_the_answer_is_that_of_trying_every_pair_of_stars() -> None:
     gate_rad = 2.5 / wide.camera.focal_length_px
     for frame in frames(wide, Conditions(magnitude=0.1), sky, 12):
         fitting, attitude = best_by_trying_all_pairs(sky, frame.directions_sensor, gate_rad)
-        answer = identifier.identify(frame.directions_sensor, frame.index)
+        answer = identifier.identify(frame.directions_sensor, frame.brightness)
         assert isinstance(answer, Identification)
         found = attitude_of(identifier, answer, frame.directions_sensor)
         assert np.abs(found.icrs_to_sensor - attitude.icrs_to_sensor).max() < 2 * gate_rad

@@ -15,8 +15,8 @@ from gse.report.printing import find_browser, print_to_pdf
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    night = synthetic_night(200, bias_arcsec=(100.0, 0.0))
-    return write_report(night, judge(night), tmp_path_factory.mktemp("report"))["report.html"]
+    session = synthetic_night(200, bias_arcsec=(100.0, 0.0))
+    return write_report(session, judge(session), tmp_path_factory.mktemp("report"))["report.html"]
 
 
 def test_it_opens_offline_with_the_verdict_in_sight_and_no_request(page: Path) -> None:

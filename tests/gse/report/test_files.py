@@ -24,32 +24,32 @@ from gse.report.junit import junit_xml
 from gse.report.page import report_html
 from gse.report.terminal import plain_lines, print_verdict
 from gse.station.results import NO_MATCHES, Status
-from gse.station.session_data import Night
+from gse.station.session_data import SessionData
 
 FRAMES = 800
 
 
 @pytest.fixture(scope="module")
-def night() -> Night:
+def session() -> SessionData:
     return synthetic_night(FRAMES)
 
 
 @pytest.fixture(scope="module")
-def judgement(night):
-    return judge(night)
+def assessment(session):
+    return judge(session)
 
 
 @pytest.fixture(scope="module")
-def report(night, judgement):
-    return summarise(night, judgement)
+def report(session, assessment):
+    return summarise(session, assessment)
 
 
 @pytest.fixture(scope="module")
-def page(night, judgement, report) -> str:
-    return report_html(night, judgement, report)
+def page(session, assessment, report) -> str:
+    return report_html(session, assessment, report)
 
 
-def failing() -> Night:
+def failing() -> SessionData:
     """A night with a sensor that is off by 100 arcsec in RA."""
     return synthetic_night(200, bias_arcsec=(100.0, 0.0))
 
@@ -79,17 +79,17 @@ def test_every_number_is_finite_and_rounded_to_six_decimals(report) -> None:
 
 
 def test_what_is_unknown_is_null_not_zero() -> None:
-    night = synthetic_night(100)
-    night.clock = []
-    report = summarise(night, judge(night))
+    session = synthetic_night(100)
+    session.clock = []
+    report = summarise(session, judge(session))
     assert report["clock"]["error_bound_s"] is None
     assert report["truth_budget"]["ra_arcsec"] is None
     assert report["verdict"] == "INCONCLUSIVE"
 
 
-def test_table_4_1_stands_beside_the_papers_figures(report, night) -> None:
+def test_table_4_1_stands_beside_the_papers_figures(report, session) -> None:
     own, *paper = report["table_4_1"]["rows"]
-    frames = night.frames.columns
+    frames = session.frames.columns
     d_de = frames["d_de_arcsec"][np.isfinite(frames["d_de_arcsec"])]
     assert own["mean_d_de_deg"] == pytest.approx(np.abs(d_de).mean() / 3600, abs=1e-6)
     assert [row["mean_d_ra_deg"] for row in paper] == [0.006676, 0.003552, 0.005, 0.005076]
@@ -108,19 +108,19 @@ def test_the_same_night_gives_the_same_bytes_and_another_does_not(page, report, 
 
 
 def test_a_troubled_night_is_told_from_its_verdict_down() -> None:
-    night = failing()
-    night.station_text = "# <script>alert(1)</script>"
+    session = failing()
+    session.station_text = "# <script>alert(1)</script>"
     step = LinkEvent(START_NS + 10**10, 0, "CLOCK_STEP", "the host clock stepped by +2.0 s <img src=x>")
-    night.events.append(step)
-    judgement = judge(night)
-    report = summarise(night, judgement)
-    text = report_html(night, judgement, report)
+    session.events.append(step)
+    assessment = judge(session)
+    report = summarise(session, assessment)
+    text = report_html(session, assessment, report)
     body = text[text.index("<body>") :]
     assert report["verdict"] == "FAIL"
     assert report["left_out"][0]["frames"] > 50
     for reason in map(escape, report["reasons"]):
         assert body.index("<strong>FAIL</strong>") < body.index(str(reason)) < body.index("<table>")
-    for words in (night.raw_sha256, "Gaia DR3", "numpy 2", "stepped by +2.0 s", "deflection of the vertical"):
+    for words in (session.raw_sha256, "Gaia DR3", "numpy 2", "stepped by +2.0 s", "deflection of the vertical"):
         assert words in body
     assert "<script" not in text
     assert "<img" not in text
@@ -151,29 +151,29 @@ def test_each_measurement_is_a_test_case(report) -> None:
 
 
 def test_a_failure_and_an_unknown_are_told_apart_with_their_reasons() -> None:
-    night = failing()
-    suite = ET.fromstring(junit_xml(summarise(night, judge(night))).split("\n", 1)[1])
+    session = failing()
+    suite = ET.fromstring(junit_xml(summarise(session, judge(session))).split("\n", 1)[1])
     failed = [case for case in suite if case.find("failure") is not None]
     assert [case.get("name") for case in failed] == ["mean |dRA*|", "95 % of |dRA*|"]
     assert "arcsec, the limit is 60" in (failed[0].findtext("failure") or "")
-    night.clock = []
-    night.station = night.station.model_copy(
-        update={"limits": night.station.limits.model_copy(update={"d_ra_cosde_arcsec": 1e4})}
+    session.clock = []
+    session.station = session.station.model_copy(
+        update={"limits": session.station.limits.model_copy(update={"d_ra_cosde_arcsec": 1e4})}
     )
-    suite = ET.fromstring(junit_xml(summarise(night, judge(night))).split("\n", 1)[1])
+    suite = ET.fromstring(junit_xml(summarise(session, judge(session))).split("\n", 1)[1])
     skipped = [case.find("skipped") for case in suite if case.find("skipped") is not None]
     assert suite.get("skipped") == str(len(skipped))
     assert "clock" in skipped[0].get("message")
 
 
-def test_the_table_of_frames_has_a_line_for_each_and_empty_cells_where_nothing_is_known(night) -> None:
-    rows = list(csv.DictReader(io.StringIO("".join(frames_csv(night.frames.columns)))))
+def test_the_table_of_frames_has_a_line_for_each_and_empty_cells_where_nothing_is_known(session) -> None:
+    rows = list(csv.DictReader(io.StringIO("".join(frames_csv(session.frames.columns)))))
     assert len(rows) == FRAMES
     assert rows[0]["utc"] == "2026-03-20T18:30:00.000000Z"
     assert rows[0]["status"] == "IDENTIFIED"
     assert rows[49]["status"] == "NO_MATCH"
     assert rows[49]["d_de_arcsec"] == rows[49]["ra_deg"] == rows[49]["chance"] == ""
-    assert float(rows[3]["d_de_arcsec"]) == pytest.approx(night.frames.columns["d_de_arcsec"][3], abs=0.0006)
+    assert float(rows[3]["d_de_arcsec"]) == pytest.approx(session.frames.columns["d_de_arcsec"][3], abs=0.0006)
 
 
 def test_without_a_terminal_the_verdict_is_plain_text_with_its_reason(report) -> None:
@@ -185,8 +185,8 @@ def test_without_a_terminal_the_verdict_is_plain_text_with_its_reason(report) ->
 
 
 def test_on_a_terminal_the_verdict_stands_in_a_box_above_the_tables() -> None:
-    night = failing()
-    report = summarise(night, judge(night))
+    session = failing()
+    report = summarise(session, judge(session))
     screen = io.StringIO()
     print_verdict(report, Console(file=screen, width=100, force_terminal=True, color_system=None))
     text = screen.getvalue()
@@ -200,31 +200,31 @@ def test_on_a_terminal_the_verdict_stands_in_a_box_above_the_tables() -> None:
 
 @pytest.mark.parametrize("frames", [0, 3])
 def test_a_night_of_few_frames_still_has_a_report(frames: int, tmp_path: Path) -> None:
-    night = synthetic_night(frames)
-    paths = write_report(night, judge(night), tmp_path)
+    session = synthetic_night(frames)
+    paths = write_report(session, judge(session), tmp_path)
     assert "INCONCLUSIVE" in paths["report.html"].read_text(encoding="utf-8")
     assert len(paths["frames.csv"].read_text().splitlines()) == frames + 1
 
 
 def test_a_night_without_one_answer_still_has_a_report(tmp_path: Path) -> None:
-    night = synthetic_night(0)
+    session = synthetic_night(0)
     for frame in synthetic_frames(60):
         empty = replace(
             frame,
             status=Status.TOO_FEW,
             attitude=None,
             matches=NO_MATCHES,
-            discrepancy=None,
+            attitude_error=None,
             attitude_true=None,
             elapsed_us=None,
         )
-        night.frames.append(empty)
-    night.clock, night.events = [], []
-    paths = write_report(night, judge(night), tmp_path)
+        session.frames.append(empty)
+    session.clock, session.events = [], []
+    paths = write_report(session, judge(session), tmp_path)
     assert "no times were recorded" not in paths["junit.xml"].read_text()
     assert json.loads(paths["report.json"].read_text())["identification"]["statuses"]["TOO_FEW"] == 60
 
 
-def test_a_disk_that_takes_nothing_is_told(night, judgement, tmp_path: Path) -> None:
+def test_a_disk_that_takes_nothing_is_told(session, assessment, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="cannot write the report into"):
-        write_report(night, judgement, tmp_path / "absent")
+        write_report(session, assessment, tmp_path / "absent")

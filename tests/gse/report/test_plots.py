@@ -14,12 +14,12 @@ from skies.synthetic_night import synthetic_frames, synthetic_night
 from gse.attitude import Attitude
 from gse.drawing.outline import field_outline_icrs
 from gse.report.decimation import extremes, sample
-from gse.report.drawn import Drawn, edge_of
-from gse.report.figures import svg_of
-from gse.report.sky_figures import draw_sky
+from gse.report.plot_data import PlotData, edge_of
+from gse.report.sky_plots import draw_sky
 from gse.report.spectrum import power_density
-from gse.report.time_figures import draw_errors
-from gse.station.results import Discrepancy, Judge
+from gse.report.svg import svg_of
+from gse.report.time_plots import draw_errors
+from gse.station.results import AnswerCheck, AttitudeError
 
 
 @given(st.integers(0, 4000), st.integers(0, 2**32 - 1), st.floats(0, 0.5))
@@ -80,19 +80,19 @@ def test_too_few_frames_have_no_spectrum() -> None:
 
 
 def test_false_answers_are_not_drawn_as_errors() -> None:
-    night = synthetic_night(0)
+    session = synthetic_night(0)
     for number, frame in enumerate(synthetic_frames(100, trouble=False)):
         if number == 50:
-            frame = _with(frame, Discrepancy(4e5, 0.0, 0.0, 4e5, 0.0), frame.judge)
+            frame = _with(frame, AttitudeError(4e5, 0.0, 0.0, 4e5, 0.0), frame.answer_check)
         if number == 60:
-            frame = _with(frame, frame.discrepancy, Judge.FALSE)
-        night.frames.append(frame)
-    good = Drawn.of(night).good
+            frame = _with(frame, frame.attitude_error, AnswerCheck.FALSE)
+        session.frames.append(frame)
+    good = PlotData.of(session).good
     assert np.flatnonzero(~good).tolist() == [50, 60]
 
 
-def _with(frame, discrepancy, judge):
-    return replace(frame, discrepancy=discrepancy, judge=judge)
+def _with(frame, attitude_error, judge):
+    return replace(frame, attitude_error=attitude_error, answer_check=judge)
 
 
 def test_the_range_of_a_graph_holds_the_limits_and_nearly_all_values() -> None:
@@ -114,20 +114,20 @@ def test_the_field_of_view_on_the_sky_is_as_wide_as_the_camera_sees(ra_deg: floa
 
 @pytest.mark.parametrize("de_deg", [-89.99, -6.0, 80.0, 89.99])
 def test_a_track_is_drawn_at_the_poles_and_across_ra_zero(de_deg: float) -> None:
-    night = synthetic_night(0)
+    session = synthetic_night(0)
     for number, frame in enumerate(synthetic_frames(30, trouble=False)):
         attitude = Attitude.from_angles((359.9 + number * 0.01) % 360, de_deg, 10.0)
-        night.frames.append(replace(frame, attitude=attitude, attitude_true=attitude))
-    drawn = Drawn.of(night)
+        session.frames.append(replace(frame, attitude=attitude, attitude_true=attitude))
+    drawn = PlotData.of(session)
     svg = svg_of("sky", 3.0, lambda figure: draw_sky(figure, drawn))
     assert svg.startswith("<svg")
 
 
 def test_a_hundred_thousand_points_make_a_small_figure() -> None:
-    night = synthetic_night(300)
-    drawn = Drawn.of(night)
-    big = Drawn(
-        night,
+    session = synthetic_night(300)
+    drawn = PlotData.of(session)
+    big = PlotData(
+        session,
         np.tile(drawn.frames, 330),
         np.tile(drawn.utc, 330),
         np.tile(drawn.good, 330),

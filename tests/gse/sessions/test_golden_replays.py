@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from gse.sessions.golden import check, expected_path, recordings_in
-from gse.sessions.replay import Cut
+from gse.sessions.replay import ReplayOptions
 
 GOLDEN = Path(__file__).parents[3] / "replays" / "golden"
 RECORDINGS = recordings_in(GOLDEN)
@@ -17,12 +17,12 @@ RECORDINGS = recordings_in(GOLDEN)
 
 @pytest.mark.parametrize("recording", RECORDINGS, ids=lambda path: path.stem)
 def test_a_golden_session_gives_its_report_exactly(recording: Path) -> None:
-    outcome = check(recording, recording.stem, Cut())
+    outcome = check(recording, recording.stem, ReplayOptions())
     assert outcome.passed, outcome
 
 
 def test_the_bad_cable_gives_the_same_report_in_pieces_of_13_bytes() -> None:
-    outcome = check(GOLDEN / "faults.mcap", "faults", Cut(cut=13))
+    outcome = check(GOLDEN / "faults.mcap", "faults", ReplayOptions(chunk_bytes=13))
     assert outcome.passed, outcome
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from gse.attitude import Attitude
-from gse.sessions.replay import Cut, replay_session
-from gse.station.frame_table import JUDGES, STATUSES
-from gse.station.results import Judge, Status
+from gse.sessions.replay import ReplayOptions, replay_session
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, Status
 
 NIGHT_SKY = Path(__file__).parents[3] / "replays" / "night-sky"
 TRUTH: dict[str, Any] = json.loads((NIGHT_SKY / "truth.json").read_text())
@@ -21,9 +21,9 @@ ARCSEC_PER_RAD = 180 * 3600 / np.pi
 
 
 @functools.cache
-def replayed(name: str, **cut: Any) -> np.void:
+def replayed(name: str, **options: Any) -> np.void:
     """The only frame of a session."""
-    frames = replay_session(NIGHT_SKY / f"{name}.mcap", cut=Cut(**cut)).night.frames.columns
+    frames = replay_session(NIGHT_SKY / f"{name}.mcap", options=ReplayOptions(**options)).session.frames.columns
     assert len(frames) == 1
     row: np.void = frames[0]
     return row
@@ -75,18 +75,18 @@ def test_no_answer_is_false_hot_pixels_or_not(kind: str) -> None:
         frame = replayed(name + kind)
         if status(frame) is Status.IDENTIFIED:
             assert boresight_error_arcsec(frame, truth) < 120, name + kind
-        assert JUDGES[frame["judge"]] is not Judge.FALSE
+        assert ANSWER_CHECKS[frame["judge"]] is not AnswerCheck.FALSE
 
 
 def test_a_clock_in_1970_gives_an_answer_but_no_comparison() -> None:
     replay = replay_session(NIGHT_SKY / f"{TRIPOD[0]}.mcap")
-    frame = replay.night.frames.columns[0]
+    frame = replay.session.frames.columns[0]
     assert status(frame) is Status.IDENTIFIED
     assert np.isnan(frame["d_de_arcsec"])
-    assert "NO_TRUTH" in [event.kind for event in replay.night.events]
+    assert "NO_TRUTH" in [event.kind for event in replay.session.events]
 
 
 def test_the_cut_of_the_chunks_changes_nothing() -> None:
     whole = replayed(ROOFTOP[0])
     for most in (1, 7, 100):
-        assert replayed(ROOFTOP[0], cut=most).tobytes() == whole.tobytes()
+        assert replayed(ROOFTOP[0], chunk_bytes=most).tobytes() == whole.tobytes()

@@ -41,18 +41,18 @@ PATIENCE_S = 10.0
 
 @pytest.fixture(scope="module")
 def detector() -> Detector:
-    night = scenario_of(OPTIONS)
-    made = detector_of(STATION, night, OPTIONS)
-    made.expose(night.start_utc_ns, 0.05, 20.0)
+    scenario = scenario_of(OPTIONS)
+    made = detector_of(STATION, scenario, OPTIONS)
+    made.expose(scenario.start_utc_ns, 0.05, 20.0)
     return made
 
 
 @contextlib.contextmanager
 def emulated(endpoint: Endpoint, detector: Detector, standby: str = "no") -> Iterator[str]:
     """A sensor at work on an endpoint; gives the address to open."""
-    night = scenario_of(OPTIONS)
-    offset_ns = night.start_utc_ns - read_clock().utc_ns
-    firmware = firmware_of(STATION, night, OPTIONS | {"standby": standby}, detector, night.start_utc_ns)
+    scenario = scenario_of(OPTIONS)
+    offset_ns = scenario.start_utc_ns - read_clock().utc_ns
+    firmware = firmware_of(STATION, scenario, OPTIONS | {"standby": standby}, detector, scenario.start_utc_ns)
     stopped = threading.Event()
     emulator = Emulator(firmware, endpoint, lambda: read_clock().utc_ns + offset_ns, baudrate=BAUDRATE)
     thread = threading.Thread(target=emulator.run, args=[stopped.is_set])

@@ -16,45 +16,45 @@ from gse.recording.session_format import RecordedTimings
 from gse.simulator import device_factory
 from gse.simulator.scenario import load_scenario, parse_scenario, profile_at, scenario_names
 from gse.station.loop import StationLoop
-from gse.station.session_data import Night
-from gse.station.setup import Equipment, prepare
+from gse.station.session_data import SessionData
+from gse.station.setup import Setup, set_up
 
 SECONDS_PER_FRAME = {"twilight": 40.0}
 """Fewer frames than the scenario says, but enough for a verdict."""
 
 
-def night_of(url: str, equipment: Equipment) -> Night:
+def night_of(url: str, setup: Setup) -> SessionData:
     """All that the station's loop makes of a simulated sensor; the clock is known to be right, the host's pace is not
     judged."""
-    register(device_factory(equipment.station))
+    register(device_factory(setup.station))
     with SerialLink(url) as link:
-        night = StationLoop(equipment, recorded=RecordedTimings()).run(link)
-    night.clock_error_s = 0.0
-    return night
+        session = StationLoop(setup, recorded=RecordedTimings()).run(link)
+    session.clock_error_s = 0.0
+    return session
 
 
 @pytest.fixture(scope="module")
-def equipment() -> Equipment:
-    return prepare(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT)
+def setup() -> Setup:
+    return set_up(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT)
 
 
 @pytest.mark.parametrize("name", scenario_names())
-def test_the_station_finds_what_the_scenario_says(name: str, equipment: Equipment) -> None:
+def test_the_station_finds_what_the_scenario_says(name: str, setup: Setup) -> None:
     scenario = load_scenario(name)
     station = parse_station(scenario.station_text())
-    assert station.sensor == equipment.station.sensor
-    night = night_of(
-        f"sim://?scenario={name}&rate_hz={1 / SECONDS_PER_FRAME.get(name, 1.7)}", replace(equipment, station=station)
+    assert station.sensor == setup.station.sensor
+    session = night_of(
+        f"sim://?scenario={name}&rate_hz={1 / SECONDS_PER_FRAME.get(name, 1.7)}", replace(setup, station=station)
     )
-    judgement = judge(night)
-    share = judgement.statistics.available.value
-    assert judgement.verdict.value == scenario.find.verdict, judgement.reasons
+    assessment = judge(session)
+    share = assessment.statistics.available.value
+    assert assessment.verdict.value == scenario.find.verdict, assessment.reasons
     for words in scenario.find.reasons:
-        assert any(words in reason for reason in judgement.reasons)
+        assert any(words in reason for reason in assessment.reasons)
     assert scenario.find.identified_at_least <= share <= scenario.find.identified_at_most
-    assert set(scenario.find.events) <= {event.kind for event in night.events}
-    assert judgement.statistics.false_answers.count == 0
-    assert night.link.bytes_in == night.link.bytes_framed
+    assert set(scenario.find.events) <= {event.kind for event in session.events}
+    assert assessment.statistics.false_answers.count == 0
+    assert session.link.bytes_in == session.link.bytes_framed
 
 
 ODD = """\
@@ -72,8 +72,8 @@ optics: {position_noise_arcsec: 0}
 def test_without_noise_the_truth_is_where_the_simulated_sensor_looks(tmp_path: Path) -> None:
     (tmp_path / "odd.yaml").write_text(ODD)
     scenario = parse_scenario(ODD, "odd.yaml")
-    night = night_of(f"sim://?scenario={tmp_path}/odd.yaml", prepare(parse_station(scenario.station_text()), ODD))
-    axes = judge(night).statistics.axes
+    session = night_of(f"sim://?scenario={tmp_path}/odd.yaml", set_up(parse_station(scenario.station_text()), ODD))
+    axes = judge(session).statistics.axes
     assert axes["d_ra_cosde"].n == 40
     assert abs(axes["d_ra_cosde"].bias_arcsec) < 0.1
     assert abs(axes["d_de"].bias_arcsec) < 0.1
@@ -81,10 +81,10 @@ def test_without_noise_the_truth_is_where_the_simulated_sensor_looks(tmp_path: P
 
 
 @pytest.mark.parametrize("level", ["image", "image-sub-pixel"])
-def test_whole_images_are_identified_as_well(level: str, equipment: Equipment) -> None:
-    judgement = judge(night_of(f"sim://?level={level}&rate_hz=1&frames=35", equipment))
-    assert judgement.verdict == "PASS"
-    assert judgement.statistics.axes["d_de"].rms_arcsec < 15
+def test_whole_images_are_identified_as_well(level: str, setup: Setup) -> None:
+    assessment = judge(night_of(f"sim://?level={level}&rate_hz=1&frames=35", setup))
+    assert assessment.verdict == "PASS"
+    assert assessment.statistics.axes["d_de"].rms_arcsec < 15
 
 
 def test_the_simulator_does_not_use_the_truth_that_it_tests() -> None:

@@ -28,14 +28,14 @@ def scenario(**changes: Any) -> Scenario:
     return Scenario.model_validate({"text": "a test", "start": START, **changes})
 
 
-def source(night: Scenario, station: Station = STATION, seed: int = 1) -> ImageSource:
-    return ImageSource(night.device_for(station), night, np.random.default_rng(seed))
+def source(setting: Scenario, station: Station = STATION, seed: int = 1) -> ImageSource:
+    return ImageSource(setting.device_for(station), setting, np.random.default_rng(seed))
 
 
-def stars_of(night: Scenario, faintest: float, station: Station = STATION) -> tuple[NDArray[Any], NDArray[Any]]:
+def stars_of(setting: Scenario, faintest: float, station: Station = STATION) -> tuple[NDArray[Any], NDArray[Any]]:
     """Pixels and magnitudes of the stars inside the detector."""
-    scene = Scene(night.device_for(station), night, np.random.default_rng(1))
-    (xy_px,), magnitude = scene.objects(night.start_utc_ns, 9.0)
+    scene = Scene(setting.device_for(station), setting, np.random.default_rng(1))
+    (xy_px,), magnitude = scene.objects(setting.start_utc_ns, 9.0)
     inside = (xy_px > 5).all(axis=1) & (xy_px < 1018).all(axis=1) & (magnitude < faintest)
     return xy_px[inside], magnitude[inside]
 
@@ -49,9 +49,9 @@ def stars_of(night: Scenario, faintest: float, station: Station = STATION) -> tu
     ],
 )
 def test_stars_shine_where_the_scene_has_them(changes: dict[str, Any]) -> None:
-    night = scenario(**changes)
-    image = source(night).image(night.start_utc_ns, 0.05)
-    xy_px, _ = stars_of(night, 5.5)
+    setting = scenario(**changes)
+    image = source(setting).image(setting.start_utc_ns, 0.05)
+    xy_px, _ = stars_of(setting, 5.5)
     seen_px, _ = extract_sub_pixel(image)
     alone = [i for i in range(len(xy_px)) if (np.linalg.norm(xy_px - xy_px[i], axis=1) < 12).sum() == 1]
     off_px = [np.linalg.norm(seen_px - xy_px[i], axis=1).min() for i in alone]
@@ -60,20 +60,22 @@ def test_stars_shine_where_the_scene_has_them(changes: dict[str, Any]) -> None:
 
 
 def test_the_light_of_a_star_is_as_its_magnitude_says() -> None:
-    night = scenario(optics={"saturation_magnitude": -2.0})
-    source_ = source(night)
-    image = source_.image(night.start_utc_ns, 0.05).astype(float)
-    xy_px, magnitude = stars_of(night, 4.5)
-    electrons = Photometry.of(STATION.sensor, night).star_electrons(magnitude, 0.05)
-    for (x, y), expected in zip(np.rint(xy_px).astype(int), electrons / night.optics.electrons_per_index, strict=True):
+    setting = scenario(optics={"saturation_magnitude": -2.0})
+    source_ = source(setting)
+    image = source_.image(setting.start_utc_ns, 0.05).astype(float)
+    xy_px, magnitude = stars_of(setting, 4.5)
+    electrons = Photometry.of(STATION.sensor, setting).star_electrons(magnitude, 0.05)
+    for (x, y), expected in zip(
+        np.rint(xy_px).astype(int), electrons / setting.optics.electrons_per_index, strict=True
+    ):
         patch = image[y - 5 : y + 6, x - 5 : x + 6]
         assert (patch - np.median(image)).sum() == pytest.approx(expected, rel=0.1, abs=150)
 
 
 def test_the_saturating_magnitude_just_saturates() -> None:
-    night = scenario(optics={"saturation_magnitude": 3.2})
-    image = source(night).image(night.start_utc_ns, 0.05)
-    xy_px, magnitude = stars_of(night, 9.0)
+    setting = scenario(optics={"saturation_magnitude": 3.2})
+    image = source(setting).image(setting.start_utc_ns, 0.05)
+    xy_px, magnitude = stars_of(setting, 9.0)
     brightest = np.argmin(magnitude)
     x, y = np.rint(xy_px[brightest]).astype(int)
     peak = image[y - 2 : y + 3, x - 2 : x + 3].max()
@@ -83,23 +85,23 @@ def test_the_saturating_magnitude_just_saturates() -> None:
 
 def test_a_long_exposure_smears_stars_along_the_way_of_the_sky() -> None:
     station = STATION.model_copy(update={"sensor": STATION.sensor.model_copy(update={"focal_length_px": 40_000.0})})
-    night = scenario(exposure_s=2.0, optics={"saturation_magnitude": 8.0})
-    image = source(night, station).image(night.start_utc_ns, 2.0).astype(float)
+    setting = scenario(exposure_s=2.0, optics={"saturation_magnitude": 8.0})
+    image = source(setting, station).image(setting.start_utc_ns, 2.0).astype(float)
     y, x = np.unravel_index(image.argmax(), image.shape)
     patch = np.clip(image[max(y - 12, 0) : y + 13, max(x - 12, 0) : x + 13] - np.median(image) - 50, 0, None)
     rows, columns = np.indices(patch.shape)
-    spread = np.cov(np.vstack([columns.ravel(), rows.ravel()]), aweights=patch.ravel())
-    long, short = np.sqrt(np.linalg.eigvalsh(spread))[::-1]
+    percentiles = np.cov(np.vstack([columns.ravel(), rows.ravel()]), aweights=patch.ravel())
+    long, short = np.sqrt(np.linalg.eigvalsh(percentiles))[::-1]
     smear_px = 2.0 * np.radians(15.04 / 3600) * 40_000
     assert long == pytest.approx(np.hypot(0.95, smear_px / np.sqrt(12)), rel=0.2)
     assert short < 1.2
 
 
 def test_noise_is_read_noise_and_shot_noise() -> None:
-    night = scenario(optics={"read_noise_electrons": 30.0, "dark_electrons_per_s": 2000.0})
-    image = source(night).image(night.start_utc_ns, 0.5, 27.0).astype(float)
+    setting = scenario(optics={"read_noise_electrons": 30.0, "dark_electrons_per_s": 2000.0})
+    image = source(setting).image(setting.start_utc_ns, 0.5, 27.0).astype(float)
     quiet = image[image < np.median(image) + 5 * image.std()]
-    sky = Photometry.of(STATION.sensor, night).sky_electrons(21.2, 0.5)
+    sky = Photometry.of(STATION.sensor, setting).sky_electrons(21.2, 0.5)
     dark = 2000 * 0.5 * 2 * np.exp(0.3**2 / 2)
     spread_of_dark = dark * 0.3
     expected = np.sqrt(30**2 + sky + dark + spread_of_dark**2) / 10
@@ -108,45 +110,45 @@ def test_noise_is_read_noise_and_shot_noise() -> None:
 
 
 def test_hot_pixels_glow_more_when_warm_and_dead_ones_never() -> None:
-    night = scenario(detector={"hot_pixels": 40, "dead_pixels": 200, "hot_pixel_index": [500, 900]})
-    source_ = source(night)
-    cold, warm = (source_.image(night.start_utc_ns, 0.05, celsius) for celsius in (20.0, 27.0))
+    setting = scenario(detector={"hot_pixels": 40, "dead_pixels": 200, "hot_pixel_index": [500, 900]})
+    source_ = source(setting)
+    cold, warm = (source_.image(setting.start_utc_ns, 0.05, celsius) for celsius in (20.0, 27.0))
     hot = warm.astype(int) - cold > 250
     assert hot.sum() == pytest.approx(40, abs=2)
     assert np.median((warm[hot] - 20.0) / (cold[hot] - 20.0)) == pytest.approx(2, rel=0.05)
 
 
 def test_the_same_seed_gives_the_same_image() -> None:
-    night = scenario()
-    images = [source(night, seed=seed).image(night.start_utc_ns, 0.05) for seed in (3, 3, 4)]
+    setting = scenario()
+    images = [source(setting, seed=seed).image(setting.start_utc_ns, 0.05) for seed in (3, 3, 4)]
     assert (images[0] == images[1]).all()
     assert (images[0] != images[2]).any()
 
 
 def test_image_and_panorama_levels_see_the_same_stars() -> None:
-    night = scenario()
+    setting = scenario()
     random = np.random.default_rng(1)
-    by_image = source(night).expose(night.start_utc_ns, 0.05, 20.0)
-    by_list = PanoramaSource(STATION, night, random).expose(night.start_utc_ns, 0.05, 20.0)
+    by_image = source(setting).expose(setting.start_utc_ns, 0.05, 20.0)
+    by_list = PanoramaSource(STATION, setting, random).expose(setting.start_utc_ns, 0.05, 20.0)
     apart_px = np.linalg.norm(by_image.xy_px[:15, None] - by_list.xy_px[None], axis=2).min(axis=1)
     assert (apart_px < 1.6).sum() >= 14
     assert by_image.index[0] == pytest.approx(by_list.index[0], rel=0.4)
 
 
 def test_a_cloud_takes_stars_away_in_its_part_of_the_field() -> None:
-    night = scenario(air={"cloud_magnitudes": [[0, 6.0]], "cloud_cover": 0.5})
+    setting = scenario(air={"cloud_magnitudes": [[0, 6.0]], "cloud_cover": 0.5})
     random = np.random.default_rng(1)
-    some = PanoramaSource(STATION, night, random).expose(night.start_utc_ns, 0.05, 20.0)
-    clear = PanoramaSource(STATION, scenario(), random).expose(night.start_utc_ns, 0.05, 20.0)
+    some = PanoramaSource(STATION, setting, random).expose(setting.start_utc_ns, 0.05, 20.0)
+    clear = PanoramaSource(STATION, scenario(), random).expose(setting.start_utc_ns, 0.05, 20.0)
     assert 0 < len(some.index) < 0.8 * len(clear.index)
 
 
 def test_a_satellite_is_a_trail_in_a_long_exposure() -> None:
-    night = scenario(seconds=6, exposure_s=1.0, air={"satellites_per_minute": 60.0})
-    utc_ns = night.start_utc_ns + 3 * NS_PER_S
+    setting = scenario(seconds=6, exposure_s=1.0, air={"satellites_per_minute": 60.0})
+    utc_ns = setting.start_utc_ns + 3 * NS_PER_S
     with_satellites, without = (
-        source(night.model_copy(update={"air": air})).image(utc_ns, 1.0).astype(int)
-        for air in (night.air, night.air.model_copy(update={"satellites_per_minute": 0.0}))
+        source(setting.model_copy(update={"air": air})).image(utc_ns, 1.0).astype(int)
+        for air in (setting.air, setting.air.model_copy(update={"satellites_per_minute": 0.0}))
     )
     assert (with_satellites - without > 30).sum() > 50
 
@@ -154,8 +156,8 @@ def test_a_satellite_is_a_trail_in_a_long_exposure() -> None:
 def test_twilight_makes_the_sensor_report_overexposed_and_then_fewer_stars() -> None:
     counts = []
     for start in ("2026-03-20T11:05:00Z", "2026-03-20T11:32:00Z", "2026-03-20T12:30:00Z"):
-        night = scenario(start=start)
-        seen = PanoramaSource(STATION, night, np.random.default_rng(1)).expose(night.start_utc_ns, 0.05, 20.0)
+        setting = scenario(start=start)
+        seen = PanoramaSource(STATION, setting, np.random.default_rng(1)).expose(setting.start_utc_ns, 0.05, 20.0)
         counts.append(len(seen.index))
         assert seen.flags == (frozenset({"overexposed"}) if len(counts) == 1 else frozenset())
     assert counts[0] == 0 < counts[1] < counts[2]
@@ -178,12 +180,12 @@ def test_the_full_moon_in_the_field_is_one_object_that_hides_its_rows() -> None:
     utc_ns = from_text("2026-04-02T15:00:00Z")
     east, north, up = bodies_over(SITE, utc_ns).track.directions(utc_ns)[MOON]
     mount = {"azimuth_deg": np.degrees(np.arctan2(east, north)), "altitude_deg": np.degrees(np.arcsin(up))}
-    night = scenario(start="2026-04-02T15:00:00Z", device={"mount": mount})
-    seen = PanoramaSource(night.device_for(STATION), night, np.random.default_rng(1)).expose(utc_ns, 0.05, 20.0)
+    setting = scenario(start="2026-04-02T15:00:00Z", device={"mount": mount})
+    seen = PanoramaSource(setting.device_for(STATION), setting, np.random.default_rng(1)).expose(utc_ns, 0.05, 20.0)
     assert seen.index[0] == 4096
     assert seen.xy_px[0] == pytest.approx([511.5, 511.5], abs=1)
     assert (np.abs(seen.xy_px[1:, 1] - 511.5) > 15).all()
-    image = source(night).image(utc_ns, 0.05)
+    image = source(setting).image(utc_ns, 0.05)
     assert (image[505:518, 505:518] == 4096).all()
     assert 600 < (image == 4096).sum() < 2000  # half a degree: 18 px in radius
 
@@ -193,11 +195,11 @@ def test_the_lit_limb_of_a_half_moon_looks_to_the_sun() -> None:
     bodies = bodies_over(SITE, utc_ns)
     sun, moon = bodies.track.directions(utc_ns)[[SUN, MOON]]
     mount = {"azimuth_deg": np.degrees(np.arctan2(moon[0], moon[1])), "altitude_deg": np.degrees(np.arcsin(moon[2]))}
-    night = scenario(start="2026-03-25T12:00:00Z", device={"mount": mount})
-    camera, pointed = STATION.sensor.camera(), horizon_to_sensor(night.device_for(STATION).mount)
+    setting = scenario(start="2026-03-25T12:00:00Z", device={"mount": mount})
+    camera, pointed = STATION.sensor.camera(), horizon_to_sensor(setting.device_for(STATION).mount)
     on_the_way = moon + 0.005 * (sun - moon)
     (xy_px, nearer_px) = camera.pixels(np.array([moon, on_the_way]) @ pointed.T)
-    rows, columns = np.nonzero(source(night).image(utc_ns, 0.001) > 1000)
+    rows, columns = np.nonzero(source(setting).image(utc_ns, 0.001) > 1000)
     disc = np.hypot(columns - xy_px[0], rows - xy_px[1]) < 22
     sunwards = (np.column_stack([columns, rows])[disc] - xy_px) @ (nearer_px - xy_px)
     assert 0.4 < disc.sum() / (np.pi * (bodies.moon_radius_rad / camera.pixel_rad) ** 2) < 0.6
@@ -210,7 +212,7 @@ def test_jupiter_is_an_object_where_it_is() -> None:
     jupiter = NAMES.index("jupiter")
     east, north, up = bodies.track.directions(utc_ns)[jupiter]
     mount = {"azimuth_deg": np.degrees(np.arctan2(east, north)), "altitude_deg": np.degrees(np.arcsin(up))}
-    night = scenario(device={"mount": mount})
-    seen = PanoramaSource(night.device_for(STATION), night, np.random.default_rng(1)).expose(utc_ns, 0.05, 20.0)
+    setting = scenario(device={"mount": mount})
+    seen = PanoramaSource(setting.device_for(STATION), setting, np.random.default_rng(1)).expose(utc_ns, 0.05, 20.0)
     assert seen.xy_px[0] == pytest.approx([511.5, 511.5], abs=1.5)
     assert bodies.magnitude[jupiter] == pytest.approx(-2.2, abs=0.2)  # Astronomical Almanac 2026, March

@@ -1,16 +1,16 @@
 """The operator is told once, clearly."""
 
 from drivers.chunk import LinkEvent
-from gse.station.announcer import Teller
+from gse.station.announcer import Announcer
 
 
 def test_each_kind_of_event_is_said_once_and_then_counted() -> None:
     said: list[str] = []
-    teller = Teller(said.append)
+    teller = Announcer(said.append)
     for number in range(5):
-        teller.log(LinkEvent(1_774_000_000_000_000_000 + number, 0, "LOST", "the port is gone"))
-        teller.log(LinkEvent(1_774_000_000_000_000_000 + number, 0, "STREAMING", "valid frames come"))
-    teller.log(LinkEvent(0, 0, "CLOCK_STEP", "the clock stepped"))
+        teller.on_event(LinkEvent(1_774_000_000_000_000_000 + number, 0, "LOST", "the port is gone"))
+        teller.on_event(LinkEvent(1_774_000_000_000_000_000 + number, 0, "STREAMING", "valid frames come"))
+    teller.on_event(LinkEvent(0, 0, "CLOCK_STEP", "the clock stepped"))
     assert said == [
         "2026-03-20T09:46:40.0Z LOST: the port is gone",
         "2026-03-20T09:46:40.0Z STREAMING: valid frames come",

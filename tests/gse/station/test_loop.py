@@ -6,11 +6,11 @@ from drivers.chunk import Chunk, LinkEvent
 from drivers.link import SerialLink
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S
-from gse.sessions.replay import Cut
+from gse.sessions.replay import ReplayOptions
 from gse.station.loop import StationLoop
 from gse.station.results import FrameResult
-from gse.station.session_data import Night
-from gse.station.setup import prepare
+from gse.station.session_data import SessionData
+from gse.station.setup import set_up
 from protocols import StatusMessage, load_protocol
 
 START_NS = 1_774_018_800 * NS_PER_S
@@ -25,11 +25,11 @@ class Heard:
     def __init__(self) -> None:
         self.told: list[object] = []
 
-    def show(self, result: FrameResult, night: Night) -> None:
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
         answer = result.identification.stars.tolist() if result.identification else None
-        self.told.append((result.panorama.utc_ns, result.status, answer, result.discrepancy, result.judge))
+        self.told.append((result.panorama.utc_ns, result.status, answer, result.attitude_error, result.answer_check))
 
-    def log(self, event: LinkEvent) -> None:
+    def on_event(self, event: LinkEvent) -> None:
         self.told.append(event)
 
 
@@ -43,29 +43,29 @@ def status() -> bytes:
 
 
 def test_a_silence_before_the_port_is_lost_has_its_place_before_it_in_a_replay_too() -> None:
-    equipment = prepare(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, utc_ns=START_NS)
-    live, replayed = StationLoop(equipment), StationLoop(equipment)
+    setup = set_up(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, utc_ns=START_NS)
+    live, replayed = StationLoop(setup), StationLoop(setup)
     opened, data = LinkEvent(*at(0), "OPENED", "the port is open"), Chunk(*at(1), status())
     lost = LinkEvent(*at(20), "LOST", "the port is gone")
     for item in (opened, data, lost):
         live.pass_time(item.utc_ns, item.mono_ns)
         live.take([item])
         replayed.take([item])
-    kinds = [event.kind for event in replayed.night.events]
+    kinds = [event.kind for event in replayed.session.events]
     assert kinds == ["OPENED", "WAITING", "SYNCING", "STREAMING", "STALE", "LOST", "NO_PORT"]
-    assert replayed.night.events == live.night.events
+    assert replayed.session.events == live.session.events
 
 
 def test_panoramas_that_waited_together_are_told_as_if_each_had_come_alone() -> None:
-    with SerialLink(Cut().url(FAULTS)) as link:
+    with SerialLink(ReplayOptions().url(FAULTS)) as link:
         items = link.receive(1.0)
     heard = []
     for rounds in ([[item] for item in items], [items]):
-        loop = StationLoop(prepare(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, utc_ns=items[0].utc_ns))
-        loop.sinks = [Heard()]
+        loop = StationLoop(set_up(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, utc_ns=items[0].utc_ns))
+        loop.listeners = [Heard()]
         for waiting in rounds:
             loop.take(waiting)
-        heard.append(loop.sinks[0].told)
+        heard.append(loop.listeners[0].told)
     assert heard[0] == heard[1]
     assert sum(isinstance(told, LinkEvent) for told in heard[0]) > 1
     assert sum(isinstance(told, tuple) for told in heard[0]) > 50

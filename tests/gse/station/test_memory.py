@@ -10,16 +10,16 @@ import pytest
 from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
 from gse.assessment.verdict import judge
-from gse.report.drawn import Drawn
+from gse.report.plot_data import PlotData
 from gse.station.frame_table import FRAME
 from gse.station.results import NO_MATCHES
-from gse.station.session_data import Night
+from gse.station.session_data import SessionData
 
 FRAMES = 30_000
 
 
 @pytest.fixture(scope="module")
-def night() -> Night:
+def session() -> SessionData:
     made = synthetic_night(1000)
     pattern = [replace(frame, matches=NO_MATCHES) for frame in synthetic_frames(1000)]
     for number in range(1000, FRAMES):
@@ -29,15 +29,15 @@ def night() -> Night:
     return made
 
 
-@pytest.mark.parametrize(("made_of", "most_rows"), [(judge, 2.2), (Drawn.of, 0.6)], ids=["judged", "drawn"])
+@pytest.mark.parametrize(("made_of", "most_rows"), [(judge, 2.2), (PlotData.of, 0.6)], ids=["judged", "drawn"])
 def test_a_night_is_made_sense_of_without_copies_of_its_rows(
-    night: Night, made_of: Callable[[Night], object], most_rows: float
+    session: SessionData, made_of: Callable[[SessionData], object], most_rows: float
 ) -> None:
     """Where whole rows were selected and sorted it took 5.9 and 3.2 times the memory of the frames beside them."""
-    made_of(night)
+    made_of(session)
     tracemalloc.start()
     try:
-        made_of(night)
+        made_of(session)
         assert tracemalloc.get_traced_memory()[1] < most_rows * FRAME.itemsize * FRAMES
     finally:
         tracemalloc.stop()
@@ -46,9 +46,9 @@ def test_a_night_is_made_sense_of_without_copies_of_its_rows(
 SIZE_AND_RESIDENT = r"""
 import re
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.station.setup import prepare
+from gse.station.setup import set_up
 
-prepare(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT)
+set_up(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT)
 maps = open("/proc/self/smaps").read()
 print(*re.search(r" r-xp .*libllvmlite.*\nSize: +(\d+) kB\n(?:.*\n)*?Rss: +(\d+) kB", maps).groups())
 """

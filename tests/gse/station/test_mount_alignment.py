@@ -11,7 +11,7 @@ from gse.errors import ConfigError, UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.panorama import Panorama
 from gse.station.mount_alignment import FirstSeconds, MeasuredMounts, cross_judged
-from gse.station.results import FrameResult, Judge, Status
+from gse.station.results import AnswerCheck, FrameResult, Status
 from gse.truth import EarthOrientation, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations
 
 ARCSEC = np.pi / 180 / 3600
@@ -104,7 +104,7 @@ def test_false_and_unanswered_frames_enter_no_fit():
         "",
         "neighbour",
         attitude_geometric=result.attitude_geometric,
-        judge=Judge.FALSE,
+        answer_check=AnswerCheck.FALSE,
     )
     measured.add(false, TRUTH)
     assert len(measured) == 0

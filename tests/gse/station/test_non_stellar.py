@@ -8,7 +8,7 @@ from gse.camera import Camera
 from gse.config.station import Site
 from gse.instant import from_text
 from gse.panorama import Panorama
-from gse.station.non_stellar import HOT_PIXEL, UNKNOWN, NonStars
+from gse.station.non_stellar import HOT_PIXEL, UNKNOWN, NonStellarObjects
 
 CAMERA = Camera(1024, 1024, 4170.0, (511.5, 511.5))
 SITE = Site(latitude_deg=-6.53, longitude_deg=106.7)
@@ -27,7 +27,7 @@ def panorama(second: float, *xy_px: tuple[float, float]) -> Panorama:
     return Panorama(NIGHT_NS + round(second * 1e9), places, np.full(len(places), 100.0))
 
 
-def kinds(names: NonStars, second: float, *xy_px: tuple[float, float]) -> list[str]:
+def kinds(names: NonStellarObjects, second: float, *xy_px: tuple[float, float]) -> list[str]:
     found = name(names, panorama(second, *xy_px), NONE, sky(second), truth_known=False)
     return [kind for _, kind in found]
 
@@ -38,7 +38,7 @@ def name(names, panorama, identified, attitude, *, truth_known):
 
 
 def test_what_stays_on_its_pixel_while_the_sky_moves_is_a_hot_pixel() -> None:
-    names = NonStars(CAMERA, SITE)
+    names = NonStellarObjects(CAMERA, SITE)
     assert kinds(names, 0, (200.0, 300.0)) == [UNKNOWN]
     for second in range(1, 12):
         assert kinds(names, second, (200.0, 300.0)) == [UNKNOWN]
@@ -48,7 +48,7 @@ def test_what_stays_on_its_pixel_while_the_sky_moves_is_a_hot_pixel() -> None:
 
 
 def test_what_moves_with_the_sky_is_no_hot_pixel() -> None:
-    names = NonStars(CAMERA, SITE)
+    names = NonStellarObjects(CAMERA, SITE)
     star = CAMERA.directions(np.array([[200.0, 300.0]])) @ sky(0).icrs_to_sensor
     for second in range(60):
         x, y = CAMERA.pixels(star @ sky(second).icrs_to_sensor.T)[0]
@@ -56,37 +56,41 @@ def test_what_moves_with_the_sky_is_no_hot_pixel() -> None:
 
 
 def test_a_sky_that_stands_still_proves_no_hot_pixel() -> None:
-    names = NonStars(CAMERA, SITE)
+    names = NonStellarObjects(CAMERA, SITE)
     for second in range(60):
         still = name(names, panorama(second, (200.0, 300.0)), NONE, sky(0), truth_known=False)
         assert still == ((0, UNKNOWN),)
 
 
 def test_a_known_hot_pixel_is_named_at_once() -> None:
-    assert kinds(NonStars(CAMERA, SITE, ((200, 300),)), 0, (200.0, 300.0)) == [HOT_PIXEL]
+    assert kinds(NonStellarObjects(CAMERA, SITE, ((200, 300),)), 0, (200.0, 300.0)) == [HOT_PIXEL]
 
 
 def test_a_planet_stands_where_the_ephemeris_has_it() -> None:
     attitude = Attitude.from_angles(*JUPITER_ICRS, 0.0)
-    named = name(NonStars(CAMERA, SITE), panorama(0, (511.5, 511.5), (600.0, 600.0)), NONE, attitude, truth_known=True)
+    named = name(
+        NonStellarObjects(CAMERA, SITE), panorama(0, (511.5, 511.5), (600.0, 600.0)), NONE, attitude, truth_known=True
+    )
     assert named == ((0, "Jupiter"), (1, UNKNOWN))
 
 
 def test_identified_objects_are_left_out() -> None:
-    named = name(NonStars(CAMERA, SITE), panorama(0, (1.0, 1.0), (2.0, 9.0)), np.array([0]), sky(0), truth_known=False)
+    named = name(
+        NonStellarObjects(CAMERA, SITE), panorama(0, (1.0, 1.0), (2.0, 9.0)), np.array([0]), sky(0), truth_known=False
+    )
     assert named == ((1, UNKNOWN),)
 
 
 @pytest.mark.parametrize("x", [200.4, 200.6])
 def test_a_sub_pixel_position_at_the_edge_of_a_pixel_is_still_the_same_pixel(x: float) -> None:
-    names = NonStars(CAMERA, SITE)
+    names = NonStellarObjects(CAMERA, SITE)
     for second in range(30):
         last = kinds(names, second, (200.5 if second % 2 else x, 300.0))
     assert last == [HOT_PIXEL]
 
 
 def test_two_stars_that_follow_each_other_over_a_pixel_are_no_hot_pixel():
-    names = NonStars(CAMERA, SITE)
+    names = NonStellarObjects(CAMERA, SITE)
     stars = CAMERA.directions(np.array([[200.0, 300.0], [206.2, 300.0]])) @ sky(0).icrs_to_sensor
     for tenth in range(600):
         attitude = sky(tenth / 10)
@@ -98,7 +102,7 @@ def test_two_stars_that_follow_each_other_over_a_pixel_are_no_hot_pixel():
 
 
 def test_more_pixels_than_are_remembered_forget_the_oldest():
-    names = NonStars(CAMERA, SITE)
+    names = NonStellarObjects(CAMERA, SITE)
     generator = np.random.default_rng(1)
     for second in range(40):
         crowd = generator.integers(0, 1024, (400, 2)).astype(float)

@@ -185,5 +185,5 @@ def test_objects_that_come_unsorted_are_brightest_first_in_the_panorama() -> Non
     )
     chunk = Chunk(*arrival(0), PROTOCOL.encode(message, sequence=1))
     (panorama,) = panoramas(received(Reception(PROTOCOL, baudrate=BAUDRATE), chunk))
-    assert panorama.index.tolist() == [200, 100]
+    assert panorama.brightness.tolist() == [200, 100]
     assert panorama.xy_px.tolist() == [[30, 40], [10, 20]]

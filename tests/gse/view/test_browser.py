@@ -14,7 +14,7 @@ from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_nig
 from gse.drawing.palette import ORANGE, PINK, SKY_BLUE, VERMILLION
 from gse.view.live import LiveView
 from gse.view.page import ViewerPage
-from gse.view.saved import SavedView
+from gse.view.saved_view import SavedView
 
 DRAWN_WITHIN_MS = 60_000
 FRAMES = 299
@@ -24,14 +24,14 @@ FRAMES = 299
 @contextmanager
 def sent_again_and_again(view: LiveView) -> Iterator[None]:
     """Frames keep coming while the page is looked at, as on the roof."""
-    night = synthetic_night(20)
+    session = synthetic_night(20)
     ended = threading.Event()
 
     def send() -> None:
-        for event in night.events:
-            view.log(event)
+        for event in session.events:
+            view.on_event(event)
         for frame in synthetic_frames(FRAMES):
-            view.show(frame, night)
+            view.on_result(frame, session)
         ended.wait()
 
     sender = threading.Thread(target=send)
@@ -89,11 +89,11 @@ def test_the_live_page_draws_what_is_sent_and_no_request_leaves_the_machine() ->
 
 def test_a_saved_night_is_shown_by_the_same_page(tmp_path: Path) -> None:
     chromium()
-    night = synthetic_night(FRAMES)
-    saved = SavedView(night.station, small_catalog(), tmp_path / "night.rrd")
+    session = synthetic_night(FRAMES)
+    saved = SavedView(session.station, small_catalog(), tmp_path / "night.rrd")
     for frame in synthetic_frames(FRAMES):
-        saved.show(frame, night)
-    saved.finish(night, "PASS", ["all limits are kept"])
+        saved.on_result(frame, session)
+    saved.finish(session, "PASS", ["all limits are kept"])
     with ViewerPage("127.0.0.1", 0, recording=tmp_path / "night.rrd") as page, visit() as seen:
         seen.page.goto(page.url)
         assert_all_is_drawn(wait_until_drawn(seen.page))

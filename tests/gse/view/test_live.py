@@ -34,7 +34,7 @@ def frames():
 
 
 @pytest.fixture(scope="module")
-def night():
+def session():
     return synthetic_night(20)
 
 
@@ -42,47 +42,47 @@ def view_threads() -> list[threading.Thread]:
     return [thread for thread in threading.enumerate() if thread.name in ("live view", "viewer page")]
 
 
-def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, night, tmp_path: Path) -> None:
+def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
-    with LiveView(night.station, mode="none", save_rrd=path, catalog=small_catalog()) as view:
-        for event in night.events:
-            view.log(event)
+    with LiveView(session.station, mode="none", save_rrd=path, catalog=small_catalog()) as view:
+        for event in session.events:
+            view.on_event(event)
         for frame in frames:
-            view.show(frame, night)
+            view.on_result(frame, session)
         view.conclude("PASS", ["all limits are kept"])
     rows = rows_of(path)
     assert view.dropped == 0
     assert len(moving(rows["/d_ra/value"])) == FRAMES
-    assert len(moving(rows["/clock"])) == len(night.clock)
-    assert len(moving(rows["/link"])) == len(night.events)
+    assert len(moving(rows["/clock"])) == len(session.clock)
+    assert len(moving(rows["/link"])) == len(session.events)
     assert moving(rows["/verdict"])[-1]["TextDocument:text"][0].startswith("# ✔ PASS\n- all limits are kept")
     assert view_threads() == []
 
 
-def test_frames_that_the_view_has_no_room_for_are_dropped_and_counted(frames, night, tmp_path: Path) -> None:
+def test_frames_that_the_view_has_no_room_for_are_dropped_and_counted(frames, session, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
-    with LiveView(night.station, mode="none", save_rrd=path, queue_frames=10) as view:
+    with LiveView(session.station, mode="none", save_rrd=path, queue_frames=10) as view:
         for frame in frames:
-            view.show(frame, night)
+            view.on_result(frame, session)
     shown = len(moving(rows_of(path)["/d_ra/value"]))
     assert view.dropped > 0
     assert shown + view.dropped == FRAMES
 
 
-def test_what_was_dropped_is_told_in_the_panel(frames, night, tmp_path: Path) -> None:
+def test_what_was_dropped_is_told_in_the_panel(frames, session, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
-    view = LiveView(night.station, mode="none", save_rrd=path, queue_frames=5)
+    view = LiveView(session.station, mode="none", save_rrd=path, queue_frames=5)
     for frame in frames:
-        view.show(frame, night)
+        view.on_result(frame, session)
     view.close()
     assert "not shown here:" in moving(rows_of(path)["/verdict"])[-1]["TextDocument:text"][0]
 
 
-def test_a_page_that_nobody_opens_starts_no_program_and_holds_nothing_up(frames, night) -> None:
-    with LiveView(night.station, mode="web") as view:
+def test_a_page_that_nobody_opens_starts_no_program_and_holds_nothing_up(frames, session) -> None:
+    with LiveView(session.station, mode="web") as view:
         assert view.url.startswith("http://127.0.0.1:")
         for frame in frames:
-            view.show(frame, night)
+            view.on_result(frame, session)
     assert view.dropped == 0
     assert view_threads() == []
 
@@ -100,30 +100,30 @@ def wait_until_connected(port: int) -> None:
 
 
 def test_a_view_that_breaks_ends_with_one_line_and_the_session_goes_on(
-    frames, night, caplog: pytest.LogCaptureFixture
+    frames, session, caplog: pytest.LogCaptureFixture
 ) -> None:
     wrong = replace(frames[0], panorama=replace(frames[0].panorama, xy_px=frames[0].panorama.xy_px[:3]))
-    with LiveView(night.station, mode="none") as view:
-        view.show(wrong, night)
-        view.show(frames[1], night)
+    with LiveView(session.station, mode="none") as view:
+        view.on_result(wrong, session)
+        view.on_result(frames[1], session)
     (record,) = caplog.records
     assert record.getMessage().startswith("the live view has ended")
     assert record.getMessage().endswith("the session goes on")
 
 
 def test_a_view_that_cannot_open_is_told_and_the_session_goes_on(
-    frames, night, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    frames, session, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with ViewerPage("127.0.0.1", 0, grpc_port=9876) as page:
         port = int(page.url.rsplit(":", 1)[1].strip("/"))
         for mode in ("native", "web"):
-            with LiveView(night.station, mode=mode, port=port) as view:
-                view.show(frames[0], night)
+            with LiveView(session.station, mode=mode, port=port) as view:
+                view.on_result(frames[0], session)
             assert view.url == ""
-    with LiveView(night.station, mode="web", bind="192.0.2.1") as view:
-        view.show(frames[0], night)
+    with LiveView(session.station, mode="web", bind="192.0.2.1") as view:
+        view.on_result(frames[0], session)
     native, web, elsewhere = (record.getMessage() for record in caplog.records)
     assert "there is no screen for a window here" in native
     assert f"port {port}: Address already in use" in web
@@ -133,8 +133,8 @@ def test_a_view_that_cannot_open_is_told_and_the_session_goes_on(
 
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="needs /proc/net/tcp to see the viewer connect")
 @pytest.mark.parametrize("harm", [signal.SIGSTOP, signal.SIGKILL], ids=["frozen", "killed"])
-def test_a_viewer_that_is_frozen_or_killed_holds_nothing_up(frames, night, harm: signal.Signals) -> None:
-    view = LiveView(night.station, mode="web")
+def test_a_viewer_that_is_frozen_or_killed_holds_nothing_up(frames, session, harm: signal.Signals) -> None:
+    view = LiveView(session.station, mode="web")
     data = f"rerun+http://127.0.0.1:{view.grpc_port}/proxy"
     viewer = subprocess.Popen(
         [str(rerun_program()), "--headless", "--connect", data, "--port", "auto"],
@@ -144,12 +144,12 @@ def test_a_viewer_that_is_frozen_or_killed_holds_nothing_up(frames, night, harm:
     )
     try:
         for frame in frames[:100]:
-            view.show(frame, night)
+            view.on_result(frame, session)
         wait_until_connected(view.grpc_port)
         viewer.send_signal(harm)
         for _ in range(5):
             for frame in frames:
-                view.show(frame, night)
+                view.on_result(frame, session)
         closer = threading.Thread(target=view.close)
         closer.start()
         closer.join(15)

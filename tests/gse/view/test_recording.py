@@ -12,7 +12,7 @@ from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_nig
 
 from gse.errors import UsageError
 from gse.station.results import Status
-from gse.view.saved import SavedView
+from gse.view.saved_view import SavedView
 from gse.view.scene import Scene
 
 FRAMES = 700
@@ -32,13 +32,13 @@ def frames():
 @pytest.fixture(scope="module")
 def rows(frames, tmp_path_factory: pytest.TempPathFactory):
     path = tmp_path_factory.mktemp("view") / "night.rrd"
-    night = synthetic_night(FRAMES)
-    view = SavedView(night.station, small_catalog(), path)
-    for event in night.events:
-        view.log(event)
+    session = synthetic_night(FRAMES)
+    view = SavedView(session.station, small_catalog(), path)
+    for event in session.events:
+        view.on_event(event)
     for frame in frames:
-        view.show(frame, night)
-    view.finish(night, "FAIL", ["mean |dRA*| is 75.0 arcsec, the limit is 60"])
+        view.on_result(frame, session)
+    view.finish(session, "FAIL", ["mean |dRA*| is 75.0 arcsec, the limit is 60"])
     return rows_of(path)
 
 
@@ -55,7 +55,7 @@ def test_each_frame_is_one_row_of_each_series_at_its_own_instant(rows, frames) -
 
 def test_errors_stand_between_their_limits_and_a_frame_without_answer_is_a_gap(rows, frames) -> None:
     found = values(rows, "/d_ra/value")
-    expected = [math.nan if f.discrepancy is None else f.discrepancy.d_ra_cosde_arcsec for f in frames]
+    expected = [math.nan if f.attitude_error is None else f.attitude_error.d_ra_cosde_arcsec for f in frames]
     assert np.allclose(found[:, 0], expected, atol=0.0006, equal_nan=True)
     assert np.isnan(found[49, 0])
     assert (found[:, 1:] == [60, -60]).all()
@@ -64,10 +64,10 @@ def test_errors_stand_between_their_limits_and_a_frame_without_answer_is_a_gap(r
 @pytest.mark.parametrize("live", [False, True])
 def test_no_line_is_drawn_across_an_outage(tmp_path: Path, live) -> None:
     slow, path = list(synthetic_frames(4, rate_hz=0.1)), tmp_path / "outage.rrd"
-    night = synthetic_night(4)
+    session = synthetic_night(4)
     stream = rerun.RecordingStream("gse", send_properties=False)
     stream.set_sinks(rerun.FileSink(str(path)))
-    scene = Scene(stream, night.station, None, live=live)
+    scene = Scene(stream, session.station, None, live=live)
     for batch in (slow[:2], slow[2:3], slow[3:]):
         scene.add(batch)
     stream.disconnect()
@@ -96,8 +96,8 @@ def test_objects_of_a_panorama_are_told_apart_by_kind(rows, frames) -> None:
     assert kinds["planets"][0]["Points2D:labels"] == ["Jupiter"]
     assert np.allclose(kinds["hot"][0]["Points2D:positions"], [[300, 700]])
     shown = sum(len(kind[0]["Points2D:positions"]) for kind in kinds.values())
-    assert shown == len(frames[0].panorama.index)
-    assert len(kinds["unidentified"][49]["Points2D:positions"]) == len(frames[49].panorama.index)
+    assert shown == len(frames[0].panorama.brightness)
+    assert len(kinds["unidentified"][49]["Points2D:positions"]) == len(frames[49].panorama.brightness)
 
 
 def test_brighter_objects_are_drawn_larger(rows, frames) -> None:
@@ -127,7 +127,7 @@ def test_scatter_and_track_hold_every_compared_frame_once(rows, frames) -> None:
 
 def test_the_scatter_has_d_de_upwards(rows, frames) -> None:
     first = moving(rows["/scatter/points"])[0]["Points2D:positions"][0]
-    found = frames[0].discrepancy
+    found = frames[0].attitude_error
     assert np.allclose(first, [found.d_ra_cosde_arcsec, -found.d_de_arcsec], atol=0.01)
 
 
@@ -138,7 +138,7 @@ def test_the_track_lies_on_the_sphere_where_the_attitude_points(rows, frames) ->
 
 def test_the_rings_are_one_and_three_sigma_about_the_mean(rows, frames) -> None:
     last = moving(rows["/scatter/rings"])[-1]["LineStrips2D:strips"]
-    errors = np.array([f.discrepancy.d_ra_cosde_arcsec for f in frames if f.discrepancy])
+    errors = np.array([f.attitude_error.d_ra_cosde_arcsec for f in frames if f.attitude_error])
     for ring, n in zip(last, (1, 3), strict=True):
         assert np.ptp(np.array(ring)[:, 0]) == pytest.approx(2 * n * errors.std(ddof=1), rel=0.01)
 

@@ -11,96 +11,96 @@ from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
-from gse.station.results import Judge, LinkCounters, Status
-from gse.view.running import Moments, Running
+from gse.station.results import AnswerCheck, LinkCounters, Status
+from gse.view.running_statistics import Moments, Running
 from gse.view.status import StatusLine
-from gse.view.words import verdict_so_far
+from gse.view.verdict_text import verdict_so_far
 
 
-def told(night, frames, *, folder: Path | None = None, terminal: bool = False) -> str:
+def told(session, frames, *, folder: Path | None = None, terminal: bool = False) -> str:
     """All that a status line writes about some frames."""
     screen = io.StringIO()
     console = Console(file=screen, force_terminal=terminal, width=200, highlight=False)
-    with StatusLine(night.station, folder, console) as status:
-        for event in night.events:
-            status.log(event)
+    with StatusLine(session.station, folder, console) as status:
+        for event in session.events:
+            status.on_event(event)
         for frame in frames:
-            status.show(frame, night)
+            status.on_result(frame, session)
     return screen.getvalue()
 
 
 @pytest.fixture
-def night():
+def session():
     return synthetic_night(20)
 
 
-def test_without_a_terminal_a_line_comes_every_ten_seconds_of_the_data(night) -> None:
-    lines = [line for line in told(night, synthetic_frames(301)).splitlines() if "identified" in line]
+def test_without_a_terminal_a_line_comes_every_ten_seconds_of_the_data(session) -> None:
+    lines = [line for line in told(session, synthetic_frames(301)).splitlines() if "identified" in line]
     assert [line[:9] for line in lines] == ["18:30:00Z", "18:30:10Z", "18:30:20Z", "18:30:30Z"]
 
 
-def test_the_line_says_all_that_matters(night, tmp_path: Path) -> None:
-    text = told(night, synthetic_frames(301), folder=tmp_path)
+def test_the_line_says_all_that_matters(session, tmp_path: Path) -> None:
+    text = told(session, synthetic_frames(301), folder=tmp_path)
     line = [line for line in text.splitlines() if "identified" in line][-1]
     for words in ("link closed", "301 frames at 10.0/s", "98.0 % identified", "dRA* +6.", "dDE -3.", "NEA ", "GB free"):
         assert words in line
     assert "clock within 1 ms" in line
 
 
-def test_a_session_folder_that_is_gone_is_said_and_ends_nothing(night, tmp_path: Path) -> None:
-    text = told(night, synthetic_frames(301), folder=tmp_path / "removed")
+def test_a_session_folder_that_is_gone_is_said_and_ends_nothing(session, tmp_path: Path) -> None:
+    text = told(session, synthetic_frames(301), folder=tmp_path / "removed")
     assert "disk: No such file or directory" in text.splitlines()[-1]
 
 
-def test_a_sky_without_answers_is_shouted_and_forgotten_when_they_come_again(night) -> None:
+def test_a_sky_without_answers_is_shouted_and_forgotten_when_they_come_again(session) -> None:
     frames = list(synthetic_frames(400, trouble=False))
     clouded = [
-        replace(frame, status=Status.TOO_FEW, discrepancy=None) if 80 <= number < 210 else frame
+        replace(frame, status=Status.TOO_FEW, attitude_error=None) if 80 <= number < 210 else frame
         for number, frame in enumerate(frames)
     ]
-    lines = [line for line in told(night, clouded).splitlines() if "identified" in line]
+    lines = [line for line in told(session, clouded).splitlines() if "identified" in line]
     assert ["NO ANSWER" in line for line in lines] == [False, True, True, False]
     assert "NO ANSWER for 12 s, " in lines[2]
-    running = Running(night.station.limits)
+    running = Running(session.station.limits)
     for frame in clouded[:150]:
         running.add(frame)
-    assert verdict_so_far(running, night.link).startswith("# Running: NO ANSWER for 7 s, ")
+    assert verdict_so_far(running, session.link).startswith("# Running: NO ANSWER for 7 s, ")
 
 
-def test_lost_frames_stand_beside_those_that_came(night) -> None:
-    night.link.frames_lost = 0
-    assert " lost" not in told(night, synthetic_frames(1))
-    night.link.frames_lost = 7
-    assert "1 frames  7 lost  " in told(night, synthetic_frames(1))
+def test_lost_frames_stand_beside_those_that_came(session) -> None:
+    session.link.frames_lost = 0
+    assert " lost" not in told(session, synthetic_frames(1))
+    session.link.frames_lost = 7
+    assert "1 frames  7 lost  " in told(session, synthetic_frames(1))
 
 
-def test_an_unsynchronised_clock_is_shouted(night) -> None:
-    night.clock = [ClockReading(0, 0, "unsynchronised", False, 0.0, 16.0)]
-    assert "clock NOT synchronised" in told(night, synthetic_frames(1))
+def test_an_unsynchronised_clock_is_shouted(session) -> None:
+    session.clock = [ClockReading(0, 0, "unsynchronised", False, 0.0, 16.0)]
+    assert "clock NOT synchronised" in told(session, synthetic_frames(1))
 
 
-def test_the_verdict_panel_says_once_that_the_clock_is_not_synchronised(night) -> None:
+def test_the_verdict_panel_says_once_that_the_clock_is_not_synchronised(session) -> None:
     reading = ClockReading(0, 0, "unsynchronised", False, 0.0, 16.0)
-    text = verdict_so_far(Running(night.station.limits), night.link, reading)
+    text = verdict_so_far(Running(session.station.limits), session.link, reading)
     assert "- clock: NOT synchronised" in text.splitlines()
 
 
-def test_events_are_told_once_and_then_counted(night) -> None:
-    night.events = [LinkEvent(0, 0, "LOST", f"unplugged {n}") for n in range(5)]
-    text = told(night, [])
+def test_events_are_told_once_and_then_counted(session) -> None:
+    session.events = [LinkEvent(0, 0, "LOST", f"unplugged {n}") for n in range(5)]
+    text = told(session, [])
     assert text.count("unplugged") == 1
     assert "LOST 4 x" in text
 
 
-def test_on_a_terminal_the_line_is_renewed_and_taken_away(night) -> None:
-    night.events = []
-    text = told(night, synthetic_frames(301), terminal=True)
+def test_on_a_terminal_the_line_is_renewed_and_taken_away(session) -> None:
+    session.events = []
+    text = told(session, synthetic_frames(301), terminal=True)
     assert text.count("identified") <= 3
     assert text.endswith("\x1b[2K")
 
 
-def test_before_the_first_frame_nothing_is_claimed(night) -> None:
-    line = StatusLine(night.station).line().plain
+def test_before_the_first_frame_nothing_is_claimed(session) -> None:
+    line = StatusLine(session.station).line().plain
     assert line == "no link  0 frames  - identified  dRA* -  dDE -  NEA -, - arcsec  clock not read"
 
 
@@ -114,20 +114,20 @@ def test_moments_are_those_of_numpy() -> None:
     assert moments.nea == pytest.approx(((9 + 36 + 90.25) / 6) ** 0.5)
 
 
-def test_running_figures_count_answers_limits_and_false_ones(night) -> None:
-    running = Running(night.station.limits)
+def test_running_figures_count_answers_limits_and_false_ones(session) -> None:
+    running = Running(session.station.limits)
     frames = list(synthetic_frames(422))
     for frame in frames:
         running.add(frame)
     assert running.frames == 422
     assert running.identified == pytest.approx(1 - 8 / 422)
     assert running.d_ra.n - running.inside == 2
-    assert running.false_answers == sum(frame.judge is Judge.FALSE for frame in frames) == 0
+    assert running.false_answers == sum(frame.answer_check is AnswerCheck.FALSE for frame in frames) == 0
     assert running.frames_per_s == pytest.approx(10)
 
 
-def test_lost_frames_make_the_verdict_panel_bad_though_all_that_came_were_identified(night) -> None:
-    running = Running(night.station.limits)
+def test_lost_frames_make_the_verdict_panel_bad_though_all_that_came_were_identified(session) -> None:
+    running = Running(session.station.limits)
     for frame in synthetic_frames(90, trouble=False):
         running.add(frame)
     assert verdict_so_far(running, LinkCounters()).startswith("# Running: inside the limits")

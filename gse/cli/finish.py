@@ -11,31 +11,31 @@ import numpy as np
 from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.errors import UsageError
 from gse.station.exclusions import Exclusion
-from gse.station.session_data import Night
+from gse.station.session_data import SessionData
 
 
 def conclude(
-    night: Night,
+    session: SessionData,
     folder: Path,
     own_elapsed_us: "array[float]",
     clock_error_s: float | None,
-    left_out: tuple[Exclusion, ...] = (),
+    excluded: tuple[Exclusion, ...] = (),
 ) -> dict[str, Any]:
     """Judge a night, write its report into a folder and this host's own times beside it; the report."""
     from gse.assessment.verdict import judge
     from gse.release_memory import give_back
     from gse.report import summarise, write_report
-    from gse.station.setup import forget
+    from gse.station.setup import clear_caches
 
-    forget()
+    clear_caches()
     if clock_error_s is not None:
-        night.clock_error_s = clock_error_s
-    night.left_out = left_out
-    judgement = judge(night)
-    report = summarise(night, judgement)
+        session.clock_error_s = clock_error_s
+    session.excluded = excluded
+    assessment = judge(session)
+    report = summarise(session, assessment)
     give_back()
     try:
-        write_report(night, judgement, folder)
+        write_report(session, assessment, folder)
         (folder / "timing.json").write_text(json.dumps(_timing(own_elapsed_us), indent=2) + "\n")
     except (UsageError, OSError) as error:
         # The verdict is worth more than the file that it does not fit into.

@@ -4,16 +4,16 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from gse.assessment.verdict import Judgement
+from gse.assessment.verdict import Assessment
 from gse.errors import UsageError
 from gse.report.frames_csv import frames_csv
 from gse.report.junit import junit_xml
 from gse.report.page import report_html
 from gse.report.summary import summarise
-from gse.station.session_data import Night
+from gse.station.session_data import SessionData
 
 
-def write_report(night: Night, judgement: Judgement, folder: Path) -> dict[str, Path]:
+def write_report(session: SessionData, assessment: Assessment, folder: Path) -> dict[str, Path]:
     """Write report.json, report.html, frames.csv and junit.xml; their paths by name.
 
     All four follow from the night alone: the same session gives the same bytes. An earlier report in the folder is
@@ -21,11 +21,11 @@ def write_report(night: Night, judgement: Judgement, folder: Path) -> dict[str, 
     """
     if not folder.is_dir():
         raise UsageError(f"cannot write the report into {folder}: there is no such folder")
-    report = summarise(night, judgement)
+    report = summarise(session, assessment)
     texts: dict[str, Iterable[str]] = {
         "report.json": [json.dumps(report, indent=2, allow_nan=False) + "\n"],
-        "report.html": [report_html(night, judgement, report)],
-        "frames.csv": frames_csv(night.frames.columns),
+        "report.html": [report_html(session, assessment, report)],
+        "frames.csv": frames_csv(session.frames.columns),
         "junit.xml": [junit_xml(report)],
     }
     paths = {name: folder / name for name in texts}

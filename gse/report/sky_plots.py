@@ -12,7 +12,7 @@ from gse.camera import Camera
 from gse.drawing.outline import field_outline_icrs
 from gse.drawing.palette import BLUE, GREEN, VERMILLION, hex_of
 from gse.report.decimation import sample
-from gse.report.drawn import Drawn
+from gse.report.plot_data import PlotData
 
 _MAX_POINTS = 1500
 _CELLS = 12
@@ -22,7 +22,7 @@ _NEAR_POLE_DEG = 75.0
 ARCSEC_PER_RAD = 180 * 3600 / np.pi
 
 
-def draw_sky(figure: Figure, drawn: Drawn) -> None:
+def draw_sky(figure: Figure, drawn: PlotData) -> None:
     """Measured and true boresight on the sky, and the field of view at the beginning and the end."""
     answered = np.flatnonzero(~drawn.unidentified)
     measured = drawn.frames[answered[sample(len(answered), _MAX_POINTS)]]
@@ -31,7 +31,7 @@ def draw_sky(figure: Figure, drawn: Drawn) -> None:
     place = _Places(axes, measured, polar=near_pole)
     place.draw(measured["ra_true_deg"], measured["de_true_deg"], color=hex_of(VERMILLION), linewidth=4, label="true")
     place.draw(measured["ra_deg"], measured["de_deg"], color=hex_of(BLUE), linewidth=1, label="measured")
-    camera = drawn.night.station.sensor.camera()
+    camera = drawn.session.station.sensor.camera()
     for frame, style in ((measured[:1], ":"), (measured[-1:], "-")):
         if len(frame):
             place.draw(*_outline(frame[0], camera), color=hex_of(GREEN), linestyle=style)
@@ -74,10 +74,10 @@ def _outline(frame: np.void, camera: Camera) -> tuple[NDArray[np.float64], NDArr
     return ra_deg, np.degrees(np.arctan2(z, np.hypot(x, y)))
 
 
-def draw_residual_map(figure: Figure, drawn: Drawn) -> None:
+def draw_residual_map(figure: Figure, drawn: PlotData) -> None:
     """Mean residual of the stars in each cell of the detector, as an arrow, and its rms as a colour."""
     axes = figure.subplots()
-    camera, matches = drawn.night.station.sensor.camera(), drawn.night.frames.matches
+    camera, matches = drawn.session.station.sensor.camera(), drawn.session.frames.matches
     pixel_arcsec = camera.pixel_rad * ARCSEC_PER_RAD
     axes.set_title("Residuals of the stars over the detector")
     axes.set_xlabel("column (px)")

@@ -6,40 +6,40 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.assessment.statistics import STRAY_ARCSEC
-from gse.station.exclusions import left_out
-from gse.station.frame_table import JUDGES, STATUSES
-from gse.station.results import Judge, Status
-from gse.station.session_data import Night
+from gse.assessment.statistics import OUTLIER_ARCSEC
+from gse.station.exclusions import excluded
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, Status
+from gse.station.session_data import SessionData
 
 _EDGE_PERCENTILE = 99.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
+class PlotData:
     """Frames of a night in order of time, and which of them the accuracy figures are taken over.
 
     ``frames`` are rows of FRAME, ``utc`` (N,) their instants, ``good`` (N,) marks identified frames that are neither
     false nor left out; ``unidentified`` (N,) those without an answer.
     """
 
-    night: Night
+    session: SessionData
     frames: NDArray[np.void]
     utc: NDArray[np.datetime64]
     good: NDArray[np.bool_]
     unidentified: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, night: Night) -> "Drawn":
+    def of(cls, session: SessionData) -> "PlotData":
         """The frames of a night."""
-        frames = night.frames.columns
+        frames = session.frames.columns
         if (np.diff(frames["utc_ns"]) < 0).any():  # a step of the clock; a copy of a long night is 40 MB
             frames = frames[np.argsort(frames["utc_ns"], kind="stable")]
         answered = frames["status"] == STATUSES.index(Status.IDENTIFIED)
-        named_false = frames["judge"] == JUDGES.index(Judge.FALSE)
-        out = left_out(frames["utc_ns"], night.exclusions())
+        named_false = frames["judge"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
+        out = excluded(frames["utc_ns"], session.exclusions())
         good = answered & ~named_false & ~out & np.isfinite(frames["d_de_arcsec"]) & _near(frames)
-        return cls(night, frames, frames["utc_ns"].astype("datetime64[ns]"), good, ~answered)
+        return cls(session, frames, frames["utc_ns"].astype("datetime64[ns]"), good, ~answered)
 
     def used(self, name: str) -> NDArray[Any]:
         """A column of the good frames."""
@@ -51,7 +51,7 @@ def _near(frames: NDArray[np.void]) -> NDArray[np.bool_]:
     x, y = frames["cross_x_arcsec"], frames["cross_y_arcsec"]
     if not np.isfinite(x).any():
         return np.zeros(len(frames), dtype=bool)
-    near: NDArray[np.bool_] = np.hypot(x - np.nanmedian(x), y - np.nanmedian(y)) <= STRAY_ARCSEC
+    near: NDArray[np.bool_] = np.hypot(x - np.nanmedian(x), y - np.nanmedian(y)) <= OUTLIER_ARCSEC
     return near
 
 

@@ -12,9 +12,9 @@ import click
 from drivers.chunk import LinkEvent
 from gse.instant import to_text
 from gse.station.frame_json import frame_json
-from gse.station.loop import Sink, StationLoop
+from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
-from gse.station.session_data import Night
+from gse.station.session_data import SessionData
 from gse.view.status import StatusLine
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ class JsonFrames:
     def __init__(self, *, live: bool) -> None:
         self._live, self._is_read = live, True
 
-    def show(self, result: FrameResult, night: Night) -> None:
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Print the frame."""
         if not self._is_read:
             return
@@ -41,7 +41,7 @@ class JsonFrames:
             self._is_read = False
             click.echo(f"gse: nobody takes the frames any more ({error.strerror}); the session goes on", err=True)
 
-    def log(self, event: LinkEvent) -> None:
+    def on_event(self, event: LinkEvent) -> None:
         """Events are no frames."""
 
 
@@ -52,13 +52,13 @@ class Steps:
         self._pausing = True
         click.echo("Enter: next panorama; c and Enter: go on to the end", err=True)
 
-    def show(self, result: FrameResult, night: Night) -> None:
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Say what became of the frame, and wait."""
         if self._pausing:
             click.echo(_words(result), err=True)
             self._pausing = sys.stdin.readline() == "\n"
 
-    def log(self, event: LinkEvent) -> None:
+    def on_event(self, event: LinkEvent) -> None:
         """Events are told by the status line."""
 
 
@@ -74,15 +74,15 @@ class Watching:
         self._live: LiveView | None = None
         self._status: StatusLine | None = None
 
-    def sinks(self, loop: StationLoop, folder: Path | None) -> Sequence[Sink]:
+    def listeners(self, loop: StationLoop, folder: Path | None) -> Sequence[Listener]:
         """The sinks that were asked for, and the status line, always."""
-        sinks: list[Sink] = [JsonFrames(live=folder is not None)] if self._json_frames else []
-        sinks.append(self._open_status(loop, folder))
+        listeners: list[Listener] = [JsonFrames(live=folder is not None)] if self._json_frames else []
+        listeners.append(self._open_status(loop, folder))
         if self._view != "none" or self._save_rrd is not None:
-            sinks.append(self._open_view(loop))
+            listeners.append(self._open_view(loop))
         if self._step:
-            sinks.append(Steps())
-        return sinks
+            listeners.append(Steps())
+        return listeners
 
     def conclude(self, report: dict[str, Any]) -> None:
         """Show the verdict in the view."""
@@ -102,24 +102,24 @@ class Watching:
         if self._live is not None:
             self._live.close()
 
-    def _open_status(self, loop: StationLoop, folder: Path | None) -> Sink:
+    def _open_status(self, loop: StationLoop, folder: Path | None) -> Listener:
         if folder is not None:
             click.echo(f"recording: {folder / 'session.mcap'}", err=True)
         if self._view == "none":
             click.echo("to see it live: --view web", err=True)
-        status = StatusLine(loop.equipment.station, folder)
+        status = StatusLine(loop.setup.station, folder)
         status.__enter__()
         self._status = status
         return status
 
-    def _open_view(self, loop: StationLoop) -> Sink:
+    def _open_view(self, loop: StationLoop) -> Listener:
         from gse.view.live import LiveView
 
         view = LiveView(
-            loop.equipment.station,
+            loop.setup.station,
             mode=self._view,
             save_rrd=self._save_rrd,
-            catalog=loop.equipment.identifier.catalog,
+            catalog=loop.setup.identifier.catalog,
             bind=self._bind,
         )
         if view.url:
@@ -129,8 +129,10 @@ class Watching:
 
 
 def _words(result: FrameResult) -> str:
-    panorama, error = result.panorama, result.discrepancy
-    line = f"{to_text(panorama.utc_ns, 3)} frame {panorama.frame_no}: {result.status}, {len(panorama.index)} objects"
+    panorama, error = result.panorama, result.attitude_error
+    line = (
+        f"{to_text(panorama.utc_ns, 3)} frame {panorama.frame_no}: {result.status}, {len(panorama.brightness)} objects"
+    )
     if result.detail:
         line += f", {result.detail}"
     if len(result.matches):

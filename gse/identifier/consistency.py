@@ -159,7 +159,7 @@ def agreements(
 
 
 @compiled
-def hopeless(
+def pigeonhole_bound(
     candidates: Candidates, count: int, icrs: NDArray[np.float64], gates: NDArray[np.float64], fewest: int
 ) -> bool:
     """Whether no ``fewest`` of the first ``count`` candidates can all agree, which a few of their pairs may show.

@@ -4,7 +4,7 @@ import math
 
 from drivers.clock import ClockReading
 from gse.station.results import LinkCounters
-from gse.view.running import Moments, Running
+from gse.view.running_statistics import Moments, Running
 
 _MARKS = {"PASS": "✔", "FAIL": "✘", "INCONCLUSIVE": "?"}
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
 from gse.instant import NS_PER_S
 from gse.report.decimation import extremes, sample
-from gse.report.drawn import Drawn, edge_of
 from gse.report.paper import LIMIT_DEG
-from gse.view.running import LINK_COLOURS, LINK_WORDS
+from gse.report.plot_data import PlotData, edge_of
+from gse.view.running_statistics import LINK_COLOURS, LINK_WORDS
 
 _MAX_MARKS = 400
 _SHARE_BINS = 120
@@ -22,9 +22,9 @@ _GAP_STEPS = 3
 """A line is broken where frames are this many median steps apart."""
 
 
-def draw_errors(figure: Figure, drawn: Drawn) -> None:
+def draw_errors(figure: Figure, drawn: PlotData) -> None:
     """dRA* and dDE with their limits, frames outside, frames without an answer, and stretches left out."""
-    limits = drawn.night.station.limits
+    limits = drawn.session.station.limits
     top, bottom = figure.subplots(2, 1, sharex=True)
     _error_panel(top, drawn, "d_ra_cosde_arcsec", "dRA* (arcsec)", limits.d_ra_cosde_arcsec)
     _error_panel(bottom, drawn, "d_de_arcsec", "dDE (arcsec)", limits.d_de_arcsec)
@@ -34,7 +34,7 @@ def draw_errors(figure: Figure, drawn: Drawn) -> None:
     time_axis(bottom)
 
 
-def _error_panel(axes: Axes, drawn: Drawn, name: str, label: str, limit: float) -> None:
+def _error_panel(axes: Axes, drawn: PlotData, name: str, label: str, limit: float) -> None:
     values = np.where(drawn.good, drawn.frames[name], np.nan)
     edge = edge_of(values, limit)
     for sign in (1, -1):
@@ -55,8 +55,8 @@ def _error_panel(axes: Axes, drawn: Drawn, name: str, label: str, limit: float) 
     axes.set_ylabel(label)
 
 
-def _shade(axes: Axes, drawn: Drawn) -> None:
-    for number, item in enumerate(drawn.night.exclusions()):
+def _shade(axes: Axes, drawn: PlotData) -> None:
+    for number, item in enumerate(drawn.session.exclusions()):
         axes.axvspan(_day(item.from_ns), _day(item.until_ns), color="#dddddd", label=None if number else "left out")
 
 
@@ -65,7 +65,7 @@ def _day(utc_ns: int) -> float:
     return float(date2num(np.datetime64(utc_ns, "ns")))
 
 
-def draw_paper(figure: Figure, drawn: Drawn) -> None:
+def draw_paper(figure: Figure, drawn: PlotData) -> None:
     """dRA (not times cos DE) and dDE in degrees, as [S] draws them for each of its sensors."""
     top, bottom = figure.subplots(2, 1, sharex=True)
     cos_de = np.cos(np.radians(drawn.frames["de_true_deg"]))
@@ -82,11 +82,11 @@ def draw_paper(figure: Figure, drawn: Drawn) -> None:
     time_axis(bottom)
 
 
-def draw_identification_time(figure: Figure, drawn: Drawn) -> None:
+def draw_identification_time(figure: Figure, drawn: PlotData) -> None:
     """Time of the identification against time, and its distribution."""
     left, right = figure.subplots(1, 2, width_ratios=[3, 1], sharey=True)
     values = drawn.frames["elapsed_us"].astype(np.float64) / 1000
-    limit = drawn.night.station.limits.identification_ms
+    limit = drawn.session.station.limits.identification_ms
     left.set_title("Identification time (as recorded in the session)")
     left.set_ylabel("ms")
     finite = values[np.isfinite(values) & (values > 0)]
@@ -106,7 +106,7 @@ def draw_identification_time(figure: Figure, drawn: Drawn) -> None:
     time_axis(left)
 
 
-def draw_timelines(figure: Figure, drawn: Drawn) -> None:
+def draw_timelines(figure: Figure, drawn: PlotData) -> None:
     """Share of frames identified, link state, host clock, detector temperature."""
     share, link, clock, temperature = figure.subplots(4, 1, sharex=True, height_ratios=[2, 0.7, 1.6, 1.6])
     _share(share, drawn)
@@ -117,11 +117,11 @@ def draw_timelines(figure: Figure, drawn: Drawn) -> None:
     time_axis(temperature)
 
 
-def _share(axes: Axes, drawn: Drawn) -> None:
+def _share(axes: Axes, drawn: PlotData) -> None:
     axes.set_ylabel("identified")
     axes.set_ylim(-0.03, 1.05)
     axes.yaxis.set_major_formatter(PercentFormatter(1.0))
-    availability = drawn.night.station.limits.availability
+    availability = drawn.session.station.limits.availability
     axes.axhline(availability, color=hex_of(VERMILLION), linewidth=1)
     if not len(drawn.frames):
         return
@@ -135,12 +135,12 @@ def _share(axes: Axes, drawn: Drawn) -> None:
     axes.stairs(values, edges.astype(np.int64).astype("datetime64[ns]"), color=hex_of(BLUE), baseline=None)
 
 
-def _link(axes: Axes, drawn: Drawn) -> None:
+def _link(axes: Axes, drawn: PlotData) -> None:
     """Coloured stretches, each from an event to the next."""
     axes.set_ylabel("link")
     axes.set_yticks([])
     axes.set_ylim(0, 1)
-    states = [event for event in drawn.night.events if event.kind in LINK_WORDS]
+    states = [event for event in drawn.session.events if event.kind in LINK_WORDS]
     ends = [event.utc_ns for event in states[1:]]
     ends.append(max(int(drawn.frames["utc_ns"][-1]) if len(drawn.frames) else 0, states[-1].utc_ns if states else 0))
     for event, end in zip(states, ends, strict=False):
@@ -151,9 +151,9 @@ def _link(axes: Axes, drawn: Drawn) -> None:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, frameon=False, borderpad=0)
 
 
-def _clock(axes: Axes, drawn: Drawn) -> None:
+def _clock(axes: Axes, drawn: PlotData) -> None:
     axes.set_ylabel("host clock\n(ms)")
-    readings = drawn.night.clock
+    readings = drawn.session.clock
     if not readings:
         _nothing(axes, "the clock was not read")
         return
@@ -169,7 +169,7 @@ def _nothing(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=hex_of(GREY))
 
 
-def line(axes: Axes, drawn: Drawn, values: NDArray[np.float64], colour: tuple[int, int, int], label: str) -> None:
+def line(axes: Axes, drawn: PlotData, values: NDArray[np.float64], colour: tuple[int, int, int], label: str) -> None:
     """A line over the frames, broken where frames are missing; thinned to its extremes."""
     rows = extremes(values)
     utc_ns, shown = drawn.frames["utc_ns"][rows], values[rows].copy()

@@ -10,9 +10,9 @@ from gse.catalog import StarCatalog
 from gse.config.station import Station
 from gse.errors import UsageError
 from gse.station.results import FrameResult
-from gse.station.session_data import Night
+from gse.station.session_data import SessionData
 from gse.view.scene import Scene
-from gse.view.words import verdict_at_end, verdict_so_far
+from gse.view.verdict_text import verdict_at_end, verdict_so_far
 
 BATCH_FRAMES = 1000
 """Frames that go to rerun at once; nothing is dropped."""
@@ -26,32 +26,32 @@ class SavedView:
 
     def __init__(self, station: Station, catalog: StarCatalog | None, path: Path) -> None:
         self._stream = rr.RecordingStream("gse", send_properties=False)
-        self._stream.set_sinks(file_sink(path))
+        self._stream.set_sinks(rrd_file_sink(path))
         self._scene = Scene(self._stream, station, catalog, live=False)
         self._frames: list[FrameResult] = []
 
-    def show(self, result: FrameResult, night: Night) -> None:
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Take in one more frame."""
         self._frames.append(result)
         if len(self._frames) >= BATCH_FRAMES:
             self._send_objects()
 
-    def log(self, event: LinkEvent) -> None:
+    def on_event(self, event: LinkEvent) -> None:
         """Take in one more event."""
         self._scene.event(event)
 
-    def finish(self, night: Night, verdict: str, reasons: Sequence[str]) -> None:
+    def finish(self, session: SessionData, verdict: str, reasons: Sequence[str]) -> None:
         """Write all that is in the night's columns, the clock, and the verdict, and close the file.
 
         ``night`` has the very frames that were shown.
         """
         self._send_objects()
-        if len(night.frames):
-            self._scene.add_columns(night.frames.columns, night.frames.matches)
+        if len(session.frames):
+            self._scene.add_columns(session.frames.columns, session.frames.matches)
         self._scene.flush()
-        self._scene.clock(night.clock)
-        clock = night.clock[-1] if night.clock else None
-        text = verdict_so_far(self._scene.running, night.link, clock)
+        self._scene.clock(session.clock)
+        clock = session.clock[-1] if session.clock else None
+        text = verdict_so_far(self._scene.running, session.link, clock)
         self._scene.words_for_all_times(verdict_at_end(verdict, list(reasons), text))
         self._stream.flush()
         self._stream.disconnect()
@@ -62,7 +62,7 @@ class SavedView:
             self._frames = []
 
 
-def file_sink(path: Path) -> object:
+def rrd_file_sink(path: Path) -> object:
     """A sink that writes a new file; UsageError where it cannot be written: rerun itself only prints an error."""
     try:
         path.touch(exist_ok=False)

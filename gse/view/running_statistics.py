@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from gse.config.station import Limits
 from gse.drawing.palette import GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLOW
 from gse.instant import NS_PER_S
-from gse.station.results import Discrepancy, FrameResult, Status
+from gse.station.results import AttitudeError, FrameResult, Status
 
 LINK_WORDS = {
     "NO_PORT": "no port",
@@ -85,7 +85,7 @@ class Running:
     d_ra: Moments = field(default_factory=Moments)
     d_de: Moments = field(default_factory=Moments)
     inside: int = 0
-    last: Discrepancy | None = None
+    last: AttitudeError | None = None
     utc_ns: int = 0
     objects: int = 0
     _answered_utc_ns: int | None = None
@@ -95,13 +95,13 @@ class Running:
         """Take in one more frame."""
         self.frames += 1
         self.by_status[frame.status.value] += 1
-        self.false_answers += frame.judge == "false"
+        self.false_answers += frame.answer_check == "false"
         self.utc_ns = frame.panorama.utc_ns
-        self.objects = len(frame.panorama.index)
+        self.objects = len(frame.panorama.brightness)
         if frame.status is Status.IDENTIFIED or self._answered_utc_ns is None:
             self._answered_utc_ns = self.utc_ns
         self._recent_utc_ns.append(self.utc_ns)
-        found = frame.discrepancy
+        found = frame.attitude_error
         if found is None:
             return
         self.last = found
@@ -109,8 +109,8 @@ class Running:
         self.d_de.add(found.d_de_arcsec)
         self.inside += self.is_inside(found)
 
-    def is_inside(self, found: Discrepancy) -> bool:
-        """Whether a discrepancy keeps both limits."""
+    def is_inside(self, found: AttitudeError) -> bool:
+        """Whether an attitude error keeps both limits."""
         return (
             abs(found.d_ra_cosde_arcsec) <= self.limits.d_ra_cosde_arcsec
             and abs(found.d_de_arcsec) <= self.limits.d_de_arcsec

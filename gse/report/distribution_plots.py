@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
 from gse.report.decimation import sample
-from gse.report.drawn import Drawn, edge_of
+from gse.report.plot_data import PlotData, edge_of
 from gse.report.spectrum import power_density
 
 _MAX_POINTS = 3000
@@ -18,10 +18,10 @@ _BINS = 60
 _AXES = (("d_ra_cosde_arcsec", "dRA*", SKY_BLUE), ("d_de_arcsec", "dDE", ORANGE))
 
 
-def draw_scatter(figure: Figure, drawn: Drawn) -> None:
+def draw_scatter(figure: Figure, drawn: PlotData) -> None:
     """dRA* and dDE of the frames, as they lie within the limits, and close up with the 1 and 3 sigma rings."""
     wide, close = figure.subplots(1, 2)
-    limits = drawn.night.station.limits
+    limits = drawn.session.station.limits
     x, y = drawn.used("d_ra_cosde_arcsec"), drawn.used("d_de_arcsec")
     box = (limits.d_ra_cosde_arcsec, limits.d_de_arcsec)
     wide.add_patch(Rectangle((-box[0], -box[1]), 2 * box[0], 2 * box[1], fill=False, edgecolor=hex_of(VERMILLION)))
@@ -57,7 +57,7 @@ def _rings(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
     axes.set_ylim(mean[1] - half, mean[1] + half)
 
 
-def draw_histogram(figure: Figure, drawn: Drawn) -> None:
+def draw_histogram(figure: Figure, drawn: PlotData) -> None:
     """Histograms of both errors with the normal curve of the same mean and standard deviation."""
     for axes, (name, label, colour) in zip(figure.subplots(1, 2), _AXES, strict=True):
         values = drawn.used(name)
@@ -78,7 +78,7 @@ def draw_histogram(figure: Figure, drawn: Drawn) -> None:
         axes.set_ylim(0, 1.15 * float(np.max(counts)))
 
 
-def draw_spectrum(figure: Figure, drawn: Drawn) -> None:
+def draw_spectrum(figure: Figure, drawn: PlotData) -> None:
     """Power spectral density of both errors."""
     axes = figure.subplots()
     utc_ns = drawn.used("utc_ns")

@@ -21,36 +21,42 @@ _COMPLAINTS = {
 }
 
 
-def refusal(directions_sensor: NDArray[np.float64], index: NDArray[np.float64], fewest: int) -> Unidentified | None:
+def refusal(
+    directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64], fewest: int
+) -> Unidentified | None:
     """Why a panorama cannot be identified at all, or None.
 
     The sensor's faults are answers; shapes that do not belong together are the caller's: ValueError.
     """
-    if directions_sensor.ndim != 2 or directions_sensor.shape[1] != 3 or index.shape != directions_sensor.shape[:1]:
+    if (
+        directions_sensor.ndim != 2
+        or directions_sensor.shape[1] != 3
+        or brightness.shape != directions_sensor.shape[:1]
+    ):
         raise ValueError(
-            f"directions came with the shape {directions_sensor.shape} and index values with {index.shape}; "
+            f"directions came with the shape {directions_sensor.shape} and index values with {brightness.shape}; "
             "expected (N, 3) and (N,)"
         )
-    objects = len(index)
+    objects = len(brightness)
     if objects > MAX_OBJECTS:
         return Unidentified(Reason.SENSOR_FAULT, f"{objects} objects: a panorama holds at most {MAX_OBJECTS}")
     if objects < fewest:
         return Unidentified(Reason.TOO_FEW, f"{objects} object(s): at least {fewest} are needed")
-    complaint = _COMPLAINTS.get(_soundness(directions_sensor, index))
+    complaint = _COMPLAINTS.get(_soundness(directions_sensor, brightness))
     return Unidentified(Reason.SENSOR_FAULT, complaint) if complaint else None
 
 
 @compiled
-def _soundness(directions: NDArray[np.float64], index: NDArray[np.float64]) -> int:
+def _soundness(directions: NDArray[np.float64], brightness: NDArray[np.float64]) -> int:
     highest, lowest = -np.inf, np.inf
-    for i in range(len(index)):
+    for i in range(len(brightness)):
         x, y, z = directions[i]
         norm2 = x * x + y * y + z * z
-        if not (np.isfinite(norm2) and np.isfinite(index[i])):
+        if not (np.isfinite(norm2) and np.isfinite(brightness[i])):
             return _NOT_FINITE
         if abs(norm2 - 1.0) > _UNIT_WITHIN:
             return _NOT_UNIT
-        highest, lowest = max(highest, index[i]), min(lowest, index[i])
+        highest, lowest = max(highest, brightness[i]), min(lowest, brightness[i])
     if lowest < 0.0:
         return _NEGATIVE
     if highest == 0.0:
