@@ -4,9 +4,9 @@ import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-from gse.config.station import Limits
 from gse.drawing.palette import GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLOW
 from gse.instant import NS_PER_S
+from gse.limits import Limits
 from gse.station.results import AttitudeError, FrameResult, Status
 
 LINK_WORDS = {

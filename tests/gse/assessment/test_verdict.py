@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -216,7 +217,7 @@ def test_an_error_that_truth_cannot_explain_fails_even_on_a_bad_clock():
 
 def test_ut1_past_the_end_of_the_table_is_inconclusive_by_name_under_a_tight_limit():
     far = from_text("2031-01-01T00:00:00Z")
-    tight = STATION.model_copy(update={"limits": STATION.limits.model_copy(update={"d_ra_cosde_arcsec": 36.0})})
+    tight = STATION.model_copy(update={"limits": replace(STATION.limits, d_ra_cosde_arcsec=36.0)})
     made = session(station=tight)
     made.earth_orientation = EarthOrientation.from_disk(far)
     assessment = judge(made)

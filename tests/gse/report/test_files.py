@@ -158,7 +158,7 @@ def test_a_failure_and_an_unknown_are_told_apart_with_their_reasons() -> None:
     assert "arcsec, the limit is 60" in (failed[0].findtext("failure") or "")
     session.clock = []
     session.station = session.station.model_copy(
-        update={"limits": session.station.limits.model_copy(update={"d_ra_cosde_arcsec": 1e4})}
+        update={"limits": replace(session.station.limits, d_ra_cosde_arcsec=1e4)}
     )
     suite = ET.fromstring(junit_xml(summarise(session, judge(session))).split("\n", 1)[1])
     skipped = [case.find("skipped") for case in suite if case.find("skipped") is not None]
