@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gse.assessment.statistics import Statistics
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.station.event_kinds import StationKind
 from gse.station.frame_table import STATUSES
 from gse.station.results import Status
 from gse.station.session_data import SessionData
@@ -48,7 +49,11 @@ def findings(session: SessionData, figures: Statistics) -> tuple[str, ...]:
 
 def _events(session: SessionData) -> Iterator[str]:
     kinds = {event.kind: event for event in session.events}
-    named = ("CLOCK_STEP", "clock step"), ("MIRRORED", "mirrored image"), ("NO_STATION", "station file")
+    named = (
+        (StationKind.CLOCK_STEP, "clock step"),
+        (StationKind.MIRRORED, "mirrored image"),
+        (StationKind.NO_STATION, "station file"),
+    )
     for kind, words in named:
         if kind in kinds:
             yield f"{words}: {kinds[kind].text}"

@@ -19,6 +19,7 @@ from gse.config.station import BUILT_IN_TEXT
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.station.attitude_error import compare
+from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.exclusions import Exclusion, parse_exclusion
 from gse.station.results import AnswerCheck, AttitudeError, Verdict
 from gse.station.session_data import SessionData
@@ -258,7 +259,9 @@ def test_an_answer_far_from_all_others_is_false_also_where_no_judge_saw_it():
 
 def test_frames_around_a_clock_step_are_left_out_by_name():
     made = session(600)
-    made.events.append(LinkEvent(START_NS + 30 * NS_PER_S, 0, "CLOCK_STEP", "the host's UTC clock stepped by +2.000 s"))
+    made.events.append(
+        ClockStep(START_NS + 30 * NS_PER_S, 0, StationKind.CLOCK_STEP, "stepped by +2.000 s", 2 * NS_PER_S)
+    )
     ((item, count),) = statistics(made).excluded
     assert "stepped by +2.000 s" in item.reason
     assert count == 120  # 7 s before, 5 s after
