@@ -1,4 +1,7 @@
-"""The command line: ``gse COMMAND``; each command is a module of its own, imported when it is called."""
+"""The command line: ``gse COMMAND``; each command is a module of its own, imported when it is called.
+
+May import every room; no room may import it.
+"""
 
 import errno
 import importlib
