@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.config.station import IdentifierOptions
 from gse.identifier.acceptance import RandomSky, accepted
 from gse.identifier.consistency import (
     MOST_CANDIDATES,
@@ -40,6 +39,7 @@ from gse.identifier.consistency import (
 from gse.identifier.input_checks import distinct_objects, refusal
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.tables import PairTable, field_diameter_rad, pair_table, tolerance_rad
+from gse.identifier_options import IdentifierOptions
 from gse.jit import compiled
 
 _VOTERS = 10
