@@ -13,6 +13,8 @@ TEXTS = sorted(
 _LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
 _OUR_FILE = re.compile(r"`((?:gse|drivers|protocols|tests|benchmarks|replays|docs)/[\w./-]*)`")
 
+_PLACE = re.compile(r"`([\w/]+\.py)` \(`(\w+)`\)")
+
 
 @pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_every_file_that_a_text_names_is_there(text: Path) -> None:
@@ -20,6 +22,13 @@ def test_every_file_that_a_text_names_is_there(text: Path) -> None:
     linked = [text.parent / name for name in _LINK.findall(words)]
     named = [ROOT / name for name in _OUR_FILE.findall(words)]
     assert [str(path) for path in (*linked, *named) if not path.exists()] == []
+
+
+def test_the_plan_names_functions_that_are_where_it_says() -> None:
+    places = _PLACE.findall((ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8"))
+    assert len(places) >= 4
+    for path, name in places:
+        assert re.search(rf"^\s*(?:def|class) {name}\b", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE), name
 
 
 def test_the_index_of_the_documentation_lists_every_page() -> None:
