@@ -176,4 +176,4 @@ def test_a_full_disk_behind_stdout_is_said_in_one_line(capture: Path) -> None:
     with open("/dev/full", "wb") as full:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 3
-    assert done.stderr == "gse: No space left on device: what was to be written is not complete; make room\n"
+    assert done.stderr == "gse: No space left on device: the output is incomplete; free some disk space and repeat\n"
