@@ -1,4 +1,4 @@
-"""The mount: the fixed direction of the sensor in the horizon frame."""
+"""The mount: the fixed direction of the sensor in the horizon frame, with how well it is known."""
 
 import re
 from dataclasses import dataclass
@@ -7,6 +7,15 @@ from typing import Annotated
 from annotated_types import Interval
 
 _ALIGN = re.compile(r"first (\d+(?:\.\d+)?) s")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MountUncertainty:
+    """How well the stated angles are known: half-widths of intervals that hold the truth with 95 %."""
+
+    azimuth_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
+    altitude_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
+    roll_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,6 +32,7 @@ class Mount:
     altitude_deg: Annotated[float, Interval(ge=-90, le=90)] = 90.0
     roll_deg: Annotated[float, Interval(ge=-360, le=360)] = 0.0
     align: str | None = None
+    uncertainty: MountUncertainty = MountUncertainty()
 
     def __post_init__(self) -> None:
         if self.align is not None and not _ALIGN.fullmatch(self.align):
