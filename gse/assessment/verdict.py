@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from gse.assessment.axis_statistics import AxisStatistics
 from gse.assessment.diagnosis import findings
 from gse.assessment.statistics import Statistics, statistics
-from gse.assessment.truth_budget import SessionFacts, TruthUncertaintyBudget, truth_budget
+from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
 from gse.station.results import Verdict
 from gse.station.session_data import SessionData
 
@@ -49,7 +49,12 @@ class Assessment:
 def judge(session: SessionData) -> Assessment:
     """Measure a night and judge it."""
     figures = statistics(session)
-    budget = truth_budget(_facts(session, figures))
+    drifts = {
+        axis: max(abs(found.drift_low_arcsec_per_h), abs(found.drift_high_arcsec_per_h))
+        for axis, found in figures.axes.items()
+    }
+    facts = session_facts(session, clock_error_s=figures.clock.error_bound_s, drift_arcsec_per_h=drifts)
+    budget = truth_budget(facts)
     measured = [
         *_accuracy("dRA*", figures.axes["d_ra_cosde"], session.station.limits.d_ra_cosde_arcsec, budget.ra_arcsec),
         *_accuracy("dDE", figures.axes["d_de"], session.station.limits.d_de_arcsec, budget.de_arcsec),
@@ -66,21 +71,6 @@ def judge(session: SessionData) -> Assessment:
         reasons += [*_complaints(session, budget), *found]
     measurements = tuple(measurement for measurement, _ in measured)
     return Assessment(verdict, tuple(dict.fromkeys(reasons)), measurements, figures, budget, found)
-
-
-def _facts(session: SessionData, figures: Statistics) -> SessionFacts:
-    frames = session.frames.columns
-    epoch = session.catalog.get("epoch_jyear")
-    return SessionFacts(
-        site=session.station.site,
-        mount=session.alignment.mount if session.alignment else session.station.mount,
-        earth_orientation=session.earth_orientation if len(frames) else None,
-        utc_ns=int(frames["utc_ns"][len(frames) // 2]) if len(frames) else 0,
-        clock_error_s=figures.clock.error_bound_s,
-        catalog_epoch_jyear=epoch if isinstance(epoch, float) else 2016.0,
-        proper_motions=bool(session.catalog.get("proper_motions")),
-        alignment=session.alignment,
-    )
 
 
 def _complaints(session: SessionData, budget: TruthUncertaintyBudget) -> list[str]:

@@ -69,7 +69,8 @@ def _timing(figures: Statistics) -> dict[str, Any]:
 
 
 def _budget(budget: TruthUncertaintyBudget) -> dict[str, Any]:
-    return {"ra_arcsec": budget.ra_arcsec, "de_arcsec": budget.de_arcsec, "terms": budget.terms}
+    """``ra_arcsec`` and ``de_arcsec`` are expanded uncertainties (95 %)."""
+    return {"ra_arcsec": budget.ra_arcsec, "de_arcsec": budget.de_arcsec, "axes": budget.axes, "terms": budget.terms}
 
 
 def _table_4_1(session: SessionData, figures: Statistics) -> dict[str, Any]:

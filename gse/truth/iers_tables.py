@@ -1,9 +1,10 @@
 """The IERS tables: those that are installed, or newer ones that are given as files.
 
-Installed are those of the package astropy-iers-data: the series C04 for the past, ``finals2000A.all`` for the last weeks
-and the predictions, and the list of leap seconds. Their lines are of one length and without gaps, one per day, so that
-the few lines of a session are read by seeking; astropy's own reader takes 1.1 s. A machine without a network is brought
-up to date with files: ``finals2000A.all`` (or ``.daily``, ``.data``) and ``Leap_Second.dat`` or ``leap-seconds.list``.
+Installed are those of the package astropy-iers-data: the series C04 for the past, ``finals2000A.all`` for the last
+weeks and the predictions, and the list of leap seconds. Their lines are of one length and without gaps, one per day, so
+that the few lines of a session are read by seeking; astropy's own reader takes 1.1 s. A machine without a network is
+brought up to date with files: ``finals2000A.all`` (or ``.daily``, ``.data``), and ``Leap_Second.dat`` or
+``leap-seconds.list``.
 """
 
 import functools

@@ -47,8 +47,8 @@ UPDATE = (
 class Orientation:
     """Earth orientation at one instant; ``kind`` is ``measured``, ``predicted`` or ``past the end``.
 
-    ``leap_error_s`` is what a leap second that is not in the list adds to the error of UT1 - UTC: 0 where the list makes
-    an announcement for the day.
+    ``leap_error_s`` is what a leap second that is not in the list adds to the error of UT1 - UTC: 0 where the list
+    makes an announcement for the day.
     """
 
     ut1_minus_utc_s: float
@@ -92,7 +92,8 @@ class EarthOrientation:
             )
         leap_seconds = given.leap_seconds if given and given.leap_seconds else installed_leap_seconds()
         source = installed_source() + (f", and {given.source}" if given else "")
-        return cls(source, *zip(*(rows[day] for day in sorted(rows)), strict=True), leap_seconds)
+        columns = dict(zip(_COLUMNS, zip(*(rows[day] for day in sorted(rows)), strict=True), strict=True))
+        return cls(source, **columns, leap_seconds=leap_seconds)
 
     def to_json(self) -> str:
         """The table as one JSON object; ``from_json`` gives an equal one."""

@@ -18,6 +18,8 @@ from gse.attitude import Attitude
 from gse.config.station import BUILT_IN_TEXT
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
+from gse.mount import MountUncertainty
+from gse.site import SiteUncertainty
 from gse.station.attitude_error import compare
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.exclusions import Exclusion, parse_exclusion
@@ -162,7 +164,7 @@ def test_a_stated_clock_error_takes_the_place_of_an_unsynchronised_clock():
     made.clock_error_s = stated_error_s("0.1s")
     assert judge(made).verdict is Verdict.PASS
     made.clock_error_s = stated_error_s("2s")
-    assert any("clock leaves 29.9 of" in reason for reason in judge(made).reasons)
+    assert any("clock leaves 28.4 of 33.3 arcsec" in reason for reason in judge(made).reasons)
 
 
 def test_frames_that_waited_in_a_buffer_before_the_port_was_read_are_left_out_by_name():
@@ -218,12 +220,14 @@ def test_an_error_that_truth_cannot_explain_fails_even_on_a_bad_clock():
 
 def test_ut1_past_the_end_of_the_table_is_inconclusive_by_name_under_a_tight_limit():
     far = from_text("2031-01-01T00:00:00Z")
-    tight = STATION.model_copy(update={"limits": replace(STATION.limits, d_ra_cosde_arcsec=36.0)})
-    made = session(station=tight)
+    site = replace(STATION.site, uncertainty=SiteUncertainty(vertical_arcsec=0.0))
+    mount = replace(STATION.mount, uncertainty=MountUncertainty(azimuth_arcsec=0, altitude_arcsec=0, roll_arcsec=0))
+    limits = replace(STATION.limits, d_ra_cosde_arcsec=20.0)
+    made = session(station=STATION.model_copy(update={"site": site, "mount": mount, "limits": limits}))
     made.earth_orientation = EarthOrientation.from_disk(far)
     assessment = judge(made)
     assert assessment.verdict is Verdict.INCONCLUSIVE
-    assert any("UT1" in reason for reason in assessment.reasons)
+    assert any("UT1 leaves" in reason and "--earth-orientation" in reason for reason in assessment.reasons)
 
 
 def test_missed_frames_fail_by_availability():
