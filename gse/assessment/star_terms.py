@@ -11,13 +11,13 @@ from typing import Self
 import numpy as np
 
 from gse.assessment.uncertainty import Term
-from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S, J2000_NS
-from gse.instant import NS_PER_DAY
+from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.instant import to_julian_year
 from gse.station.session_data import SessionData
 
 MOTION_AT_REST_ARCSEC_PER_YEAR = 0.12
 """Root mean square along each axis of the proper motions of Hipparcos' stars of V 6.0 to 6.6."""
-MOTION_LEFT_ARCSEC_PER_YEAR = 0.006
+MOTION_LEFT_ARCSEC_PER_YEAR = 0.0035
 """Root mean square along each axis of what Hipparcos' proper motions leave from 1991.25 to Gaia's places of 2016.0."""
 PARALLAX_ARCSEC = 0.017
 """Root mean square along each axis of the parallaxes of Hipparcos' stars to V 6.6, the Earth anywhere on its orbit."""
@@ -26,7 +26,6 @@ _BLEND_PX = 3.0
 _COUNTS_PER_MAGNITUDE, _FLUX_PER_MAGNITUDE = 0.45, 0.4
 _TYPICAL_ABOVE_LIMIT = 1.0
 """Stars of a fix are by the median this many magnitudes brighter than the faintest that is searched for companions."""
-_JULIAN_YEAR_NS = 365.25 * NS_PER_DAY
 _SKY_SR = 4 * math.pi
 
 
@@ -71,7 +70,7 @@ class FieldOfStars:
 def star_terms(field: FieldOfStars, utc_ns: int, duration_s: float) -> list[Term]:
     """The terms of the star places; common to all frames while the same stars are in the field."""
     common = duration_s * EARTH_RATE_ARCSEC_PER_S * ARCSEC_RAD < field.width_rad
-    years = abs(2000 + (utc_ns - J2000_NS) / _JULIAN_YEAR_NS - field.rest_epoch_jyear)
+    years = abs(to_julian_year(utc_ns) - field.rest_epoch_jyear)
     motion = years * math.sqrt(
         field.at_rest * MOTION_AT_REST_ARCSEC_PER_YEAR**2 + (1 - field.at_rest) * MOTION_LEFT_ARCSEC_PER_YEAR**2
     )
@@ -84,7 +83,7 @@ def star_terms(field: FieldOfStars, utc_ns: int, duration_s: float) -> list[Term
             *field.of_a_fix(motion),
             evidence="B: Hipparcos against Gaia; 0.12 arcsec a year for a star whose motion is not known",
             explanation=f"{field.at_rest:.0%} of the catalogue's stars stand where they stood {years:.0f} years ago",
-            remedy="a catalogue with proper motions: catalog: hip_main.dat",
+            remedy="fewer faint stars (identifier.catalog_stars): the bright ones have their motion",
             corrected=field.at_rest < 1,
             common=common,
         ),

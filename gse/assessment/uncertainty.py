@@ -114,7 +114,7 @@ def half_width(parts: tuple[tuple[float, Distribution, float], ...], coverage: f
     # A distribution that is even has a real transform.
     spectra = [np.fft.rfft(np.fft.ifftshift(_masses(step, *piece))).real for piece in pieces]
     spectrum = np.prod(spectra, axis=0)
-    masses = np.fft.fftshift(np.fft.irfft(spectrum, 4 * _HALF_GRID))[2 * _HALF_GRID :]
+    masses = np.asarray(np.fft.fftshift(np.fft.irfft(spectrum, 4 * _HALF_GRID))[2 * _HALF_GRID :], dtype=np.float64)
     inside = 2 * np.cumsum(masses) - masses[0]  # within (place + 1/2) steps
     return float(np.interp(coverage * inside[-1], inside, (np.arange(len(inside)) + 0.5) * step))
 
@@ -128,6 +128,7 @@ def _reach(standard: float, kind: Distribution, freedom: float) -> float:
 def _masses(step: float, standard: float, kind: Distribution, freedom: float) -> NDArray[np.float64]:
     """Probability in each of 4 x 2048 cells of width ``step`` about 0."""
     edges = (np.arange(4 * _HALF_GRID + 1) - 2 * _HALF_GRID - 0.5) * step / standard
+    below: NDArray[np.floating]
     if kind is Distribution.RECTANGULAR:
         below = np.clip((edges / math.sqrt(3) + 1) / 2, 0, 1)
     elif kind is Distribution.STUDENT and math.isfinite(freedom):
