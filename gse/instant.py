@@ -6,6 +6,8 @@ Leap seconds are not counted, as in POSIX time; inside a leap second the instant
 import re
 from datetime import UTC, datetime
 
+from gse.constants import J2000_NS
+
 NS_PER_S = 1_000_000_000
 NS_PER_DAY = 86_400 * NS_PER_S
 UNIX_EPOCH_MJD = 40_587
@@ -41,3 +43,8 @@ def to_julian_date(utc_ns: int) -> tuple[float, float]:
     """The two-part UTC (quasi) Julian date that ERFA takes: midnight, and the fraction of the day."""
     days, ns = divmod(utc_ns, NS_PER_DAY)
     return UNIX_EPOCH_JD + days, ns / NS_PER_DAY
+
+
+def to_julian_year(utc_ns: int) -> float:
+    """The Julian year of an instant, to within the minute between UTC and TT: 2026.22."""
+    return 2000.0 + (utc_ns - J2000_NS) / NS_PER_DAY / 365.25

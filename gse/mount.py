@@ -1,4 +1,4 @@
-"""The mount: the fixed direction of the sensor in the horizon frame."""
+"""The mount: the fixed direction of the sensor in the horizon frame, with how well it is known."""
 
 import re
 from dataclasses import dataclass
@@ -7,6 +7,15 @@ from typing import Annotated
 from annotated_types import Interval
 
 _ALIGN = re.compile(r"first (\d+(?:\.\d+)?) s")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MountUncertainty:
+    """How well the stated angles are known: half-widths of intervals that hold the truth with 95 %."""
+
+    azimuth_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
+    altitude_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
+    roll_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,6 +34,7 @@ class Mount:
     align: str | None = None
     stated: bool = True
     """Whether a station file gave the angles, or they are the defaults beside ``align``."""
+    uncertainty: MountUncertainty = MountUncertainty()
 
     def __post_init__(self) -> None:
         if self.align is not None and not _ALIGN.fullmatch(self.align):

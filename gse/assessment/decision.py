@@ -15,12 +15,11 @@ from enum import StrEnum
 
 from scipy.special import betaincinv, ndtr
 
+from gse.assessment.guard_band import COVERAGE_FACTOR, guard
 from gse.assessment.sampling import MIN_FRAMES, Bounds
 from gse.limits import Decision
 from gse.station.results import Subject
 
-COVERAGE_FACTOR = 1.645
-"""k of a one-sided 95 % uncertainty of a normal distribution."""
 RISK = 0.05
 """How often a sensor at its limit passes, and how often it fails, at most."""
 
@@ -101,8 +100,8 @@ def judge_figure(
     relative: bool = False,
 ) -> Row:
     """The row of a figure that must not exceed its limit."""
-    above = math.hypot(figure.bounds.upper - figure.value, COVERAGE_FACTOR * truth_uncertainty)
-    below = math.hypot(figure.value - figure.bounds.lower, COVERAGE_FACTOR * truth_uncertainty)
+    above = guard(figure.bounds.upper - figure.value, truth_uncertainty)
+    below = guard(figure.value - figure.bounds.lower, truth_uncertainty)
     outcome = _outcome(figure.value, above, below, limit, decision)
     risk = RISK if decision is Decision.GUARDED else _risk(figure.value, above, limit)
     label = f"{subject} {name}"
@@ -168,11 +167,9 @@ def minutes_more(figure: Figure, limit: float, truth_uncertainty: float) -> floa
 
     The sampling part of U falls with the square root of the length.
     """
-    sampling = figure.bounds.upper - figure.value if figure.value <= limit else figure.value - figure.bounds.lower
     room2 = (limit - figure.value) ** 2 - (COVERAGE_FACTOR * truth_uncertainty) ** 2
-    if not (room2 > 0 and math.isfinite(sampling)):
-        return math.inf
-    return figure.duration_s / 60 * max(sampling**2 / room2 - 1, 0.0)
+    sampling = figure.bounds.upper - figure.value if figure.value <= limit else figure.value - figure.bounds.lower
+    return figure.duration_s / 60 * max(sampling**2 / room2 - 1, 0.0) if room2 > 0 else math.inf
 
 
 def _minutes(minutes: float) -> str:

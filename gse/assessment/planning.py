@@ -144,7 +144,7 @@ def _stretch(simulated: _Simulated, expected: Expected, limit: float, truth: flo
         guards = np.hypot(scale * simulated.guards, COVERAGE_FACTOR * truth)
         passing = float((values + guards <= limit).all(axis=1).mean())
         low, high = (scale, high) if passing >= PROBABILITY else (low, scale)
-    return low**-2
+    return float(low**-2)
 
 
 def _true_statistics(expected: Expected) -> tuple[float, float]:

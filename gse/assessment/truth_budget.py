@@ -1,76 +1,84 @@
-"""The truth budget: how large each effect is this night, whether it was corrected, and what remains.
+"""The truth uncertainty budget: each input of the truth, how well it is known, and what that leaves open.
 
-Sizes are found by leaving each correction out of the truth of this night and direction. What remains are bounds, so
-that they are added plainly.
+For the verdict: ``truth_budget(session_facts(session, clock_error_s=...))`` gives a TruthUncertaintyBudget; its
+``axes["d_ra_cosde" | "d_de" | "d_roll"]`` are AxisUncertainty (standard, expanded with k, one-sided 95 %, the part that
+is common to all frames and the part that changes with the field, and whether all terms are known), ``terms`` the rows
+of the report, and ``complaint`` a sentence where it is too much for a limit.
+
+Sensitivities are finite differences of SiderealTruth: the truth of the session's middle is taken again with an input
+that is changed by one standard uncertainty. Numbers in the station file under ``uncertainty`` are half-widths of 95 %
+(k = 2), as certificates and GPS receivers state them. A mount that was fitted on the session's own sky takes up every
+error that is constant in the horizon frame: site, vertical, refraction at the boresight, UT1, time stamp.
+docs/uncertainty.md explains each term and its default.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S, J2000_NS
-from gse.instant import NS_PER_DAY
+from gse.assessment.changed_truth import ChangedTruth
+from gse.assessment.mount_terms import clock, fitted_mount, stability, stated_mount, time_stamp
+from gse.assessment.sky_terms import air_terms, earth_terms, model_terms, site_terms
+from gse.assessment.star_terms import FieldOfStars, star_terms
+from gse.assessment.uncertainty import AXES, AxisUncertainty, Term, combined
 from gse.mount import Mount
 from gse.site import Site
-from gse.station.attitude_error import compare
-from gse.truth.alignment import Alignment
-from gse.truth.orientation import EarthOrientation
-from gse.truth.sidereal import SiderealTruth
+from gse.station.session_data import SessionData
+from gse.truth import Alignment, EarthOrientation
 
-_MODEL_ARCSEC = 0.001
-"""What a rigorous correction leaves: the celestial pole offsets (0.0005) and the cells of 300 s (0.0006)."""
-_POLE_ERROR_ARCSEC = {"measured": 0.0005, "predicted": 0.02, "past the end": 0.6}
-"""IERS Bulletin A, section predictions, up to a year; the whole of polar motion past the end."""
-_VERTICAL_ARCSEC = 10.0
-"""Deflection of the vertical in hills (GRAVSOFT and EGM2008 maps: below 10 arcsec but for high mountains)."""
-_AIR_SHARE = 0.02
-"""Refraction left by 5 hPa, 5 K and a model of the mean atmosphere."""
-_PROPER_MOTION_ARCSEC_PER_YEAR = 0.26
-"""Largest mean over a field of the brightest stars; typically 0.06."""
-_PARALLAX_ARCSEC = 0.1
-"""Mean over a field; the nearest star has 0.75."""
-_JULIAN_YEAR_NS = 365.25 * NS_PER_DAY
+_NAMES = {"dRA*": "d_ra_cosde", "dDE": "d_de", "roll": "d_roll"}
+_USUAL_FIELD = FieldOfStars()
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
-    """One effect: its size before correction, and what may remain of it in dRA* and dDE, in arcsec (inf: unknown)."""
+class SessionFacts:
+    """What the budget is made from: the instant is the session's middle.
 
-    name: str
-    size_arcsec: float
-    corrected: bool
-    ra_arcsec: float
-    de_arcsec: float
-    remark: str = ""
+    ``alignment`` is the mount where it was fitted on other frames of the session. ``drift_arcsec_per_h`` is the
+    greatest drift that the aligned residuals allow, by axis: the larger end of its 95 % interval, without sign.
+    """
+
+    site: Site
+    mount: Mount
+    earth_orientation: EarthOrientation | None
+    utc_ns: int
+    clock_error_s: float
+    stars: FieldOfStars = _USUAL_FIELD
+    baudrate: int = 115_200
+    duration_s: float = 0.0
+    alignment: Alignment | None = None
+    drift_arcsec_per_h: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class TruthUncertaintyBudget:
-    """All terms of a night; NaN sizes are not known."""
+    """All terms of a session, and what they leave open together, by axis."""
 
     terms: tuple[Term, ...]
+    axes: dict[str, AxisUncertainty]
 
     @property
     def ra_arcsec(self) -> float:
-        """The sum of what remains in dRA*."""
-        return sum(term.ra_arcsec for term in self.terms)
+        """The expanded uncertainty (95 %) in dRA*."""
+        return self.axes["d_ra_cosde"].expanded_arcsec
 
     @property
     def de_arcsec(self) -> float:
-        """The sum of what remains in dDE."""
-        return sum(term.de_arcsec for term in self.terms)
+        """The expanded uncertainty (95 %) in dDE."""
+        return self.axes["d_de"].expanded_arcsec
 
     def complaint(self, axis: str, limit_arcsec: float, share: float) -> str | None:
-        """One line where what remains is above a limit / ``share``, with the terms that make most of it, else None."""
-        remains = {term: term.ra_arcsec if axis == "dRA*" else term.de_arcsec for term in self.terms}
-        total = sum(remains.values())
+        """One line where the expanded uncertainty of dRA*, dDE or roll is above a limit / ``share``, else None."""
+        total = self.axes[_NAMES[axis]].expanded_arcsec
         if total * share <= limit_arcsec:
             return None
-        large = sorted((term for term in remains if remains[term] >= total / 4), key=remains.__getitem__, reverse=True)
-        parts = " and ".join(f"{term.name} leaves {_amount(remains[term])}" for term in large)
+        alone = {term: combined([term], _NAMES[axis]).expanded_arcsec for term in self.terms}
+        large = sorted((term for term in alone if alone[term] >= total / 2), key=alone.__getitem__, reverse=True)
+        parts = " and ".join(f"{term.name} leaves {_amount(alone[term])}" for term in large) or "all terms together"
         whole = f" of {total:.1f} arcsec" if math.isfinite(total) else ""
-        remark = f"; {large[0].remark}" if large[0].remark else ""
+        remark = f"; {large[0].remedy}" if large and large[0].remedy else ""
         allowed = f"a third of the limit is {limit_arcsec / share:.3g} arcsec"
         return f"truth is not good enough for {axis}: {parts}{whole}, and {allowed}{remark}"
 
@@ -79,105 +87,67 @@ def _amount(arcsec: float) -> str:
     return f"{arcsec:.1f}" if math.isfinite(arcsec) else "an unknown error"
 
 
-@dataclass(frozen=True, slots=True)
-class SessionFacts:
-    """What the budget is made from; ``alignment`` where the mount was fitted on other frames of the session."""
-
-    site: Site
-    mount: Mount
-    earth_orientation: EarthOrientation | None
-    utc_ns: int
-    clock_error_s: float
-    catalog_epoch_jyear: float
-    proper_motions: bool = False
-    alignment: Alignment | None = None
-
-
-def truth_budget(facts: SessionFacts) -> TruthUncertaintyBudget:
-    """The budget of a night; without Earth orientation there is no truth, and one unknown term says so."""
-    if facts.earth_orientation is None:
-        remark = "see the events for why"
-        return TruthUncertaintyBudget((Term("sidereal truth", math.inf, False, math.inf, math.inf, remark),))
-    truth = SiderealTruth(facts.site, facts.earth_orientation)
-    attitude = truth.attitude_true(facts.utc_ns, facts.mount)
-    cos_de = math.cos(math.radians(attitude.de_deg))
-    return TruthUncertaintyBudget(
-        (
-            *_frame_terms(facts, truth, cos_de),
-            *_star_terms(facts, truth),
-            _refraction(facts, truth),
-            *_catalog_terms(facts),
-            *_mount_terms(facts),
-            _clock(facts, cos_de),
-        )
+def session_facts(
+    session: SessionData, *, clock_error_s: float, drift_arcsec_per_h: Mapping[str, float] | None = None
+) -> SessionFacts:
+    """The facts of a session; ``clock_error_s`` is the bound that clock_health found (inf: not known)."""
+    frames, station = session.frames.columns, session.station
+    utc_ns = frames["utc_ns"]
+    return SessionFacts(
+        site=station.site,
+        mount=session.alignment.mount if session.alignment else station.mount,
+        earth_orientation=session.earth_orientation if len(frames) else None,
+        utc_ns=int(utc_ns[len(utc_ns) // 2]) if len(frames) else 0,
+        clock_error_s=clock_error_s,
+        stars=FieldOfStars.of(session),
+        baudrate=station.port.baudrate,
+        duration_s=float(np.ptp(utc_ns)) / 1e9 if len(frames) else 0.0,
+        alignment=session.alignment,
+        drift_arcsec_per_h=drift_arcsec_per_h,
     )
 
 
-def _frame_terms(facts: SessionFacts, truth: SiderealTruth, cos_de: float) -> list[Term]:
-    here = truth.earth_orientation.at(facts.utc_ns)
-    pole = _POLE_ERROR_ARCSEC[here.kind] + _MODEL_ARCSEC
-    ut1 = EARTH_RATE_ARCSEC_PER_S * cos_de * here.ut1_error_s + _MODEL_ARCSEC
-    remains = {
-        "precession": (_MODEL_ARCSEC, _MODEL_ARCSEC, ""),
-        "nutation": (_MODEL_ARCSEC, _MODEL_ARCSEC, ""),
-        "UT1": (ut1, 0.0, f"UT1 is {here.kind}; update it with: pip install -U astropy-iers-data"),
-        "polar motion": (pole, pole, f"the pole is {here.kind}"),
-        "geodetic latitude": (0.0, 0.0, ""),
-    }
-    full = truth.attitude_true(facts.utc_ns, facts.mount)
-    terms = []
-    for name, (ra, de, remark) in remains.items():
-        without = SiderealTruth(facts.site, truth.earth_orientation, {name}).attitude_true(facts.utc_ns, facts.mount)
-        error = compare(without, full)
-        terms.append(Term(name, math.hypot(error.d_ra_cosde_arcsec, error.d_de_arcsec), True, ra, de, remark))
-    return terms
+def truth_budget(facts: SessionFacts) -> TruthUncertaintyBudget:
+    """The budget of a session; without Earth orientation there is no truth, and one unknown term says so."""
+    terms = (_no_truth(),) if facts.earth_orientation is None else tuple(_terms(facts, facts.earth_orientation))
+    return TruthUncertaintyBudget(terms, {axis: combined(terms, axis) for axis in AXES})
 
 
-def _star_terms(facts: SessionFacts, truth: SiderealTruth) -> list[Term]:
-    star = truth.attitude_true(facts.utc_ns, facts.mount).boresight_icrs[None]
-    seen = truth.apparent(star, facts.utc_ns)
-    terms = []
-    for name in ("annual aberration", "diurnal aberration", "light deflection"):
-        without = SiderealTruth(facts.site, truth.earth_orientation, {name}).apparent(star, facts.utc_ns)
-        size = float(np.linalg.norm(without - seen)) * ARCSEC_PER_RAD
-        terms.append(Term(name, size, True, _MODEL_ARCSEC, _MODEL_ARCSEC))
-    return terms
+def _no_truth() -> Term:
+    return Term(
+        "sidereal truth",
+        math.inf,
+        "",
+        math.inf,
+        math.inf,
+        math.inf,
+        evidence="none",
+        explanation="nothing was compared with the sky",
+        remedy="see the events for why",
+    )
 
 
-def _refraction(facts: SessionFacts, truth: SiderealTruth) -> Term:
-    zenith_distance = math.radians(90 - facts.mount.altitude_deg)
-    size = truth.refraction.bend_rad(zenith_distance) * ARCSEC_PER_RAD
-    remains = _AIR_SHARE * size
-    return Term("refraction", size, True, remains, remains, "measure pressure and temperature at the mount")
-
-
-def _catalog_terms(facts: SessionFacts) -> list[Term]:
-    years = abs(2000 + (facts.utc_ns - J2000_NS) / _JULIAN_YEAR_NS - facts.catalog_epoch_jyear)
-    moved = _PROPER_MOTION_ARCSEC_PER_YEAR * years
-    remains = 0.02 * moved if facts.proper_motions else moved
-    remark = f"{years:.0f} years from the catalogue's epoch; use a catalogue with proper motions"
-    return [
-        Term("proper motion", moved, facts.proper_motions, remains, remains, "" if facts.proper_motions else remark),
-        Term("parallax", _PARALLAX_ARCSEC, False, _PARALLAX_ARCSEC, _PARALLAX_ARCSEC),
+def _terms(facts: SessionFacts, orientation: EarthOrientation) -> list[Term]:
+    at = ChangedTruth(facts.site, facts.mount, orientation, facts.utc_ns)
+    constant = [
+        *earth_terms(orientation, facts.utc_ns, at),
+        *site_terms(facts.site, at),
+        *air_terms(facts.site, facts.mount, at),
+        time_stamp(facts.baudrate, at),
     ]
-
-
-def _mount_terms(facts: SessionFacts) -> list[Term]:
-    """A fitted mount has the deflection of the vertical in it; a stated one has not."""
     if facts.alignment is None:
-        remark = "fit the mount with: mount: {align: first 60 s}"
-        return [Term("deflection of the vertical", math.nan, False, _VERTICAL_ARCSEC, _VERTICAL_ARCSEC, remark)]
-    x, y, _ = facts.alignment.sigma_arcsec
-    remains = 3 * math.hypot(x, y)
-    remains = remains if math.isfinite(remains) else math.inf
-    return [
-        Term("deflection of the vertical", math.nan, True, 0.0, 0.0, "absorbed by the alignment"),
-        Term("alignment", math.nan, True, remains, remains, "fit the mount on more frames"),
-    ]
+        mount = stated_mount(facts.mount, at)
+    else:
+        constant = [_absorbed(term) for term in constant]
+        mount = [fitted_mount(facts.alignment, at)]
+    if facts.drift_arcsec_per_h is not None:
+        mount.append(stability(facts.drift_arcsec_per_h, facts.duration_s, fitted=facts.alignment is not None))
+    stars = star_terms(facts.stars, facts.utc_ns, facts.duration_s)
+    return [*model_terms(at), *constant, *mount, clock(facts.clock_error_s, at), *stars]
 
 
-def _clock(facts: SessionFacts, cos_de: float) -> Term:
-    """A constant clock error cannot be told from the mount's hour angle, so that an alignment absorbs it too."""
-    size = EARTH_RATE_ARCSEC_PER_S * cos_de * facts.clock_error_s
-    remark = "synchronise the clock, or state its error if it was measured: --clock-error 0.1s"
-    return Term("clock", size, False, size, 0.0, remark)
+def _absorbed(term: Term) -> Term:
+    """An error that is constant in the horizon frame is part of a mount that was fitted under it."""
+    return replace(
+        term, ra_arcsec=0.0, de_arcsec=0.0, roll_arcsec=0.0, absorbed=True, remedy="absorbed by the fitted mount"
+    )

@@ -15,10 +15,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gse.assessment.decision import COVERAGE_FACTOR, Outcome, Row, judge_figure, judge_share
+from gse.assessment.decision import Outcome, Row, judge_figure, judge_share
 from gse.assessment.diagnosis import findings
+from gse.assessment.guard_band import COVERAGE_FACTOR
 from gse.assessment.statistics import Statistics, SubjectStatistics, figure_of, statistics
-from gse.assessment.truth_budget import SessionFacts, TruthUncertaintyBudget, truth_budget
+from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
 from gse.limits import Limits
 from gse.station.exclusions import Cause, excluded
 from gse.station.results import Subject, Verdict
@@ -67,7 +68,7 @@ class Assessment:
 def judge(session: SessionData) -> Assessment:
     """Measure a session and judge it."""
     stats = statistics(session)
-    budget = truth_budget(_facts(session, stats))
+    budget = _budget(session, stats)
     relative = session.station.mount.align is not None
     rows = tuple(
         row
@@ -96,6 +97,15 @@ def judge(session: SessionData) -> Assessment:
     )
 
 
+def _budget(session: SessionData, stats: Statistics) -> TruthUncertaintyBudget:
+    drifts = {
+        axis: max(abs(of_axis.drift_low_arcsec_per_h), abs(of_axis.drift_high_arcsec_per_h))
+        for axis, of_axis in stats.onboard.axes.items()
+    }
+    facts = session_facts(session, clock_error_s=stats.clock.error_bound_s, drift_arcsec_per_h=drifts)
+    return truth_budget(facts)
+
+
 def is_simulated(session: SessionData) -> bool:
     """Whether no sensor took part: the port or the clock of the session was a simulated one."""
     port, clock = _SIMULATED
@@ -119,11 +129,11 @@ def _rows(
     relative: bool,
 ) -> Iterator[Row]:
     axes = (
-        ("dRA*", "d_ra_cosde", limits.d_ra_cosde_arcsec, budget.ra_arcsec),
-        ("dDE", "d_de", limits.d_de_arcsec, budget.de_arcsec),
-        ("roll", "d_roll", limits.d_roll_arcsec, 0.0),
+        ("dRA*", "d_ra_cosde", limits.d_ra_cosde_arcsec),
+        ("dDE", "d_de", limits.d_de_arcsec),
+        ("roll", "d_roll", limits.d_roll_arcsec),
     )
-    for label, axis, limit, truth_arcsec in axes:
+    for label, axis, limit in axes:
         for name, which in ((f"mean |{label}|", "mean_abs"), (f"95 % of |{label}|", "p95_abs")):
             yield judge_figure(
                 subject.subject,
@@ -131,7 +141,7 @@ def _rows(
                 figure_of(subject.axes[axis], which, stats.duration_s),
                 unit="arcsec",
                 limit=limit,
-                truth_uncertainty=truth_arcsec / COVERAGE_FACTOR,
+                truth_uncertainty=_truth_uncertainty(budget, axis),
                 decision=limits.decision,
                 relative=relative,
             )
@@ -141,12 +151,17 @@ def _rows(
         figure_of(subject.half_cone_95, "p95_abs", stats.duration_s),
         unit="arcsec",
         limit=math.nan if limits.boresight_arcsec is None else limits.boresight_arcsec,
-        truth_uncertainty=math.hypot(budget.ra_arcsec, budget.de_arcsec) / COVERAGE_FACTOR,
+        truth_uncertainty=math.hypot(*(_truth_uncertainty(budget, axis) for axis in ("d_ra_cosde", "d_de"))),
         decision=limits.decision,
         relative=relative,
     )
     yield from _shares(subject, limits)
     yield _time(subject, limits)
+
+
+def _truth_uncertainty(budget: TruthUncertaintyBudget, axis: str) -> float:
+    """The standard uncertainty whose 1.645-fold is the one-sided 95 % bound of truth, whatever its distribution."""
+    return budget.axes[axis].one_sided_arcsec / COVERAGE_FACTOR
 
 
 def _shares(subject: SubjectStatistics, limits: Limits) -> Iterator[Row]:
@@ -251,21 +266,6 @@ def _not_tested(stats: Statistics, rows: tuple[Row, ...], relative: bool) -> Ite
         yield "sensor: it sent no answers of its own (no ATTITUDE frames)"
     if relative:
         yield "absolute pointing, site and clock: the mount was fitted on the same sky"
-
-
-def _facts(session: SessionData, stats: Statistics) -> SessionFacts:
-    frames = session.frames.columns
-    epoch = session.catalog.get("epoch_jyear")
-    return SessionFacts(
-        site=session.station.site,
-        mount=session.alignment.mount if session.alignment else session.station.mount,
-        earth_orientation=session.earth_orientation if len(frames) else None,
-        utc_ns=int(frames["utc_ns"][len(frames) // 2]) if len(frames) else 0,
-        clock_error_s=stats.clock.error_bound_s,
-        catalog_epoch_jyear=epoch if isinstance(epoch, float) else 2016.0,
-        proper_motions=bool(session.catalog.get("proper_motions")),
-        alignment=session.alignment,
-    )
 
 
 def _complaints(session: SessionData, budget: TruthUncertaintyBudget) -> list[str]:

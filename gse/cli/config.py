@@ -44,6 +44,8 @@ def check(path: Path) -> None:
         f"at {station.site.latitude_deg:g}, {station.site.longitude_deg:g}, port {station.port.url}, "
         f"protocol {station.protocol}, identifier {station.identifier.algorithm}"
     )
+    if doubt := station.site.pressure_doubt():
+        click.echo(f"doubtful: {doubt}", err=True)
 
 
 @command.command()
@@ -55,6 +57,10 @@ def show(path: Path | None, as_json: bool) -> None:
 
     station = read_station(path)[0] if path else parse_station(BUILT_IN_TEXT)
     values = station.model_dump(mode="json")
+    values["site"] |= {
+        "pressure_hpa": round(station.site.air_pressure_hpa, 1),
+        "temperature_c": round(station.site.air_temperature_c, 1),
+    }
     if as_json:
         click.echo(json.dumps({"schema": "gse.station/1", **values}, indent=2))
     else:

@@ -13,6 +13,7 @@ from gse.identifier_options import Algorithm
 
 if TYPE_CHECKING:
     from gse.station.exclusions import Exclusion
+    from gse.truth.iers_tables import GivenTables
 
 ALGORITHMS = get_args(Algorithm)
 
@@ -47,6 +48,14 @@ leave_out_option: Callable[[Any], Any] = click.option(
     multiple=True,
     callback=lambda ctx, param, value: _exclusions(value),
     help="Time to leave out of the statistics, with the reason: 2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds",
+)
+earth_orientation_option: Callable[[Any], Any] = click.option(
+    "--earth-orientation",
+    "given_orientation",
+    multiple=True,
+    metavar="FILE",
+    callback=lambda ctx, param, value: _earth_orientation(value),
+    help="Newer tables of the IERS instead of the installed ones: finals2000A.all, Leap_Second.dat.",
 )
 json_option: Callable[[Any], Any] = click.option(
     "--json", "as_json", is_flag=True, help="Print the report as one JSON object."
@@ -94,6 +103,12 @@ def _clock_error_s(text: str | None) -> float | None:
     from gse.assessment.clock_health import stated_error_s
 
     return None if text is None else stated_error_s(text)
+
+
+def _earth_orientation(texts: tuple[str, ...]) -> "GivenTables | None":
+    from gse.truth.iers_tables import read_given
+
+    return read_given([Path(part) for text in texts for part in text.split(",") if part])
 
 
 def _exclusions(texts: tuple[str, ...]) -> tuple["Exclusion", ...]:

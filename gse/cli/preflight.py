@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 
 from gse.cli import EXIT_FAIL
-from gse.cli.options import out_option, station_of, station_option
+from gse.cli.options import earth_orientation_option, out_option, station_of, station_option
 from gse.errors import ConfigError
+from gse.truth.iers_tables import GivenTables
 
 
 @click.command("preflight")
@@ -21,11 +22,19 @@ from gse.errors import ConfigError
     show_default=True,
     help="Planned length of the session.",
 )
+@earth_orientation_option
 @out_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.pass_context
 def command(
-    ctx: click.Context, *, station_path: Path | None, url: str | None, hours: float, out: Path, as_json: bool
+    ctx: click.Context,
+    *,
+    station_path: Path | None,
+    url: str | None,
+    hours: float,
+    given_orientation: GivenTables | None,
+    out: Path,
+    as_json: bool,
 ) -> None:
     """Check station file, port, clock, disk, Earth orientation, catalogue and viewer, with advice for each.
 
@@ -57,7 +66,7 @@ def command(
         show(Check("station", Outcome.OK, f"{station_path or 'built-in'}: {station.sensor.name}, {station.site.name}"))
         if url is not None:
             station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
-        for check in checks(station, out, hours):
+        for check in checks(station, out, hours, given_orientation):
             show(check)
     failed = any(check.outcome is Outcome.FAIL for check in found)
     if as_json:

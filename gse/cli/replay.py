@@ -9,6 +9,7 @@ from gse.cli.live_outputs import ViewMode, Watching
 from gse.cli.options import (
     bind_option,
     clock_error_option,
+    earth_orientation_option,
     identifier_option,
     json_frames_option,
     json_option,
@@ -21,6 +22,7 @@ from gse.cli.options import (
     with_identifier,
 )
 from gse.station.exclusions import Exclusion
+from gse.truth.iers_tables import GivenTables
 
 
 @click.command("replay")
@@ -37,6 +39,7 @@ from gse.station.exclusions import Exclusion
 @bind_option
 @save_rrd_option
 @clock_error_option
+@earth_orientation_option
 @leave_out_option
 @json_option
 @json_frames_option
@@ -58,6 +61,7 @@ def command(
     bind: str,
     save_rrd: Path | None,
     clock_error_s: float | None,
+    given_orientation: GivenTables | None,
     excluded: tuple[Exclusion, ...],
     as_json: bool,
     json_frames: bool,
@@ -75,7 +79,14 @@ def command(
         station, text = station_of(station_path) if station_path else recorded
         return with_identifier(station, text, identifier)
 
-    options = ReplayOptions(speed=speed, from_utc=from_utc, to_utc=to_utc, loop=loop, start_utc=start_utc)
+    options = ReplayOptions(
+        speed=speed,
+        from_utc=from_utc,
+        to_utc=to_utc,
+        loop=loop,
+        start_utc=start_utc,
+        given_orientation=given_orientation,
+    )
     watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames, step=step)
     with watching:
         replay = replay_session(path, options=options, station=change, make_listeners=watching.listeners)

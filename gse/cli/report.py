@@ -5,8 +5,9 @@ from pathlib import Path
 import click
 
 from gse.cli.finish import conclude, exit_code, show_report
-from gse.cli.options import clock_error_option, leave_out_option
+from gse.cli.options import clock_error_option, earth_orientation_option, leave_out_option
 from gse.station.exclusions import Exclusion
+from gse.truth.iers_tables import GivenTables
 
 
 @click.command("report")
@@ -17,6 +18,7 @@ from gse.station.exclusions import Exclusion
     help="New folder for the report; default: 'report' beside FILE, numbered where there is one.",
 )
 @clock_error_option
+@earth_orientation_option
 @leave_out_option
 @click.option("--pdf", is_flag=True, help="Also print report.html to report.pdf, by Chromium or Chrome.")
 @click.option(
@@ -30,6 +32,7 @@ def command(
     path: Path,
     out: Path | None,
     clock_error_s: float | None,
+    given_orientation: GivenTables | None,
     excluded: tuple[Exclusion, ...],
     pdf: bool,
     screenshot: Path | None,
@@ -41,11 +44,12 @@ def command(
     """
     from gse.cli.progress import replay_with_progress
     from gse.report.printing import find_browser, print_to_pdf, save_picture
+    from gse.sessions.replay import ReplayOptions
 
     for wanted in (out, screenshot):
         _check_free(wanted)
     browser = find_browser() if pdf or screenshot else None
-    replay = replay_with_progress(path)
+    replay = replay_with_progress(path, options=ReplayOptions(given_orientation=given_orientation))
     folder = _new_folder(out, path)
     report = conclude(replay.session, folder, replay.own_elapsed_us, clock_error_s, excluded)
     if browser and pdf:

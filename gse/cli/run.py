@@ -14,6 +14,7 @@ from gse.cli.live_outputs import ViewMode, Watching
 from gse.cli.options import (
     bind_option,
     clock_error_option,
+    earth_orientation_option,
     identifier_option,
     json_frames_option,
     json_option,
@@ -26,6 +27,7 @@ from gse.cli.options import (
 )
 from gse.config.edit import with_values
 from gse.config.station import Station
+from gse.truth.iers_tables import GivenTables
 
 
 @click.command("run")
@@ -40,6 +42,7 @@ from gse.config.station import Station
 @save_rrd_option
 @click.option("--wait-port", is_flag=True, help="Wait for a port that is not there yet.")
 @clock_error_option
+@earth_orientation_option
 @json_option
 @json_frames_option
 @out_option
@@ -56,6 +59,7 @@ def command(
     save_rrd: Path | None,
     wait_port: bool,
     clock_error_s: float | None,
+    given_orientation: GivenTables | None,
     as_json: bool,
     json_frames: bool,
     out: Path,
@@ -86,6 +90,7 @@ def command(
             duration_s=duration_s,
             wait_port=wait_port,
             clock_error_s=clock_error_s,
+            given_orientation=given_orientation,
         )
         report = conclude(live.session, live.folder, live.own_elapsed_us, clock_error_s)
         watching.conclude(report)

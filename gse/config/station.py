@@ -4,7 +4,7 @@ import difflib
 import math
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator, with_config
@@ -13,8 +13,8 @@ from gse.camera import Camera
 from gse.errors import ConfigError
 from gse.identifier_options import IdentifierOptions
 from gse.limits import Limits
-from gse.mount import Mount
-from gse.site import Site
+from gse.mount import Mount, MountUncertainty
+from gse.site import Site, SiteUncertainty
 
 MAX_FILE_BYTES = 1_000_000
 """A station file is a page of text; anything bigger is another file."""
@@ -26,7 +26,7 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-for _values in (Site, Mount, IdentifierOptions, Limits):
+for _values in (Site, SiteUncertainty, Mount, MountUncertainty, IdentifierOptions, Limits):
     with_config(ConfigDict(extra="forbid"))(_values)  # an unknown key is an error in these sections too
 
 
@@ -163,6 +163,8 @@ def _explain(item: Any, node: yaml.Node | None, source: str) -> str:
         known = _known_keys(path[:-1])
         near = difflib.get_close_matches(path[-1], known, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}"
+        if "uncertainty" in path[:-1]:
+            hint += " (each key ends in its unit)"
         return f"{where}unknown key {key}; {hint}"
     if item["type"] == "missing":
         return f"{where}{key} is missing"
@@ -186,9 +188,11 @@ def _line_of(node: yaml.Node | None, path: list[str]) -> int:
 
 
 def _known_keys(path: list[str]) -> list[str]:
-    if not path:
-        return list(Station.model_fields)
-    section = Station.model_fields[path[0]].annotation
-    if isinstance(section, type) and issubclass(section, BaseModel):
-        return list(section.model_fields)
-    return [field.name for field in fields(section)] if is_dataclass(section) else []
+    """The keys of a section, or of a section in it."""
+    known: Any = Station
+    for part in path:
+        hints = known.model_fields if isinstance(known, type) and issubclass(known, BaseModel) else None
+        known = hints[part].annotation if hints else get_type_hints(known).get(part)
+    if isinstance(known, type) and issubclass(known, BaseModel):
+        return list(known.model_fields)
+    return [field.name for field in fields(known)] if is_dataclass(known) else []

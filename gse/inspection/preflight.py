@@ -19,7 +19,9 @@ from gse.config.station import Station
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.errors import GseError
 from gse.limits import Limits
+from gse.site import Site
 from gse.truth import EarthOrientation
+from gse.truth.iers_tables import GivenTables
 from gse.view.viewer import rerun_program
 from protocols import Frame, FrameDecoder, Protocol, ProtocolError, load_protocol
 
@@ -50,14 +52,15 @@ class Check:
     advice: str = ""
 
 
-def checks(station: Station, out: Path, hours: float) -> Iterator[Check]:
+def checks(station: Station, out: Path, hours: float, given_orientation: GivenTables | None = None) -> Iterator[Check]:
     """All checks of a station, one after the other; each takes at most some seconds."""
     now_ns = read_clock().utc_ns
     yield _protocol(station)
+    yield _air(station.site)
     yield _port(station)
     yield _clock(station)
     yield _disk(station, out, hours)
-    yield _earth_orientation(now_ns + round(hours * 3600 * instant.NS_PER_S))
+    yield _earth_orientation(now_ns + round(hours * 3600 * instant.NS_PER_S), given_orientation)
     yield _catalog(station)
     yield _viewer()
 
@@ -146,14 +149,24 @@ def _size(count: int) -> str:
     return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"
 
 
-def _earth_orientation(end_ns: int) -> Check:
+def _air(site: Site) -> Check:
+    doubt = site.pressure_doubt()
+    if doubt:
+        advice = "a wrong pressure of 30 hPa is 1.7 arcsec at 45 deg of altitude"
+        return Check("air", Outcome.WARN, doubt, advice)
+    how = "as entered" if site.pressure_hpa is not None else f"the standard atmosphere's at {site.height_m:g} m"
+    uncertainty = f"within {site.pressure_uncertainty_hpa:g} hPa"
+    return Check("air", Outcome.OK, f"{site.air_pressure_hpa:.0f} hPa, {how}, {uncertainty}")
+
+
+def _earth_orientation(end_ns: int, given: GivenTables | None) -> Check:
     try:
-        orientation = EarthOrientation.from_disk(end_ns)
+        orientation = EarthOrientation.from_disk(end_ns, given=given)
         warning = orientation.warning(end_ns)
     except GseError as error:
         return Check("earth", Outcome.FAIL, str(error), "set the clock, or reinstall astropy-iers-data")
     if warning:
-        return Check("earth", Outcome.WARN, warning, "pip install -U astropy-iers-data")
+        return Check("earth", Outcome.WARN, *warning.rsplit("; ", 1))
     here = orientation.at(end_ns)
     return Check(
         "earth", Outcome.OK, f"{orientation.source}: UT1 {here.kind}, known to {here.ut1_error_s * 1e3:.2g} ms"

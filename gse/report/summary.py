@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse import instant
-from gse.assessment.decision import COVERAGE_FACTOR, DECISION_TEXT, RISK
+from gse.assessment.decision import DECISION_TEXT, RISK
 from gse.assessment.decision import Row as DecisionRow
+from gse.assessment.guard_band import COVERAGE_FACTOR
 from gse.assessment.statistics import Statistics
 from gse.assessment.truth_budget import TruthUncertaintyBudget
 from gse.assessment.verdict import Assessment
@@ -97,7 +98,8 @@ def _timing(stats: Statistics) -> dict[str, Any]:
 
 
 def _budget(budget: TruthUncertaintyBudget) -> dict[str, Any]:
-    return {"ra_arcsec": budget.ra_arcsec, "de_arcsec": budget.de_arcsec, "terms": budget.terms}
+    """``ra_arcsec`` and ``de_arcsec`` are expanded uncertainties (95 %)."""
+    return {"ra_arcsec": budget.ra_arcsec, "de_arcsec": budget.de_arcsec, "axes": budget.axes, "terms": budget.terms}
 
 
 def _table_4_1(session: SessionData, stats: Statistics) -> dict[str, Any]:

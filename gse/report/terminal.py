@@ -76,7 +76,7 @@ def facts(report: dict[str, Any]) -> list[str]:
         f"{found['statuses'].get('IDENTIFIED', 0)} identified",
         f"link: {link['bytes_in']} bytes, {link['bytes_discarded']} discarded, {link['frames_lost']} frames lost, "
         f"{link['duplicates']} duplicates, {link['reconnects']} reconnects",
-        f"truth: may be off by {_amount(budget['ra_arcsec'])} in dRA* and {_amount(budget['de_arcsec'])} in dDE",
+        f"truth: known to {_amount(budget['ra_arcsec'])} in dRA* and {_amount(budget['de_arcsec'])} in dDE (95 %)",
     ]
     lines += [f"excluded: {item['frames']} frames, {item['cause']}: {item['reason']}" for item in report["exclusions"]]
     lines += [f"not tested: {line}" for line in report["not_tested"]]

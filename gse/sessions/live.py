@@ -32,6 +32,7 @@ from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.station.setup import set_up
+from gse.truth.iers_tables import GivenTables
 from protocols import load_protocol
 
 MOCK_PORTS = ("sim://", "replay://")
@@ -80,6 +81,7 @@ def run_live(
     duration_s: float | None = None,
     wait_port: bool = False,
     clock_error_s: float | None = None,
+    given_orientation: GivenTables | None = None,
 ) -> LiveSession:
     """Run until the port is at its end (simulated), ``duration_s`` of the data's time have passed, or ``stop``.
 
@@ -102,7 +104,8 @@ def run_live(
         recorder.attach(STATED, "application/json", json.dumps({"clock_error_s": clock_error_s}).encode())
     with recorder, link:
         first = link.receive(FIRST_WITHIN_S)
-        loop = StationLoop(set_up(station, station_text, utc_ns=first[0].utc_ns if first else None))
+        setup = set_up(station, station_text, utc_ns=first[0].utc_ns if first else None)
+        loop = StationLoop(setup, given_orientation=given_orientation)
         derived_data = _DerivedDataRecorder(loop, recorder, link, duration_s)
         loop.session.clock_error_s = clock_error_s
         loop.listeners = make_listeners(loop, folder)

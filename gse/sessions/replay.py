@@ -20,6 +20,7 @@ from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.station.setup import set_up
 from gse.truth import EarthOrientation
+from gse.truth.iers_tables import GivenTables
 
 FIRST_WITHIN_S = 1.0
 StationText = tuple[Station, str]
@@ -36,7 +37,10 @@ class Replay:
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """How a recording is played: pace, part, passes, and the instant at which a raw capture began."""
+    """How a recording is played: pace, part, passes, and the instant at which a raw capture began.
+
+    ``given_orientation`` takes the place of the Earth orientation that is frozen in a session.
+    """
 
     speed: str = "max"
     from_utc: str | None = None
@@ -44,6 +48,7 @@ class ReplayOptions:
     loop: int | None = None
     chunk_bytes: int | None = None
     start_utc: str | None = None
+    given_orientation: GivenTables | None = None
 
     def url(self, path: Path) -> str:
         """The replay:// URL."""
@@ -95,14 +100,15 @@ def replay_session(
 def _loop(
     recorded: Recorded | None, options: ReplayOptions, change: Callable[[StationText], StationText], utc_ns: int | None
 ) -> StationLoop:
-    attachments = recorded.attachments if recorded else {}
+    attachments, given = recorded.attachments if recorded else {}, options.given_orientation
     text = attachments.get(STATION, BUILT_IN_TEXT)
     station, text = change((parse_station(text, "the session's station.yaml"), text))
     same_protocol = station.protocol == parse_station(attachments.get(STATION, BUILT_IN_TEXT)).protocol
     setup = set_up(station, text, utc_ns=utc_ns, protocol_text=attachments.get(PROTOCOL) if same_protocol else None)
     loop = StationLoop(
         setup,
-        earth_orientation=_frozen_orientation(attachments.get(EARTH_ORIENTATION)),
+        earth_orientation=None if given else _frozen_orientation(attachments.get(EARTH_ORIENTATION)),
+        given_orientation=given,
         anchor_utc_ns=None if recorded else _anchor(options),
         recorded=recorded.timings if recorded else None,
     )

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config.station import Station
+from gse.instant import to_julian_year
 from gse.simulator.bodies import FIRST_PLANET, MOON, SUN, BodyCell, bodies_over
 from gse.simulator.pointing import horizon_to_sensor
 from gse.simulator.scenario import Air, Scenario, profile_at
@@ -131,7 +132,7 @@ class Scene:
     def _sky_to(self, faintest_magnitude: float) -> Sky:
         """The stars that are bright enough to matter: all of the catalogue would take 20 MB."""
         if self._sky is None or faintest_magnitude > self._sky_faintest:
-            catalog = load_catalog(faintest_magnitude=faintest_magnitude)
+            catalog = load_catalog(faintest_magnitude=faintest_magnitude).at_epoch(to_julian_year(self._start_ns))
             self._sky, self._sky_faintest = Sky(self._site, catalog, self._merged_within_rad), faintest_magnitude
         return self._sky
 

@@ -82,8 +82,8 @@ class AstropySite:
             site.longitude_deg * u.deg, site.latitude_deg * u.deg, site.height_m * u.m
         )
         self._air = {
-            "pressure": site.pressure_hpa * u.hPa,
-            "temperature": site.temperature_c * u.deg_C,
+            "pressure": site.air_pressure_hpa * u.hPa,
+            "temperature": site.air_temperature_c * u.deg_C,
             "relative_humidity": site.relative_humidity,
             "obswl": _WAVELENGTH_UM * u.um,
         }

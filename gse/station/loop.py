@@ -60,6 +60,7 @@ from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
 from gse.truth import EarthOrientation, SiderealTruth
+from gse.truth.iers_tables import GivenTables
 from protocols import AttitudeMessage, StatusMessage
 
 RECEIVE_TIMEOUT_S = 0.2
@@ -82,7 +83,8 @@ class Listener(Protocol):
 class StationLoop:
     """Chunks of a link become a Night; what comes out on the way goes to the sinks.
 
-    ``recorded`` timings are given to frames of a replay; without them each frame has this host's own time.
+    ``given_orientation`` are tables of the IERS that stand before the installed ones, where no ``earth_orientation`` is
+    frozen. ``recorded`` timings are given to frames of a replay; without them each frame has this host's own time.
     """
 
     def __init__(
@@ -90,6 +92,7 @@ class StationLoop:
         setup: Setup,
         *,
         earth_orientation: EarthOrientation | None = None,
+        given_orientation: GivenTables | None = None,
         anchor_utc_ns: int | None = None,
         recorded: RecordedTimings | None = None,
     ) -> None:
@@ -101,6 +104,7 @@ class StationLoop:
         self.reception = Reception(setup.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
         self.session.link = self.reception.counters
         self.session.earth_orientation = earth_orientation
+        self._given_orientation = given_orientation
         self.own_elapsed_us: array[float] = array("d")
         self._recorded = recorded
         self.listeners: Sequence[Listener] = ()
@@ -257,7 +261,9 @@ class StationLoop:
         """The Earth orientation of the night: frozen in the session, or from disk around the first panorama."""
         self._truth_sought = True
         try:
-            orientation = self.session.earth_orientation or EarthOrientation.from_disk(panorama.utc_ns)
+            orientation = self.session.earth_orientation or EarthOrientation.from_disk(
+                panorama.utc_ns, given=self._given_orientation
+            )
             warning = orientation.warning(panorama.utc_ns)
         except TruthError as error:
             self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.NO_TRUTH, str(error)))

@@ -11,10 +11,9 @@ from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, stars_searched
 from gse.config.station import Station
-from gse.constants import J2000_NS
 from gse.identifier import Identification, Identifier, make_identifier
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
-from gse.instant import NS_PER_DAY
+from gse.instant import to_julian_year
 from gse.panorama import MAX_OBJECTS
 from gse.release_memory import give_back
 from protocols import Protocol, load_protocol, parse_protocol
@@ -43,6 +42,8 @@ class Setup:
         return {
             "source": catalog.source,
             "epoch_jyear": catalog.epoch_jyear,
+            "at_rest": catalog.at_rest,
+            "rest_epoch_jyear": catalog.rest_epoch_jyear or catalog.epoch_jyear,
             "stars": len(catalog),
             "sha256_of_ids": hashlib.sha256(catalog.ids.astype("<i8").tobytes()).hexdigest(),
             "faintest_magnitude": round(float(catalog.magnitude[-1]), 2) if len(catalog) else None,
@@ -100,7 +101,7 @@ def _reference(camera: Camera, catalog: StarCatalog) -> RobustIdentifier:
 
 def _epoch_jyear(utc_ns: int) -> float:
     """The Julian year to a tenth: a table made tonight serves tomorrow, and no bright star moves 0.2 arcsec more."""
-    return round(2000.0 + (utc_ns - J2000_NS) / NS_PER_DAY / 365.25, 1)
+    return round(to_julian_year(utc_ns), 1)
 
 
 def _warm_up(setup: Setup) -> None:

@@ -1,50 +1,64 @@
-"""Earth orientation: UT1 - UTC and the pole, from the IERS tables that are installed, frozen around a night.
+"""Earth orientation: UT1 - UTC, the pole and leap seconds, frozen around a session.
 
-The tables are those of the package astropy-iers-data, never a download: the series C04 for the past and
-``finals2000A.all`` for the last weeks and the predictions. astropy's own reader takes 1.1 s for them; their lines are
-of one length and without gaps, one per day, so that the few lines of a night are read by seeking (the test against
-astropy compares the values).
+Past the end of the tables the last values are held; how wrong they may be grows by the day, and is told.
 """
 
-import functools
-import importlib.metadata
 import json
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Self
-
-import astropy_iers_data  # type: ignore[import-untyped]
-import erfa
+from typing import Any, Self
 
 from gse.errors import TruthError
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD, to_text
+from gse.truth.iers_tables import (
+    C04_FIRST_MJD,
+    GivenTables,
+    LeapSeconds,
+    installed_last_mjd,
+    installed_leap_seconds,
+    installed_rows,
+    installed_source,
+)
 
 FIRST_MJD = 41_317
 """1972-01-01, when UTC began to go by leap seconds: there is no truth before."""
-_C04_FIRST_MJD, _FINALS_FIRST_MJD = 37_665, 41_684
 
-_Row = tuple[int, float, float, float, float, str]
-"""MJD, UT1 - UTC in s, x and y of the pole in arcsec, error of UT1 in s, kind."""
 _SCHEMA = "gse.earth-orientation/1"
+_COLUMNS = ("mjd", "ut1_minus_utc_s", "x_pole_arcsec", "y_pole_arcsec", "ut1_error_s", "kind")
 _MAX_ROWS = 4000
+_MAX_LEAP_SECONDS = 400
 _UT1_LIMIT_S = 0.9
 """UTC is kept within 0.9 s of UT1 by leap seconds (ITU-R TF.460)."""
 _UT1_WANDER_S_PER_DAY = 0.001
 """How fast a held UT1 - UTC goes wrong at worst: the length of day has stayed within some 2 ms of 86,400 s since 1980,
 and the held value is only trusted to half of that."""
+_POLE_ERROR_ARCSEC = {"measured": 0.0005, "predicted": 0.02}
+"""IERS Bulletin A, section predictions: 0.00068 d^0.8 arcsec, up to a year."""
+_POLE_WANDER_ARCSEC_PER_DAY = 0.004
+"""How fast a held pole goes wrong at worst: it goes round 0.3 arcsec in 433 days and about as much in a year."""
+_POLE_LIMIT_ARCSEC = 0.6
+UPDATE = (
+    "update it with: pip install -U astropy-iers-data, or give newer files with --earth-orientation finals2000A.all"
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Orientation:
-    """Earth orientation at one instant; ``kind`` is ``measured``, ``predicted`` or ``past the end``."""
+    """Earth orientation at one instant; ``kind`` is ``measured``, ``predicted`` or ``past the end``.
+
+    ``leap_error_s`` is what a leap second that is not in the list adds to the error of UT1 - UTC: 0 where the list
+    makes an announcement for the day.
+    """
 
     ut1_minus_utc_s: float
     x_pole_rad: float
     y_pole_rad: float
     ut1_error_s: float
     kind: str
+    pole_error_arcsec: float
+    tai_minus_utc_s: float
+    leap_error_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,45 +72,47 @@ class EarthOrientation:
     y_pole_arcsec: tuple[float, ...]
     ut1_error_s: tuple[float, ...]
     kind: tuple[str, ...]
+    leap_seconds: LeapSeconds
 
     @classmethod
-    def from_disk(cls, utc_ns: int, days: int = 10) -> Self:
+    def from_disk(cls, utc_ns: int, days: int = 10, given: GivenTables | None = None) -> Self:
         """The rows within ``days`` of an instant, or the last rows where the instant is past the end.
 
-        TruthError before 1972.
+        Rows of ``given`` files stand before those that are installed. TruthError before 1972.
         """
         mjd = _mjd_from_1972(utc_ns)
-        finals, c04 = Path(astropy_iers_data.IERS_A_FILE), Path(astropy_iers_data.IERS_B_FILE)
-        last = _FINALS_FIRST_MJD + _rows_filled(finals) - 1
-        begin, end = max(_C04_FIRST_MJD, min(mjd, last) - days), min(mjd + days, last)
-        rows = [_c04_row(line) for line in _lines(c04, begin - _C04_FIRST_MJD, end - begin + 1)]
-        begin_finals = begin + len(rows)
-        rows += [_finals_row(line) for line in _lines(finals, begin_finals - _FINALS_FIRST_MJD, end - begin_finals + 1)]
-        if [row[0] for row in rows] != list(range(begin, end + 1)):
-            raise TruthError(f"{c04.parent} holds no IERS tables with one line per day; reinstall astropy-iers-data")
-        version = importlib.metadata.version("astropy-iers-data")
-        return cls(f"IERS C04 and finals2000A, astropy-iers-data {version}", *zip(*rows, strict=True))
+        newer = given.rows if given else {}
+        last = max(installed_last_mjd(), *newer) if newer else installed_last_mjd()
+        begin, end = max(C04_FIRST_MJD, min(mjd, last) - days), min(mjd + days, last)
+        rows = {row[0]: row for row in installed_rows(begin, end)}
+        rows |= {day: newer[day] for day in range(begin, end + 1) if day in newer}
+        if sorted(rows) != list(range(begin, end + 1)):
+            raise TruthError(
+                f"the Earth orientation files leave a gap before {_day_text(last)}; give finals2000A.all, not .daily"
+            )
+        leap_seconds = given.leap_seconds if given and given.leap_seconds else installed_leap_seconds()
+        source = installed_source() + (f", and {given.source}" if given else "")
+        columns = dict(zip(_COLUMNS, zip(*(rows[day] for day in sorted(rows)), strict=True), strict=True))
+        return cls(source, **columns, leap_seconds=leap_seconds)
 
     def to_json(self) -> str:
         """The table as one JSON object; ``from_json`` gives an equal one."""
-        return json.dumps({"schema": _SCHEMA, **{name: getattr(self, name) for name in self.__slots__}})
+        leap = {name: getattr(self.leap_seconds, name) for name in self.leap_seconds.__slots__}
+        columns = {name: getattr(self, name) for name in ("source", *_COLUMNS)}
+        return json.dumps({"schema": _SCHEMA, **columns, "leap_seconds": leap})
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """The table of a JSON text; TruthError where it is none."""
+        """The table of a JSON text; TruthError where it is none. Without leap seconds (0.1.0) the installed serve."""
         try:
             document = json.loads(text)
             if document.pop("schema") != _SCHEMA:
                 raise ValueError("another schema")
-            columns = {name: tuple(document[name]) for name in cls.__slots__ if name != "source"}
-            numbers = [value for name, column in columns.items() if name != "kind" for value in column]
-            if not 2 <= len(columns["mjd"]) <= _MAX_ROWS or len({len(column) for column in columns.values()}) != 1:
-                raise ValueError("columns of different or impossible length")
-            if not all(isinstance(value, float | int) and math.isfinite(value) for value in numbers):
-                raise ValueError("a value is no number")
-            if list(columns["mjd"]) != list(range(columns["mjd"][0], columns["mjd"][0] + len(columns["mjd"]))):
-                raise ValueError("days are missing")
-            return cls(str(document["source"]), **columns)
+            columns = {name: tuple(document[name]) for name in _COLUMNS}
+            _check_columns(columns)
+            leap = document.get("leap_seconds")
+            leap_seconds = installed_leap_seconds() if leap is None else _leap_seconds(leap)
+            return cls(str(document["source"]), **columns, leap_seconds=leap_seconds)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise TruthError(f"no Earth orientation table of schema {_SCHEMA}: {error}") from error
 
@@ -108,35 +124,59 @@ class EarthOrientation:
         fraction = min(max(day - self.mjd[left], 0.0), 1.0)
         outside_days = max(self.mjd[0] - day, day - self.mjd[-1], 0.0)
         # UT1 - TAI has no leaps; UT1 - UTC has.
-        ut1_minus_tai = [self.ut1_minus_utc_s[row] - tai_minus_utc_s(self.mjd[row]) for row in (left, left + 1)]
-        kinds = self.kind[left : left + 2]
+        ut1_minus_tai = [self.ut1_minus_utc_s[row] - self.leap_seconds.at(self.mjd[row]) for row in (left, left + 1)]
+        kind = "predicted" if "predicted" in self.kind[left : left + 2] else "measured"
+        tai_minus_utc_s = self.leap_seconds.at(mjd)
+        ut1_minus_utc_s = _between(ut1_minus_tai, fraction) + tai_minus_utc_s
         error_s = max(self.ut1_error_s[left : left + 2]) + _UT1_WANDER_S_PER_DAY * outside_days
+        pole_arcsec = _POLE_ERROR_ARCSEC[kind] + _POLE_WANDER_ARCSEC_PER_DAY * outside_days
+        most_s = _UT1_LIMIT_S + abs(ut1_minus_utc_s)
+        announced = mjd < self.leap_seconds.known_until_mjd
         return Orientation(
-            _between(ut1_minus_tai, fraction) + tai_minus_utc_s(mjd),
+            ut1_minus_utc_s,
             math.radians(_between(self.x_pole_arcsec[left : left + 2], fraction) / 3600),
             math.radians(_between(self.y_pole_arcsec[left : left + 2], fraction) / 3600),
-            min(error_s, _UT1_LIMIT_S),
-            "past the end" if outside_days else "predicted" if "predicted" in kinds else "measured",
+            min(error_s, most_s),
+            "past the end" if outside_days else kind,
+            min(pole_arcsec, _POLE_LIMIT_ARCSEC),
+            tai_minus_utc_s,
+            0.0 if announced else min(1.0, max(most_s - error_s, 0.0)),
         )
 
     def warning(self, utc_ns: int) -> str | None:
-        """One line for the operator where the table does not reach the instant, else None."""
-        here = self.at(utc_ns)
-        if here.kind != "past the end":
-            return None
-        return (
-            f"{to_text(utc_ns, 0)} is outside the Earth orientation table ({_day_text(self.mjd[0])} to "
-            f"{_day_text(self.mjd[-1])}): UT1 is only known to {here.ut1_error_s:.2g} s = {15 * here.ut1_error_s:.2g} "
-            "arcsec; update it with: pip install -U astropy-iers-data"
-        )
+        """One line for the operator where the tables do not reach the instant, else None."""
+        here, when = self.at(utc_ns), to_text(utc_ns, 0)
+        told = []
+        if here.kind == "past the end":
+            told.append(
+                f"{when} is outside the Earth orientation table ({_day_text(self.mjd[0])} to "
+                f"{_day_text(self.mjd[-1])}): UT1 is only known to {here.ut1_error_s:.2g} s = "
+                f"{15 * here.ut1_error_s:.2g} arcsec"
+            )
+        if _mjd_from_1972(utc_ns) >= self.leap_seconds.known_until_mjd:
+            until = _day_text(self.leap_seconds.known_until_mjd)
+            told.append(f"leap seconds are only announced until {until}: one that is missing is 15 arcsec")
+        return "; ".join([*told, UPDATE]) if told else None
 
 
-@functools.lru_cache(maxsize=4096)
-def tai_minus_utc_s(mjd: int) -> float:
-    """Leap seconds of a day (MJD, 1972 on); of the last known leap second in days to come."""
-    year, month, day, _, _ = erfa.ufunc.jd2cal(2_400_000.5, float(mjd))
-    # The plain ufunc: erfa.dat would warn of a far year, which the table's own end already tells.
-    return float(erfa.ufunc.dat(year, month, day, 0.0)[0])
+def _check_columns(columns: dict[str, Any]) -> None:
+    numbers = [value for name, column in columns.items() if name != "kind" for value in column]
+    if not 2 <= len(columns["mjd"]) <= _MAX_ROWS or len({len(column) for column in columns.values()}) != 1:
+        raise ValueError("columns of different or impossible length")
+    if not all(isinstance(value, float | int) and math.isfinite(value) for value in numbers):
+        raise ValueError("a value is no number")
+    if list(columns["mjd"]) != list(range(columns["mjd"][0], columns["mjd"][0] + len(columns["mjd"]))):
+        raise ValueError("days are missing")
+
+
+def _leap_seconds(document: Any) -> LeapSeconds:
+    mjd, values = document["mjd"], document["tai_minus_utc_s"]
+    until = document["known_until_mjd"]
+    if not 1 <= len(mjd) == len(values) <= _MAX_LEAP_SECONDS or list(mjd) != sorted(set(mjd)):
+        raise ValueError("leap seconds of impossible length or order")
+    if not all(isinstance(value, float | int) and math.isfinite(value) for value in (*mjd, *values, until)):
+        raise ValueError("a leap second is no number")
+    return LeapSeconds(tuple(mjd), tuple(values), int(until))
 
 
 def _mjd_from_1972(utc_ns: int) -> int:
@@ -155,33 +195,3 @@ def _day_text(mjd: int) -> str:
 
 def _between(pair: list[float] | tuple[float, ...], fraction: float) -> float:
     return pair[0] + (pair[1] - pair[0]) * fraction
-
-
-def _lines(path: Path, first: int, count: int) -> list[str]:
-    """Some lines of a table of lines of one length, counted after its head; fewer where the table ends."""
-    with path.open("rb") as table:
-        begin = 0
-        while (line := table.readline()).startswith(b"#"):
-            begin = table.tell()
-        table.seek(begin + max(first, 0) * len(line))
-        return table.read(max(count, 0) * len(line)).decode("ascii").splitlines()
-
-
-def _rows_filled(finals: Path) -> int:
-    """Rows that hold a value: those of the far future are blank but for the date."""
-    rows = finals.stat().st_size // len((_lines(finals, 0, 1)[0] + "\n").encode())
-    while rows > 2 and not _lines(finals, rows - 1, 1)[0][58:68].strip():
-        rows -= 1
-    return rows
-
-
-def _c04_row(line: str) -> _Row:
-    """One line of C04: columns as in the ReadMe.eopc04 beside it."""
-    x, y, ut1, error_s = (float(line[a:b]) for a, b in ((26, 38), (38, 50), (50, 62), (146, 158)))
-    return round(float(line[16:26])), ut1, x, y, error_s, "measured"
-
-
-def _finals_row(line: str) -> _Row:
-    """One line of finals2000A: columns as in the ReadMe.finals2000A beside it."""
-    x, y, ut1, error_s = (float(line[a:b]) for a, b in ((18, 27), (37, 46), (58, 68), (68, 78)))
-    return round(float(line[7:15])), ut1, x, y, error_s, "measured" if line[57] == "I" else "predicted"

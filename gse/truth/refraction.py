@@ -31,7 +31,8 @@ class Refraction:
     @classmethod
     def at(cls, site: Site, wavelength_um: float = WAVELENGTH_UM) -> Self:
         """The constants for the air of a site; a pressure of 0 means none."""
-        a, b = erfa.ufunc.refco(site.pressure_hpa, site.temperature_c, site.relative_humidity, wavelength_um)
+        air = site.air_pressure_hpa, site.air_temperature_c, site.relative_humidity
+        a, b = erfa.ufunc.refco(*air, wavelength_um)
         return cls(float(a), float(b))
 
     def removed(

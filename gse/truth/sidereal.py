@@ -20,7 +20,7 @@ from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
 from gse.mount import Mount
 from gse.site import Site
 from gse.truth.mounting import horizon_to_sensor
-from gse.truth.orientation import EarthOrientation, tai_minus_utc_s
+from gse.truth.orientation import EarthOrientation
 from gse.truth.refraction import Refraction
 
 CORRECTIONS = (
@@ -143,7 +143,7 @@ class SiderealTruth:
         days, ns = divmod(middle_ns, NS_PER_DAY)
         mjd, second = UNIX_EPOCH_MJD + days, ns / NS_PER_S
         earth = self.earth_orientation.at(middle_ns)
-        tt = _MJD_JD + mjd, (second + tai_minus_utc_s(mjd) + _TT_MINUS_TAI_S) / DAY_S
+        tt = _MJD_JD + mjd, (second + earth.tai_minus_utc_s + _TT_MINUS_TAI_S) / DAY_S
         ut1 = _MJD_JD + mjd, (second + (0.0 if "UT1" in self.omit else earth.ut1_minus_utc_s)) / DAY_S
         icrs_to_date = self._icrs_to_date(tt)
         sidereal_rad = float(

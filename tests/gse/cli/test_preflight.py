@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from gse.cli.config import command as config
 from gse.cli.ports import command as ports
 from gse.cli.preflight import command as preflight
 from gse.config.station import BUILT_IN_TEXT
@@ -38,7 +39,7 @@ def checked(*arguments: object) -> tuple[dict[str, dict[str, Any]], int]:
 
 def test_a_simulated_night_is_ready(tmp_path: Path) -> None:
     found, exit_code = checked("--out", tmp_path)
-    assert list(found) == ["station", "protocol", "port", "clock", "disk", "earth", "catalogue", "viewer"]
+    assert list(found) == ["station", "protocol", "air", "port", "clock", "disk", "earth", "catalogue", "viewer"]
     assert {check["outcome"] for check in found.values()} == {"OK"}
     assert exit_code == 0
     assert "UT1" in found["earth"]["text"]
@@ -90,7 +91,24 @@ def test_a_full_disk_is_seen_before_the_night(tmp_path: Path) -> None:
 
 def test_the_text_names_each_check_and_its_outcome(tmp_path: Path) -> None:
     text = CliRunner().invoke(preflight, ["--out", str(tmp_path)]).stdout
-    assert text.count("OK ") == 8
+    assert text.count("OK ") == 9
+
+
+def test_a_pressure_that_is_not_that_of_the_height_is_doubted_with_a_number(tmp_path: Path) -> None:
+    station = tmp_path / "station.yaml"
+    station.write_text(BUILT_IN_TEXT.replace("height_m: 250", "height_m: 2700"))
+    found, exit_code = checked("--station", station, "--out", tmp_path)
+    assert (found["air"]["outcome"], exit_code) == ("WARN", 0)
+    assert "985, but the standard atmosphere has 728 hPa at 2700 m" in found["air"]["text"]
+    result = CliRunner().invoke(config, ["check", str(station)])
+    assert result.exit_code == 0
+    assert "doubtful: site.pressure_hpa is 985" in result.stderr
+    station.write_text(BUILT_IN_TEXT.replace("height_m: 250", "height_m: 2700").replace("  pressure_hpa: 985\n", ""))
+    found, _ = checked("--station", station, "--out", tmp_path)
+    assert found["air"]["outcome"] == "OK"
+    assert "728 hPa, the standard atmosphere's at 2700 m, within 20 hPa" in found["air"]["text"]
+    shown = json.loads(CliRunner().invoke(config, ["show", str(station), "--json"]).stdout)
+    assert shown["site"]["pressure_hpa"] == pytest.approx(728.0, abs=1)
 
 
 def test_ports_says_what_there_is(tmp_path: Path) -> None:

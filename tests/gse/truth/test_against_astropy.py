@@ -39,8 +39,8 @@ def altaz_frame(utc_ns, sites, *, air):
     return AltAz(
         obstime=astropy_time(utc_ns),
         location=location,
-        pressure=[s.pressure_hpa for s in sites] * u.hPa,
-        temperature=[s.temperature_c for s in sites] * u.deg_C,
+        pressure=[s.air_pressure_hpa for s in sites] * u.hPa,
+        temperature=[s.air_temperature_c for s in sites] * u.deg_C,
         relative_humidity=[s.relative_humidity for s in sites],
         obswl=0.6 * u.micron,
     )

@@ -11,7 +11,6 @@ from skyfield.earthlib import refraction
 from gse.instant import NS_PER_S, from_text
 from gse.site import Site
 from gse.truth import EarthOrientation, Refraction, SiderealTruth
-from gse.truth.orientation import tai_minus_utc_s
 
 ARCSEC = np.pi / 180 / 3600
 CASES = 300
@@ -39,7 +38,7 @@ def skyfield_time(utc_ns, table):
     """The instant in skyfield with the UT1 and pole of ``table``: its own are up to 0.17 s off."""
     here = table.at(utc_ns)
     days, ns = divmod(utc_ns, 86_400 * NS_PER_S)
-    tai_minus_utc = tai_minus_utc_s(days + 40587)
+    tai_minus_utc = here.tai_minus_utc_s
     scale = load.timescale(builtin=True, delta_t=32.184 + tai_minus_utc - here.ut1_minus_utc_s)
     arcsec = np.degrees([here.x_pole_rad, here.y_pole_rad]) * 3600
     scale.polar_motion_table = (np.array([0.0, 1e7]), np.repeat(arcsec[0], 2), np.repeat(arcsec[1], 2))

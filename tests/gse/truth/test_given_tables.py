@@ -1,0 +1,90 @@
+"""Earth orientation and leap seconds from files, for machines without a network."""
+
+from pathlib import Path
+
+import astropy_iers_data
+import erfa
+import pytest
+
+from gse.errors import TruthError
+from gse.instant import from_text
+from gse.truth import EarthOrientation
+from gse.truth.iers_tables import installed_leap_seconds, read_given
+
+SPRING_NS, LATE_NS = from_text("2026-03-20T18:30:00Z"), from_text("2030-03-20T18:30:00Z")
+FINALS = Path(astropy_iers_data.IERS_A_FILE)
+
+
+@pytest.fixture
+def later_finals(tmp_path):
+    """The last year of the installed table, dated three years later, with UT1 - UTC 0.05 s higher."""
+    lines = [line for line in FINALS.read_text().splitlines() if line[58:68].strip()][-900:]
+    moved = [
+        f"{line[:7]}{float(line[7:15]) + 1096:8.2f}{line[15:58]}{float(line[58:68]) + 0.05:10.7f}{line[68:]}"
+        for line in lines
+    ]
+    path = tmp_path / "finals2000A.all"
+    path.write_text("\n".join(moved) + "\n")
+    return path
+
+
+def test_leap_seconds_are_those_of_erfa():
+    leap = installed_leap_seconds()
+    theirs = [row for row in erfa.leap_seconds.get() if row["year"] >= 1972]
+    assert list(leap.tai_minus_utc_s) == [row["tai_utc"] for row in theirs]
+    assert leap.at(57_753) == 36  # 2016-12-31
+    assert leap.at(57_754) == leap.at(70_000) == 37
+    assert leap.known_until_mjd > 61_000
+
+
+def test_a_newer_table_takes_the_place_of_the_end_of_predictions(later_finals):
+    assert EarthOrientation.from_disk(LATE_NS).at(LATE_NS).kind == "past the end"
+    table = EarthOrientation.from_disk(LATE_NS, given=read_given([later_finals]))
+    assert table.at(LATE_NS).kind != "past the end"
+    assert "finals2000A.all" in table.source
+    assert EarthOrientation.from_json(table.to_json()) == table
+
+
+def test_a_newer_list_of_leap_seconds_announces_one(tmp_path, later_finals):
+    installed = Path(astropy_iers_data.IERS_LEAP_SECOND_FILE).read_text(encoding="latin-1")
+    leap = tmp_path / "Leap_Second.dat"
+    newer = installed.replace("28 June 2027", "28 June 2031").rstrip() + "\n    61771.0    1  1 2028       36\n"
+    leap.write_text(newer)
+    table = EarthOrientation.from_disk(LATE_NS, given=read_given([later_finals, leap]))
+    assert (table.at(LATE_NS).tai_minus_utc_s, table.at(LATE_NS).leap_error_s) == (36.0, 0.0)
+    assert table.warning(LATE_NS) is None
+
+
+def test_the_list_that_comes_with_unix_systems_is_read_too(tmp_path):
+    path = tmp_path / "leap-seconds.list"
+    path.write_text("#@\t3991593600\n2272060800\t10\t# 1 Jan 1972\n3692217600\t37\t# 1 Jan 2017\n")
+    given = read_given([path])
+    assert given.leap_seconds.mjd == (41_317, 57_754)
+    assert given.leap_seconds.known_until_mjd == 61_219  # 2026-06-28
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "is no table of Earth orientation: expected finals2000A"),
+        ("mjd;x;y\n1;2;3\n", "not .csv"),
+        ("# File expires on 40 June 2027\n 41317.0 1 1 1972 10\n", "is no table of Earth orientation"),
+        ("# File expires on 28 June 2027\n 41499.0 1 7 1972 11\n 41317.0 1 1 1972 10\n", "is no table"),
+    ],
+)
+def test_another_file_is_refused_in_words(tmp_path, content, words):
+    path = tmp_path / "table"
+    path.write_text(content)
+    with pytest.raises(TruthError, match=words):
+        read_given([path])
+
+
+def test_a_damaged_line_is_named(tmp_path, later_finals):
+    lines = later_finals.read_text().splitlines()
+    lines[5] = lines[5][:60] + "???" + lines[5][63:]
+    path = tmp_path / "finals"
+    path.write_text("\n".join(lines))
+    with pytest.raises(TruthError, match="line 6: no row of finals2000A"):
+        read_given([path])
+    with pytest.raises(TruthError, match="cannot read the Earth orientation file"):
+        read_given([tmp_path / "nowhere"])
