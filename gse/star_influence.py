@@ -52,3 +52,32 @@ def _fisher(directions: NDArray[np.float64], place: NDArray[np.int64], frames: i
             outer = np.bincount(place, weights=directions[:, i] * directions[:, j], minlength=frames)
             fisher[:, i, j] = fisher[:, j, i] = (total if i == j else 0) - outer
     return fisher
+
+
+def persistent_covariance(
+    influence: NDArray[np.float64], stars: NDArray[np.int64], blocks: NDArray[np.int64], frames: int
+) -> NDArray[np.float64]:
+    """Covariance (3, 3) that errors of single stars over more than one time block leave in the mean of ``frames``.
+
+    The catalogue's error of a star stays, and its place on the pixels changes slowly where the sky moves along them:
+    the scatter of the frames shows neither. It is the sum over stars of the products of different blocks' sums, in
+    which noise within a block has no part (a covariance clustered by star, less one clustered by star and block).
+    """
+    cell, place = np.unique(np.column_stack([stars, blocks]), axis=0, return_inverse=True)
+    sums = np.column_stack([np.bincount(place.ravel(), weights=part, minlength=len(cell)) for part in influence.T])
+    _, star = np.unique(cell[:, 0], return_inverse=True)
+    totals = np.column_stack([np.bincount(star, weights=part) for part in sums.T])
+    values, vectors = np.linalg.eigh(totals.T @ totals - sums.T @ sums)
+    persistent = (vectors * np.maximum(values, 0)) @ vectors.T / frames**2
+    return np.asarray(persistent * few_clusters(totals), dtype=np.float64)
+
+
+def few_clusters(scores: NDArray[np.float64]) -> float:
+    """By how much a covariance (p, p) from sums (G, p) over independent clusters must be larger, because G is small.
+
+    The variance of Student's t, nu / (nu - 2), with Satterthwaite's number of equal clusters less one for nu.
+    """
+    squares = scores**2 / np.maximum((scores**2).sum(axis=0), 1e-300)
+    share = squares.mean(axis=1)
+    freedom = share.sum() ** 2 / max(float((share**2).sum()), 1e-300) - 1
+    return float(freedom / max(freedom - 2, 0.5)) if freedom > 0 else 1.0

@@ -57,7 +57,7 @@ def command(
         station=change,
         make_listeners=lambda loop, folder: [measured],
     )
-    judged = cross_judged(measured)
+    judged = cross_judged(measured, replay.session)
     if write_path is not None:
         mount = judged.alignment.mount
         angles = {name: round(getattr(mount, name), 6) for name in ("azimuth_deg", "altitude_deg", "roll_deg")}

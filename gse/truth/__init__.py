@@ -1,6 +1,6 @@
 """Sidereal truth: where the sensor on its mount really looked, by ERFA and the IERS tables on disk."""
 
-from gse.truth.alignment import Alignment, fit_mount, small_rotations
+from gse.truth.alignment import Alignment, fit_mount, small_rotations, time_blocks
 from gse.truth.mounting import horizon_to_sensor, mount_of
 from gse.truth.orientation import EarthOrientation, Orientation
 from gse.truth.refraction import Refraction
@@ -17,4 +17,5 @@ __all__ = [
     "horizon_to_sensor",
     "mount_of",
     "small_rotations",
+    "time_blocks",
 ]
