@@ -93,11 +93,21 @@ def _share_error(
     """
     _, star = np.unique(stars, return_inverse=True)
     _, frame = np.unique(frames, return_inverse=True)
-    shares = scipy.sparse.csr_array(((operators * errors).sum(axis=1), (frame, star)))
-    products = (shares.T @ shares).toarray()
-    made = np.diagonal(products)
-    expected = np.bincount(star, weights=(operators**2).sum(axis=1))
-    differences = made - made.sum() / expected.sum() * expected
+    products = _products((operators * errors).sum(axis=1), frame, star)
+    made = np.diagonal(products).copy()
+    squares = (operators**2).sum(axis=1)
+    expected = np.bincount(star, weights=squares)
+    ratio = made.sum() / expected.sum()
+    # The fit of a frame makes the residuals of its stars depend on each other, as those about a mean do.
+    by_fit = _products(squares / np.sqrt(np.bincount(frame, weights=squares))[frame], frame, star)
+    pairs = products + ratio * by_fit
+    np.fill_diagonal(pairs, 0.0)
     few = len(made) / (len(made) - 1)
-    variance = few * (differences**2).sum() + 2 * ((products**2).sum() - (made**2).sum())
+    variance = few * ((made - ratio * expected) ** 2).sum() + 2 * (pairs**2).sum()
     return math.sqrt(variance) / 2 / max(float(made.sum()), 1e-300)
+
+
+def _products(values: NDArray[np.float64], frame: NDArray[np.int64], star: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Sums (S, S) over frames of the products of the values of two stars."""
+    table = scipy.sparse.csr_array((values, (frame, star)))
+    return np.asarray((table.T @ table).toarray(), dtype=np.float64)
