@@ -15,6 +15,7 @@ from gse.cli.options import (
     leave_out_option,
     out_option,
     save_rrd_option,
+    start_utc_option,
     station_of,
     station_option,
     view_option,
@@ -32,7 +33,7 @@ from gse.station.exclusions import Exclusion
 @click.option("--to", "to_utc", help="Replay up to this UTC.")
 @click.option("--loop", type=click.IntRange(min=1), help="Replay so many times in a row.")
 @click.option("--step", is_flag=True, help="Wait for Enter after each panorama.")
-@click.option("--start-utc", help="UTC of the first panorama of a raw capture.")
+@start_utc_option
 @view_option
 @bind_option
 @save_rrd_option
