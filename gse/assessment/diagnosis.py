@@ -17,7 +17,6 @@ from gse.station.event_kinds import StationKind
 from gse.station.frame_table import STATUSES
 from gse.station.results import Status
 from gse.station.session_data import SessionData
-from gse.truth import SiderealTruth
 
 _SIGMAS = 4.0
 _BIAS_SHARE_OF_LIMIT = 1 / 6
@@ -145,7 +144,6 @@ def _optics(session: SessionData) -> Iterator[str]:
             "beyond what the focal length explains; gse calibrate fits it"
         )
         return
-    scale -= _expected_scale(session, camera)
     if abs(scale) > max(_SCALE, _SIGMAS * scale_sigma):
         off = "short" if scale > 0 else "long"
         yield f"focal length: it is about {abs(scale):.2%} too {off}; gse calibrate fits it"
@@ -177,23 +175,3 @@ def _radial(camera: Camera, matches: NDArray[np.void], powers: tuple[int, ...]) 
     summed = np.stack([np.bincount(cluster, weights=score) for score in scores.T], axis=1)
     covariance = inverse @ (summed.T @ summed) @ inverse
     return float(fit[-1]), math.sqrt(float(covariance[-1, -1]))
-
-
-def _expected_scale(session: SessionData, camera: Camera) -> float:
-    """By how much refraction and aberration stretch the field: residuals are of directions as they are seen."""
-    frames = session.frames.columns
-    known = np.flatnonzero(np.isfinite(frames["ra_true_deg"]))
-    if session.earth_orientation is None or len(known) == 0:
-        return 0.0
-    frame = frames[known[len(known) // 2]]
-    truth = SiderealTruth(session.station.site, session.earth_orientation)
-    utc_ns, ra, de = int(frame["utc_ns"]), math.radians(frame["ra_true_deg"]), math.radians(frame["de_true_deg"])
-    east = np.array([-math.sin(ra), math.cos(ra), 0.0])
-    north = np.array([-math.sin(de) * math.cos(ra), -math.sin(de) * math.sin(ra), math.cos(de)])
-    boresight = np.cross(east, north)
-    reach = camera.columns / 4 / camera.focal_length_px
-    ring = boresight + reach * np.array([east, north, -east, -north])
-    ring /= np.linalg.norm(ring, axis=1)[:, None]
-    seen = truth.refraction.added(truth.apparent(ring, utc_ns), truth.icrs_to_horizon(utc_ns)[2])
-    across = [np.linalg.norm(rays[0] - rays[2]) + np.linalg.norm(rays[1] - rays[3]) for rays in (seen, ring)]
-    return float(across[0] / across[1] - 1)

@@ -1,14 +1,16 @@
 """Two nights side by side: figures, their differences, and which differences are a regression."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gse.assessment.axis_statistics import block_means
+from gse.assessment.axis_statistics import AxisStatistics, block_means
 from gse.assessment.counted_frames import false_answers
+from gse.assessment.field_content import FieldContent, field_content
 from gse.assessment.statistics import Statistics, statistics
 from gse.instant import NS_PER_S
 from gse.station.frame_table import STATUSES
@@ -27,17 +29,20 @@ _NAN = float("nan")
 class Row:
     """One figure of both nights.
 
-    ``sigmas`` says how significant the difference is, positive where the second night is worse (NaN: not known);
-    ``worse`` is a regression: significant, and larger than what is allowed. A figure without ``gate`` is only shown.
+    ``alike`` is the second night's figure as it would be over the fields of the first; ``difference`` is that less the
+    first. ``sigmas`` says how significant the difference is, positive where the second night is worse (NaN: not known);
+    ``worse`` is a regression: significant, and larger than ``allowed``. A figure without ``gate`` is only shown.
     """
 
     name: str
     unit: str
     first: float
     second: float
+    alike: float
     difference: float
     sigmas: float
-    worse: bool
+    allowed: float
+    worse: bool = False
     gate: bool = True
 
 
@@ -55,31 +60,42 @@ class SessionComparison:
 
 
 def session_comparison(
-    first: SessionData, second: SessionData, *, sigmas: float = 3.0, allowed_share: float = 0.01
+    first: SessionData,
+    second: SessionData,
+    *,
+    sigmas: float = 3.0,
+    allowed_share: float = 0.01,
+    bias_is_regression: bool = False,
 ) -> SessionComparison:
     """Compare two nights.
 
     The second is worse in a figure where the difference is beyond ``sigmas`` and larger than ``allowed_share`` of the
-    first station's limit for it.
+    first station's limit for it. With ``bias_is_regression`` a bias that changed either way is one.
     """
     limits = first.station.limits
     figures = statistics(first), statistics(second)
     columns = first.frames.columns, second.frames.columns
     pairs = _pairs(*columns)
-    measured = []
+    fields = field_content(first), field_content(second)
+    rows = []
     for axis, label, limit in (
         ("d_ra_cosde", "dRA*", limits.d_ra_cosde_arcsec),
         ("d_de", "dDE", limits.d_de_arcsec),
     ):
-        measured.append((_mean_abs(f"mean |{label}|", axis, columns, figures, pairs), allowed_share * limit))
-        measured.append((_noise(f"NEA {label}", axis, figures), allowed_share * limit))
-        measured.append((_bias(f"bias {label}", axis, figures), math.inf))
-    measured.append((_availability(figures, columns, pairs), allowed_share))
-    measured.append((_false(figures, columns, pairs), 0.0))
+        allowed = allowed_share * limit
+        one, two = (_Axis.of(*of_one, axis) for of_one in zip(figures, columns, fields, strict=True))
+        # The same panoramas have the same fields: fewer stars identified in them is a loss of the second.
+        growth = 1.0 if pairs is not None else one.field.geometry / two.field.geometry
+        growth = growth if math.isfinite(growth) else 1.0
+        change = _paired_error(axis, columns, pairs)
+        rows.append(_mean_abs(f"mean |{label}|", one, two, growth, change, allowed))
+        rows.append(_noise(f"NEA {label}", one, two, growth, allowed))
+        rows.append(_bias(f"bias {label}", one, two, allowed, gate=bias_is_regression))
+    rows.append(_availability(figures, columns, pairs, allowed_share))
+    rows.append(_false(figures, columns, pairs))
     if pairs is None:
-        measured.append((_time(figures), math.inf))
-    rows = tuple(_judged(row, sigmas, allowed) for row, allowed in measured)
-    return SessionComparison(rows, pairs is not None)
+        rows.append(_time(figures))
+    return SessionComparison(tuple(_judged(row, sigmas) for row in rows), pairs is not None)
 
 
 _Pairs = tuple[NDArray[np.int64], NDArray[np.int64]]
@@ -87,11 +103,49 @@ _Columns = tuple[NDArray[np.void], NDArray[np.void]]
 _Figures = tuple[Statistics, Statistics]
 
 
-def _judged(row: Row, sigmas: float, allowed: float) -> Row:
-    lower_is_better = row.name != "availability"
-    loss = row.difference if lower_is_better else -row.difference
-    worse = row.gate and row.sigmas > sigmas and loss > allowed
-    return Row(row.name, row.unit, row.first, row.second, row.difference, row.sigmas, worse, row.gate)
+class _Axis(NamedTuple):
+    """One axis of one night: its figures, and what its stars make of them."""
+
+    figures: AxisStatistics
+    field: FieldContent
+    time_error_arcsec: float
+
+    @classmethod
+    def of(cls, figures: Statistics, frames: NDArray[np.void], fields: dict[str, FieldContent], axis: str) -> "_Axis":
+        good = _good(frames)
+        time_error = _sigma_of_mean(frames["utc_ns"][good], frames[f"{axis}_arcsec"][good])
+        return cls(figures.onboard.axes[axis], fields.get(axis, _NO_FIELD), time_error)
+
+    @property
+    def bias_error_arcsec(self) -> float:
+        """Standard error of the bias: what frames show, and what stars keep."""
+        return math.hypot(self.time_error_arcsec, self.field.bias_error_arcsec)
+
+    @property
+    def noise_error_arcsec(self) -> float:
+        """Standard error of the noise equivalent angle: that of white noise, or of stars that differ."""
+        white = (self.figures.nea_high_arcsec - self.figures.nea_low_arcsec) / 2 / 1.96
+        return max(white, self.field.noise_error_share * self.figures.nea_arcsec)
+
+    @property
+    def mean_abs_error_arcsec(self) -> float:
+        """Standard error of the mean absolute error, as of normal errors: by bias and by spread."""
+        share = self.figures.bias_arcsec / max(self.figures.std_arcsec, 1e-9)
+        by_bias = math.erf(share / math.sqrt(2)) * self.bias_error_arcsec
+        spread_error = self.field.spread_error_share * self.figures.std_arcsec
+        return math.hypot(by_bias, math.sqrt(2 / math.pi) * math.exp(-(share**2) / 2) * spread_error)
+
+
+_NO_FIELD = FieldContent(_NAN, 0.0, 0.0, 0.0)
+
+
+def _judged(row: Row, sigmas: float) -> Row:
+    if row.name.startswith("bias"):
+        worse = abs(row.sigmas) > sigmas and abs(row.difference) > row.allowed
+    else:
+        loss = -row.difference if row.name == "availability" else row.difference
+        worse = row.sigmas > sigmas and loss > row.allowed
+    return replace(row, worse=row.gate and worse)
 
 
 def _pairs(first: NDArray[np.void], second: NDArray[np.void]) -> _Pairs | None:
@@ -108,22 +162,31 @@ def _good(frames: NDArray[np.void]) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(frames["d_de_arcsec"]) & ~false_answers(frames), dtype=bool)
 
 
-def _mean_abs(name: str, axis: str, columns: _Columns, figures: _Figures, pairs: _Pairs | None) -> Row:
-    """Mean absolute error; the scatter of the difference is that of means over 20 s, paired where possible."""
-    a, b = (session.onboard.axes[axis].mean_abs_arcsec for session in figures)
+def _paired_error(axis: str, columns: _Columns, pairs: _Pairs | None) -> float:
+    """Standard error of the mean change of the absolute error, by means over 20 s; NaN of different panoramas."""
+    if pairs is None:
+        return _NAN
     errors = [np.abs(frames[f"{axis}_arcsec"]) for frames in columns]
-    if pairs is not None:
-        both = _good(columns[0])[pairs[0]] & _good(columns[1])[pairs[1]]
-        change = (errors[1][pairs[1]] - errors[0][pairs[0]])[both]
-        sigma = _sigma_of_mean(columns[0]["utc_ns"][pairs[0]][both], change)
-    else:
-        kept = [_good(frames) for frames in columns]
-        parts = [
-            _sigma_of_mean(frames["utc_ns"][good], error[good])
-            for frames, good, error in zip(columns, kept, errors, strict=True)
-        ]
-        sigma = math.hypot(*parts)
-    return Row(name, "arcsec", a, b, b - a, _sigmas(b - a, sigma), worse=False)
+    both = _good(columns[0])[pairs[0]] & _good(columns[1])[pairs[1]]
+    change = (errors[1][pairs[1]] - errors[0][pairs[0]])[both]
+    return _sigma_of_mean(columns[0]["utc_ns"][pairs[0]][both], change)
+
+
+def _mean_abs(name: str, one: _Axis, two: _Axis, growth: float, paired_error: float, allowed: float) -> Row:
+    """Mean absolute error; that of the second over the fields of the first by a normal distribution of its errors."""
+    a, b = one.figures.mean_abs_arcsec, two.figures.mean_abs_arcsec
+    bias, spread = two.figures.bias_arcsec, two.figures.std_arcsec
+    alike = b if growth == 1 else b + _folded_mean(bias, spread * growth) - _folded_mean(bias, spread)
+    scale = growth if math.isfinite(growth) else 1.0
+    error = math.hypot(one.mean_abs_error_arcsec, scale * two.mean_abs_error_arcsec)
+    error = error if math.isnan(paired_error) else paired_error
+    return Row(name, "arcsec", a, b, alike, alike - a, _sigmas(alike - a, error), allowed)
+
+
+def _folded_mean(bias: float, spread: float) -> float:
+    """Mean absolute value of a normal distribution."""
+    share = bias / max(spread, 1e-9)
+    return spread * math.sqrt(2 / math.pi) * math.exp(-(share**2) / 2) + bias * math.erf(share / math.sqrt(2))
 
 
 def _sigma_of_mean(utc_ns: NDArray[np.int64], values: NDArray[np.float64]) -> float:
@@ -139,34 +202,32 @@ def _sigmas(difference: float, sigma: float) -> float:
     return 0.0 if difference == 0 else math.copysign(math.inf, difference) if sigma == 0 else _NAN
 
 
-def _noise(name: str, axis: str, figures: _Figures) -> Row:
-    a, b = (session.onboard.axes[axis] for session in figures)
-    sigma = math.hypot(*((one.nea_high_arcsec - one.nea_low_arcsec) / 2 / 1.96 for one in (a, b)))
-    difference = b.nea_arcsec - a.nea_arcsec
-    return Row(name, "arcsec", a.nea_arcsec, b.nea_arcsec, difference, _sigmas(difference, sigma), worse=False)
+def _noise(name: str, one: _Axis, two: _Axis, growth: float, allowed: float) -> Row:
+    a, b = one.figures.nea_arcsec, two.figures.nea_arcsec
+    error = math.hypot(one.noise_error_arcsec, growth * two.noise_error_arcsec)
+    difference = growth * b - a
+    return Row(name, "arcsec", a, b, growth * b, difference, _sigmas(difference, error), allowed)
 
 
-def _bias(name: str, axis: str, figures: _Figures) -> Row:
-    """Shown, not gated: it may go either way, and mean |error| has it."""
-    a, b = (session.onboard.axes[axis] for session in figures)
-    sigma = math.hypot(a.bias_error_arcsec, b.bias_error_arcsec) / 1.96
-    difference = b.bias_arcsec - a.bias_arcsec
-    sigmas = _sigmas(difference, sigma)
-    return Row(name, "arcsec", a.bias_arcsec, b.bias_arcsec, difference, sigmas, worse=False, gate=False)
+def _bias(name: str, one: _Axis, two: _Axis, allowed: float, *, gate: bool) -> Row:
+    """It may go either way; mean |error| has a large one."""
+    a, b = one.figures.bias_arcsec, two.figures.bias_arcsec
+    error = math.hypot(one.bias_error_arcsec, two.bias_error_arcsec)
+    return Row(name, "arcsec", a, b, b, b - a, _sigmas(b - a, error), allowed, gate=gate)
 
 
-def _availability(figures: _Figures, columns: _Columns, pairs: _Pairs | None) -> Row:
+def _availability(figures: _Figures, columns: _Columns, pairs: _Pairs | None, allowed: float) -> Row:
     a, b = (session.onboard.available for session in figures)
     missed = [~_answered_well(frames) for frames in columns]
     sigmas = _more_often(missed, pairs, (a.of - a.count, a.of), (b.of - b.count, b.of))
-    return Row("availability", "", a.value, b.value, b.value - a.value, sigmas, worse=False)
+    return Row("availability", "", a.value, b.value, b.value, b.value - a.value, sigmas, allowed)
 
 
 def _false(figures: _Figures, columns: _Columns, pairs: _Pairs | None) -> Row:
     a, b = (session.onboard.false_answers for session in figures)
     false = [false_answers(frames) for frames in columns]
     sigmas = _more_often(false, pairs, (a.count, a.of), (b.count, b.of))
-    return Row("false answers", "", a.count, b.count, b.count - a.count, sigmas, worse=False)
+    return Row("false answers", "", a.count, b.count, b.count, b.count - a.count, sigmas, 0.0)
 
 
 def _answered_well(frames: NDArray[np.void]) -> NDArray[np.bool_]:
@@ -200,4 +261,4 @@ def _more_often(
 def _time(figures: _Figures) -> Row:
     """Shown, not gated: recorded times belong to a host. Panoramas that are in both nights have the same."""
     a, b = (session.onboard.time_ms.p99 for session in figures)
-    return Row("identification time, 99 %", "ms", a, b, b - a, _NAN, worse=False, gate=False)
+    return Row("identification time, 99 %", "ms", a, b, b, b - a, _NAN, math.inf, gate=False)

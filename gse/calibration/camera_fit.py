@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from gse.attitude import solve_attitude
 from gse.camera import Camera
 from gse.errors import UsageError
+from gse.star_influence import star_covariance
 
 MIN_STARS = 50
 """Five parameters and three per panorama want more equations than that many stars give."""
@@ -210,23 +211,32 @@ def _improve(fit: _Fit, anchor: Camera, fields: Sequence[StarField], prior: NDAr
 
 
 def _covariance(fit: _Fit, fields: Sequence[StarField]) -> NDArray[np.float64]:
-    """Covariance (5, 5) that is clustered by star (the sandwich of Liang & Zeger 1986)."""
+    """Covariance (5, 5) of an M-estimate (Huber 1981, section 7.6) whose errors depend on each other star by star."""
     camera, rotations, normal = fit
     sigma = _sigma_axis_px(_all_residuals(camera, fields, rotations))
-    scores, numbers = [], np.concatenate([field.numbers for field in fields])
+    operators, pulls, softness = [], [], []
     for field, rotation in zip(fields, rotations, strict=True):
         residual, by_camera, by_rotation = _misfit(camera, field, rotation)
         weight = _weight(residual, sigma)
         rotation_normal = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_rotation)
         cross = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_camera)
-        free = by_camera - by_rotation @ np.linalg.solve(rotation_normal, cross)
-        scores.append(np.einsum("n,nki,nk->ni", weight, free, residual))
-    stars, cluster = np.unique(numbers, return_inverse=True)
-    summed = np.zeros((len(stars), 5))
-    np.add.at(summed, cluster, np.concatenate(scores))
-    inverse = np.linalg.inv(normal)
-    few = len(stars) / max(len(stars) - 5, 1)
-    return np.asarray(few * inverse @ (summed.T @ summed) @ inverse, dtype=np.float64)
+        operators.append((by_camera - by_rotation @ np.linalg.solve(rotation_normal, cross)).transpose(0, 2, 1))
+        pulls.append(weight[:, None] * residual)
+        softness.append(_softness(residual, sigma))
+    numbers = np.concatenate([field.numbers for field in fields])
+    blocks = np.repeat(np.arange(len(fields)), [len(field.numbers) for field in fields])
+    summed = star_covariance(np.concatenate(operators), np.concatenate(pulls), numbers, blocks, within_blocks=True)
+    # What the fit takes out of the residuals: five parameters from all stars, three angles from each panorama.
+    stars, per_panorama = len(np.unique(numbers)), len(numbers) / len(fields)
+    left = (1 - 1.5 / per_panorama) * (1 - 2.5 / stars)
+    inverse = np.linalg.inv(normal) / (float(np.concatenate(softness).mean()) * left)
+    return np.asarray(inverse @ summed @ inverse, dtype=np.float64)
+
+
+def _softness(residual: NDArray[np.float64], sigma_px: float) -> NDArray[np.float64]:
+    """By how much less than its weight a star resists (N,): a growing residual lowers the weight itself."""
+    s2 = (residual**2).sum(axis=1) / (_CAUCHY * sigma_px) ** 2
+    return np.asarray(1 / (1 + s2) ** 2 / (1 / (1 + s2)).mean(), dtype=np.float64)
 
 
 def _weight(residual: NDArray[np.float64], sigma_px: float) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gse.attitude import Attitude
 from gse.cli.new_files import write_new
-from gse.cli.options import station_of, station_option
+from gse.cli.options import start_utc_option, station_of, station_option
 from gse.config.edit import with_values
 from gse.mount import Mount
 from gse.station.attitude_error import compare
@@ -25,6 +25,7 @@ _NEAR_ZENITH_DEG = 89.9
 @station_option
 @click.option("--from", "from_utc", help="Use the frames from this UTC on, e.g. 2026-03-20T18:30:00Z.")
 @click.option("--to", "to_utc", help="Use the frames before this UTC.")
+@start_utc_option
 @click.option(
     "--write",
     "write_path",
@@ -33,10 +34,12 @@ _NEAR_ZENITH_DEG = 89.9
 )
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.alignment/1.")
 def command(
+    *,
     path: Path,
     station_path: Path | None,
     from_utc: str | None,
     to_utc: str | None,
+    start_utc: str | None,
     write_path: Path | None,
     as_json: bool,
 ) -> None:
@@ -54,11 +57,11 @@ def command(
     measured = MeasuredMounts()
     replay = replay_session(
         path,
-        options=ReplayOptions(from_utc=from_utc, to_utc=to_utc),
+        options=ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc),
         station=change,
         make_listeners=lambda loop, folder: [measured],
     )
-    judged = cross_judged(measured)
+    judged = cross_judged(measured, replay.session)
     if write_path is not None:
         mount = judged.alignment.mount
         angles = {name: round(getattr(mount, name), 6) for name in ("azimuth_deg", "altitude_deg", "roll_deg")}

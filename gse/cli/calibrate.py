@@ -9,7 +9,7 @@ import click
 from gse.calibration.camera_fit import Calibration
 from gse.calibration.session_fit import PanoramaSample, SessionCalibration, calibrate_session
 from gse.cli.new_files import write_new
-from gse.cli.options import station_of, station_option
+from gse.cli.options import start_utc_option, station_of, station_option
 from gse.config.edit import with_values
 from gse.errors import TruthError
 from gse.truth import EarthOrientation, SiderealTruth
@@ -26,6 +26,7 @@ _DIGITS = (4, 4, 4, 8, 8)
 @station_option
 @click.option("--from", "from_utc", help="Use the frames from this UTC on, e.g. 2026-03-20T18:30:00Z.")
 @click.option("--to", "to_utc", help="Use the frames before this UTC.")
+@start_utc_option
 @click.option(
     "--write",
     "write_path",
@@ -34,10 +35,12 @@ _DIGITS = (4, 4, 4, 8, 8)
 )
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.calibration/1.")
 def command(
+    *,
     path: Path,
     station_path: Path | None,
     from_utc: str | None,
     to_utc: str | None,
+    start_utc: str | None,
     write_path: Path | None,
     as_json: bool,
 ) -> None:
@@ -54,7 +57,7 @@ def command(
     def change(recorded: StationText) -> StationText:
         return station_of(station_path) if station_path else recorded
 
-    recording = open_recording(path, ReplayOptions(from_utc=from_utc, to_utc=to_utc), change)
+    recording = open_recording(path, ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc), change)
     sample = PanoramaSample()
     for panorama in recording.panoramas():
         sample.add(panorama)

@@ -9,7 +9,7 @@ import click
 
 from gse.assessment.session_comparison import Row, SessionComparison, session_comparison
 from gse.cli import EXIT_FAIL
-from gse.cli.options import ALGORITHMS, station_of, with_identifier
+from gse.cli.options import ALGORITHMS, start_utc_option, station_of, with_identifier
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -46,8 +46,10 @@ if TYPE_CHECKING:
     type=click.FloatRange(min=0),
     default=0.01,
     show_default=True,
-    help="Share of its limit by which a value may become worse.",
+    help="Share of a limit by which a value may become worse: 0.01 of a limit of 60 arcsec is 0.6 arcsec.",
 )
+@click.option("--bias-is-regression", is_flag=True, help="A bias that changed, either way, is a regression too.")
+@start_utc_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.compare/1.")
 @click.pass_context
 def command(
@@ -59,19 +61,24 @@ def command(
     stations: tuple[Path, ...],
     sigmas: float,
     allowed_share: float,
+    bias_is_regression: bool,
+    start_utc: str | None,
     as_json: bool,
 ) -> None:
     """Compare the statistics of session A and session B, or of A under two identifiers or two station files.
 
     The exit code is 1 if the second session is worse: by more than --sigmas, and by more than --allow of a limit.
+    Sessions of different panoramas are compared as over the star fields of the first.
     """
     if second is None and not identifiers and not stations:
         raise UsageError("a comparison needs two sides; give a second session, or --identifier, or --station")
     sessions = [
-        _session(path, _of(identifiers, place), _of(stations, place))
+        _session(path, _of(identifiers, place), _of(stations, place), start_utc)
         for place, path in enumerate((first, second or first))
     ]
-    result = session_comparison(*sessions, sigmas=sigmas, allowed_share=allowed_share)
+    result = session_comparison(
+        *sessions, sigmas=sigmas, allowed_share=allowed_share, bias_is_regression=bias_is_regression
+    )
     click.echo(json.dumps(compare_report(result)) if as_json else "\n".join(_lines(result)))
     ctx.exit(EXIT_FAIL if result.regressions else 0)
 
@@ -85,14 +92,14 @@ def _of(options: tuple[Any, ...], place: int) -> Any:
     return options[place] if len(options) == 2 else options[0] if options and place == 1 else None
 
 
-def _session(path: Path, identifier: str | None, station_path: Path | None) -> "SessionData":
-    from gse.sessions.replay import StationText, replay_session
+def _session(path: Path, identifier: str | None, station_path: Path | None, start_utc: str | None) -> "SessionData":
+    from gse.sessions.replay import ReplayOptions, StationText, replay_session
 
     def change(recorded: StationText) -> StationText:
         station, text = station_of(station_path) if station_path else recorded
         return with_identifier(station, text, identifier)
 
-    return replay_session(path, station=change).session
+    return replay_session(path, options=ReplayOptions(start_utc=start_utc), station=change).session
 
 
 def compare_report(result: SessionComparison) -> dict[str, Any]:
@@ -107,8 +114,10 @@ def compare_report(result: SessionComparison) -> dict[str, Any]:
                 "unit": row.unit,
                 "first": _number(row.first),
                 "second": _number(row.second),
+                "second_alike": _number(row.alike),
                 "difference": _number(row.difference),
                 "sigmas": _number(row.sigmas, 2),
+                "allowed": _number(row.allowed),
                 "gated": row.gate,
                 "worse": row.worse,
             }
@@ -123,9 +132,11 @@ def _number(value: float, digits: int = 6) -> float | None:
 
 def _lines(result: SessionComparison) -> list[str]:
     """The result for a person."""
-    head = f"{'':28}{'first':>12}{'second':>12}{'difference':>12}{'sigmas':>9}"
+    head = f"{'':28}{'first':>12}{'second':>12}{'alike':>12}{'difference':>12}{'sigmas':>9}{'allowed':>10}"
     words = ", ".join(row.name for row in result.regressions)
-    paired = "both sessions have the same panoramas" if result.paired else "the sessions have different panoramas"
+    paired = (
+        "the same panoramas in both" if result.paired else "different panoramas; alike: over the fields of the first"
+    )
     return [
         f"REGRESSION in {words}" if words else "no regression",
         paired,
@@ -139,4 +150,7 @@ def _line(row: Row) -> str:
     name = f"{row.name} ({row.unit})" if row.unit else row.name
     note = "  WORSE" if row.worse else "" if row.gate else "  (not judged)"
     sigmas = f"{row.sigmas:9.1f}" if math.isfinite(row.sigmas) else f"{'-':>9}"
-    return f"{name:28}{row.first:12.4f}{row.second:12.4f}{row.difference:+12.4f}{sigmas}{note}"
+    allowed = f"{row.allowed:10.4g}" if row.gate else f"{'-':>10}"
+    return (
+        f"{name:28}{row.first:12.4f}{row.second:12.4f}{row.alike:12.4f}{row.difference:+12.4f}{sigmas}{allowed}{note}"
+    )

@@ -23,6 +23,9 @@ station_option: Callable[[Any], Any] = click.option(
 identifier_option: Callable[[Any], Any] = click.option(
     "--identifier", type=click.Choice(ALGORITHMS), help="Identifier under test; default: that of the station file."
 )
+start_utc_option: Callable[[Any], Any] = click.option(
+    "--start-utc", help="UTC of the first panorama of a raw capture, e.g. 2026-03-20T18:30:00Z."
+)
 view_option: Callable[[Any], Any] = click.option(
     "--view",
     type=click.Choice(("web", "native", "none")),

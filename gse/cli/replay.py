@@ -16,6 +16,7 @@ from gse.cli.options import (
     leave_out_option,
     out_option,
     save_rrd_option,
+    start_utc_option,
     station_of,
     station_option,
     view_option,
@@ -34,7 +35,7 @@ from gse.truth.iers_tables import GivenTables
 @click.option("--to", "to_utc", help="Replay before this UTC.")
 @click.option("--loop", type=click.IntRange(min=1), help="Replay this many times in a row.")
 @click.option("--step", is_flag=True, help="Wait for the Enter key after each panorama.")
-@click.option("--start-utc", help="UTC of the first panorama of a raw capture.")
+@start_utc_option
 @view_option
 @bind_option
 @save_rrd_option

@@ -8,11 +8,11 @@ from drivers.chunk import Chunk
 from drivers.errors import CaptureError
 from drivers.link import SerialLink
 from drivers.mock.playback import is_session
-from gse.config.station import Station, parse_station
+from gse.config.station import BUILT_IN_TEXT, Station, parse_station
 from gse.errors import UsageError
 from gse.panorama import Panorama
 from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, read_recorded
-from gse.sessions.replay import ReplayOptions
+from gse.sessions.replay import ReplayOptions, StationText
 from gse.station.reception import Reception
 from gse.truth import EarthOrientation
 from protocols import Protocol, load_protocol, parse_protocol
@@ -33,7 +33,8 @@ class Recording:
 
     def panoramas(self) -> Iterator[Panorama]:
         """The panoramas, in order, through the same link and reception as a live sensor's."""
-        reception = Reception(self.protocol, baudrate=self.station.port.baudrate)
+        anchor_ns = None if is_session(self.path) else self.options.anchor_utc_ns
+        reception = Reception(self.protocol, baudrate=self.station.port.baudrate, anchor_utc_ns=anchor_ns)
         with SerialLink(self.options.url(self.path), self.station.port.baudrate) as link:
             while not link.at_end:
                 for item in link.receive(RECEIVE_TIMEOUT_S):
@@ -45,16 +46,17 @@ class Recording:
 def open_recording(
     path: Path,
     options: ReplayOptions,
-    change: Callable[[tuple[Station, str]], tuple[Station, str]] = lambda recorded: recorded,
+    change: Callable[[StationText], StationText] = lambda recorded: recorded,
 ) -> Recording:
     """A session, with the station file that is frozen in it or what ``change`` puts in its place.
 
-    CaptureError where the file is missing, UsageError where it is no session.
+    A raw capture has none: it gets what ``change`` makes of the built-in one. CaptureError where the file is missing,
+    UsageError where it is neither a session nor a raw capture whose start is given.
     """
     if not path.exists():
         raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder)")
     if not is_session(path):
-        raise UsageError(f"{path} is no session; expected a session.mcap, as gse run writes it")
+        return _raw_capture(path, options, change)
     attachments = read_recorded(path).attachments
     if STATION not in attachments:
         raise UsageError(f"{path} holds no station file; it is no session of gse, or its head is damaged")
@@ -68,3 +70,13 @@ def open_recording(
     return Recording(
         path, options, station, text, protocol, EarthOrientation.from_json(orientation) if orientation else None
     )
+
+
+def _raw_capture(path: Path, options: ReplayOptions, change: Callable[[StationText], StationText]) -> Recording:
+    if options.start_utc is None:
+        raise UsageError(
+            f"{path} is no session; expected a session.mcap, or a raw serial capture with the UTC of its first "
+            "panorama, for example --start-utc 2026-03-20T18:30:00Z"
+        )
+    station, text = change((parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT))
+    return Recording(path, options, station, text, load_protocol(station.protocol), None)

@@ -11,9 +11,18 @@ from drivers.errors import CaptureError
 from drivers.link import SerialLink
 from drivers.mock.playback import is_session
 from drivers.mock.urls import replay_url
+from gse import instant
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station
 from gse.errors import TruthError, UsageError
-from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATED, STATION, Recorded, read_recorded
+from gse.recording.session_format import (
+    EARTH_ORIENTATION,
+    PROTOCOL,
+    STATED,
+    STATION,
+    Recorded,
+    RecordedTimings,
+    read_recorded,
+)
 from gse.station.event_kinds import StationKind
 from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
@@ -62,6 +71,14 @@ class ReplayOptions:
             start_utc=self.start_utc,
         )
 
+    @property
+    def anchor_utc_ns(self) -> int:
+        """When the first panorama of a raw capture was; UsageError where its text is no instant."""
+        try:
+            return instant.from_text(self.start_utc or "")
+        except ValueError as error:
+            raise UsageError(f"--start-utc: {error}") from error
+
 
 def replay_session(
     path: Path,
@@ -84,8 +101,8 @@ def replay_session(
     recorded = read_recorded(path) if is_session(path) else None
     if recorded is None and options.start_utc is None:
         raise UsageError(
-            f"{path} is no session; expected a session.mcap, or for gse replay a raw serial capture with the UTC of "
-            "its first panorama, for example --start-utc 2026-03-20T18:30:00Z"
+            f"{path} is no session; expected a session.mcap, or a raw serial capture with the UTC of its first "
+            "panorama, for example --start-utc 2026-03-20T18:30:00Z"
         )
     with SerialLink(options.url(path)) as link:
         first = link.receive(FIRST_WITHIN_S)
@@ -109,8 +126,9 @@ def _loop(
         setup,
         earth_orientation=None if given else _frozen_orientation(attachments.get(EARTH_ORIENTATION)),
         given_orientation=given,
-        anchor_utc_ns=None if recorded else _anchor(options),
-        recorded=recorded.timings if recorded else None,
+        anchor_utc_ns=None if recorded else options.anchor_utc_ns,
+        # A raw capture has no times of its own, and this host's do not follow from its bytes.
+        recorded=recorded.timings if recorded else RecordedTimings(),
     )
     loop.session.clock_error_s = _stated_clock_error_s(attachments.get(STATED))
     if recorded and STATION not in attachments and text == BUILT_IN_TEXT:
@@ -118,15 +136,6 @@ def _loop(
     for reading in recorded.clock if recorded else ():
         loop.read_clock(reading)
     return loop
-
-
-def _anchor(options: ReplayOptions) -> int:
-    from gse import instant
-
-    try:
-        return instant.from_text(options.start_utc or "")
-    except ValueError as error:
-        raise UsageError(f"--start-utc: {error}") from error
 
 
 def _stated_clock_error_s(text: str | None) -> float | None:

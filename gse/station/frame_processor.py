@@ -84,7 +84,7 @@ class FrameProcessor:
             return FrameResult(
                 panorama, status, detail, self.identifier.name, elapsed_us=elapsed_us, answer_check=answer.answer_check
             )
-        geometric = self._geometric(panorama.utc_ns, found, attitude, answer.directions_sensor)
+        geometric, residuals_arcsec = self._corrected(panorama.utc_ns, found, attitude, answer.directions_sensor)
         true = self.truth.attitude_true(panorama.utc_ns, self.mount) if self.truth and self.mount else None
         return FrameResult(
             panorama,
@@ -93,7 +93,7 @@ class FrameProcessor:
             self.identifier.name,
             identification=found,
             attitude=attitude,
-            matches=self._matches(found, attitude, answer.directions_sensor),
+            matches=Matches(found.objects, found.stars, residuals_arcsec, self.identifier.catalog.name),
             elapsed_us=elapsed_us,
             attitude_geometric=geometric,
             attitude_error=compare(geometric, true) if geometric and true else None,
@@ -155,22 +155,20 @@ class FrameProcessor:
         attitude = solve_attitude(directions_sensor, stars_icrs, CENTROID_SIGMA_PX * self.camera.pixel_rad)
         return paper_mean(attitude, directions_sensor, stars_icrs) if self.paper_mean else attitude
 
-    def _geometric(
+    def _corrected(
         self, utc_ns: int, answer: Identification, attitude: Attitude, directions_sensor: NDArray[np.float64]
-    ) -> Attitude | None:
-        """The attitude from apparent places and un-refracted directions (DESIGN decision 5)."""
-        if self.truth is None:
-            return None
+    ) -> tuple[Attitude | None, NDArray[np.float64]]:
+        """The attitude from apparent places and un-refracted directions (DESIGN decision 5), None without truth, and
+        what it leaves of each star (M, 2) in arcsec."""
         measured_sensor, stars_icrs = self._pairs(answer, directions_sensor)
-        zenith_sensor = attitude.icrs_to_sensor @ self.truth.icrs_to_horizon(utc_ns)[2]
-        return self._attitude(
-            self.truth.unrefracted(measured_sensor, zenith_sensor), self.truth.apparent(stars_icrs, utc_ns)
-        )
-
-    def _matches(self, answer: Identification, attitude: Attitude, directions_sensor: NDArray[np.float64]) -> Matches:
-        measured_sensor, stars_icrs = self._pairs(answer, directions_sensor)
-        residuals = (measured_sensor - stars_icrs @ attitude.icrs_to_sensor.T)[:, :2] * ARCSEC_PER_RAD
-        return Matches(answer.objects, answer.stars, residuals, self.identifier.catalog.name)
+        geometric = None
+        if self.truth is not None:
+            zenith_sensor = attitude.icrs_to_sensor @ self.truth.icrs_to_horizon(utc_ns)[2]
+            measured_sensor = self.truth.unrefracted(measured_sensor, zenith_sensor)
+            stars_icrs = self.truth.apparent(stars_icrs, utc_ns)
+            geometric = self._attitude(measured_sensor, stars_icrs)
+        expected_sensor = stars_icrs @ (geometric or attitude).icrs_to_sensor.T
+        return geometric, (measured_sensor - expected_sensor)[:, :2] * ARCSEC_PER_RAD
 
     def _zero_point_mag(self, panorama: Panorama, answer: Identification) -> float:
         """Magnitude of a star of index value 1, by the matched stars; clouds lower it."""

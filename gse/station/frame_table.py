@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.attitude import Attitude
-from gse.station.results import AnswerCheck, FrameResult, Status
+from gse.station.results import AnswerCheck, FrameResult, Matches, Status
 
 STATUSES = tuple(Status)
 ANSWER_CHECKS = tuple(AnswerCheck)
@@ -51,9 +51,17 @@ and ANSWER_CHECKS. ``zero_point_mag`` is the median of catalogue magnitude + 2.5
 stars: the same sensor under clear sky keeps it, and a cloud of one magnitude lowers it by one."""
 
 MATCH = np.dtype(
-    [("frame", "u4"), ("x_px", "f4"), ("y_px", "f4"), ("residual_x_arcsec", "f4"), ("residual_y_arcsec", "f4")]
+    [
+        ("frame", "u4"),
+        ("star", "i4"),
+        ("x_px", "f4"),
+        ("y_px", "f4"),
+        ("residual_x_arcsec", "f4"),
+        ("residual_y_arcsec", "f4"),
+    ]
 )
-"""One row per identified object of the frames that keep theirs; ``frame`` is the row of its panorama."""
+"""One row per identified object of the frames that keep theirs; ``frame`` is the row of its panorama, ``star`` that of
+its star in the mission catalogue."""
 
 
 class _Rows:
@@ -92,7 +100,7 @@ class FrameTable:
         self._frames = _Rows(FRAME)
         self._matches = _Rows(MATCH)
         self._match_stride = 1
-        self._waiting: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
+        self._waiting: list[tuple[int, NDArray[np.float64], Matches]] = []
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -135,7 +143,7 @@ class FrameTable:
         )
         if row % self._match_stride == 0 and len(result.matches):
             matches = result.matches
-            self._waiting.append((row, panorama.xy_px.take(matches.objects, axis=0), matches.residuals_arcsec))
+            self._waiting.append((row, panorama.xy_px.take(matches.objects, axis=0), matches))
             if len(self._waiting) == _FRAMES_AT_ONCE:
                 self._take_in_matches()
 
@@ -143,12 +151,14 @@ class FrameTable:
         """Make columns of the matches that wait, and thin all of them out where they have become too many."""
         if not self._waiting:
             return
-        frames, xy_px, residuals_arcsec = zip(*self._waiting, strict=True)
+        frames, xy_px, matches = zip(*self._waiting, strict=True)
         self._waiting = []
         rows = np.empty(sum(map(len, xy_px)), dtype=MATCH)
         rows["frame"] = np.repeat(frames, [len(of_frame) for of_frame in xy_px])
+        rows["star"] = np.concatenate([of_frame.stars for of_frame in matches])
         rows["x_px"], rows["y_px"] = np.concatenate(xy_px).T
-        rows["residual_x_arcsec"], rows["residual_y_arcsec"] = np.concatenate(residuals_arcsec).T
+        residuals_arcsec = np.concatenate([of_frame.residuals_arcsec for of_frame in matches])
+        rows["residual_x_arcsec"], rows["residual_y_arcsec"] = residuals_arcsec.T
         self._matches.extend(rows)
         if len(self._matches) > MOST_MATCHES:
             self._match_stride *= 2

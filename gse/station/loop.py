@@ -109,7 +109,7 @@ class StationLoop:
         self._recorded = recorded
         self.listeners: Sequence[Listener] = ()
         align_s = station.mount.align_s
-        self._first_seconds = FirstSeconds(align_s) if align_s is not None else None
+        self._first_seconds = FirstSeconds(align_s, self.session) if align_s is not None else None
         mount = station.mount if align_s is None else None
         self._frame_processor = FrameProcessor(
             camera=setup.camera,

@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 from gse.constants import ARCSEC_PER_RAD
 from gse.errors import UsageError
 from gse.instant import NS_PER_S
+from gse.star_influence import attitude_operators, star_covariance
+from gse.station.frame_table import ANSWER_CHECKS
 from gse.station.results import AnswerCheck, FrameResult
 from gse.station.session_data import SessionData
-from gse.truth import Alignment, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations
+from gse.truth import Alignment, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations, time_blocks
 
 MIN_FRAMES = 10
 """Fewer identified frames than this fit no mount in a running session: it goes on until it has them."""
@@ -59,15 +61,30 @@ class MeasuredMounts:
         """Rotations (M, 3, 3)."""
         return np.array(self._rotations, dtype=np.float64).reshape(-1, 3, 3)
 
-    def fit(self) -> Alignment:
-        """The mount of all frames; UsageError where there is none."""
-        return fit_mount(self.utc_ns, self.horizon_to_sensor)
+    def fit(self, session: SessionData) -> Alignment:
+        """The mount of all frames, which are those of a session; UsageError where there is none."""
+        return fit_mount(self.utc_ns, self.horizon_to_sensor, persistent_arcsec2=persistent_arcsec2(session))
+
+
+def persistent_arcsec2(session: SessionData) -> NDArray[np.float64]:
+    """Covariance (3, 3) of the mean attitude of a session's frames, of what its stars keep for more than 20 s."""
+    frames, matches = session.frames.columns, session.frames.matches
+    matches = matches[frames["judge"][matches["frame"]] != ANSWER_CHECKS.index(AnswerCheck.FALSE)]
+    if len(matches) == 0:
+        return np.zeros((3, 3))
+    xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
+    residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
+    operators = attitude_operators(session.station.sensor.camera().directions(xy_px), matches["frame"])
+    blocks = time_blocks(frames["utc_ns"])[matches["frame"]]
+    total = star_covariance(operators, residuals, matches["star"], blocks, within_blocks=False)
+    return total / len(np.unique(matches["frame"])) ** 2
 
 
 class FirstSeconds:
     """Fits the mount on the first seconds of a session, for the frames that come after them."""
 
-    def __init__(self, duration_s: float) -> None:
+    def __init__(self, duration_s: float, session: SessionData) -> None:
+        self._session = session
         self._duration_ns = round(duration_s * NS_PER_S)
         self._begun_ns: int | None = None
         self._measured = MeasuredMounts()
@@ -82,7 +99,7 @@ class FirstSeconds:
             self._begun_ns = utc_ns
         if utc_ns - self._begun_ns < self._duration_ns or len(self._measured) < MIN_FRAMES:
             return None
-        return self._measured.fit()
+        return self._measured.fit(self._session)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +116,7 @@ class CrossJudged:
     rms_arcsec: tuple[float, float, float]
 
 
-def cross_judged(measured: MeasuredMounts) -> CrossJudged:
+def cross_judged(measured: MeasuredMounts, session: SessionData) -> CrossJudged:
     """Fit on even minutes, judge on odd ones and the other way round; UsageError with less than one frame in each.
 
     A recording shorter than six minutes is cut into six parts instead of minutes.
@@ -118,7 +135,7 @@ def cross_judged(measured: MeasuredMounts) -> CrossJudged:
         residual[half] = small_rotations(rotations[half], fitted) * ARCSEC_PER_RAD
     apart = small_rotations(mounts[1][None], mounts[0])[0] * ARCSEC_PER_RAD
     return CrossJudged(
-        fit_mount(utc_ns, rotations),
+        measured.fit(session),
         _boresight_first(np.abs(apart)),
         _boresight_first(np.abs(residual).mean(axis=0)),
         _boresight_first(np.sqrt((residual**2).mean(axis=0))),

@@ -53,7 +53,8 @@ class Subject(StrEnum):
 class Match:
     """One object that is a star: its row in the panorama, the star's name, and how far it lies from its place.
 
-    The residual is measured minus expected direction, along columns and rows.
+    The residual is measured minus expected direction, along columns and rows, both freed of refraction and aberration
+    where site and time are known.
     """
 
     object: int

@@ -3,7 +3,7 @@
 May not import identifier, station or the simulator: truth knows the time and the site, never an answer.
 """
 
-from gse.truth.alignment import Alignment, fit_mount, small_rotations
+from gse.truth.alignment import Alignment, fit_mount, small_rotations, time_blocks
 from gse.truth.mounting import horizon_to_sensor, mount_of
 from gse.truth.orientation import EarthOrientation, Orientation
 from gse.truth.refraction import Refraction
@@ -20,4 +20,5 @@ __all__ = [
     "horizon_to_sensor",
     "mount_of",
     "small_rotations",
+    "time_blocks",
 ]

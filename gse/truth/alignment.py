@@ -21,6 +21,8 @@ _MAD_TO_SIGMA = 1.4826
 _ROUNDS = 20
 _BLOCK_NS = 20_000_000_000
 """Frames within 20 s share the errors of the same pixels: their means count as independent, not they."""
+_MIN_BLOCKS = 8
+"""A shorter fit than 160 s has shorter blocks: fewer means do not tell their own scatter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +30,8 @@ class Alignment:
     """A fitted mount: from the instants ``from_ns`` to ``until_ns``, on ``n`` frames, with ``rejected`` others.
 
     ``covariance_arcsec2`` (3 x 3) is of the fitted direction's small rotation vector in the sensor frame (x, y across
-    the boresight, z about it), from the scatter of means over 20 s; ``scatter_arcsec`` is the standard deviation of a
-    single frame about the fit on the same axes.
+    the boresight, z about it), from the scatter of means over 20 s, and from what single stars keep for longer where
+    the stars were given; ``scatter_arcsec`` is the standard deviation of a single frame about the fit on the same axes.
     """
 
     mount: Mount
@@ -69,9 +71,15 @@ class Alignment:
         return one, two, three
 
 
-def fit_mount(utc_ns: Sequence[int] | NDArray[np.int64], horizon_to_sensor_each: NDArray[np.float64]) -> Alignment:
+def fit_mount(
+    utc_ns: Sequence[int] | NDArray[np.int64],
+    horizon_to_sensor_each: NDArray[np.float64],
+    *,
+    persistent_arcsec2: NDArray[np.float64] | float = 0.0,
+) -> Alignment:
     """The mount from measured rotations (M, 3, 3), horizon frame to sensor frame, at instants (M,).
 
+    ``persistent_arcsec2`` (3, 3) is the covariance of what the stars keep (gse.star_influence): frames do not show it.
     Frames further than 5 sigma from the median are rejected. UsageError where there is no frame.
     """
     if len(utc_ns) == 0:
@@ -90,9 +98,10 @@ def fit_mount(utc_ns: Sequence[int] | NDArray[np.int64], horizon_to_sensor_each:
             break
     residual = small_rotations(horizon_to_sensor_each[kept], fitted) * ARCSEC_PER_RAD
     scatter = residual.std(axis=0, ddof=1) if len(residual) > 1 else np.full(3, math.nan)
+    covariance = _covariance(instants[kept], residual) + persistent_arcsec2
     return Alignment(
         mount_of(fitted),
-        tuple((row[0], row[1], row[2]) for row in _covariance(instants[kept], residual).tolist()),
+        tuple((row[0], row[1], row[2]) for row in covariance.tolist()),
         (float(scatter[0]), float(scatter[1]), float(scatter[2])),
         int(kept.sum()),
         int((~kept).sum()),
@@ -114,12 +123,17 @@ def _most_central(rotations: NDArray[np.float64]) -> int:
     return int(np.median(apart, axis=1).argmin()) * max(len(rotations) // 200, 1)
 
 
+def time_blocks(utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The numbers (M,) of the stretches of time, 20 s or less, whose means count as independent."""
+    since_ns = utc_ns - utc_ns.min()
+    return np.asarray(since_ns // min(_BLOCK_NS, int(since_ns.max()) // _MIN_BLOCKS + 1), dtype=np.int64)
+
+
 def _covariance(utc_ns: NDArray[np.int64], residual: NDArray[np.float64]) -> NDArray[np.float64]:
-    blocks = (utc_ns - utc_ns[0]) // _BLOCK_NS
-    numbers = np.unique(blocks)
-    means = np.array([residual[blocks == number].mean(axis=0) for number in numbers])
-    if len(means) < 8:
-        means = residual
-    if len(means) < 2:
+    """Of the mean of residuals (M, 3), with the variance of Student's t of so few means."""
+    blocks = time_blocks(utc_ns)
+    means = np.array([residual[blocks == number].mean(axis=0) for number in np.unique(blocks)])
+    freedom = len(means) - 1
+    if freedom < 3:
         return np.full((3, 3), math.nan)
-    return np.asarray(np.cov(means.T) / len(means), dtype=np.float64)
+    return np.asarray(np.cov(means.T) / len(means) * freedom / (freedom - 2), dtype=np.float64)

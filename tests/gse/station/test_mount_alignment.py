@@ -13,11 +13,13 @@ from gse.mount import Mount
 from gse.panorama import Panorama
 from gse.station.mount_alignment import FirstSeconds, MeasuredMounts, cross_judged
 from gse.station.results import AnswerCheck, FrameResult, Status
+from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations
 
 ARCSEC = np.pi / 180 / 3600
 START_NS = from_text("2026-03-20T18:30:00Z")
 TRUTH = SiderealTruth(parse_station(BUILT_IN_TEXT).site, EarthOrientation.from_disk(START_NS))
+SESSION = SessionData(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, "panorama-v1")
 MOUNTS = [
     Mount(),
     Mount(azimuth_deg=123.0, altitude_deg=41.0, roll_deg=200.0),
@@ -74,7 +76,7 @@ def test_no_frame_fits_no_mount():
 
 
 def test_the_first_seconds_fit_the_mount_for_the_frames_after_them():
-    first = FirstSeconds(20.0)
+    first = FirstSeconds(20.0, SESSION)
     fitted = None
     for number, result in enumerate(frames(MOUNTS[1], 40)):
         fitted = fitted or first.alignment(result.panorama.utc_ns)
@@ -88,7 +90,7 @@ def test_the_first_seconds_fit_the_mount_for_the_frames_after_them():
 
 
 def test_the_first_seconds_go_on_until_ten_frames_are_identified():
-    first = FirstSeconds(5.0)
+    first = FirstSeconds(5.0, SESSION)
     for result in frames(MOUNTS[0], 9):
         assert first.alignment(result.panorama.utc_ns) is None
         first.add(result, TRUTH)
@@ -115,7 +117,7 @@ def test_a_fit_is_judged_on_the_other_half_of_the_minutes():
     measured = MeasuredMounts()
     for result in frames(MOUNTS[1], 600):
         measured.add(result, TRUTH)
-    judged = cross_judged(measured)
+    judged = cross_judged(measured, SESSION)
     assert judged.alignment.n > 590
     assert judged.rms_arcsec == pytest.approx((3.0, 3.0, 30.0), rel=0.15)
     assert max(judged.repeatability_arcsec[:2]) < 1
@@ -127,7 +129,7 @@ def test_a_mount_that_moved_between_the_minutes_shows_in_the_repeatability():
     for one, two in zip(frames(MOUNTS[1], 720), frames(moved, 720), strict=True):
         odd = (one.panorama.utc_ns - START_NS) // (60 * NS_PER_S) % 2 == 1
         measured.add(two if odd else one, TRUTH)
-    assert np.hypot(*cross_judged(measured).repeatability_arcsec[:2]) == pytest.approx(20, abs=1)
+    assert np.hypot(*cross_judged(measured, SESSION).repeatability_arcsec[:2]) == pytest.approx(20, abs=1)
 
 
 def test_one_frame_cannot_be_judged_on_others():
@@ -135,7 +137,7 @@ def test_one_frame_cannot_be_judged_on_others():
     for result in frames(MOUNTS[1], 1):
         measured.add(result, TRUTH)
     with pytest.raises(UsageError, match="1 frames were identified"):
-        cross_judged(measured)
+        cross_judged(measured, SESSION)
 
 
 def test_a_fitted_mount_goes_into_the_station_file_and_leaves_the_rest_alone():

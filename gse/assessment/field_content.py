@@ -1,0 +1,113 @@
+"""What the stars of a session's fields make of its accuracy.
+
+Two sessions of the same sensor differ by their stars: how many there are, where they stand, and on which part of their
+pixels. The errors of stars tell the second from the sensor: from the matches follows what the fields make of the same
+noise of a star, and by how much stars differ from each other, which is the scatter that other fields would show.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from gse.assessment.counted_frames import false_answers
+from gse.star_influence import attitude_operators, boresight_shifts, star_covariance
+from gse.station.session_data import SessionData
+from gse.truth import time_blocks
+
+MIN_STARS = 5
+"""Fewer do not tell by how much stars differ."""
+_AXES = {"d_ra_cosde": 0, "d_de": 1}
+
+
+@dataclass(frozen=True, slots=True)
+class FieldContent:
+    """One axis of the attitude error, as the stars make it.
+
+    ``geometry`` is the error (rms over frames) that one arcsec of noise of each star gives. ``noise_error_share`` and
+    ``spread_error_share`` are the standard errors of the noise equivalent angle and of the standard deviation, as
+    shares of them, clustered by star. ``bias_error_arcsec`` is what errors that stay with a star leave in the bias.
+    """
+
+    geometry: float
+    noise_error_share: float
+    spread_error_share: float
+    bias_error_arcsec: float
+
+
+def field_content(session: SessionData) -> dict[str, FieldContent]:
+    """By axis (``d_ra_cosde``, ``d_de``); empty where the matches are of too few stars."""
+    frames, matches = session.frames.columns, session.frames.matches
+    good = np.isfinite(frames["roll_true_deg"]) & ~false_answers(frames)
+    matches = matches[good[matches["frame"]]]
+    stars = matches["star"]
+    if len(np.unique(stars)) < MIN_STARS:
+        return {}
+    xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
+    errors = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
+    rotations = attitude_operators(session.station.sensor.camera().directions(xy_px), matches["frame"])
+    operators = _towards_east_and_north(rotations, np.radians(frames["roll_true_deg"][matches["frame"]]))
+    blocks = time_blocks(frames["utc_ns"])[matches["frame"]]
+    count = len(np.unique(matches["frame"]))
+    persistent = star_covariance(operators, errors, stars, blocks, within_blocks=False) / count**2
+    quick, wandering = errors - _means(errors, stars, blocks), errors - _means(errors, stars, 0 * blocks)
+    return {
+        axis: FieldContent(
+            math.sqrt(float((operators[:, row] ** 2).sum()) / count),
+            _share_error(operators[:, row], quick, stars, matches["frame"]),
+            _share_error(operators[:, row], wandering, stars, matches["frame"]),
+            math.sqrt(float(persistent[row, row])),
+        )
+        for axis, row in _AXES.items()
+    }
+
+
+def _towards_east_and_north(rotations: NDArray[np.float64], roll_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation operators (N, 3, 2) as shifts of the boresight towards east and north (N, 2, 2).
+
+    Roll is the position angle of image up, north through east: image right is 90 deg before it.
+    """
+    by_error = [boresight_shifts(rotations[:, :, axis]) for axis in (0, 1)]
+    columns, rows = (np.column_stack([part[:, place] for part in by_error]) for place in (0, 1))
+    sine, cosine = np.sin(roll_rad)[:, None], np.cos(roll_rad)[:, None]
+    return np.stack([-cosine * columns - sine * rows, sine * columns - cosine * rows], axis=1)
+
+
+def _means(errors: NDArray[np.float64], stars: NDArray[np.int64], blocks: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The mean error (N, 2) of each row's star in its time block."""
+    _, place = np.unique(np.column_stack([stars, blocks]), axis=0, return_inverse=True)
+    place = place.ravel()
+    count = np.bincount(place)
+    return np.column_stack([(np.bincount(place, weights=part) / count)[place] for part in errors.T])
+
+
+def _share_error(
+    operators: NDArray[np.float64], errors: NDArray[np.float64], stars: NDArray[np.int64], frames: NDArray[np.int64]
+) -> float:
+    """Standard error of a root mean square of frames, as a share of it.
+
+    Stars differ (a ratio estimate, clustered by star), and those of the same phase on their pixels move alike for a
+    whole session: products of two stars' errors, whose mean over other fields is zero, make the scatter of pairs.
+    """
+    _, star = np.unique(stars, return_inverse=True)
+    _, frame = np.unique(frames, return_inverse=True)
+    products = _products((operators * errors).sum(axis=1), frame, star)
+    made = np.diagonal(products).copy()
+    squares = (operators**2).sum(axis=1)
+    expected = np.bincount(star, weights=squares)
+    ratio = made.sum() / expected.sum()
+    # The fit of a frame makes the residuals of its stars depend on each other, as those about a mean do.
+    by_fit = _products(squares / np.sqrt(np.bincount(frame, weights=squares))[frame], frame, star)
+    pairs = products + ratio * by_fit
+    np.fill_diagonal(pairs, 0.0)
+    few = len(made) / (len(made) - 1)
+    variance = few * ((made - ratio * expected) ** 2).sum() + 2 * (pairs**2).sum()
+    return math.sqrt(variance) / 2 / max(float(made.sum()), 1e-300)
+
+
+def _products(values: NDArray[np.float64], frame: NDArray[np.int64], star: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Sums (S, S) over frames of the products of the values of two stars."""
+    table = scipy.sparse.csr_array((values, (frame, star)))
+    return np.asarray((table.T @ table).toarray(), dtype=np.float64)

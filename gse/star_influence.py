@@ -1,0 +1,106 @@
+"""What the errors of single stars do to a fit that many of their frames enter.
+
+An attitude of Wahba is the least-squares fit of one small rotation to the errors of its stars: w = F^-1 sum(r_i x e_i)
+with F = sum(1 - r_i r_i^T). The errors of one star in different frames depend on each other: the catalogue's error
+stays, and the place on the pixels changes slowly where the sky moves along them. Their autocovariance is taken from the
+residuals of all stars together: each star alone would tell it badly.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+_MIN_STARS = 3
+"""Two stars' residuals tell nothing across the line between them."""
+_UNKNOWNS_OF_A_FRAME = 1.5
+"""Three angles, in units of the two equations that a star gives."""
+
+
+def attitude_operators(directions_sensor: NDArray[np.float64], frames: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Matrices (N, 3, 2) that take a star's error (columns, rows) to the small rotation that it makes of its frame.
+
+    ``directions_sensor`` (N, 3), ``frames`` (N,) the frame of each row. The rotation is of the measured attitude, in
+    the sensor frame. Zeros in frames with less than three stars. Scaled up for what the fit takes out of residuals.
+    """
+    _, place = np.unique(frames, return_inverse=True)
+    count = np.bincount(place)
+    few = count < _MIN_STARS
+    fisher = _fisher(directions_sensor, place, len(count))
+    fisher[few] = np.eye(3)
+    inverse = np.linalg.inv(fisher)
+    # In residuals so much is left of the errors.
+    inverse /= (1 - _UNKNOWNS_OF_A_FRAME / np.maximum(count, _MIN_STARS))[:, None, None]
+    inverse[few] = 0.0
+    return np.asarray(inverse[place] @ _turns(directions_sensor), dtype=np.float64)
+
+
+def boresight_shifts(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Small rotations (N, 3) of the attitude as shifts of the boresight along columns and rows, and as roll."""
+    return np.column_stack([-rotations[:, 1], rotations[:, 0], rotations[:, 2]])
+
+
+def star_covariance(
+    operators: NDArray[np.float64],
+    errors: NDArray[np.float64],
+    stars: NDArray[np.int64],
+    blocks: NDArray[np.int64],
+    *,
+    within_blocks: bool,
+) -> NDArray[np.float64]:
+    """Covariance (p, p) of the sum of ``operators`` (N, p, 2) times the errors of stars (N, 2).
+
+    Errors of different stars are independent, those of one star have the autocovariance that all stars show over the
+    difference of their ``blocks`` (N,). Without ``within_blocks`` the part that is left after means over blocks alone:
+    what the scatter of blocks does not show.
+    """
+    cells, place = np.unique(np.column_stack([stars, blocks]), axis=0, return_inverse=True)
+    count = np.bincount(place.ravel())
+    means = np.column_stack([np.bincount(place.ravel(), weights=part) for part in errors.T]) / count[:, None]
+    flat = operators.reshape(len(operators), -1)
+    sums = np.column_stack([np.bincount(place.ravel(), weights=part) for part in flat.T])
+    sums = sums.reshape(-1, *operators.shape[1:])
+    ends = np.flatnonzero(np.diff(cells[:, 0])) + 1
+    groups = np.split(np.arange(len(cells)), ends)
+    autocovariance = _autocovariance(means, cells[:, 1], groups)
+    if not within_blocks:
+        autocovariance[:, 0] = 0.0
+    total = np.zeros((operators.shape[1], operators.shape[1]))
+    for rows in groups:
+        lags = np.abs(cells[rows, 1][:, None] - cells[rows, 1])
+        for axis in (0, 1):
+            total += sums[rows, :, axis].T @ autocovariance[axis][lags] @ sums[rows, :, axis]
+    values, vectors = np.linalg.eigh(total)
+    return np.asarray((vectors * np.maximum(values, 0)) @ vectors.T, dtype=np.float64)
+
+
+def _autocovariance(
+    means: NDArray[np.float64], blocks: NDArray[np.int64], groups: list[NDArray[np.int64]]
+) -> NDArray[np.float64]:
+    """Mean product (2, lags) of two blocks' errors of one star, over their distance, for columns and rows."""
+    longest = max(int(np.ptp(blocks[rows])) for rows in groups) + 1
+    pairs, products = np.zeros(longest), np.zeros((2, longest))
+    for rows in groups:
+        lags = np.abs(blocks[rows][:, None] - blocks[rows]).ravel()
+        pairs += np.bincount(lags, minlength=longest)
+        for axis in (0, 1):
+            outer = np.outer(means[rows, axis], means[rows, axis]).ravel()
+            products[axis] += np.bincount(lags, weights=outer, minlength=longest)
+    return products / np.maximum(pairs, 1)
+
+
+def _turns(directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """r x e as matrices (N, 3, 2) of e along columns and rows: an error has no part along the line of sight."""
+    x, y, z = directions.T
+    turns = np.empty((len(directions), 3, 2))
+    turns[:, :, 0] = np.cross(directions, np.column_stack([np.ones_like(x), np.zeros_like(x), -x / z]))
+    turns[:, :, 1] = np.cross(directions, np.column_stack([np.zeros_like(x), np.ones_like(x), -y / z]))
+    return turns
+
+
+def _fisher(directions: NDArray[np.float64], place: NDArray[np.int64], frames: int) -> NDArray[np.float64]:
+    fisher = np.empty((frames, 3, 3))
+    total = np.bincount(place, minlength=frames)
+    for i in range(3):
+        for j in range(i, 3):
+            outer = np.bincount(place, weights=directions[:, i] * directions[:, j], minlength=frames)
+            fisher[:, i, j] = fisher[:, j, i] = (total if i == j else 0) - outer
+    return fisher
