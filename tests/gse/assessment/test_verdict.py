@@ -252,8 +252,8 @@ def test_one_false_answer_fails_and_does_not_enter_the_mean():
 
 
 def test_an_answer_far_from_all_others_is_false_also_where_no_judge_saw_it():
-    made = session(200, judged=AnswerCheck.NONE)
-    made.frames.append(frame(START_NS + 30 * NS_PER_S, 201, AttitudeError(9e4, 0, 0, 9e4, 0), AnswerCheck.NONE))
+    made = session(200, judged=AnswerCheck.UNKNOWN)
+    made.frames.append(frame(START_NS + 30 * NS_PER_S, 201, AttitudeError(9e4, 0, 0, 9e4, 0), AnswerCheck.UNKNOWN))
     assert judge(made).statistics.false_answers.count == 1
 
 
