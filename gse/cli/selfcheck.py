@@ -25,7 +25,7 @@ def command(ctx: click.Context, *, as_json: bool) -> None:
     from gse.selfcheck.check import selfcheck
 
     if not as_json:
-        click.echo(f"{'known error':26}{'quantity':26}{'injected':>12}{'found':>12}{'tolerance':>11}")
+        click.echo(f"{'known error':26}{'quantity':36}{'injected':>12}{'found':>12}{'tolerance':>11}")
     result = selfcheck(to_text(read_clock().utc_ns, 0), each=lambda row: None if as_json else click.echo(_line(row)))
     click.echo(json.dumps(result.to_json()) if as_json else _summary(result))
     _keep(result)
@@ -37,7 +37,7 @@ def _line(row: "Row") -> str:
     digits = 0 if not row.unit else 4 if row.unit == "%" else 2
     injected, found = (f"{round(value, digits) + 0.0:12.{digits}f}" for value in (row.injected, row.found))
     tolerance = f"{row.tolerance:11.{digits}f}"
-    return f"{row.error:26}{quantity:26}{injected}{found}{tolerance}  {'OK' if row.agrees else 'DIFFERS'}"
+    return f"{row.error:26}{quantity:36}{injected}{found}{tolerance}  {'OK' if row.agrees else 'DIFFERS'}"
 
 
 def _summary(result: "SelfCheckResult") -> str:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
 from gse.site import Site
 
+_NEAR = 1e-3
 _WAVELENGTH_UM = 0.6
 """Where a silicon detector sees stars."""
 
@@ -47,11 +48,27 @@ class AstropySky:
         level = np.cos(altitude)
         return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(altitude)], axis=-1)
 
-    def icrs(self, directions: NDArray[np.float64], utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The ICRS directions (M, N, 3) of horizon directions (M, N, 3) at instants (M,), as without air."""
+    def boresight_and_up(
+        self, axes: NDArray[np.float64], utc_ns: NDArray[np.int64], *, air: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """ICRS directions (M, 3) of sensors' axes (M, 3, 3), which are right, up and out.
+
+        Up is taken close to the boresight: aberration keeps angles there, and 90 deg away it does not. It is the mean
+        of what up and right show: refraction shears the field, and a shear is no turn.
+        """
+        right, up, out = np.moveaxis(axes, 1, 0)
+        near = np.stack([out, out + _NEAR * up, out + _NEAR * right], axis=1)
+        boresight, above, beside = np.moveaxis(self._icrs(near, utc_ns, self._air if air else {}), 1, 0)
+        upwards = _unit(above - boresight * (above * boresight).sum(axis=1)[:, None])
+        rightwards = _unit(beside - boresight * (beside * boresight).sum(axis=1)[:, None])
+        return boresight, _unit(upwards + np.cross(rightwards, boresight))
+
+    def _icrs(
+        self, directions: NDArray[np.float64], utc_ns: NDArray[np.int64], air: dict[str, Any]
+    ) -> NDArray[np.float64]:
         east, north, up = np.moveaxis(np.asarray(directions), -1, 0)
         with installed_tables():
-            frame = self._horizon(np.asarray(utc_ns)[:, None], {})
+            frame = self._horizon(np.asarray(utc_ns)[:, None], air)
             looked = SkyCoord(
                 az=np.arctan2(east, north) * u.rad, alt=np.arctan2(up, np.hypot(east, north)) * u.rad, frame=frame
             )
@@ -64,6 +81,17 @@ class AstropySky:
         return AltAz(
             obstime=(midnight.tai + TimeDelta(ns / NS_PER_S, format="sec")).utc, location=self._location, **air
         )
+
+
+def east_and_north(directions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """East and north (M, 3) at ICRS directions (M, 3), away from the poles."""
+    east = _unit(np.cross([0.0, 0.0, 1.0], directions))
+    return east, np.cross(directions, east)
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    unit: NDArray[np.float64] = vectors / np.linalg.norm(vectors, axis=1)[:, None]
+    return unit
 
 
 @contextlib.contextmanager

@@ -28,7 +28,7 @@ from gse.selfcheck.made_session import (
 )
 from gse.selfcheck.result import Row, SelfCheckResult
 from gse.station.loop import StationLoop
-from gse.station.results import FrameResult
+from gse.station.results import FrameResult, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up, versions
 from gse.truth import SiderealTruth
@@ -49,7 +49,7 @@ class _Watched:
 
     error: KnownError
     loop: StationLoop
-    figures: Statistics
+    stats: Statistics
     sample: PanoramaSample
     unknown_objects: int
 
@@ -111,47 +111,61 @@ _Compared = tuple[str, str, float, float, float]
 
 
 def _attitude(sky: MadeSky, watched: _Watched) -> Iterator[_Compared]:
-    """The three angles that each error moves, or must leave alone; a wrong focal length leaves no answers."""
+    """The three angles that each error moves, or must leave alone; a wrong focal length leaves few answers."""
     if watched.error.focal_share:
         return
     expected = expected_arcsec(sky.sky, watched.error)
-    # What noise adds to a mean of so many frames, three times.
-    spread = 3 / math.sqrt(POINTINGS * watched.error.frames)
+    yield from _angles(watched, Subject.ONBOARD, expected)
+    if watched.error.own_east_arcsec is not None:
+        east, north, roll = expected
+        yield from _angles(watched, Subject.SENSOR, (east + watched.error.own_east_arcsec, north, roll))
+
+
+def _angles(watched: _Watched, subject: Subject, expected: tuple[float, float, float]) -> Iterator[_Compared]:
     names = (
         ("dRA*", "d_ra_cosde", _BORESIGHT_ARCSEC),
         ("dDE", "d_de", _BORESIGHT_ARCSEC),
         ("roll", "d_roll", _ROLL_ARCSEC),
     )
+    axes = watched.stats.subjects[subject].axes
+    spread = 3 / math.sqrt(POINTINGS * watched.error.frames)
     for (name, axis, tolerance), injected in zip(names, expected, strict=True):
-        figures = watched.figures.axes[axis]
-        noise = spread * figures.nea_arcsec if watched.error.noise_px else 0.0
-        yield name, "arcsec", injected, figures.bias_arcsec, tolerance + noise
+        # What noise adds to a mean of so many frames, three times.
+        noise = spread * axes[axis].nea_arcsec if watched.error.noise_px else 0.0
+        yield f"{subject} {name}", "arcsec", injected, axes[axis].bias_arcsec, tolerance + noise
 
 
 def _own(sky: MadeSky, watched: _Watched) -> Iterator[_Compared]:
     """What the statistics call the error by its own name."""
-    error, figures = watched.error, watched.figures
-    frames = POINTINGS * error.frames
-    good = frames - POINTINGS * (error.blank + error.wrong)
+    error, onboard = watched.error, watched.stats.onboard
     if not error.focal_share:
-        yield "frames answered rightly", "", good, figures.available.count, 0.0
-    yield "false answers", "", POINTINGS * error.wrong, figures.false_answers.count, 0.0
+        yield from _answers(watched, Subject.ONBOARD, POINTINGS * (error.frames - error.blank), 0)
+    if error.own_east_arcsec is not None:
+        good, false = (POINTINGS * count for count in (error.frames - error.own_false, error.own_false))
+        yield from _answers(watched, Subject.SENSOR, good, false)
     if error.poleward_arcsec_per_h:
-        drift = figures.axes["d_de"].drift_arcsec_per_h
-        yield "drift of dDE", "arcsec/h", error.poleward_arcsec_per_h, drift, _DRIFT_ARCSEC_PER_H
+        drift = onboard.axes["d_de"].drift_arcsec_per_h
+        yield f"{Subject.ONBOARD} drift of dDE", "arcsec/h", error.poleward_arcsec_per_h, drift, _DRIFT_ARCSEC_PER_H
     if error.false_objects:
-        yield "objects that are no stars", "", frames * error.false_objects, watched.unknown_objects, 0.0
+        injected = POINTINGS * error.frames * error.false_objects
+        yield "objects that are no stars", "", injected, watched.unknown_objects, 0.0
     if error.noise_px:
         yield from _noise(sky, watched)
     if error.focal_share:
         yield "focal length", "%", 100 * error.focal_share, _focal_percent(watched), _FOCAL_PERCENT
 
 
+def _answers(watched: _Watched, subject: Subject, good: int, false: int) -> Iterator[_Compared]:
+    found = watched.stats.subjects[subject]
+    yield f"{subject} right answers", "", good, found.available.count, 0.0
+    yield f"{subject} false answers", "", false, found.false_answers.count, 0.0
+
+
 def _noise(sky: MadeSky, watched: _Watched) -> Iterator[_Compared]:
     expected = noise_arcsec(stated_sensor(), sky.first_of_each(), watched.error.noise_px)
     for name, axis, injected in zip(("columns", "rows"), ("cross_x", "cross_y"), expected, strict=True):
-        found = watched.figures.axes[axis].nea_arcsec
-        yield f"NEA along {name}", "arcsec", injected, found, _NOISE_SHARE * injected
+        found = watched.stats.onboard.axes[axis].nea_arcsec
+        yield f"{Subject.ONBOARD} NEA along {name}", "arcsec", injected, found, _NOISE_SHARE * injected
 
 
 def _focal_percent(watched: _Watched) -> float:

@@ -5,13 +5,12 @@ from numpy.typing import NDArray
 
 from gse.constants import ARCSEC_PER_RAD
 from gse.instant import NS_PER_S
-from gse.selfcheck.astropy_sky import AstropySky
+from gse.selfcheck.astropy_sky import AstropySky, east_and_north
 from gse.selfcheck.known_errors import KnownError
 from gse.selfcheck.made_sensor import MadeSensor
 from gse.selfcheck.made_session import begins_ns, stated_sensor, true_sensor
 
 _STEP_RAD = 1e-6
-_NEAR = 1e-3
 
 
 def expected_arcsec(sky: AstropySky, error: KnownError) -> tuple[float, float, float]:
@@ -19,29 +18,14 @@ def expected_arcsec(sky: AstropySky, error: KnownError) -> tuple[float, float, f
     utc_ns = begins_ns()
     stated = np.broadcast_to(stated_sensor().axes, (len(utc_ns), 3, 3))
     true = np.array([true_sensor(error, instant).axes for instant in utc_ns.tolist()])
-    boresight, up = _boresight_and_up(sky, stated, utc_ns + round(error.clock_s * NS_PER_S))
-    true_boresight, true_up = _boresight_and_up(sky, true, utc_ns)
-    east = np.cross([0.0, 0.0, 1.0], boresight)
-    east /= np.linalg.norm(east, axis=1)[:, None]
-    north = np.cross(boresight, east)
+    boresight, up = sky.boresight_and_up(stated, utc_ns + round(error.clock_s * NS_PER_S))
+    true_boresight, true_up = sky.boresight_and_up(true, utc_ns)
+    east, north = east_and_north(boresight)
     left = np.cross(up, boresight)  # from north through east, where up is north
     moved = true_boresight - boresight
     errors = [(moved * east).sum(axis=1), (moved * north).sum(axis=1), (true_up * left).sum(axis=1)]
     d_ra_cosde, d_de, roll = (np.mean(errors, axis=1) * ARCSEC_PER_RAD).tolist()
     return d_ra_cosde, d_de, roll
-
-
-def _boresight_and_up(
-    sky: AstropySky, axes: NDArray[np.float64], utc_ns: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """ICRS directions (M, 3) of sensors' axes (M, 3, 3).
-
-    Up is taken close to the boresight: aberration keeps angles there, and 90 deg away it does not.
-    """
-    up, out = axes[:, 1], axes[:, 2]
-    boresight, above = np.moveaxis(sky.icrs(np.stack([out, out + _NEAR * up], axis=1), utc_ns), 1, 0)
-    towards = above - boresight * (above * boresight).sum(axis=1)[:, None]
-    return boresight, towards / np.linalg.norm(towards, axis=1)[:, None]
 
 
 def noise_arcsec(sensor: MadeSensor, fields: list[NDArray[np.float64]], noise_px: float) -> tuple[float, float]:

@@ -11,8 +11,9 @@ class KnownError:
     towards the celestial pole, growing by ``poleward_arcsec_per_h`` through the middle of the session; ``roll_arcsec``
     turns image up counter-clockwise as seen in the sky; ``clock_s`` is how fast the host's clock is. ``focal_share`` is
     the error of the focal length, ``noise_px`` the standard deviation of a position on each axis, ``false_objects`` how
-    many objects of each frame are no stars. Of every ``pointings`` stretches, ``frames`` frames each, ``blank`` frames
-    show no object, and in ``wrong`` frames the sensor looks elsewhere.
+    many objects of each frame are no stars. The first ``blank`` of the ``frames`` of each stretch show no object.
+    ``own_east_arcsec`` is how far the sensor's own answers lie to the east, None where it sends none, and the first
+    ``own_false`` of each stretch are false.
     """
 
     name: str
@@ -26,7 +27,8 @@ class KnownError:
     noise_px: float = 0.0
     false_objects: int = 0
     blank: int = 0
-    wrong: int = 0
+    own_east_arcsec: float | None = None
+    own_false: int = 0
 
 
 KNOWN_ERRORS = (
@@ -40,6 +42,6 @@ KNOWN_ERRORS = (
     KnownError(name="position noise", frames=200, noise_px=0.2),
     KnownError(name="false objects", false_objects=3),
     KnownError(name="frames without objects", blank=1),
-    KnownError(name="frames of another field", wrong=1),
+    KnownError(name="the sensor's own answers", own_east_arcsec=15.0, own_false=1),
 )
 """Every error alone, so that what is found wrong names its cause."""

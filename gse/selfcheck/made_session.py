@@ -4,8 +4,9 @@ The night is one of the past, so that every installation has measured Earth orie
 over the fixed mount.
 """
 
-from collections.abc import Iterator
-from dataclasses import replace
+import itertools
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +14,11 @@ from numpy.typing import NDArray
 from drivers.chunk import Chunk
 from gse.constants import ARCSEC_RAD
 from gse.instant import NS_PER_S, from_text
-from gse.selfcheck.astropy_sky import AstropySky
+from gse.selfcheck.astropy_sky import AstropySky, east_and_north
 from gse.selfcheck.known_errors import KnownError
 from gse.selfcheck.made_sensor import MadeSensor, mounted
 from gse.site import Site
-from protocols import PanoramaMessage, Protocol
+from protocols import AttitudeMessage, Message, PanoramaMessage, Protocol
 
 START_NS = from_text("2024-03-20T12:00:00Z")
 POINTINGS = 8
@@ -49,7 +50,10 @@ _STARS = 25
 _EXPOSURE_S = 0.1
 _BYTE_NS = 10 * NS_PER_S // 115_200
 _POWER_ON_US = 1_000_000
-_ELSEWHERE_RAD = np.radians(5.0)
+_TEMPERATURE_C = 20.0
+_LATENCY_S = 0.02
+_INDEX = 4000, 200
+_FALSE_BY_DEG = 2.0
 _CLEAR_PX = 20.0
 _ZENITH = np.array([0.0, 0.0, 1.0])
 _POLE = np.array([0.0, np.cos(np.radians(SITE.latitude_deg)), np.sin(np.radians(SITE.latitude_deg))])
@@ -77,6 +81,19 @@ def true_sensor(error: KnownError, utc_ns: int) -> MadeSensor:
     return sensor
 
 
+Angles = tuple[float, float, float]
+"""RA, DE and roll in degrees."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MadeFrame:
+    """The objects (N, 2) of a frame, brightest first, and the sensor's own answer, with their true UTC."""
+
+    utc_ns: int
+    xy_px: NDArray[np.float64]
+    own: Angles | None
+
+
 class MadeSky:
     """Catalogue stars (N, 3), brightest first, over the site as astropy has them.
 
@@ -96,29 +113,38 @@ class MadeSky:
         """The directions (N, 3) that the first frame of each stretch shows."""
         return [seen[0] for seen in self._seen]
 
-    def frames(self, error: KnownError, seed: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
-        """The true UTC and the objects (N, 2) of each frame, brightest first."""
+    def frames(self, error: KnownError, seed: int) -> Iterator[MadeFrame]:
+        """The frames of a sensor with a known error."""
         random = np.random.default_rng(seed)
-        for instants, seen in zip(self._instants, self._seen, strict=True):
-            for number, utc_ns in enumerate(instants[: error.frames].tolist()):
-                sensor, directions = true_sensor(error, utc_ns), seen[number]
-                if number < error.wrong:
-                    sensor = sensor.turned(_ZENITH, _ELSEWHERE_RAD)
-                    directions = self._elsewhere(sensor, utc_ns)
-                xy_px = sensor.pixels(directions if number >= error.blank else directions[:0])
+        for instants, seen in zip(self._instants[:, : error.frames], self._seen, strict=True):
+            answers = own_answers(self.sky, error, instants)
+            for number, (utc_ns, answer) in enumerate(zip(instants.tolist(), answers, strict=True)):
+                directions = seen[number] if number >= error.blank else seen[number][:0]
+                xy_px = true_sensor(error, utc_ns).pixels(directions)
                 xy_px = xy_px + random.normal(0, error.noise_px, xy_px.shape)
-                yield utc_ns, np.concatenate([xy_px, _far_from(xy_px, error.false_objects, random)])
+                objects_px = np.concatenate([xy_px, _far_from(xy_px, error.false_objects, random)])
+                yield MadeFrame(utc_ns, objects_px, answer)
 
     def _fields(self, sensor: MadeSensor, utc_ns: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """The rows of the brightest stars that a sensor sees at each instant (M,)."""
         seen = sensor.sees(self.sky.seen(self._stars, utc_ns))
         return [np.flatnonzero(inside)[:_STARS] for inside in seen]
 
-    def _elsewhere(self, sensor: MadeSensor, utc_ns: int) -> NDArray[np.float64]:
-        at = np.array([utc_ns])
-        (field,) = self._fields(sensor, at)
-        directions: NDArray[np.float64] = self.sky.seen(self._stars[field], at)[0]
-        return directions
+
+def own_answers(sky: AstropySky, error: KnownError, utc_ns: NDArray[np.int64]) -> list[Angles | None]:
+    """What the sensor answers itself at instants (M,): the catalogue place of what it sees at its boresight."""
+    if error.own_east_arcsec is None:
+        return [None] * len(utc_ns)
+    axes = np.array([true_sensor(error, instant).axes for instant in utc_ns.tolist()])
+    boresight, up = sky.boresight_and_up(axes, utc_ns, air=True)
+    boresight = boresight + error.own_east_arcsec * ARCSEC_RAD * east_and_north(boresight)[0]
+    east, north = east_and_north(boresight)  # the meridian there has another direction
+    roll_deg = np.degrees(np.arctan2((up * east).sum(axis=1), (up * north).sum(axis=1)))
+    x, y, z = boresight.T
+    de_deg = np.degrees(np.arctan2(z, np.hypot(x, y)))
+    de_deg[: error.own_false] += _FALSE_BY_DEG
+    angles = zip((np.degrees(np.arctan2(y, x)) % 360).tolist(), de_deg.tolist(), (roll_deg % 360).tolist(), strict=True)
+    return list(angles)
 
 
 def begins_ns() -> NDArray[np.int64]:
@@ -126,21 +152,30 @@ def begins_ns() -> NDArray[np.int64]:
     return START_NS + np.arange(POINTINGS, dtype=np.int64) * POINTING_NS
 
 
-def chunks(frames: Iterator[tuple[int, NDArray[np.float64]]], protocol: Protocol, *, clock_s: float) -> Iterator[Chunk]:
+def chunks(frames: Iterable[MadeFrame], protocol: Protocol, *, clock_s: float) -> Iterator[Chunk]:
     """The frames as a host reads them whose clock is ``clock_s`` fast."""
-    for number, (utc_ns, xy_px) in enumerate(frames):
-        message = PanoramaMessage(
-            time_us=(utc_ns - START_NS) // 1000 + _POWER_ON_US,
-            frame_no=number,
-            exposure_s=_EXPOSURE_S,
-            flags=frozenset(),
-            temperature_c=20.0,
-            xy_px=xy_px,
-            index=np.rint(np.linspace(4000, 200, len(xy_px))),
-        )
-        arrived_ns = utc_ns + round(_EXPOSURE_S / 2 * NS_PER_S) + _BYTE_NS
-        yield Chunk(
-            arrived_ns + round(clock_s * NS_PER_S), arrived_ns - START_NS, protocol.encode(message, sequence=number)
+    sequence = itertools.count()
+    for number, frame in enumerate(frames):
+        data = b"".join(protocol.encode(message, sequence=next(sequence)) for message in _messages(frame, number))
+        arrived_ns = frame.utc_ns + round(_EXPOSURE_S / 2 * NS_PER_S) + _BYTE_NS
+        yield Chunk(arrived_ns + round(clock_s * NS_PER_S), arrived_ns - START_NS, data)
+
+
+def _messages(frame: MadeFrame, number: int) -> Iterator[Message]:
+    time_us = (frame.utc_ns - START_NS) // 1000 + _POWER_ON_US
+    yield PanoramaMessage(
+        time_us=time_us,
+        frame_no=number,
+        exposure_s=_EXPOSURE_S,
+        flags=frozenset(),
+        temperature_c=_TEMPERATURE_C,
+        xy_px=frame.xy_px,
+        index=np.rint(np.linspace(*_INDEX, len(frame.xy_px))),
+    )
+    if frame.own is not None:
+        ra_deg, de_deg, roll_deg = frame.own
+        yield AttitudeMessage(
+            time_us, ra_deg, de_deg, roll_deg, frame_no=number, matched=_STARS, state="acquired", latency_s=_LATENCY_S
         )
 
 
