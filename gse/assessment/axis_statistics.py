@@ -12,10 +12,8 @@ from gse.assessment.sampling import (
     MIN_N_EFF,
     NO_BOUNDS,
     Bounds,
-    correlation,
+    error_bounds,
     mean_bounds,
-    percentile_95_bounds,
-    positive_mean_bounds,
     root_mean_square_bounds,
     slope_bounds,
 )
@@ -26,7 +24,7 @@ WINDOW_S = 20.0
 pixels, so that the error of single pixels still counts as noise."""
 
 _MAX_BLOCKS = 200
-"""Medians that the robust slope is taken over: it compares each with each."""
+"""Medians (less than twice as many) that the robust slope is taken over: it compares each with each."""
 _S_PER_H = 3600.0
 _NAN = float("nan")
 
@@ -86,33 +84,31 @@ def axis_statistics(utc_ns: NDArray[np.int64], error_arcsec: NDArray[np.float64]
         raise ValueError("the instants of the errors are not in order; sort them first")
     time_s = (utc_ns - utc_ns[0]) / 1e9
     absolute = np.abs(error_arcsec)
-    ascending = np.sort(absolute)
-    p95, p99 = (float(value) for value in np.percentile(ascending, [95, 99]))
+    p95, p99 = (float(value) for value in np.percentile(absolute, [95, 99]))
     std = float(error_arcsec.std(ddof=1)) if n > 1 else _NAN
-    bias = mean_bounds(error_arcsec)
-    worth = correlation(error_arcsec)
+    bounds = error_bounds(error_arcsec)
     slope, drift = _drift(time_s, error_arcsec)
     smooth, count = _running_mean(time_s, error_arcsec)
     noise = _noise(error_arcsec - smooth, count)
     slow = _low_frequency(time_s, smooth, count, slope=slope, noise=noise)
     return AxisStatistics(
         n=n,
-        n_eff=worth.n_eff,
-        tau_s=worth.frames * _frame_s(time_s),
-        too_short=_too_short(n, worth.n_eff),
+        n_eff=bounds.n_eff,
+        tau_s=bounds.tau_frames * _frame_s(time_s),
+        too_short=_too_short(n, bounds.n_eff),
         bias_arcsec=float(error_arcsec.mean()),
-        bias_error_arcsec=(bias.high - bias.low) / 2,
-        bias_bounds_arcsec=bias,
+        bias_error_arcsec=(bounds.bias.high - bounds.bias.low) / 2,
+        bias_bounds_arcsec=bounds.bias,
         std_arcsec=std,
         std_bounds_arcsec=root_mean_square_bounds(error_arcsec - error_arcsec.mean()),
         three_sigma_arcsec=3 * std,
         rms_arcsec=float(np.sqrt((error_arcsec**2).mean())),
         mean_abs_arcsec=float(absolute.mean()),
-        mean_abs_bounds_arcsec=positive_mean_bounds(absolute),
+        mean_abs_bounds_arcsec=bounds.mean_abs,
         p95_abs_arcsec=p95,
-        p95_abs_bounds_arcsec=percentile_95_bounds(absolute, ascending),
+        p95_abs_bounds_arcsec=bounds.p95_abs,
         p99_abs_arcsec=p99,
-        max_abs_arcsec=float(ascending[-1]),
+        max_abs_arcsec=float(absolute.max()),
         drift_arcsec_per_h=slope,
         drift_low_arcsec_per_h=drift.low,
         drift_high_arcsec_per_h=drift.high,
@@ -217,13 +213,14 @@ def block_means(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> NDA
 
 
 def _drift(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> tuple[float, Bounds]:
-    """The slope of the medians of up to _MAX_BLOCKS stretches: robust against outliers, with the bounds of a fit."""
+    """The slope of the medians of stretches of frames: robust against outliers, with the bounds of a linear fit."""
     if len(time_s) < 3 or time_s[-1] <= time_s[0]:
         return _NAN, NO_BOUNDS
-    blocks = _blocks(time_s, min(_MAX_BLOCKS, len(time_s)))
-    if len(blocks) < 3:
+    rows = max(len(error) // _MAX_BLOCKS, 1)
+    kept = len(error) // rows * rows
+    medians = np.median(error[:kept].reshape(-1, rows), axis=1)
+    hours = time_s[:kept].reshape(-1, rows).mean(axis=1) / _S_PER_H
+    if hours[-1] <= hours[0]:
         return _NAN, NO_BOUNDS
-    medians = np.array([np.median(error[rows]) for rows in blocks])
-    hours = np.array([time_s[rows].mean() for rows in blocks]) / _S_PER_H
     slope = theil_sen(medians, hours).slope
     return slope, slope_bounds(slope, hours, medians)

@@ -4,7 +4,11 @@ Each bound takes the correlation of the series into account (gse.assessment.auto
 and standard deviations are bounded on the scale of their logarithm, where their distribution is symmetric. The 95th
 percentile is bounded by the percentiles at the shares that the share of values above it may truly have (Woodruff 1952,
 JASA 47, 635, on the logarithm of the share); where less than three independent values lie beyond, by an exponential
-tail, which errs to the safe side for tails up to exponential.
+tail, which errs to the safe side for tails up to exponential. The share is never taken as better known than the mean
+absolute value: the few values of a tail tell little of their correlation.
+
+A slow error shows in a session as a bias. Absolute values hide it where it is small by chance, so that their upper
+bounds are at least what they would be with the bias at either of its own bounds.
 """
 
 import math
@@ -48,39 +52,48 @@ NO_BOUNDS = Bounds()
 
 
 @dataclass(frozen=True, slots=True)
-class Correlation:
-    """How many independent values a series is worth.
+class ErrorBounds:
+    """What a series of errors leaves open; NaN where it cannot be known.
 
     ``n_eff`` is the number of independent values whose mean would be as uncertain, at most the number of values;
-    ``frames`` is the integrated autocorrelation time in frames, from minus to plus infinity (twice the time constant of
-    an exponential correlation): the frames that one independent value takes. NaN where it cannot be known.
+    ``tau_frames`` the integrated autocorrelation time from minus to plus infinity (twice the time constant of an
+    exponential correlation): the frames that one independent value takes. ``mean_abs`` and ``p95_abs`` are of the
+    absolute values.
     """
 
-    n_eff: float
-    frames: float
-
-    @property
-    def too_short(self) -> bool:
-        """Whether the session says too little for any answer."""
-        return not self.n_eff >= MIN_N_EFF
+    n_eff: float = _NAN
+    tau_frames: float = _NAN
+    bias: Bounds = NO_BOUNDS
+    mean_abs: Bounds = NO_BOUNDS
+    p95_abs: Bounds = NO_BOUNDS
 
 
-def correlation(values: NDArray[np.float64]) -> Correlation:
-    """Of values (M,) in their order."""
-    if not _tells(values):
-        return Correlation(_NAN, _NAN)
-    n_eff = float(min(values.var() / mean_error(values).standard ** 2, len(values)))
-    return Correlation(n_eff, len(values) / n_eff)
+def error_bounds(errors: NDArray[np.float64]) -> ErrorBounds:
+    """The bounds of errors (M,) in their order."""
+    absolute = np.abs(errors)
+    if not _tells(errors):
+        return ErrorBounds()
+    of_bias = mean_error(errors)
+    n_eff = float(min(errors.var() / of_bias.standard**2, len(errors)))
+    bias = _symmetric(float(errors.mean()), of_bias)
+    if not _tells(absolute):
+        return ErrorBounds(n_eff, len(errors) / n_eff, bias)
+    of_mean = mean_error(absolute)
+    mean_abs = _of_logarithm(float(absolute.mean()), of_mean, 1.0)
+    p95_abs = _percentile_95(absolute, of_mean)
+    least = [_shifted(errors, half) for half in ((bias.high - bias.low) / 2, (bias.upper - bias.lower) / 2)]
+    return ErrorBounds(
+        n_eff,
+        len(errors) / n_eff,
+        bias,
+        _raised(mean_abs, least[0][0], least[1][0]),
+        _raised(p95_abs, least[0][1], least[1][1]),
+    )
 
 
 def mean_bounds(values: NDArray[np.float64]) -> Bounds:
     """Of the mean of values (M,) in their order."""
     return _symmetric(float(values.mean()), mean_error(values)) if _tells(values) else NO_BOUNDS
-
-
-def positive_mean_bounds(values: NDArray[np.float64]) -> Bounds:
-    """Of the mean of values (M,) in their order, none negative."""
-    return _of_logarithm(float(values.mean()), mean_error(values), 1.0) if _tells(values) else NO_BOUNDS
 
 
 def root_mean_square_bounds(values: NDArray[np.float64]) -> Bounds:
@@ -103,20 +116,6 @@ def slope_bounds(slope: float, at: NDArray[np.float64], values: NDArray[np.float
     weights = from_middle / (from_middle @ from_middle)
     residuals = values - values.mean() - (weights @ values) * from_middle
     return _symmetric(slope, weighted_sum_error(weights, residuals)) if _tells(residuals) else NO_BOUNDS
-
-
-def percentile_95_bounds(values: NDArray[np.float64], ascending: NDArray[np.float64]) -> Bounds:
-    """Of the 95th percentile of values (M,) in their order, none negative, given also in ascending order."""
-    percentile = _at_share(ascending, _TAIL_SHARE)
-    beyond = (values >= percentile).astype(np.float64)
-    if not _tells(beyond):
-        return NO_BOUNDS
-    error, share = mean_error(beyond), float(beyond.mean())
-    two, one = (error.half_width(probability) / share for probability in (TWO_SIDED, ONE_SIDED))
-    n_eff = (1 - share) / share * (_Z / two) ** 2
-    below = [_at_share(ascending, _TAIL_SHARE * _exp(log)) for log in (two, one)]
-    above = [_upper(ascending, percentile, log, n_eff) for log in (two, one)]
-    return Bounds(below[0], above[0], below[1], above[1])
 
 
 def effective_number(happened: NDArray[np.bool_]) -> float:
@@ -148,21 +147,50 @@ def _of_logarithm(mean: float, error: MixedStudent, power: float) -> Bounds:
     return Bounds(*(mean * _exp(log) for log in (-two, two, -one, one)))
 
 
-def _upper(ascending: NDArray[np.float64], percentile: float, log: float, n_eff: float) -> float:
+def _percentile_95(absolute: NDArray[np.float64], of_mean: MixedStudent) -> Bounds:
+    ascending = np.sort(absolute)
+    beyond = (absolute >= _at_share(ascending, _TAIL_SHARE)).astype(np.float64)
+    if not _tells(beyond):
+        return NO_BOUNDS
+    share = float(beyond.mean())
+    scatter = math.sqrt(share * (1 - share)) / float(absolute.std())
+    of_share = mean_error(beyond)
+    two, one = (
+        max(of_share.half_width(probability), scatter * of_mean.half_width(probability)) / share
+        for probability in (TWO_SIDED, ONE_SIDED)
+    )
+    n_eff = (1 - share) / share * (_Z / two) ** 2
+    low, lower = (_at_share(ascending, _TAIL_SHARE * _exp(log)) for log in (two, one))
+    high, upper = (_beyond(ascending, log, n_eff) for log in (two, one))
+    return Bounds(low, high, lower, upper)
+
+
+def _shifted(errors: NDArray[np.float64], half_width: float) -> tuple[float, float]:
+    """Mean and 95th percentile of the absolute values with the bias at the worse end of its interval."""
+    both = [np.abs(errors + shift) for shift in (-half_width, half_width)]
+    return max(float(one.mean()) for one in both), max(float(np.percentile(one, 95)) for one in both)
+
+
+def _raised(bounds: Bounds, high: float, upper: float) -> Bounds:
+    return Bounds(bounds.low, max(bounds.high, high), bounds.lower, max(bounds.upper, upper))
+
+
+def _beyond(ascending: NDArray[np.float64], log: float, n_eff: float) -> float:
+    """The value that exp(-log) of the share beyond the 95th percentile exceeds."""
     share = _TAIL_SHARE * _exp(-log)
     inside = _at_share(ascending, share)
     if share * n_eff >= _TAIL_EVENTS:
         return inside
     start = int(_TAIL_FROM * len(ascending))
     excess = float((ascending[start:] - ascending[start]).mean())
-    return max(inside, percentile + excess * log)
+    return max(inside, _at_share(ascending, _TAIL_SHARE) + excess * log)
 
 
 def _at_share(ascending: NDArray[np.float64], share: float) -> float:
-    """The value that a share of all values exceeds, interpolated; 0 where all of them do."""
+    """The value that a share of all further values exceeds, interpolated; 0 where all of them do."""
     if share >= 1:
         return 0.0
-    place = (1 - share) * (len(ascending) - 1)
+    place = min(max((1 - share) * (len(ascending) + 1) - 1, 0.0), len(ascending) - 1.0)
     left = min(int(place), len(ascending) - 2)
     return float(ascending[left] + (place - left) * (ascending[left + 1] - ascending[left]))
 
