@@ -40,6 +40,8 @@ _PEAKS = np.array([3.0, 30.0, 300.0])
 """Greatest ordinate of the sinusoid, in the spectrum of the white part."""
 _MAX_STEPS = 100
 _ACCURACY = 1e-6
+_FLOOR = 1e-9
+"""Least spectrum, in that of white noise of the same variance: a pattern that cancels to nothing in every sum."""
 _NEGLIGIBLE = 1e-9
 """Shapes of less weight, in that of the likeliest, are left out."""
 _WHITE_PRIOR = 0.5
@@ -99,9 +101,10 @@ def _peak(freedom: int) -> float:
 def mean_error(values: NDArray[np.float64]) -> MixedStudent:
     """The error of the mean of values (M,), not all the same, M > 8, in their order."""
     amplitudes = cosines(values - values.mean())
+    squares = amplitudes**2 + _FLOOR * values.var()
     shapes = _shapes()
     places = slice(1, len(amplitudes) + 1)
-    weights, scales = _posterior(amplitudes, shapes.spectra[:, places], shapes.log_prior)
+    weights, scales = _posterior(squares, shapes.spectra[:, places], shapes.log_prior)
     return _mixed(weights, scales * np.sqrt(shapes.spectra[:, 0] / len(values)), len(amplitudes))
 
 
@@ -112,13 +115,14 @@ def weighted_sum_error(weights: NDArray[np.float64], residuals: NDArray[np.float
     ordinates from the second on tell the spectrum.
     """
     amplitudes, factors = cosines(residuals)[1:], cosines(weights)
+    squares = amplitudes**2 + _FLOOR * residuals.var()
     shapes = _shapes()
     last = len(factors)
     spectra = shapes.spectra[:, 1 : last + 1]
     variance = spectra @ factors**2 + spectra[:, -1] * max(float(weights @ weights - factors @ factors), 0.0)
     sinusoids = len(shapes.cycles)  # whose cosines are not independent
     variance[-sinusoids:] = weights @ weights + shapes.power / len(weights) * _response(weights, shapes.cycles)
-    posterior, scales = _posterior(amplitudes, spectra[:, 1:], shapes.log_prior)
+    posterior, scales = _posterior(squares, spectra[:, 1:], shapes.log_prior)
     return _mixed(posterior, scales * np.sqrt(variance), len(amplitudes))
 
 
@@ -151,15 +155,15 @@ def _basis(n: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
 
 
 def _posterior(
-    amplitudes: NDArray[np.float64], spectra: NDArray[np.float64], log_prior: NDArray[np.float64]
+    squares: NDArray[np.float64], spectra: NDArray[np.float64], log_prior: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Weight and scale (standard deviation at spectrum 1) of each shape, the scale with Jeffreys' prior."""
-    count = len(amplitudes)
-    squares = (1 / spectra) @ amplitudes**2
-    log_weight = log_prior - 0.5 * np.log(spectra).sum(axis=1) - 0.5 * count * np.log(squares)
+    count = len(squares)
+    sums = (1 / spectra) @ squares
+    log_weight = log_prior - 0.5 * np.log(spectra).sum(axis=1) - 0.5 * count * np.log(sums)
     weights = np.exp(log_weight - log_weight.max())
     weights[weights < _NEGLIGIBLE] = 0.0
-    return weights / weights.sum(), np.sqrt(squares / count)
+    return weights / weights.sum(), np.sqrt(sums / count)
 
 
 @functools.cache
