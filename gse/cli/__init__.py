@@ -44,6 +44,7 @@ _COMMANDS = {
     "catalog": "the star catalogue in use",
     "ports": "serial ports, and who holds them",
     "preflight": "is everything ready for the night?",
+    "plan": "how long a session must be for a verdict",
     "selfcheck": "known errors through the station: injected against found",
     "sensor": "start, stop, status or exposure of the sensor",
     "ci": "replay a folder of sessions and compare their reports",
