@@ -108,7 +108,7 @@ def _uncorrected_truth(truth: SiderealTruth, mount: Mount, utc_ns: NDArray[np.in
 def _shift_sensor(truth: SiderealTruth, mount: Mount, utc_ns: int) -> NDArray[np.float64]:
     """The rotation in the sensor frame from the geometric attitude to the one of catalogue places."""
     geometric = truth.attitude_true(utc_ns, mount).icrs_to_sensor
-    seen = np.array([[0.0, 0.0, 1.0], [1e-3, 0.0, 1.0]])
+    seen = np.array([[0.0, 0.0, 1.0], [1e-3, 0.0, 1.0], [0.0, 1e-3, 1.0]])
     seen /= np.linalg.norm(seen, axis=1)[:, None]
     zenith = geometric @ truth.icrs_to_horizon(utc_ns)[2]
     apparent = truth.unrefracted(seen, zenith) @ geometric
@@ -116,13 +116,19 @@ def _shift_sensor(truth: SiderealTruth, mount: Mount, utc_ns: int) -> NDArray[np
     for _ in range(3):
         stars -= truth.apparent(stars, utc_ns) - apparent
         stars /= np.linalg.norm(stars, axis=1)[:, None]
-    # the boresight by its star, the turn about it by the star beside it
+    # the boresight by its star, the turn about it by the stars beside it
     return _triad(seen) @ _triad(stars @ geometric.T).T
 
 
 def _triad(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Axes in columns: z along the first direction (3,), x by the mean of what two beside it, along x and y, show.
+
+    Refraction shears the field: by either of the two alone the turn would be some arcsec off, one way or the other.
+    """
     z = vectors[0] / np.linalg.norm(vectors[0])
-    x = vectors[1] - (vectors[1] @ z) * z
+    beside = vectors[1:] - (vectors[1:] @ z)[:, None] * z
+    along_x, along_y = beside / np.linalg.norm(beside, axis=1)[:, None]
+    x = along_x + np.cross(along_y, z)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
 

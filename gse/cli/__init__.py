@@ -48,6 +48,8 @@ _COMMANDS = {
     "ports": "list the serial ports and the programs that hold them",
     "preflight": "check that everything is ready for a session",
     "sensor": "send a command to the sensor",
+    "plan": "tell how long a session must be for a verdict",
+    "selfcheck": "put known errors through the station: injected against found",
     "ci": "replay a folder of sessions and compare their reports",
 }
 

@@ -1,0 +1,269 @@
+"""``gse plan``: how long a session must be for a verdict."""
+
+import json
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from gse.cli import EXIT_FAIL
+from gse.cli.options import station_of
+from gse.errors import UsageError
+
+if TYPE_CHECKING:
+    from gse.assessment.session_plan import AxisQuestion, SessionPlan
+    from gse.assessment.verdict import Assessment
+    from gse.config.station import Station
+
+_QUANTITY = re.compile(r"([+-]?\d+(?:\.\d*)?(?:e[+-]?\d+)?) ?([a-zA-Z/]+)")
+_ANGLES = {"mas": 1e-3, "arcsec": 1.0, "arcmin": 60.0, "deg": 3600.0}
+_TIMES = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
+_RATES = {"Hz": 1.0, "/s": 1.0, "/min": 1 / 60}
+_STARS = 20
+"""In an ordinary panorama."""
+_RATE_HZ = 10.0
+
+
+def _quantity(
+    units: dict[str, float], example: str, *, least: float = 0.0
+) -> Callable[[click.Context, click.Parameter, str | None], float | None]:
+    """Reads a number with its unit."""
+
+    def read(ctx: click.Context, param: click.Parameter, text: str | None) -> float | None:
+        if text is None:
+            return None
+        found = _QUANTITY.fullmatch(text.strip())
+        number = float(found[1]) * units[found[2]] if found and found[2] in units else math.nan
+        if not (math.isfinite(number) and number >= least):
+            at_least = f"that is {least:g} or more" if math.isfinite(least) else "of either sign"
+            raise UsageError(
+                f"{param.opts[0]} is {text!r:.60}; expected a number {at_least}, with its unit "
+                f"({', '.join(units)}), for example {example}"
+            )
+        return number
+
+    return read
+
+
+_angle = _quantity(_ANGLES, "10arcsec")
+_signed_angle = _quantity(_ANGLES, "-5arcsec", least=-math.inf)
+_limit = _quantity(_ANGLES, "60arcsec", least=1e-3)
+_time = _quantity(_TIMES, "3s")
+_rate = _quantity(_RATES, "10Hz", least=1e-6)
+
+
+@click.command("plan")
+@click.argument("session", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--station", "station_path", type=click.Path(path_type=Path), help="Station file; default: the built-in station."
+)
+@click.option("--noise", "noise_arcsec", callback=_angle, help="Standard deviation of dRA* and dDE, e.g. 10arcsec.")
+@click.option("--roll-noise", "roll_noise_arcsec", callback=_angle, help="Standard deviation of roll, e.g. 2arcmin.")
+@click.option("--tau", "tau_s", callback=_time, help="Time that an independent value of an error takes, e.g. 3s.")
+@click.option("--error", "bias_arcsec", callback=_signed_angle, help="Constant error that is expected, e.g. 5arcsec.")
+@click.option("--limit", "limit_arcsec", callback=_limit, help="Limit of dRA* and dDE, instead of the station file's.")
+@click.option(
+    "--truth", "truth_arcsec", callback=_angle, help="Standard uncertainty of truth, instead of the budget's."
+)
+@click.option("--rate", "frames_per_s", callback=_rate, help="Frame rate, e.g. 10Hz.")
+@click.option(
+    "--availability",
+    type=click.FloatRange(min=0, max=1, min_open=True),
+    help="Share of the frames that are expected to be answered.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.plan/1.")
+@click.pass_context
+def command(
+    ctx: click.Context, /, *, session: Path | None, station_path: Path | None, as_json: bool, **expected: float | None
+) -> None:
+    """How long a session must be for a PASS with 90 % probability, where the sensor does what is expected of it.
+
+    Angles, times and rates have their unit: 10arcsec, 3s, 10Hz. Without options it expects whole-pixel positions of 20
+    stars, each for the time that a star takes over a pixel. With a recorded SESSION its own figures are taken, and it
+    is said how much longer it should have been. Exit code 1 where no length of session gives a verdict.
+    """
+    if session is not None:
+        if any(value is not None for value in (station_path, *expected.values())):
+            raise UsageError("a session has its own figures: give either SESSION or options, not both")
+        ctx.exit(_of_session(session, as_json=as_json))
+    station, _ = station_of(station_path)
+    ctx.exit(_of_station(station, expected, as_json=as_json))
+
+
+def _of_station(station: "Station", given: dict[str, float | None], *, as_json: bool) -> int:
+    from gse.assessment.session_plan import session_plan
+
+    frames_per_s = _or(given["frames_per_s"], _RATE_HZ)
+    availability = _or(given["availability"], (1 + station.limits.availability) / 2)
+    axes = _questions(station, given, frames_per_s)
+    plan = session_plan(axes, station.limits, availability=availability, frames_per_s=frames_per_s)
+    document = {"expected": _expected(axes, availability, frames_per_s), **_planned(plan)}
+    if as_json:
+        click.echo(json.dumps({"schema": "gse.plan/1", "session": None, **document}))
+    else:
+        click.echo("\n".join([*_assumptions(axes, availability, frames_per_s), "", *_table(plan), "", _summary(plan)]))
+    return 0 if plan.frames is not None else EXIT_FAIL
+
+
+def _questions(station: "Station", given: dict[str, float | None], frames_per_s: float) -> "tuple[AxisQuestion, ...]":
+    from gse.assessment.planning import Expected
+    from gse.assessment.session_plan import AxisQuestion
+    from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
+    from gse.station.frame_processor import CENTROID_SIGMA_PX
+
+    camera, limits = station.sensor.camera(), station.limits
+    pixel_arcsec = camera.pixel_rad * ARCSEC_PER_RAD
+    noise = _or(given["noise_arcsec"], CENTROID_SIGMA_PX * pixel_arcsec / math.sqrt(_STARS))
+    # A turn shows by the stars' distance from the boresight: the root mean square over the detector.
+    reach_rad = math.hypot(camera.rows, camera.columns) / math.sqrt(12) / camera.focal_length_px
+    roll_noise = _or(given["roll_noise_arcsec"], noise / reach_rad)
+    tau_s = _or(given["tau_s"], pixel_arcsec / EARTH_RATE_ARCSEC_PER_S)
+    bias = _or(given["bias_arcsec"], 0.0)
+    truth = _truth_arcsec(station, given["truth_arcsec"])
+    ra_limit, de_limit = (_or(given["limit_arcsec"], limit) for limit in (limits.d_ra_cosde_arcsec, limits.d_de_arcsec))
+    on_sky, about = Expected(bias, noise, tau_s, frames_per_s), Expected(0.0, roll_noise, tau_s, frames_per_s)
+    return (
+        AxisQuestion("dRA*", on_sky, ra_limit, truth),
+        AxisQuestion("dDE", on_sky, de_limit, truth),
+        AxisQuestion("roll", about, limits.d_roll_arcsec, 0.0),
+    )
+
+
+def _truth_arcsec(station: "Station", given: float | None) -> float:
+    """The standard uncertainty of truth tonight, with a clock that is right; of both axes the greater."""
+    if given is not None:
+        return given
+    from drivers.clock import read_clock
+    from gse.assessment.guard_band import COVERAGE_FACTOR
+    from gse.assessment.truth_budget import SessionFacts, truth_budget
+    from gse.truth import EarthOrientation
+
+    utc_ns = read_clock().utc_ns
+    budget = truth_budget(SessionFacts(station.site, station.mount, EarthOrientation.from_disk(utc_ns), utc_ns, 0.0))
+    return max(budget.axes[axis].one_sided_arcsec for axis in ("d_ra_cosde", "d_de")) / COVERAGE_FACTOR
+
+
+def _or(given: float | None, default: float) -> float:
+    return default if given is None else given
+
+
+def _of_session(path: Path, *, as_json: bool) -> int:
+    from gse.assessment.session_plan import minutes_left, plan_like, rows_left
+    from gse.assessment.verdict import judge
+    from gse.cli.progress import replay_with_progress
+
+    session = replay_with_progress(path).session
+    assessment = judge(session)
+    subject = max(assessment.statistics.subjects)  # the sensor's own answers where it sends them
+    plan = plan_like(assessment, subject, session.station.limits)
+    left_min = minutes_left(assessment)
+    if as_json:
+        rows = [
+            {"subject": item.row.subject, "name": item.row.name, "outcome": item.row.outcome, **_left(item.minutes)}
+            for item in rows_left(assessment)
+        ]
+        like = _planned(plan) if plan else {"rows": None, "frames": None, "minutes": None}
+        head = {"schema": "gse.plan/1", "session": str(path), "verdict": assessment.verdict, **_left(left_min)}
+        click.echo(json.dumps({**head, "session_rows": rows, **like}))
+    else:
+        undecided = [item for item in rows_left(assessment) if item.minutes != 0]
+        lines = [f"  {item.row.label}: {_words(item.minutes)}" for item in undecided]
+        click.echo("\n".join([_headline(assessment, left_min), *lines]))
+        if plan is not None:
+            click.echo("\n".join(["", "Another session like this one:", *_table(plan), "", _summary(plan)]))
+    return EXIT_FAIL if math.isinf(left_min) else 0
+
+
+def _headline(assessment: "Assessment", left_min: float) -> str:
+    if left_min == 0:
+        return f"{assessment.word}: it is decided"
+    if math.isfinite(left_min):
+        return f"{assessment.word}: {_words(left_min)} would have decided"
+    if math.isnan(left_min):
+        return f"{assessment.word}: too short to tell how long it must be"
+    return "\n".join([f"{assessment.word}: a longer session like this decides nothing", *assessment.reasons])
+
+
+def _left(minutes: float) -> dict[str, Any]:
+    return {"decided": minutes == 0, "more_minutes": round(minutes, 2) if math.isfinite(minutes) else None}
+
+
+def _words(minutes: float) -> str:
+    if math.isnan(minutes):
+        return "too short to tell"
+    if math.isinf(minutes):
+        return "no length decides"
+    count = max(math.ceil(minutes), 1)
+    return f"{count} more minute{'s' if count > 1 else ''}"
+
+
+def _planned(plan: "SessionPlan") -> dict[str, Any]:
+    from gse.assessment.planning import PROBABILITY
+
+    rows = [
+        {
+            "name": row.name,
+            "limit": row.limit,
+            "unit": row.unit,
+            "frames": row.frames,
+            "minutes": _minutes(plan, row.frames),
+        }
+        for row in plan.rows
+    ]
+    return {"probability": PROBABILITY, "rows": rows, "frames": plan.frames, "minutes": _minutes(plan, plan.frames)}
+
+
+def _minutes(plan: "SessionPlan", frames: int | None) -> float | None:
+    minutes = plan.minutes(frames)
+    return None if minutes is None else round(minutes, 2)
+
+
+def _expected(axes: "tuple[AxisQuestion, ...]", availability: float, frames_per_s: float) -> dict[str, Any]:
+    of_axes = [
+        {
+            "name": axis.name,
+            "noise_arcsec": round(axis.expected.noise_arcsec, 3),
+            "bias_arcsec": round(axis.expected.bias_arcsec, 3),
+            "tau_s": round(axis.expected.tau_s, 3),
+            "truth_arcsec": round(axis.truth_arcsec, 3) if math.isfinite(axis.truth_arcsec) else None,
+        }
+        for axis in axes
+    ]
+    return {"axes": of_axes, "availability": availability, "frames_per_s": frames_per_s}
+
+
+def _assumptions(axes: "tuple[AxisQuestion, ...]", availability: float, frames_per_s: float) -> list[str]:
+    lines = [
+        f"{axis.name:5} error {axis.expected.bias_arcsec:g} arcsec, noise {axis.expected.noise_arcsec:.3g} arcsec, "
+        f"an independent value each {axis.expected.tau_s:.3g} s, truth {axis.truth_arcsec:.3g} arcsec"
+        for axis in axes
+    ]
+    return [
+        "Expected:",
+        *lines,
+        f"{100 * availability:.4g} % of the frames answered, none falsely, {frames_per_s:g} Hz",
+    ]
+
+
+def _table(plan: "SessionPlan") -> list[str]:
+    limits = [f"{row.limit:g} {row.unit}".strip() for row in plan.rows]
+    lines = [
+        f"{row.name:16}{limit:>14}{_cells(plan, row.frames)}" for row, limit in zip(plan.rows, limits, strict=True)
+    ]
+    return [f"{'row':16}{'limit':>14}{'frames':>10}{'minutes':>10}", *lines]
+
+
+def _cells(plan: "SessionPlan", frames: int | None) -> str:
+    minutes = plan.minutes(frames)
+    return f"{frames:>10}{minutes:>10.1f}" if minutes is not None else f"{'never':>10}{'never':>10}"
+
+
+def _summary(plan: "SessionPlan") -> str:
+    minutes = plan.minutes(plan.frames)
+    if minutes is not None:
+        return f"{plan.frames} frames, {minutes:.1f} minutes, for a PASS with 90 % probability"
+    words = " and ".join(row.name for row in plan.rows if row.frames is None)
+    return f"no length of session gives a PASS: {words} cannot keep the limit, with what is expected and truth leaves"

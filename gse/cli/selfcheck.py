@@ -1,0 +1,55 @@
+"""``gse selfcheck``: known errors through the station, injected against found."""
+
+import json
+from typing import TYPE_CHECKING
+
+import click
+
+from gse.cli import EXIT_FAIL
+
+if TYPE_CHECKING:
+    from gse.selfcheck.result import Row, SelfCheckResult
+
+
+@click.command("selfcheck")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.selfcheck/1.")
+@click.pass_context
+def command(ctx: click.Context, *, as_json: bool) -> None:
+    """Check this installation: sessions with known errors go through it, and it must find what was injected.
+
+    The sky is made by astropy's frames alone, without the station's own astrometry. The result is kept, and reports
+    name it. Exit code 1 where anything differs.
+    """
+    from drivers.clock import read_clock
+    from gse.instant import to_text
+    from gse.selfcheck.check import selfcheck
+
+    if not as_json:
+        click.echo(f"{'known error':26}{'quantity':36}{'injected':>12}{'found':>12}{'tolerance':>11}")
+    result = selfcheck(to_text(read_clock().utc_ns, 0), each=lambda row: None if as_json else click.echo(_line(row)))
+    click.echo(json.dumps(result.to_json()) if as_json else _summary(result))
+    _keep(result)
+    ctx.exit(0 if result.agrees else EXIT_FAIL)
+
+
+def _line(row: "Row") -> str:
+    quantity = f"{row.quantity} ({row.unit})" if row.unit else row.quantity
+    digits = 0 if not row.unit else 4 if row.unit == "%" else 2
+    injected, found = (f"{round(value, digits) + 0.0:12.{digits}f}" for value in (row.injected, row.found))
+    tolerance = f"{row.tolerance:11.{digits}f}"
+    return f"{row.error:26}{quantity:36}{injected}{found}{tolerance}  {'OK' if row.agrees else 'DIFFERS'}"
+
+
+def _summary(result: "SelfCheckResult") -> str:
+    wrong = [row for row in result.rows if not row.agrees]
+    word = f"DIFFERS: {len(wrong)} of {len(result.rows)} quantities" if wrong else f"OK: {len(result.rows)} quantities"
+    return f"{word}, gse {result.version}, SHA-256 {result.sha256}"
+
+
+def _keep(result: "SelfCheckResult") -> None:
+    from gse.selfcheck.last_result import keep_result
+
+    try:
+        keep_result(result)
+    except OSError as error:
+        click.echo(f"gse: the result could not be kept for the reports: {error}", err=True)

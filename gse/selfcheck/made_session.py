@@ -1,0 +1,189 @@
+"""Made sessions: the frames of a sensor with a known error, as its bytes come over the wire.
+
+The night is one of the past, so that every installation has measured Earth orientation for it; the sky turns by 105 deg
+over the fixed mount.
+"""
+
+import itertools
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.chunk import Chunk
+from gse.constants import ARCSEC_RAD
+from gse.instant import NS_PER_S, from_text
+from gse.selfcheck.astropy_sky import AstropySky, east_and_north
+from gse.selfcheck.known_errors import KnownError
+from gse.selfcheck.made_sensor import MadeSensor, mounted
+from gse.site import Site
+from protocols import AttitudeMessage, Message, PanoramaMessage, Protocol
+
+START_NS = from_text("2024-03-20T12:00:00Z")
+POINTINGS = 8
+POINTING_NS = 3600 * NS_PER_S
+FRAME_NS = NS_PER_S // 5
+SITE = Site(
+    latitude_deg=-6.53,
+    longitude_deg=106.70,
+    height_m=250.0,
+    pressure_hpa=985.0,
+    temperature_c=25.0,
+    relative_humidity=0.8,
+)
+AZIMUTH_DEG, ALTITUDE_DEG, ROLL_DEG = 130.0, 60.0, 25.0
+FOCAL_LENGTH_PX, SIZE_PX = 4169.905, 1024
+STATION_TEXT = f"""\
+version: 1
+sensor: {{name: self-check, rows: {SIZE_PX}, columns: {SIZE_PX}, focal_length_px: {FOCAL_LENGTH_PX}}}
+site: {{latitude_deg: {SITE.latitude_deg}, longitude_deg: {SITE.longitude_deg}, height_m: {SITE.height_m},
+       pressure_hpa: {SITE.pressure_hpa}, temperature_c: {SITE.temperature_c},
+       relative_humidity: {SITE.relative_humidity}}}
+mount: {{azimuth_deg: {AZIMUTH_DEG}, altitude_deg: {ALTITUDE_DEG}, roll_deg: {ROLL_DEG}}}
+protocol: panorama-v1-subpixel
+identifier: {{catalog_stars: 4000}}
+"""
+"""What the sensor is said to be."""
+
+_STARS = 25
+_EXPOSURE_S = 0.1
+_BYTE_NS = 10 * NS_PER_S // 115_200
+_POWER_ON_US = 1_000_000
+_TEMPERATURE_C = 20.0
+_LATENCY_S = 0.02
+_INDEX = 4000, 200
+_FALSE_BY_DEG = 2.0
+_CLEAR_PX = 20.0
+_ZENITH = np.array([0.0, 0.0, 1.0])
+_POLE = np.array([0.0, np.cos(np.radians(SITE.latitude_deg)), np.sin(np.radians(SITE.latitude_deg))])
+
+
+def stated_sensor() -> MadeSensor:
+    """The sensor that the station file describes."""
+    return MadeSensor(mounted(AZIMUTH_DEG, ALTITUDE_DEG, ROLL_DEG), FOCAL_LENGTH_PX, SIZE_PX)
+
+
+def true_sensor(error: KnownError, utc_ns: int) -> MadeSensor:
+    """The sensor as it is at an instant."""
+    hours = (utc_ns - START_NS - (POINTINGS - 1) * POINTING_NS / 2) / (3600 * NS_PER_S)
+    stated = stated_sensor()
+    boresight = stated.axes[2]
+    turns = (
+        (-_ZENITH, error.azimuth_arcsec / np.cos(np.radians(ALTITUDE_DEG))),
+        (np.cross(boresight, _POLE), error.poleward_arcsec + error.poleward_arcsec_per_h * hours),
+        (-boresight, error.roll_arcsec),
+    )
+    sensor = replace(stated, focal_length_px=FOCAL_LENGTH_PX * (1 + error.focal_share))
+    for axis, arcsec in turns:
+        if arcsec:
+            sensor = sensor.turned(axis, arcsec * ARCSEC_RAD)
+    return sensor
+
+
+Angles = tuple[float, float, float]
+"""RA, DE and roll in degrees."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MadeFrame:
+    """The objects (N, 2) of a frame, brightest first, and the sensor's own answer, with their true UTC."""
+
+    utc_ns: int
+    xy_px: NDArray[np.float64]
+    own: Angles | None
+
+
+class MadeSky:
+    """Catalogue stars (N, 3), brightest first, over the site as astropy has them.
+
+    What is seen is the same for every known error and is asked for once, ``frames`` frames of each stretch.
+    """
+
+    def __init__(self, stars_icrs: NDArray[np.float64], frames: int) -> None:
+        self.sky = AstropySky(SITE)
+        self._stars = stars_icrs
+        self._instants = begins_ns()[:, None] + np.arange(frames) * FRAME_NS
+        fields = self._fields(stated_sensor(), begins_ns())
+        self._seen = [
+            self.sky.seen(stars_icrs[field], instants) for field, instants in zip(fields, self._instants, strict=True)
+        ]
+
+    def first_of_each(self) -> list[NDArray[np.float64]]:
+        """The directions (N, 3) that the first frame of each stretch shows."""
+        return [seen[0] for seen in self._seen]
+
+    def frames(self, error: KnownError, seed: int) -> Iterator[MadeFrame]:
+        """The frames of a sensor with a known error."""
+        random = np.random.default_rng(seed)
+        for instants, seen in zip(self._instants[:, : error.frames], self._seen, strict=True):
+            answers = own_answers(self.sky, error, instants)
+            for number, (utc_ns, answer) in enumerate(zip(instants.tolist(), answers, strict=True)):
+                directions = seen[number] if number >= error.blank else seen[number][:0]
+                xy_px = true_sensor(error, utc_ns).pixels(directions)
+                xy_px = xy_px + random.normal(0, error.noise_px, xy_px.shape)
+                objects_px = np.concatenate([xy_px, _far_from(xy_px, error.false_objects, random)])
+                yield MadeFrame(utc_ns, objects_px, answer)
+
+    def _fields(self, sensor: MadeSensor, utc_ns: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+        """The rows of the brightest stars that a sensor sees at each instant (M,)."""
+        seen = sensor.sees(self.sky.seen(self._stars, utc_ns))
+        return [np.flatnonzero(inside)[:_STARS] for inside in seen]
+
+
+def own_answers(sky: AstropySky, error: KnownError, utc_ns: NDArray[np.int64]) -> list[Angles | None]:
+    """What the sensor answers itself at instants (M,): the catalogue place of what it sees at its boresight."""
+    if error.own_east_arcsec is None:
+        return [None] * len(utc_ns)
+    axes = np.array([true_sensor(error, instant).axes for instant in utc_ns.tolist()])
+    boresight, up = sky.boresight_and_up(axes, utc_ns, air=True)
+    boresight = boresight + error.own_east_arcsec * ARCSEC_RAD * east_and_north(boresight)[0]
+    east, north = east_and_north(boresight)  # the meridian there has another direction
+    roll_deg = np.degrees(np.arctan2((up * east).sum(axis=1), (up * north).sum(axis=1)))
+    x, y, z = boresight.T
+    de_deg = np.degrees(np.arctan2(z, np.hypot(x, y)))
+    de_deg[: error.own_false] += _FALSE_BY_DEG
+    angles = zip((np.degrees(np.arctan2(y, x)) % 360).tolist(), de_deg.tolist(), (roll_deg % 360).tolist(), strict=True)
+    return list(angles)
+
+
+def begins_ns() -> NDArray[np.int64]:
+    """When each stretch of frames begins."""
+    return START_NS + np.arange(POINTINGS, dtype=np.int64) * POINTING_NS
+
+
+def chunks(frames: Iterable[MadeFrame], protocol: Protocol, *, clock_s: float) -> Iterator[Chunk]:
+    """The frames as a host reads them whose clock is ``clock_s`` fast."""
+    sequence = itertools.count()
+    for number, frame in enumerate(frames):
+        data = b"".join(protocol.encode(message, sequence=next(sequence)) for message in _messages(frame, number))
+        arrived_ns = frame.utc_ns + round(_EXPOSURE_S / 2 * NS_PER_S) + _BYTE_NS
+        yield Chunk(arrived_ns + round(clock_s * NS_PER_S), arrived_ns - START_NS, data)
+
+
+def _messages(frame: MadeFrame, number: int) -> Iterator[Message]:
+    time_us = (frame.utc_ns - START_NS) // 1000 + _POWER_ON_US
+    yield PanoramaMessage(
+        time_us=time_us,
+        frame_no=number,
+        exposure_s=_EXPOSURE_S,
+        flags=frozenset(),
+        temperature_c=_TEMPERATURE_C,
+        xy_px=frame.xy_px,
+        index=np.rint(np.linspace(*_INDEX, len(frame.xy_px))),
+    )
+    if frame.own is not None:
+        ra_deg, de_deg, roll_deg = frame.own
+        yield AttitudeMessage(
+            time_us, ra_deg, de_deg, roll_deg, frame_no=number, matched=_STARS, state="acquired", latency_s=_LATENCY_S
+        )
+
+
+def _far_from(stars_px: NDArray[np.float64], count: int, random: np.random.Generator) -> NDArray[np.float64]:
+    """Places (count, 2) on the detector that no star is near."""
+    places: list[NDArray[np.float64]] = []
+    while len(places) < count:
+        place = random.uniform(0, SIZE_PX - 1, 2)
+        if np.hypot(*(stars_px - place).T).min(initial=np.inf) > _CLEAR_PX:
+            places.append(place)
+    return np.array(places).reshape(-1, 2)
