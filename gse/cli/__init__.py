@@ -27,6 +27,7 @@ _DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 _COMMANDS = {
     "run": "live test: receive, record, identify, compare, show, judge",
+    "status": "how a running session goes, and its end by --stop",
     "replay": "the same from a session, a raw capture or a panorama table",
     "report": "the report of a session",
     "view": "a session in rerun",
@@ -115,11 +116,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         click.echo(f"gse: {error}", err=True)
         code = exit_code_of(error)
     except Exception as error:
-        code = _unexpected(error)
+        code = unexpected(error)
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def _unexpected(error: Exception) -> int:
+def unexpected(error: BaseException) -> int:
     """Say what came where nothing was expected; the exit code."""
     if was_interrupted(error):
         return EXIT_INTERRUPTED

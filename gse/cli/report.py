@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from gse.cli.finish import conclude, exit_code, show_report
+from gse.cli.finish import TRUNCATED, applied, conclude, say_exit_code, show_paths, show_report
 from gse.cli.options import clock_error_option, leave_out_option
 from gse.station.exclusions import Exclusion
 
@@ -53,8 +53,10 @@ def command(
     if browser and screenshot:
         save_picture(browser, folder / "report.html", screenshot)
         click.echo(f"picture: {screenshot}", err=True)
-    show_report(report, folder, as_json=as_json, json_frames=False)
-    ctx.exit(exit_code(report, folder, data_lost=replay.session.truncated))
+    show_report(report, as_json=as_json, json_frames=False)
+    show_paths(folder)
+    data_lost = TRUNCATED if replay.session.truncated else ""
+    ctx.exit(say_exit_code(applied(report, folder, data_lost=data_lost)))
 
 
 def _check_free(wanted: Path | None) -> None:

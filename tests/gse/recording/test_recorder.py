@@ -117,7 +117,7 @@ from drivers.chunk import Chunk
 from gse.recording.recorder import Recorder
 hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
-recorder = Recorder(Path(sys.argv[1]), live=sys.argv[2] == "live")
+recorder = Recorder(Path(sys.argv[1]), live=sys.argv[2] == "live", last_tries_s=1.0)
 for n in range(200):
     recorder.rx(Chunk(n, n, bytes([n]) * 216))
 if sys.argv[3] == "freed":
