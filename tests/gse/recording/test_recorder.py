@@ -159,6 +159,62 @@ def test_a_full_disk_that_is_freed_in_time_loses_nothing(tmp_path: Path, live: s
     assert not capture.truncated
 
 
+DISK_FULL_TWICE = """
+import resource, sys
+from pathlib import Path
+from drivers.chunk import Chunk
+from gse.recording.recorder import Recorder
+hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+recorder = Recorder(Path(sys.argv[1]), live=False)
+for n, limit in enumerate((20_000, hard, 60_000, hard)):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    for _ in range(200):
+        recorder.rx(Chunk(n, n, bytes(216)))
+print(*(event.kind for event in recorder.news()))
+"""
+
+
+def test_a_disk_that_is_full_twice_is_told_twice(tmp_path: Path) -> None:
+    told = run(DISK_FULL_TWICE, str(tmp_path / "session.mcap"))
+    assert told == ["RECORDER_REFUSED", "RECORDER_RECOVERED"] * 2
+
+
+def test_a_disk_that_comes_back_says_what_was_lost_only_when_it_was(tmp_path: Path) -> None:
+    class Refusing(CaptureWriter):
+        refuses = False
+        waits_bytes = 0
+
+        def flush(self) -> None:
+            if self.refuses:
+                raise OSError(28, "No space left on device")
+            super().flush()
+
+        @property
+        def pending(self) -> int:
+            return self.waits_bytes
+
+    opened: list[Refusing] = []
+
+    def open_writer(path: Path) -> Refusing:
+        opened.append(Refusing(path))
+        return opened[-1]
+
+    recorder = Recorder(tmp_path / "session.mcap", live=False, open_writer=open_writer)
+    (writer,) = opened
+    words = []
+    for waits_bytes in (0, 1 << 40):
+        writer.refuses, writer.waits_bytes = True, waits_bytes
+        for chunk in chunks(2):
+            recorder.rx(chunk)
+        writer.refuses, writer.waits_bytes = False, 0
+        recorder.rx(chunks(1)[0])
+        words += [event.text for event in recorder.news() if event.kind == "RECORDER_RECOVERED"]
+    recorder.close()
+    assert "nothing that waited was lost" in words[0]
+    assert f"{recorder.lost_bytes} received bytes are lost in all" in words[1]
+    assert recorder.lost_bytes > 0
+
+
 def test_a_disk_that_stalls_holds_up_nobody_and_loses_nothing(tmp_path: Path) -> None:
     stalled, go_on = threading.Event(), threading.Event()
 
