@@ -21,7 +21,7 @@ LIMIT_CHARS = 16 << 20
 """Some nine minutes of frames as JSON lines at 10 Hz."""
 PIECE_BYTES = 4096
 """Written at once: a reader that takes a page now and then is seen to be alive."""
-PATIENCE_S = 2.0
+PATIENCE_S = 1.0
 """At the end, for a reader that takes nothing."""
 STUCK_S = 5.0
 """After so long without a byte taken the session notes that nobody reads."""
@@ -33,7 +33,7 @@ News = tuple[str, str]
 
 
 class QueuedOutput(io.TextIOBase):
-    """A text stream whose ``write`` never fails, and waits for room only while ``waits()`` is true."""
+    """A text stream whose ``write`` never fails; it waits for a reader only while ``waits()`` is true."""
 
     encoding = "utf-8"
     errors = "replace"
@@ -43,6 +43,8 @@ class QueuedOutput(io.TextIOBase):
         self.encoding = stream.encoding or "utf-8"
         self._texts: deque[str] = deque()
         self._chars = self._taken = 0
+        self._given_up_at = -1
+        self._was_terminal = False
         self._told: set[str] = set()
         self._news: deque[News] = deque()
         self._progress_s = time.monotonic()
@@ -86,6 +88,10 @@ class QueuedOutput(io.TextIOBase):
 
     def news(self) -> list[News]:
         """What became of the reader since the last call, each kind once in a session."""
+        is_terminal = self.isatty()
+        if self._was_terminal and not is_terminal:
+            self._note(TERMINAL_LOST, f"{self._name}: the terminal is gone; the session goes on without")
+        self._was_terminal = is_terminal
         if self._chars and time.monotonic() - self._progress_s > STUCK_S:
             self._note(TERMINAL_STUCK, f"nobody reads {self._name}; the session goes on without")
         found = []
@@ -96,11 +102,12 @@ class QueuedOutput(io.TextIOBase):
     def settle(self) -> bool:
         """Wait until everything is handed on, as long as the reader takes something; whether it is."""
         with self._changed:
-            while self._chars:
+            while self._chars and self._given_up_at != self._taken:
                 taken = self._taken
-                if not self._changed.wait_for(lambda taken=taken: self._taken != taken, PATIENCE_S):  # type: ignore[misc]
-                    return False
-        return True
+                self._changed.wait_for(lambda taken=taken: self._taken != taken, PATIENCE_S)  # type: ignore[misc]
+                if self._taken == taken and not self._waits():
+                    self._given_up_at = taken
+            return not self._chars
 
     def end(self) -> bool:
         """Hand on what is queued and end the thread; whether everything was handed on."""

@@ -45,6 +45,7 @@ def command(
     for wanted in (out, screenshot):
         _check_free(wanted)
     browser = find_browser() if pdf or screenshot else None
+    _say_if_running(path)
     replay = replay_with_progress(path)
     folder = _new_folder(out, path)
     report = conclude(replay.session, folder, replay.own_elapsed_us, clock_error_s, excluded)
@@ -57,6 +58,14 @@ def command(
     show_paths(folder)
     data_lost = TRUNCATED if replay.session.truncated else ""
     ctx.exit(say_exit_code(applied(report, folder, data_lost=data_lost)))
+
+
+def _say_if_running(path: Path) -> None:
+    from gse.sessions.status_file import is_running, read_status
+
+    status = read_status(path if path.is_dir() else path.parent)
+    if status is not None and is_running(status):
+        click.echo(f"the session still runs: this report is on what is recorded by now, of {path}", err=True)
 
 
 def _check_free(wanted: Path | None) -> None:

@@ -1,5 +1,6 @@
 """``gse run``: the live test of a sensor, real or simulated."""
 
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -84,9 +85,9 @@ def command(
     if url is not None:
         station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
         text = with_values(text, "port", {"url": url})
+    desk = _Desk(detach() if detached else None)
     if station.port.url.startswith("sim://"):
         station, text = _simulated(station, text)
-    desk = _Desk(detach() if detached else None)
     watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
     with Ending(_say) as ending, queued_output(_patience(station, ending)) as outputs:
         _offer_unfinished(out)
@@ -175,7 +176,8 @@ class _Desk:
 
 
 def _say(text: str) -> None:
-    click.echo(text, err=True)
+    with contextlib.suppress(OSError):
+        click.echo(text, err=True)
 
 
 def _patience(station: Station, ending: Ending) -> Callable[[], bool]:

@@ -104,8 +104,9 @@ class Recorder(MessageWriter):
             self._items.put(None)
             self._thread.join(CLOSE_S)
             if self._thread.is_alive():
-                self.lost_bytes += self._waiting_bytes
-                text = f"the disk of {self.path} does not answer: {self._waiting_bytes} bytes are not in the file"
+                waiting = self.waiting_bytes
+                self.lost_bytes += waiting
+                text = f"the disk of {self.path} does not answer: {waiting} bytes are not in the file"
                 self._say("RECORDER_LOST", text)
                 return
         self._compact()

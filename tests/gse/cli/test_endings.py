@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 import subprocess
+import termios
 from pathlib import Path
 from subprocess import DEVNULL, PIPE
 
@@ -72,7 +73,15 @@ def test_a_detached_session_outlives_its_terminal_and_is_asked_and_ended_from_el
 ) -> None:
     master, slave = os.openpty()
     command = run_command(tmp_path / "out", "--detach")
-    starting = subprocess.Popen(command, stdin=slave, stdout=PIPE, stderr=slave, start_new_session=True, text=True)
+    starting = subprocess.Popen(
+        command,
+        stdin=slave,
+        stdout=PIPE,
+        stderr=slave,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    )
     told, _ = starting.communicate(timeout=PATIENCE_S)
     os.close(slave)
     os.close(master)
