@@ -58,13 +58,14 @@ def _stop(folder: Path, status: dict[str, Any], *, running: bool) -> None:
 
 
 def _lines(folder: Path, status: dict[str, Any], *, running: bool, unfinished: bool) -> list[str]:
+    report = f"; judge it by: gse report {folder}" if unfinished else ""
     if running:
         head = f"{folder}: {status['state']}, process {status['pid']}{_silence(status['utc'])}"
-    elif unfinished:
-        head = f"{folder}: died while {status['state']}, last seen {status['utc']}; report it: gse report {folder}"
+    elif status["state"] == "ended":
+        verdict = status["verdict"] or "not judged"
+        head = f"{folder}: ended {status['utc']}, {verdict}, exit code {status['exit_code']}{report}"
     else:
-        verdict = status["verdict"] or "see its report"
-        head = f"{folder}: ended {status['utc']}, {verdict}, exit code {status['exit_code']}"
+        head = f"{folder}: died while {status['state']}, last seen {status['utc']}{report}"
     identified = "-" if status["identified"] is None else f"{100 * status['identified']:.1f} %"
     return [
         head,

@@ -111,13 +111,14 @@ def test_a_file_that_cannot_be_restored_is_counted_as_lost(tmp_path: Path) -> No
 
 
 DISK_FULL = """
-import resource, sys
+import resource, sys, threading
 from pathlib import Path
 from drivers.chunk import Chunk
 from gse.recording.recorder import Recorder
 hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
-recorder = Recorder(Path(sys.argv[1]), live=sys.argv[2] == "live", last_tries_s=1.0)
+tries_s = 30.0 if sys.argv[3] == "freed late" else 1.0
+recorder = Recorder(Path(sys.argv[1]), live=sys.argv[2] == "live", last_tries_s=tries_s)
 for n in range(200):
     recorder.rx(Chunk(n, n, bytes([n]) * 216))
 if sys.argv[3] == "freed":
@@ -126,6 +127,8 @@ if sys.argv[3] == "freed":
             pass
         print(news[0].kind)
     resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+if sys.argv[3] == "freed late":
+    threading.Timer(3.0, resource.setrlimit, (resource.RLIMIT_FSIZE, (hard, hard))).start()
 recorder.close()
 print(recorder.lost_bytes, *(event.kind for event in recorder.news()))
 """
@@ -148,10 +151,10 @@ def test_a_full_disk_keeps_what_it_took_and_the_rest_is_counted(tmp_path: Path, 
     assert told.count("RECORDER_LOST") == 1
 
 
-@pytest.mark.parametrize("live", ["live", "simulated"])
-def test_a_full_disk_that_is_freed_in_time_loses_nothing(tmp_path: Path, live: str) -> None:
+@pytest.mark.parametrize(("live", "when"), [("live", "freed"), ("simulated", "freed"), ("live", "freed late")])
+def test_a_full_disk_that_is_freed_in_time_loses_nothing(tmp_path: Path, live: str, when: str) -> None:
     path = tmp_path / "session.mcap"
-    told = run(DISK_FULL, str(path), live, "freed")
+    told = run(DISK_FULL, str(path), live, when)
     assert "0" in told
     assert "RECORDER_RECOVERED" in told
     data, capture = received(path)
