@@ -1,8 +1,8 @@
 """What is lost under faults: on the wire, at the port, in the process, on the disk, in the file.
 
-    python benchmarks/faults.py [wire] [recorder] [files] [ports] [load]
+    python benchmarks/faults.py [wire] [recorder] [files] [ports] [load] [readers] [signals]
 
-Prints a table with the goal beside each figure; without arguments, all of it (some ten minutes). The stalled and the
+Prints a table with the goal beside each figure; without arguments, all of it (some 20 minutes). The stalled and the
 full disk are real ones, and need root to mount them.
 """
 
@@ -32,6 +32,7 @@ from protocols import Frame, FrameDecoder, Start, load_protocol
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from devices.terminal import Terminal
+from endings import readers, signals
 
 PROTOCOL = load_protocol("panorama-v1")
 FRAMES = 20_000
@@ -67,6 +68,7 @@ Row = tuple[str, str, str]
 def main() -> None:
     """Measure what was asked for and print the table."""
     parts = {"wire": wire, "recorder": recorder, "files": files, "ports": ports, "load": load}
+    parts |= {"readers": readers, "signals": signals}
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.2f}", flush=True)
     for name in sys.argv[1:] or parts:
         with tempfile.TemporaryDirectory() as folder:

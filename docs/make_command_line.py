@@ -15,7 +15,8 @@ HEAD = """\
 
 Made by `python docs/make_command_line.py`. Results go to stdout, talk and progress to stderr. Exit codes: 0 done and
 PASS, 1 FAIL (identify: not identified; compare: a regression), 2 usage or configuration, 3 done but data was lost or
-recovered, 4 no device, 5 INCONCLUSIVE, 70 internal error, 130 interrupted (the session is still closed and reported).
+recovered, 4 no device, 5 INCONCLUSIVE, 70 internal error, 130 interrupted before there was a verdict. Where several
+apply: 70, 3, 1, 5, 130, 0; the last line on stderr gives all of them. docs/operations.md says how a session ends.
 """
 
 

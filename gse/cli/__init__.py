@@ -30,6 +30,7 @@ _DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 _COMMANDS = {
     "run": "test a sensor: receive, record, identify, compare, show, judge",
+    "status": "show a running session, or end it with --stop",
     "replay": "do the same from a session or a raw capture",
     "report": "write the report of a session",
     "view": "show a session in rerun",
@@ -124,12 +125,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         click.echo(f"gse: {error}", err=True)
         code = exit_code_of(error)
     except Exception as error:
-        code = _unexpected(error)
+        code = unexpected(error)
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def _unexpected(error: Exception) -> int:
-    """Report an error that was not expected; the exit code."""
+def unexpected(error: BaseException) -> int:
+    """Say what came where nothing was expected; the exit code."""
     if was_interrupted(error):
         return EXIT_INTERRUPTED
     if isinstance(error, OSError) and error.errno in _DISK_FULL:

@@ -8,10 +8,17 @@ from typing import Any
 import click
 import numpy as np
 
-from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE
+from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERNAL, EXIT_INTERRUPTED
 from gse.errors import UsageError
 from gse.station.exclusions import Exclusion
 from gse.station.session_data import SessionData
+
+Applied = tuple[int, str]
+"""An exit code that applies, and why."""
+
+TRUNCATED = "the session is damaged or lost its end"
+_WEIGHTIEST_FIRST = (EXIT_INTERNAL, EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERRUPTED, 0)
+"""Lost data before the verdict, because the verdict is not on all of it."""
 
 
 def conclude(
@@ -43,11 +50,8 @@ def conclude(
     return report
 
 
-def show_report(report: dict[str, Any], folder: Path, *, as_json: bool, json_frames: bool) -> None:
-    """The verdict on stdout, or the whole report as JSON; beside a stream of frames the verdict goes to stderr.
-
-    Paths go to stderr, always.
-    """
+def show_report(report: dict[str, Any], *, as_json: bool, json_frames: bool) -> None:
+    """The verdict on stdout, or the whole report as JSON; beside a stream of frames the verdict goes to stderr."""
     from rich.console import Console
 
     from gse.report.terminal import print_verdict
@@ -56,19 +60,31 @@ def show_report(report: dict[str, Any], folder: Path, *, as_json: bool, json_fra
         click.echo(json.dumps(report))
     else:
         print_verdict(report, Console(stderr=True) if json_frames else None)
-    for name in ("session.mcap", "report.html"):
+
+
+def show_paths(folder: Path) -> None:
+    """Where session and report are, on stderr."""
+    for name, what in (("session.mcap", "session"), ("report.html", "report")):
         if (folder / name).exists():
-            click.echo(f"{'session' if name == 'session.mcap' else 'report'}: {folder / name}", err=True)
+            click.echo(f"{what}: {folder / name}", err=True)
 
 
-def exit_code(report: dict[str, Any], folder: Path, *, data_lost: bool) -> int:
-    """The exit code of a report: lost or recovered data before the verdict, because the verdict is not on all of it.
+def applied(report: dict[str, Any], folder: Path, *, data_lost: str) -> list[Applied]:
+    """The exit codes that apply to a report. ``data_lost`` says what was lost, or nothing.
 
     A report that could not be written into its folder is lost data too.
     """
-    if data_lost or not (folder / "report.json").is_file():
-        return EXIT_DATA_LOST
-    return {"PASS": 0, "FAIL": EXIT_FAIL}.get(report["verdict"], EXIT_INCONCLUSIVE)
+    found: list[Applied] = [(EXIT_DATA_LOST, data_lost)] if data_lost else []
+    if not (folder / "report.json").is_file():
+        found.append((EXIT_DATA_LOST, "the report could not be written"))
+    return [*found, ({"PASS": 0, "FAIL": EXIT_FAIL}.get(report["verdict"], EXIT_INCONCLUSIVE), report["verdict"])]
+
+
+def say_exit_code(found: list[Applied]) -> int:
+    """Say in a last line all that applied; the exit code: that of what weighs most."""
+    found = sorted(found, key=lambda item: _WEIGHTIEST_FIRST.index(item[0]))
+    click.echo(f"exit code {found[0][0]}: {', '.join(f'{text} ({code})' for code, text in found)}", err=True)
+    return found[0][0]
 
 
 def _timing(own_elapsed_us: "array[float]") -> dict[str, Any]:

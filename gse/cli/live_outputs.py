@@ -24,22 +24,11 @@ ViewMode = Literal["web", "native", "none"]
 
 
 class JsonFrames:
-    """Each frame as one line of JSON on stdout; a live session goes on when nobody reads them any more."""
-
-    def __init__(self, *, live: bool) -> None:
-        self._live, self._is_read = live, True
+    """Each frame as one line of JSON on stdout."""
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Print the frame."""
-        if not self._is_read:
-            return
-        try:
-            click.echo(json.dumps(frame_json(result)))
-        except OSError as error:
-            if not self._live:
-                raise
-            self._is_read = False
-            click.echo(f"gse: nobody takes the frames any more ({error.strerror}); the session goes on", err=True)
+        click.echo(json.dumps(frame_json(result)))
 
     def on_event(self, event: LinkEvent) -> None:
         """Events are no frames."""
@@ -76,7 +65,7 @@ class Watching:
 
     def listeners(self, loop: StationLoop, folder: Path | None) -> Sequence[Listener]:
         """The sinks that were asked for, and the status line, always."""
-        listeners: list[Listener] = [JsonFrames(live=folder is not None)] if self._json_frames else []
+        listeners: list[Listener] = [JsonFrames()] if self._json_frames else []
         listeners.append(self._open_status(loop, folder))
         if self._view != "none" or self._save_rrd is not None:
             listeners.append(self._open_view(loop))
@@ -103,8 +92,6 @@ class Watching:
             self._live.close()
 
     def _open_status(self, loop: StationLoop, folder: Path | None) -> Listener:
-        if folder is not None:
-            click.echo(f"recording: {folder / 'session.mcap'}", err=True)
         if self._view == "none":
             click.echo("to see it live: --view web", err=True)
         status = StatusLine(loop.setup.station, folder)

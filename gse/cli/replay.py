@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from gse.cli.finish import conclude, exit_code, show_report
+from gse.cli.finish import TRUNCATED, applied, conclude, say_exit_code, show_paths, show_report
 from gse.cli.live_outputs import ViewMode, Watching
 from gse.cli.options import (
     bind_option,
@@ -96,5 +96,7 @@ def command(
         folder = new_session_folder(out, f"{replay.session.station.sensor.name}-replay", first_ns)
         report = conclude(replay.session, folder, replay.own_elapsed_us, clock_error_s, excluded)
         watching.conclude(report)
-    show_report(report, folder, as_json=as_json, json_frames=json_frames)
-    ctx.exit(exit_code(report, folder, data_lost=replay.session.truncated))
+    show_report(report, as_json=as_json, json_frames=json_frames)
+    show_paths(folder)
+    data_lost = TRUNCATED if replay.session.truncated else ""
+    ctx.exit(say_exit_code(applied(report, folder, data_lost=data_lost)))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from gse.cli.finish import conclude, exit_code, show_report
+from gse.cli.finish import TRUNCATED, applied, conclude, say_exit_code, show_paths, show_report
 from gse.cli.options import clock_error_option, earth_orientation_option, leave_out_option
 from gse.station.exclusions import Exclusion
 from gse.truth.iers_tables import GivenTables
@@ -49,6 +49,7 @@ def command(
     for wanted in (out, screenshot):
         _check_free(wanted)
     browser = find_browser() if pdf or screenshot else None
+    _say_if_running(path)
     replay = replay_with_progress(path, options=ReplayOptions(given_orientation=given_orientation))
     folder = _new_folder(out, path)
     report = conclude(replay.session, folder, replay.own_elapsed_us, clock_error_s, excluded)
@@ -57,8 +58,18 @@ def command(
     if browser and screenshot:
         save_picture(browser, folder / "report.html", screenshot)
         click.echo(f"picture: {screenshot}", err=True)
-    show_report(report, folder, as_json=as_json, json_frames=False)
-    ctx.exit(exit_code(report, folder, data_lost=replay.session.truncated))
+    show_report(report, as_json=as_json, json_frames=False)
+    show_paths(folder)
+    data_lost = TRUNCATED if replay.session.truncated else ""
+    ctx.exit(say_exit_code(applied(report, folder, data_lost=data_lost)))
+
+
+def _say_if_running(path: Path) -> None:
+    from gse.sessions.status_file import is_running, read_status
+
+    status = read_status(path if path.is_dir() else path.parent)
+    if status is not None and is_running(status):
+        click.echo(f"the session still runs: this report is on what is recorded by now, of {path}", err=True)
 
 
 def _check_free(wanted: Path | None) -> None:

@@ -1,15 +1,16 @@
 """``gse run``: the live test of a sensor, real or simulated."""
 
-import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import contextlib
+from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.cli import EXIT_INTERRUPTED
-from gse.cli.finish import conclude, exit_code, show_report
+from drivers.errors import DriverError
+from gse.cli import EXIT_DATA_LOST, EXIT_INTERRUPTED, exit_code_of, unexpected
+from gse.cli.detach import Detachment, detach
+from gse.cli.finish import Applied, applied, conclude, say_exit_code, show_paths, show_report
 from gse.cli.live_outputs import ViewMode, Watching
 from gse.cli.options import (
     bind_option,
@@ -25,9 +26,20 @@ from gse.cli.options import (
     view_option,
     with_identifier,
 )
+from gse.cli.output import queued_output
 from gse.config.edit import with_values
 from gse.config.station import Station
+from gse.errors import GseError
+from gse.sessions.ending import Ending
 from gse.truth.iers_tables import GivenTables
+from protocols.errors import ProtocolError
+
+if TYPE_CHECKING:
+    from gse.sessions.live import LiveSession
+    from gse.sessions.status_file import StatusFile
+
+_MOST_NAMED = 3
+"""Unfinished sessions; of more only the number is said."""
 
 
 @click.command("run")
@@ -41,6 +53,7 @@ from gse.truth.iers_tables import GivenTables
 @bind_option
 @save_rrd_option
 @click.option("--wait-port", is_flag=True, help="Wait for a port that is not there yet.")
+@click.option("--detach", "detached", is_flag=True, help="Go on without this terminal; 'gse status' says how it goes.")
 @clock_error_option
 @earth_orientation_option
 @json_option
@@ -58,6 +71,7 @@ def command(
     bind: str,
     save_rrd: Path | None,
     wait_port: bool,
+    detached: bool,
     clock_error_s: float | None,
     given_orientation: GivenTables | None,
     as_json: bool,
@@ -67,37 +81,125 @@ def command(
     """Receive, record, identify, compare, show, judge.
 
     With no arguments: a simulated sensor on the built-in station, 60 s of night. A session on a real port ends with
-    Ctrl-C or after --duration. The exit code is the verdict's.
+    Ctrl-C, SIGTERM, the hang-up of its terminal, or after --duration; each time it is closed, judged and reported, and
+    the exit code is the verdict's. A second Ctrl-C leaves it without a verdict: exit code 130.
     """
-    from gse.sessions.live import run_live
-
     station, text = station_of(station_path)
     station, text = with_identifier(station, text, identifier)
     if url is not None:
         station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
         text = with_values(text, "port", {"url": url})
+    desk = _Desk(detach() if detached else None)
     if station.port.url.startswith("sim://"):
         station, text = _simulated(station, text)
     watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
-    click.echo("preparing catalogue and identifiers; the first time takes half a minute", err=True)
-    with _stop_on_signal() as stopped, watching:
-        live = run_live(
-            station,
-            text,
-            out,
-            make_listeners=watching.listeners,
-            stop=stopped,
-            duration_s=duration_s,
-            wait_port=wait_port,
-            clock_error_s=clock_error_s,
-            given_orientation=given_orientation,
-        )
-        report = conclude(live.session, live.folder, live.own_elapsed_us, clock_error_s)
-        watching.conclude(report)
-    show_report(report, live.folder, as_json=as_json, json_frames=json_frames)
-    if live.lost_bytes:
-        click.echo(f"gse: {live.lost_bytes} bytes were received but could not be recorded", err=True)
-    ctx.exit(EXIT_INTERRUPTED if stopped() else exit_code(report, live.folder, data_lost=live.lost_bytes > 0))
+    with Ending(_say) as ending, queued_output(_patience(station, ending)) as outputs:
+        _offer_unfinished(out)
+
+        def receive() -> "LiveSession":
+            from gse.sessions.live import Operator, run_live
+
+            operator = Operator(ending, _say, desk.opened, outputs.news)
+            return run_live(
+                station,
+                text,
+                out,
+                operator,
+                make_listeners=watching.listeners,
+                duration_s=duration_s,
+                wait_port=wait_port,
+                clock_error_s=clock_error_s,
+                given_orientation=given_orientation,
+            )
+
+        with watching:
+            report, found = desk.run(receive, ending, clock_error_s)
+            if report:
+                watching.conclude(report)
+        outputs.settle()
+        if report:
+            show_report(report, as_json=as_json, json_frames=json_frames)
+        outputs.settle()
+        ctx.exit(desk.finish(report, found))
+
+
+class _Desk:
+    """One session from its open port to its exit code."""
+
+    def __init__(self, detachment: Detachment | None) -> None:
+        self._detachment = detachment
+        self._folder: Path | None = None
+        self._status: StatusFile | None = None
+
+    def opened(self, folder: Path, status: "StatusFile") -> None:
+        """The port is open and recorded: say so, and what ends the session."""
+        self._folder, self._status = folder, status
+        if self._detachment is not None:
+            self._detachment.into(folder)
+        _say(f"recording: {folder / 'session.mcap'}")
+        _say("Ctrl-C ends the session: it is closed, judged and reported")
+        _say("preparing catalogue and identifiers; the first time takes half a minute")
+
+    def run(
+        self, receive: Callable[[], "LiveSession"], ending: Ending, clock_error_s: float | None
+    ) -> tuple[dict[str, Any] | None, list[Applied]]:
+        """Receive and judge: the report, if there is one, and the exit codes that apply."""
+        found: list[Applied] = []
+        try:
+            if ending.asked():
+                return None, [(EXIT_INTERRUPTED, "ended before anything was received")]
+            live = receive()
+            lost = f"{live.lost_bytes} received bytes are not in the session" if live.lost_bytes else ""
+            found = [(EXIT_DATA_LOST, lost)] if lost else []
+            report = self._judge(live, ending, clock_error_s)
+            return report, applied(report, live.folder, data_lost=lost)
+        except (GseError, DriverError, ProtocolError) as error:
+            if self._status is not None:
+                self._status.close(exit_code_of(error))
+            raise
+        except (Exception, KeyboardInterrupt) as error:
+            if self._folder is None:
+                raise
+            code = unexpected(error)
+            return None, [*found, (code, f"no verdict, which comes by: gse report {self._folder}")]
+
+    def _judge(self, live: "LiveSession", ending: Ending, clock_error_s: float | None) -> dict[str, Any]:
+        if self._status is not None:
+            self._status.enter("reporting")
+        _say(f"judging and reporting in {live.folder}")
+        with ending.interruptible():
+            return conclude(live.session, live.folder, live.own_elapsed_us, clock_error_s)
+
+    def finish(self, report: dict[str, Any] | None, found: list[Applied]) -> int:
+        """Say where everything is and the exit code."""
+        if self._folder is not None:
+            show_paths(self._folder)
+        code = say_exit_code(found)
+        if self._status is not None:
+            self._status.close(code, report["verdict"] if report else None)
+        return code
+
+
+def _say(text: str) -> None:
+    with contextlib.suppress(OSError):
+        click.echo(text, err=True)
+
+
+def _patience(station: Station, ending: Ending) -> Callable[[], bool]:
+    """A simulated sensor waits for whoever reads its frames, until the session is to end."""
+    can_wait = station.port.url.startswith(("sim://", "replay://"))
+    return lambda: can_wait and not ending.asked()
+
+
+def _offer_unfinished(out: Path) -> None:
+    """Name the sessions that lost their end before they were judged, and the command that does it."""
+    from gse.sessions.status_file import is_unfinished, session_folders
+
+    found = [folder for folder in session_folders(out) if is_unfinished(folder)]
+    for folder in found[-_MOST_NAMED:]:
+        _say(f"unfinished session: {folder} was never judged; do it by: gse report {folder}")
+    if len(found) > _MOST_NAMED:
+        _say(f"and {len(found) - _MOST_NAMED} older ones")
 
 
 def _simulated(station: Station, text: str) -> tuple[Station, str]:
@@ -110,19 +212,3 @@ def _simulated(station: Station, text: str) -> tuple[Station, str]:
     register(device_factory(station))
     scenario = load_scenario(parse_mock_url(station.port.url).options.get("scenario") or DEFAULT)
     return scenario.station_for(station), scenario.station_text(text)
-
-
-@contextmanager
-def _stop_on_signal() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C and SIGTERM end the session, they do not kill it."""
-    received: list[int] = []
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        received.append(number)
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: bool(received)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

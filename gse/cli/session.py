@@ -29,12 +29,22 @@ def info(path: Path, as_json: bool) -> None:
     from gse.recording.session_tools import session_info
 
     document = session_info(path)
+    _offer_report(path)
     if as_json:
         click.echo(json.dumps(document))
         return
     for name, value in document.items():
         if name != "schema":
             click.echo(f"{name:<12} {_text(value)}")
+
+
+def _offer_report(path: Path) -> None:
+    """Name the command that judges a session whose process ended before."""
+    from gse.sessions.status_file import is_unfinished
+
+    folder = path if path.is_dir() else path.parent
+    if is_unfinished(folder):
+        click.echo(f"gse: the session was never judged; do it by: gse report {folder}", err=True)
 
 
 def _text(value: Any) -> str:
@@ -57,6 +67,7 @@ def verify(ctx: click.Context, path: Path, as_json: bool) -> None:
     from gse.recording.session_tools import describe, verify_json
 
     check = verify_session(path)
+    _offer_report(path)
     click.echo(json.dumps(verify_json(check)) if as_json else "\n".join(describe(check)))
     if not check.is_whole:
         click.echo("gse: the session is not whole; 'gse session recover' makes one of all that is", err=True)

@@ -8,7 +8,7 @@ what it has not taken waits in memory, up to a limit, and the operator is told o
 import queue
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
@@ -26,9 +26,12 @@ SEGMENT_BYTES = 512 << 20
 WAITING_LIMIT_BYTES = 256 << 20
 """Most bytes kept for a disk that does not take them: 45 minutes at 921600 baud."""
 BEHIND_BYTES = 4 << 20
+REFUSALS_TOLD = 20
+"""A disk that is full and freed all night is told so often, not ten thousand times."""
 SYNC_S = 1.0
-CLOSE_S = 30.0
-LAST_TRIES_S = 2.0
+LAST_TRIES_S = 30.0
+"""At the end, for a disk that takes nothing: what waits is tried again so long."""
+CLOSE_S = LAST_TRIES_S + 5.0
 
 
 class Recorder(MessageWriter):
@@ -45,6 +48,7 @@ class Recorder(MessageWriter):
         live: bool,
         segment_bytes: int = SEGMENT_BYTES,
         open_writer: Callable[[Path], CaptureWriter] = CaptureWriter,
+        last_tries_s: float = LAST_TRIES_S,
     ) -> None:
         """Create the session file; CaptureError where it exists or cannot be made. ``live``: write in a thread."""
         self.path = path
@@ -56,8 +60,10 @@ class Recorder(MessageWriter):
         self._writer = open_writer(path)
         self._segment_data_bytes = 0
         self._unwritten: deque[tuple[int, int]] = deque()
+        self._last_tries_s = last_tries_s
         self._refused = False
-        self._told: set[str] = set()
+        self._lost_meanwhile = False
+        self._told: Counter[str] = Counter()
         self._news: queue.SimpleQueue[LinkEvent] = queue.SimpleQueue()
         self._stamp = (0, 0)
         self._closed = False
@@ -67,6 +73,11 @@ class Recorder(MessageWriter):
         self._thread = threading.Thread(target=self._run, name="record", daemon=True) if live else None
         if self._thread:
             self._thread.start()
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes that the disk has not taken yet."""
+        return self._waiting_bytes + self._writer.pending
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """A file to freeze into the session; every segment gets it."""
@@ -94,8 +105,9 @@ class Recorder(MessageWriter):
             self._items.put(None)
             self._thread.join(CLOSE_S)
             if self._thread.is_alive():
-                self.lost_bytes += self._waiting_bytes
-                text = f"the disk of {self.path} does not answer: {self._waiting_bytes} bytes are not in the file"
+                waiting = self.waiting_bytes
+                self.lost_bytes += waiting
+                text = f"the disk of {self.path} does not answer: {waiting} bytes are not in the file"
                 self._say(RecorderKind.LOST, text)
                 return
         self._compact()
@@ -170,16 +182,17 @@ class Recorder(MessageWriter):
         try:
             self._writer.flush()
         except OSError as error:
-            self._refused = True
-            self._say_once(
-                RecorderKind.REFUSED,
-                f"{self.path}: {error.strerror}; free the disk, what comes waits in memory",
-            )
+            if not self._refused:
+                self._refused, self._lost_meanwhile = True, False
+                text = f"{self.path}: {error.strerror}; free the disk, what comes waits in memory"
+                self._say_at_most(REFUSALS_TOLD, RecorderKind.REFUSED, text)
             return False
         self._unwritten.clear()
         if self._refused:
             self._refused = False
-            self._say(RecorderKind.RECOVERED, f"{self.path} takes bytes again; nothing that waited was lost")
+            lost = f"{self.lost_bytes} received bytes are lost in all"
+            words = lost if self._lost_meanwhile else "nothing that waited was lost"
+            self._say_at_most(REFUSALS_TOLD, RecorderKind.RECOVERED, f"{self.path} takes bytes again; {words}")
         return True
 
     def _keep_safe(self) -> None:
@@ -216,7 +229,7 @@ class Recorder(MessageWriter):
             self._say(RecorderKind.UNFINISHED, f"{self._segments[-2]}: {error.strerror}; it has no proper end")
 
     def _finish(self) -> None:
-        until_s = time.monotonic() + LAST_TRIES_S
+        until_s = time.monotonic() + self._last_tries_s
         self._keep_safe()
         while self._writer.pending and time.monotonic() < until_s:
             time.sleep(0.1)
@@ -247,11 +260,15 @@ class Recorder(MessageWriter):
     def _lose(self, item: Message | Attachment, why: str) -> None:
         if isinstance(item, Message) and item.topic in (RX, TX):
             self.lost_bytes += len(item.data)
+        self._lost_meanwhile = True
         self._say_once(RecorderKind.LOST, f"bytes are lost {why}; they are counted")
 
     def _say_once(self, kind: str, text: str) -> None:
-        if kind not in self._told:
-            self._told.add(kind)
+        self._say_at_most(1, kind, text)
+
+    def _say_at_most(self, times: int, kind: str, text: str) -> None:
+        self._told[kind] += 1
+        if self._told[kind] <= times:
             self._say(kind, text)
 
     def _say(self, kind: str, text: str) -> None:

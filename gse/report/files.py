@@ -17,16 +17,16 @@ def write_report(session: SessionData, assessment: Assessment, folder: Path) -> 
     """Write report.json, report.html, frames.csv and junit.xml; their paths by name.
 
     All four follow from the night alone: the same session gives the same bytes. An earlier report in the folder is
-    replaced, each file whole or not at all.
+    replaced, each file whole or not at all. report.json comes last: where it stands, the report is whole.
     """
     if not folder.is_dir():
         raise UsageError(f"cannot write the report into {folder}: there is no such folder")
     report = summarise(session, assessment)
     texts: dict[str, Iterable[str]] = {
-        "report.json": [json.dumps(report, indent=2, allow_nan=False) + "\n"],
         "report.html": [report_html(session, assessment, report)],
         "frames.csv": frames_csv(session.frames.columns),
         "junit.xml": [junit_xml(report)],
+        "report.json": [json.dumps(report, indent=2, allow_nan=False) + "\n"],
     }
     paths = {name: folder / name for name in texts}
     try:

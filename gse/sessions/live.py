@@ -1,7 +1,6 @@
 """A live session: receive, record, identify, compare, show; then judge and report."""
 
 import json
-import os
 import re
 from array import array
 from collections.abc import Callable, Sequence
@@ -16,7 +15,7 @@ from drivers.session_file.records import CLOCK
 from gse import instant
 from gse.config.station import Station
 from gse.errors import UsageError
-from gse.recording.recorder import Recorder
+from gse.recording.recorder import CLOSE_S, Recorder
 from gse.recording.session_format import (
     EARTH_ORIENTATION,
     PROTOCOL,
@@ -27,6 +26,8 @@ from gse.recording.session_format import (
     timing_json,
 )
 from gse.release_memory import give_back
+from gse.sessions.ending import Ending
+from gse.sessions.status_file import StatusFile
 from gse.station.event_kinds import StationKind
 from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
@@ -41,6 +42,9 @@ MOCK_PORTS = ("sim://", "replay://")
 FIRST_WITHIN_S = 1.0
 """A live port tells at once that it is open, a simulated one sends its first bytes."""
 
+FEW_BYTES = 64 << 10
+"""On their way to the disk at any time."""
+
 CLOCK_EVERY_NS = 60 * instant.NS_PER_S
 
 
@@ -52,6 +56,20 @@ class LiveSession:
     folder: Path
     own_elapsed_us: "array[float]"
     lost_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class Operator:
+    """What the person at the terminal has to do with a session.
+
+    ``tell`` says a line, ``opened`` is called with the session's folder and status once the port is open,
+    ``terminal_news`` gives kind and text of what became of the terminal since the last call.
+    """
+
+    ending: Ending
+    tell: Callable[[str], None] = lambda text: None
+    opened: Callable[[Path, StatusFile], None] = lambda folder, status: None
+    terminal_news: Callable[[], list[tuple[str, str]]] = list
 
 
 def new_session_folder(out: Path, name: str, utc_ns: int) -> Path:
@@ -75,15 +93,15 @@ def run_live(
     station: Station,
     station_text: str,
     out: Path,
+    operator: Operator,
     *,
     make_listeners: Callable[[StationLoop, Path], Sequence[Listener]] = lambda loop, folder: (),
-    stop: Callable[[], bool] = lambda: False,
     duration_s: float | None = None,
     wait_port: bool = False,
     clock_error_s: float | None = None,
     given_orientation: GivenTables | None = None,
 ) -> LiveSession:
-    """Run until the port is at its end (simulated), ``duration_s`` of the data's time have passed, or ``stop``.
+    """Run until the port is at its end (simulated), ``duration_s`` of the data's time have passed, or a signal.
 
     Recording begins with the first byte, before the tables are loaded. DriverError where the port cannot be opened:
     then nothing is left behind.
@@ -102,24 +120,40 @@ def run_live(
     recorder.attach(PROTOCOL, "application/yaml", protocol.text.encode())
     if clock_error_s is not None:
         recorder.attach(STATED, "application/json", json.dumps({"clock_error_s": clock_error_s}).encode())
+    status = StatusFile(folder, station)
     with recorder, link:
+        operator.opened(folder, status)
         first = link.receive(FIRST_WITHIN_S)
-        setup = set_up(station, station_text, utc_ns=first[0].utc_ns if first else None)
-        loop = StationLoop(setup, given_orientation=given_orientation)
-        derived_data = _DerivedDataRecorder(loop, recorder, link, duration_s)
+        with operator.ending.interruptible():
+            setup = set_up(station, station_text, utc_ns=first[0].utc_ns if first else None)
+            loop = StationLoop(setup, given_orientation=given_orientation)
+        derived_data = _DerivedDataRecorder(loop, recorder, link, operator, duration_s)
         loop.session.clock_error_s = clock_error_s
-        loop.listeners = make_listeners(loop, folder)
-        session = loop.run(link, first, stop=lambda: stop() or derived_data.is_over(), each=derived_data.keep)
+        loop.listeners = (*make_listeners(loop, folder), status)
+        status.enter("running")
+        session = loop.run(link, first, stop=derived_data.is_over, each=derived_data.keep)
         derived_data.close()
+        status.enter("closing")
+        operator.tell(_closing_words(recorder))
         give_back()  # the file of a night is compressed next
+    for event in recorder.news():
+        operator.tell(f"{event.kind}: {event.text}")
     return LiveSession(session, folder, loop.own_elapsed_us, recorder.lost_bytes)
+
+
+def _closing_words(recorder: Recorder) -> str:
+    waiting = recorder.waiting_bytes
+    waits = f"; {waiting} bytes wait for the disk, up to {CLOSE_S:.0f} s: make room" if waiting > FEW_BYTES else ""
+    return f"closing {recorder.path}{waits}"
 
 
 class _DerivedDataRecorder:
     """Records what is derived, beside the bytes: times, clock readings, the Earth orientation of the night."""
 
-    def __init__(self, loop: StationLoop, recorder: Recorder, link: SerialLink, duration_s: float | None) -> None:
-        self._loop, self._recorder, self._link = loop, recorder, link
+    def __init__(
+        self, loop: StationLoop, recorder: Recorder, link: SerialLink, operator: Operator, duration_s: float | None
+    ) -> None:
+        self._loop, self._recorder, self._link, self._operator = loop, recorder, link, operator
         self._duration_ns = None if duration_s is None else round(duration_s * instant.NS_PER_S)
         self._first_ns: int | None = None
         self._last_ns = 0
@@ -127,7 +161,9 @@ class _DerivedDataRecorder:
         self._orientation_kept = False
 
     def is_over(self) -> bool:
-        """Whether the session has lasted as long as it was to."""
+        """Whether the session was asked to end, or has lasted as long as it was to."""
+        if self._operator.ending.asked():
+            return True
         if self._duration_ns is None:
             return False
         now_ns = read_clock().utc_ns if self._link.is_live else self._last_ns
@@ -150,15 +186,22 @@ class _DerivedDataRecorder:
         for event in self._recorder.news():
             self._recorder.event(event)
             self._loop.on_event(event)
+        if self._link.is_live or self._last_ns:
+            for kind, text in self._operator.terminal_news():
+                self._event(kind, text)
         self._read_clock()
+
+    def _event(self, kind: str, text: str) -> None:
+        """An event of this host, now; in a simulated session at the time of its data."""
+        utc_ns = read_clock().utc_ns if self._link.is_live else self._last_ns
+        event = LinkEvent(utc_ns, self._link.mono_ns(), kind, text)
+        self._recorder.event(event)
+        self._loop.take([event])
 
     def close(self) -> None:
         """Record when the session ended: what nobody heard up to then belongs to it."""
         if self._link.is_live:
-            now = read_clock()
-            event = LinkEvent(now.utc_ns, now.mono_ns, StationKind.CLOSED, "the session was ended")
-            self._recorder.event(event)
-            self._loop.take([event])
+            self._event(StationKind.CLOSED, f"the session was ended by {self._operator.ending.reason or '--duration'}")
 
     def _read_clock(self) -> None:
         reading = read_clock() if self._link.is_live else _simulated_clock(self._last_ns)
@@ -172,9 +215,3 @@ class _DerivedDataRecorder:
 
 def _simulated_clock(utc_ns: int) -> ClockReading:
     return ClockReading(utc_ns, utc_ns, "simulated", synchronised=True, offset_s=0.0, error_bound_s=0.0)
-
-
-def disk_free_bytes(path: Path) -> int:
-    """Free bytes of the disk that a path lies on."""
-    status = os.statvfs(path)
-    return status.f_bavail * status.f_frsize

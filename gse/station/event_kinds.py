@@ -17,6 +17,8 @@ class StationKind(StrEnum):
     EARTH_ORIENTATION = "EARTH_ORIENTATION"
     NO_STATION = "NO_STATION"
     CLOSED = "CLOSED"
+    TERMINAL_LOST = "TERMINAL_LOST"
+    TERMINAL_STUCK = "TERMINAL_STUCK"
 
 
 @dataclass(frozen=True, slots=True)

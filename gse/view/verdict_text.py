@@ -14,7 +14,7 @@ def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | N
     limits, last = running.limits, running.last
     share = running.inside / running.d_ra.n if running.d_ra.n else math.nan
     lines = [
-        f"# {_headline(running, link.frames_lost)}",
+        f"# {headline(running, link.frames_lost)}",
         f"**{running.frames}** frames, **{percent(running.identified)}** identified, "
         f"**{percent(share)}** of these inside the limits",
         "",
@@ -43,7 +43,8 @@ def verdict_at_end(verdict: str, reasons: list[str], so_far: str) -> str:
     return "\n".join([f"# {_MARKS.get(verdict, '')} {verdict}", *(f"- {reason}" for reason in reasons), "", body])
 
 
-def _headline(running: Running, lost: int) -> str:
+def headline(running: Running, lost: int) -> str:
+    """How a session that goes on stands, in a few words; ``lost`` counts frames that never came."""
     if not running.frames:
         return "Waiting for frames"
     if running.silence:

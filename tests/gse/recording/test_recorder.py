@@ -111,13 +111,14 @@ def test_a_file_that_cannot_be_restored_is_counted_as_lost(tmp_path: Path) -> No
 
 
 DISK_FULL = """
-import resource, sys
+import resource, sys, threading
 from pathlib import Path
 from drivers.chunk import Chunk
 from gse.recording.recorder import Recorder
 hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
-recorder = Recorder(Path(sys.argv[1]), live=sys.argv[2] == "live")
+tries_s = 30.0 if sys.argv[3] == "freed late" else 1.0
+recorder = Recorder(Path(sys.argv[1]), live=sys.argv[2] == "live", last_tries_s=tries_s)
 for n in range(200):
     recorder.rx(Chunk(n, n, bytes([n]) * 216))
 if sys.argv[3] == "freed":
@@ -126,6 +127,8 @@ if sys.argv[3] == "freed":
             pass
         print(news[0].kind)
     resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+if sys.argv[3] == "freed late":
+    threading.Timer(3.0, resource.setrlimit, (resource.RLIMIT_FSIZE, (hard, hard))).start()
 recorder.close()
 print(recorder.lost_bytes, *(event.kind for event in recorder.news()))
 """
@@ -148,15 +151,71 @@ def test_a_full_disk_keeps_what_it_took_and_the_rest_is_counted(tmp_path: Path, 
     assert told.count("RECORDER_LOST") == 1
 
 
-@pytest.mark.parametrize("live", ["live", "simulated"])
-def test_a_full_disk_that_is_freed_in_time_loses_nothing(tmp_path: Path, live: str) -> None:
+@pytest.mark.parametrize(("live", "when"), [("live", "freed"), ("simulated", "freed"), ("live", "freed late")])
+def test_a_full_disk_that_is_freed_in_time_loses_nothing(tmp_path: Path, live: str, when: str) -> None:
     path = tmp_path / "session.mcap"
-    told = run(DISK_FULL, str(path), live, "freed")
+    told = run(DISK_FULL, str(path), live, when)
     assert "0" in told
     assert "RECORDER_RECOVERED" in told
     data, capture = received(path)
     assert data == b"".join(bytes([n]) * 216 for n in range(200))
     assert not capture.truncated
+
+
+DISK_FULL_TWICE = """
+import resource, sys
+from pathlib import Path
+from drivers.chunk import Chunk
+from gse.recording.recorder import Recorder
+hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+recorder = Recorder(Path(sys.argv[1]), live=False)
+for n, limit in enumerate((20_000, hard, 60_000, hard)):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    for _ in range(200):
+        recorder.rx(Chunk(n, n, bytes(216)))
+print(*(event.kind for event in recorder.news()))
+"""
+
+
+def test_a_disk_that_is_full_twice_is_told_twice(tmp_path: Path) -> None:
+    told = run(DISK_FULL_TWICE, str(tmp_path / "session.mcap"))
+    assert told == ["RECORDER_REFUSED", "RECORDER_RECOVERED"] * 2
+
+
+def test_a_disk_that_comes_back_says_what_was_lost_only_when_it_was(tmp_path: Path) -> None:
+    class Refusing(CaptureWriter):
+        refuses = False
+        waits_bytes = 0
+
+        def flush(self) -> None:
+            if self.refuses:
+                raise OSError(28, "No space left on device")
+            super().flush()
+
+        @property
+        def pending(self) -> int:
+            return self.waits_bytes
+
+    opened: list[Refusing] = []
+
+    def open_writer(path: Path) -> Refusing:
+        opened.append(Refusing(path))
+        return opened[-1]
+
+    recorder = Recorder(tmp_path / "session.mcap", live=False, open_writer=open_writer)
+    (writer,) = opened
+    words = []
+    for waits_bytes in (0, 1 << 40):
+        writer.refuses, writer.waits_bytes = True, waits_bytes
+        for chunk in chunks(2):
+            recorder.rx(chunk)
+        writer.refuses, writer.waits_bytes = False, 0
+        recorder.rx(chunks(1)[0])
+        words += [event.text for event in recorder.news() if event.kind == "RECORDER_RECOVERED"]
+    recorder.close()
+    assert "nothing that waited was lost" in words[0]
+    assert f"{recorder.lost_bytes} received bytes are lost in all" in words[1]
+    assert recorder.lost_bytes > 0
 
 
 def test_a_disk_that_stalls_holds_up_nobody_and_loses_nothing(tmp_path: Path) -> None:

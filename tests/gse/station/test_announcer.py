@@ -18,3 +18,13 @@ def test_each_kind_of_event_is_said_once_and_then_counted() -> None:
     ]
     teller.conclude()
     assert said[3:] == ["and again, not said each time: LOST 4 x"]
+
+
+def test_a_second_full_disk_is_said_like_the_first() -> None:
+    said: list[str] = []
+    teller = Announcer(said.append)
+    for _ in range(2):
+        teller.on_event(LinkEvent(0, 0, "RECORDER_REFUSED", "the disk is full"))
+        teller.on_event(LinkEvent(0, 0, "RECORDER_RECOVERED", "it takes bytes again"))
+    teller.conclude()
+    assert len(said) == 4

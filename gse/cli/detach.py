@@ -1,0 +1,66 @@
+"""A detached start: the session runs in a process without a terminal, and the one that was started says where.
+
+Up to the moment when its port is open, that process speaks to the terminal, so that what keeps it from starting is seen
+there; then to run.log in the session folder.
+"""
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import click
+
+LOG_NAME = "run.log"
+
+
+class Detachment:
+    """The process behind: it has no controlling terminal, and no hang-up reaches it."""
+
+    def __init__(self, report_fd: int) -> None:
+        self._report_fd = report_fd
+
+    def into(self, folder: Path) -> None:
+        """Write stdout and stderr to the log of this session, and let the starting process go."""
+        log = os.open(folder / LOG_NAME, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        nothing = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+        for source, fd in ((nothing, 0), (log, 1), (log, 2)):
+            os.dup2(source, fd)
+        os.close(log)
+        os.close(nothing)
+        os.write(self._report_fd, json.dumps({"folder": str(folder), "pid": os.getpid()}).encode())
+        os.close(self._report_fd)
+
+
+def detach() -> Detachment:
+    """Go on in a process of its own. The starting one never returns: it exits with 0 once the session runs.
+
+    Before threads are started: a fork takes only the one that calls it. Ports are opened with O_NOCTTY, so that none of
+    them becomes the terminal of the new process.
+    """
+    read_fd, write_fd = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        os.close(read_fd)
+        os.setsid()
+        return Detachment(write_fd)
+    os.close(write_fd)
+    try:
+        with open(read_fd, "rb") as pipe:
+            started = pipe.read()
+    except KeyboardInterrupt:
+        os.kill(pid, signal.SIGTERM)
+        raise
+    if not started:
+        raise click.exceptions.Exit(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+    _say_where(json.loads(started))
+    raise click.exceptions.Exit(0)
+
+
+def _say_where(started: dict[str, str]) -> None:
+    folder = started["folder"]
+    click.echo(f"session: {folder}")
+    click.echo(f"process: {started['pid']}")
+    click.echo(f"how it goes: gse status {folder}")
+    click.echo(f"its words: tail -f {folder}/{LOG_NAME}")
+    click.echo(f"end it: gse status --stop {folder}")

@@ -1,0 +1,78 @@
+"""How a live session is ended: by the signals that a person, a terminal or the system sends.
+
+first signal       the session ends: it is closed, judged and reported
+Ctrl-C after that  no verdict: judging is left at once, closing is not, since data come first
+"""
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+REASONS = {
+    signal.SIGINT: "Ctrl-C (SIGINT)",
+    signal.SIGTERM: "SIGTERM",
+    signal.SIGHUP: "the hang-up of its terminal (SIGHUP)",
+    signal.SIGQUIT: "Ctrl-\\ (SIGQUIT)",
+}
+SAME_PRESS_S = 1.0
+"""A second Ctrl-C within this time is a nervous finger, or a terminal and a shell that both pass one on."""
+
+
+class Ending:
+    """Whether a session is to end, and why; a context manager that catches the signals.
+
+    A hang-up that is ignored already, as under nohup, stays ignored.
+    """
+
+    def __init__(self, say: Callable[[str], None] = lambda text: None) -> None:
+        self.reason = ""
+        self.leaves = False
+        self._say = say
+        self._first_s = 0.0
+        self._interruptible = False
+        self._before: dict[int, Any] = {}
+
+    def asked(self) -> bool:
+        """Whether a signal asked for the end of the session."""
+        return bool(self.reason)
+
+    @contextmanager
+    def interruptible(self) -> Iterator[None]:
+        """A stretch that a second Ctrl-C breaks off by KeyboardInterrupt, also one that came before it."""
+        try:
+            self._interruptible = True
+            if self.leaves:
+                raise KeyboardInterrupt
+            yield
+        finally:
+            self._interruptible = False
+
+    def __enter__(self) -> Self:
+        for number in REASONS:
+            if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+                self._before[number] = signal.signal(number, self._on_signal)
+        # With `stty tostop` a word from the background would stop the process.
+        self._before[signal.SIGTTOU] = signal.signal(signal.SIGTTOU, signal.SIG_IGN)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        if not self.reason:
+            self.reason = REASONS[signal.Signals(number)]
+            self._first_s = time.monotonic()
+            self._say(
+                f"{self.reason}: the session is closed, judged and reported; Ctrl-C again leaves it without a verdict"
+            )
+        elif number == signal.SIGINT and not self.leaves and time.monotonic() - self._first_s >= SAME_PRESS_S:
+            self.leaves = True
+            self._say("Ctrl-C again: the session is closed, but not judged")
+            if self._interruptible:
+                raise KeyboardInterrupt

@@ -1,0 +1,180 @@
+"""The status file of a live session: how it goes, renewed each second, for whoever asks from another terminal.
+
+status.json in the session folder, schema gse.status/1. A thread of its own writes it, each time whole, so that a slow
+disk holds up nothing; the process that it names tells by its start time whether it still is the same one.
+"""
+
+import json
+import math
+import os
+import threading
+from pathlib import Path
+from typing import Any
+
+from drivers.chunk import LinkEvent
+from drivers.clock import read_clock
+from drivers.session_file.record_scanner import MAGIC
+from gse import instant
+from gse.config.station import Station
+from gse.station.results import FrameResult, Status
+from gse.station.session_data import SessionData
+from gse.view.running_statistics import LINK_WORDS, Running
+from gse.view.verdict_text import headline
+
+SCHEMA = "gse.status/1"
+NAME = "status.json"
+EVERY_S = 1.0
+_CLOSE_WITHIN_S = 2.0
+_MOST_BYTES = 64 << 10
+
+
+class StatusFile:
+    """A listener of the station loop that keeps status.json up to date. A disk that refuses it is tried again."""
+
+    def __init__(self, folder: Path, station: Station) -> None:
+        self._folder, self._url = folder, station.port.url
+        self._running = Running(station.limits)
+        self._state = "starting"
+        self._link = "no link"
+        self._frames_lost = 0
+        self._answered_ns = 0
+        self._outcome: dict[str, Any] = {"verdict": None, "exit_code": None}
+        self._changed = threading.Event()
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name="status file", daemon=True)
+        self._thread.start()
+
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
+        """Take in one more frame."""
+        self._running.add(result)
+        self._frames_lost = session.link.frames_lost
+        if result.status is Status.IDENTIFIED:
+            self._answered_ns = result.panorama.host_utc_ns
+
+    def on_event(self, event: LinkEvent) -> None:
+        """Keep the state of the link."""
+        self._link = LINK_WORDS.get(event.kind, self._link)
+
+    def enter(self, state: str) -> None:
+        """Go on to the next state: running, closing, reporting."""
+        self._state = state
+        self._changed.set()
+
+    def close(self, exit_code: int, verdict: str | None = None) -> None:
+        """Write the end of the session. Once is enough."""
+        if not self._closed:
+            self._outcome = {"verdict": verdict, "exit_code": exit_code}
+            self._state, self._closed = "ended", True
+            self._changed.set()
+            self._thread.join(_CLOSE_WITHIN_S)
+
+    def _run(self) -> None:
+        mark = process_mark(os.getpid())
+        last = False
+        while not last:
+            self._changed.clear()
+            last = self._closed
+            self._write(mark)
+            if not last:
+                self._changed.wait(EVERY_S)
+
+    def _write(self, mark: str | None) -> None:
+        unfinished = self._folder / f".{NAME}.part"
+        try:
+            unfinished.write_text(json.dumps(self._document(mark), indent=2) + "\n")
+            unfinished.replace(self._folder / NAME)
+        except OSError:
+            return
+
+    def _document(self, mark: str | None) -> dict[str, Any]:
+        running = self._running
+        session = self._folder / "session.mcap"
+        return {
+            "schema": SCHEMA,
+            "state": self._state,
+            "utc": instant.to_text(read_clock().utc_ns, 1),
+            "pid": os.getpid(),
+            "process": mark,
+            "port": self._url,
+            "link": self._link,
+            "frames": running.frames,
+            "frames_lost": self._frames_lost,
+            "frames_per_s": _number(running.frames_per_s),
+            "identified": _number(running.identified),
+            "last_answer_utc": instant.to_text(self._answered_ns, 1) if self._answered_ns else None,
+            "so_far": headline(running, self._frames_lost),
+            "session_bytes": session.stat().st_size if session.exists() else 0,
+            "disk_free_bytes": disk_free_bytes(self._folder),
+            **self._outcome,
+        }
+
+
+def read_status(folder: Path) -> dict[str, Any] | None:
+    """The status of a session folder; None where there is none that can be read."""
+    try:
+        with (folder / NAME).open("rb") as file:
+            document = json.loads(file.read(_MOST_BYTES))
+    except (OSError, ValueError, RecursionError):
+        return None
+    is_ours = isinstance(document, dict) and document.get("schema") == SCHEMA and type(document.get("pid")) is int
+    return document if is_ours else None
+
+
+def is_running(status: dict[str, Any]) -> bool:
+    """Whether the process that wrote a status still runs; another process with its number does not count."""
+    mark = process_mark(status["pid"])
+    return status["state"] != "ended" and mark is not None and mark == status["process"]
+
+
+def process_mark(pid: int) -> str | None:
+    """What tells a process from a later one with its number: boot and start time; None where there is none."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    except OSError:
+        return None
+    is_zombie = fields[0] == "Z"
+    return None if is_zombie else f"{boot}:{fields[19]}"
+
+
+def session_folders(out: Path) -> list[Path]:
+    """Folders of recorded sessions directly below ``out``, or ``out`` itself where it is one; oldest first."""
+    if (out / "session.mcap").exists():
+        return [out]
+    try:
+        return sorted(folder for folder in out.iterdir() if (folder / "session.mcap").exists())
+    except OSError:
+        return []
+
+
+def is_unfinished(folder: Path) -> bool:
+    """Whether a session of ``gse run`` was never reported and no process is at it.
+
+    Simulated sessions and those of ``gse sensor`` have no status and are closed: nobody waits for a report of them.
+    """
+    status = read_status(folder)
+    if status is None and _is_closed(folder / "session.mcap"):
+        return False
+    if status is not None and is_running(status):
+        return False
+    return not (folder / "report.json").exists() and not any(folder.glob("report*/report.json"))
+
+
+def _is_closed(session: Path) -> bool:
+    """Whether a session file ends as MCAP files do."""
+    try:
+        with session.open("rb") as file:
+            file.seek(-len(MAGIC), os.SEEK_END)
+            return file.read() == MAGIC
+    except OSError:
+        return False
+
+
+def disk_free_bytes(path: Path) -> int:
+    """Free bytes of the disk that a path lies on."""
+    status = os.statvfs(path)
+    return status.f_bavail * status.f_frsize
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else round(value, 4)

@@ -1,0 +1,147 @@
+"""A session ends with its word, whatever ends it and whoever reads: real processes, ptys, pipes, signals and tmux."""
+
+import fcntl
+import os
+import shutil
+import signal
+import subprocess
+import termios
+from pathlib import Path
+from subprocess import DEVNULL, PIPE
+
+import pytest
+from devices.command_line import Gse, runner
+from devices.live_session import PATIENCE_S, LiveSession, ended, run_command
+
+from gse.cli.finish import say_exit_code
+
+INCONCLUSIVE = 5
+"""The verdict on a port where nothing came."""
+
+
+@pytest.fixture
+def gse(capsys: pytest.CaptureFixture[str]) -> Gse:
+    return runner(capsys)
+
+
+def full_pipe() -> tuple[int, int]:
+    """A pipe that takes nothing more, because nobody reads: both its ends."""
+    reader, writer = os.pipe()
+    fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)
+    os.write(writer, bytes(4096))
+    return reader, writer
+
+
+def test_with_a_reader_that_died_and_one_that_never_reads_the_session_goes_on_until_a_signal(tmp_path: Path) -> None:
+    reader, writer = full_pipe()
+    dead_reader, dead_writer = os.pipe()
+    os.close(dead_reader)
+    stuck = subprocess.Popen(run_command(tmp_path / "stuck"), stdout=writer, stderr=writer)
+    dead = subprocess.Popen(run_command(tmp_path / "dead"), stdout=dead_writer, stderr=dead_writer)
+    os.close(dead_writer)
+    sessions = LiveSession(tmp_path / "stuck"), LiveSession(tmp_path / "dead")
+    for session in sessions:
+        session.await_state("running")
+    stuck.send_signal(signal.SIGTERM)
+    dead.send_signal(signal.SIGINT)
+    dead.send_signal(signal.SIGINT)
+    assert (ended(stuck), ended(dead)) == (INCONCLUSIVE, INCONCLUSIVE)
+    os.close(reader)
+    for session in sessions:
+        assert session.is_closed_judged_and_reported()
+        assert session.status()["exit_code"] == INCONCLUSIVE
+    assert "SIGTERM" in sessions[0].events()["CLOSED"]
+    assert "Ctrl-C" in sessions[1].events()["CLOSED"]
+    assert sessions[1].events()["TERMINAL_LOST"] == "stderr: Broken pipe; the session goes on without"
+
+
+@pytest.mark.skipif(shutil.which("tmux") is None, reason="needs tmux")
+def test_a_killed_tmux_ends_the_session_with_its_report(tmp_path: Path) -> None:
+    command = run_command(tmp_path / "out")
+    tmux = ["tmux", "-f", "/dev/null", "-S", str(tmp_path / "tmux")]
+    subprocess.run([*tmux, "new-session", "-d", *command], check=True)
+    session = LiveSession(tmp_path / "out")
+    session.await_state("running")
+    subprocess.run([*tmux, "kill-server"], check=True)
+    session.await_state("ended")
+    assert session.is_closed_judged_and_reported()
+    assert "SIGHUP" in session.events()["CLOSED"]
+
+
+def test_a_detached_session_outlives_its_terminal_and_is_asked_and_ended_from_elsewhere(
+    gse: Gse, tmp_path: Path
+) -> None:
+    master, slave = os.openpty()
+    command = run_command(tmp_path / "out", "--detach")
+    starting = subprocess.Popen(
+        command,
+        stdin=slave,
+        stdout=PIPE,
+        stderr=slave,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    )
+    told, _ = starting.communicate(timeout=PATIENCE_S)
+    os.close(slave)
+    os.close(master)
+    session = LiveSession(tmp_path / "out")
+    assert starting.returncode == 0
+    assert f"session: {session.folder}" in told
+    status = session.await_state("running")
+    assert f"process: {status['pid']}" in told
+    assert os.getsid(status["pid"]) != os.getsid(0)
+    asked = gse("status", tmp_path / "out")
+    assert asked.code == 0
+    assert f"running, process {status['pid']}" in asked.out
+    assert gse("status", session.folder, "--stop").code == 0
+    session.await_state("ended")
+    assert session.is_closed_judged_and_reported()
+    assert "ended" in gse("status", session.folder).out
+    assert "INCONCLUSIVE" in (session.folder / "run.log").read_text()
+    assert gse("status", session.folder, "--stop").code == 2
+
+
+def test_a_detached_start_that_fails_says_so_on_the_terminal(tmp_path: Path) -> None:
+    command = [*run_command(tmp_path / "out"), "--detach", "--port", "/dev/ttyNONE"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert (done.returncode, done.stdout) == (4, "")
+    assert "/dev/ttyNONE" in done.stderr
+
+
+def test_a_killed_session_is_offered_to_the_next_run_and_reported_by_gse_report(gse: Gse, tmp_path: Path) -> None:
+    killed = subprocess.Popen(run_command(tmp_path / "out"), stdout=DEVNULL, stderr=DEVNULL)
+    session = LiveSession(tmp_path / "out")
+    session.await_state("running")
+    killed.kill()
+    ended(killed)
+    asked = gse("status", tmp_path / "out")
+    assert asked.code == 1
+    assert f"died while running, last seen {session.status()['utc']}" in asked.out
+    offer = f"gse report {session.folder}"
+    assert offer in asked.out
+    assert offer in gse("session", "info", session.folder).err
+    assert offer in gse("run", "--port", "/dev/ttyNONE", "--out", tmp_path / "out").err
+    done = gse("report", session.folder)
+    assert done.code == 3
+    assert done.err.splitlines()[-1] == ("exit code 3: the session is damaged or lost its end (3), INCONCLUSIVE (5)")
+    assert offer not in gse("run", "--port", "/dev/ttyNONE", "--out", tmp_path / "out").err
+
+
+@pytest.mark.parametrize(
+    ("found", "code", "line"),
+    [
+        ([(0, "PASS")], 0, "exit code 0: PASS (0)"),
+        ([(1, "FAIL"), (3, "9 bytes lost")], 3, "exit code 3: 9 bytes lost (3), FAIL (1)"),
+        ([(3, "lost"), (70, "broken")], 70, "exit code 70: broken (70), lost (3)"),
+        ([(130, "left"), (3, "lost")], 3, "exit code 3: lost (3), left (130)"),
+        ([(0, "PASS"), (130, "left")], 130, "exit code 130: left (130), PASS (0)"),
+        ([(130, "left"), (5, "INCONCLUSIVE")], 5, "exit code 5: INCONCLUSIVE (5), left (130)"),
+        ([(5, "INCONCLUSIVE"), (1, "FAIL")], 1, "exit code 1: FAIL (1), INCONCLUSIVE (5)"),
+    ],
+)
+def test_the_weightiest_exit_code_wins_and_all_are_said(
+    capsys: pytest.CaptureFixture[str], found: list[tuple[int, str]], code: int, line: str
+) -> None:
+    assert say_exit_code(found) == code
+    assert capsys.readouterr().err == f"{line}\n"

@@ -1,0 +1,51 @@
+"""What the signals of a person, a terminal and the system mean for a session."""
+
+import os
+import signal
+import threading
+
+import pytest
+
+from gse.sessions.ending import SAME_PRESS_S, Ending
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+def test_a_signal_asks_for_the_end_and_says_what_follows(number: signal.Signals) -> None:
+    said: list[str] = []
+    before = signal.getsignal(number)
+    with Ending(said.append) as ending:
+        assert not ending.asked()
+        signal.raise_signal(number)
+        assert ending.asked()
+    assert number.name in ending.reason
+    assert "closed, judged and reported" in said[0]
+    assert signal.getsignal(number) is before
+
+
+def test_two_presses_at_once_are_one_and_other_signals_never_take_the_verdict() -> None:
+    with Ending() as ending, ending.interruptible():
+        for number in (signal.SIGINT, signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT):
+            signal.raise_signal(number)
+    assert not ending.leaves
+
+
+def test_a_second_ctrl_c_breaks_off_what_can_be_broken_off() -> None:
+    said: list[str] = []
+    with Ending(said.append) as ending:
+        signal.raise_signal(signal.SIGINT)
+        threading.Timer(SAME_PRESS_S + 0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
+        with pytest.raises(KeyboardInterrupt), ending.interruptible():
+            signal.pause()
+        with pytest.raises(KeyboardInterrupt), ending.interruptible():
+            pytest.fail("it was to be left")
+    assert "not judged" in said[1]
+
+
+def test_a_hang_up_that_nohup_ignores_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with Ending() as ending:
+            signal.raise_signal(signal.SIGHUP)
+        assert not ending.asked()
+    finally:
+        signal.signal(signal.SIGHUP, before)

@@ -1,0 +1,72 @@
+"""The status of a session, as it is read by others: which process it is, and whether a report is due."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.recording.recorder import Recorder
+from gse.sessions.status_file import StatusFile, is_running, is_unfinished, process_mark, read_status, session_folders
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with a closed session file."""
+    folder = tmp_path / "20260320T183000Z-sensor"
+    folder.mkdir()
+    Recorder(folder / "session.mcap", live=False).close()
+    return folder
+
+
+def test_the_status_is_renewed_until_the_session_has_ended(folder: Path) -> None:
+    status_file = StatusFile(folder, parse_station(BUILT_IN_TEXT))
+    status_file.enter("running")
+    while (status := read_status(folder)) is None or status["state"] != "running":
+        pass
+    assert is_running(status)
+    assert not is_unfinished(folder)
+    status_file.close(5, "INCONCLUSIVE")
+    status = read_status(folder)
+    assert status is not None
+    assert (status["state"], status["verdict"], status["exit_code"]) == ("ended", "INCONCLUSIVE", 5)
+    assert not is_running(status)
+    assert sorted(path.name for path in folder.iterdir()) == ["session.mcap", "status.json"]
+
+
+def test_another_process_with_its_number_is_not_taken_for_it() -> None:
+    mark = process_mark(os.getpid())
+    status = {"state": "running", "pid": os.getpid(), "process": mark}
+    assert is_running(status)
+    assert not is_running({**status, "process": f"{mark}0"})
+    assert not is_running({**status, "process": None})
+    assert not is_running({**status, "pid": 1 << 30})
+
+
+@pytest.mark.parametrize("text", ["", "{", "[" * 100_000, "[]", '{"schema": "gse.status/1", "pid": "1"}', "{}"])
+def test_a_status_that_is_broken_or_foreign_is_none(folder: Path, text: str) -> None:
+    (folder / "status.json").write_text(text)
+    assert read_status(folder) is None
+
+
+def test_a_session_is_unfinished_where_no_report_stands_and_nobody_is_at_it(folder: Path) -> None:
+    status = {"schema": "gse.status/1", "state": "running", "pid": os.getpid(), "process": "an earlier one"}
+    (folder / "status.json").write_text(json.dumps(status))
+    assert is_unfinished(folder)
+    (folder / "report-2").mkdir()
+    (folder / "report-2" / "report.json").touch()
+    assert not is_unfinished(folder)
+
+
+def test_a_closed_session_without_a_status_waits_for_no_report_and_a_cut_one_does(folder: Path) -> None:
+    assert not is_unfinished(folder)
+    session = folder / "session.mcap"
+    session.write_bytes(session.read_bytes()[:-1])
+    assert is_unfinished(folder)
+
+
+def test_sessions_are_found_in_their_folder_and_as_one(folder: Path) -> None:
+    (folder.parent / "notes.txt").touch()
+    assert session_folders(folder.parent) == session_folders(folder) == [folder]
+    assert session_folders(folder.parent / "absent") == []
