@@ -48,7 +48,12 @@ def findings(session: SessionData, figures: Statistics) -> tuple[str, ...]:
 
 def _events(session: SessionData) -> Iterator[str]:
     kinds = {event.kind: event for event in session.events}
-    named = ("CLOCK_STEP", "clock step"), ("MIRRORED", "mirrored image"), ("NO_STATION", "station file")
+    named = (
+        ("CLOCK_STEP", "clock step"),
+        ("MIRRORED", "mirrored image"),
+        ("NO_STATION", "station file"),
+        ("SEQUENCE_CHAOS", "sequence numbers"),
+    )
     for kind, words in named:
         if kind in kinds:
             yield f"{words}: {kinds[kind].text}"

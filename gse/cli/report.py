@@ -5,12 +5,18 @@ from pathlib import Path
 import click
 
 from gse.cli.finish import conclude, exit_code, show_report
-from gse.cli.options import clock_error_option, leave_out_option
+from gse.cli.options import clock_error_option, leave_out_option, station_of
 from gse.station.exclusions import Exclusion
 
 
 @click.command("report")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.option(
+    "--station",
+    "station_path",
+    type=click.Path(path_type=Path),
+    help="Station file instead of the session's own, e.g. where that names a catalogue file.",
+)
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
@@ -28,6 +34,7 @@ def command(
     ctx: click.Context,
     *,
     path: Path,
+    station_path: Path | None,
     out: Path | None,
     clock_error_s: float | None,
     excluded: tuple[Exclusion, ...],
@@ -45,7 +52,7 @@ def command(
     for wanted in (out, screenshot):
         _check_free(wanted)
     browser = find_browser() if pdf or screenshot else None
-    replay = replay_with_progress(path)
+    replay = replay_with_progress(path, station=lambda recorded: station_of(station_path) if station_path else recorded)
     folder = _new_folder(out, path)
     report = conclude(replay.session, folder, replay.own_elapsed_us, clock_error_s, excluded)
     if browser and pdf:

@@ -18,6 +18,7 @@ from typing import Self
 import astropy_iers_data  # type: ignore[import-untyped]
 import erfa
 
+from drivers.outside_text import plain_line
 from gse.errors import TruthError
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD, to_text
 
@@ -29,6 +30,8 @@ _Row = tuple[int, float, float, float, float, str]
 """MJD, UT1 - UTC in s, x and y of the pole in arcsec, error of UT1 in s, kind."""
 _SCHEMA = "gse.earth-orientation/1"
 _MAX_ROWS = 4000
+_MAX_VALUE = 1e6
+"""Of days (MJD), seconds and arcseconds alike."""
 _UT1_LIMIT_S = 0.9
 """UTC is kept within 0.9 s of UT1 by leap seconds (ITU-R TF.460)."""
 _UT1_WANDER_S_PER_DAY = 0.001
@@ -94,10 +97,14 @@ class EarthOrientation:
                 raise ValueError("columns of different or impossible length")
             if not all(isinstance(value, float | int) and math.isfinite(value) for value in numbers):
                 raise ValueError("a value is no number")
+            if not all(abs(value) < _MAX_VALUE for value in numbers):
+                raise ValueError("a value is out of order")
+            if not all(kind in ("measured", "predicted") for kind in columns["kind"]):
+                raise ValueError("a kind of value that is not known")
             if list(columns["mjd"]) != list(range(columns["mjd"][0], columns["mjd"][0] + len(columns["mjd"]))):
                 raise ValueError("days are missing")
-            return cls(str(document["source"]), **columns)
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            return cls(plain_line(str(document["source"])), **columns)
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError) as error:
             raise TruthError(f"no Earth orientation table of schema {_SCHEMA}: {error}") from error
 
     def at(self, utc_ns: int) -> Orientation:
