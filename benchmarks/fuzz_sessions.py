@@ -20,6 +20,10 @@ from pathlib import Path
 import atheris  # type: ignore[import-not-found]
 
 WHOLE = "--whole" in sys.argv
+if WHOLE:
+    # What numba compiles cannot be instrumented.
+    import gse.station.frame_processor
+    import gse.station.setup  # noqa: F401
 with atheris.instrument_imports(include=["drivers", "mcap"] + ["gse", "protocols"] * WHOLE):
     import zstandard
     from mcap.data_stream import RecordBuilder
@@ -139,7 +143,10 @@ def _bytes(given: "atheris.FuzzedDataProvider") -> bytes:
         given.ConsumeIntInRange(0, 2 ** given.PickValueInList([40, 64]) - 1),
     )
     if kind == 1:
-        return PROTOCOL.encode(StatusMessage(time_us=time_us), sequence)
+        return PROTOCOL.encode(
+            StatusMessage(time_us=time_us, temperature_c=20.0, supply_v=5.0, mode="standby", firmware=(1, 2, 3)),
+            sequence,
+        )
     count = given.ConsumeIntInRange(0, 30)
     rng = np.random.default_rng(given.ConsumeIntInRange(0, 255))
     message = PanoramaMessage(

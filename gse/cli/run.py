@@ -92,7 +92,13 @@ def command(
     show_report(report, live.folder, as_json=as_json, json_frames=json_frames)
     if live.lost_bytes:
         click.echo(f"gse: {live.lost_bytes} bytes were received but could not be recorded", err=True)
-    ctx.exit(EXIT_INTERRUPTED if stopped() else exit_code(report, live.folder, data_lost=live.lost_bytes > 0))
+    if live.damage:
+        click.echo(f"gse: {live.damage}", err=True)
+    ctx.exit(
+        EXIT_INTERRUPTED
+        if stopped()
+        else exit_code(report, live.folder, data_lost=bool(live.lost_bytes or live.damage))
+    )
 
 
 def _simulated(station: Station, text: str) -> tuple[Station, str]:

@@ -96,6 +96,6 @@ def _send(message: Message, *, station_path: Path | None, url: str | None, out: 
     for problem in done.answer.problems:
         click.echo(f"gse: {problem}", err=True)
     click.echo(f"recorded in {done.session}", err=True)
-    if done.lost_bytes:
-        click.echo(f"gse: {done.lost_bytes} bytes could not be recorded", err=True)
+    if done.lost_bytes or done.damage:
+        click.echo(f"gse: {done.damage or f'{done.lost_bytes} bytes could not be recorded'}", err=True)
         click.get_current_context().exit(EXIT_DATA_LOST)

@@ -16,9 +16,11 @@ from types import TracebackType
 from drivers.chunk import LinkEvent
 from drivers.errors import CaptureError
 from drivers.session_file.compaction import compact
+from drivers.session_file.read_back import read_back
 from drivers.session_file.reader import segment_path
 from drivers.session_file.records import RX, TX, Attachment, Message, MessageWriter
 from drivers.session_file.writer import CaptureWriter
+from drivers.session_file.written_bytes import WrittenBytes
 
 SEGMENT_BYTES = 512 << 20
 """Some 50 hours at 10 Hz; a file that any tool still opens."""
@@ -34,7 +36,8 @@ class Recorder(MessageWriter):
     """One session in the making: /serial/rx, /serial/tx, events and derived results, in segments.
 
     It is the ``recorder`` of a SerialLink, which hands it all bytes before anybody decodes them. ``lost_bytes`` are
-    received or sent bytes that are in no file; ``news`` gives what the operator and the night's events should know.
+    received or sent bytes that are in no file; ``damage`` says, once it is closed, what differs in a file from what was
+    written to it, None where nothing does; ``news`` gives what the operator and the night's events should know.
     """
 
     def __init__(
@@ -48,8 +51,10 @@ class Recorder(MessageWriter):
         """Create the session file; CaptureError where it exists or cannot be made. ``live``: write in a thread."""
         self.path = path
         self.lost_bytes = 0
+        self.damage: str | None = None
         self._segment_bytes = segment_bytes
         self._segments = [path]
+        self._damaged: set[Path] = set()
         self._attachments: list[Attachment] = []
         self._open_writer = open_writer
         self._writer = open_writer(path)
@@ -97,6 +102,8 @@ class Recorder(MessageWriter):
                 text = f"the disk of {self.path} does not answer: {self._waiting_bytes} bytes are not in the file"
                 self._say("RECORDER_LOST", text)
                 return
+        if self._segments[-1].exists():
+            self._read_back(self._segments[-1], self._writer.written, self._segment_data_bytes)
         self._compact()
 
     def __enter__(self) -> "Recorder":
@@ -203,12 +210,13 @@ class Recorder(MessageWriter):
             return
         previous, self._writer = self._writer, following
         self._segments.append(path)
-        self._segment_data_bytes = 0
+        data_bytes, self._segment_data_bytes = self._segment_data_bytes, 0
         try:
             previous.continued(path.name, *self._stamp)
             previous.close()
         except OSError as error:
             self._say("RECORDER_UNFINISHED", f"{self._segments[-2]}: {error.strerror}; it has no proper end")
+        self._read_back(self._segments[-2], previous.written, data_bytes)
 
     def _finish(self) -> None:
         until_s = time.monotonic() + LAST_TRIES_S
@@ -227,12 +235,22 @@ class Recorder(MessageWriter):
         if lost:
             self.lost_bytes += lost
             self._say("RECORDER_LOST", f"{lost} received bytes are not in {self._segments[-1]}: the disk took no more")
+        self._segment_data_bytes -= lost
+
+    def _read_back(self, segment: Path, written: WrittenBytes, data_bytes: int) -> None:
+        """See that a closed file is what was written to it, before it is compressed."""
+        difference = read_back(segment, written, data_bytes)
+        if difference is not None:
+            self._damaged.add(segment)
+            self.damage = f"{self.damage}; {difference.text}" if self.damage else difference.text
+            self.lost_bytes += difference.lost_bytes
+            self._say("FILE_DAMAGED", difference.text)
 
     def _compact(self) -> None:
         for segment in self._segments:
             try:
-                if segment.exists():
-                    compact(segment)
+                if segment.exists() and segment not in self._damaged and not compact(segment):
+                    self._say("RECORDER_UNCOMPRESSED", f"{segment} could not be compressed; it stays as it is")
             except CaptureError as error:
                 self._say("RECORDER_UNCOMPRESSED", str(error))
 

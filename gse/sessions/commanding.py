@@ -74,6 +74,7 @@ class Commanded:
     answer: Ack | StatusMessage
     session: Path
     lost_bytes: int
+    damage: str | None
 
 
 def command_sensor(station: Station, station_text: str, command: Message, out: Path) -> Commanded:
@@ -99,7 +100,7 @@ def command_sensor(station: Station, station_text: str, command: Message, out: P
         if isinstance(command, Request):
             _await_panorama(link, dialogue)
     assert isinstance(answer, Ack | StatusMessage)
-    return Commanded(answer, recorder.path, recorder.lost_bytes)
+    return Commanded(answer, recorder.path, recorder.lost_bytes, recorder.damage)
 
 
 def _await_panorama(link: SerialLink, dialogue: _Dialogue) -> None:

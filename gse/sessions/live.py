@@ -44,12 +44,16 @@ CLOCK_EVERY_NS = 60 * instant.NS_PER_S
 
 @dataclass(frozen=True, slots=True)
 class LiveSession:
-    """What a live session left: the night, its folder, this host's identification times, and what could not be kept."""
+    """What a live session left: the night, its folder, this host's identification times, and what could not be kept.
+
+    ``damage`` says what differs in the closed file from what was written to it.
+    """
 
     session: SessionData
     folder: Path
     own_elapsed_us: "array[float]"
     lost_bytes: int
+    damage: str | None = None
 
 
 def new_session_folder(out: Path, name: str, utc_ns: int) -> Path:
@@ -108,7 +112,9 @@ def run_live(
         session = loop.run(link, first, stop=lambda: stop() or derived_data.is_over(), each=derived_data.keep)
         derived_data.close()
         give_back()  # the file of a night is compressed next
-    return LiveSession(session, folder, loop.own_elapsed_us, recorder.lost_bytes)
+    for event in recorder.news():
+        loop.on_event(event)
+    return LiveSession(session, folder, loop.own_elapsed_us, recorder.lost_bytes, recorder.damage)
 
 
 class _DerivedDataRecorder:
