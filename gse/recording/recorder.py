@@ -8,7 +8,7 @@ what it has not taken waits in memory, up to a limit, and the operator is told o
 import queue
 import threading
 import time
-from collections import deque
+from array import array
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
@@ -26,6 +26,8 @@ SEGMENT_BYTES = 512 << 20
 """Some 50 hours at 10 Hz; a file that any tool still opens."""
 WAITING_LIMIT_BYTES = 256 << 20
 """Most bytes kept for a disk that does not take them: 45 minutes at 921600 baud."""
+WAITING_LIMIT_ITEMS = 500_000
+"""Most messages kept for it, however small: each takes a quarter of a kilobyte besides its data."""
 BEHIND_BYTES = 4 << 20
 SYNC_S = 1.0
 CLOSE_S = 30.0
@@ -59,7 +61,7 @@ class Recorder(MessageWriter):
         self._open_writer = open_writer
         self._writer = open_writer(path)
         self._segment_data_bytes = 0
-        self._unwritten: deque[tuple[int, int]] = deque()
+        self._unwritten_ends, self._unwritten_sizes = array("Q"), array("L")
         self._refused = False
         self._told: set[str] = set()
         self._news: queue.SimpleQueue[LinkEvent] = queue.SimpleQueue()
@@ -119,7 +121,7 @@ class Recorder(MessageWriter):
             self._lose(item, "after the recording was closed")
         elif self._thread is None:
             self._take([item])
-        elif self._waiting_bytes > WAITING_LIMIT_BYTES:
+        elif self._waiting_bytes > WAITING_LIMIT_BYTES or self._items.qsize() > WAITING_LIMIT_ITEMS:
             self._lose(item, "because too much waits for the disk already")
         else:
             self._count_waiting(len(item.data))
@@ -167,7 +169,8 @@ class Recorder(MessageWriter):
                 self._stamp = (item.utc_ns, item.mono_ns)
                 self._writer.put(item)
                 if item.topic in (RX, TX):
-                    self._unwritten.append((self._writer.size, len(item.data)))
+                    self._unwritten_ends.append(self._writer.size)
+                    self._unwritten_sizes.append(len(item.data))
                     self._segment_data_bytes += len(item.data)
         if self._flush() and self._writer.size >= self._segment_bytes:
             self._next_segment()
@@ -181,7 +184,7 @@ class Recorder(MessageWriter):
                 "RECORDER_REFUSED", f"{self.path}: {error.strerror}; free the disk, what comes waits in memory"
             )
             return False
-        self._unwritten.clear()
+        del self._unwritten_ends[:], self._unwritten_sizes[:]
         if self._refused:
             self._refused = False
             self._say("RECORDER_RECOVERED", f"{self.path} takes bytes again; nothing that waited was lost")
@@ -225,7 +228,7 @@ class Recorder(MessageWriter):
             time.sleep(0.1)
             self._flush()
         written = self._writer.size - self._writer.pending
-        lost = sum(size for end, size in self._unwritten if end > written)
+        lost = sum(size for end, size in zip(self._unwritten_ends, self._unwritten_sizes, strict=True) if end > written)
         if self._writer.vanished():
             lost = self._segment_data_bytes
         try:
