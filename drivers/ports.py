@@ -100,7 +100,7 @@ def open_port(url: str, baudrate: int) -> serial.Serial:
     _check(url)
     try:
         port = _made(url, baudrate)
-        _open(port)
+        port.open()
     except (OSError, ValueError, NotImplementedError) as error:
         if isinstance(error.__cause__, DriverError):
             raise error.__cause__ from None
@@ -121,21 +121,24 @@ def _made(url: str, baudrate: int) -> serial.Serial:
         setattr(port, name, lambda: None)
     if hasattr(port, "_telnet_read_loop"):
         port._telnet_read_loop = _quiet(port._telnet_read_loop)
+    if url.lower().startswith(_ON_THE_NET):
+        port.close = _closing(port, port.close)  # type: ignore[method-assign]
     if isinstance(port, serial.Serial):
         port.exclusive = True
         port.write_timeout = WRITE_TIMEOUT_S
     return port
 
 
-def _open(port: serial.Serial) -> None:
-    """Open a port; where that fails, pyserial leaves the connection of a network port behind, all night long."""
-    try:
-        port.open()
-    except BaseException:
+def _closing(port: serial.Serial, close: Callable[[], None]) -> Callable[[], None]:
+    """Closes a network port and its connection, which pyserial leaves behind where that was reset by the other end."""
+
+    def run() -> None:
         connection = getattr(port, "_socket", None)
-        if isinstance(connection, socket.socket):
+        close()
+        if connection is not None:
             connection.close()
-        raise
+
+    return run
 
 
 def _quiet(read_loop: Callable[[], None]) -> Callable[[], None]:
