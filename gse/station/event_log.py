@@ -4,6 +4,7 @@ from collections import Counter
 from dataclasses import replace
 
 from drivers.chunk import LinkEvent
+from gse.instant import LAST_NS
 from gse.recording.session_format import MOST_KINDS, OTHER
 
 MOST_OF_A_KIND = 1000
@@ -17,9 +18,11 @@ class EventLog:
         self._counts: Counter[str] = Counter()
 
     def named(self, event: LinkEvent) -> LinkEvent:
-        """The event, or one of kind OTHER where there are too many kinds to tell apart."""
+        """The event at an instant that can be; of kind OTHER where there are too many kinds to tell apart."""
         is_known = event.kind in self._counts or len(self._counts) < MOST_KINDS
-        return event if is_known else replace(event, kind=OTHER)
+        if is_known and 0 <= event.utc_ns <= LAST_NS:
+            return event
+        return replace(event, kind=event.kind if is_known else OTHER, utc_ns=min(max(event.utc_ns, 0), LAST_NS))
 
     def keeps(self, event: LinkEvent) -> bool:
         """Whether this event, which is counted hereby, is among those that are kept."""

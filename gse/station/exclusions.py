@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
 from gse.errors import UsageError
-from gse.instant import NS_PER_S, from_text
+from gse.instant import LAST_NS, NS_PER_S, from_text
 
 AROUND_STEP_NS = 5 * NS_PER_S
 """On either side of a step of the host clock."""
@@ -73,9 +73,10 @@ def _late_starts(frames: NDArray[np.void], steps_ns: set[int]) -> Iterator[Exclu
 
 def _around_step(event: LinkEvent) -> Exclusion:
     found = _STEP.search(event.text)
-    step_ns = round(float(found[0]) * NS_PER_S) if found else 0
+    step_ns = round(min(max(float(found[0]) * NS_PER_S, -LAST_NS), LAST_NS)) if found else 0
     before, after = max(step_ns, 0), max(-step_ns, 0)
-    return Exclusion(event.utc_ns - before - AROUND_STEP_NS, event.utc_ns + after + AROUND_STEP_NS, event.text)
+    from_ns, until_ns = event.utc_ns - before - AROUND_STEP_NS, event.utc_ns + after + AROUND_STEP_NS
+    return Exclusion(max(from_ns, 0), min(until_ns, LAST_NS), event.text)
 
 
 def parse_exclusion(text: str) -> Exclusion:
