@@ -1,29 +1,61 @@
-"""Coverage-guided fuzzing of the session reader with atheris (pip install atheris).
+"""Coverage-guided fuzzing of sessions as inputs, with atheris (pip install atheris).
 
-    python benchmarks/fuzz_sessions.py -max_total_time=3600 -max_len=4096
+    python benchmarks/fuzz_sessions.py -max_total_time=3600 -max_len=4096          the reader
+    python benchmarks/fuzz_sessions.py --whole -max_total_time=3600 -max_len=4096  replay, verdict and report besides
 
-Each input is read as a session file, as what follows a true head, and behind right checksums as an attachment and as
-the inside of a chunk, plain and compressed. Anything but CaptureError is a find, and so are bytes out of nothing.
+Each input of the reader is read as a session file, as what follows a true head, and behind right checksums as an
+attachment and as the inside of a chunk, plain and compressed. With ``--whole`` an input says which messages and
+attachments a session has, with right checksums, and that is judged and exported. Anything but an error of ours is a
+find, and so are bytes out of nothing, control characters in what is shown, and JSON that is none.
 """
 
 import contextlib
+import io
+import json
 import sys
+import tempfile
 import zlib
+from pathlib import Path
 
 import atheris  # type: ignore[import-not-found]
 
-with atheris.instrument_imports(include=["drivers", "mcap"]):
+WHOLE = "--whole" in sys.argv
+if WHOLE:
+    # What numba compiles cannot be instrumented.
+    import gse.station.frame_processor
+    import gse.station.setup  # noqa: F401
+with atheris.instrument_imports(include=["drivers", "mcap"] + ["gse", "protocols"] * WHOLE):
     import zstandard
     from mcap.data_stream import RecordBuilder
     from mcap.opcode import Opcode
     from mcap.records import Chunk as McapChunk
 
-    from drivers.errors import CaptureError
+    from drivers.errors import CaptureError, DriverError
+    from drivers.outside_text import is_plain
     from drivers.session_file.file_window import BlockWindow
+    from drivers.session_file.reader import read_capture
     from drivers.session_file.record_scanner import MAGIC, RecordScanner
-    from drivers.session_file.records import Damage, Message, Record
+    from drivers.session_file.records import CLOCK, EVENTS, RX, TX, Damage, Message, Record
+    from drivers.session_file.writer import CaptureWriter
+    from protocols.errors import ProtocolError
 
-HEAD = MAGIC + bytes.fromhex("01220000000000000b000000") + b"\0" * 4
+    if WHOLE:
+        import numpy as np
+
+        from gse.assessment.verdict import judge
+        from gse.config.station import BUILT_IN_TEXT
+        from gse.errors import GseError
+        from gse.recording.session_format import TIMING_TOPIC
+        from gse.recording.session_tools import session_info
+        from gse.report.frames_csv import frames_csv
+        from gse.report.junit import junit_xml
+        from gse.report.summary import summarise
+        from gse.report.terminal import plain_lines
+        from gse.sessions.export import export_csv, export_ndjson
+        from gse.sessions.replay import replay_session
+        from protocols import PanoramaMessage, StatusMessage, load_protocol
+
+HEAD = MAGIC + bytes.fromhex("0122000000000000000b000000") + b"gse-session" + b"\x0f\0\0\0" + b"gse-star-sensor"
 
 
 def read(data: bytes) -> list[Record]:
@@ -31,12 +63,15 @@ def read(data: bytes) -> list[Record]:
     walk = RecordScanner(BlockWindow(data), "fuzz")
     with contextlib.suppress(CaptureError):
         walk.check_ours()
-    records = list(walk.records())
+    records: list[Record] = []
+    with contextlib.suppress(CaptureError):
+        records += walk.records()
     for record in records:
         if isinstance(record, Damage) and record.file == "fuzz":
             assert 0 <= record.offset < record.offset + record.size <= len(data)
         elif isinstance(record, Message):
-            record.event()
+            event = record.event()
+            assert is_plain(event.kind + event.text + record.topic)
     return records
 
 
@@ -60,16 +95,112 @@ def chunk(data: bytes, compression: str) -> bytes:
     return bytes(builder.end())
 
 
-def one_input(data: bytes) -> None:
-    """One input of the fuzzer."""
+def one_file(data: bytes) -> None:
+    """One input of the reader."""
     read(data)
     read(HEAD + data)
     read(MAGIC + record(Opcode.ATTACHMENT, data + zlib.crc32(data).to_bytes(4, "little")))
-    read(MAGIC + chunk(data, "") + data)
-    read(MAGIC + chunk(data, "zstd"))
-    read(MAGIC + record(Opcode.CHUNK, data))
+    read(HEAD + chunk(data, "") + data)
+    read(HEAD + chunk(data, "zstd"))
+    read(HEAD + record(Opcode.CHUNK, data))
+
+
+def one_session(data: bytes) -> None:
+    """One input as what a session holds."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "session.mcap"
+        write_session(path, atheris.FuzzedDataProvider(data))
+        for work in (session_info, _replay, _export):
+            with contextlib.suppress(GseError, DriverError, ProtocolError):
+                work(path)
+
+
+def write_session(path: Path, given: "atheris.FuzzedDataProvider") -> None:
+    """A session with right checksums and whatever else the fuzzer likes."""
+    with CaptureWriter(path) as writer:
+        if given.ConsumeBool():
+            station = BUILT_IN_TEXT.replace("rooftop", given.ConsumeUnicode(10)) + given.ConsumeUnicode(30)
+            writer.attach("station.yaml", "application/yaml", station.encode("utf-8", "replace"))
+        for name in ("protocol.yaml", "earth_orientation.json", "stated.json"):
+            if given.ConsumeIntInRange(0, 7) == 0:
+                writer.attach(name, "application/json", _json(given))
+        utc_ns, mono_ns = 1_774_018_800_000_000_000, 0
+        while given.remaining_bytes() > 4:
+            step = given.ConsumeIntInRange(0, 9)
+            utc_ns = given.ConsumeIntInRange(0, 2**64 - 1) if step == 0 else utc_ns + 100_000_000
+            mono_ns = given.ConsumeIntInRange(0, 2**64 - 1) if step == 1 else mono_ns + 100_000_000
+            topic = given.PickValueInList([RX, RX, RX, RX, TX, EVENTS, CLOCK, TIMING_TOPIC])
+            content = _bytes(given) if topic in (RX, TX) else _json(given)
+            writer.write(Message(topic, min(utc_ns, 2**64 - 1), min(mono_ns, 2**64 - 1), content))
+
+
+def _bytes(given: "atheris.FuzzedDataProvider") -> bytes:
+    kind = given.ConsumeIntInRange(0, 3)
+    if kind == 0:
+        return bytes(given.ConsumeBytes(40))
+    sequence, time_us = (
+        given.ConsumeIntInRange(0, 65535),
+        given.ConsumeIntInRange(0, 2 ** given.PickValueInList([40, 64]) - 1),
+    )
+    if kind == 1:
+        return PROTOCOL.encode(
+            StatusMessage(time_us=time_us, temperature_c=20.0, supply_v=5.0, mode="standby", firmware=(1, 2, 3)),
+            sequence,
+        )
+    count = given.ConsumeIntInRange(0, 30)
+    rng = np.random.default_rng(given.ConsumeIntInRange(0, 255))
+    message = PanoramaMessage(
+        time_us=time_us,
+        frame_no=given.ConsumeIntInRange(0, 2**32 - 1),
+        exposure_s=given.ConsumeIntInRange(0, 60_000) / 1e4,
+        flags=frozenset(),
+        temperature_c=given.ConsumeIntInRange(-100, 100),
+        xy_px=np.floor(rng.uniform(0, 1023, (count, 2))),
+        index=np.sort(rng.integers(1, 4096, count))[::-1].astype(float),
+    )
+    return PROTOCOL.encode(message, sequence)
+
+
+def _json(given: "atheris.FuzzedDataProvider") -> bytes:
+    keys = ["kind", "text", "utc_ns", "mono_ns", "source", "synchronised", "offset_s", "error_bound_s", "time_us",
+            "elapsed_us", "clock_error_s"]  # fmt: skip
+    values = [
+        lambda: given.ConsumeUnicode(12),
+        lambda: given.PickValueInList(["CLOCK_STEP", "LOST", "REOPENED", "ALIGNED", "CLOSED"]),
+        lambda: given.ConsumeIntInRange(-(2**70), 2**70),
+        given.ConsumeFloat,
+        given.ConsumeBool,
+        lambda: None,
+        list,
+    ]
+    chosen = [key for key in keys if given.ConsumeIntInRange(0, 3)]
+    document = {key: given.PickValueInList(values)() for key in chosen}
+    return json.dumps(document).encode()
+
+
+def _replay(path: Path) -> None:
+    session = replay_session(path).session
+    assessment = judge(session)
+    report = summarise(session, assessment)
+    json.dumps(report, allow_nan=False)
+    shown = [
+        *plain_lines(report),
+        *(event.text for event in session.events),
+        "".join(frames_csv(session.frames.columns)),
+    ]
+    assert all(is_plain(line) for text in shown for line in text.split("\n"))
+    junit_xml(report).encode()
+
+
+def _export(path: Path) -> None:
+    export_csv(path, io.StringIO())
+    export_ndjson(path, io.StringIO())
+    list(read_capture(path))
 
 
 if __name__ == "__main__":
-    atheris.Setup(sys.argv, one_input)
+    if WHOLE:
+        sys.argv.remove("--whole")
+        PROTOCOL = load_protocol("panorama-v1")
+    atheris.Setup(sys.argv, one_session if WHOLE else one_file)
     atheris.Fuzz()

@@ -4,7 +4,7 @@ What a command or an answer looks like is the protocol's affair; here are only t
 repetition, in the time of the link: the host's for a live port, the data's for a simulated one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TypeVar
 
@@ -24,7 +24,7 @@ def send_command(
     link: SerialLink,
     make_frame: Callable[[int], bytes],
     deliver: Callable[[Item], None],
-    answer_to: Callable[[range], Answer | None],
+    answer_to: Callable[[Mapping[int, int]], Answer | None],
     *,
     first_sequence: int = 0,
 ) -> Answer:
@@ -32,12 +32,14 @@ def send_command(
 
     ``make_frame`` gives the frame for a sequence number, each repetition takes the next one. ``deliver`` gets
     everything that comes meanwhile, so that nothing is taken from whoever else reads; ``answer_to`` says whether the
-    answer to one of the sequence numbers sent so far was among it. CommandError where no answer comes.
+    answer to what was sent so far was among it: sequence numbers, and the link's monotonic time at which each went out,
+    before which no answer to it can have come. CommandError where no answer comes.
     """
+    sent_ns: dict[int, int] = {}
     for attempt in range(1 + REPEATS):
-        link.send(make_frame(first_sequence + attempt))
-        sequences = range(first_sequence, first_sequence + attempt + 1)
-        answer = receive_until(link, partial(answer_to, sequences), deliver, ANSWER_S)
+        sequence = first_sequence + attempt
+        sent_ns[sequence] = link.send(make_frame(sequence)).mono_ns
+        answer = receive_until(link, partial(answer_to, sent_ns), deliver, ANSWER_S)
         if answer is not None:
             return answer
     raise CommandError(

@@ -25,6 +25,9 @@ from drivers.session_file.records import Message, MessageWriter
 BACKLOG_BYTES = 4 << 20
 """Received and not yet fetched: more than 40 s at 921600 baud, so the station hangs."""
 ITEMS_AT_ONCE = 256
+MOST_ITEMS = 500_000
+MOST_BACKLOG_BYTES = 128 << 20
+"""Received and not yet fetched, more than an hour at 115200 baud: what comes then is recorded and not handed on."""
 SOCKET_BYTES = 65536
 
 # What pyserial raises on a port that goes away: close() from another thread gives TypeError, ioctls termios.error.
@@ -42,8 +45,9 @@ class _NoRecording(MessageWriter):
 class SerialLink:
     """A port by its pyserial URL, as a context manager.
 
-    ``receive`` gives chunks and events in the order in which they happened. Nothing received is ever dropped here: the
-    queue has no limit, and an event BACKLOG tells when the station falls behind.
+    ``receive`` gives chunks and events in the order in which they happened. Everything received is recorded. An event
+    BACKLOG tells when the station falls behind, BACKLOG_FULL when it hangs: what comes from then on until it has caught
+    up is in the recording alone.
     """
 
     def __init__(
@@ -159,7 +163,7 @@ class _Receiver:
             finder.remember(port)
         self._items: queue.SimpleQueue[Item] = queue.SimpleQueue()
         self._received_bytes = self._fetched_bytes = 0
-        self._told_backlog = False
+        self._told_backlog = self._told_full = False
         self._opened_before = port is not None
         self._stop = threading.Event()
         self._tell(
@@ -231,12 +235,22 @@ class _Receiver:
     def _take(self, data: bytes) -> None:
         chunk = Chunk(*_now(), data)
         self._recorder.rx(chunk)
+        if self.backlog_bytes > MOST_BACKLOG_BYTES or self._items.qsize() > MOST_ITEMS:
+            self._tell_full()
+            return
         self._received_bytes += len(data)
         self._items.put(chunk)
         if not self._told_backlog and self.backlog_bytes > BACKLOG_BYTES:
             self._told_backlog = True
             self._tell(
                 LinkKind.BACKLOG, f"the station is {self.backlog_bytes} bytes behind; they are recorded and wait"
+            )
+
+    def _tell_full(self) -> None:
+        if not self._told_full:
+            self._told_full = True
+            self._tell(
+                "BACKLOG_FULL", "the station does not take what comes: from here on it is in the recording alone"
             )
 
     def _tell(self, kind: str, text: str) -> None:

@@ -1,9 +1,11 @@
 """The serial ports of this computer: which there are, who holds them, why one does not open."""
 
+import contextlib
 import errno
 import getpass
 import os
-from collections.abc import Iterable
+import socket
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -17,6 +19,9 @@ MOCKS = ("replay://", "sim://")
 _ON_THE_NET = ("socket://", "rfc2217://")
 READ_TIMEOUT_S = 0.2
 """How long a read waits for the first byte: also how long closing takes where a read cannot be cancelled."""
+WRITE_TIMEOUT_S = 1.0
+_PROBES = {"TCP_KEEPIDLE": 10, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 20_000}
+"""After 10 s of silence a probe every 5 s, three without an answer end it; 20 s (in ms) for what we send."""
 serial.protocol_handler_packages.append("drivers.urlhandlers")
 
 
@@ -94,24 +99,75 @@ def open_port(url: str, baudrate: int) -> serial.Serial:
     """Open a port by its pyserial URL; PortError says why it does not open and what to do."""
     _check(url)
     try:
-        port = serial.serial_for_url(
-            url, baudrate=baudrate, timeout=READ_TIMEOUT_S, write_timeout=1.0, do_not_open=True
-        )
-        # pyserial empties the input on opening: bytes that have already been received are part of the record.
-        for name in ("reset_input_buffer", "_reset_input_buffer"):
-            setattr(port, name, lambda: None)
-        if isinstance(port, serial.Serial):
-            port.exclusive = True
+        port = _made(url, baudrate)
         port.open()
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, NotImplementedError) as error:
         if isinstance(error.__cause__, DriverError):
             raise error.__cause__ from None
         kind = UrlError if isinstance(error, ValueError) else PortError
         raise kind(explain(url, error)) from error
+    _keep_alive(getattr(port, "_socket", None))
     if isinstance(port, serial.Serial) and (names := _intruders(str(port.port))):
         port.close()
         raise PortError(_busy(url, names))
     return port
+
+
+def _made(url: str, baudrate: int) -> serial.Serial:
+    """The port of a URL, not open yet."""
+    port = serial.serial_for_url(_asked(url), baudrate=baudrate, timeout=READ_TIMEOUT_S, do_not_open=True)
+    # pyserial empties the input on opening: bytes that have already been received are part of the record.
+    for name in ("reset_input_buffer", "_reset_input_buffer"):
+        setattr(port, name, lambda: None)
+    if hasattr(port, "_telnet_read_loop"):
+        port._telnet_read_loop = _quiet(port._telnet_read_loop)
+    if url.lower().startswith(_ON_THE_NET):
+        port.close = _closing(port, port.close)  # type: ignore[method-assign]
+    if isinstance(port, serial.Serial):
+        port.exclusive = True
+        port.write_timeout = WRITE_TIMEOUT_S
+    return port
+
+
+def _closing(port: serial.Serial, close: Callable[[], None]) -> Callable[[], None]:
+    """Closes a network port and its connection, which pyserial leaves behind where that was reset by the other end."""
+
+    def run() -> None:
+        connection = getattr(port, "_socket", None)
+        close()
+        if connection is not None:
+            connection.close()
+
+    return run
+
+
+def _quiet(read_loop: Callable[[], None]) -> Callable[[], None]:
+    """pyserial's thread of an rfc2217:// port, which ends with the connection, and not with a traceback."""
+
+    def run() -> None:
+        with contextlib.suppress(OSError):
+            read_loop()
+
+    return run
+
+
+def _keep_alive(connection: object) -> None:
+    """Have the kernel find out when the other end of a network port is gone without a word, within half a minute."""
+    if not isinstance(connection, socket.socket):
+        return
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in _PROBES.items():
+        # Linux has them all, other systems some.
+        if hasattr(socket, name):
+            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+
+
+def _asked(url: str) -> str:
+    """The URL as pyserial needs it."""
+    if not url.lower().startswith("rfc2217://") or "ign_set_control" in url:
+        return url
+    # Servers whose port has no modem lines never answer what pyserial says of them, and it would wait.
+    return url + ("&" if "?" in url else "?") + "ign_set_control"
 
 
 def _check(url: str) -> None:

@@ -5,6 +5,9 @@ from typing import Annotated
 
 from annotated_types import Interval
 
+from drivers.outside_text import is_plain
+
+_NAME_CHARACTERS = 500
 _SEA_LEVEL_HPA, _SEA_LEVEL_C, _LAPSE_C_PER_M = 1013.25, 15.0, 0.0065
 _PRESSURE_EXPONENT = 5.25588
 """The International Standard Atmosphere below 11 km (ISO 2533): 1013.25 hPa and 15 degC at sea level."""
@@ -42,6 +45,10 @@ class Site:
     temperature_c: Annotated[float, Interval(ge=-80, le=60)] | None = None
     relative_humidity: Annotated[float, Interval(ge=0, le=1)] = 0.5
     uncertainty: SiteUncertainty = SiteUncertainty()
+
+    def __post_init__(self) -> None:
+        if len(self.name) > _NAME_CHARACTERS or not is_plain(self.name):
+            raise ValueError(f"{self.name!r:.60} is not a name: expected at most {_NAME_CHARACTERS} plain characters")
 
     @property
     def air_pressure_hpa(self) -> float:

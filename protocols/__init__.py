@@ -19,8 +19,10 @@ from protocols.messages import (
 )
 from protocols.protocol import Protocol, built_in_names, load_protocol, parse_protocol
 from protocols.sequence import Arrival, SequenceTracker
+from protocols.vocabulary import NAME_OF
 
 __all__ = [
+    "NAME_OF",
     "REASONS",
     "Ack",
     "Arrival",

@@ -40,7 +40,11 @@ def _not_zero(value: object) -> object:
 Number = Annotated[Fraction, BeforeValidator(_fraction)]
 Scale = Annotated[Fraction, BeforeValidator(_not_zero)]
 Name = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,39}$")]
-Word = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=60)]
+Word = Annotated[
+    str,
+    StringConstraints(strict=True, min_length=1, max_length=60, pattern=r"^[^\p{C}\u2028\u2029]*$"),
+]
+"""Words are shown to people: without control characters, which steer what shows them."""
 Note = Annotated[str, StringConstraints(max_length=2000)]
 Code = Annotated[int, Field(strict=True, ge=0, le=2**64 - 1)]
 

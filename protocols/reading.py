@@ -17,6 +17,7 @@ from protocols.description import (
     SlotsDescription,
 )
 from protocols.errors import DescriptionError
+from protocols.yaml_text import load_document
 
 MAX_TEXT = 100_000
 """Characters of a description: the built-in ones have some 4000."""
@@ -75,24 +76,13 @@ def _key(path: Path) -> str:
     return text
 
 
-class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader without aliases, which can make much of little text."""
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("aliases (*name) are not allowed here")
-        return super().compose_node(parent, index)
-
-
 def read_document(text: str, source_name: str) -> tuple[dict[str, Any], Source]:
     """The YAML mapping of a text; DescriptionError where it is none, too large, or gives a key twice."""
     source = Source(source_name)
     if len(text) > MAX_TEXT:
         raise source.error(f"longer than {MAX_TEXT} characters: this is no protocol description")
     try:
-        loader = _Loader(text)
-        root = loader.get_single_node()
-        document = loader.construct_document(root) if root else None
+        root, document = load_document(text)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f" at line {mark.line + 1}" if mark else ""

@@ -3,11 +3,17 @@
 from collections import deque
 from enum import Enum
 
+from protocols.frame_budget import FrameBudget
+
 MODULUS = 65536
 """A sequence number of 16 bits wraps here."""
 
 RECENT = 64
 """Frames that are remembered: a copy or a straggler that comes later than this is no longer recognised as one."""
+
+
+LONGEST_GAP_S = 600.0
+"""A sensor clock that is further ahead has leapt, where no host's clock says how long it was."""
 
 
 class Arrival(Enum):
@@ -21,6 +27,8 @@ class Arrival(Enum):
     """Seen before: to be dropped."""
     LATE = "late"
     """Counted as lost before, here after all: it came after a frame that was sent after it."""
+    CHAOS = "chaos"
+    """Frames before it seem to be missing, more than can have been sent: its number makes no sense."""
     RESET = "reset"
     """The sensor has started anew: its clock or its counter jumped back, or it says so itself."""
 
@@ -39,38 +47,76 @@ class SequenceTracker:
         self.resets = 0
         self.last_gap = 0
         self._modulus = modulus
+        self._budget = FrameBudget()
         self._forget()
 
     def _forget(self) -> None:
         self._last: int | None = None
         self._last_time_us: int | None = None
+        self._timed: int | None = None
         self._seen: deque[tuple[int, int | None]] = deque(maxlen=RECENT)
         self._missing: deque[int] = deque(maxlen=RECENT)
 
-    def accept(self, sequence: int, *, time_us: int | None = None, restarted: bool = False) -> Arrival:
+    @property
+    def last(self) -> int | None:
+        """The sequence number of the latest frame; None before the first."""
+        return self._last
+
+    def accept(
+        self,
+        sequence: int,
+        *,
+        time_us: int | None = None,
+        restarted: bool = False,
+        elapsed_s: float | None = None,
+    ) -> Arrival:
         """What this frame is, counted.
 
         ``time_us`` is the sensor's clock where the message carries it; leave it out for stored data, which is older
-        than what came before. ``restarted`` is the sensor's own word that its clock was reset.
+        than what came before. ``restarted`` is the sensor's own word that its clock was reset. ``elapsed_s`` is the
+        host's time since the frame before, where it is known; else the sensor's clock bounds what can be lost.
         """
         arrival = self._judge(sequence, time_us, restarted)
         if arrival is Arrival.DUPLICATE:
             self.duplicates += 1
             return arrival
+        knows_time = self._pass_time(sequence, time_us, elapsed_s)
         if arrival is Arrival.RESET:
             self.resets += 1
             self._forget()
         elif arrival is Arrival.GAP:
-            self._count_gap(sequence)
+            self.last_gap = self._gap_before(sequence)
+            if self._budget.lose(self.last_gap) or not knows_time:
+                self._count_gap(sequence)
+            else:
+                arrival = Arrival.CHAOS
+                self._missing.clear()
         elif arrival is Arrival.LATE:
             self.late += 1
             self.lost -= 1
+            self._budget.find(1)
             self._missing.remove(sequence)
+        self._budget.came()
         if arrival is not Arrival.LATE:
             self._last = sequence
             self._last_time_us = self._last_time_us if time_us is None else time_us
         self._seen.append((sequence, time_us))
         return arrival
+
+    def _pass_time(self, sequence: int, time_us: int | None, elapsed_s: float | None) -> bool:
+        """Account for the time since the frame before, in which others can have been sent; whether it is known."""
+        sensor_s = None
+        if None not in (time_us, self._last_time_us):
+            sensor_s = (time_us - self._last_time_us) / 1e6  # type: ignore[operator]
+        if elapsed_s is None and sensor_s is not None:
+            elapsed_s = min(sensor_s, LONGEST_GAP_S)
+        if elapsed_s is not None:
+            self._budget.pass_time(elapsed_s)
+        if sensor_s is not None and self._timed is not None:
+            self._budget.learn(sensor_s, (sequence - self._timed) % (self._modulus or 1))
+        if time_us is not None:
+            self._timed = sequence
+        return elapsed_s is not None
 
     def _judge(self, sequence: int, time_us: int | None, restarted: bool) -> Arrival:
         clock_back = None not in (time_us, self._last_time_us) and time_us < self._last_time_us  # type: ignore[operator]
@@ -92,9 +138,11 @@ class SequenceTracker:
         # Without a clock, more than half a turn forward is taken for a step back: the counter started anew.
         return Arrival.GAP if time_us is not None or step <= self._modulus // 2 else Arrival.RESET
 
-    def _count_gap(self, sequence: int) -> None:
+    def _gap_before(self, sequence: int) -> int:
         assert self._last is not None
-        self.last_gap = (sequence - self._last) % self._modulus - 1
+        return (sequence - self._last) % self._modulus - 1
+
+    def _count_gap(self, sequence: int) -> None:
         self.lost += self.last_gap
         for back in range(min(self.last_gap, RECENT), 0, -1):
             self._missing.append((sequence - back) % self._modulus)

@@ -14,6 +14,8 @@ from drivers.session_file.file_window import FileWindow
 from drivers.session_file.record_scanner import RecordScanner
 from drivers.session_file.records import CONTINUED, Attachment, Damage, Message, Record
 
+MOST_ATTACHMENTS = 1000
+"""Names kept to give each file frozen into the segments once."""
 MAX_DAMAGES_KEPT = 100
 """Damages listed one by one; all are counted."""
 
@@ -62,7 +64,8 @@ class Capture:
                     if isinstance(record, Attachment):
                         if record.name in attached:
                             continue
-                        attached.add(record.name)
+                        if len(attached) < MOST_ATTACHMENTS:
+                            attached.add(record.name)
                     elif isinstance(record, Damage):
                         self._count(record)
                     elif record.topic == CONTINUED:

@@ -35,6 +35,7 @@ from drivers.session_file.records import (
     checksum,
     topic_checksum,
 )
+from drivers.session_file.work_limit import STEP_BYTES, WorkLimit
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 16 << 20
@@ -44,13 +45,18 @@ MAX_CHUNK_BYTES = 4 << 20
 SCAN_BYTES = 1 << 20
 MAX_SCAN_WORK = 64
 """Bytes checked per byte scanned before long candidates are passed over: damage must not cost hours."""
+MAX_CHANNELS = 64
+MOST_TOPICS_TRIED = 16
+"""For a message whose channel is unknown; this station writes fewer."""
 FOREIGN_AFTER = 1 << 20
 
+_TOPIC = re.compile("/[!-~]{0,199}")
+_ALWAYS = (RX, TX, EVENTS, CLOCK, CONTINUED)
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _HEAD_AND_MESSAGE = struct.Struct("<BQHIQQ")
 _STAMPS_AT = _HEAD.size + struct.calcsize("<HI")
-_CANDIDATE = re.compile(rb"(?=[\x04-\x06\x09\x0f\x02]...\x00\x00\x00\x00\x00)", re.DOTALL)
+_CANDIDATE = re.compile(rb"[\x04-\x06\x09\x0f\x02](?=...\x00\x00\x00\x00\x00)", re.DOTALL)
 # What the mcap package and zstandard raise on damaged content, seen by flipping bits.
 _BROKEN = (
     McapError,
@@ -78,18 +84,25 @@ class RecordScanner:
         *,
         from_utc_ns: int | None = None,
         only: Container[str] | None = None,
-        topics: dict[int, str] | None = None,
     ) -> None:
         self._window = window
         self._file = file
+        self._limit = WorkLimit(file, window.size)
+        self._is_chunk = False
         self._from_utc_ns = from_utc_ns or 0
         self._only = only
-        self._topics = {} if topics is None else topics
+        self._topics: dict[int, str] = {}
         self.data_end: tuple[int, int] | None = None
         """Where the data section ends, and the CRC-32 that is said to be of everything before."""
         self.footer: tuple[int, int, int] | None = None
         """Where the footer stands, where the summary starts, and the CRC-32 that is said to be of both."""
         self.ended = False
+
+    def _inside(self, block: bytes, offset: int, only: Container[str] | None) -> "RecordScanner":
+        """The scanner of a chunk's content: it knows the same channels, and works on the same account."""
+        inside = RecordScanner(BlockWindow(block), f"{self._file}, chunk at {offset}", only=only)
+        inside._limit, inside._topics, inside._is_chunk = self._limit, self._topics, True
+        return inside
 
     def check_ours(self) -> None:
         """CaptureError where the file is no session of this station."""
@@ -167,6 +180,8 @@ class RecordScanner:
         return None
 
     def _is_proven(self, offset: int) -> bool:
+        if self._is_chunk:
+            self._limit.spend(STEP_BYTES)
         try:
             opcode, content, _ = self._content(offset)
             if opcode == Opcode.CHANNEL:
@@ -192,6 +207,9 @@ class RecordScanner:
         opcode, size = _HEAD.unpack(head)
         if not Opcode.HEADER <= opcode <= Opcode.DATA_END:
             raise _NotBelievedError("no MCAP record")
+        if self._is_chunk and opcode not in (Opcode.MESSAGE, Opcode.CHANNEL):
+            # MCAP specification, section Chunk: schemas, channels and messages; this station writes no schemas.
+            raise _NotBelievedError("no record of a chunk")
         if size > MAX_RECORD_BYTES or offset + 9 + size > self._window.size:
             raise _NotBelievedError("impossible length")
         return opcode, self._window.get(offset + 9, size), offset + 9 + size
@@ -205,6 +223,8 @@ class RecordScanner:
             return [_attachment(content)]
         if opcode == Opcode.CHANNEL:
             channel = _channel(content)
+            if len(self._topics) >= MAX_CHANNELS and channel.id not in self._topics:
+                raise _NotBelievedError("too many channels")
             self._topics[channel.id] = channel.topic
         elif opcode == Opcode.DATA_END and len(content) == 4:
             self.data_end = (offset, DataEnd.read(_stream(content)).data_section_crc)
@@ -238,6 +258,7 @@ class RecordScanner:
                 break
             if self._only is None or topic in self._only:
                 messages.append(Message(topic, utc_ns, mono_ns, block[offset + _HEAD_AND_MESSAGE.size : following]))
+            self._limit.spend(STEP_BYTES)
             offset = following
         return messages, offset
 
@@ -248,7 +269,9 @@ class RecordScanner:
         if checksum(topic, utc_ns, mono_ns, data) == crc:
             return Message(topic, utc_ns, mono_ns, data)
         # Where the record that names the channel was damaged, the checksum still tells which topic it was.
-        for topic in {RX, TX, EVENTS, CLOCK, CONTINUED, *self._topics.values()}:
+        for topic in list(dict.fromkeys((*_ALWAYS, *self._topics.values())))[:MOST_TOPICS_TRIED]:
+            if self._is_chunk:
+                self._limit.spend(len(data))
             if checksum(topic, utc_ns, mono_ns, data) == crc:
                 return Message(topic, utc_ns, mono_ns, data)
         raise _NotBelievedError("message with a wrong checksum")
@@ -260,10 +283,9 @@ class RecordScanner:
         if chunk.uncompressed_size > MAX_CHUNK_BYTES:
             raise _NotBelievedError("impossible length")
         block = _unpack(chunk)
+        self._limit.spend(len(block))
         whole = len(block) == chunk.uncompressed_size and zlib.crc32(block) == chunk.uncompressed_crc
-        name = f"{self._file}, chunk at {offset}"
-        inside = RecordScanner(BlockWindow(block), name, only=self._only if whole else None, topics=self._topics)
-        records = list(inside.inner_records())
+        records = list(self._inside(block, offset, self._only if whole else None).inner_records())
         if not whole:
             if not any(isinstance(record, Message) for record in records):
                 raise _NotBelievedError("chunk with a wrong checksum")
@@ -282,7 +304,7 @@ def _header(content: bytes) -> Header:
 def _channel(content: bytes) -> Channel:
     stream = _stream(content)
     channel = Channel.read(stream)
-    if stream.count != len(content) or channel.schema_id != 0 or not channel.topic.startswith("/"):
+    if stream.count != len(content) or channel.schema_id != 0 or not _TOPIC.fullmatch(channel.topic):
         raise _NotBelievedError("no channel of a session")
     return channel
 

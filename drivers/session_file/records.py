@@ -9,11 +9,13 @@ CRC-32 of the message, because an unchunked MCAP file has no checksum of its own
 
 import functools
 import json
+import re
 import struct
 import zlib
 from dataclasses import dataclass
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
+from drivers.outside_text import plain_line
 
 RX = "/serial/rx"
 TX = "/serial/tx"
@@ -24,6 +26,8 @@ CONTINUED = "/continued"
 
 PROFILE = "gse-session"
 """The MCAP profile of a session of this station."""
+
+_KIND = re.compile("[A-Z][A-Z0-9_]{0,39}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +47,12 @@ class Message:
         """The message of /events as the event it was; an unreadable one says so."""
         try:
             document = json.loads(self.data)
-            return LinkEvent(self.utc_ns, self.mono_ns, str(document["kind"]), str(document["text"]))
+            kind, text = str(document["kind"]), plain_line(str(document["text"]))
         except (ValueError, KeyError, TypeError, RecursionError):
+            kind, text = "", ""
+        if not _KIND.fullmatch(kind):
             return LinkEvent(self.utc_ns, self.mono_ns, LinkKind.UNREADABLE, f"{self.data[:40]!r} is no event")
+        return LinkEvent(self.utc_ns, self.mono_ns, kind, text)
 
 
 @dataclass(frozen=True, slots=True)

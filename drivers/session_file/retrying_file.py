@@ -7,6 +7,8 @@ MCAP's own writer forgets a record when the write below it fails. So it writes i
 import os
 from pathlib import Path
 
+from drivers.session_file.written_bytes import WrittenBytes
+
 COPY_BYTES = 1 << 20
 
 
@@ -18,7 +20,7 @@ class RetryingFile:
         self.path = path
         self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         self._pending = bytearray()
-        self._written = 0
+        self.written = WrittenBytes()
 
     @property
     def pending(self) -> int:
@@ -32,13 +34,13 @@ class RetryingFile:
 
     def tell(self) -> int:
         """The length of the file once everything is written."""
-        return self._written + len(self._pending)
+        return self.written.size + len(self._pending)
 
     def flush(self) -> None:
         """Hand everything to the kernel; OSError leaves the rest pending."""
         while self._pending:
             count = os.write(self._fd, self._pending)
-            self._written += count
+            self.written.add(bytes(self._pending[:count]))
             del self._pending[:count]
 
     def sync(self) -> None:

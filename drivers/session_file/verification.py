@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from drivers.session_file.file_window import FileWindow
-from drivers.session_file.reader import find_segments, session_file
+from drivers.session_file.reader import MAX_DAMAGES_KEPT, MOST_ATTACHMENTS, find_segments, session_file
 from drivers.session_file.record_scanner import RecordScanner
 from drivers.session_file.records import CONTINUED, RX, TX, Attachment, Damage, Message
 
@@ -17,7 +17,7 @@ _FOOTER_BYTES_IN_CRC = 9 + 16
 
 @dataclass(slots=True)
 class FileCheck:
-    """What was found in one file of a session.
+    """What was found in one file of a session; the first damaged places and attachments are listed, all are counted.
 
     ``closed``: it has its proper end. ``checksums`` is False where the whole-file checksums of a closed file do not
     agree although no record was found damaged: then an index or a length was, and no data.
@@ -33,13 +33,15 @@ class FileCheck:
     tx_bytes: int = 0
     attachments: list[str] = field(default_factory=list)
     damages: list[Damage] = field(default_factory=list)
+    damage_count: int = 0
+    damaged_bytes: int = 0
     first_ns: int | None = None
     last_ns: int | None = None
 
     @property
     def is_whole(self) -> bool:
         """Whether nothing at all is wrong with it."""
-        return self.closed and self.checksums and not self.damages
+        return self.closed and self.checksums and not self.damage_count
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,7 @@ class SessionCheck:
     @property
     def damaged_bytes(self) -> int:
         """Bytes of the files that are no whole record."""
-        return sum(damage.size for file in self.files for damage in file.damages)
+        return sum(file.damaged_bytes for file in self.files)
 
 
 def verify(path: Path) -> SessionCheck:
@@ -78,15 +80,22 @@ def _check(path: Path) -> FileCheck:
         walk = RecordScanner(window, path.name)
         for record in walk.records():
             if isinstance(record, Damage):
-                check.damages.append(record)
+                _count_damage(check, record)
             elif isinstance(record, Attachment):
-                check.attachments.append(record.name)
+                check.attachments += [record.name] if len(check.attachments) < MOST_ATTACHMENTS else []
             else:
                 _count(check, record)
         check.closed = walk.ended
         if walk.ended:
             check.checksums = _checksums_agree(window, walk)
     return check
+
+
+def _count_damage(check: FileCheck, damage: Damage) -> None:
+    check.damage_count += 1
+    check.damaged_bytes += damage.size
+    if len(check.damages) < MAX_DAMAGES_KEPT:
+        check.damages.append(damage)
 
 
 def _count(check: FileCheck, message: Message) -> None:

@@ -12,6 +12,7 @@ from mcap.writer import IndexType, Writer
 from drivers.errors import CaptureError
 from drivers.session_file.records import CONTINUED, EVENTS, PROFILE, RX, TX, Message, MessageWriter, checksum
 from drivers.session_file.retrying_file import RetryingFile
+from drivers.session_file.written_bytes import WrittenBytes
 
 _LAST_NS = 2**64 - 1
 _ENCODINGS = {RX: "octet-stream", TX: "octet-stream"}
@@ -78,6 +79,11 @@ class CaptureWriter(MessageWriter):
     def size(self) -> int:
         """Bytes of the file so far."""
         return self._spool.tell()
+
+    @property
+    def written(self) -> WrittenBytes:
+        """What the kernel took, to compare the closed file with."""
+        return self._spool.written
 
     @property
     def pending(self) -> int:

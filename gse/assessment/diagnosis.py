@@ -53,6 +53,7 @@ def _events(session: SessionData) -> Iterator[str]:
         (StationKind.CLOCK_STEP, "clock step"),
         (StationKind.MIRRORED, "mirrored image"),
         (StationKind.NO_STATION, "station file"),
+        (StationKind.SEQUENCE_CHAOS, "sequence numbers"),
     )
     for kind, words in named:
         if kind in kinds:

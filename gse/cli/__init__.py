@@ -15,6 +15,7 @@ from typing import Any
 import click
 
 from drivers.errors import CaptureError, CommandError, DriverError, UrlError
+from drivers.outside_text import plain_lines
 from gse.errors import GseError
 from protocols.errors import ProtocolError
 
@@ -122,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (click.Abort, KeyboardInterrupt):
         code = EXIT_INTERRUPTED
     except (GseError, DriverError, ProtocolError) as error:
-        click.echo(f"gse: {error}", err=True)
+        click.echo(f"gse: {plain_lines(str(error))}", err=True)
         code = exit_code_of(error)
     except Exception as error:
         code = unexpected(error)
@@ -138,7 +139,8 @@ def unexpected(error: BaseException) -> int:
         return EXIT_DATA_LOST
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{place.filename}:{place.lineno}"
-    click.echo(f"gse: internal error: {type(error).__name__}: {error} at {where}; please report it", err=True)
+    what = f"{type(error).__name__}: {plain_lines(str(error))}"
+    click.echo(f"gse: internal error: {what} at {where}; please report it", err=True)
     return EXIT_INTERNAL
 
 

@@ -62,7 +62,7 @@ def command(
     for panorama in recording.panoramas():
         sample.add(panorama)
     first_ns = sample.panoramas[0].utc_ns if sample.panoramas else None
-    setup = set_up(recording.station, recording.station_text, utc_ns=first_ns)
+    setup = set_up(recording.station, recording.station_text, utc_ns=first_ns, protocol_text=recording.protocol.text)
     result = calibrate_session(sample, setup.camera, setup.identifier, _truth(recording, first_ns))
     if write_path is not None:
         write_new(write_path, with_values(recording.station_text, "sensor", _sensor_values(result)))

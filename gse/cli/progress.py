@@ -9,7 +9,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from drivers.mock.playback import is_session
 from drivers.session_file.reader import messages
 from drivers.session_file.records import RX
-from gse.sessions.replay import Replay, ReplayOptions, replay_session
+from gse.sessions.replay import Replay, ReplayOptions, StationText, replay_session
 from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
 
@@ -17,13 +17,16 @@ ListenerMaker = Callable[[StationLoop, Path | None], Sequence[Listener]]
 
 
 def replay_with_progress(
-    path: Path, make_listeners: ListenerMaker = lambda loop, folder: (), options: ReplayOptions | None = None
+    path: Path,
+    make_listeners: ListenerMaker = lambda loop, folder: (),
+    options: ReplayOptions | None = None,
+    station: Callable[[StationText], StationText] = lambda recorded: recorded,
 ) -> Replay:
     """Replay a session at full speed; a bar shows its progress where stderr is a terminal."""
     options = options or ReplayOptions()
     console = Console(stderr=True)
     if not console.is_terminal or not path.exists():
-        return replay_session(path, options=options, make_listeners=make_listeners)
+        return replay_session(path, options=options, station=station, make_listeners=make_listeners)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("replaying", total=_bytes_of(path))
@@ -36,7 +39,7 @@ def replay_with_progress(
         def each(results: list[FrameResult]) -> None:
             progress.update(task, completed=loops[0].session.link.bytes_in)
 
-        return replay_session(path, options=options, make_listeners=listeners_of, each=each)
+        return replay_session(path, options=options, station=station, make_listeners=listeners_of, each=each)
 
 
 def _bytes_of(path: Path) -> int:

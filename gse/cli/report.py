@@ -5,13 +5,19 @@ from pathlib import Path
 import click
 
 from gse.cli.finish import TRUNCATED, applied, conclude, say_exit_code, show_paths, show_report
-from gse.cli.options import clock_error_option, earth_orientation_option, leave_out_option
+from gse.cli.options import clock_error_option, earth_orientation_option, leave_out_option, station_of
 from gse.station.exclusions import Exclusion
 from gse.truth.iers_tables import GivenTables
 
 
 @click.command("report")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.option(
+    "--station",
+    "station_path",
+    type=click.Path(path_type=Path),
+    help="Station file instead of the session's own, e.g. where that names a catalogue file.",
+)
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
@@ -30,6 +36,7 @@ def command(
     ctx: click.Context,
     *,
     path: Path,
+    station_path: Path | None,
     out: Path | None,
     clock_error_s: float | None,
     given_orientation: GivenTables | None,
@@ -50,7 +57,11 @@ def command(
         _check_free(wanted)
     browser = find_browser() if pdf or screenshot else None
     _say_if_running(path)
-    replay = replay_with_progress(path, options=ReplayOptions(given_orientation=given_orientation))
+    replay = replay_with_progress(
+        path,
+        options=ReplayOptions(given_orientation=given_orientation),
+        station=lambda recorded: station_of(station_path) if station_path else recorded,
+    )
     folder = _new_folder(out, path)
     report = conclude(replay.session, folder, replay.own_elapsed_us, clock_error_s, excluded)
     if browser and pdf:

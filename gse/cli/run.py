@@ -150,6 +150,7 @@ class _Desk:
                 return None, [(EXIT_INTERRUPTED, "ended before anything was received")]
             live = receive()
             lost = f"{live.lost_bytes} received bytes are not in the session" if live.lost_bytes else ""
+            lost = "; ".join(part for part in (lost, live.damage) if part)
             found = [(EXIT_DATA_LOST, lost)] if lost else []
             report = self._judge(live, ending, clock_error_s)
             return report, applied(report, live.folder, data_lost=lost)

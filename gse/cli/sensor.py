@@ -96,6 +96,7 @@ def _send(message: Message, *, station_path: Path | None, url: str | None, out: 
     for problem in done.answer.problems:
         click.echo(f"gse: {problem}", err=True)
     click.echo(f"recorded in {done.session}", err=True)
-    if done.lost_bytes:
-        click.echo(f"gse: {done.lost_bytes} bytes could not be recorded: check the disk of --out", err=True)
+    if done.lost_bytes or done.damage:
+        lost = f"{done.lost_bytes} bytes could not be recorded: check the disk of --out"
+        click.echo(f"gse: {done.damage or lost}", err=True)
         click.get_current_context().exit(EXIT_DATA_LOST)

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from drivers.outside_text import plain_lines
 from gse.cli import EXIT_DATA_LOST
 from gse.errors import UsageError
 
@@ -35,7 +36,7 @@ def info(path: Path, as_json: bool) -> None:
         return
     for name, value in document.items():
         if name != "schema":
-            click.echo(f"{name:<12} {_text(value)}")
+            click.echo(f"{name:<12} {plain_lines(_text(value))}")
 
 
 def _offer_report(path: Path) -> None:
@@ -68,7 +69,7 @@ def verify(ctx: click.Context, path: Path, as_json: bool) -> None:
 
     check = verify_session(path)
     _offer_report(path)
-    click.echo(json.dumps(verify_json(check)) if as_json else "\n".join(describe(check)))
+    click.echo(json.dumps(verify_json(check)) if as_json else plain_lines("\n".join(describe(check))))
     if not check.is_whole:
         click.echo("gse: the session is not whole; 'gse session recover' makes one of all that is", err=True)
         ctx.exit(EXIT_DATA_LOST)

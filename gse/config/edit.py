@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import yaml
 
 from gse.config.station import parse_station
+from protocols.yaml_text import load_document
 
 
 def with_values(text: str, section: str, values: Mapping[str, object], *, drop: tuple[str, ...] = ()) -> str:
@@ -13,7 +14,7 @@ def with_values(text: str, section: str, values: Mapping[str, object], *, drop: 
     The section is written anew, without comments inside it; all else stays as it was. The result is checked:
     ConfigError where it is no station file.
     """
-    document = yaml.safe_load(text)
+    _, document = load_document(text)
     kept = {key: value for key, value in (document.get(section) or {}).items() if key not in drop}
     block = _block(section, {**kept, **values})
     lines = text.splitlines()
@@ -33,7 +34,7 @@ def _block(section: str, values: Mapping[str, object]) -> list[str]:
 
 def _extent(text: str, section: str, lines: int) -> tuple[int, int]:
     """First line and line after the last of a section; the end of the text where there is none."""
-    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    node, _ = load_document(text)
     assert isinstance(node, yaml.MappingNode)
     keys = [key for key, _ in node.value]
     for place, key in enumerate(keys):

@@ -7,19 +7,39 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator, with_config
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+    with_config,
+)
 
+from drivers.outside_text import is_plain, plain_lines
 from gse.camera import Camera
 from gse.errors import ConfigError
 from gse.identifier_options import IdentifierOptions
 from gse.limits import Limits
 from gse.mount import Mount, MountUncertainty
 from gse.site import Site, SiteUncertainty
+from protocols.yaml_text import load_document
 
-MAX_FILE_BYTES = 1_000_000
+MAX_FILE_BYTES = 100_000
 """A station file is a page of text; anything bigger is another file."""
 
 _SOURCE_KEYS = ("version", "sensor", "site", "mount", "port", "protocol", "identifier", "catalog", "limits")
+
+
+def _plain(text: str) -> str:
+    if not is_plain(text):
+        raise ValueError(f"{text!r:.60} holds a control character")
+    return text
+
+
+Text = Annotated[str, Field(max_length=500), AfterValidator(_plain)]
 
 
 class _Section(BaseModel):
@@ -53,7 +73,7 @@ class Sensor(_Section):
 class Port(_Section):
     """Any pyserial URL."""
 
-    url: Annotated[str, Field(min_length=1)] = "sim://"
+    url: Annotated[Text, Field(min_length=1)] = "sim://"
     baudrate: Annotated[int, Field(ge=50, le=8_000_000)] = 115200
 
 
@@ -65,9 +85,9 @@ class Station(_Section):
     site: Site
     mount: Mount = Mount()
     port: Port = Port()
-    protocol: str = "panorama-v1"
+    protocol: Text = "panorama-v1"
     identifier: IdentifierOptions = IdentifierOptions()
-    catalog: str = "gaia"
+    catalog: Text = "gaia"
     """``gaia`` (embedded), or the path of a Hipparcos (hip_main.dat, plain or .gz) or BSC5 (binary) file."""
     limits: Limits = Limits()
 
@@ -124,8 +144,6 @@ def read_station(path: Path) -> tuple[Station, str]:
     try:
         with path.open(encoding="utf-8") as file:
             text = file.read(MAX_FILE_BYTES + 1)
-        if len(text) > MAX_FILE_BYTES:
-            raise ConfigError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no station file")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise ConfigError(
@@ -136,15 +154,16 @@ def read_station(path: Path) -> tuple[Station, str]:
 
 def parse_station(text: str, source: str = "built-in station") -> Station:
     """The station of a YAML text; ConfigError names source, line and key."""
+    if len(text) > MAX_FILE_BYTES:
+        raise ConfigError(f"{source} is larger than {MAX_FILE_BYTES} characters: this is no station file")
     try:
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-        document = yaml.safe_load(text)
+        node, document = load_document(text)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark else ""
         problem = getattr(error, "problem", None) or "not YAML"
         raise ConfigError(f"{source}{line}: {problem}") from error
-    except (RecursionError, ValueError) as error:
+    except (RecursionError, ValueError, TypeError, OverflowError) as error:
         raise ConfigError(f"{source}: no station file: {type(error).__name__}") from error
     if not isinstance(document, dict):
         raise ConfigError(f"{source}: expected a mapping with the keys {', '.join(_SOURCE_KEYS)}")
@@ -152,7 +171,7 @@ def parse_station(text: str, source: str = "built-in station") -> Station:
         return Station.model_validate(document)
     except ValidationError as error:
         lines = [_explain(item, node, source) for item in error.errors()]
-        raise ConfigError("\n".join(lines[:5])) from error
+        raise ConfigError(plain_lines("\n".join(lines[:5]))) from error
 
 
 def _explain(item: Any, node: yaml.Node | None, source: str) -> str:

@@ -77,6 +77,7 @@ class _Stream:
         self._recent_start = 0
         self._stamps: deque[tuple[int, int | None]] = deque()
         self._waiting: deque[Frame | Discard] = deque()
+        self._frame_utc_ns: int | None = None
 
     def feed(self, data: bytes, utc_ns: int | None) -> Iterator[Piece]:
         """The pieces that are complete with these bytes."""
@@ -115,7 +116,9 @@ class _Stream:
 
     def _frame(self, frame: Frame, utc_ns: int | None) -> Piece:
         message = self._protocol.decode(frame)
-        arrival = self._arrival(frame, message)
+        before_ns, self._frame_utc_ns = self._frame_utc_ns, utc_ns
+        elapsed_s = None if None in (before_ns, utc_ns) else (utc_ns - before_ns) / 1e9  # type: ignore[operator]
+        arrival = self._arrival(frame, message, elapsed_s)
         totals = self.totals
         totals.bytes_framed += frame.size
         totals.frames[frame.type] += 1
@@ -124,12 +127,14 @@ class _Stream:
         totals.resets = self._sequence.resets
         return Piece(self._direction, utc_ns, frame, message, arrival)
 
-    def _arrival(self, frame: Frame, message: Message) -> Arrival:
+    def _arrival(self, frame: Frame, message: Message, elapsed_s: float | None) -> Arrival:
         # As the reception does it: only the tags of live panoramas tell a restart.
         if isinstance(message, PanoramaMessage) and "stored" not in self._protocol.flags_of(frame):
             restarted = "clock reset" in message.flags
-            return self._sequence.accept(frame.sequence, time_us=message.time_us, restarted=restarted)
-        return self._sequence.accept(frame.sequence)
+            return self._sequence.accept(
+                frame.sequence, time_us=message.time_us, restarted=restarted, elapsed_s=elapsed_s
+            )
+        return self._sequence.accept(frame.sequence, elapsed_s=elapsed_s)
 
 
 class Decoding:

@@ -8,7 +8,8 @@ what it has not taken waits in memory, up to a limit, and the operator is told o
 import queue
 import threading
 import time
-from collections import Counter, deque
+from array import array
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
@@ -16,15 +17,19 @@ from types import TracebackType
 from drivers.chunk import LinkEvent
 from drivers.errors import CaptureError
 from drivers.session_file.compaction import compact
+from drivers.session_file.read_back import read_back
 from drivers.session_file.reader import segment_path
 from drivers.session_file.records import RX, TX, Attachment, Message, MessageWriter
 from drivers.session_file.writer import CaptureWriter
+from drivers.session_file.written_bytes import WrittenBytes
 from gse.recording.event_kinds import RecorderKind
 
 SEGMENT_BYTES = 512 << 20
 """Some 50 hours at 10 Hz; a file that any tool still opens."""
 WAITING_LIMIT_BYTES = 256 << 20
 """Most bytes kept for a disk that does not take them: 45 minutes at 921600 baud."""
+WAITING_LIMIT_ITEMS = 500_000
+"""Most messages kept for it, however small: each takes a quarter of a kilobyte besides its data."""
 BEHIND_BYTES = 4 << 20
 REFUSALS_TOLD = 20
 """A disk that is full and freed all night is told so often, not ten thousand times."""
@@ -38,7 +43,8 @@ class Recorder(MessageWriter):
     """One session in the making: /serial/rx, /serial/tx, events and derived results, in segments.
 
     It is the ``recorder`` of a SerialLink, which hands it all bytes before anybody decodes them. ``lost_bytes`` are
-    received or sent bytes that are in no file; ``news`` gives what the operator and the night's events should know.
+    received or sent bytes that are in no file; ``damage`` says, once it is closed, what differs in a file from what was
+    written to it, None where nothing does; ``news`` gives what the operator and the night's events should know.
     """
 
     def __init__(
@@ -53,13 +59,15 @@ class Recorder(MessageWriter):
         """Create the session file; CaptureError where it exists or cannot be made. ``live``: write in a thread."""
         self.path = path
         self.lost_bytes = 0
+        self.damage: str | None = None
         self._segment_bytes = segment_bytes
         self._segments = [path]
+        self._damaged: set[Path] = set()
         self._attachments: list[Attachment] = []
         self._open_writer = open_writer
         self._writer = open_writer(path)
         self._segment_data_bytes = 0
-        self._unwritten: deque[tuple[int, int]] = deque()
+        self._unwritten_ends, self._unwritten_sizes = array("Q"), array("L")
         self._last_tries_s = last_tries_s
         self._refused = False
         self._lost_meanwhile = False
@@ -110,6 +118,8 @@ class Recorder(MessageWriter):
                 text = f"the disk of {self.path} does not answer: {waiting} bytes are not in the file"
                 self._say(RecorderKind.LOST, text)
                 return
+        if self._segments[-1].exists():
+            self._read_back(self._segments[-1], self._writer.written, self._segment_data_bytes)
         self._compact()
 
     def __enter__(self) -> "Recorder":
@@ -125,7 +135,7 @@ class Recorder(MessageWriter):
             self._lose(item, "after the recording was closed")
         elif self._thread is None:
             self._take([item])
-        elif self._waiting_bytes > WAITING_LIMIT_BYTES:
+        elif self._waiting_bytes > WAITING_LIMIT_BYTES or self._items.qsize() > WAITING_LIMIT_ITEMS:
             self._lose(item, "because too much waits for the disk already")
         else:
             self._count_waiting(len(item.data))
@@ -173,7 +183,8 @@ class Recorder(MessageWriter):
                 self._stamp = (item.utc_ns, item.mono_ns)
                 self._writer.put(item)
                 if item.topic in (RX, TX):
-                    self._unwritten.append((self._writer.size, len(item.data)))
+                    self._unwritten_ends.append(self._writer.size)
+                    self._unwritten_sizes.append(len(item.data))
                     self._segment_data_bytes += len(item.data)
         if self._flush() and self._writer.size >= self._segment_bytes:
             self._next_segment()
@@ -187,7 +198,7 @@ class Recorder(MessageWriter):
                 text = f"{self.path}: {error.strerror}; free the disk, what comes waits in memory"
                 self._say_at_most(REFUSALS_TOLD, RecorderKind.REFUSED, text)
             return False
-        self._unwritten.clear()
+        del self._unwritten_ends[:], self._unwritten_sizes[:]
         if self._refused:
             self._refused = False
             lost = f"{self.lost_bytes} received bytes are lost in all"
@@ -221,12 +232,13 @@ class Recorder(MessageWriter):
             return
         previous, self._writer = self._writer, following
         self._segments.append(path)
-        self._segment_data_bytes = 0
+        data_bytes, self._segment_data_bytes = self._segment_data_bytes, 0
         try:
             previous.continued(path.name, *self._stamp)
             previous.close()
         except OSError as error:
             self._say(RecorderKind.UNFINISHED, f"{self._segments[-2]}: {error.strerror}; it has no proper end")
+        self._read_back(self._segments[-2], previous.written, data_bytes)
 
     def _finish(self) -> None:
         until_s = time.monotonic() + self._last_tries_s
@@ -235,7 +247,7 @@ class Recorder(MessageWriter):
             time.sleep(0.1)
             self._flush()
         written = self._writer.size - self._writer.pending
-        lost = sum(size for end, size in self._unwritten if end > written)
+        lost = sum(size for end, size in zip(self._unwritten_ends, self._unwritten_sizes, strict=True) if end > written)
         if self._writer.vanished():
             lost = self._segment_data_bytes
         try:
@@ -245,15 +257,24 @@ class Recorder(MessageWriter):
         if lost:
             self.lost_bytes += lost
             self._say(
-                RecorderKind.LOST,
-                f"{lost} received bytes are not in {self._segments[-1]}: the disk took no more",
+                RecorderKind.LOST, f"{lost} received bytes are not in {self._segments[-1]}: the disk took no more"
             )
+        self._segment_data_bytes -= lost
+
+    def _read_back(self, segment: Path, written: WrittenBytes, data_bytes: int) -> None:
+        """See that a closed file is what was written to it, before it is compressed."""
+        difference = read_back(segment, written, data_bytes)
+        if difference is not None:
+            self._damaged.add(segment)
+            self.damage = f"{self.damage}; {difference.text}" if self.damage else difference.text
+            self.lost_bytes += difference.lost_bytes
+            self._say(RecorderKind.FILE_DAMAGED, difference.text)
 
     def _compact(self) -> None:
         for segment in self._segments:
             try:
-                if segment.exists():
-                    compact(segment)
+                if segment.exists() and segment not in self._damaged and not compact(segment):
+                    self._say(RecorderKind.UNCOMPRESSED, f"{segment} could not be compressed; it stays as it is")
             except CaptureError as error:
                 self._say(RecorderKind.UNCOMPRESSED, str(error))
 

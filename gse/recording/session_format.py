@@ -1,13 +1,17 @@
 """A recorded session: what stands in it besides the bytes."""
 
 import json
+import math
 from array import array
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from drivers.clock import ClockReading
+from drivers.outside_text import plain_line
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import CLOCK, Attachment, Damage, Message
+from gse.instant import LAST_NS
 
 STATION = "station.yaml"
 PROTOCOL = "protocol.yaml"
@@ -15,6 +19,12 @@ EARTH_ORIENTATION = "earth_orientation.json"
 STATED = "stated.json"
 """What the operator stated for the session: {"clock_error_s": 0.1}."""
 TIMING_TOPIC = "/gse/timing"
+MOST_KINDS = 100
+"""Kinds of events that are told apart; this station knows some forty."""
+OTHER = "OTHER"
+MOST_CLOCK_READINGS = 50_000
+"""One a minute for a month."""
+_KNOWN = (STATION, PROTOCOL, EARTH_ORIENTATION, STATED)
 _SEARCH_AHEAD = 1000
 """Timings that may be missing between two frames before the search for the next gives up."""
 
@@ -61,11 +71,11 @@ def read_recorded(path: Path) -> Recorded:
     for record in capture:
         if isinstance(record, Damage):
             recorded.damaged = True
-        elif isinstance(record, Attachment):
+        elif isinstance(record, Attachment) and record.name in _KNOWN:
             recorded.attachments.setdefault(record.name, record.data.decode("utf-8", "replace"))
-        elif record.topic == CLOCK:
+        elif isinstance(record, Message) and record.topic == CLOCK and len(recorded.clock) < MOST_CLOCK_READINGS:
             recorded.clock += _clock_reading(record)
-        elif record.topic == TIMING_TOPIC:
+        elif isinstance(record, Message) and record.topic == TIMING_TOPIC:
             _add_timing(recorded.timings, record)
     recorded.damaged |= capture.truncated
     return recorded
@@ -84,9 +94,21 @@ def clock_json(reading: ClockReading) -> bytes:
 def _add_timing(timings: RecordedTimings, message: Message) -> None:
     try:
         document = json.loads(message.data)
-        timings.add(int(document["time_us"]), float(document["elapsed_us"]))
+        timings.add(int(document["time_us"]), _finite(document["elapsed_us"]))
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return
+
+
+def _instant_ns(value: Any) -> int:
+    if not 0 <= int(value) <= LAST_NS:
+        raise ValueError
+    return int(value)
+
+
+def _finite(value: Any) -> float:
+    if not math.isfinite(float(value)):
+        raise ValueError
+    return float(value)
 
 
 def _clock_reading(message: Message) -> list[ClockReading]:
@@ -94,12 +116,12 @@ def _clock_reading(message: Message) -> list[ClockReading]:
         document = json.loads(message.data)
         return [
             ClockReading(
-                utc_ns=int(document["utc_ns"]),
-                mono_ns=int(document["mono_ns"]),
-                source=str(document["source"]),
+                utc_ns=_instant_ns(document["utc_ns"]),
+                mono_ns=_instant_ns(document["mono_ns"]),
+                source=plain_line(str(document["source"])),
                 synchronised=bool(document["synchronised"]),
-                offset_s=float(document["offset_s"]),
-                error_bound_s=float(document["error_bound_s"]),
+                offset_s=_finite(document["offset_s"]),
+                error_bound_s=_finite(document["error_bound_s"]),
             )
         ]
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError):

@@ -12,6 +12,7 @@ from drivers.session_file.reader import Capture, read_capture, session_file
 from drivers.session_file.records import EVENTS, RX, Attachment, Damage, Message, Record
 from drivers.session_file.verification import FileCheck, SessionCheck, verify
 from gse import instant
+from gse.recording.session_format import MOST_KINDS, OTHER
 
 INFO_SCHEMA = "gse.session/1"
 VERIFY_SCHEMA = "gse.session.verify/1"
@@ -43,6 +44,7 @@ def session_info(path: Path) -> dict[str, Any]:
     for record in read_capture(path):
         if isinstance(record, Message) and record.topic == EVENTS:
             kind = record.event().kind
+            kind = kind if kind in events or len(events) < MOST_KINDS else OTHER
             events[kind] = events.get(kind, 0) + 1
     first_ns = min((file.first_ns for file in check.files if file.first_ns is not None), default=None)
     last_ns = max((file.last_ns for file in check.files if file.last_ns is not None), default=None)
@@ -84,6 +86,7 @@ def _file_json(file: FileCheck) -> dict[str, Any]:
         "checksums": file.checksums,
         "messages": sum(file.messages.values()),
         "rx_bytes": file.rx_bytes,
+        "damaged_places": file.damage_count,
         "damages": [{"offset": d.offset, "bytes": d.size, "reason": d.reason} for d in file.damages],
     }
 
@@ -95,9 +98,11 @@ def describe(check: SessionCheck) -> list[str]:
         state = "whole" if file.is_whole else "cut off" if not file.closed else "damaged"
         lines.append(f"{file.name}: {state}, {sum(file.messages.values())} messages, {file.rx_bytes} received bytes")
         lines += [f"  {d.size} bytes from {d.offset} on: {d.reason}" for d in file.damages]
+        if file.damage_count > len(file.damages):
+            lines.append(f"  and {file.damage_count - len(file.damages)} more damaged places")
         if not file.closed:
             lines.append("  it was never closed: a session that is still running, or was killed, or lost its end")
-        elif not file.checksums and not file.damages:
+        elif not file.checksums and not file.damage_count:
             lines.append("  a checksum of the whole file does not agree, though every record is true: no data is lost")
     lines += [f"missing: {name}" for name in check.missing]
     return lines

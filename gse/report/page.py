@@ -6,6 +6,7 @@ from typing import Any
 
 import jinja2
 
+from drivers.outside_text import plain_lines
 from gse import instant
 from gse.assessment.verdict import Assessment
 from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_spectrum
@@ -70,8 +71,8 @@ def report_html(session: SessionData, assessment: Assessment, report: dict[str, 
         axis_columns=_AXIS_COLUMNS,
         terms=assessment.budget.terms,
         events=[(instant.to_text(event.utc_ns, 0), event.kind, event.text) for event in session.events[:_MAX_EVENTS]],
-        events_more=max(len(session.events) - _MAX_EVENTS, 0),
-        station_text=session.station_text,
+        events_more=max(len(session.events) - _MAX_EVENTS, 0) + session.events_not_kept,
+        station_text=plain_lines(session.station_text),
     )
 
 

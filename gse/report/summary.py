@@ -143,7 +143,7 @@ def _session(session: SessionData) -> dict[str, Any]:
         "last_utc": instant.to_text(int(utc_ns.max())) if len(utc_ns) else None,
         "duration_s": float(utc_ns.max() - utc_ns.min()) / instant.NS_PER_S if len(utc_ns) else None,
         "alignment": str(session.alignment) if session.alignment else None,
-        "events": len(session.events),
+        "events": len(session.events) + session.events_not_kept,
         "temperature_c": _range(session.frames.columns["temperature_c"]),
         "raw_sha256": session.raw_sha256,
         "station_sha256": hashlib.sha256(session.station_text.encode()).hexdigest(),

@@ -1,5 +1,7 @@
 """Commands to the sensor in the words of its protocol: sent, answered, recorded."""
 
+from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from gse.recording.recorder import Recorder
 from gse.recording.session_format import PROTOCOL, STATION
 from gse.sessions.live import new_session_folder
 from protocols import (
+    NAME_OF,
     Ack,
     Frame,
     FrameDecoder,
@@ -29,6 +32,10 @@ from protocols import (
 
 PANORAMA_S = 5.0
 """The longest exposure is 2 s, ICD; one may be running already."""
+LISTEN_FIRST_S = 0.1
+"""What waits in the port's buffer is read before the command goes out, so that its time is known to be earlier."""
+MOST_ANSWERS = 1000
+"""Of a sensor that says nothing else; the latest are looked at."""
 
 
 Answer = Ack | Nak | StatusMessage
@@ -41,7 +48,10 @@ class _Dialogue:
         self.panoramas = 0
         self._protocol, self._command = protocol, command
         self._decoder = FrameDecoder(protocol)
-        self._answers: list[Answer] = []
+        self._name = NAME_OF[type(command)]
+        self._starts: deque[tuple[int, int]] = deque()
+        self._bytes = 0
+        self._answers: deque[tuple[int, Answer]] = deque(maxlen=MOST_ANSWERS)
 
     def make_frame(self, sequence: int) -> bytes:
         """The command under a sequence number."""
@@ -51,20 +61,37 @@ class _Dialogue:
         """One more chunk or event."""
         if isinstance(item, LinkEvent):
             return
+        self._starts.append((self._bytes, item.mono_ns))
+        self._bytes += len(item.data)
         for piece in self._decoder.feed(item.data):
-            message = self._protocol.decode(piece) if isinstance(piece, Frame) else None
-            self.panoramas += isinstance(message, PanoramaMessage)
-            if isinstance(message, Ack | Nak | StatusMessage):
-                self._answers.append(message)
+            if isinstance(piece, Frame):
+                self._take_message(self._protocol.decode(piece), self._came_ns(piece))
+        self._forget_before(self._bytes - self._decoder.pending)
 
-    def answer_to(self, sequences: range) -> Answer | None:
-        """The answer to the command as sent under one of these sequence numbers, None as long as there is none."""
-        return next((answer for answer in self._answers if self._answers_to(answer, sequences)), None)
+    def _take_message(self, message: Message, came_ns: int) -> None:
+        self.panoramas += isinstance(message, PanoramaMessage)
+        if isinstance(message, Ack | Nak | StatusMessage):
+            self._answers.append((came_ns, message))
 
-    def _answers_to(self, answer: Answer, sequences: range) -> bool:
+    def _came_ns(self, frame: Frame) -> int:
+        """When the first byte of a frame was read."""
+        self._forget_before(frame.start)
+        return self._starts[0][1]
+
+    def _forget_before(self, start: int) -> None:
+        while len(self._starts) > 1 and self._starts[1][0] <= start:
+            self._starts.popleft()
+
+    def answer_to(self, sent_ns: Mapping[int, int]) -> Answer | None:
+        """The answer to the command as sent under these sequence numbers at these times, None while there is none."""
+        return next((answer for came_ns, answer in self._answers if self._answers_to(answer, came_ns, sent_ns)), None)
+
+    def _answers_to(self, answer: Answer, came_ns: int, sent_ns: Mapping[int, int]) -> bool:
+        """Whether it bears the type and the sequence number of the command, and came after that was sent."""
         if isinstance(answer, StatusMessage):
-            return isinstance(self._command, Ping)
-        return answer.sequence in sequences
+            return isinstance(self._command, Ping) and came_ns >= min(sent_ns.values())
+        is_later = answer.sequence in sent_ns and came_ns >= sent_ns[answer.sequence]
+        return is_later and answer.command == self._name
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +101,7 @@ class Commanded:
     answer: Ack | StatusMessage
     session: Path
     lost_bytes: int
+    damage: str | None
 
 
 def command_sensor(station: Station, station_text: str, command: Message, out: Path) -> Commanded:
@@ -93,13 +121,14 @@ def command_sensor(station: Station, station_text: str, command: Message, out: P
     with recorder, link:
         recorder.attach(STATION, "application/yaml", station_text.encode())
         recorder.attach(PROTOCOL, "application/yaml", protocol.text.encode())
+        receive_until(link, lambda: None, dialogue.take, LISTEN_FIRST_S)
         answer = send_command(link, dialogue.make_frame, dialogue.take, dialogue.answer_to)
         if isinstance(answer, Nak):
             raise CommandError(f"the sensor refuses {answer.command}: {answer.reason or 'it gives no reason'}")
         if isinstance(command, Request):
             _await_panorama(link, dialogue)
     assert isinstance(answer, Ack | StatusMessage)
-    return Commanded(answer, recorder.path, recorder.lost_bytes)
+    return Commanded(answer, recorder.path, recorder.lost_bytes, recorder.damage)
 
 
 def _await_panorama(link: SerialLink, dialogue: _Dialogue) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
+from drivers.outside_text import table_cell
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, TX, Attachment, Damage, Message
 from gse import instant
@@ -18,7 +19,7 @@ CSV_COLUMNS = ("utc", "frame_no", "time_us", "exposure_s", "temperature_c", "fla
 
 def export_csv(path: Path, out: TextIO) -> int:
     """Each object of each panorama as one line; how many panoramas there were."""
-    panoramas = open_recording(path, ReplayOptions()).panoramas()
+    panoramas = open_recording(path, ReplayOptions(), needs_catalog=False).panoramas()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
     count = 0
@@ -35,7 +36,7 @@ def _rows(panorama: Panorama) -> Iterator[tuple[object, ...]]:
         panorama.time_us,
         f"{panorama.exposure_s:.6f}",
         f"{panorama.temperature_c:.2f}",
-        " ".join(sorted(panorama.flags)),
+        table_cell(" ".join(sorted(panorama.flags))),
     )
     if not len(panorama.brightness):
         yield (*head, "", "", "", "")

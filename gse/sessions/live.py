@@ -50,12 +50,16 @@ CLOCK_EVERY_NS = 60 * instant.NS_PER_S
 
 @dataclass(frozen=True, slots=True)
 class LiveSession:
-    """What a live session left: the night, its folder, this host's identification times, and what could not be kept."""
+    """What a live session left: the night, its folder, this host's identification times, and what could not be kept.
+
+    ``damage`` says what differs in the closed file from what was written to it.
+    """
 
     session: SessionData
     folder: Path
     own_elapsed_us: "array[float]"
     lost_bytes: int
+    damage: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,8 +141,9 @@ def run_live(
         operator.tell(_closing_words(recorder))
         give_back()  # the file of a night is compressed next
     for event in recorder.news():
+        loop.on_event(event)
         operator.tell(f"{event.kind}: {event.text}")
-    return LiveSession(session, folder, loop.own_elapsed_us, recorder.lost_bytes)
+    return LiveSession(session, folder, loop.own_elapsed_us, recorder.lost_bytes, recorder.damage)
 
 
 def _closing_words(recorder: Recorder) -> str:

@@ -13,6 +13,7 @@ from gse.errors import UsageError
 from gse.panorama import Panorama
 from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, read_recorded
 from gse.sessions.replay import ReplayOptions, StationText
+from gse.sessions.sealed_station import sealed, unsealed
 from gse.station.reception import Reception
 from gse.truth import EarthOrientation
 from protocols import Protocol, load_protocol, parse_protocol
@@ -47,6 +48,8 @@ def open_recording(
     path: Path,
     options: ReplayOptions,
     change: Callable[[StationText], StationText] = lambda recorded: recorded,
+    *,
+    needs_catalog: bool = True,
 ) -> Recording:
     """A session, with the station file that is frozen in it or what ``change`` puts in its place.
 
@@ -60,9 +63,11 @@ def open_recording(
     attachments = read_recorded(path).attachments
     if STATION not in attachments:
         raise UsageError(f"{path} holds no station file; it is no session of gse, or its head is damaged")
-    frozen = parse_station(attachments[STATION], "the session's station.yaml")
+    frozen = sealed(parse_station(attachments[STATION], "the session's station.yaml"))
     station, text = change((frozen, attachments[STATION]))
-    if PROTOCOL in attachments and station.protocol == frozen.protocol:
+    has_protocol = PROTOCOL in attachments and station.protocol == frozen.protocol
+    station = unsealed(station, has_protocol=has_protocol, needs_catalog=needs_catalog)
+    if has_protocol:
         protocol = parse_protocol(attachments[PROTOCOL], "the session's protocol.yaml")
     else:
         protocol = load_protocol(station.protocol)

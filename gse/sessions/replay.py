@@ -23,6 +23,7 @@ from gse.recording.session_format import (
     RecordedTimings,
     read_recorded,
 )
+from gse.sessions.sealed_station import sealed, unsealed
 from gse.station.event_kinds import StationKind
 from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
@@ -119,9 +120,11 @@ def _loop(
 ) -> StationLoop:
     attachments, given = recorded.attachments if recorded else {}, options.given_orientation
     text = attachments.get(STATION, BUILT_IN_TEXT)
-    station, text = change((parse_station(text, "the session's station.yaml"), text))
-    same_protocol = station.protocol == parse_station(attachments.get(STATION, BUILT_IN_TEXT)).protocol
-    setup = set_up(station, text, utc_ns=utc_ns, protocol_text=attachments.get(PROTOCOL) if same_protocol else None)
+    frozen = sealed(parse_station(text, "the session's station.yaml"))
+    station, text = change((frozen, text))
+    protocol_text = attachments.get(PROTOCOL) if station.protocol == frozen.protocol else None
+    station = unsealed(station, has_protocol=protocol_text is not None)
+    setup = set_up(station, text, utc_ns=utc_ns, protocol_text=protocol_text)
     loop = StationLoop(
         setup,
         earth_orientation=None if given else _frozen_orientation(attachments.get(EARTH_ORIENTATION)),

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from gse.config.station import BUILT_IN_TEXT, Station
 from gse.errors import ConfigError
 from gse.instant import from_text
+from protocols.yaml_text import load_document
 
 MAX_FILE_BYTES = 100_000
 """A scenario is a page of text."""
@@ -142,7 +143,7 @@ class Scenario(_Section):
 
     def station_text(self, text: str = BUILT_IN_TEXT) -> str:
         """A station file with this scenario's changes, as YAML."""
-        return yaml.safe_dump(_merged(yaml.safe_load(text), self.station), sort_keys=False) if self.station else text
+        return yaml.safe_dump(_merged(load_document(text)[1], self.station), sort_keys=False) if self.station else text
 
 
 def scenario_names() -> list[str]:
@@ -170,7 +171,7 @@ def load_scenario(name_or_path: str) -> Scenario:
 def parse_scenario(text: str, source: str) -> Scenario:
     """The scenario of a YAML text; ConfigError names source, key and reason."""
     try:
-        document = yaml.safe_load(text)
+        document = load_document(text)[1]
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ConfigError(f"{source}: not YAML: {str(error).splitlines()[0]}") from error
     if not isinstance(document, dict):

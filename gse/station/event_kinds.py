@@ -10,6 +10,7 @@ class StationKind(StrEnum):
     """What the station found in the data, or did with them."""
 
     SENSOR_RESET = "SENSOR_RESET"
+    SEQUENCE_CHAOS = "SEQUENCE_CHAOS"
     CLOCK_STEP = "CLOCK_STEP"
     MIRRORED = "MIRRORED"
     ALIGNED = "ALIGNED"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
 from gse.errors import UsageError
-from gse.instant import NS_PER_S, from_text
+from gse.instant import LAST_NS, NS_PER_S, from_text
 from gse.station.event_kinds import ClockStep
 
 AROUND_STEP_NS = 5 * NS_PER_S
@@ -106,6 +106,7 @@ def _read_at_once(host_utc_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
 def _around_step(event: ClockStep) -> Exclusion:
     from_ns = event.utc_ns - max(event.step_ns, 0) - AROUND_STEP_NS
     until_ns = event.utc_ns + max(-event.step_ns, 0) + AROUND_STEP_NS
+    from_ns, until_ns = max(from_ns, 0), min(until_ns, LAST_NS)
     return Exclusion(from_ns, until_ns, event.text, Cause.CLOCK_STEP, abs(event.step_ns) / NS_PER_S)
 
 

@@ -52,6 +52,7 @@ from gse.errors import TruthError
 from gse.panorama import Panorama
 from gse.recording.session_format import RecordedTimings
 from gse.station.event_kinds import StationKind
+from gse.station.event_log import EventLog
 from gse.station.frame_processor import Answer, FrameProcessor
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
@@ -64,6 +65,8 @@ from gse.truth.iers_tables import GivenTables
 from protocols import AttitudeMessage, StatusMessage
 
 RECEIVE_TIMEOUT_S = 0.2
+MOST_STATUSES = 50_000
+"""One a second for 14 h; those that follow are decoded and dropped."""
 MOST_AT_ONCE = 64
 """Panoramas that are identified before the first of them is shown, where so many wait."""
 
@@ -123,6 +126,7 @@ class StationLoop:
         )
         self._monitor = LinkMonitor(station.port.baudrate)
         self._truth_sought = False
+        self._event_log = EventLog()
 
     def run(
         self,
@@ -176,7 +180,7 @@ class StationLoop:
         for item in received:
             if isinstance(item, Panorama | LinkEvent):
                 news.append(item)
-            elif isinstance(item, StatusMessage):
+            elif isinstance(item, StatusMessage) and len(self.session.statuses) < MOST_STATUSES:
                 self.session.statuses.append((self.reception.last_host_utc_ns, item))
             elif isinstance(item, AttitudeMessage):
                 self.session.sensor_attitudes.append((self.reception.last_host_utc_ns, item))
@@ -194,7 +198,11 @@ class StationLoop:
 
     def on_event(self, event: LinkEvent) -> None:
         """An event of the link or of the reception."""
-        self.session.events.append(event)
+        event = self._event_log.named(event)
+        if self._event_log.keeps(event):
+            self.session.events.append(event)
+        else:
+            self.session.events_not_kept += 1
         self.session.link.reconnects += event.kind == LinkKind.REOPENED
         for listener in self.listeners:
             listener.on_event(event)

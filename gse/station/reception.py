@@ -79,6 +79,9 @@ CLOCK_STEP_NS = 5_000_000
 LONGEST_PAUSE_NS = 366 * 86_400 * NS_PER_S
 """A sensor clock that is this far ahead of the panorama before is out of order: no capture pauses for a year."""
 
+_Stamp = tuple[int, int, int]
+"""Offset of a chunk in the stream, UTC and monotonic time at which it was read."""
+
 Received = Panorama | StatusMessage | AttitudeMessage | Ack | Nak | LinkEvent
 
 
@@ -97,13 +100,14 @@ class Reception:
         self._decoder = FrameDecoder(protocol)
         self._sequence = SequenceTracker(protocol.sequence_modulus)
         self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
-        self._stamps: deque[tuple[int, Chunk]] = deque()
+        self._stamps: deque[_Stamp] = deque()
         self._sha256 = hashlib.sha256()
         self._clock = SensorClock()
         self._anchor_utc_ns = anchor_utc_ns
         self._anchor_time_us: int | None = None
         self._latest_utc_ns = 0
         self._utc_minus_mono_ns: int | None = None
+        self._frame_mono_ns: int | None = None
 
     @property
     def raw_sha256(self) -> str:
@@ -112,11 +116,14 @@ class Reception:
 
     def receive(self, chunk: Chunk) -> list[Received]:
         """What these bytes complete."""
-        self._stamps.append((self.counters.bytes_in, chunk))
+        utc_ns = min(max(chunk.utc_ns, 0), LAST_NS)
+        self._stamps.append((self.counters.bytes_in, utc_ns, min(max(chunk.mono_ns, 0), LAST_NS)))
         self.counters.bytes_in += len(chunk.data)
         self._sha256.update(chunk.data)
-        self.last_host_utc_ns = chunk.utc_ns
-        return self._take(self._decoder.feed(chunk.data))
+        self.last_host_utc_ns = utc_ns
+        received = self._take(self._decoder.feed(chunk.data))
+        self._forget_before(self.counters.bytes_in - self._decoder.pending)
+        return received
 
     def finish(self) -> list[Received]:
         """What is left when the stream has ended."""
@@ -139,51 +146,65 @@ class Reception:
         by_reason[discard.reason] = by_reason.get(discard.reason, 0) + len(discard.data)
 
     def _take_frame(self, frame: Frame) -> list[Received]:
-        chunk = self._chunk_of(frame.start)
-        received: list[Received] = list(self._clock_step(chunk))
+        self._forget_before(frame.start)
+        _, host_utc_ns, mono_ns = self._stamps[0]
+        received: list[Received] = list(self._clock_step(host_utc_ns, mono_ns))
         message = self._protocol.decode(frame)
-        arrival = self._arrival(frame, message)
+        before = self._sequence.last
+        arrival = self._arrival(frame, message, mono_ns)
         if arrival is Arrival.DUPLICATE:
             return received
+        utc_ns = host_utc_ns if self._anchor_utc_ns is None else max(self._anchor_utc_ns, self._latest_utc_ns)
+        if arrival is Arrival.CHAOS:
+            text = (
+                f"frame {frame.sequence} on the wire follows frame {before}: more than can have been sent in the time "
+                "between; its sequence number makes no sense, and no frames count as lost"
+            )
+            received.append(LinkEvent(utc_ns, mono_ns, StationKind.SEQUENCE_CHAOS, text))
         if arrival is Arrival.RESET:
             self._clock.reset()
             self._anchor_time_us = None
             text = f"the sensor started anew: frame {frame.sequence} on the wire, its clock or counter jumped back"
-            utc_ns = chunk.utc_ns if self._anchor_utc_ns is None else max(self._anchor_utc_ns, self._latest_utc_ns)
-            received.append(LinkEvent(utc_ns, chunk.mono_ns, StationKind.SENSOR_RESET, text))
+            received.append(LinkEvent(utc_ns, mono_ns, StationKind.SENSOR_RESET, text))
         if isinstance(message, PanoramaMessage):
-            received.append(self._panorama(message, frame, chunk))
+            received.append(self._panorama(message, frame, host_utc_ns, mono_ns))
         elif isinstance(message, StatusMessage | AttitudeMessage | Ack | Nak):
             received.append(message)
         return received
 
-    def _arrival(self, frame: Frame, message: Message) -> Arrival:
+    def _arrival(self, frame: Frame, message: Message, mono_ns: int) -> Arrival:
         """What the sequence number says; only panoramas' time tags tell a restart: a STATUS may carry a later one."""
+        elapsed_s = None
+        if self._anchor_utc_ns is None and self._frame_mono_ns is not None:
+            elapsed_s = (mono_ns - self._frame_mono_ns) / NS_PER_S
+        self._frame_mono_ns = mono_ns
         if isinstance(message, PanoramaMessage) and "stored" not in self._protocol.flags_of(frame):
             restarted = "clock reset" in message.flags
-            arrival = self._sequence.accept(frame.sequence, time_us=message.time_us, restarted=restarted)
+            arrival = self._sequence.accept(
+                frame.sequence, time_us=message.time_us, restarted=restarted, elapsed_s=elapsed_s
+            )
         else:
-            arrival = self._sequence.accept(frame.sequence)
+            arrival = self._sequence.accept(frame.sequence, elapsed_s=elapsed_s)
         self.counters.duplicates = self._sequence.duplicates
         self.counters.frames_lost = self._sequence.lost
         self.counters.sensor_resets = self._sequence.resets
         return arrival
 
-    def _chunk_of(self, start: int) -> Chunk:
+    def _forget_before(self, start: int) -> None:
+        """Drop the stamps of what was decided on: what is left is at most that of one frame or discard."""
         while len(self._stamps) > 1 and self._stamps[1][0] <= start:
             self._stamps.popleft()
-        return self._stamps[0][1]
 
-    def _clock_step(self, chunk: Chunk) -> list[LinkEvent]:
-        before, now = self._utc_minus_mono_ns, chunk.utc_ns - chunk.mono_ns
+    def _clock_step(self, utc_ns: int, mono_ns: int) -> list[LinkEvent]:
+        before, now = self._utc_minus_mono_ns, utc_ns - mono_ns
         self._utc_minus_mono_ns = now
         if self._anchor_utc_ns is not None or before is None or abs(now - before) < CLOCK_STEP_NS:
             return []
         text = f"the host's UTC clock stepped by {(now - before) / NS_PER_S:+.3f} s"
-        return [ClockStep(chunk.utc_ns, chunk.mono_ns, StationKind.CLOCK_STEP, text, now - before)]
+        return [ClockStep(utc_ns, mono_ns, StationKind.CLOCK_STEP, text, now - before)]
 
-    def _panorama(self, message: PanoramaMessage, frame: Frame, chunk: Chunk) -> Panorama:
-        utc_ns = self._utc_of(message, chunk)
+    def _panorama(self, message: PanoramaMessage, frame: Frame, host_utc_ns: int, mono_ns: int) -> Panorama:
+        utc_ns = min(max(self._utc_of(message, host_utc_ns, mono_ns), 0), LAST_NS)
         brightest_first = np.argsort(-message.index, kind="stable")
         self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
         return Panorama(
@@ -195,17 +216,15 @@ class Reception:
             time_us=message.time_us,
             temperature_c=message.temperature_c,
             flags=message.flags,
-            host_utc_ns=chunk.utc_ns if self._anchor_utc_ns is None else 0,
+            host_utc_ns=host_utc_ns if self._anchor_utc_ns is None else 0,
             sequence=frame.sequence,
             problems=message.problems,
         )
 
-    def _utc_of(self, message: PanoramaMessage, chunk: Chunk) -> int:
+    def _utc_of(self, message: PanoramaMessage, utc_ns: int, mono_ns: int) -> int:
         if self._anchor_utc_ns is None:
-            arrived_ns = chunk.mono_ns - self._byte_ns - round(message.exposure_s * NS_PER_S / 2)
-            return self._clock.utc_ns(
-                message.time_us, arrived_mono_ns=arrived_ns, utc_minus_mono_ns=chunk.utc_ns - chunk.mono_ns
-            )
+            arrived_ns = mono_ns - self._byte_ns - round(message.exposure_s * NS_PER_S / 2)
+            return self._clock.utc_ns(message.time_us, arrived_mono_ns=arrived_ns, utc_minus_mono_ns=utc_ns - mono_ns)
         return self._anchored_utc_ns(message.time_us)
 
     def _anchored_utc_ns(self, time_us: int) -> int:

@@ -18,9 +18,9 @@ class SessionData:
 
     ``sensor_attitudes`` are the sensor's own answers (ATTITUDE frames) with the UTC given to them; ``raw_sha256`` is
     the hash of all received bytes; ``catalog`` describes the mission catalogue in use; ``versions`` the packages that
-    numbers depend on. A ``truncated`` session lost its end. ``alignment`` is the mount that was fitted on the session
-    itself, ``clock_error_s`` a bound of the host clock's error that the operator states, ``excluded`` what the operator
-    leaves out of the figures.
+    numbers depend on. ``events_not_kept`` are those of a flood, which are only counted. A ``truncated`` session lost
+    its end. ``alignment`` is the mount that was fitted on the session itself, ``clock_error_s`` a bound of the host
+    clock's error that the operator states, ``excluded`` what the operator leaves out of the figures.
     """
 
     station: Station
@@ -29,6 +29,7 @@ class SessionData:
     frames: FrameTable = field(default_factory=FrameTable)
     link: LinkCounters = field(default_factory=LinkCounters)
     events: list[LinkEvent] = field(default_factory=list)
+    events_not_kept: int = 0
     clock: list[ClockReading] = field(default_factory=list)
     statuses: list[tuple[int, StatusMessage]] = field(default_factory=list)
     sensor_attitudes: list[tuple[int, AttitudeMessage]] = field(default_factory=list)

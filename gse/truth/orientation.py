@@ -9,6 +9,7 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from typing import Any, Self
 
+from drivers.outside_text import plain_line
 from gse.errors import TruthError
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD, to_text
 from gse.truth.iers_tables import (
@@ -28,6 +29,8 @@ _SCHEMA = "gse.earth-orientation/1"
 _COLUMNS = ("mjd", "ut1_minus_utc_s", "x_pole_arcsec", "y_pole_arcsec", "ut1_error_s", "kind")
 _MAX_ROWS = 4000
 _MAX_LEAP_SECONDS = 400
+_MAX_VALUE = 1e6
+"""Of days (MJD), seconds and arcseconds alike."""
 _UT1_LIMIT_S = 0.9
 """UTC is kept within 0.9 s of UT1 by leap seconds (ITU-R TF.460)."""
 _UT1_WANDER_S_PER_DAY = 0.001
@@ -112,8 +115,8 @@ class EarthOrientation:
             _check_columns(columns)
             leap = document.get("leap_seconds")
             leap_seconds = installed_leap_seconds() if leap is None else _leap_seconds(leap)
-            return cls(str(document["source"]), **columns, leap_seconds=leap_seconds)
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            return cls(plain_line(str(document["source"])), **columns, leap_seconds=leap_seconds)
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError) as error:
             raise TruthError(f"no Earth orientation table of schema {_SCHEMA}: {error}") from error
 
     def at(self, utc_ns: int) -> Orientation:
@@ -165,6 +168,10 @@ def _check_columns(columns: dict[str, Any]) -> None:
         raise ValueError("columns of different or impossible length")
     if not all(isinstance(value, float | int) and math.isfinite(value) for value in numbers):
         raise ValueError("a value is no number")
+    if not all(abs(value) < _MAX_VALUE for value in numbers):
+        raise ValueError("a value is out of order")
+    if not all(kind in ("measured", "predicted") for kind in columns["kind"]):
+        raise ValueError("a kind of value that is not known")
     if list(columns["mjd"]) != list(range(columns["mjd"][0], columns["mjd"][0] + len(columns["mjd"]))):
         raise ValueError("days are missing")
 

@@ -1,12 +1,15 @@
 """The web page of a view: rerun's viewer, served so that no request leaves the machine.
 
 rerun's own page loads fonts from afar and calls home. Here a page of our own starts the same viewer, and a
-Content-Security-Policy lets it talk to this server and to rerun's data server only.
+Content-Security-Policy lets it talk to this server and to rerun's data server only. A request whose Host is no name of
+this server is refused: a page of somebody else's whose name was made to point here (DNS rebinding) reads nothing.
 """
 
 import re
 import shutil
+import socket
 import threading
+from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from pathlib import Path
@@ -20,7 +23,10 @@ from gse.view.viewer_files import MEDIA_TYPES, ViewerFiles
 
 _OWN_FILES = {"/": ("page.html", "text/html; charset=utf-8"), "/start.js": ("start.js.jinja", "text/javascript")}
 _RECORDING = "/session.rrd"
-_HOST = re.compile(r"[A-Za-z0-9.-]+")
+_HOST = re.compile(r"([A-Za-z0-9.-]+|\[[0-9a-fA-F:]+\])(?::([0-9]{1,5}))?")
+_LOCAL = ("127.0.0.1", "localhost", "[::1]")
+_ANY = ("0.0.0.0", "::")
+_ADDRESS = re.compile(r"\d{1,3}(\.\d{1,3}){3}|\[[0-9a-fA-F:]+\]")
 
 
 class ViewerPage:
@@ -30,7 +36,7 @@ class ViewerPage:
     """
 
     def __init__(self, bind: str, port: int, *, grpc_port: int = 0, recording: Path | None = None) -> None:
-        content = {"files": ViewerFiles(), "grpc_port": grpc_port, "recording": recording}
+        content = {"bind": bind, "files": ViewerFiles(), "grpc_port": grpc_port, "recording": recording}
         self._handler: type[_Handler] = type("_BoundHandler", (_Handler,), content)
         try:
             self._server = ThreadingHTTPServer((bind, port), self._handler)
@@ -39,6 +45,7 @@ class ViewerPage:
                 f"cannot serve the view on {bind} port {port}: {error.strerror}; choose another address or port"
             ) from error
         self._server.daemon_threads = True
+        self._handler.port = self._server.server_port
         self.url = f"http://{bind}:{self._server.server_port}/"
         self._thread = threading.Thread(
             target=self._server.serve_forever, kwargs={"poll_interval": 0.05}, name="viewer page", daemon=True
@@ -65,6 +72,8 @@ class ViewerPage:
 
 
 class _Handler(BaseHTTPRequestHandler):
+    bind: ClassVar[str]
+    port: ClassVar[int]
     files: ClassVar[ViewerFiles]
     grpc_port: ClassVar[int]
     recording: ClassVar[Path | None]
@@ -73,6 +82,9 @@ class _Handler(BaseHTTPRequestHandler):
     sys_version = ""
 
     def do_GET(self) -> None:
+        if self._host() is None:
+            self.send_error(HTTPStatus.MISDIRECTED_REQUEST, "this server has another name")
+            return
         path = self.path.split("?")[0]
         if path in _OWN_FILES:
             type(self).opened = True
@@ -101,9 +113,20 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
 
+    def _host(self) -> str | None:
+        """The name of this server by which it was asked, without its port; None where it has no such name."""
+        asked = self.headers.get_all("Host", [])
+        found = _HOST.fullmatch(asked[0]) if len(asked) == 1 else None
+        if found is None or int(found[2] or 80) != self.port:
+            return None
+        host = found[1]
+        names = {*_LOCAL, self.bind, f"[{self.bind}]", socket.gethostname()}
+        # Bound to all addresses, it may be asked by any of them, but by no name, which somebody else can make.
+        is_address = self.bind in _ANY and _ADDRESS.fullmatch(host) is not None
+        return host if host in names or is_address else None
+
     def _policy(self) -> str:
-        host = _HOST.match(self.headers.get("Host", ""))
-        data = f" http://{host[0] if host else '127.0.0.1'}:{self.grpc_port}" if self.grpc_port else ""
+        data = f" http://{self._host()}:{self.grpc_port}" if self.grpc_port else ""
         return (
             "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'unsafe-inline'; "
             f"img-src 'self' data: blob:; worker-src 'self' blob:; connect-src 'self'{data}"

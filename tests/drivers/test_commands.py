@@ -1,7 +1,7 @@
 """Commands: sent, answered, repeated, given up; on a pty with a sensor of three lines."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
 
@@ -29,8 +29,8 @@ class Listener:
         if isinstance(item, Chunk):
             self.heard += item.data
 
-    def answer_to(self, sequences: range) -> int | None:
-        return next((n for n in sequences if b"A%d;" % n in self.heard), None)
+    def answer_to(self, sent_ns: Mapping[int, int]) -> int | None:
+        return next((n for n in sent_ns if b"A%d;" % n in self.heard), None)
 
 
 def frame(sequence: int) -> bytes:

@@ -32,7 +32,8 @@ def test_a_gap_is_counted_as_lost_frames_across_the_wrap_too() -> None:
 def test_a_gap_of_more_than_half_a_turn_is_believed_when_the_clock_goes_on() -> None:
     tracker = SequenceTracker()
     tracker.accept(0, time_us=0)
-    assert tracker.accept(50_000, time_us=5_000_000_000) is Arrival.GAP
+    tracker.accept(1, time_us=100_000)
+    assert tracker.accept(50_001, time_us=5_000_100_000, elapsed_s=5000.0) is Arrival.GAP
     assert tracker.lost == 49_999
 
 

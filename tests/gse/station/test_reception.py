@@ -8,10 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.chunk import Chunk, LinkEvent
+from gse.instant import LAST_NS
 from gse.panorama import Panorama
 from gse.station.reception import Received, Reception
 from gse.station.sensor_clock import SensorClock
 from protocols import PanoramaMessage, load_protocol
+from protocols.frame_budget import SLACK
 
 PROTOCOL = load_protocol("panorama-v1")
 BAUDRATE = 115200
@@ -187,3 +189,55 @@ def test_objects_that_come_unsorted_are_brightest_first_in_the_panorama() -> Non
     (panorama,) = panoramas(received(Reception(PROTOCOL, baudrate=BAUDRATE), chunk))
     assert panorama.brightness.tolist() == [200, 100]
     assert panorama.xy_px.tolist() == [[30, 40], [10, 20]]
+
+
+def lost_of(numbers: list[int]) -> tuple[int, list[str]]:
+    """Frames counted as lost, and the events, where frames of these sequence numbers come at 10 Hz."""
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    chunks = [
+        Chunk(*arrival(100_000 * place), frame(number, 100_000 * place))
+        for place, number in enumerate(numbers, start=1)
+    ]
+    items = received(reception, *chunks)
+    return reception.counters.frames_lost, events(items)
+
+
+@given(st.lists(st.integers(0, 65535), min_size=2, max_size=60))
+def test_never_more_frames_count_as_lost_than_can_have_been_sent(numbers: list[int]) -> None:
+    lost, _ = lost_of(numbers)
+    # The period may be taken for as short as a step of eight sequence numbers says.
+    assert lost <= 8 * len(numbers) + SLACK
+
+
+def test_sequence_numbers_without_sense_are_an_event_and_no_losses() -> None:
+    rng = np.random.default_rng(2)
+    numbers = [*range(1, 20), *rng.integers(0, 65536, 173).tolist()]
+    lost, told = lost_of(numbers)
+    assert lost <= SLACK
+    assert told.count("SEQUENCE_CHAOS") > 150
+
+
+def test_an_outage_of_ten_minutes_is_counted_frame_by_frame() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    places = [*range(1, 30), *range(6030, 6040)]
+    chunks = [Chunk(*arrival(100_000 * place), frame(place, 100_000 * place)) for place in places]
+    assert events(received(reception, *chunks)) == []
+    assert reception.counters.frames_lost == 6000
+
+
+def test_stamps_and_tags_that_no_clock_has_are_kept_within_what_an_instant_can_be() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    last = 2**64 - 1
+    stamps = [(last, 0), (0, last), (last, last), (5, 5), arrival(300_000)]
+    chunks = [Chunk(*stamp, frame(place, 100_000 * place)) for place, stamp in enumerate(stamps, start=1)]
+    found = panoramas(received(reception, *chunks))
+    assert len(found) == len(stamps)
+    assert all(0 <= panorama.utc_ns <= LAST_NS and 0 <= panorama.host_utc_ns <= LAST_NS for panorama in found)
+
+
+def test_noise_leaves_no_stamps_behind() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    rng = np.random.default_rng(3)
+    for number in range(2000):
+        reception.receive(Chunk(START_NS + number, number, rng.bytes(100)))
+    assert len(reception._stamps) <= 4096 // 100 + 2  # one discard

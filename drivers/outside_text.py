@@ -1,0 +1,38 @@
+"""Text from outside, made fit to be shown on a terminal, in a page, in a table.
+
+Whatever a sensor, a file or a server says goes through here before it is shown: a control character (ESC, C1, a change
+of writing direction) or a lone surrogate becomes its escape.
+"""
+
+import re
+
+MAX_CHARACTERS = 1000
+_UNFIT = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+_FORMULA = ("=", "+", "-", "@")
+
+
+def plain_line(text: str) -> str:
+    """The text in one line, at most MAX_CHARACTERS of it, without anything that steers what shows it."""
+    shown = _UNFIT.sub(_escape, text[: MAX_CHARACTERS + 1])
+    return shown if len(text) <= MAX_CHARACTERS else shown[:MAX_CHARACTERS] + " ..."
+
+
+def plain_lines(text: str) -> str:
+    """The same of any length, its line ends and tabs kept."""
+    return _UNFIT.sub(lambda found: found[0] if found[0] in "\n\t" else _escape(found), text)
+
+
+def is_plain(text: str) -> bool:
+    """Whether there is nothing in a text that steers what shows it."""
+    return _UNFIT.search(text) is None
+
+
+def table_cell(text: str) -> str:
+    """The text for a CSV field: a spreadsheet takes what begins with = + - or @ for a formula, and runs it."""
+    line = plain_line(text)
+    return f"'{line}" if line.lstrip().startswith(_FORMULA) else line
+
+
+def _escape(found: re.Match[str]) -> str:
+    code = ord(found[0])
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"

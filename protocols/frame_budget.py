@@ -1,0 +1,46 @@
+"""How many frames can have been sent in a time: the bound of what a jump of sequence numbers may count as lost."""
+
+from collections import deque
+from statistics import median
+
+SLACK = 8
+"""Frames that may be missing although no time has passed for them: they were read from a buffer at once."""
+_SAMPLES = 15
+_MOST_STEPS = 8
+"""Two frames that are further apart tell no period: what lies between them may be missing, or their numbers wrong."""
+
+
+class FrameBudget:
+    """Allows a loss only where time has passed in which the lost frames can have been sent.
+
+    The sum of all losses allowed never exceeds the time that has passed by the sensor's period, and SLACK.
+    """
+
+    def __init__(self) -> None:
+        self._periods: deque[float] = deque(maxlen=_SAMPLES)
+        self._left = 0.0
+
+    def pass_time(self, seconds: float) -> None:
+        """So much time lies between the frame before and this one."""
+        if self._periods:
+            self._left += max(seconds, 0.0) / median(self._periods)
+
+    def learn(self, seconds: float, steps: int) -> None:
+        """Two frames are so far apart by the sensor's own clock, and by so many sequence numbers."""
+        if seconds > 0 and 1 <= steps <= _MOST_STEPS:
+            self._periods.append(seconds / steps)
+
+    def came(self) -> None:
+        """One of the frames that can have been sent is here."""
+        self._left = max(self._left - 1, min(self._left, 0.0))
+
+    def find(self, count: int) -> None:
+        """So many that counted as lost have come after all."""
+        self._left += count
+
+    def lose(self, count: int) -> bool:
+        """Whether so many frames can have been sent and lost; they are charged then."""
+        if count > self._left + SLACK:
+            return False
+        self._left -= count
+        return True

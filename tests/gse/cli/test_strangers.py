@@ -1,0 +1,106 @@
+"""Session and station files from strangers: refused in words or read, in bounded time and memory."""
+
+import json
+import re
+import resource
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from devices.command_line import Done, Gse, runner
+from devices.hostile_sessions import FILES, write_file, write_flood, write_station, write_steering, write_times
+
+from gse.config.station import BUILT_IN_TEXT
+
+CPU_S = 10.0
+"""Per MB of input; a small one counts as a MB."""
+GROWTH_MIB = 200
+"""Of the process that runs the tests: the whole of a command stays below 400 MiB, see benchmarks/faults.py."""
+STEERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\ud800-\udfff]")
+
+
+@pytest.fixture
+def gse(capsys: pytest.CaptureFixture[str]) -> Gse:
+    return runner(capsys)
+
+
+def shown(done: Done, folder: Path) -> str:
+    """All that a person sees of it, and all that a spreadsheet or a browser reads."""
+    texts = [path.read_text(encoding="utf-8") for path in folder.rglob("*") if path.suffix in (".html", ".csv", ".xml")]
+    return "\n".join([done.out, done.err, *texts])
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_hostile_file_is_read_in_bounded_time_and_memory(tmp_path: Path, gse: Gse, name: str) -> None:
+    path = write_file(tmp_path / "session.mcap", name)
+    assert path.stat().st_size < 20_000
+    before_kib, started_s = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+    for command in (("verify",), ("info", "--json"), ("export", "--format", "ndjson", "-o", tmp_path / "x.json")):
+        done = gse("session", command[0], path, *command[1:])
+        assert done.code in (0, 2, 3)
+        assert STEERS.search(done.out + done.err) is None
+    assert time.process_time() - started_s < 3 * CPU_S
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib < GROWTH_MIB << 10
+
+
+def test_chunks_that_unpack_to_too_much_are_refused_with_the_budget(tmp_path: Path, gse: Gse) -> None:
+    done = gse("session", "verify", write_file(tmp_path / "session.mcap", "90 chunks of zeros"))
+    assert done.code == 2
+    assert "512 times" in done.err
+
+
+def test_a_flood_of_events_is_counted_and_not_printed(tmp_path: Path, gse: Gse) -> None:
+    path = write_flood(tmp_path / "session.mcap")
+    done = gse("report", path, "--out", tmp_path / "report")
+    assert done.code == 5
+    assert len(done.err.splitlines()) < 150
+    assert json.loads((tmp_path / "report" / "report.json").read_text())["session"]["events"] == 30_000
+    assert (tmp_path / "report" / "report.html").stat().st_size < 2_000_000
+
+
+@pytest.mark.parametrize("write", [write_times, write_steering])
+def test_absurd_times_and_steering_texts_give_a_report_like_any_other(
+    tmp_path: Path, gse: Gse, write: Callable[[Path], Path]
+) -> None:
+    path = write(tmp_path / "session.mcap")
+    done = gse("report", path, "--out", tmp_path / "report")
+    assert done.code in (1, 5)
+    assert STEERS.search(shown(done, tmp_path)) is None
+    for command in (("info",), ("verify",), ("export", "--format", "csv", "-o", tmp_path / "panoramas.csv")):
+        assert gse("session", command[0], path, *command[1:]).code == 0
+        assert STEERS.search(shown(done, tmp_path)) is None
+
+
+@pytest.mark.parametrize("what", ["catalog: {path}", "protocol: {path}"])
+def test_a_session_opens_no_file_of_this_host_unless_a_station_file_is_given(
+    tmp_path: Path, gse: Gse, what: str
+) -> None:
+    secret = tmp_path / "secret.yaml"
+    secret.write_text("the secret: 1\n")
+    path = write_station(tmp_path / "session.mcap", BUILT_IN_TEXT + what.format(path=secret) + "\n")
+    done = gse("report", path)
+    assert done.code == 2
+    assert "--station" in done.err
+    assert "the secret" not in done.err
+    own = tmp_path / "own.yaml"
+    own.write_text(BUILT_IN_TEXT)
+    assert gse("report", path, "--station", own).code in (1, 5)
+
+
+def test_aliases_in_a_station_file_are_refused(tmp_path: Path, gse: Gse) -> None:
+    laughs = "a0: &a0 [lol, lol]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12))
+    station = tmp_path / "station.yaml"
+    station.write_text(BUILT_IN_TEXT + laughs)
+    done = gse("config", "check", station)
+    assert done.code == 2
+    assert "aliases" in done.err
+    assert gse("report", write_station(tmp_path / "session.mcap", BUILT_IN_TEXT + laughs)).code == 2
+
+
+@pytest.mark.parametrize("key", ['"\\x1b[2J": 1', 'site: {name: "\\x1b]0;x\\x07"}', 'protocol: "\\ud800"'])
+def test_a_station_file_cannot_steer_the_terminal(tmp_path: Path, gse: Gse, key: str) -> None:
+    path = write_station(tmp_path / "session.mcap", f"{BUILT_IN_TEXT}{key}\n")
+    done = gse("report", path)
+    assert done.code == 2
+    assert STEERS.search(done.out + done.err) is None

@@ -1,0 +1,78 @@
+"""The web view answers to its own name alone: DNS rebinding, and a Host that would enter a header."""
+
+import http.client
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gse.view.page import ViewerPage
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Iterator[ViewerPage]:
+    recording = tmp_path / "session.rrd"
+    recording.write_bytes(b"the session")
+    with ViewerPage("127.0.0.1", 0, recording=recording, grpc_port=9876) as page:
+        yield page
+
+
+def port_of(page: ViewerPage) -> int:
+    return int(page.url.rsplit(":", 1)[1].strip("/"))
+
+
+def ask(page: ViewerPage, *hosts: str, path: str = "/session.rrd") -> tuple[int, str, bytes]:
+    """Status, headers and body of an answer to a request with these Host headers."""
+    connection = http.client.HTTPConnection("127.0.0.1", port_of(page), timeout=5)
+    connection.putrequest("GET", path, skip_host=True)
+    for host in hosts:
+        connection.putheader("Host", host.encode("latin-1"))
+    connection.endheaders()
+    answer = connection.getresponse()
+    headers, body = str(answer.headers), answer.read()
+    connection.close()
+    return answer.status, headers, body
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "attacker.example:{port}",
+        "127.0.0.1.attacker.example:{port}",
+        "localhost.attacker.example:{port}",
+        "127.0.0.1",
+        "127.0.0.1:1",
+        "192.0.2.1:{port}",
+        "127.0.0.1:{port}; script-src *",
+        "127.0.0.1:{port}@attacker.example",
+        "evil'\"><script>:{port}",
+        "",
+    ],
+)
+def test_a_host_that_is_not_this_servers_is_refused_and_enters_no_header(page: ViewerPage, host: str) -> None:
+    status, headers, body = ask(page, host.format(port=port_of(page)))
+    assert status == 421
+    assert "attacker" not in headers + body.decode()
+    assert "script" not in headers + body.decode()
+    assert b"the session" not in body
+
+
+def test_two_hosts_or_none_are_refused(page: ViewerPage) -> None:
+    own = f"127.0.0.1:{port_of(page)}"
+    assert ask(page)[0] == 421
+    assert ask(page, own, own)[0] == 421
+    assert ask(page, own, "attacker.example")[0] == 421
+
+
+@pytest.mark.parametrize("name", ["127.0.0.1", "localhost"])
+def test_its_own_names_are_answered_with_the_policy_of_that_name(page: ViewerPage, name: str) -> None:
+    status, headers, _ = ask(page, f"{name}:{port_of(page)}", path="/")
+    assert status == 200
+    assert f"connect-src 'self' http://{name}:9876" in headers
+
+
+def test_bound_to_all_addresses_it_answers_to_an_address_and_to_no_foreign_name(tmp_path: Path) -> None:
+    with ViewerPage("0.0.0.0", 0, grpc_port=9876) as page:
+        port = port_of(page)
+        assert ask(page, f"192.0.2.7:{port}", path="/")[0] == 200
+        assert ask(page, f"attacker.example:{port}", path="/")[0] == 421
