@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.identifier.robust_tables import SkyTables
-from gse.identifier.verify import Attempt, Noise, Objects, grow, squared_residuals
+from gse.identifier.verify import Attempt, Noise, Objects, grow, squared_residuals, with_noise
 from gse.jit import compiled
 
 CHANCE_OF_EVIDENCE = 0.05
@@ -67,14 +67,7 @@ def weigh(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -
     best, scale_sigma = -np.inf, noise.scale_sigma
     scales = 2 if scale_sigma > TRUSTED_SCALE_SIGMA else 1
     for _ in range(scales):
-        assumed = Noise(
-            noise.sigma,
-            noise.smallest_sigma,
-            noise.sigma_steps,
-            scale_sigma,
-            noise.zero_point,
-            noise.magnitude_sigma,
-        )
+        assumed = with_noise(noise, noise.sigma, scale_sigma)
         matched = grow(tables, objects, attempt, assumed)
         if matched == 0:
             break

@@ -18,6 +18,7 @@ from gse.identifier.hypotheses import search, search_both, search_many
 from gse.identifier.input_checks import refusal
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.robust_tables import build_tables
+from gse.identifier.search_plan import search_plan
 from gse.identifier.tracking import follow
 from gse.identifier.verify import Noise, outside_field
 
@@ -41,21 +42,6 @@ _TRACKING_REACH_PX = 12.0
 
 _SCALE_SIGMA = 2.5e-3
 """How far the focal length may be off: 0.5 % is two sigma."""
-
-_ALL = 1e6
-
-_PLAN = (
-    (1.77, 0.0, 3, 8, 5, 0.5, 1.5, 12, 5, 30, 12),
-    (3.5, 0.0, 4, 16, 10, 1.0, 2.0, 16, 8, 30, 12),
-    (2.5, 0.0, 6, 16, 30, 0.7, 2.0, 30, 30, 30, 30),
-    (6.5, 0.006, 5, 100, 12, 1.9, 3.0, 30, 30, 30, 12),
-    (2.5, 0.0, 10, 1000, 12, 0.7, _ALL, 12, 30, 12, 12),
-    (6.5, 0.006, 10, 1000, 12, 1.9, _ALL, 12, 30, 12, 12),
-)
-"""Passes of the search: window px and its growth, partners, hypotheses kept, alpha stars, noise px, catalogue stars per
-object, objects, ranks of the alpha star, most objects of the panorama, objects looked at (see ``votes``). First the
-tolerance of [S] on the brightest objects; the third pass is for detectors whose brightest objects are hot pixels; where
-objects are few, a faint catalogue star may be the brightest of them."""
 
 _WINDOW_SIGMAS = 5.0
 """No window is wider than this where the noise is known: 3.5 sigma of a distance between two objects."""
@@ -113,12 +99,7 @@ class RobustIdentifier:
         self._noise = np.array(noise, dtype=np.float64)
         self._reach = _TRACKING_REACH_PX * pixel
         widest = math.inf if sigma_px is None else _WINDOW_SIGMAS * sigma_px
-        self._plan = np.array(
-            [
-                (min(w, widest) * pixel, g, p, h, a, (sigma_px or s) * pixel, f * fields_on_sky, *limits)
-                for w, g, p, h, a, s, f, *limits in _PLAN
-            ]
-        )
+        self._plan = search_plan(pixel, fields_on_sky, widest_px=widest, sigma_px=sigma_px)
 
     def identify(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]

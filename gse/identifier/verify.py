@@ -74,6 +74,18 @@ class Noise(NamedTuple):
 
 
 @compiled
+def noise_of(known: NDArray[np.float64], sigma: float) -> Noise:
+    """What is known of a sensor, given as an array (6,), with another noise of a place."""
+    return Noise(sigma, known[1], int(known[2]), known[3], known[4], known[5])
+
+
+@compiled
+def with_noise(noise: Noise, sigma: float, scale_sigma: float) -> Noise:
+    """The same with another noise of a place and another error of the scale."""
+    return Noise(sigma, noise.smallest_sigma, noise.sigma_steps, scale_sigma, noise.zero_point, noise.magnitude_sigma)
+
+
+@compiled
 def outside_field(directions: NDArray[np.float64], field: NDArray[np.float64]) -> int:
     """The first object that no pixel of the detector can be, a hundredth of its width allowed; -1 where all can."""
     left, right, top, bottom, radius2, _ = field

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.identifier.robust_tables import SkyTables, near_bit
+from gse.identifier.search_plan import SearchPass
 from gse.jit import compiled
 
 FEW_LOOKED_AT = 12
@@ -21,24 +22,6 @@ _IN_EACH = np.uint64(0x0001_0001_0001_0001)
 _VOTED = np.uint64(0x8000_8000_8000_8000)
 _ROLL = np.uint64(0x7FFF_7FFF_7FFF_7FFF)
 """A star's last four votes are kept in one word, 16 bits each: that it is a vote, and a roll in 1/32,768 turn."""
-
-(
-    PLAN_WINDOW,
-    PLAN_GROWTH,
-    PLAN_PARTNERS,
-    PLAN_CANDIDATES,
-    PLAN_ALPHAS,
-    PLAN_SIGMA,
-    PLAN_STARS,
-    PLAN_OBJECTS,
-    PLAN_ALPHA_RANKS,
-    PLAN_MOST_OBJECTS,
-    PLAN_LOOKED_AT,
-) = range(11)
-"""Columns of the plan: tolerance of a distance in radians, and its growth with the distance; partners of an alpha star;
-hypotheses kept of its votes; alpha stars; noise; catalogue stars looked
-up per object; objects, brightest first, that take part; ranks by which the alpha star may be fainter than it looks;
-the most objects of a panorama that the pass is for; objects, brightest first, that a hypothesis is first tried on."""
 
 
 @compiled
@@ -61,33 +44,33 @@ def hypotheses_of(
     tables: SkyTables,
     directions: NDArray[np.float64],
     alpha: int,
-    step: NDArray[np.float64],
+    step: SearchPass,
     votes: NDArray[np.uint64],
     candidates: NDArray[np.int64],
 ) -> int:
     """Put the hypotheses of one alpha star that the votes make into ``candidates`` (C, 4); how many.
 
     A candidate is: objects near a star, partner, star of the alpha, star of the partner. Those with most objects near
-    a star come first; when there are more than C the others are dropped. ``step`` is a row of the plan.
+    a star come first; when there are more than C the others are dropped.
     """
-    bright = min(len(directions), int(step[PLAN_OBJECTS]))
-    faintest = min(tables.pair_stars, int(step[PLAN_STARS] * bright))
-    alpha_faintest = min(faintest, int(step[PLAN_STARS] * (alpha + step[PLAN_ALPHA_RANKS])))
+    bright = min(len(directions), step.objects)
+    faintest = min(tables.pair_stars, int(step.stars_per_object * bright))
+    alpha_faintest = min(faintest, int(step.stars_per_object * (alpha + step.alpha_ranks)))
     distance, azimuth = np.empty(bright), np.empty(bright, dtype=np.int64)
     partners = np.empty(bright, dtype=np.int64)
-    found = _partners(directions[:bright], alpha, 8.0 * step[PLAN_WINDOW], distance, azimuth, partners)
+    found = _partners(directions[:bright], alpha, 8.0 * step.window_rad, distance, azimuth, partners)
     rotation = np.empty((3, 3))
-    looked_at = directions[: int(step[PLAN_LOOKED_AT])]
+    looked_at = directions[: step.first_tried]
     least, plenty, count = _least_hits(bright, len(looked_at)), max(6, (2 * len(looked_at)) // 3), 0
     votes[:faintest] = 0
-    for p in range(min(found, int(step[PLAN_PARTNERS]))):
+    for p in range(min(found, step.partners)):
         k = partners[p]
-        half = step[PLAN_WINDOW] + step[PLAN_GROWTH] * distance[k]
+        half = step.window_rad + step.window_growth * distance[k]
         low = max(0, int((distance[k] - half) / tables.bucket_rad))
         high = int((distance[k] + half) / tables.bucket_rad) + 1
         if high >= len(tables.pair_start):
             break
-        apart = step[PLAN_WINDOW] * (1.0 / distance[k] + 1.0 / distance[partners[0]])
+        apart = step.window_rad * (1.0 / distance[k] + 1.0 / distance[partners[0]])
         tolerance = np.uint64(int(apart * (0.8 * 32768.0 / (2.0 * math.pi))) + 1)
         turn = np.uint64(azimuth[k])
         for bucket in range(low, high):
