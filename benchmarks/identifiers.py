@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 from gse.attitude import solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog
-from gse.config.station import IdentifierOptions
 from gse.evaluation.frames import Conditions, FrameMaker, Optics, SimulatedFrame
 from gse.identifier import Identification, Identifier, make_identifier
 from gse.identifier.robust import KnownSensor, RobustIdentifier
+from gse.identifier_options import IdentifierOptions
 from gse.spiral import spiral_directions
 
 

@@ -15,6 +15,8 @@ decorators, texts, ``strict=`` of zip, memory layout (``order=``) and cache size
 
 import argparse
 import ast
+import importlib
+import json
 import os
 import random
 import shutil
@@ -64,6 +66,18 @@ ROOMS = {
 WITHOUT = ("tests/gse/sessions/test_golden_replays.py",)
 COPIED = ("gse", "drivers", "protocols", "tests", "replays", "docs", "pyproject.toml", "README.md")
 KEYWORDS_LEFT_ALONE = {"strict", "order", "maxsize"}
+LIBRARIES = (
+    "pytest",
+    "hypothesis",
+    "numba",
+    "scipy.spatial.transform",
+    "scipy.special",
+    "erfa",
+    "pydantic",
+    "astropy.units",
+)
+"""In memory before the first test: none of them is mutated."""
+
 SLOWER = 4
 """A mutant is stopped after so many times the time that the sound tests take, and half a minute more."""
 
@@ -270,23 +284,65 @@ def copy_of_tree(folder: Path) -> Path:
     return folder
 
 
-def outcome(tree: Path, files: list[str], timeout_s: float) -> str:
-    """What the tests say of a tree: ``survived``, ``killed`` or ``timeout``."""
-    options = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--no-header", "--hypothesis-profile", "ci"]
-    command = ["nice", "-n", "10", sys.executable, "-m", "pytest", *options, *files]
-    environment = os.environ | {"PYTHONPATH": str(tree), "PYTHONHASHSEED": "0"}
-    with subprocess.Popen(
-        command, cwd=tree, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    ) as process:
-        try:
-            return "killed" if process.wait(timeout_s) else "survived"
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            return "timeout"
+class Tester:
+    """A process that has the libraries in memory, and forks for each run of the tests: half the time of a new one."""
+
+    def __init__(self, tree: Path) -> None:
+        self.tree = tree
+        self._process = subprocess.Popen(
+            ["nice", "-n", "10", sys.executable, __file__, "--serve", str(tree)],
+            env=os.environ | {"PYTHONPATH": str(tree), "PYTHONHASHSEED": "0"},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def outcome(self, files: list[str], timeout_s: float) -> str:
+        """What the tests say of the tree: ``survived``, ``killed`` or ``timeout``."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        print(json.dumps([files, timeout_s]), file=self._process.stdin, flush=True)
+        return self._process.stdout.readline().strip()
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.communicate()
 
 
-def with_mutant(tree: Path, mutant: Mutant, room: Room, timeout_s: float) -> str:
+def serve(tree: Path) -> None:
+    """Read test files and a time-out, line by line, and write what the tests say."""
+    os.chdir(tree)
+    sys.path[0] = str(tree)
+    for name in LIBRARIES:
+        importlib.import_module(name)
+    for line in sys.stdin:
+        files, timeout_s = json.loads(line)
+        print(_forked(files, timeout_s), flush=True)
+
+
+def _forked(files: list[str], timeout_s: float) -> str:
+    child = os.fork()
+    if child == 0:
+        os.setsid()
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        for stream in (0, 1, 2):
+            os.dup2(nowhere, stream)
+        options = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--hypothesis-profile", "ci"]
+        os._exit(int(importlib.import_module("pytest").main([*options, *files])))
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            return "killed" if status else "survived"
+        time.sleep(0.05)
+    os.killpg(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return "timeout"
+
+
+def with_mutant(tester: Tester, mutant: Mutant, room: Room, timeout_s: float) -> str:
     """The outcome of one mutant; the tree is the same again afterwards."""
+    tree = tester.tree
     path, sound = tree / mutant.module, tree / "sound.py"
     modules = importers(tree, mutant.module)
     machine_code = {code: code.read_bytes() for code in _machine_code(tree, modules)}
@@ -295,7 +351,7 @@ def with_mutant(tree: Path, mutant: Mutant, room: Room, timeout_s: float) -> str
     path.rename(sound)
     path.write_text(mutant.source)
     try:
-        return outcome(tree, tests_of(tree, room, mutant.module), timeout_s)
+        return tester.outcome(tests_of(tree, room, mutant.module), timeout_s)
     finally:
         sound.replace(path)
         for code in _machine_code(tree, modules):
@@ -310,21 +366,21 @@ def _machine_code(tree: Path, modules: set[str]) -> list[Path]:
     return [code for path in paths for code in path.parent.glob(f"__pycache__/{path.stem}.*.nb?")]
 
 
-def score(name: str, mutants: list[Mutant], trees: SimpleQueue[Path], workers: int) -> None:
+def score(name: str, mutants: list[Mutant], testers: SimpleQueue[Tester], workers: int) -> None:
     """Run the mutants of a room, and print its line of the table and its survivors."""
-    room, tree = ROOMS[name], trees.get()
+    room, tester = ROOMS[name], testers.get()
     begun = time.monotonic()
-    if outcome(tree, tests_of(tree, room, ""), 1800) != "survived":
+    if tester.outcome(tests_of(tester.tree, room, ""), 1800) != "survived":
         sys.exit(f"the tests of {name} fail without any mutant")
     timeout_s = SLOWER * (time.monotonic() - begun) + 30
-    trees.put(tree)
+    testers.put(tester)
 
     def one(mutant: Mutant) -> str:
-        tree = trees.get()
+        tester = testers.get()
         try:
-            said = with_mutant(tree, mutant, room, timeout_s)
+            said = with_mutant(tester, mutant, room, timeout_s)
         finally:
-            trees.put(tree)
+            testers.put(tester)
         print(f"{said:9} {mutant.module}:{mutant.line}  {mutant.change}", file=sys.stderr, flush=True)
         return said
 
@@ -354,18 +410,25 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", help="only modules whose path contains this")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.serve:
+        serve(options.serve)
+        return
     if unknown := set(options.rooms.split(",")) - set(ROOMS):
         parser.error(f"no room is called {sorted(unknown)[0]}; known are: {', '.join(ROOMS)}")
     with tempfile.TemporaryDirectory(prefix="gse-mutation-") as folder:
-        trees: SimpleQueue[Path] = SimpleQueue()
-        for number in range(options.workers):
-            trees.put(copy_of_tree(Path(folder) / str(number)))
+        made = [Tester(copy_of_tree(Path(folder) / str(number))) for number in range(options.workers)]
+        testers: SimpleQueue[Tester] = SimpleQueue()
+        for tester in made:
+            testers.put(tester)
         print(f"seed {options.seed}, {options.sample} mutants per room, without the golden replays")
         print(f"{'room':12} {'of':>5} {'killed':>7} {'timeout':>8} {'survived':>9} {'score':>7}", flush=True)
         rooms = {name: sampled(name, options) for name in options.rooms.split(",")}
         for name, mutants in rooms.items():
-            score(name, mutants, trees, options.workers)
+            score(name, mutants, testers, options.workers)
+        for tester in made:
+            tester.close()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Bytes as they came from a port, with the instant at which they came."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,12 +17,33 @@ class Chunk:
     data: bytes
 
 
+class LinkKind(StrEnum):
+    """Kinds of events of the port, of its state and of a played recording."""
+
+    OPENED = "OPENED"
+    REOPENED = "REOPENED"
+    LOST = "LOST"
+    BACKLOG = "BACKLOG"
+    NO_PORT = "NO_PORT"
+    WAITING = "WAITING"
+    SYNCING = "SYNCING"
+    STREAMING = "STREAMING"
+    STALE = "STALE"
+    SILENT = "SILENT"
+    NO_FRAMES = "NO_FRAMES"
+    DAMAGED = "DAMAGED"
+    TRUNCATED = "TRUNCATED"
+    UNREADABLE = "UNREADABLE"
+    LOOP = "LOOP"
+    FAULT = "FAULT"
+
+
 @dataclass(frozen=True, slots=True)
 class LinkEvent:
     """Something that happened to the link, at an instant: never an exception, always recorded.
 
-    ``kind`` is a short upper-case word (``OPENED``, ``LOST``, ``REOPENED``, ``STREAMING``, ``STALE``, ...), ``text``
-    one line for the operator.
+    ``kind`` is a short upper-case word: a LinkKind, a kind of a package above, or any word that a recorded
+    session holds. ``text`` is one line for the operator.
     """
 
     utc_ns: int

@@ -15,7 +15,7 @@ from types import TracebackType
 
 import serial
 
-from drivers.chunk import Chunk, LinkEvent
+from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.errors import PortError
 from drivers.mock.timestamped_port import Item, TimestampedPort, TimestampedSerial
 from drivers.ports import READ_TIMEOUT_S, PortInfo, is_awaitable, open_port, ports_here
@@ -162,7 +162,9 @@ class _Receiver:
         self._told_backlog = False
         self._opened_before = port is not None
         self._stop = threading.Event()
-        self._tell(*(("OPENED", f"{url} is open") if port else ("NO_PORT", f"waiting for the port: {absent}")))
+        self._tell(
+            *((LinkKind.OPENED, f"{url} is open") if port else (LinkKind.NO_PORT, f"waiting for the port: {absent}"))
+        )
         self._thread = threading.Thread(target=self._run, name="receive", daemon=True)
         self._thread.start()
 
@@ -233,7 +235,9 @@ class _Receiver:
         self._items.put(chunk)
         if not self._told_backlog and self.backlog_bytes > BACKLOG_BYTES:
             self._told_backlog = True
-            self._tell("BACKLOG", f"the station is {self.backlog_bytes} bytes behind; they are recorded and wait")
+            self._tell(
+                LinkKind.BACKLOG, f"the station is {self.backlog_bytes} bytes behind; they are recorded and wait"
+            )
 
     def _tell(self, kind: str, text: str) -> None:
         event = LinkEvent(*_now(), kind, text)
@@ -244,7 +248,7 @@ class _Receiver:
         port, self._port = self._port, None
         if port is not None:
             _close(port)
-        self._tell("LOST", f"{self._url} is gone ({_brief(error)}); waiting for it to come back")
+        self._tell(LinkKind.LOST, f"{self._url} is gone ({_brief(error)}); waiting for it to come back")
 
     def _reopen(self) -> None:
         found = self._finder.open_again(self._stop)
@@ -253,7 +257,7 @@ class _Receiver:
         url, self._port = found
         self._finder.remember(self._port)
         name = self._url if url == self._url else f"{self._url}, now named {url},"
-        self._tell("REOPENED" if self._opened_before else "OPENED", f"{name} is open")
+        self._tell(LinkKind.REOPENED if self._opened_before else LinkKind.OPENED, f"{name} is open")
         self._opened_before = True
 
 

@@ -13,13 +13,8 @@ silence had lasted long enough, whenever that is found out.
 
 from collections.abc import Mapping
 
-from drivers.chunk import Chunk, LinkEvent
+from drivers.chunk import Chunk, LinkEvent, LinkKind
 
-NO_PORT = "NO_PORT"
-WAITING = "WAITING"
-SYNCING = "SYNCING"
-STREAMING = "STREAMING"
-STALE = "STALE"
 UNKNOWN = ""
 """Before anything is known: a simulated port says nothing when it opens."""
 
@@ -56,22 +51,22 @@ class LinkMonitor:
     def port_event(self, event: LinkEvent) -> list[LinkEvent]:
         """An event of the port: it came, or went."""
         changes = self.pass_time(event.utc_ns, event.mono_ns)
-        if event.kind in ("LOST", "NO_PORT"):
-            changes += self._change(NO_PORT, event.mono_ns, event.text)
-        elif event.kind in ("OPENED", "REOPENED"):
-            changes += self._change(WAITING, event.mono_ns, event.text)
+        if event.kind in (LinkKind.LOST, LinkKind.NO_PORT):
+            changes += self._change(LinkKind.NO_PORT, event.mono_ns, event.text)
+        elif event.kind in (LinkKind.OPENED, LinkKind.REOPENED):
+            changes += self._change(LinkKind.WAITING, event.mono_ns, event.text)
         return changes
 
     def received(self, chunk: Chunk, frames: int, discards: Mapping[str, int]) -> list[LinkEvent]:
         """A chunk, the number of valid frames that it completed, and by reason the bytes that it had discarded."""
         changes = self.pass_time(chunk.utc_ns, chunk.mono_ns)
         self._bytes_ns = chunk.mono_ns
-        if self.state not in (SYNCING, STREAMING):
-            changes += self._change(SYNCING, chunk.mono_ns, "bytes come")
+        if self.state not in (LinkKind.SYNCING, LinkKind.STREAMING):
+            changes += self._change(LinkKind.SYNCING, chunk.mono_ns, "bytes come")
         if frames:
-            changes += self._change(STREAMING, chunk.mono_ns, "valid frames come")
+            changes += self._change(LinkKind.STREAMING, chunk.mono_ns, "valid frames come")
             self._begin(chunk.mono_ns)
-        elif self.state == SYNCING or chunk.mono_ns > self._since_ns:
+        elif self.state == LinkKind.SYNCING or chunk.mono_ns > self._since_ns:
             # What comes at the very instant of a frame may or may not have been in the frame's own chunk.
             self._unframed_bytes += len(chunk.data)
             self._sample += chunk.data[: SAMPLE_BYTES - len(self._sample)]
@@ -89,22 +84,22 @@ class LinkMonitor:
         due_ns = self._since_ns + self._patience_ns
         if mono_ns > due_ns and not self._told:
             changes += self._lose_patience(due_ns)
-        if self.state == SYNCING and mono_ns > self._bytes_ns + self._patience_ns:
-            changes += self._change(STALE, self._bytes_ns + self._patience_ns, self._nothing_comes())
+        if self.state == LinkKind.SYNCING and mono_ns > self._bytes_ns + self._patience_ns:
+            changes += self._change(LinkKind.STALE, self._bytes_ns + self._patience_ns, self._nothing_comes())
         return changes
 
     def _lose_patience(self, due_ns: int) -> list[LinkEvent]:
-        if self.state == STREAMING and self._unframed_bytes == 0:
-            return self._change(STALE, due_ns, self._nothing_comes())
+        if self.state == LinkKind.STREAMING and self._unframed_bytes == 0:
+            return self._change(LinkKind.STALE, due_ns, self._nothing_comes())
         self._told = True
-        if self.state == WAITING:
+        if self.state == LinkKind.WAITING:
             text = f"the port is open, but no bytes for {self._silence_s:g} s: is the sensor powered, and started?"
-            return [self._event("SILENT", due_ns, text)]
-        if self.state == SYNCING:
-            return [self._event("NO_FRAMES", due_ns, self._why_no_frames())]
-        if self.state == STREAMING:
-            self.state = SYNCING
-            return [self._event(SYNCING, due_ns, self._why_no_frames())]
+            return [self._event(LinkKind.SILENT, due_ns, text)]
+        if self.state == LinkKind.SYNCING:
+            return [self._event(LinkKind.NO_FRAMES, due_ns, self._why_no_frames())]
+        if self.state == LinkKind.STREAMING:
+            self.state = LinkKind.SYNCING
+            return [self._event(LinkKind.SYNCING, due_ns, self._why_no_frames())]
         return []
 
     def _begin(self, mono_ns: int) -> None:

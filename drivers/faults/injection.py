@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import groupby
 
-from drivers.chunk import Chunk, LinkEvent
+from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.faults.byte_faults import ByteFaults
 from drivers.faults.frame_faults import FrameFaults, FrameFinder, Piece
 from drivers.faults.options import NS_PER_S, Faults, Outage, Places
@@ -31,7 +31,7 @@ def inject(
 
 
 def _told(chunk: Chunk, text: str) -> LinkEvent:
-    return LinkEvent(chunk.utc_ns, chunk.mono_ns, "FAULT", text)
+    return LinkEvent(chunk.utc_ns, chunk.mono_ns, LinkKind.FAULT, text)
 
 
 def _reset(items: Iterator[Item], faults: Faults, device_resets: bool) -> Iterator[Item]:
@@ -130,10 +130,10 @@ class _Outages:
         heard = int(self._random.integers(len(chunk.data) + 1))
         yield replace(piece, chunk=Chunk(chunk.utc_ns, chunk.mono_ns, chunk.data[:heard]))
         yield _told(chunk, f"{outage.kind}: for {outage.duration_ns / NS_PER_S:g} s, in frame {piece.frame}")
-        yield LinkEvent(chunk.utc_ns, chunk.mono_ns, "LOST", "the port is gone; waiting for it to come back")
+        yield LinkEvent(chunk.utc_ns, chunk.mono_ns, LinkKind.LOST, "the port is gone; waiting for it to come back")
         name = "the port, now under another name," if outage.kind == "rename" else "the port"
         utc_ns, mono_ns = chunk.utc_ns + outage.duration_ns, chunk.mono_ns + outage.duration_ns
-        self._back = LinkEvent(utc_ns, mono_ns, "REOPENED", f"{name} is open")
+        self._back = LinkEvent(utc_ns, mono_ns, LinkKind.REOPENED, f"{name} is open")
 
 
 def _is_due(outage: Outage, piece: Piece, start_ns: int) -> bool:
@@ -174,7 +174,9 @@ def _stalled(items: Iterator[Item], faults: Faults) -> Iterator[Item]:
         utc_ns, mono_ns = item.utc_ns + late_ns, item.mono_ns + late_ns
         if late_ns and not is_told:
             is_told = True
-            yield LinkEvent(utc_ns, mono_ns, "FAULT", f"stall: nothing for {(ends_ns - begins_ns) / NS_PER_S:.3f} s")
+            yield LinkEvent(
+                utc_ns, mono_ns, LinkKind.FAULT, f"stall: nothing for {(ends_ns - begins_ns) / NS_PER_S:.3f} s"
+            )
         if isinstance(item, LinkEvent):
             yield LinkEvent(utc_ns, mono_ns, item.kind, item.text)
         else:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-from drivers.chunk import Chunk, LinkEvent
+from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.errors import CaptureError, UrlError
 from drivers.mock.timestamped_port import Item
 from drivers.session_file.reader import Capture, read_capture
@@ -29,16 +29,16 @@ def _session_items(path: Path, capture: Capture, from_utc_ns: int, to_utc_ns: in
         if isinstance(record, Damage):
             if record.reason != "cut off":
                 text = f"{record.file}: {record.size} bytes from {record.offset} on are damaged: {record.reason}"
-                yield LinkEvent(*stamp, "DAMAGED", text)
+                yield LinkEvent(*stamp, LinkKind.DAMAGED, text)
         elif isinstance(record, Message) and record.topic in (RX, EVENTS):
             if record.utc_ns < from_utc_ns or (to_utc_ns is not None and record.utc_ns >= to_utc_ns):
                 continue
             stamp = (record.utc_ns, record.mono_ns)
             yield record.chunk() if record.topic == RX else record.event()
     if capture.missing:
-        yield LinkEvent(*stamp, "DAMAGED", f"missing: {', '.join(capture.missing)}")
+        yield LinkEvent(*stamp, LinkKind.DAMAGED, f"missing: {', '.join(capture.missing)}")
     elif capture.truncated:
-        yield LinkEvent(*stamp, "TRUNCATED", f"{path.name} was not closed: its end may be missing")
+        yield LinkEvent(*stamp, LinkKind.TRUNCATED, f"{path.name} was not closed: its end may be missing")
 
 
 def raw_items(path: Path, start_utc_ns: int) -> Iterator[Item]:

@@ -13,7 +13,7 @@ import struct
 import zlib
 from dataclasses import dataclass
 
-from drivers.chunk import Chunk, LinkEvent
+from drivers.chunk import Chunk, LinkEvent, LinkKind
 
 RX = "/serial/rx"
 TX = "/serial/tx"
@@ -45,7 +45,7 @@ class Message:
             document = json.loads(self.data)
             return LinkEvent(self.utc_ns, self.mono_ns, str(document["kind"]), str(document["text"]))
         except (ValueError, KeyError, TypeError, RecursionError):
-            return LinkEvent(self.utc_ns, self.mono_ns, "UNREADABLE", f"{self.data[:40]!r} is no event")
+            return LinkEvent(self.utc_ns, self.mono_ns, LinkKind.UNREADABLE, f"{self.data[:40]!r} is no event")
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ Options, each once, after a question mark: ``speed`` (max, 1, or a factor), ``fr
 from collections.abc import Iterator
 from pathlib import Path
 
-from drivers.chunk import LinkEvent
+from drivers.chunk import LinkEvent, LinkKind
 from drivers.errors import CaptureError, UrlError
 from drivers.faults.injection import inject
 from drivers.faults.options import OPTIONS as FAULT_OPTIONS
@@ -59,5 +59,5 @@ def _repeated(items: Iterator[Item], url: MockUrl, loops: int) -> Iterator[Item]
     for number in range(2, loops + 1):
         for position, item in enumerate(_pass(url)):
             if position == 0:
-                yield LinkEvent(item.utc_ns, item.mono_ns, "LOOP", f"the recording begins again, pass {number}")
+                yield LinkEvent(item.utc_ns, item.mono_ns, LinkKind.LOOP, f"the recording begins again, pass {number}")
             yield item

@@ -13,6 +13,7 @@ from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.assessment.theil_sen import theil_sen
 from gse.errors import UsageError
+from gse.station.event_kinds import ClockStep
 
 _BLOCKS = 60
 _MIN_DRIFT_S = 30.0
@@ -54,7 +55,7 @@ def clock_health(
     synchronised = bool(readings) and all(reading.synchronised for reading in readings)
     bound_s = max((abs(reading.offset_s) + reading.error_bound_s for reading in readings), default=math.inf)
     sources = dict.fromkeys(reading.source for reading in readings)
-    steps = [event for event in events if event.kind == "CLOCK_STEP"]
+    steps = [event for event in events if isinstance(event, ClockStep)]
     drift_ppm, drift_error_ppm = _sensor_drift_ppm(frames, [event.utc_ns for event in steps])
     return ClockHealth(
         source=", ".join(sources) or "not recorded",

@@ -9,8 +9,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.assessment.statistics import EARTH_RATE_ARCSEC_PER_S, Statistics
+from gse.assessment.statistics import Statistics
 from gse.camera import Camera
+from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.station.event_kinds import StationKind
 from gse.station.frame_table import STATUSES
 from gse.station.results import Status
 from gse.station.session_data import SessionData
@@ -27,7 +29,6 @@ _SENSOR_DRIFT_PPM = 100.0
 _SCALE = 3e-4
 """0.03 % of the focal length puts stars at the edge of 14 deg by 8 arcsec."""
 _DISTORTION_PX = 0.3
-_ARCSEC_PER_RAD = math.degrees(1) * 3600
 _MIN_MATCHES = 200
 _MAX_MATCHES = 50_000
 """More of a night do not make it better: it is the number of stars that does."""
@@ -48,7 +49,11 @@ def findings(session: SessionData, figures: Statistics) -> tuple[str, ...]:
 
 def _events(session: SessionData) -> Iterator[str]:
     kinds = {event.kind: event for event in session.events}
-    named = ("CLOCK_STEP", "clock step"), ("MIRRORED", "mirrored image"), ("NO_STATION", "station file")
+    named = (
+        (StationKind.CLOCK_STEP, "clock step"),
+        (StationKind.MIRRORED, "mirrored image"),
+        (StationKind.NO_STATION, "station file"),
+    )
     for kind, words in named:
         if kind in kinds:
             yield f"{words}: {kinds[kind].text}"
@@ -153,7 +158,7 @@ def _radial(camera: Camera, matches: NDArray[np.void], powers: tuple[int, ...]) 
     """
     offset_px = np.column_stack([matches["x_px"], matches["y_px"]]) - np.array(camera.principal_point_px)
     residual_px = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64) / (
-        camera.pixel_rad * _ARCSEC_PER_RAD
+        camera.pixel_rad * ARCSEC_PER_RAD
     )
     if camera.mirrored:
         residual_px[:, 0] = -residual_px[:, 0]

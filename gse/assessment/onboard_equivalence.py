@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.percentiles import Percentiles, percentiles
+from gse.constants import ARCSEC_PER_RAD
 from gse.station.frame_table import STATUSES
 from gse.station.results import Status
 from protocols import AttitudeMessage
@@ -17,8 +18,6 @@ from protocols import AttitudeMessage
 ACQUIRED = "acquired"
 SAME_WITHIN_ARCSEC = 1.0
 """The wire carries 0.0036 arcsec; single precision on board makes some 0.1."""
-
-_ARCSEC_PER_RAD = 180 * 3600 / np.pi
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +63,7 @@ def equivalence(
     ra, de, roll = (
         np.array([getattr(answer, name) for _, answer in paired]) for name in ("ra_deg", "de_deg", "roll_deg")
     )
-    apart = np.linalg.norm(_unit(ra, de) - _unit(here["ra_deg"], here["de_deg"]), axis=1) * _ARCSEC_PER_RAD
+    apart = np.linalg.norm(_unit(ra, de) - _unit(here["ra_deg"], here["de_deg"]), axis=1) * ARCSEC_PER_RAD
     turned = np.abs((roll - here["roll_deg"] + 180) % 360 - 180) * 3600
     matched = np.array([answer.matched for _, answer in paired])
     return OnboardEquivalence(

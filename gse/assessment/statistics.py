@@ -15,15 +15,13 @@ from gse.assessment.axis_statistics import AxisStatistics, axis_statistics
 from gse.assessment.clock_health import ClockHealth, clock_health
 from gse.assessment.onboard_equivalence import OnboardEquivalence, equivalence
 from gse.assessment.percentiles import Percentiles, percentiles
+from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
 
 AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y")
-EARTH_RATE_ARCSEC_PER_S = 15.041067
-"""Of the sidereal day, IERS Conventions 2010: 1.00273781 turns per UT1 day."""
-
 OUTLIER_ARCSEC = 1800.0
 """An answer this far from the median of all is false, whatever the judge has seen: half a degree."""
 

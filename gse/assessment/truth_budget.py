@@ -9,17 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gse.config.station import Mount, Site
+from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S, J2000_NS
 from gse.instant import NS_PER_DAY
+from gse.mount import Mount
+from gse.site import Site
 from gse.station.attitude_error import compare
 from gse.truth.alignment import Alignment
 from gse.truth.orientation import EarthOrientation
 from gse.truth.sidereal import SiderealTruth
 
-ARCSEC_PER_S = 15.041067
-"""How fast the sky turns at the equator."""
-
-_ARCSEC_PER_RAD = math.degrees(1) * 3600
 _MODEL_ARCSEC = 0.001
 """What a rigorous correction leaves: the celestial pole offsets (0.0005) and the cells of 300 s (0.0006)."""
 _POLE_ERROR_ARCSEC = {"measured": 0.0005, "predicted": 0.02, "past the end": 0.6}
@@ -33,7 +31,6 @@ _PROPER_MOTION_ARCSEC_PER_YEAR = 0.26
 _PARALLAX_ARCSEC = 0.1
 """Mean over a field; the nearest star has 0.75."""
 _JULIAN_YEAR_NS = 365.25 * NS_PER_DAY
-_J2000_NS = 946_728_000_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +116,7 @@ def truth_budget(facts: SessionFacts) -> TruthUncertaintyBudget:
 def _frame_terms(facts: SessionFacts, truth: SiderealTruth, cos_de: float) -> list[Term]:
     here = truth.earth_orientation.at(facts.utc_ns)
     pole = _POLE_ERROR_ARCSEC[here.kind] + _MODEL_ARCSEC
-    ut1 = ARCSEC_PER_S * cos_de * here.ut1_error_s + _MODEL_ARCSEC
+    ut1 = EARTH_RATE_ARCSEC_PER_S * cos_de * here.ut1_error_s + _MODEL_ARCSEC
     remains = {
         "precession": (_MODEL_ARCSEC, _MODEL_ARCSEC, ""),
         "nutation": (_MODEL_ARCSEC, _MODEL_ARCSEC, ""),
@@ -142,20 +139,20 @@ def _star_terms(facts: SessionFacts, truth: SiderealTruth) -> list[Term]:
     terms = []
     for name in ("annual aberration", "diurnal aberration", "light deflection"):
         without = SiderealTruth(facts.site, truth.earth_orientation, {name}).apparent(star, facts.utc_ns)
-        size = float(np.linalg.norm(without - seen)) * _ARCSEC_PER_RAD
+        size = float(np.linalg.norm(without - seen)) * ARCSEC_PER_RAD
         terms.append(Term(name, size, True, _MODEL_ARCSEC, _MODEL_ARCSEC))
     return terms
 
 
 def _refraction(facts: SessionFacts, truth: SiderealTruth) -> Term:
     zenith_distance = math.radians(90 - facts.mount.altitude_deg)
-    size = truth.refraction.bend_rad(zenith_distance) * _ARCSEC_PER_RAD
+    size = truth.refraction.bend_rad(zenith_distance) * ARCSEC_PER_RAD
     remains = _AIR_SHARE * size
     return Term("refraction", size, True, remains, remains, "measure pressure and temperature at the mount")
 
 
 def _catalog_terms(facts: SessionFacts) -> list[Term]:
-    years = abs(2000 + (facts.utc_ns - _J2000_NS) / _JULIAN_YEAR_NS - facts.catalog_epoch_jyear)
+    years = abs(2000 + (facts.utc_ns - J2000_NS) / _JULIAN_YEAR_NS - facts.catalog_epoch_jyear)
     moved = _PROPER_MOTION_ARCSEC_PER_YEAR * years
     remains = 0.02 * moved if facts.proper_motions else moved
     remark = f"{years:.0f} years from the catalogue's epoch; use a catalogue with proper motions"
@@ -181,6 +178,6 @@ def _mount_terms(facts: SessionFacts) -> list[Term]:
 
 def _clock(facts: SessionFacts, cos_de: float) -> Term:
     """A constant clock error cannot be told from the mount's hour angle, so that an alignment absorbs it too."""
-    size = ARCSEC_PER_S * cos_de * facts.clock_error_s
+    size = EARTH_RATE_ARCSEC_PER_S * cos_de * facts.clock_error_s
     remark = "synchronise the clock, or state its error if it was measured: --clock-error 0.1s"
     return Term("clock", size, False, size, 0.0, remark)

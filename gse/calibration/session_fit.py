@@ -11,10 +11,10 @@ from gse.calibration.camera_fit import Calibration, StarField, calibrate
 from gse.calibration.hot_pixels import hot_pixels
 from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.config.station import IdentifierOptions
 from gse.errors import UsageError
 from gse.identifier import Identification, Identifier
 from gse.identifier.neighbour import NeighbourIdentifier
+from gse.identifier_options import IdentifierOptions
 from gse.panorama import Panorama
 from gse.truth import SiderealTruth
 

@@ -12,7 +12,7 @@ from gse.attitude import Attitude
 from gse.cli.new_files import write_new
 from gse.cli.options import station_of, station_option
 from gse.config.edit import with_values
-from gse.config.station import Mount
+from gse.mount import Mount
 from gse.station.attitude_error import compare
 from gse.station.mount_alignment import CrossJudged, MeasuredMounts, cross_judged
 from gse.truth import horizon_to_sensor
@@ -59,8 +59,8 @@ def command(
     )
     judged = cross_judged(measured)
     if write_path is not None:
-        mount = judged.alignment.mount.model_dump(exclude={"align"})
-        angles = {name: round(value, 6) for name, value in mount.items()}
+        mount = judged.alignment.mount
+        angles = {name: round(getattr(mount, name), 6) for name in ("azimuth_deg", "altitude_deg", "roll_deg")}
         write_new(write_path, with_values(replay.session.station_text, "mount", angles, drop=("align",)))
     report = alignment_report(judged, replay.session.station.mount)
     click.echo(json.dumps(report) if as_json else "\n".join(_lines(report)))

@@ -107,7 +107,7 @@ def _plan(options: dict[str, Any]) -> tuple["Plan", str]:
     if angles:
         _refuse_for_angles(options)
     cells = [
-        Cell(station.identifier.model_copy(update={"algorithm": name}), conditions)
+        Cell(replace(station.identifier, algorithm=name), conditions)
         for name in dict.fromkeys(names)
         for conditions in _conditions(base, options)
     ]

@@ -1,18 +1,20 @@
 """Options and steps that several commands share."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast, get_args
 
 import click
 
 from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station, read_station
+from gse.identifier_options import Algorithm
 
 if TYPE_CHECKING:
     from gse.station.exclusions import Exclusion
 
-ALGORITHMS = ("neighbour", "pivot", "match-group", "robust")
+ALGORITHMS = get_args(Algorithm)
 
 station_option: Callable[[Any], Any] = click.option(
     "--station", "station_path", type=click.Path(path_type=Path), help="Station file; default: the built-in station."
@@ -73,10 +75,9 @@ def with_identifier(station: Station, text: str, algorithm: str | None) -> tuple
     """The station with another identifier under test, and its text, which a session keeps for its replays."""
     if algorithm is None or algorithm == station.identifier.algorithm:
         return station, text
-    identifier = station.identifier.model_copy(update={"algorithm": algorithm})
-    return station.model_copy(update={"identifier": identifier}), with_values(
-        text, "identifier", {"algorithm": algorithm}
-    )
+    text = with_values(text, "identifier", {"algorithm": algorithm})
+    identifier = replace(station.identifier, algorithm=cast(Algorithm, algorithm))
+    return station.model_copy(update={"identifier": identifier}), text
 
 
 def _beside(station: Station, path: Path) -> Station:

@@ -2,14 +2,19 @@
 
 import difflib
 import math
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator, with_config
 
 from gse.camera import Camera
 from gse.errors import ConfigError
+from gse.identifier_options import IdentifierOptions
+from gse.limits import Limits
+from gse.mount import Mount
+from gse.site import Site
 
 MAX_FILE_BYTES = 1_000_000
 """A station file is a page of text; anything bigger is another file."""
@@ -19,6 +24,10 @@ _SOURCE_KEYS = ("version", "sensor", "site", "mount", "port", "protocol", "ident
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+for _values in (Site, Mount, IdentifierOptions, Limits):
+    with_config(ConfigDict(extra="forbid"))(_values)  # an unknown key is an error in these sections too
 
 
 class Sensor(_Section):
@@ -41,66 +50,11 @@ class Sensor(_Section):
         return Camera(self.rows, self.columns, self.focal_length_px, centre, self.radial_distortion, self.mirrored)
 
 
-class Site(_Section):
-    """Where the mount stands (geodetic, WGS 84) and its air, for refraction."""
-
-    name: str = "rooftop"
-    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
-    longitude_deg: Annotated[float, Field(ge=-180, le=360)]
-    height_m: Annotated[float, Field(ge=-500, le=9000)] = 0.0
-    pressure_hpa: Annotated[float, Field(ge=0, le=1100)] = 1010.0
-    temperature_c: Annotated[float, Field(ge=-80, le=60)] = 15.0
-    relative_humidity: Annotated[float, Field(ge=0, le=1)] = 0.5
-
-
-class Mount(_Section):
-    """The fixed direction of the sensor in the horizon frame.
-
-    Azimuth from north through east. ``roll_deg`` is the position angle of image up (towards row 0) from the direction
-    of the zenith, counter-clockwise as seen in the sky; at the zenith itself, "towards the zenith" is what it becomes
-    when the sensor is tilted up along its azimuth: image up points to azimuth + 180 at roll 0.
-    ``align`` fits the three angles from the first seconds of a session instead ("first 60 s").
-    """
-
-    azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
-    altitude_deg: Annotated[float, Field(ge=-90, le=90)] = 90.0
-    roll_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
-    align: Annotated[str, Field(pattern=r"^first \d+(\.\d+)? s$")] | None = None
-
-    @property
-    def align_s(self) -> float | None:
-        """Seconds at the start of a session that the mount is fitted on, or None."""
-        return float(self.align.split()[1]) if self.align else None
-
-
 class Port(_Section):
     """Any pyserial URL."""
 
     url: Annotated[str, Field(min_length=1)] = "sim://"
     baudrate: Annotated[int, Field(ge=50, le=8_000_000)] = 115200
-
-
-class IdentifierOptions(_Section):
-    """The identifier under test, and its options (each used by the algorithm that knows it)."""
-
-    algorithm: Literal["neighbour", "pivot", "match-group", "robust"] = "neighbour"
-    catalog_stars: Annotated[int, Field(ge=100, le=100_000)] | Literal["auto"] = "auto"
-    tolerance_px: Annotated[float, Field(gt=0, le=20)] = 1.5
-    min_fit: Annotated[int, Field(ge=2, le=29)] = 6
-    """Fn and Fn2 of [S]."""
-    alpha_retries: Annotated[int, Field(ge=0, le=29)] = 29
-    """How many further objects may be the alpha star, after the brightest."""
-    selection: Literal["first-fit", "best-vote"] = "first-fit"
-    attitude: Literal["wahba", "paper-mean"] = "wahba"
-
-
-class Limits(_Section):
-    """What the verdict is measured against."""
-
-    d_ra_cosde_arcsec: Annotated[float, Field(gt=0)] = 60.0
-    d_de_arcsec: Annotated[float, Field(gt=0)] = 60.0
-    identification_ms: Annotated[float, Field(gt=0)] = 200.0
-    availability: Annotated[float, Field(ge=0, le=1)] = 0.95
 
 
 class Station(_Section):
@@ -197,7 +151,7 @@ def _explain(item: Any, node: yaml.Node | None, source: str) -> str:
     path = [part for part in item["loc"] if isinstance(part, str) and part not in ("int", "literal['auto']")]
     key = ".".join(path) or "station"
     where = f"{source}, line {_line_of(node, path)}: "
-    if item["type"] == "extra_forbidden":
+    if item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         known = _known_keys(path[:-1])
         near = difflib.get_close_matches(path[-1], known, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}"
@@ -224,9 +178,9 @@ def _line_of(node: yaml.Node | None, path: list[str]) -> int:
 
 
 def _known_keys(path: list[str]) -> list[str]:
-    model: type[BaseModel] = Station
-    for part in path:
-        annotation = model.model_fields[part].annotation
-        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            model = annotation
-    return list(model.model_fields)
+    if not path:
+        return list(Station.model_fields)
+    section = Station.model_fields[path[0]].annotation
+    if isinstance(section, type) and issubclass(section, BaseModel):
+        return list(section.model_fields)
+    return [field.name for field in fields(section)] if is_dataclass(section) else []

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from gse.attitude import Attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog
+from gse.constants import ARCSEC_RAD
 from gse.panorama import MAX_OBJECTS
-
-ARCSEC = math.radians(1 / 3600)
 
 _FALSE_MAGNITUDES = 4.0
 """False objects lie between the limit and this much brighter."""
@@ -88,7 +87,7 @@ class FrameMaker:
         limit = optics.magnitude_limit + _NOISE_REACH * conditions.magnitude
         self._catalog = catalog.rows(np.flatnonzero(catalog.magnitude < limit))
         self._true_camera = _longer(optics.camera, conditions.focal_length_error)
-        self._cos_radius = math.cos(optics.radius_rad() * 1.02 + 10 * conditions.position_arcsec * ARCSEC)
+        self._cos_radius = math.cos(optics.radius_rad() * 1.02 + 10 * conditions.position_arcsec * ARCSEC_RAD)
 
     def frame(self, boresight_icrs: NDArray[np.float64], rng: np.random.Generator) -> SimulatedFrame:
         """What is seen along ``boresight_icrs`` (3,) with a random roll."""
@@ -112,7 +111,7 @@ class FrameMaker:
         near = np.flatnonzero(catalog.icrs @ attitude.boresight_icrs > self._cos_radius)
         magnitude = catalog.magnitude[near] + rng.normal(0, conditions.magnitude, len(near))
         xy = self._true_camera.pixels(catalog.icrs[near] @ attitude.icrs_to_sensor.T)
-        xy += rng.normal(0, conditions.position_arcsec * ARCSEC * self.optics.camera.focal_length_px, xy.shape)
+        xy += rng.normal(0, conditions.position_arcsec * ARCSEC_RAD * self.optics.camera.focal_length_px, xy.shape)
         lost = rng.random(len(near)) < conditions.missing_share
         keep = (magnitude < self.optics.magnitude_limit) & ~lost & self.optics.sees(xy)
         xy, magnitude, ids = xy[keep], magnitude[keep], catalog.ids[near][keep]

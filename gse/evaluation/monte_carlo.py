@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from gse.attitude import solve_attitude
 from gse.catalog import StarCatalog, brightest_per_field, load_catalog, merge_doubles
+from gse.constants import ARCSEC_RAD
 from gse.errors import GseError
-from gse.evaluation.frames import ARCSEC, Conditions, FrameMaker, Optics, SimulatedFrame
+from gse.evaluation.frames import Conditions, FrameMaker, Optics, SimulatedFrame
 from gse.evaluation.plan import Cell, Outcome, Plan
 from gse.identifier import Identification, Identifier, Unidentified, make_identifier
 from gse.spiral import spiral_directions
@@ -39,7 +40,7 @@ _QUEUED_PER_WORKER = 4
 """Chunks handed over ahead, so that no worker waits."""
 
 _WARM_UP_FRAMES = 3
-_DOUBLES_RAD = 60 * ARCSEC
+_DOUBLES_RAD = 60 * ARCSEC_RAD
 _LEAST_TOLERANCE_ARCSEC = 1.0
 _INDEX_ZERO_POINT = 2.5 * math.log10(4096) - 7.5
 """Magnitude of index 1 above the limit, as the simulated frames have it."""
@@ -78,7 +79,7 @@ class Evaluator:
         maker, identifier = self._ready[cell]
         rng = np.random.default_rng(np.random.SeedSequence(self._plan.seed, spawn_key=(frame,)))
         seen = maker.frame(self._directions[frame], rng)
-        sigma_rad = self._plan.cells[cell].conditions.position_arcsec * ARCSEC
+        sigma_rad = self._plan.cells[cell].conditions.position_arcsec * ARCSEC_RAD
         identify = _by_angles(identifier, seen, sigma_rad, rng) if self._plan.angle_noise else _whole(identifier, seen)
         started_ns = time.thread_time_ns()
         answer = identify()
@@ -95,7 +96,7 @@ class Evaluator:
 
 def judged(answer: Identification, catalog: StarCatalog, frame: SimulatedFrame) -> str:
     """Right, coarse or false."""
-    found = solve_attitude(frame.directions_sensor[answer.objects], catalog.icrs[answer.stars], 10 * ARCSEC)
+    found = solve_attitude(frame.directions_sensor[answer.objects], catalog.icrs[answer.stars], 10 * ARCSEC_RAD)
     apart = math.dist(found.boresight_icrs, frame.attitude.boresight_icrs)
     error_deg = math.degrees(2 * math.asin(min(1.0, apart / 2)))
     if error_deg <= RIGHT_DEG:
@@ -130,7 +131,7 @@ def _for_angles(cell: Cell, optics: Optics, mission: StarCatalog) -> Identifier:
     from gse.identifier.match_group import MatchGroupIdentifier
     from gse.identifier.pivot import PivotIdentifier
 
-    tolerance_rad = max(3 * cell.conditions.position_arcsec, _LEAST_TOLERANCE_ARCSEC) * ARCSEC
+    tolerance_rad = max(3 * cell.conditions.position_arcsec, _LEAST_TOLERANCE_ARCSEC) * ARCSEC_RAD
     field_rad = 2 * optics.radius_rad()
     if cell.identifier.algorithm == "pivot":
         return PivotIdentifier(mission, field_rad, tolerance_rad)

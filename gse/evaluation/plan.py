@@ -7,8 +7,8 @@ from typing import Any
 
 from gse.assessment.percentiles import Percentiles, percentiles
 from gse.camera import Camera
-from gse.config.station import IdentifierOptions
 from gse.evaluation.frames import Conditions, Optics
+from gse.identifier_options import IdentifierOptions
 
 SCHEMA = "gse.evaluation/1"
 CONFIDENCE = 0.95

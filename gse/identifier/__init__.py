@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from gse.camera import Camera
 from gse.catalog import StarCatalog, brightest_per_field, mission_catalog
-from gse.config.station import IdentifierOptions
 from gse.identifier.result import Identification, Reason, Unidentified
+from gse.identifier_options import IdentifierOptions
 
 __all__ = ["Identification", "Identifier", "Reason", "Unidentified", "make_identifier"]
 

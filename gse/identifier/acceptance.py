@@ -10,10 +10,10 @@ from scipy.special import bdtrc
 
 from gse.attitude import davenport
 from gse.catalog import StarCatalog
+from gse.constants import ARCSEC_RAD
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.jit import compiled
 
-_ARCSEC = math.radians(1 / 3600)
 _GATE = 16.0
 """Area, in squares of the tolerance, where an object fits two distances: a rhombus of (2 d_m)^2 / sin of the angle at
 the object, whose inverse sine is 2 in the mean, on either side of the line, for distances alone see no handedness."""
@@ -60,10 +60,10 @@ def accepted(
     if rms_rad <= tolerance_rad:
         return Identification(objects, stars, false_match_probability)
     mirrored_rad = wahba_residual_rad(measured * np.array([-1.0, 1.0, 1.0]), icrs)
-    residual = f"the stars found lie {rms_rad / _ARCSEC:.0f} arcsec rms off their objects"
+    residual = f"the stars found lie {rms_rad / ARCSEC_RAD:.0f} arcsec rms off their objects"
     if mirrored_rad <= tolerance_rad:
         return Unidentified(
-            Reason.NO_MATCH, f"the image is mirrored: {residual}, {mirrored_rad / _ARCSEC:.0f} once flipped"
+            Reason.NO_MATCH, f"the image is mirrored: {residual}, {mirrored_rad / ARCSEC_RAD:.0f} once flipped"
         )
     return Unidentified(Reason.NO_MATCH, f"{residual}: no attitude fits")
 

@@ -6,9 +6,9 @@ group is given the zero point that suits it best, which makes the gate a little 
 
 from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.config.station import IdentifierOptions
 from gse.identifier.pivot import PivotIdentifier
 from gse.identifier.tables import field_diameter_rad, tolerance_rad
+from gse.identifier_options import IdentifierOptions
 
 MAGNITUDE_GATE = 1.0
 """Of 0.5 to 1.5 mag, what comes nearest to the curve of [N] figure 14."""

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 
 from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.config.station import IdentifierOptions
 from gse.identifier.acceptance import RandomSky, accepted
 from gse.identifier.input_checks import distinct_objects, refusal
 from gse.identifier.neighbour_search import Limits, best_vote, first_fit
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.tables import field_diameter_rad, pair_table, tolerance_rad
+from gse.identifier_options import IdentifierOptions
 
 
 class NeighbourIdentifier:

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.config.station import IdentifierOptions
 from gse.identifier.acceptance import RandomSky, accepted
 from gse.identifier.cells import Cells
 from gse.identifier.consistency import Separations, separations
@@ -25,6 +24,7 @@ from gse.identifier.input_checks import distinct_objects, refusal
 from gse.identifier.pivot_search import FEWEST_OBJECTS, FOUND, NO_GATE, TIE, Gates, Objects, PivotSky, search
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.tables import field_diameter_rad, pair_table, tolerance_rad
+from gse.identifier_options import IdentifierOptions
 
 
 class PivotIdentifier:

@@ -15,8 +15,10 @@ from drivers.ports import is_mock
 from gse import instant
 from gse.catalog.mission import stars_for_field
 from gse.catalog.readers import load_catalog
-from gse.config.station import Limits, Station
+from gse.config.station import Station
+from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.errors import GseError
+from gse.limits import Limits
 from gse.truth import EarthOrientation
 from gse.view.viewer import rerun_program
 from protocols import Frame, FrameDecoder, Protocol, ProtocolError, load_protocol
@@ -24,7 +26,6 @@ from protocols import Frame, FrameDecoder, Protocol, ProtocolError, load_protoco
 LISTEN_S = 3.0
 """The slowest sensor known exposes for 2 s."""
 ENOUGH_FRAMES = 3
-ARCSEC_PER_S = 15.04
 """The sky turns by this much, at the equator."""
 BITS_PER_BYTE = 10
 OVERHEAD = 2.5
@@ -112,12 +113,13 @@ def _clock(station: Station) -> Check:
         return Check(
             "clock",
             Outcome.FAIL,
-            f"the clock is not synchronised ({clock.source}); 1 s of error is {ARCSEC_PER_S:.0f} arcsec of RA",
+            f"the clock is not synchronised ({clock.source}); "
+            f"1 s of error is {EARTH_RATE_ARCSEC_PER_S:.0f} arcsec of RA",
             "start chrony, ntpd or systemd-timesyncd, or state a measured bound: gse run --clock-error 0.1s",
         )
     bound_s = abs(clock.offset_s) + clock.error_bound_s
-    text = f"{clock.source}, within {bound_s * 1e3:.1f} ms = {bound_s * ARCSEC_PER_S:.2g} arcsec of RA"
-    if bound_s * ARCSEC_PER_S > _tightest(station.limits) / 10:
+    text = f"{clock.source}, within {bound_s * 1e3:.1f} ms = {bound_s * EARTH_RATE_ARCSEC_PER_S:.2g} arcsec of RA"
+    if bound_s * EARTH_RATE_ARCSEC_PER_S > _tightest(station.limits) / 10:
         return Check(
             "clock", Outcome.WARN, text, "that is more than a tenth of the limits: choose a nearer time server"
         )

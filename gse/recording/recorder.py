@@ -19,6 +19,7 @@ from drivers.session_file.compaction import compact
 from drivers.session_file.reader import segment_path
 from drivers.session_file.records import RX, TX, Attachment, Message, MessageWriter
 from drivers.session_file.writer import CaptureWriter
+from gse.recording.event_kinds import RecorderKind
 
 SEGMENT_BYTES = 512 << 20
 """Some 50 hours at 10 Hz; a file that any tool still opens."""
@@ -95,7 +96,7 @@ class Recorder(MessageWriter):
             if self._thread.is_alive():
                 self.lost_bytes += self._waiting_bytes
                 text = f"the disk of {self.path} does not answer: {self._waiting_bytes} bytes are not in the file"
-                self._say("RECORDER_LOST", text)
+                self._say(RecorderKind.LOST, text)
                 return
         self._compact()
 
@@ -118,7 +119,7 @@ class Recorder(MessageWriter):
             self._count_waiting(len(item.data))
             self._items.put(item)
             if self._waiting_bytes > BEHIND_BYTES:
-                self._say_once("RECORDER_BEHIND", f"the disk of {self.path} is slow: what it has not taken waits")
+                self._say_once(RecorderKind.BEHIND, f"the disk of {self.path} is slow: what it has not taken waits")
 
     def _count_waiting(self, change: int) -> None:
         # The receive thread adds, the station's adds, the writing thread takes away.
@@ -171,24 +172,25 @@ class Recorder(MessageWriter):
         except OSError as error:
             self._refused = True
             self._say_once(
-                "RECORDER_REFUSED", f"{self.path}: {error.strerror}; free the disk, what comes waits in memory"
+                RecorderKind.REFUSED,
+                f"{self.path}: {error.strerror}; free the disk, what comes waits in memory",
             )
             return False
         self._unwritten.clear()
         if self._refused:
             self._refused = False
-            self._say("RECORDER_RECOVERED", f"{self.path} takes bytes again; nothing that waited was lost")
+            self._say(RecorderKind.RECOVERED, f"{self.path} takes bytes again; nothing that waited was lost")
         return True
 
     def _keep_safe(self) -> None:
         """Once a second: try again what was refused, sync, and see that the file is still there."""
         try:
             if self._writer.restore_if_vanished():
-                self._say("FILE_RESTORED", f"{self._segments[-1]} was deleted and is written again, whole")
+                self._say(RecorderKind.FILE_RESTORED, f"{self._segments[-1]} was deleted and is written again, whole")
             if self._flush():
                 self._writer.sync()
         except OSError as error:
-            self._say_once("RECORDER_UNSAFE", f"{self._segments[-1]}: {error.strerror}; the session is at risk")
+            self._say_once(RecorderKind.UNSAFE, f"{self._segments[-1]}: {error.strerror}; the session is at risk")
 
     def _next_segment(self) -> None:
         """Go on in a new file; where none can be made, in the old one."""
@@ -199,7 +201,10 @@ class Recorder(MessageWriter):
                 following.attach(item.name, item.media_type, item.data)
         except (CaptureError, OSError) as error:
             self._segment_bytes += SEGMENT_BYTES
-            self._say_once("RECORDER_SEGMENT", f"no new segment {path}: {error}; the session goes on in the old one")
+            self._say_once(
+                RecorderKind.SEGMENT,
+                f"no new segment {path}: {error}; the session goes on in the old one",
+            )
             return
         previous, self._writer = self._writer, following
         self._segments.append(path)
@@ -208,7 +213,7 @@ class Recorder(MessageWriter):
             previous.continued(path.name, *self._stamp)
             previous.close()
         except OSError as error:
-            self._say("RECORDER_UNFINISHED", f"{self._segments[-2]}: {error.strerror}; it has no proper end")
+            self._say(RecorderKind.UNFINISHED, f"{self._segments[-2]}: {error.strerror}; it has no proper end")
 
     def _finish(self) -> None:
         until_s = time.monotonic() + LAST_TRIES_S
@@ -223,10 +228,13 @@ class Recorder(MessageWriter):
         try:
             self._writer.close()
         except OSError as error:
-            self._say("RECORDER_UNFINISHED", f"{self._segments[-1]}: {error.strerror}; it has no proper end")
+            self._say(RecorderKind.UNFINISHED, f"{self._segments[-1]}: {error.strerror}; it has no proper end")
         if lost:
             self.lost_bytes += lost
-            self._say("RECORDER_LOST", f"{lost} received bytes are not in {self._segments[-1]}: the disk took no more")
+            self._say(
+                RecorderKind.LOST,
+                f"{lost} received bytes are not in {self._segments[-1]}: the disk took no more",
+            )
 
     def _compact(self) -> None:
         for segment in self._segments:
@@ -234,12 +242,12 @@ class Recorder(MessageWriter):
                 if segment.exists():
                     compact(segment)
             except CaptureError as error:
-                self._say("RECORDER_UNCOMPRESSED", str(error))
+                self._say(RecorderKind.UNCOMPRESSED, str(error))
 
     def _lose(self, item: Message | Attachment, why: str) -> None:
         if isinstance(item, Message) and item.topic in (RX, TX):
             self.lost_bytes += len(item.data)
-        self._say_once("RECORDER_LOST", f"bytes are lost {why}; they are counted")
+        self._say_once(RecorderKind.LOST, f"bytes are lost {why}; they are counted")
 
     def _say_once(self, kind: str, text: str) -> None:
         if kind not in self._told:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gse.attitude import Attitude
 from gse.camera import Camera
+from gse.constants import ARCSEC_PER_RAD
 from gse.drawing.outline import field_outline_icrs
 from gse.drawing.palette import BLUE, GREEN, VERMILLION, hex_of
 from gse.report.decimation import sample
@@ -19,7 +20,6 @@ _CELLS = 12
 _FEWEST = 3
 _MATCHES_AT_ONCE = 1 << 16
 _NEAR_POLE_DEG = 75.0
-ARCSEC_PER_RAD = 180 * 3600 / np.pi
 
 
 def draw_sky(figure: Figure, drawn: PlotData) -> None:

@@ -102,10 +102,10 @@ def _session(session: SessionData) -> dict[str, Any]:
     utc_ns = session.frames.columns["utc_ns"]
     return {
         "sensor": station.sensor.name,
-        "site": station.site.model_dump(mode="json"),
-        "mount": (session.alignment.mount if session.alignment else station.mount).model_dump(mode="json"),
+        "site": dataclasses.asdict(station.site),
+        "mount": dataclasses.asdict(session.alignment.mount if session.alignment else station.mount),
         "protocol": session.protocol_name,
-        "identifier": station.identifier.model_dump(mode="json"),
+        "identifier": dataclasses.asdict(station.identifier),
         "first_utc": instant.to_text(int(utc_ns.min())) if len(utc_ns) else None,
         "last_utc": instant.to_text(int(utc_ns.max())) if len(utc_ns) else None,
         "duration_s": float(utc_ns.max() - utc_ns.min()) / instant.NS_PER_S if len(utc_ns) else None,

@@ -27,6 +27,7 @@ from gse.recording.session_format import (
     timing_json,
 )
 from gse.release_memory import give_back
+from gse.station.event_kinds import StationKind
 from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
@@ -152,7 +153,7 @@ class _DerivedDataRecorder:
         """Record when the session ended: what nobody heard up to then belongs to it."""
         if self._link.is_live:
             now = read_clock()
-            event = LinkEvent(now.utc_ns, now.mono_ns, "CLOSED", "the session was ended")
+            event = LinkEvent(now.utc_ns, now.mono_ns, StationKind.CLOSED, "the session was ended")
             self._recorder.event(event)
             self._loop.take([event])
 

@@ -14,6 +14,7 @@ from drivers.mock.urls import replay_url
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station
 from gse.errors import TruthError, UsageError
 from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATED, STATION, Recorded, read_recorded
+from gse.station.event_kinds import StationKind
 from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
@@ -107,7 +108,7 @@ def _loop(
     )
     loop.session.clock_error_s = _stated_clock_error_s(attachments.get(STATED))
     if recorded and STATION not in attachments and text == BUILT_IN_TEXT:
-        loop.on_event(LinkEvent(utc_ns or 0, 0, "NO_STATION", _NO_STATION))
+        loop.on_event(LinkEvent(utc_ns or 0, 0, StationKind.NO_STATION, _NO_STATION))
     for reading in recorded.clock if recorded else ():
         loop.read_clock(reading)
     return loop

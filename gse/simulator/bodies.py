@@ -12,6 +12,7 @@ import numpy as np
 from astropy.coordinates import get_body
 from numpy.typing import NDArray
 
+from gse.constants import AU_M
 from gse.simulator.sky import CELL_NS, AstropySite, Track, earth_orientation, horizon_vectors, times_of
 
 MAGNITUDE_TERMS = {
@@ -27,7 +28,7 @@ MAGNITUDE_TERMS = {
 
 NAMES = ("sun", "moon", *MAGNITUDE_TERMS)
 SUN, MOON, FIRST_PLANET = 0, 1, 2
-_MOON_RADIUS_AU = 1737.4 / 149_597_870.7
+_MOON_RADIUS_AU = 1_737_400.0 / AU_M
 
 
 @dataclass(frozen=True, slots=True, eq=False)

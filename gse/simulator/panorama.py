@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.config.station import Station
+from gse.constants import ARCSEC_PER_RAD
 from gse.panorama import MAX_OBJECTS
 from gse.simulator.photometry import Photometry
 from gse.simulator.scenario import Scenario
@@ -19,7 +20,6 @@ from gse.simulator.scene import Scene
 OVEREXPOSED = "overexposed"
 """The status bit, in the words of the protocols."""
 
-ARCSEC_PER_RAD = 180 * 3600 / math.pi
 _FOOTPRINT_PX = 2.0
 _NOISE_SIGMAS = 5
 """Fainter stars than the limit by so much noise are never seen."""

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gse.config.station import Mount
+from gse.mount import Mount
 
 
 def horizon_to_sensor(mount: Mount) -> NDArray[np.float64]:

@@ -22,8 +22,8 @@ from erfa import ErfaWarning
 from numpy.typing import NDArray
 
 from gse.catalog import StarCatalog, merge_doubles
-from gse.config.station import Site
 from gse.instant import NS_PER_S, to_julian_date
+from gse.site import Site
 
 CELL_NS = 300 * NS_PER_S
 NODE_NS = CELL_NS // 3

@@ -3,13 +3,12 @@
 from collections import Counter
 from collections.abc import Callable
 
-from drivers.chunk import LinkEvent
-from drivers.link_state import STREAMING, SYNCING, WAITING
+from drivers.chunk import LinkEvent, LinkKind
 from gse import instant
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 
-_CALM = {"OPENED", WAITING, SYNCING, STREAMING}
+_CALM = {LinkKind.OPENED, LinkKind.WAITING, LinkKind.SYNCING, LinkKind.STREAMING}
 """The ordinary course of things: told each time until the first repetition, never counted at the end."""
 
 

@@ -3,9 +3,8 @@
 import math
 
 from gse.attitude import Attitude
+from gse.constants import ARCSEC_PER_RAD
 from gse.station.results import AttitudeError
-
-_ARCSEC_PER_RAD = math.degrees(1) * 3600
 
 
 def compare(measured: Attitude, true: Attitude) -> AttitudeError:
@@ -27,9 +26,9 @@ def compare(measured: Attitude, true: Attitude) -> AttitudeError:
     east = cos_ra * off_y - sin_ra * off_x
     north = level * off_z - bz * (cos_ra * off_x + sin_ra * off_y)
     return AttitudeError(
-        east * arc * _ARCSEC_PER_RAD,
-        north * arc * _ARCSEC_PER_RAD,
-        math.atan2(e10 - e01, e00 + e11) * _ARCSEC_PER_RAD,
-        x * arc * _ARCSEC_PER_RAD,
-        y * arc * _ARCSEC_PER_RAD,
+        east * arc * ARCSEC_PER_RAD,
+        north * arc * ARCSEC_PER_RAD,
+        math.atan2(e10 - e01, e00 + e11) * ARCSEC_PER_RAD,
+        x * arc * ARCSEC_PER_RAD,
+        y * arc * ARCSEC_PER_RAD,
     )

@@ -1,6 +1,5 @@
 """Stretches of a session that are left out of the figures, each by name."""
 
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from drivers.chunk import LinkEvent
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
+from gse.station.event_kinds import ClockStep
 
 AROUND_STEP_NS = 5 * NS_PER_S
 """On either side of a step of the host clock."""
@@ -19,8 +19,6 @@ _LATE_NS = 20_000_000
 
 _LATE_RATE = 0.1
 """Of the time that passed: what waited is read in no time at all, and no clock drifts like that."""
-
-_STEP = re.compile(r"[+-]\d+(\.\d+)?(?= s\b)")
 
 _EXAMPLE = "expected for example 2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds"
 
@@ -39,7 +37,7 @@ def exclusions(events: Iterable[LinkEvent], frames: NDArray[np.void]) -> tuple[E
 
     ``frames`` are rows of FRAME.
     """
-    steps = [event for event in events if event.kind == "CLOCK_STEP"]
+    steps = [event for event in events if isinstance(event, ClockStep)]
     return (*(_around_step(event) for event in steps), *_late_starts(frames, {event.utc_ns for event in steps}))
 
 
@@ -71,10 +69,8 @@ def _late_starts(frames: NDArray[np.void], steps_ns: set[int]) -> Iterator[Exclu
             yield Exclusion(int(waited_ns.min()), int(waited_ns.max()) + 1, reason)
 
 
-def _around_step(event: LinkEvent) -> Exclusion:
-    found = _STEP.search(event.text)
-    step_ns = round(float(found[0]) * NS_PER_S) if found else 0
-    before, after = max(step_ns, 0), max(-step_ns, 0)
+def _around_step(event: ClockStep) -> Exclusion:
+    before, after = max(event.step_ns, 0), max(-event.step_ns, 0)
     return Exclusion(event.utc_ns - before - AROUND_STEP_NS, event.utc_ns + after + AROUND_STEP_NS, event.text)
 
 

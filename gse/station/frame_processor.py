@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from gse.attitude import Attitude, paper_mean, solve_attitude
 from gse.camera import Camera
-from gse.config.station import Mount
+from gse.constants import ARCSEC_PER_RAD
 from gse.identifier import Identification, Identifier, Unidentified
 from gse.identifier.robust import RobustIdentifier
+from gse.mount import Mount
 from gse.panorama import MAX_OBJECTS, Panorama
 from gse.station.attitude_error import compare
 from gse.station.non_stellar import NonStellarObjects
@@ -25,7 +26,6 @@ CENTROID_SIGMA_PX = 0.3
 SAME_BORESIGHT_RAD = math.radians(0.05)
 """The answer under test is correct when its boresight is within this of the reference identifier's."""
 
-ARCSEC_PER_RAD = 180 * 3600 / math.pi
 FAULT_FLAGS = frozenset({"detector fault", "memory fault"})
 
 

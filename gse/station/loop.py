@@ -5,13 +5,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from drivers.chunk import Chunk, LinkEvent
+from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.clock import ClockReading
 from drivers.link import SerialLink
 from drivers.link_state import LinkMonitor
 from gse.errors import TruthError
 from gse.panorama import Panorama
 from gse.recording.session_format import RecordedTimings
+from gse.station.event_kinds import StationKind
 from gse.station.frame_processor import Answer, FrameProcessor
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
@@ -151,7 +152,7 @@ class StationLoop:
     def on_event(self, event: LinkEvent) -> None:
         """An event of the link or of the reception."""
         self.session.events.append(event)
-        self.session.link.reconnects += event.kind == "REOPENED"
+        self.session.link.reconnects += event.kind == LinkKind.REOPENED
         for listener in self.listeners:
             listener.on_event(event)
 
@@ -189,7 +190,7 @@ class StationLoop:
         result = self._frame_processor.conclude(panorama, answer, self._elapsed_us(panorama, answer))
         self.session.frames.append(result)
         if result.detail.startswith("the image is mirrored"):
-            self.on_event(LinkEvent(panorama.utc_ns, 0, "MIRRORED", result.detail))
+            self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.MIRRORED, result.detail))
         if self._first_seconds is not None and self._frame_processor.truth is not None:
             self._first_seconds.add(result, self._frame_processor.truth)
         for listener in self.listeners:
@@ -211,7 +212,7 @@ class StationLoop:
         self._first_seconds = None
         self._frame_processor = replace(self._frame_processor, mount=alignment.mount)
         self.session.alignment = alignment
-        self.on_event(LinkEvent(panorama.utc_ns, 0, "ALIGNED", str(alignment)))
+        self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.ALIGNED, str(alignment)))
 
     def _seek_truth(self, panorama: Panorama) -> None:
         """The Earth orientation of the night: frozen in the session, or from disk around the first panorama."""
@@ -220,10 +221,10 @@ class StationLoop:
             orientation = self.session.earth_orientation or EarthOrientation.from_disk(panorama.utc_ns)
             warning = orientation.warning(panorama.utc_ns)
         except TruthError as error:
-            self.on_event(LinkEvent(panorama.utc_ns, 0, "NO_TRUTH", str(error)))
+            self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.NO_TRUTH, str(error)))
             return
         if warning:
-            self.on_event(LinkEvent(panorama.utc_ns, 0, "EARTH_ORIENTATION", warning))
+            self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.EARTH_ORIENTATION, warning))
         self.session.earth_orientation = orientation
         truth = SiderealTruth(self.session.station.site, orientation)
         self._frame_processor = replace(self._frame_processor, truth=truth)

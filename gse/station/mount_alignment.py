@@ -1,12 +1,12 @@
 """The mount fitted on a session: on its first seconds while it runs, or on a whole recording."""
 
-import math
 from array import array
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.constants import ARCSEC_PER_RAD
 from gse.errors import UsageError
 from gse.instant import NS_PER_S
 from gse.station.results import AnswerCheck, FrameResult
@@ -17,7 +17,6 @@ MIN_FRAMES = 10
 """Fewer identified frames than this fit no mount in a running session: it goes on until it has them."""
 
 MINUTE_NS = 60 * NS_PER_S
-_ARCSEC_PER_RAD = math.degrees(1) * 3600
 
 
 class MeasuredMounts:
@@ -116,8 +115,8 @@ def cross_judged(measured: MeasuredMounts) -> CrossJudged:
     mounts = [horizon_to_sensor(fit.mount) for fit in fits]
     residual = np.empty((len(utc_ns), 3))
     for half, fitted in ((odd, mounts[0]), (~odd, mounts[1])):
-        residual[half] = small_rotations(rotations[half], fitted) * _ARCSEC_PER_RAD
-    apart = small_rotations(mounts[1][None], mounts[0])[0] * _ARCSEC_PER_RAD
+        residual[half] = small_rotations(rotations[half], fitted) * ARCSEC_PER_RAD
+    apart = small_rotations(mounts[1][None], mounts[0])[0] * ARCSEC_PER_RAD
     return CrossJudged(
         fit_mount(utc_ns, rotations),
         _boresight_first(np.abs(apart)),

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from gse.attitude import Attitude
 from gse.camera import Camera
-from gse.config.station import Site
 from gse.instant import NS_PER_S
 from gse.panorama import Panorama
+from gse.site import Site
 from gse.truth.solar_system import BODIES, bodies_icrs
 
 HOT_PIXEL = "hot pixel"

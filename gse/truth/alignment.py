@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gse.config.station import Mount
+from gse.constants import ARCSEC_PER_RAD
 from gse.errors import UsageError
+from gse.mount import Mount
 from gse.truth.mounting import horizon_to_sensor, mount_of
 
 _REJECT_SIGMA = 5.0
@@ -20,7 +21,6 @@ _MAD_TO_SIGMA = 1.4826
 _ROUNDS = 20
 _BLOCK_NS = 20_000_000_000
 """Frames within 20 s share the errors of the same pixels: their means count as independent, not they."""
-_ARCSEC_PER_RAD = math.degrees(1) * 3600
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ def fit_mount(utc_ns: Sequence[int] | NDArray[np.int64], horizon_to_sensor_each:
         fitted = Rotation.from_rotvec(step).as_matrix() @ fitted
         if (kept == before).all() and float(np.abs(step).max()) < 1e-12:
             break
-    residual = small_rotations(horizon_to_sensor_each[kept], fitted) * _ARCSEC_PER_RAD
+    residual = small_rotations(horizon_to_sensor_each[kept], fitted) * ARCSEC_PER_RAD
     scatter = residual.std(axis=0, ddof=1) if len(residual) > 1 else np.full(3, math.nan)
     return Alignment(
         mount_of(fitted),

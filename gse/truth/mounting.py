@@ -6,7 +6,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.config.station import Mount
+from gse.mount import Mount
 
 
 @functools.lru_cache(maxsize=16)

@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.attitude import Attitude
-from gse.config.station import Mount, Site
+from gse.constants import AU_M, DAY_S, EARTH_RATE_RAD_PER_S, LIGHT_M_PER_S
 from gse.errors import UsageError
 from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
+from gse.mount import Mount
+from gse.site import Site
 from gse.truth.mounting import horizon_to_sensor
 from gse.truth.orientation import EarthOrientation, tai_minus_utc_s
 from gse.truth.refraction import Refraction
@@ -39,11 +41,6 @@ _CELL_NS = 300 * NS_PER_S
 _CELLS_KEPT = 1024
 _MJD_JD = 2_400_000.5
 _TT_MINUS_TAI_S = 32.184
-_EARTH_RATE_RAD_PER_S = 2 * math.pi * 1.00273781191135448 / 86_400
-"""Earth rotation angle per second of UT1, IAU 2000 resolution B1.8."""
-_AU_M = 149_597_870_700.0
-"""IAU 2012 resolution B2."""
-_LIGHT_M_PER_S = 299_792_458.0
 _WGS84 = 1
 
 
@@ -92,7 +89,7 @@ class SiderealTruth:
         if latest_ns == utc_ns:
             return rotation
         cell = self._cell(utc_ns // _CELL_NS)
-        angle = (utc_ns - cell.middle_ns) * (_EARTH_RATE_RAD_PER_S / NS_PER_S)
+        angle = (utc_ns - cell.middle_ns) * (EARTH_RATE_RAD_PER_S / NS_PER_S)
         rotation = cell.still + cell.cosine * math.cos(angle) + cell.sine * math.sin(angle)
         rotation.flags.writeable = False
         self._latest = utc_ns, rotation
@@ -105,7 +102,7 @@ class SiderealTruth:
         for number in np.unique(numbers):
             cell = self._cell(int(number))
             rows = numbers == number
-            angle = ((utc_ns[rows] - cell.middle_ns) * (_EARTH_RATE_RAD_PER_S / NS_PER_S))[:, None, None]
+            angle = ((utc_ns[rows] - cell.middle_ns) * (EARTH_RATE_RAD_PER_S / NS_PER_S))[:, None, None]
             rotations[rows] = cell.still + cell.cosine * np.cos(angle) + cell.sine * np.sin(angle)
         return rotations
 
@@ -146,8 +143,8 @@ class SiderealTruth:
         days, ns = divmod(middle_ns, NS_PER_DAY)
         mjd, second = UNIX_EPOCH_MJD + days, ns / NS_PER_S
         earth = self.earth_orientation.at(middle_ns)
-        tt = _MJD_JD + mjd, (second + tai_minus_utc_s(mjd) + _TT_MINUS_TAI_S) / 86_400
-        ut1 = _MJD_JD + mjd, (second + (0.0 if "UT1" in self.omit else earth.ut1_minus_utc_s)) / 86_400
+        tt = _MJD_JD + mjd, (second + tai_minus_utc_s(mjd) + _TT_MINUS_TAI_S) / DAY_S
+        ut1 = _MJD_JD + mjd, (second + (0.0 if "UT1" in self.omit else earth.ut1_minus_utc_s)) / DAY_S
         icrs_to_date = self._icrs_to_date(tt)
         sidereal_rad = float(
             erfa.ufunc.gmst06(*ut1, *tt) if "nutation" in self.omit else erfa.ufunc.gst06(*ut1, *tt, _bpn(tt))
@@ -157,7 +154,7 @@ class SiderealTruth:
         to_horizon = self._itrs_to_horizon @ polar
         heliocentric, barycentric = erfa.ufunc.epv00(*tt)[:2]  # TT for TDB: 2 ms
         distance_au = float(np.linalg.norm(heliocentric["p"]))
-        moving = 0.0 if "annual aberration" in self.omit else _AU_M / 86_400 / _LIGHT_M_PER_S
+        moving = 0.0 if "annual aberration" in self.omit else AU_M / DAY_S / LIGHT_M_PER_S
         sin_0, cos_0 = math.sin(sidereal_rad), math.cos(sidereal_rad)
         turned = np.array([[cos_0, sin_0, 0.0], [-sin_0, cos_0, 0.0], [0.0, 0.0, 0.0]])
         quarter_on = np.array([[-sin_0, cos_0, 0.0], [-cos_0, -sin_0, 0.0], [0.0, 0.0, 0.0]])
@@ -192,7 +189,7 @@ def _place(site: Site, *, geodetic: bool) -> tuple[NDArray[np.float64], float]:
     """The rotation (3, 3) from Earth-fixed axes to the horizon frame, and the site's speed by the Earth's turning."""
     longitude, latitude = math.radians(site.longitude_deg), math.radians(site.latitude_deg)
     position_m, _ = erfa.ufunc.gd2gc(_WGS84, longitude, latitude, site.height_m)
-    speed_c = math.hypot(position_m[0], position_m[1]) * _EARTH_RATE_RAD_PER_S / _LIGHT_M_PER_S
+    speed_c = math.hypot(position_m[0], position_m[1]) * EARTH_RATE_RAD_PER_S / LIGHT_M_PER_S
     if not geodetic:
         latitude = math.atan2(position_m[2], math.hypot(position_m[0], position_m[1]))
     sin_l, cos_l, sin_b, cos_b = math.sin(longitude), math.cos(longitude), math.sin(latitude), math.cos(latitude)

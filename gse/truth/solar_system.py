@@ -10,8 +10,9 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.config.station import Site
+from gse.constants import AU_M, DAY_S, LIGHT_M_PER_S
 from gse.instant import to_julian_date
+from gse.site import Site
 
 PLANETS = ("Mercury", "Venus", "Mars", "Jupiter", "Saturn", "Uranus")
 """Those that a star sensor sees."""
@@ -20,9 +21,6 @@ BODIES = (*PLANETS, "Moon")
 _NUMBERS = np.array([1, 2, 4, 5, 6, 7])
 """Of PLANETS, as plan94 counts them."""
 
-_AU_M = 149_597_870_700.0
-_AU_PER_DAY = 173.144_632_674
-"""Speed of light."""
 _WGS84 = 1
 
 
@@ -31,7 +29,7 @@ def bodies_icrs(site: Site, utc_ns: int) -> NDArray[np.float64]:
     day, fraction = to_julian_date(utc_ns)
     earth_au = erfa.ufunc.epv00(day, fraction)[0]["p"]
     planets_au = erfa.ufunc.plan94(day, fraction, _NUMBERS)[0]["p"] - earth_au
-    light_days = np.linalg.norm(planets_au, axis=1) / _AU_PER_DAY
+    light_days = np.linalg.norm(planets_au, axis=1) * AU_M / (LIGHT_M_PER_S * DAY_S)
     planets_au = erfa.ufunc.plan94(day, fraction - light_days, _NUMBERS)[0]["p"] - earth_au
     moon_au = erfa.ufunc.moon98(day, fraction)["p"] - _site_icrs_au(site, day, fraction)
     vectors = np.vstack([planets_au, moon_au])
@@ -44,5 +42,5 @@ def _site_icrs_au(site: Site, day: float, fraction: float) -> NDArray[np.float64
     longitude, latitude = math.radians(site.longitude_deg), math.radians(site.latitude_deg)
     position_m, _ = erfa.ufunc.gd2gc(_WGS84, longitude, latitude, site.height_m)
     icrs_to_earth = erfa.ufunc.c2t06a(day, fraction, day, fraction, 0.0, 0.0)
-    icrs_au: NDArray[np.float64] = position_m @ icrs_to_earth / _AU_M
+    icrs_au: NDArray[np.float64] = position_m @ icrs_to_earth / AU_M
     return icrs_au

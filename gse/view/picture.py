@@ -8,6 +8,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from gse.camera import Camera
+from gse.constants import ARCSEC_RAD
 from gse.drawing.palette import GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
 from gse.station.non_stellar import HOT_PIXEL, UNKNOWN
 from gse.station.results import FrameResult
@@ -20,7 +21,6 @@ _KINDS = {"named": SKY_BLUE, "stars": SKY_BLUE, "unidentified": ORANGE, "hot": V
 """Kinds of objects, with their colours."""
 
 _LABELLED = ("named", "hot", "planets")
-ARCSEC = np.pi / (180 * 3600)
 """In radians."""
 
 _RADIUS_SHARE = (0.004, 0.012)
@@ -83,7 +83,7 @@ class Picture:
         lengths = np.bincount(matches["frame"], minlength=len(columns))
         origins = np.column_stack([matches["x_px"], matches["y_px"]])
         arcsec = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]])
-        vectors = arcsec * (RESIDUAL_SCALE * ARCSEC / self.camera.pixel_rad)
+        vectors = arcsec * (RESIDUAL_SCALE * ARCSEC_RAD / self.camera.pixel_rad)
         if self.camera.mirrored:
             vectors[:, 0] = -vectors[:, 0]
         arrows = rr.Arrows2D.columns(origins=origins, vectors=vectors.astype(np.float32))

@@ -4,21 +4,23 @@ import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-from gse.config.station import Limits
+from drivers.chunk import LinkKind
 from gse.drawing.palette import GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLOW
 from gse.instant import NS_PER_S
+from gse.limits import Limits
+from gse.station.event_kinds import StationKind
 from gse.station.results import AttitudeError, FrameResult, Status
 
-LINK_WORDS = {
-    "NO_PORT": "no port",
-    "LOST": "no port",
-    "OPENED": "waiting",
-    "REOPENED": "waiting",
-    "WAITING": "waiting",
-    "SYNCING": "syncing",
-    "STREAMING": "streaming",
-    "STALE": "silent",
-    "CLOSED": "closed",
+LINK_WORDS: dict[str, str] = {
+    LinkKind.NO_PORT: "no port",
+    LinkKind.LOST: "no port",
+    LinkKind.OPENED: "waiting",
+    LinkKind.REOPENED: "waiting",
+    LinkKind.WAITING: "waiting",
+    LinkKind.SYNCING: "syncing",
+    LinkKind.STREAMING: "streaming",
+    LinkKind.STALE: "silent",
+    StationKind.CLOSED: "closed",
 }
 """The state of the link after each kind of event that changes it; the other kinds are only logged."""
 

@@ -6,12 +6,14 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from drivers.chunk import LinkEvent
+from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading
 from gse import instant
 from gse.catalog import StarCatalog
 from gse.config.station import Station
 from gse.instant import NS_PER_S
+from gse.recording.event_kinds import RecorderKind
+from gse.station.event_kinds import StationKind
 from gse.station.frame_table import FrameTable
 from gse.station.results import FrameResult, Status
 from gse.view.blueprint import LIVE_WINDOW_S, layout
@@ -20,10 +22,17 @@ from gse.view.running_statistics import LINK_COLOURS, LINK_WORDS, Running
 from gse.view.series import OUTAGE_NS, begin_series, send_clock, send_outages, send_series, times
 from gse.view.sky import TRACK_ROW_NS, begin_scatter, begin_sky, send_scatter, send_sky, unit_vectors
 
-_GOOD_EVENTS = {"OPENED", "REOPENED", "WAITING", "SYNCING", "STREAMING", "CLOSED", "ALIGNED"} | {
-    "FILE_RESTORED",
-    "RECORDER_RECOVERED",
-    "RECORDER_SEGMENT",
+_GOOD_EVENTS = {
+    LinkKind.OPENED,
+    LinkKind.REOPENED,
+    LinkKind.WAITING,
+    LinkKind.SYNCING,
+    LinkKind.STREAMING,
+    StationKind.CLOSED,
+    StationKind.ALIGNED,
+    RecorderKind.FILE_RESTORED,
+    RecorderKind.RECOVERED,
+    RecorderKind.SEGMENT,
 }
 
 

@@ -7,9 +7,9 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from drivers.clock import ClockReading
-from gse.config.station import Limits
 from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, PINK, SKY_BLUE, VERMILLION
 from gse.instant import NS_PER_S
+from gse.limits import Limits
 
 TIMELINE = "utc"
 EDGE = 1.4

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from gse.attitude import Attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.config.station import Limits
 from gse.drawing.outline import field_outline_icrs
 from gse.drawing.palette import GREEN, GREY, PALE, SKY_BLUE, VERMILLION, YELLOW
 from gse.instant import NS_PER_S
+from gse.limits import Limits
 from gse.view.running_statistics import Moments
 from gse.view.series import EDGE, times
 

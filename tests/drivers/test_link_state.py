@@ -5,9 +5,9 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.chunk import Chunk, LinkEvent
+from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.faults.uart import received_at
-from drivers.link_state import NO_PORT, STALE, STREAMING, SYNCING, WAITING, LinkMonitor
+from drivers.link_state import LinkMonitor
 
 S = 1_000_000_000
 UTC = 1_774_000_000 * S
@@ -43,14 +43,14 @@ def test_a_night_from_the_port_to_silence() -> None:
     events += monitor.received(chunk(10), 1, {})
     events += monitor.port_event(LinkEvent(*at(11), "LOST", "gone"))
     assert seconds_of(events) == [
-        (NO_PORT, 0),
-        (WAITING, 1),
-        (SYNCING, 2),
-        (STREAMING, 2.1),
-        (STALE, 5.2),
-        (SYNCING, 10),
-        (STREAMING, 10),
-        (NO_PORT, 11),
+        (LinkKind.NO_PORT, 0),
+        (LinkKind.WAITING, 1),
+        (LinkKind.SYNCING, 2),
+        (LinkKind.STREAMING, 2.1),
+        (LinkKind.STALE, 5.2),
+        (LinkKind.SYNCING, 10),
+        (LinkKind.STREAMING, 10),
+        (LinkKind.NO_PORT, 11),
     ]
 
 
@@ -60,17 +60,17 @@ def test_no_bytes_and_no_valid_frames_are_told_apart() -> None:
     noise = [event for n in range(40) for event in unreadable.received(chunk(n * 0.5), 0, {"no sync": 100})]
     assert seconds_of(silence) == [("SILENT", 3)]
     assert "no bytes" in silence[0].text
-    assert silent.state == WAITING
-    assert seconds_of(noise) == [(SYNCING, 0), ("NO_FRAMES", 3)]
+    assert silent.state == LinkKind.WAITING
+    assert seconds_of(noise) == [(LinkKind.SYNCING, 0), ("NO_FRAMES", 3)]
     assert "but no valid frame" in noise[1].text
-    assert unreadable.state == SYNCING
+    assert unreadable.state == LinkKind.SYNCING
 
 
 def test_frames_that_stop_while_bytes_go_on_are_not_called_silence() -> None:
     monitor = opened()
     monitor.received(chunk(0), 1, {})
     events = [event for n in range(1, 20) for event in monitor.received(chunk(n * 0.5), 0, {"bad crc": 100})]
-    assert seconds_of(events) == [(SYNCING, 3)]
+    assert seconds_of(events) == [(LinkKind.SYNCING, 3)]
     assert "bad crc" in events[0].text
 
 
@@ -95,14 +95,14 @@ def test_silence_is_told_at_its_own_time_however_late_it_is_found_out() -> None:
     for monitor in (early, late):
         monitor.received(chunk(1), 1, {})
     found_early = [event for n in range(10, 500) for event in early.pass_time(*at(n * 0.1))]
-    assert found_early == late.pass_time(*at(50)) == [LinkEvent(*at(4), STALE, found_early[0].text)]
+    assert found_early == late.pass_time(*at(50)) == [LinkEvent(*at(4), LinkKind.STALE, found_early[0].text)]
 
 
 def test_a_host_that_was_booted_anew_is_not_silence() -> None:
     monitor = opened()
     monitor.received(chunk(1000), 1, {})
     assert monitor.received(Chunk(at(1010)[0], 5, NOISE), 1, {}) == []
-    assert monitor.state == STREAMING
+    assert monitor.state == LinkKind.STREAMING
 
 
 @given(

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def watched(setup: Setup, panoramas, *, omit=frozenset(), mount=None):
     """The night that the station makes of panoramas; ``omit`` leaves corrections out of its truth."""
     station = setup.station
     if mount is not None:
-        station = station.model_copy(update={"mount": station.mount.model_copy(update=mount)})
+        station = station.model_copy(update={"mount": replace(station.mount, **mount)})
     loop = StationLoop(dataclasses.replace(setup, station=station))
     loop.session.clock = [ClockReading(START_NS, 0, "kernel PLL", True, 0.0, 1e-4)]
     for panorama in panoramas:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from gse.config.station import BUILT_IN_TEXT
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.station.attitude_error import compare
+from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.exclusions import Exclusion, parse_exclusion
 from gse.station.results import AnswerCheck, AttitudeError, Verdict
 from gse.station.session_data import SessionData
@@ -216,7 +218,7 @@ def test_an_error_that_truth_cannot_explain_fails_even_on_a_bad_clock():
 
 def test_ut1_past_the_end_of_the_table_is_inconclusive_by_name_under_a_tight_limit():
     far = from_text("2031-01-01T00:00:00Z")
-    tight = STATION.model_copy(update={"limits": STATION.limits.model_copy(update={"d_ra_cosde_arcsec": 36.0})})
+    tight = STATION.model_copy(update={"limits": replace(STATION.limits, d_ra_cosde_arcsec=36.0)})
     made = session(station=tight)
     made.earth_orientation = EarthOrientation.from_disk(far)
     assessment = judge(made)
@@ -257,7 +259,9 @@ def test_an_answer_far_from_all_others_is_false_also_where_no_judge_saw_it():
 
 def test_frames_around_a_clock_step_are_left_out_by_name():
     made = session(600)
-    made.events.append(LinkEvent(START_NS + 30 * NS_PER_S, 0, "CLOCK_STEP", "the host's UTC clock stepped by +2.000 s"))
+    made.events.append(
+        ClockStep(START_NS + 30 * NS_PER_S, 0, StationKind.CLOCK_STEP, "stepped by +2.000 s", 2 * NS_PER_S)
+    )
     ((item, count),) = statistics(made).excluded
     assert "stepped by +2.000 s" in item.reason
     assert count == 120  # 7 s before, 5 s after

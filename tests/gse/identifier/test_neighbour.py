@@ -3,8 +3,8 @@ import pytest
 from skies.made_frames import FIELD_14_DEG, Noise, made_frame, sky_of
 
 from gse.catalog import load_catalog
-from gse.config.station import IdentifierOptions
 from gse.identifier import Identification, Reason, Unidentified, make_identifier
+from gse.identifier_options import IdentifierOptions
 from gse.spiral import spiral_directions
 
 SELECTIONS = ("first-fit", "best-vote")

@@ -3,11 +3,11 @@ import pytest
 from skies.made_frames import ARCSEC, FIELD_14_DEG, Noise, made_frame, sky_of
 
 from gse.catalog import StarCatalog, brightest_per_field, load_catalog, merge_doubles, mission_catalog
-from gse.config.station import IdentifierOptions
 from gse.identifier import Identification, Reason, Unidentified, make_identifier
 from gse.identifier.consistency import Separations
 from gse.identifier.match_group import MatchGroupIdentifier
 from gse.identifier.pivot import PivotIdentifier
+from gse.identifier_options import IdentifierOptions
 from gse.spiral import spiral_directions
 
 FIELD_RAD = np.radians(8)

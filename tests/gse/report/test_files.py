@@ -15,7 +15,6 @@ from markupsafe import escape
 from rich.console import Console
 from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
-from drivers.chunk import LinkEvent
 from gse.assessment.verdict import judge
 from gse.errors import UsageError
 from gse.report import summarise, write_report
@@ -23,6 +22,7 @@ from gse.report.frames_csv import frames_csv
 from gse.report.junit import junit_xml
 from gse.report.page import report_html
 from gse.report.terminal import plain_lines, print_verdict
+from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.results import NO_MATCHES, Status
 from gse.station.session_data import SessionData
 
@@ -110,7 +110,7 @@ def test_the_same_night_gives_the_same_bytes_and_another_does_not(page, report, 
 def test_a_troubled_night_is_told_from_its_verdict_down() -> None:
     session = failing()
     session.station_text = "# <script>alert(1)</script>"
-    step = LinkEvent(START_NS + 10**10, 0, "CLOCK_STEP", "the host clock stepped by +2.0 s <img src=x>")
+    step = ClockStep(START_NS + 10**10, 0, StationKind.CLOCK_STEP, "stepped by +2.0 s <img src=x>", 2 * 10**9)
     session.events.append(step)
     assessment = judge(session)
     report = summarise(session, assessment)
@@ -158,7 +158,7 @@ def test_a_failure_and_an_unknown_are_told_apart_with_their_reasons() -> None:
     assert "arcsec, the limit is 60" in (failed[0].findtext("failure") or "")
     session.clock = []
     session.station = session.station.model_copy(
-        update={"limits": session.station.limits.model_copy(update={"d_ra_cosde_arcsec": 1e4})}
+        update={"limits": replace(session.station.limits, d_ra_cosde_arcsec=1e4)}
     )
     suite = ET.fromstring(junit_xml(summarise(session, judge(session))).split("\n", 1)[1])
     skipped = [case.find("skipped") for case in suite if case.find("skipped") is not None]

@@ -6,9 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from gse.attitude import Attitude
 from gse.config.edit import with_values
-from gse.config.station import BUILT_IN_TEXT, Mount, parse_station
+from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import ConfigError, UsageError
 from gse.instant import NS_PER_S, from_text
+from gse.mount import Mount
 from gse.panorama import Panorama
 from gse.station.mount_alignment import FirstSeconds, MeasuredMounts, cross_judged
 from gse.station.results import AnswerCheck, FrameResult, Status

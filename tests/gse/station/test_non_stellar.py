@@ -5,9 +5,9 @@ import pytest
 
 from gse.attitude import Attitude
 from gse.camera import Camera
-from gse.config.station import Site
 from gse.instant import from_text
 from gse.panorama import Panorama
+from gse.site import Site
 from gse.station.non_stellar import HOT_PIXEL, UNKNOWN, NonStellarObjects
 
 CAMERA = Camera(1024, 1024, 4170.0, (511.5, 511.5))

@@ -1,5 +1,7 @@
 """Sidereal truth against astropy's own high-level frames (ICRS to AltAz and back)."""
 
+from dataclasses import replace
+
 import astropy.units as u
 import numpy as np
 import pytest
@@ -7,8 +9,9 @@ from astropy.coordinates import AltAz, EarthLocation, SkyCoord, get_body
 from astropy.time import Time, TimeDelta
 from astropy.utils import iers
 
-from gse.config.station import Mount, Site
 from gse.instant import NS_PER_S, from_text
+from gse.mount import Mount
+from gse.site import Site
 from gse.truth import EarthOrientation, Refraction, SiderealTruth
 from gse.truth.solar_system import BODIES, bodies_icrs
 
@@ -139,7 +142,7 @@ def test_a_mount_looks_where_its_azimuth_and_altitude_say():
 
 def test_the_refraction_constants_are_those_of_the_air(cases):
     _, sites, _ = cases
-    thin, thick = (Refraction.at(sites[0].model_copy(update={"pressure_hpa": p})) for p in (500.0, 1000.0))
+    thin, thick = (Refraction.at(replace(sites[0], pressure_hpa=p)) for p in (500.0, 1000.0))
     assert thick.a_rad == pytest.approx(2 * thin.a_rad, rel=0.01)
     assert 50 * ARCSEC < thick.bend_rad(np.pi / 4) < 65 * ARCSEC
 

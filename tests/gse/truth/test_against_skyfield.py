@@ -8,8 +8,8 @@ from skyfield import relativity
 from skyfield.api import load, wgs84
 from skyfield.earthlib import refraction
 
-from gse.config.station import Site
 from gse.instant import NS_PER_S, from_text
+from gse.site import Site
 from gse.truth import EarthOrientation, Refraction, SiderealTruth
 from gse.truth.orientation import tai_minus_utc_s
 

@@ -1,15 +1,17 @@
 """Sidereal truth: Earth orientation, mount convention, refraction, and what happens outside the tables."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gse.config.station import Mount, Site
 from gse.errors import TruthError, UsageError
 from gse.instant import NS_PER_DAY, NS_PER_S, from_text
+from gse.mount import Mount
+from gse.site import Site
 from gse.truth import CORRECTIONS, EarthOrientation, Refraction, SiderealTruth, horizon_to_sensor, mount_of
 
 ARCSEC = np.pi / 180 / 3600
@@ -136,7 +138,7 @@ def test_a_mount_comes_back_from_its_rotation(azimuth, altitude, roll):
 
 
 def test_without_air_there_is_no_refraction():
-    space = Refraction.at(ROOF.model_copy(update={"pressure_hpa": 0.0}))
+    space = Refraction.at(replace(ROOF, pressure_hpa=0.0))
     assert (space.a_rad, space.b_rad) == (0, 0)
 
 

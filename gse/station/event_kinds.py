@@ -1,0 +1,26 @@
+"""Kinds of events of the station."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from drivers.chunk import LinkEvent
+
+
+class StationKind(StrEnum):
+    """What the station found in the data, or did with them."""
+
+    SENSOR_RESET = "SENSOR_RESET"
+    CLOCK_STEP = "CLOCK_STEP"
+    MIRRORED = "MIRRORED"
+    ALIGNED = "ALIGNED"
+    NO_TRUTH = "NO_TRUTH"
+    EARTH_ORIENTATION = "EARTH_ORIENTATION"
+    NO_STATION = "NO_STATION"
+    CLOSED = "CLOSED"
+
+
+@dataclass(frozen=True, slots=True)
+class ClockStep(LinkEvent):
+    """A step of the host's UTC clock; ``step_ns`` is positive where the clock went forward."""
+
+    step_ns: int
