@@ -63,7 +63,7 @@ def accepted(
     residual = f"the stars found lie {rms_rad / ARCSEC_RAD:.0f} arcsec rms off their objects"
     if mirrored_rad <= tolerance_rad:
         return Unidentified(
-            Reason.NO_MATCH, f"the image is mirrored: {residual}, {mirrored_rad / ARCSEC_RAD:.0f} once flipped"
+            Reason.MIRRORED, f"the image is mirrored: {residual}, {mirrored_rad / ARCSEC_RAD:.0f} once flipped"
         )
     return Unidentified(Reason.NO_MATCH, f"{residual}: no attitude fits")
 

@@ -188,7 +188,7 @@ def _answer(
     """The answer to a panorama of ``count`` objects."""
     if mirrored:
         return Unidentified(
-            Reason.NO_MATCH,
+            Reason.MIRRORED,
             f"the image is mirrored: flipped, {len(stars)} of {count} objects are stars; turn sensor.mirrored over",
         )
     if best < LOG_ACCEPTED:
