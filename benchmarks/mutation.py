@@ -292,7 +292,7 @@ class Tester:
     def __init__(self, tree: Path) -> None:
         self.tree = tree
         self._process = subprocess.Popen(
-            ["nice", "-n", "10", sys.executable, __file__, "--serve", str(tree)],
+            ["nice", "-n", "5", sys.executable, __file__, "--serve", str(tree)],
             env=os.environ | {"PYTHONPATH": str(tree), "PYTHONHASHSEED": "0"},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

@@ -85,14 +85,16 @@ def test_the_expected_number_of_matches_of_two_random_objects_is_that_of_a_rando
     each_way_round = 2 * fitting
     # A millionth of the tolerance gives a millionth of the matches, which is a probability.
     sky = RandomSky(len(stars), len(pairs), widest, 1e-6 * tolerance)
-    assert sky.false_match_probability(2, 1, 1) == pytest.approx(1e-6 * each_way_round, rel=0.06)
+    assert sky.false_match_probability(2, 1, 1) == pytest.approx(1e-6 * each_way_round, rel=0.06, abs=0)
 
 
 @pytest.mark.parametrize(("objects", "alphas"), [(2, 1), (7, 1), (30, 1), (30, 4)])
 def test_matches_grow_with_the_partners_and_the_alpha_stars(objects, alphas):
     fine = RandomSky(4200, 280_000, 0.34, 1e-12)
     one = fine.false_match_probability(2, 1, 1)
-    assert fine.false_match_probability(objects, 1, alphas) == pytest.approx(alphas * (objects - 1) * one, rel=1e-12)
+    assert fine.false_match_probability(objects, 1, alphas) == pytest.approx(
+        alphas * (objects - 1) * one, rel=1e-12, abs=0
+    )
 
 
 @pytest.mark.parametrize(("objects", "fit"), [(30, 6), (30, 9), (12, 5), (8, 7), (7, 6)])
@@ -102,7 +104,7 @@ def test_the_other_objects_must_find_their_stars_by_chance(objects, fit):
     matches = 4 * 1e-5 / 0.34 * 2 * 280_000 * (objects - 1)
     near_a_star = 4200 * 16 * 1e-5**2 / (4 * math.pi)
     expected = matches * binom.sf(fit - 2, objects - 2, near_a_star)
-    assert fine.false_match_probability(objects, fit, 1) == pytest.approx(expected, rel=1e-6)
+    assert fine.false_match_probability(objects, fit, 1) == pytest.approx(expected, rel=1e-6, abs=0)
 
 
 def test_the_bound_is_a_probability_whatever_is_asked():
@@ -110,8 +112,15 @@ def test_the_bound_is_a_probability_whatever_is_asked():
     assert SKY.false_match_probability(1, 1, 1) == 0.0
     assert SKY.false_match_probability(0, 1, 1) == 0.0
     assert 0 < SKY.false_match_probability(3, 5, 1) < 1
-    coarse = RandomSky(4200, 280_000, 0.34, 0.5)
-    assert coarse.false_match_probability(30, 6, 1) == 1.0
+
+
+def test_a_window_wider_than_the_field_holds_every_pair_once():
+    near_a_star = 16 * 0.05**2 / (4 * math.pi)
+    assert RandomSky(1, 1, 0.1, 0.05).false_match_probability(3, 2, 1) == pytest.approx(2 * 2 * near_a_star)
+
+
+def test_a_sky_full_of_stars_has_one_near_every_object():
+    assert RandomSky(100_000, 1, 2.0, 0.05).false_match_probability(3, 2, 1) == pytest.approx(2 * 2 * 0.1)
 
 
 def evidence_of(false_match_probability):
