@@ -20,12 +20,11 @@ import importlib
 import json
 import os
 import random
+import resource
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -59,7 +58,7 @@ ROOMS = {
             "gse/identifier/hypotheses.py:_LOG_MIRRORED",
             "gse/identifier/hypotheses.py:search_both",
             "gse/identifier/robust.py:_answer",
-            "gse/identifier/robust.py:_chance",
+            "gse/identifier/robust.py:_false_match_probability",
         ),
         ("tests/gse/identifier",),
     ),
@@ -80,7 +79,7 @@ LIBRARIES = (
 """In memory before the first test: none of them is mutated."""
 
 SLOWER = 4
-"""A mutant is stopped after so many times the time that the sound tests take, and half a minute more."""
+"""A mutant is stopped after so many times the processor time of the sound tests, and a minute more to compile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,12 +298,13 @@ class Tester:
             text=True,
         )
 
-    def outcome(self, files: list[str], timeout_s: float) -> str:
-        """What the tests say of the tree: ``survived``, ``killed`` or ``timeout``."""
+    def outcome(self, files: list[str], most_cpu_s: int) -> tuple[str, float]:
+        """What the tests say of the tree: ``survived``, ``killed`` or ``timeout``, and their processor time in s."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        print(json.dumps([files, timeout_s]), file=self._process.stdin, flush=True)
-        return self._process.stdout.readline().strip()
+        print(json.dumps([files, most_cpu_s]), file=self._process.stdin, flush=True)
+        word, cpu_s = json.loads(self._process.stdout.readline())
+        return word, cpu_s
 
     def close(self) -> None:
         """End the process."""
@@ -312,7 +312,7 @@ class Tester:
 
 
 def serve(tree: Path) -> None:
-    """Read test files and a time-out, line by line, and write what the tests say."""
+    """Read test files and a limit of processor time, line by line, and write what the tests say."""
     os.chdir(tree)
     sys.path[0] = str(tree)
     for name in LIBRARIES:
@@ -321,31 +321,24 @@ def serve(tree: Path) -> None:
     iers.IERS_Auto.read = functools.cache(iers.IERS_Auto.read)  # Each run of the tests reads it anew: 1.5 s.
     iers.IERS_Auto.read()
     for line in sys.stdin:
-        files, timeout_s = json.loads(line)
-        print(_forked(files, timeout_s), flush=True)
+        print(json.dumps(_forked(*json.loads(line))), flush=True)
 
 
-def _forked(files: list[str], timeout_s: float) -> str:
+def _forked(files: list[str], most_cpu_s: int) -> tuple[str, float]:
     child = os.fork()
     if child == 0:
-        os.setsid()
+        resource.setrlimit(resource.RLIMIT_CPU, (most_cpu_s, most_cpu_s))
         nowhere = os.open(os.devnull, os.O_RDWR)
         for stream in (0, 1, 2):
             os.dup2(nowhere, stream)
         options = ["-x", "-q", "-n", "0", "--assert=plain", "-p", "no:cacheprovider", "--hypothesis-profile", "ci"]
         os._exit(int(importlib.import_module("pytest").main([*options, *files])))
-    end = time.monotonic() + timeout_s
-    while time.monotonic() < end:
-        ended, status = os.waitpid(child, os.WNOHANG)
-        if ended:
-            return "killed" if status else "survived"
-        time.sleep(0.05)
-    os.killpg(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    return "timeout"
+    _, status, usage = os.wait4(child, 0)
+    word = "survived" if status == 0 else "timeout" if os.WIFSIGNALED(status) else "killed"
+    return word, usage.ru_utime + usage.ru_stime
 
 
-def with_mutant(tester: Tester, mutant: Mutant, room: Room, timeout_s: float) -> str:
+def with_mutant(tester: Tester, mutant: Mutant, room: Room, most_cpu_s: int) -> str:
     """The outcome of one mutant; the tree is the same again afterwards."""
     tree = tester.tree
     path, sound = tree / mutant.module, tree / "sound.py"
@@ -356,7 +349,7 @@ def with_mutant(tester: Tester, mutant: Mutant, room: Room, timeout_s: float) ->
     path.rename(sound)
     path.write_text(mutant.source)
     try:
-        return tester.outcome(tests_of(tree, room, mutant.module), timeout_s)
+        return tester.outcome(tests_of(tree, room, mutant.module), most_cpu_s)[0]
     finally:
         sound.replace(path)
         for code in _machine_code(tree, modules):
@@ -374,16 +367,16 @@ def _machine_code(tree: Path, modules: set[str]) -> list[Path]:
 def score(name: str, mutants: list[Mutant], testers: SimpleQueue[Tester], workers: int) -> None:
     """Run the mutants of a room, and print its line of the table and its survivors."""
     room, tester = ROOMS[name], testers.get()
-    begun = time.monotonic()
-    if tester.outcome(tests_of(tester.tree, room, ""), 1800) != "survived":
+    word, cpu_s = tester.outcome(tests_of(tester.tree, room, ""), 3600)
+    if word != "survived":
         sys.exit(f"the tests of {name} fail without any mutant")
-    timeout_s = SLOWER * (time.monotonic() - begun) + 30
+    most_cpu_s = round(SLOWER * cpu_s) + 60
     testers.put(tester)
 
     def one(mutant: Mutant) -> str:
         tester = testers.get()
         try:
-            said = with_mutant(tester, mutant, room, timeout_s)
+            said = with_mutant(tester, mutant, room, most_cpu_s)
         finally:
             testers.put(tester)
         print(f"{said:9} {mutant.module}:{mutant.line}  {mutant.change}", file=sys.stderr, flush=True)

@@ -32,7 +32,7 @@ MAX_HYPOTHESES = 6_000
 _MAX_CANDIDATES = 1000
 
 _MORE_THAN_NOISE = 1.2
-"""Residuals of so many times the noise assumed tell that it is more."""
+"""Residuals of so many times the noise assumed show that it is more."""
 
 _LOG_MIRRORED = math.log(CHANCE_OF_EVIDENCE / 1e-5)
 
@@ -49,7 +49,7 @@ def search_many(
     plan: NDArray[np.float64],
     known: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """What ``search_both`` finds in K panoramas: evidence (K, 2), mirrored (K,), ends (K + 1,), objects and stars (M,).
+    """``search_both`` for K panoramas: evidence (K, 2), mirrored (K,), ends (K + 1,), objects and stars (M,).
 
     Panorama k is the rows ``first[k]`` to before ``first[k + 1]`` of ``directions`` and ``brightness``; its answer is
     ``ends[k]`` to before ``ends[k + 1]`` of the objects and stars returned.
@@ -77,7 +77,7 @@ def search_both(
     plan: NDArray[np.float64],
     known: NDArray[np.float64],
 ) -> tuple[float, float, bool, NDArray[np.int64], NDArray[np.int64]]:
-    """The same as ``search`` for an answer, from the image or, which the third tells, from the flipped one; else none.
+    """Result of ``search`` for an answer, from the image or from the flipped image (third value); else none.
 
     Evidence that comes to no answer is minus infinity.
     """
@@ -132,9 +132,9 @@ def search(
                 tried += 1
                 pair_rotation(directions[alpha], directions[k], tables.icrs[s], tables.icrs[t], rotation)
                 pair[alpha], pair[k] = s, t
-                attempt, begun = _attempt_with(tables, rotation, pair)
+                attempt, started = _attempt_with(tables, rotation, pair)
                 pair[alpha] = pair[k] = -1
-                if begun < 2:
+                if started < 2:
                     continue
                 value = weigh(tables, objects, attempt, noise)
                 if value <= second:
@@ -161,14 +161,14 @@ def _attempt_with(tables: SkyTables, rotation: NDArray[np.float64], star_of: NDA
     ``star_of`` (N,) are rows of the tables, -1 for an object without a star.
     """
     attempt = attempt_at(tables, rotation, len(star_of))
-    begun = 0
+    started = 0
     for i in range(len(star_of)):
         if star_of[i] >= 0:
             for f in range(len(attempt.rows)):
                 if attempt.rows[f] == star_of[i]:
                     attempt.star_of[i] = f
-                    begun += 1
-    return attempt, begun
+                    started += 1
+    return attempt, started
 
 
 @compiled

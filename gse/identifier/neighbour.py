@@ -1,4 +1,4 @@
-"""The neighbour technique of the LAPAN star sensor, LAPAN paper, section 2.
+"""The neighbour technique of the LAPAN star sensor: LAPAN paper, section 2.
 
 Alpha star: the brightest object. Level 1: for a catalogue star, Fn counts its neighbours whose distance fits that of an
 object from the alpha star, |d_k - d_l| < d_m. Level 2: Fn2 counts the objects of level 1 that also fit each other
@@ -12,7 +12,7 @@ sooner, and differs only where several catalogue stars reach Fn and Fn2.
 Measured (14 x 14 deg, 1024 px, whole pixels, 10 arcsec, 30 objects of which some are false): Fn = Fn2 = 6 names the
 right stars in 99.9 % and false ones in none of 10,000 panoramas with 0 or 3 false objects. Fn = Fn2 = 3 names false
 ones in 8 and 18 % with 3 and 8 false objects, and in a quarter of panoramas without a star; from 4 on, in none of 1000.
-With ``alpha_retries`` 0 a brightest object that is no star is the end of it: 3 false objects then leave 59 % right.
+With ``alpha_retries`` 0 a brightest object that is not a star ends the search: 3 false objects then leave 59 % right.
 
 Distances cannot tell a panorama from its mirror image, so an answer must also be solvable as an attitude.
 """

@@ -1,4 +1,4 @@
-"""The robust identifier: the ground's judge of every answer."""
+"""The robust identifier: the ground's reference identifier."""
 
 import math
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ _WINDOW_SIGMAS = 5.0
 class KnownSensor:
     """What is known of a sensor beside its camera; it helps where stars are few.
 
-    ``sigma_px`` is the noise of a position on each axis and says that the camera is calibrated (None: 0.12 to 1.7 px,
+    ``sigma_px`` is the noise of a position on each axis and means that the camera is calibrated (None: 0.12 to 1.7 px,
     and 0.5 % of the focal length), ``zero_point`` the magnitude of index value 1 (None: brightness is compared within a
     panorama only), ``magnitude_sigma`` its error.
     """
@@ -65,7 +65,7 @@ _NOTHING_KNOWN = KnownSensor()
 
 
 class RobustIdentifier:
-    """Finds the stars of a panorama in the full catalogue, or says why not; never guesses.
+    """The stars of a panorama in the full catalogue, or the reason why not; never a guess.
 
     ``catalog`` is what the sensor can see of the source: cut to three times the stars that a panorama of this camera
     holds (or to ``stars``), doubles closer than 2 px merged. ``field_of_view_deg`` is the diameter of a round stop in
@@ -130,9 +130,9 @@ class RobustIdentifier:
     def best_false_match_probability(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> float:
-        """The chance of the best attitude found for sound objects, even one that is not good enough for an answer."""
+        """False match probability of the best attitude found, even one that is not good enough for an answer."""
         directions, brightness = _contiguous(directions_sensor, brightness)
-        return _chance(search(self._sky, directions, brightness, self._plan, self._noise)[0])
+        return _false_match_probability(search(self._sky, directions, brightness, self._plan, self._noise)[0])
 
     def identify_many(
         self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
@@ -197,10 +197,10 @@ def _answer(
         return Unidentified(
             Reason.AMBIGUOUS, f"two attitudes explain the objects, one {math.exp(best - second):.1f} times better"
         )
-    return Identification(objects, stars, _chance(best))
+    return Identification(objects, stars, _false_match_probability(best))
 
 
-def _chance(log_evidence: float) -> float:
+def _false_match_probability(log_evidence: float) -> float:
     return CHANCE_OF_EVIDENCE * math.exp(-log_evidence) if log_evidence > math.log(CHANCE_OF_EVIDENCE) else 1.0
 
 

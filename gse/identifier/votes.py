@@ -16,7 +16,7 @@ from gse.identifier.search_plan import SearchPass
 from gse.jit import compiled
 
 FEW_LOOKED_AT = 12
-"""A random object has a star near it by a chance of 1 to 3 %."""
+"""A random object has a star near it with a probability of 1 to 3 %."""
 
 _IN_EACH = np.uint64(0x0001_0001_0001_0001)
 _VOTED = np.uint64(0x8000_8000_8000_8000)
@@ -70,8 +70,8 @@ def hypotheses_of(
         high = int((distance[k] + half) / tables.bucket_rad) + 1
         if high >= len(tables.pair_start):
             break
-        apart = step.window_rad * (1.0 / distance[k] + 1.0 / distance[partners[0]])
-        tolerance = np.uint64(int(apart * (0.8 * 32768.0 / (2.0 * math.pi))) + 1)
+        roll_error = step.window_rad * (1.0 / distance[k] + 1.0 / distance[partners[0]])
+        tolerance = np.uint64(int(roll_error * (0.8 * 32768.0 / (2.0 * math.pi))) + 1)
         turn = np.uint64(azimuth[k])
         for bucket in range(low, high):
             for q in range(np.uint64(tables.pair_start[bucket]), np.uint64(tables.pair_start[bucket + 1])):
@@ -96,7 +96,7 @@ def hypotheses_of(
 
 @compiled
 def _least_hits(bright: int, looked_at: int) -> int:
-    """Objects near a star that make a hypothesis: its own two, and what chance seldom adds."""
+    """Objects near a star that make a hypothesis: its own two, and more than chance usually adds."""
     if bright <= 5:
         return 3
     return 4 if looked_at <= FEW_LOOKED_AT else 6
@@ -106,11 +106,11 @@ def _least_hits(bright: int, looked_at: int) -> int:
 def _agrees(votes: np.uint64, roll: np.uint64, tolerance: np.uint64) -> bool:
     """Whether one of a star's last four votes is for the same roll.
 
-    All four are compared at once and without a branch, which could not be foretold; 15 bits with the 16th set before a
-    difference keep each from borrowing of the next.
+    All four are compared at once and without a branch, which no processor would predict; 15 bits with the 16th set
+    before a difference keep each from borrowing from the next.
     """
-    apart = (((roll + tolerance) * _IN_EACH | _VOTED) - (votes & _ROLL)) & _ROLL
-    near = (np.uint64(2) * tolerance * _IN_EACH | _VOTED) - apart
+    difference = (((roll + tolerance) * _IN_EACH | _VOTED) - (votes & _ROLL)) & _ROLL
+    near = (np.uint64(2) * tolerance * _IN_EACH | _VOTED) - difference
     return bool(near & votes & _VOTED)
 
 

@@ -1,4 +1,4 @@
-"""A sensor that is not there: simulated sky, panoramas and firmware, independent of gse.truth."""
+"""Simulated sensor: sky, panoramas and firmware, independent of gse.truth."""
 
 from gse.simulator.device import device_factory
 

@@ -1,8 +1,8 @@
-"""Earth orientation: UT1 - UTC and the pole, from the IERS tables that are installed, frozen around a night.
+"""Earth orientation: UT1 - UTC and the pole, from the IERS tables that are installed, frozen around a session.
 
 The tables are those of the package astropy-iers-data, never a download: the series C04 for the past and
 ``finals2000A.all`` for the last weeks and the predictions. astropy's own reader takes 1.1 s for them; their lines are
-of one length and without gaps, one per day, so that the few lines of a night are read by seeking (the test against
+of one length and without gaps, one per day, so that the few lines of a session are read by seeking (the test against
 astropy compares the values).
 """
 
@@ -93,7 +93,7 @@ class EarthOrientation:
             if not 2 <= len(columns["mjd"]) <= _MAX_ROWS or len({len(column) for column in columns.values()}) != 1:
                 raise ValueError("columns of different or impossible length")
             if not all(isinstance(value, float | int) and math.isfinite(value) for value in numbers):
-                raise ValueError("a value is no number")
+                raise ValueError("a value is not a finite number")
             if list(columns["mjd"]) != list(range(columns["mjd"][0], columns["mjd"][0] + len(columns["mjd"]))):
                 raise ValueError("days are missing")
             return cls(str(document["source"]), **columns)
@@ -135,7 +135,7 @@ class EarthOrientation:
 def tai_minus_utc_s(mjd: int) -> float:
     """Leap seconds of a day (MJD, 1972 on); of the last known leap second in days to come."""
     year, month, day, _, _ = erfa.ufunc.jd2cal(2_400_000.5, float(mjd))
-    # The plain ufunc: erfa.dat would warn of a far year, which the table's own end already tells.
+    # The plain ufunc: erfa.dat would warn of a far year, which the end of the table already shows.
     return float(erfa.ufunc.dat(year, month, day, 0.0)[0])
 
 

@@ -130,6 +130,26 @@ def test_a_mirrored_image_is_named_so(wide: RobustIdentifier, catalog: StarCatal
         assert "mirrored" in answer.detail
 
 
+def test_an_image_is_called_mirrored_where_chance_would_do_so_in_one_of_a_hundred_thousand(
+    wide: RobustIdentifier, catalog: StarCatalog
+) -> None:
+    """Few objects of flipped skies, on either side of that limit."""
+    called = {True: 0, False: 0}
+    for frame in frames(WIDE, NOMINAL, catalog, 60):
+        for count in (3, 4, 5):
+            upright, brightness = frame.directions_sensor[:count], frame.brightness[:count]
+            if not isinstance(wide.identify(upright, brightness), Identification):
+                continue
+            least = wide.best_false_match_probability(upright, brightness)
+            answer = wide.identify(upright * MIRROR, brightness)
+            if isinstance(answer, Unidentified) and answer.reason is Reason.MIRRORED:
+                assert least <= 1e-5
+                called[True] += 1
+            elif least > 1e-5:
+                called[False] += 1
+    assert min(called.values()) > 5
+
+
 def test_a_focal_length_half_a_percent_off_is_borne(wide: RobustIdentifier, catalog: StarCatalog) -> None:
     for frame in frames(WIDE, Conditions(false_objects=3, focal_length_error=0.005), catalog, 60):
         answer = wide.identify(frame.directions_sensor, frame.brightness)

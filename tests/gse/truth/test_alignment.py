@@ -12,7 +12,8 @@ from gse.mount import Mount
 from gse.truth import Alignment, fit_mount, horizon_to_sensor, small_rotations
 
 ARCSEC = math.pi / 180 / 3600
-START_NS = from_text("2026-03-20T18:30:00Z")
+START_NS = from_text("2026-03-20T18:30:07Z")
+"""Not a multiple of the 20 s of a block: blocks count from the first frame."""
 MOUNT = Mount(azimuth_deg=123.0, altitude_deg=41.0, roll_deg=200.0)
 SIGMA = np.array([3.0, 4.0, 30.0])
 
