@@ -1,16 +1,31 @@
 """The limits that a session is judged against."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Annotated
 
 from annotated_types import Gt, Interval
 
 
+class Decision(StrEnum):
+    """The decision rule: whether uncertainty counts."""
+
+    GUARDED = "guarded"
+    SIMPLE = "simple"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """The limits that a session is judged against; those of the LAPAN paper where a station file gives none."""
+    """The limits that a session is judged against; mean errors and time are those of the LAPAN paper.
+
+    ``boresight_arcsec`` is for the half-cone that holds 95 % of the boresights, and None where nothing is asked of it.
+    """
 
     d_ra_cosde_arcsec: Annotated[float, Gt(0)] = 60.0
     d_de_arcsec: Annotated[float, Gt(0)] = 60.0
+    d_roll_arcsec: Annotated[float, Gt(0)] = 600.0
+    boresight_arcsec: Annotated[float, Gt(0)] | None = None
     identification_ms: Annotated[float, Gt(0)] = 200.0
-    availability: Annotated[float, Interval(ge=0, le=1)] = 0.95
+    availability: Annotated[float, Interval(gt=0, le=1)] = 0.95
+    false_share: Annotated[float, Interval(gt=0, lt=1)] = 0.01
+    decision: Decision = Decision.GUARDED

@@ -23,6 +23,8 @@ class Mount:
     altitude_deg: Annotated[float, Interval(ge=-90, le=90)] = 90.0
     roll_deg: Annotated[float, Interval(ge=-360, le=360)] = 0.0
     align: str | None = None
+    stated: bool = True
+    """Whether a station file gave the angles, or they are the defaults beside ``align``."""
 
     def __post_init__(self) -> None:
         if self.align is not None and not _ALIGN.fullmatch(self.align):

@@ -1,0 +1,1 @@
+"""The mock ports behind ``sim://`` and ``replay://``: pyserial ports whose bytes carry their own time."""

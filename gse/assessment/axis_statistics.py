@@ -1,20 +1,30 @@
-"""Figures of one error axis over time: bias, drift, low-frequency error, noise equivalent angle."""
+"""Statistics of one error axis over time: bias, drift, low-frequency error, noise equivalent angle."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv, stdtrit
 
+from gse.assessment.sampling import (
+    MIN_FRAMES,
+    MIN_N_EFF,
+    NO_BOUNDS,
+    Bounds,
+    error_bounds,
+    mean_bounds,
+    root_mean_square_bounds,
+    slope_bounds,
+)
 from gse.assessment.theil_sen import theil_sen
 
 WINDOW_S = 20.0
 """The running mean over this time is called low-frequency; what is left over is noise. In 20 s a star crosses a few
 pixels, so that the error of single pixels still counts as noise."""
 
-_MAX_BLOCKS = 500
-"""Medians that the robust slope is taken over: it compares each with each."""
+_MAX_BLOCKS = 200
+"""Medians (less than twice as many) that the robust slope is taken over: it compares each with each."""
 _S_PER_H = 3600.0
 _NAN = float("nan")
 
@@ -23,28 +33,42 @@ _NAN = float("nan")
 class AxisStatistics:
     """One axis of the attitude error, in arcsec; NaN where there are too few frames for a figure.
 
-    ``bias`` is the mean, with the half-width of its 95 % confidence interval from the scatter of block means, since
-    neighbouring frames are not independent. ``std`` is about the mean, ``rms`` about zero. ``drift`` is the Theil-Sen
-    slope with its 95 % interval. ``low_frequency`` is the standard deviation of the running mean over 20 s once bias
-    and drift are taken away, ``nea`` the noise equivalent angle: the standard deviation of what the running mean
-    leaves, and ``nea_successive`` the standard deviation of successive differences / sqrt(2); ``nea_low`` and
-    ``nea_high`` bound ``nea`` (95 %, chi-square). ``p95_abs``, ``p99_abs``, ``max_abs`` are of the absolute values.
+    ``bias`` is the mean, ``bias_error`` the half-width of its 95 % interval. ``std`` is about the mean, ``rms`` about
+    zero. ``drift`` is the Theil-Sen slope. ``low_frequency`` is the standard deviation of the running mean over 20 s
+    once bias, drift, and the noise that such a mean leaves are taken away (0 where no more than noise is found),
+    ``nea`` the noise equivalent angle: the standard deviation of what the running mean leaves, and ``nea_successive``
+    the standard deviation of successive differences / sqrt(2). ``p95_abs``, ``p99_abs``, ``max_abs`` are of the
+    absolute values.
+
+    ``*_low`` and ``*_high``, like the bounds in ``*_bounds``, hold the true value with 95 %, correlation of the frames
+    taken into account; they are NaN below 30 frames and where every value is the same. ``n_eff`` is the number of
+    independent frames that the session is worth, ``tau_s`` its integrated autocorrelation time: the time of one of
+    them. ``too_short`` says why bounds are missing, or tell little; it is empty where they are sound.
     """
 
     n: int
+    n_eff: float
+    tau_s: float
+    too_short: str
     bias_arcsec: float
     bias_error_arcsec: float
+    bias_bounds_arcsec: Bounds
     std_arcsec: float
+    std_bounds_arcsec: Bounds
     three_sigma_arcsec: float
     rms_arcsec: float
     mean_abs_arcsec: float
+    mean_abs_bounds_arcsec: Bounds
     p95_abs_arcsec: float
+    p95_abs_bounds_arcsec: Bounds
     p99_abs_arcsec: float
     max_abs_arcsec: float
     drift_arcsec_per_h: float
     drift_low_arcsec_per_h: float
     drift_high_arcsec_per_h: float
     low_frequency_arcsec: float
+    low_frequency_low_arcsec: float
+    low_frequency_high_arcsec: float
     nea_arcsec: float
     nea_low_arcsec: float
     nea_high_arcsec: float
@@ -52,42 +76,75 @@ class AxisStatistics:
 
 
 def axis_statistics(utc_ns: NDArray[np.int64], error_arcsec: NDArray[np.float64]) -> AxisStatistics:
-    """The figures of errors (M,) at instants (M,) in order, all finite."""
+    """The statistics of errors (M,) at instants (M,) in order, all finite; ValueError where they are not in order."""
     n = len(error_arcsec)
     if n == 0:
-        return AxisStatistics(0, *[_NAN] * 17)
+        return _nothing()
+    if (np.diff(utc_ns) < 0).any():
+        raise ValueError("the instants of the errors are not in order; sort them first")
     time_s = (utc_ns - utc_ns[0]) / 1e9
+    absolute = np.abs(error_arcsec)
+    p95, p99 = (float(value) for value in np.percentile(absolute, [95, 99]))
     std = float(error_arcsec.std(ddof=1)) if n > 1 else _NAN
-    slope, low, high = _drift(time_s, error_arcsec)
+    bounds = error_bounds(error_arcsec)
+    slope, drift = _drift(time_s, error_arcsec)
     smooth, count = _running_mean(time_s, error_arcsec)
-    nea, freedom = _noise(error_arcsec - smooth, count)
-    nea_low, nea_high = _chi_square_bounds(nea, freedom)
-    if np.isfinite(slope):
-        smooth -= (slope / _S_PER_H) * time_s
+    noise = _noise(error_arcsec - smooth, count)
+    slow = _low_frequency(time_s, smooth, count, slope=slope, noise=noise)
     return AxisStatistics(
-        n,
-        float(error_arcsec.mean()),
-        _bias_error(time_s, error_arcsec),
-        std,
-        3 * std,
-        float(np.sqrt((error_arcsec**2).mean())),
-        *_absolute(error_arcsec),
-        slope,
-        low,
-        high,
-        float(smooth.std()) if time_s[-1] > 2 * WINDOW_S else _NAN,
-        nea,
-        nea_low,
-        nea_high,
-        _successive(time_s, error_arcsec),
+        n=n,
+        n_eff=bounds.n_eff,
+        tau_s=bounds.tau_frames * _frame_s(time_s),
+        too_short=_too_short(n, bounds.n_eff),
+        bias_arcsec=float(error_arcsec.mean()),
+        bias_error_arcsec=(bounds.bias.high - bounds.bias.low) / 2,
+        bias_bounds_arcsec=bounds.bias,
+        std_arcsec=std,
+        std_bounds_arcsec=root_mean_square_bounds(error_arcsec - error_arcsec.mean()),
+        three_sigma_arcsec=3 * std,
+        rms_arcsec=float(np.sqrt((error_arcsec**2).mean())),
+        mean_abs_arcsec=float(absolute.mean()),
+        mean_abs_bounds_arcsec=bounds.mean_abs,
+        p95_abs_arcsec=p95,
+        p95_abs_bounds_arcsec=bounds.p95_abs,
+        p99_abs_arcsec=p99,
+        max_abs_arcsec=float(absolute.max()),
+        drift_arcsec_per_h=slope,
+        drift_low_arcsec_per_h=drift.low,
+        drift_high_arcsec_per_h=drift.high,
+        low_frequency_arcsec=slow.value,
+        low_frequency_low_arcsec=slow.low,
+        low_frequency_high_arcsec=slow.high,
+        nea_arcsec=noise.value,
+        nea_low_arcsec=noise.low,
+        nea_high_arcsec=noise.high,
+        nea_successive_arcsec=_successive(time_s, error_arcsec),
     )
 
 
-def _absolute(error: NDArray[np.float64]) -> tuple[float, float, float, float]:
-    """Mean, 95 %, 99 % and greatest of the absolute values."""
-    absolute = np.abs(error)
-    p95, p99 = (float(value) for value in np.percentile(absolute, [95, 99]))
-    return float(absolute.mean()), p95, p99, float(absolute.max())
+@dataclass(frozen=True, slots=True)
+class _Interval:
+    value: float = _NAN
+    low: float = _NAN
+    high: float = _NAN
+
+
+def _nothing() -> AxisStatistics:
+    values: dict[str, Any] = {field.name: _NAN for field in fields(AxisStatistics)}
+    values |= {name: NO_BOUNDS for name in values if "_bounds_" in name}
+    return AxisStatistics(**values | {"n": 0, "too_short": _too_short(0, _NAN)})
+
+
+def _too_short(n: int, n_eff: float) -> str:
+    if n < MIN_FRAMES:
+        return f"too few frames to tell ({n}, {MIN_FRAMES} are needed)"
+    if math.isnan(n_eff):
+        return "every value is the same: nothing tells its scatter"
+    return f"too short to tell (n_eff {n_eff:.0f})" if n_eff < MIN_N_EFF else ""
+
+
+def _frame_s(time_s: NDArray[np.float64]) -> float:
+    return float(np.median(np.diff(time_s))) if len(time_s) > 1 else _NAN
 
 
 def _running_mean(
@@ -107,12 +164,33 @@ def _running_mean(
     return means, count
 
 
-def _noise(residual: NDArray[np.float64], count: NDArray[np.int64]) -> tuple[float, float]:
-    """Standard deviation of white noise that leaves such a residual, and its degrees of freedom."""
+def _noise(residual: NDArray[np.float64], count: NDArray[np.int64]) -> _Interval:
+    """Standard deviation of white noise that leaves such a residual."""
     left = count > 1
     freedom = float((1 - 1 / count[left]).sum())
+    if not freedom:
+        return _Interval()
     # A frame minus a mean that it is part of has the variance s^2 (1 - 1/m).
-    return (float(np.sqrt((residual[left] ** 2).sum() / freedom)), freedom) if freedom else (_NAN, 0.0)
+    white = residual[left] / np.sqrt(1 - 1 / count[left])
+    bounds = root_mean_square_bounds(white)
+    return _Interval(float(np.sqrt((residual[left] ** 2).sum() / freedom)), bounds.low, bounds.high)
+
+
+def _low_frequency(
+    time_s: NDArray[np.float64],
+    smooth: NDArray[np.float64],
+    count: NDArray[np.int64],
+    *,
+    slope: float,
+    noise: _Interval,
+) -> _Interval:
+    """Standard deviation of the running mean beyond noise, which also moves the bias and drift taken out."""
+    if time_s[-1] <= 2 * WINDOW_S or math.isnan(noise.value) or math.isnan(slope):
+        return _Interval()
+    left = smooth - smooth.mean() - slope / _S_PER_H * (time_s - time_s.mean())
+    variances = left**2 - noise.value**2 * (1 / count - 2 / len(smooth))
+    variance, bounds = float(variances.mean()), mean_bounds(variances)
+    return _Interval(*(math.sqrt(max(value, 0.0)) for value in (variance, bounds.low, bounds.high)))
 
 
 def _successive(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> float:
@@ -134,28 +212,15 @@ def block_means(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> NDA
     return np.array([values[rows].mean() for rows in blocks]) if len(blocks) >= 8 else values
 
 
-def _bias_error(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> float:
-    """Half-width of the 95 % interval of the mean."""
-    means = block_means(time_s, error)
-    if len(means) < 2:
-        return _NAN
-    return float(stdtrit(len(means) - 1, 0.975) * means.std(ddof=1) / np.sqrt(len(means)))
-
-
-def _drift(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> tuple[float, float, float]:
+def _drift(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> tuple[float, Bounds]:
+    """The slope of the medians of stretches of frames: robust against outliers, with the bounds of a linear fit."""
     if len(time_s) < 3 or time_s[-1] <= time_s[0]:
-        return _NAN, _NAN, _NAN
-    blocks = _blocks(time_s, min(_MAX_BLOCKS, len(time_s)))
-    if len(blocks) < 3:
-        return _NAN, _NAN, _NAN
-    medians = np.array([np.median(error[rows]) for rows in blocks])
-    hours = np.array([time_s[rows].mean() for rows in blocks]) / _S_PER_H
-    fit = theil_sen(medians, hours)
-    return fit.slope, fit.low, fit.high
-
-
-def _chi_square_bounds(sigma: float, freedom: float) -> tuple[float, float]:
-    if freedom < 1:
-        return _NAN, _NAN
-    low, high = (sigma * math.sqrt(freedom / (2 * float(gammaincinv(freedom / 2, q)))) for q in (0.975, 0.025))
-    return low, high
+        return _NAN, NO_BOUNDS
+    rows = max(len(error) // _MAX_BLOCKS, 1)
+    kept = len(error) // rows * rows
+    medians = np.median(error[:kept].reshape(-1, rows), axis=1)
+    hours = time_s[:kept].reshape(-1, rows).mean(axis=1) / _S_PER_H
+    if hours[-1] <= hours[0]:
+        return _NAN, NO_BOUNDS
+    slope = theil_sen(medians, hours).slope
+    return slope, slope_bounds(slope, hours, medians)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.statistics import Statistics
+from gse.assessment.time_tags import time_tag_faults
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.station.event_kinds import StationKind
@@ -35,15 +36,15 @@ _MAX_MATCHES = 50_000
 _CELLS = 32
 
 
-def findings(session: SessionData, figures: Statistics) -> tuple[str, ...]:
+def findings(session: SessionData, stats: Statistics) -> tuple[str, ...]:
     """One line for each thing that the errors of a night look like."""
     return (
         *_events(session),
         *_nothing_identified(session),
-        *_bias(session, figures),
-        *_drift(figures),
+        *_bias(session, stats),
+        *_drift(session, stats),
         *_optics(session),
-        *_unlike(figures),
+        *_unlike(stats),
     )
 
 
@@ -69,9 +70,9 @@ def _nothing_identified(session: SessionData) -> Iterator[str]:
         )
 
 
-def _bias(session: SessionData, figures: Statistics) -> Iterator[str]:
+def _bias(session: SessionData, stats: Statistics) -> Iterator[str]:
     """A steady error: of the mount, or of the clock where it is a turn about the pole."""
-    ra, de, roll = (figures.axes[axis] for axis in ("d_ra_cosde", "d_de", "d_roll"))
+    ra, de, roll = (stats.onboard.axes[axis] for axis in ("d_ra_cosde", "d_de", "d_roll"))
     least = _BIAS_SHARE_OF_LIMIT * min(session.station.limits.d_ra_cosde_arcsec, session.station.limits.d_de_arcsec)
     size = math.hypot(ra.bias_arcsec, de.bias_arcsec)
     error = math.hypot(ra.bias_error_arcsec, de.bias_error_arcsec) / 2  # 95 % to 1 sigma
@@ -92,22 +93,23 @@ def _bias(session: SessionData, figures: Statistics) -> Iterator[str]:
     )
 
 
-def _drift(figures: Statistics) -> Iterator[str]:
-    if figures.duration_s > _MIN_DRIFT_S:
-        yield from _drift_of_boresight(figures)
-    ppm = figures.clock.sensor_drift_ppm
-    if abs(ppm) > max(_SENSOR_DRIFT_PPM, 3 * figures.clock.sensor_drift_error_ppm):
+def _drift(session: SessionData, stats: Statistics) -> Iterator[str]:
+    if stats.duration_s > _MIN_DRIFT_S:
+        yield from _drift_of_boresight(stats)
+    yield from time_tag_faults(session.frames.columns, session.events)
+    ppm = stats.clock.sensor_drift_ppm
+    if abs(ppm) > max(_SENSOR_DRIFT_PPM, 3 * stats.clock.sensor_drift_error_ppm):
         yield f"sensor clock drift: it runs {abs(ppm):.0f} ppm {'slow' if ppm > 0 else 'fast'} against the host's"
 
 
-def _drift_of_boresight(figures: Statistics) -> Iterator[str]:
-    ra, de = (figures.axes[axis] for axis in ("d_ra_cosde", "d_de"))
+def _drift_of_boresight(stats: Statistics) -> Iterator[str]:
+    ra, de = (stats.onboard.axes[axis] for axis in ("d_ra_cosde", "d_de"))
     moves = [
-        abs(axis.drift_arcsec_per_h) * figures.duration_s / 3600 > _DRIFT_ARCSEC
+        abs(axis.drift_arcsec_per_h) * stats.duration_s / 3600 > _DRIFT_ARCSEC
         and axis.drift_low_arcsec_per_h * axis.drift_high_arcsec_per_h > 0
         for axis in (ra, de)
     ]
-    rate = figures.earth_rate.measured_arcsec_per_s / EARTH_RATE_ARCSEC_PER_S - 1
+    rate = stats.onboard.earth_rate.measured_arcsec_per_s / EARTH_RATE_ARCSEC_PER_S - 1
     if moves[1]:
         yield f"the mount moves: dDE drifts by {de.drift_arcsec_per_h:+.1f} arcsec/h"
     elif moves[0] and math.isfinite(rate):
@@ -117,8 +119,8 @@ def _drift_of_boresight(figures: Statistics) -> Iterator[str]:
         )
 
 
-def _unlike(figures: Statistics) -> Iterator[str]:
-    own = figures.equivalence
+def _unlike(stats: Statistics) -> Iterator[str]:
+    own = stats.equivalence
     if own is None or own.same:
         return
     yield (

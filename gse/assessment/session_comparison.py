@@ -8,7 +8,8 @@ import scipy
 from numpy.typing import NDArray
 
 from gse.assessment.axis_statistics import block_means
-from gse.assessment.statistics import Statistics, false_answers, statistics
+from gse.assessment.counted_frames import false_answers
+from gse.assessment.statistics import Statistics, statistics
 from gse.instant import NS_PER_S
 from gse.station.frame_table import STATUSES
 from gse.station.results import Status
@@ -109,7 +110,7 @@ def _good(frames: NDArray[np.void]) -> NDArray[np.bool_]:
 
 def _mean_abs(name: str, axis: str, columns: _Columns, figures: _Figures, pairs: _Pairs | None) -> Row:
     """Mean absolute error; the scatter of the difference is that of means over 20 s, paired where possible."""
-    a, b = (session.axes[axis].mean_abs_arcsec for session in figures)
+    a, b = (session.onboard.axes[axis].mean_abs_arcsec for session in figures)
     errors = [np.abs(frames[f"{axis}_arcsec"]) for frames in columns]
     if pairs is not None:
         both = _good(columns[0])[pairs[0]] & _good(columns[1])[pairs[1]]
@@ -139,7 +140,7 @@ def _sigmas(difference: float, sigma: float) -> float:
 
 
 def _noise(name: str, axis: str, figures: _Figures) -> Row:
-    a, b = (session.axes[axis] for session in figures)
+    a, b = (session.onboard.axes[axis] for session in figures)
     sigma = math.hypot(*((one.nea_high_arcsec - one.nea_low_arcsec) / 2 / 1.96 for one in (a, b)))
     difference = b.nea_arcsec - a.nea_arcsec
     return Row(name, "arcsec", a.nea_arcsec, b.nea_arcsec, difference, _sigmas(difference, sigma), worse=False)
@@ -147,7 +148,7 @@ def _noise(name: str, axis: str, figures: _Figures) -> Row:
 
 def _bias(name: str, axis: str, figures: _Figures) -> Row:
     """Shown, not gated: it may go either way, and mean |error| has it."""
-    a, b = (session.axes[axis] for session in figures)
+    a, b = (session.onboard.axes[axis] for session in figures)
     sigma = math.hypot(a.bias_error_arcsec, b.bias_error_arcsec) / 1.96
     difference = b.bias_arcsec - a.bias_arcsec
     sigmas = _sigmas(difference, sigma)
@@ -155,14 +156,14 @@ def _bias(name: str, axis: str, figures: _Figures) -> Row:
 
 
 def _availability(figures: _Figures, columns: _Columns, pairs: _Pairs | None) -> Row:
-    a, b = (session.available for session in figures)
+    a, b = (session.onboard.available for session in figures)
     missed = [~_answered_well(frames) for frames in columns]
     sigmas = _more_often(missed, pairs, (a.of - a.count, a.of), (b.of - b.count, b.of))
     return Row("availability", "", a.value, b.value, b.value - a.value, sigmas, worse=False)
 
 
 def _false(figures: _Figures, columns: _Columns, pairs: _Pairs | None) -> Row:
-    a, b = (session.false_answers for session in figures)
+    a, b = (session.onboard.false_answers for session in figures)
     false = [false_answers(frames) for frames in columns]
     sigmas = _more_often(false, pairs, (a.count, a.of), (b.count, b.of))
     return Row("false answers", "", a.count, b.count, b.count - a.count, sigmas, worse=False)
@@ -198,5 +199,5 @@ def _more_often(
 
 def _time(figures: _Figures) -> Row:
     """Shown, not gated: recorded times belong to a host. Panoramas that are in both nights have the same."""
-    a, b = (session.identification_ms.p99 for session in figures)
+    a, b = (session.onboard.time_ms.p99 for session in figures)
     return Row("identification time, 99 %", "ms", a, b, b - a, _NAN, worse=False, gate=False)

@@ -1,7 +1,7 @@
-"""Figures of a session: what an assessor asks of accuracy, identification, time and clock.
+"""Statistics of a session: accuracy, answers, times and clocks, for each subject on trial.
 
-Accuracy is taken over the frames that were identified, not called false, and not left out by name; false answers are
-counted, not averaged in.
+Accuracy is taken over the frames that were answered, not falsely, and that are not excluded
+(gse.assessment.counted_frames). False answers are counted, not averaged in.
 """
 
 import math
@@ -9,35 +9,25 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaincinv
 
 from gse.assessment.axis_statistics import AxisStatistics, axis_statistics
 from gse.assessment.clock_health import ClockHealth, clock_health
+from gse.assessment.counted_frames import OUTLIER_ARCSEC, CountedFrames, counted_frames
+from gse.assessment.decision import Figure, Share, share_of
 from gse.assessment.onboard_equivalence import OnboardEquivalence, equivalence
 from gse.assessment.percentiles import Percentiles, percentiles
+from gse.assessment.sampling import effective_number
+from gse.assessment.sensor_answers import SensorAnswers, sensor_answers
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.results import AnswerCheck, Status
+from gse.station.results import Subject
 from gse.station.session_data import SessionData
 
 AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y")
-OUTLIER_ARCSEC = 1800.0
-"""An answer this far from the median of all is false, whatever the judge has seen: half a degree."""
-
+_TURN_ARCSEC = 360 * 3600.0
 _MAX_DE_FOR_RA_DEG = 89.9
 _NAN = float("nan")
-
-
-@dataclass(frozen=True, slots=True)
-class Proportion:
-    """A share with its 95 % Clopper-Pearson bounds (two-sided); NaN of nothing."""
-
-    count: int
-    of: int
-    value: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,123 +43,206 @@ class EarthRate:
 
 
 @dataclass(frozen=True, slots=True)
-class Statistics:
-    """All figures of a session.
+class SubjectStatistics:
+    """All statistics of one subject's answers.
 
-    ``frames_expected`` are those received and those that the sequence numbers miss. ``available`` is identified and
-    not false, of the expected; ``false_answers`` is of the frames that were answered, with a one-sided 95 % upper
-    bound. ``outage_s`` is the longest time between answers. ``equivalence`` is None where the sensor sent no answers of
-    its own.
+    ``available`` is answered and not false, of the expected frames; ``false_answers`` is of the answered frames, on as
+    many ``star_fields`` of the sky. ``half_cone_95`` is the half-cone that holds 95 % of the boresights.
+    ``time_ms`` is the identification time of this host for the onboard subject, and the processing time that the sensor
+    states for its own answers; ``slow`` the share of frames over the limit of time. ``outage_s`` is the longest time
+    between good answers.
+    """
+
+    subject: Subject
+    available: Share
+    false_answers: Share
+    star_fields: int
+    axes: dict[str, AxisStatistics]
+    half_cone_95: AxisStatistics
+    mean_abs_d_ra_deg: float
+    mean_abs_d_de_deg: float
+    earth_rate: EarthRate
+    time_ms: Percentiles
+    slow: Share
+    acquisition_s: float
+    outage_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Statistics:
+    """All statistics of a session.
+
+    ``frames_expected`` are those received and not excluded, and those that the sequence numbers miss. ``onboard`` is
+    always there, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two.
     """
 
     frames: int
     duration_s: float
     frames_expected: int
     statuses: dict[str, int]
-    judged: dict[str, int]
-    available: Proportion
-    false_answers: Proportion
-    false_upper_95: float
-    axes: dict[str, AxisStatistics]
-    mean_abs_d_ra_deg: float
-    mean_abs_d_de_deg: float
-    earth_rate: EarthRate
-    identification_ms: Percentiles
+    answer_checks: dict[str, int]
+    subjects: dict[Subject, SubjectStatistics]
     arrival_ms: Percentiles
-    acquisition_s: float
-    outage_s: float
     clock: ClockHealth
     equivalence: OnboardEquivalence | None
-    excluded: tuple[tuple[Exclusion, int], ...]
+    exclusions: tuple[tuple[Exclusion, int], ...]
+    counted: CountedFrames
+
+    @property
+    def onboard(self) -> SubjectStatistics:
+        """The statistics of the identifier under test."""
+        return self.subjects[Subject.ONBOARD]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Answers:
+    """One subject's answers as columns (M,) in the order of the frame table, whatever their source."""
+
+    columns: dict[str, NDArray[np.float64]]
+    expected: NDArray[np.bool_]
+    answered: NDArray[np.bool_]
+    false: NDArray[np.bool_]
+    used: NDArray[np.bool_]
+    time_ms: NDArray[np.float64]
 
 
 def statistics(session: SessionData) -> Statistics:
-    """The figures of a night, without what its events and its operator leave out.
-
-    Columns are taken one at a time: the rows of eight hours at 10 Hz are 40 MB, and a selection of them is a copy.
-    """
+    """The statistics of a session, without what its events, its sky and its operator exclude."""
     frames = session.frames.columns
-    named = session.exclusions()
-    kept = ~excluded(frames["utc_ns"], named)
-    status, judged = frames["status"][kept], frames["judge"][kept]
-    answered = status == STATUSES.index(Status.IDENTIFIED)
-    false = answered & _false(judged, frames["cross_x_arcsec"][kept], frames["cross_y_arcsec"][kept])
-    used = np.flatnonzero(kept)[answered & ~false & np.isfinite(frames["d_de_arcsec"][kept])]
-    used = used[np.argsort(frames["utc_ns"][used], kind="stable")]  # a step of the clock may turn the order
-    used_ns = frames["utc_ns"][used]
-    axes = {axis: axis_statistics(used_ns, frames[f"{axis}_arcsec"][used]) for axis in AXES}
-    de_true_deg = frames["de_true_deg"][used]
-    expected = len(status) + session.link.frames_lost
-    n_answered, n_false = int(answered.sum()), int(false.sum())
+    counted = counted_frames(session)
+    status, check = frames["status"][~counted.excluded], frames["answer_check"][~counted.excluded]
+    limit_ms = session.station.limits.identification_ms
+    field_rad = session.station.sensor.camera().diagonal_rad / 2
+    lost = session.link.frames_lost
+    subjects = {
+        Subject.ONBOARD: _subject(Subject.ONBOARD, frames, _onboard(frames, counted), lost, limit_ms, field_rad)
+    }
+    own = sensor_answers(session)
+    if own is not None:
+        answers = _sensor(own, counted)
+        subjects[Subject.SENSOR] = _subject(Subject.SENSOR, frames, answers, lost, limit_ms, field_rad)
     return Statistics(
         frames=len(frames),
         duration_s=float(np.ptp(frames["utc_ns"])) / 1e9 if len(frames) else 0.0,
-        frames_expected=expected,
+        frames_expected=len(status) + lost,
         statuses={name.value: int((status == place).sum()) for place, name in enumerate(STATUSES)},
-        judged={name.value: int((judged == place).sum()) for place, name in enumerate(ANSWER_CHECKS)},
-        available=proportion(n_answered - n_false, expected),
-        false_answers=proportion(n_false, n_answered),
-        false_upper_95=_upper(n_false, n_answered, 0.95) if n_answered else _NAN,
+        answer_checks={name.value: int((check == place).sum()) for place, name in enumerate(ANSWER_CHECKS)},
+        subjects=subjects,
+        arrival_ms=percentiles((frames["host_utc_ns"] - frames["utc_ns"])[frames["host_utc_ns"] > 0] / 1e6),
+        clock=clock_health(session.clock, session.events, frames, stated_error_s=session.clock_error_s),
+        equivalence=equivalence(
+            frames, np.flatnonzero(~counted.excluded), [answer for _, answer in session.sensor_attitudes]
+        ),
+        exclusions=tuple((item, int(excluded(frames["utc_ns"], (item,)).sum())) for item in counted.exclusions),
+        counted=counted,
+    )
+
+
+def _onboard(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
+    columns = {f"{axis}_arcsec": frames[f"{axis}_arcsec"] for axis in AXES}
+    columns |= {name: frames[name] for name in ("ra_deg", "de_deg")}
+    return _Answers(
+        columns, ~counted.excluded, counted.answered, counted.false, counted.used, frames["elapsed_us"] / 1e3
+    )
+
+
+def _sensor(own: SensorAnswers, counted: CountedFrames) -> _Answers:
+    columns = {f"{axis}_arcsec": getattr(own, f"{axis}_arcsec") for axis in AXES}
+    columns |= {"ra_deg": own.ra_deg, "de_deg": own.de_deg}
+    known = own.acquired & np.isfinite(own.d_de_arcsec) & ~counted.excluded
+    false = np.zeros(len(known), dtype=bool)
+    if known.any():
+        x, y = own.cross_x_arcsec, own.cross_y_arcsec
+        false = own.acquired & (np.hypot(x - np.median(x[known]), y - np.median(y[known])) > OUTLIER_ARCSEC)
+    return _Answers(columns, ~counted.excluded, own.acquired, false, known & ~false, own.latency_ms)
+
+
+def _subject(
+    subject: Subject,
+    frames: NDArray[np.void],
+    answers: _Answers,
+    frames_lost: int,
+    limit_ms: float,
+    field_rad: float,
+) -> SubjectStatistics:
+    """Columns are taken one at a time: a selection of the rows of eight hours at 10 Hz is a copy of 40 MB."""
+    used = np.flatnonzero(answers.used)
+    used = used[np.argsort(frames["utc_ns"][used], kind="stable")]  # a step of the clock may turn the order
+    used_ns = frames["utc_ns"][used]
+    errors = {axis: answers.columns[f"{axis}_arcsec"][used] for axis in AXES}
+    errors["d_roll"] = about_circular_mean(errors["d_roll"])
+    axes = {axis: axis_statistics(used_ns, errors[axis]) for axis in AXES}
+    good = answers.answered & ~answers.false
+    counts = answers.expected | answers.false
+    kept_ns = frames["utc_ns"][answers.expected]
+    de_true_deg = frames["de_true_deg"][used]
+    timed = answers.time_ms[np.isfinite(answers.time_ms)]
+    return SubjectStatistics(
+        subject=subject,
+        available=available_share(good[answers.expected], missing=frames_lost),
+        false_answers=_share(answers.false[counts & answers.answered]),
+        star_fields=_star_fields(answers.columns["ra_deg"][used], answers.columns["de_deg"][used], field_rad),
         axes=axes,
-        mean_abs_d_ra_deg=_mean_abs_d_ra_deg(frames["d_ra_cosde_arcsec"][used], de_true_deg),
+        half_cone_95=axis_statistics(used_ns, np.hypot(errors["cross_x"], errors["cross_y"])),
+        mean_abs_d_ra_deg=_mean_abs_d_ra_deg(errors["d_ra_cosde"], de_true_deg),
         mean_abs_d_de_deg=axes["d_de"].mean_abs_arcsec / 3600,
         earth_rate=_earth_rate(de_true_deg, axes["d_ra_cosde"]),
-        identification_ms=percentiles(frames["elapsed_us"] / 1e3),
-        arrival_ms=percentiles((frames["host_utc_ns"] - frames["utc_ns"])[frames["host_utc_ns"] > 0] / 1e6),
-        acquisition_s=_acquisition_s(frames["utc_ns"][kept], answered & ~false),
-        outage_s=_outage_s(frames["utc_ns"][kept], answered & ~false),
-        clock=clock_health(session.clock, session.events, frames, stated_error_s=session.clock_error_s),
-        equivalence=equivalence(frames, np.flatnonzero(kept), [answer for _, answer in session.sensor_attitudes]),
-        excluded=tuple((item, int(excluded(frames["utc_ns"], (item,)).sum())) for item in named),
+        time_ms=percentiles(timed),
+        slow=_share(timed > limit_ms),
+        acquisition_s=_acquisition_s(kept_ns, good[answers.expected]),
+        outage_s=_outage_s(kept_ns, good[answers.expected]),
     )
 
 
-def false_answers(frames: NDArray[np.void]) -> NDArray[np.bool_]:
-    """Which frames (M,) were answered falsely: the judge says so, or all other answers are far away."""
-    answered = frames["status"] == STATUSES.index(Status.IDENTIFIED)
-    return np.asarray(answered & _false(frames["judge"], frames["cross_x_arcsec"], frames["cross_y_arcsec"]))
+def available_share(good: NDArray[np.bool_], *, missing: int) -> Share:
+    """The share of good answers among frames (M,) in their order and ``missing`` ones, on its effective number.
+
+    Outages last: frames that follow each other are not independent.
+    """
+    of = len(good) + missing
+    return share_of(int(good.sum()), of, effective_number(good) * of / len(good) if len(good) else None)
 
 
-def _false(
-    judged: NDArray[np.uint8], cross_x_arcsec: NDArray[np.float64], cross_y_arcsec: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    return np.asarray(
-        (judged == ANSWER_CHECKS.index(AnswerCheck.FALSE)) | _outlier(cross_x_arcsec, cross_y_arcsec), dtype=bool
+def _share(happened: NDArray[np.bool_]) -> Share:
+    return share_of(int(happened.sum()), len(happened))
+
+
+def about_circular_mean(angles_arcsec: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same angles (M,), each within half a turn of their circular mean: +-180 deg do not average to nothing."""
+    if not len(angles_arcsec):
+        return angles_arcsec
+    phase = angles_arcsec * (2 * math.pi / _TURN_ARCSEC)
+    mean = math.atan2(float(np.sin(phase).mean()), float(np.cos(phase).mean())) * _TURN_ARCSEC / (2 * math.pi)
+    offset: NDArray[np.float64] = angles_arcsec - mean
+    return mean + offset - _TURN_ARCSEC * np.round(offset / _TURN_ARCSEC)
+
+
+def figure_of(axis: AxisStatistics, name: str, duration_s: float) -> Figure:
+    """``mean_abs`` or ``p95_abs`` of an axis as a figure to decide on."""
+    return Figure(
+        getattr(axis, f"{name}_arcsec"), getattr(axis, f"{name}_bounds_arcsec"), axis.n_eff, axis.n, duration_s
     )
 
 
-def proportion(count: int, of: int) -> Proportion:
-    """A share with exact (Clopper-Pearson) bounds."""
-    if of == 0:
-        return Proportion(0, 0, _NAN, _NAN, _NAN)
-    low = float(betaincinv(count, of - count + 1, 0.025)) if count else 0.0
-    return Proportion(count, of, count / of, low, _upper(count, of, 0.975))
-
-
-def _upper(count: int, of: int, confidence: float) -> float:
-    """The one-sided upper bound of a share, by Clopper & Pearson."""
-    return float(betaincinv(count + 1, of - count, confidence)) if count < of else 1.0
-
-
-def _outlier(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Answers far from the median of all: a wrong mount moves all answers alike, a false answer only itself."""
-    known = np.isfinite(x)
-    if not known.any():
-        return np.zeros(len(x), dtype=bool)
-    distance = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
-    return np.asarray(distance > OUTLIER_ARCSEC, dtype=bool)  # NaN is not
+def _star_fields(ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64], field_rad: float) -> int:
+    """How many fields of stars the boresights were in, one next to the other: cells of half a field's width."""
+    if not len(ra_deg):
+        return 0
+    ra, de = np.radians(ra_deg), np.radians(de_deg)
+    vectors = np.column_stack([np.cos(de) * np.cos(ra), np.cos(de) * np.sin(ra), np.sin(de)])
+    return len(np.unique(np.floor(vectors / field_rad).astype(np.int64), axis=0))
 
 
 def _mean_abs_d_ra_deg(d_ra_cosde_arcsec: NDArray[np.float64], de_true_deg: NDArray[np.float64]) -> float:
-    """Mean |dRA| (not times cos DE), as in table 4-1 of [S]; NaN too near the pole, where RA means nothing."""
-    if len(de_true_deg) == 0 or np.abs(de_true_deg).max() > _MAX_DE_FOR_RA_DEG:
+    """Mean |dRA| (not times cos DE), as in table 4-1 of the LAPAN paper; NaN too near the pole."""
+    if len(de_true_deg) == 0 or not np.abs(de_true_deg).max() <= _MAX_DE_FOR_RA_DEG:
         return _NAN
     d_ra_arcsec = d_ra_cosde_arcsec / np.cos(np.radians(de_true_deg))
     return float(np.abs(d_ra_arcsec).mean()) / 3600
 
 
 def _earth_rate(de_true_deg: NDArray[np.float64], d_ra_cosde: AxisStatistics) -> EarthRate:
-    if len(de_true_deg) == 0 or abs(de_true_deg[0]) > _MAX_DE_FOR_RA_DEG:
+    if len(de_true_deg) == 0 or not abs(de_true_deg[0]) <= _MAX_DE_FOR_RA_DEG:
         return EarthRate(_NAN, _NAN, EARTH_RATE_ARCSEC_PER_S)
     per_hour = math.cos(math.radians(float(np.mean(de_true_deg)))) * 3600
     half_width = (d_ra_cosde.drift_high_arcsec_per_h - d_ra_cosde.drift_low_arcsec_per_h) / 2

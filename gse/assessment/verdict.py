@@ -1,74 +1,259 @@
-"""The verdict: figures of a session against the limits of its station.
+"""The verdict: the statistics of a session against the limits of its station, by a stated decision rule.
 
-Judged are mean |dRA*| and mean |dDE|, as in table 4-1 of [S]; that 95 % of the frames have |dRA*| and |dDE| within the
-same limit; availability; the 99th percentile of the identification time; and that no answer is false. Roll is reported
-and not judged. Truth must be better than a third of a limit to say PASS by it, and FAIL is said only where truth cannot
-be the reason. False answers and lost frames are no matter of truth.
+Each subject on trial has its rows: mean |dRA*| and mean |dDE|, as in table 4-1 of the LAPAN paper; that 95 % of the
+frames have |dRA*| and |dDE| within the same limit; the same of roll against a limit of its own; the half-cone that
+holds 95 % of the boresights; availability; false answers; and time. gse.assessment.decision gives the rule.
+
+FAIL where a row fails. INCONCLUSIVE where a row of the accuracy, availability or false answers cannot be decided, where
+more than a little of the session was left out for clock or link, where most of it had no sky, or where the mount that
+was fitted is not the stated one. PASS otherwise, with what was not tested.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
-from gse.assessment.axis_statistics import AxisStatistics
+import numpy as np
+
+from gse.assessment.decision import COVERAGE_FACTOR, Outcome, Row, judge_figure, judge_share
 from gse.assessment.diagnosis import findings
-from gse.assessment.statistics import Statistics, statistics
+from gse.assessment.statistics import Statistics, SubjectStatistics, figure_of, statistics
 from gse.assessment.truth_budget import SessionFacts, TruthUncertaintyBudget, truth_budget
-from gse.station.results import Verdict
+from gse.limits import Limits
+from gse.station.exclusions import Cause, excluded
+from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
+from gse.truth import horizon_to_sensor, small_rotations
 
-MIN_FRAMES = 30
-"""Fewer compared frames than this decide nothing: 95 % of them would be all but one."""
+SLOW_SHARE = 0.01
+"""99 % of the frames must keep the limit of time."""
+
+MOST_EXCLUDED_SHARE = 0.02
+MOST_EXCLUDED_S = 60.0
+"""More than both of a session left out for clock or link decides nothing."""
+
+OTHER_MOUNT_DEG = 1.0
 
 TRUTH_SHARE = 3.0
-"""A limit must be this many times what truth leaves open."""
+"""Truth that is worse than this share of a limit is named where a session does not pass."""
 
-
-@dataclass(frozen=True, slots=True)
-class Measurement:
-    """One judged figure; ``limit`` is the highest value that passes (for availability the lowest)."""
-
-    name: str
-    value: float
-    unit: str
-    limit: float
-    outcome: Verdict
+_SIMULATED = ("sim://", "simulated")
 
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """The verdict, one line per reason where it is not PASS, what it was made from, and what the errors look like."""
+    """The verdict, a line per reason, the rows it was made from, and what the errors look like.
+
+    ``relative`` where the mount was fitted on the same sky: then absolute pointing, site and clock were not tested.
+    ``not_tested`` are lines on what the verdict says nothing of. A ``simulated`` session proves nothing of a sensor.
+    """
 
     verdict: Verdict
     reasons: tuple[str, ...]
-    measurements: tuple[Measurement, ...]
+    rows: tuple[Row, ...]
     statistics: Statistics
     budget: TruthUncertaintyBudget
-    findings: tuple[str, ...] = ()
+    findings: tuple[str, ...]
+    not_tested: tuple[str, ...]
+    relative: bool
+    simulated: bool
+
+    @property
+    def word(self) -> str:
+        """The verdict as it is printed."""
+        return f"{self.verdict}, relative" if self.relative and self.verdict is Verdict.PASS else self.verdict.value
 
 
 def judge(session: SessionData) -> Assessment:
-    """Measure a night and judge it."""
-    figures = statistics(session)
-    budget = truth_budget(_facts(session, figures))
-    measured = [
-        *_accuracy("dRA*", figures.axes["d_ra_cosde"], session.station.limits.d_ra_cosde_arcsec, budget.ra_arcsec),
-        *_accuracy("dDE", figures.axes["d_de"], session.station.limits.d_de_arcsec, budget.de_arcsec),
-        _availability(figures, session.station.limits.availability),
-        _false_answers(figures),
-        *_identification_time(figures, session.station.limits.identification_ms),
-    ]
-    outcomes = [measurement.outcome for measurement, _ in measured]
-    worst = (Verdict.FAIL, Verdict.INCONCLUSIVE)
-    verdict = next((outcome for outcome in worst if outcome in outcomes), Verdict.PASS)
-    reasons = [reason for measurement, reason in measured if reason and measurement.outcome is not Verdict.PASS]
-    found = findings(session, figures)
+    """Measure a session and judge it."""
+    stats = statistics(session)
+    budget = truth_budget(_facts(session, stats))
+    relative = session.station.mount.align is not None
+    rows = tuple(
+        row
+        for subject in stats.subjects.values()
+        for row in _rows(subject, stats, budget, session.station.limits, relative)
+    )
+    obstacles = tuple(_obstacles(session, stats, rows))
+    verdict = _verdict(rows, obstacles)
+    found = findings(session, stats)
+    reasons = [row.reason for row in rows if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE)]
+    reasons += obstacles
     if verdict is not Verdict.PASS:
         reasons += [*_complaints(session, budget), *found]
-    measurements = tuple(measurement for measurement, _ in measured)
-    return Assessment(verdict, tuple(dict.fromkeys(reasons)), measurements, figures, budget, found)
+    if relative:
+        reasons.append(_relative_to(session))
+    return Assessment(
+        verdict,
+        tuple(dict.fromkeys(reasons)),
+        rows,
+        stats,
+        budget,
+        found,
+        tuple(_not_tested(stats, rows, relative)),
+        relative,
+        is_simulated(session),
+    )
 
 
-def _facts(session: SessionData, figures: Statistics) -> SessionFacts:
+def is_simulated(session: SessionData) -> bool:
+    """Whether no sensor took part: the port or the clock of the session was a simulated one."""
+    port, clock = _SIMULATED
+    return session.station.port.url.startswith(port) or any(reading.source == clock for reading in session.clock)
+
+
+def _verdict(rows: tuple[Row, ...], obstacles: tuple[str, ...]) -> Verdict:
+    outcomes = {row.outcome for row in rows}
+    if Outcome.FAIL in outcomes:
+        return Verdict.FAIL
+    if Outcome.INCONCLUSIVE in outcomes or obstacles:
+        return Verdict.INCONCLUSIVE
+    return Verdict.PASS
+
+
+def _rows(
+    subject: SubjectStatistics,
+    stats: Statistics,
+    budget: TruthUncertaintyBudget,
+    limits: Limits,
+    relative: bool,
+) -> Iterator[Row]:
+    axes = (
+        ("dRA*", "d_ra_cosde", limits.d_ra_cosde_arcsec, budget.ra_arcsec),
+        ("dDE", "d_de", limits.d_de_arcsec, budget.de_arcsec),
+        ("roll", "d_roll", limits.d_roll_arcsec, 0.0),
+    )
+    for label, axis, limit, truth_arcsec in axes:
+        for name, which in ((f"mean |{label}|", "mean_abs"), (f"95 % of |{label}|", "p95_abs")):
+            yield judge_figure(
+                subject.subject,
+                name,
+                figure_of(subject.axes[axis], which, stats.duration_s),
+                unit="arcsec",
+                limit=limit,
+                truth_uncertainty=truth_arcsec / COVERAGE_FACTOR,
+                decision=limits.decision,
+                relative=relative,
+            )
+    yield judge_figure(
+        subject.subject,
+        "half-cone of 95 % of the boresights",
+        figure_of(subject.half_cone_95, "p95_abs", stats.duration_s),
+        unit="arcsec",
+        limit=math.nan if limits.boresight_arcsec is None else limits.boresight_arcsec,
+        truth_uncertainty=math.hypot(budget.ra_arcsec, budget.de_arcsec) / COVERAGE_FACTOR,
+        decision=limits.decision,
+        relative=relative,
+    )
+    yield from _shares(subject, limits)
+    yield _time(subject, limits)
+
+
+def _shares(subject: SubjectStatistics, limits: Limits) -> Iterator[Row]:
+    who, decision = subject.subject, limits.decision
+    yield judge_share(
+        who, "availability", subject.available, limit=limits.availability, at_least=True, decision=decision
+    )
+    fields = f" in {subject.star_fields} star fields"
+    yield judge_share(
+        who,
+        "false answers",
+        subject.false_answers,
+        limit=limits.false_share,
+        at_least=False,
+        decision=decision,
+        beside=fields,
+    )
+
+
+def _time(subject: SubjectStatistics, limits: Limits) -> Row:
+    """The 99th percentile of the time; the share of the slow frames decides, by its exact bounds."""
+    here = subject.subject is Subject.ONBOARD
+    name = "identification time on this host, 99 %" if here else "processing time as it states, 99 %"
+    row = judge_share(subject.subject, name, subject.slow, limit=SLOW_SHARE, at_least=False, decision=limits.decision)
+    reason = row.reason
+    if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE):
+        reason = f"{row.label} is {subject.time_ms.p99:.1f} ms, the limit is {limits.identification_ms:g} ms"
+        reason += f" ({subject.slow.count} of {subject.slow.of} frames are slower)"
+    return replace(
+        row, value=subject.time_ms.p99, unit="ms", limit=limits.identification_ms, reason=reason, uncertainty=math.nan
+    )
+
+
+def _obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) -> Iterator[str]:
+    """Why a session cannot pass though its rows may."""
+    yield from _untested_core(rows)
+    yield from _much_excluded(session, stats)
+    yield from _little_sky(session, stats)
+    yield from _other_mount(session)
+
+
+_CORE = ("mean |dRA*|", "95 % of |dRA*|", "mean |dDE|", "95 % of |dDE|", "availability", "false answers")
+
+
+def _untested_core(rows: tuple[Row, ...]) -> Iterator[str]:
+    """PASS needs the core rows of one subject at least."""
+    tested = [
+        {row.name for row in rows if row.subject is subject and row.outcome is not Outcome.NOT_TESTED}
+        for subject in {row.subject for row in rows}
+    ]
+    if not any(names.issuperset(_CORE) for names in tested):
+        yield "no subject has errors against truth, availability and false answers: nothing can pass"
+
+
+def _much_excluded(session: SessionData, stats: Statistics) -> Iterator[str]:
+    frames_s = stats.duration_s / max(stats.frames - 1, 1)
+    utc_ns = session.frames.columns["utc_ns"]
+    for cause, what in ((Cause.CLOCK_STEP, "steps of the host's clock"), (Cause.BACKLOG, "frames read late")):
+        count = stats.counted.frames_of(cause, utc_ns)
+        if count > MOST_EXCLUDED_SHARE * stats.frames and count * frames_s > MOST_EXCLUDED_S:
+            yield f"{count} of {stats.frames} frames are left out for {what}: too many to say anything of the session"
+
+
+def _little_sky(session: SessionData, stats: Statistics) -> Iterator[str]:
+    """No sky for most of the session, or empty panoramas on which the availability depends."""
+    utc_ns = session.frames.columns["utc_ns"]
+    stretches = [item for item in stats.counted.exclusions if item.cause in (Cause.NO_SKY, Cause.NO_OBJECTS)]
+    count = int(excluded(utc_ns, stretches).sum())
+    words = "; ".join(dict.fromkeys(item.reason for item in stretches[:3]))
+    if count > stats.frames / 2:
+        yield f"no sky in {count} of {stats.frames} frames: {words}"
+        return
+    empty = stats.counted.frames_of(Cause.NO_OBJECTS, utc_ns)
+    available = stats.onboard.available
+    if empty and available.count < session.station.limits.availability * (available.of + empty):
+        yield f"availability depends on {empty} frames that show no stars: {words}, or the sensor was blind"
+
+
+def _other_mount(session: SessionData) -> Iterator[str]:
+    """A fitted mount that is not the stated one hides what is gross."""
+    stated, alignment = session.station.mount, session.alignment
+    if alignment is None or not stated.stated:
+        return
+    apart = small_rotations(horizon_to_sensor(alignment.mount)[None], horizon_to_sensor(stated))[0]
+    apart_deg = math.degrees(float(np.linalg.norm(apart)))
+    if apart_deg > OTHER_MOUNT_DEG:
+        yield (
+            f"the fitted mount is {apart_deg:.1f} deg from the stated one: azimuth {alignment.mount.azimuth_deg:.2f}, "
+            f"altitude {alignment.mount.altitude_deg:.2f}, roll {alignment.mount.roll_deg:.2f} deg were fitted; check "
+            "the angles, the site and the clock"
+        )
+
+
+def _relative_to(session: SessionData) -> str:
+    align_s = session.station.mount.align_s or 0.0
+    return f"relative to a mount fitted on the first {align_s:g} s: absolute pointing, site and clock not tested"
+
+
+def _not_tested(stats: Statistics, rows: tuple[Row, ...], relative: bool) -> Iterator[str]:
+    yield from (row.reason for row in rows if row.outcome is Outcome.NOT_TESTED)
+    if Subject.SENSOR not in stats.subjects:
+        yield "sensor: it sent no answers of its own (no ATTITUDE frames)"
+    if relative:
+        yield "absolute pointing, site and clock: the mount was fitted on the same sky"
+
+
+def _facts(session: SessionData, stats: Statistics) -> SessionFacts:
     frames = session.frames.columns
     epoch = session.catalog.get("epoch_jyear")
     return SessionFacts(
@@ -76,7 +261,7 @@ def _facts(session: SessionData, figures: Statistics) -> SessionFacts:
         mount=session.alignment.mount if session.alignment else session.station.mount,
         earth_orientation=session.earth_orientation if len(frames) else None,
         utc_ns=int(frames["utc_ns"][len(frames) // 2]) if len(frames) else 0,
-        clock_error_s=figures.clock.error_bound_s,
+        clock_error_s=stats.clock.error_bound_s,
         catalog_epoch_jyear=epoch if isinstance(epoch, float) else 2016.0,
         proper_motions=bool(session.catalog.get("proper_motions")),
         alignment=session.alignment,
@@ -87,53 +272,3 @@ def _complaints(session: SessionData, budget: TruthUncertaintyBudget) -> list[st
     limits = session.station.limits
     rows = (("dRA*", limits.d_ra_cosde_arcsec), ("dDE", limits.d_de_arcsec))
     return [line for axis, limit in rows if (line := budget.complaint(axis, limit, TRUTH_SHARE))]
-
-
-_Measured = tuple[Measurement, str]
-
-
-def _accuracy(axis: str, figures: AxisStatistics, limit: float, truth_arcsec: float) -> list[_Measured]:
-    rows = ((f"mean |{axis}|", figures.mean_abs_arcsec), (f"95 % of |{axis}|", figures.p95_abs_arcsec))
-    measured = []
-    for name, value in rows:
-        outcome, reason = _against(value, limit, truth_arcsec), ""
-        if figures.n < MIN_FRAMES:
-            outcome = Verdict.INCONCLUSIVE
-            reason = f"{figures.n} frames were compared with truth, {MIN_FRAMES} are needed"
-        elif outcome is Verdict.FAIL:
-            reason = f"{name} is {value:.1f} arcsec, the limit is {limit:g}"
-        measured.append((Measurement(name, value, "arcsec", limit, outcome), reason))
-    return measured
-
-
-def _against(value: float, limit: float, truth: float) -> Verdict:
-    if truth * TRUTH_SHARE <= limit:
-        return Verdict.PASS if value <= limit else Verdict.FAIL
-    return Verdict.FAIL if value - truth > limit else Verdict.INCONCLUSIVE
-
-
-def _availability(figures: Statistics, limit: float) -> _Measured:
-    share = figures.available
-    name = "availability"
-    if share.of < MIN_FRAMES:
-        reason = f"{share.of} frames were expected, {MIN_FRAMES} are needed"
-        return Measurement(name, share.value, "", limit, Verdict.INCONCLUSIVE), reason
-    outcome = Verdict.PASS if share.value >= limit else Verdict.FAIL
-    reason = f"{share.count} of {share.of} frames were identified ({share.value:.1%}), the limit is {limit:.1%}"
-    return Measurement(name, share.value, "", limit, outcome), reason
-
-
-def _false_answers(figures: Statistics) -> _Measured:
-    count = figures.false_answers.count
-    outcome = Verdict.FAIL if count else Verdict.PASS
-    return Measurement("false answers", count, "", 0, outcome), f"{count} answers were false, none may be"
-
-
-def _identification_time(figures: Statistics, limit: float) -> list[_Measured]:
-    """Nothing where no time was recorded: a session from elsewhere has none, and that says nothing of the sensor."""
-    value = figures.identification_ms.p99
-    if math.isnan(value):
-        return []
-    outcome = Verdict.PASS if value <= limit else Verdict.FAIL
-    reason = f"identification took {value:.1f} ms in 99 % of the frames, the limit is {limit:g} ms"
-    return [(Measurement("identification time, 99 %", value, "ms", limit, outcome), reason)]

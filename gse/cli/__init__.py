@@ -1,4 +1,7 @@
-"""The command line: ``gse COMMAND``; each command is a module of its own, imported when it is called."""
+"""The command line: ``gse COMMAND``; each command is a module of its own, imported when it is called.
+
+May import every room; no room may import it.
+"""
 
 import errno
 import importlib
@@ -26,25 +29,25 @@ EXIT_INTERRUPTED = 130
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 _COMMANDS = {
-    "run": "live test: receive, record, identify, compare, show, judge",
-    "replay": "the same from a session, a raw capture or a panorama table",
-    "report": "the report of a session",
-    "view": "a session in rerun",
-    "identify": "one panorama table to stars, RA, DE and roll",
-    "extract": "an image to a panorama table, as the sensor does it",
-    "evaluate": "Monte-Carlo over the whole sky",
+    "run": "test a sensor: receive, record, identify, compare, show, judge",
+    "replay": "do the same from a session or a raw capture",
+    "report": "write the report of a session",
+    "view": "show a session in rerun",
+    "identify": "identify one panorama table: stars, RA, DE, roll",
+    "extract": "extract a panorama table from an image, as the sensor does",
+    "evaluate": "test identifiers by Monte-Carlo over the whole sky",
     "simulate": "write a simulated session",
-    "emulate": "be the sensor on a pty or a TCP port",
-    "calibrate": "focal length, principal point, distortion, mirror, hot pixels from a session",
-    "align": "mount direction from a session",
-    "compare": "two sessions, or one session under two identifiers",
-    "session": "info, verify, recover, trim, export",
-    "decode": "frames and discarded bytes of a session or raw capture",
-    "config": "init, check or show a station file",
-    "catalog": "the star catalogue in use",
-    "ports": "serial ports, and who holds them",
-    "preflight": "is everything ready for the night?",
-    "sensor": "start, stop, status or exposure of the sensor",
+    "emulate": "simulate a sensor on a pseudo-terminal or a TCP port",
+    "calibrate": "fit focal length, principal point, distortion, mirror and hot pixels",
+    "align": "fit the direction of the mount",
+    "compare": "compare two sessions, or one session under two identifiers",
+    "session": "show, verify, recover, trim or export a session",
+    "decode": "list the frames and the discarded bytes of a session or raw capture",
+    "config": "write, check or show a station file",
+    "catalog": "show the star catalogue in use",
+    "ports": "list the serial ports and the programs that hold them",
+    "preflight": "check that everything is ready for a session",
+    "sensor": "send a command to the sensor",
     "ci": "replay a folder of sessions and compare their reports",
 }
 
@@ -64,11 +67,11 @@ class _Commands(click.Group):
         return command
 
     def make_context(self, *args: Any, **kwargs: Any) -> click.Context:
-        with _quiet_when_nobody_reads():
+        with _quiet_on_a_closed_pipe():
             return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: click.Context) -> object:
-        with _quiet_when_nobody_reads():
+        with _quiet_on_a_closed_pipe():
             return super().invoke(ctx)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -77,14 +80,14 @@ class _Commands(click.Group):
 
 
 @contextmanager
-def _quiet_when_nobody_reads() -> Iterator[None]:
-    """Whoever read our output has had enough, as in ``gse decode FILE | head``: that is no failure of ours."""
+def _quiet_on_a_closed_pipe() -> Iterator[None]:
+    """A closed stdout pipe (``gse decode FILE | head``) is not an error."""
     try:
         yield
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:
-        # What is still buffered must go somewhere, or Python complains of it when it ends.
+        # Buffered output must go somewhere, or Python reports an error when it ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise click.exceptions.Exit(0) from None
 
@@ -92,7 +95,11 @@ def _quiet_when_nobody_reads() -> Iterator[None]:
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="gse-star-sensor", prog_name="gse")
 def cli() -> None:
-    """Ground test station for a star sensor: panoramas in, RA and DE against sidereal truth out."""
+    """Ground test station for a star sensor.
+
+    It receives panoramas, identifies the stars, and compares RA and DE with sidereal truth. `gse run` without arguments
+    tests a simulated sensor.
+    """
 
 
 def was_interrupted(error: BaseException | None) -> bool:
@@ -120,11 +127,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _unexpected(error: Exception) -> int:
-    """Say what came where nothing was expected; the exit code."""
+    """Report an error that was not expected; the exit code."""
     if was_interrupted(error):
         return EXIT_INTERRUPTED
     if isinstance(error, OSError) and error.errno in _DISK_FULL:
-        click.echo(f"gse: {error.strerror}: what was to be written is not complete; make room", err=True)
+        click.echo(f"gse: {error.strerror}: the output is incomplete; free some disk space and repeat", err=True)
         return EXIT_DATA_LOST
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{place.filename}:{place.lineno}"
@@ -133,7 +140,7 @@ def _unexpected(error: Exception) -> int:
 
 
 def exit_code_of(error: Exception) -> int:
-    """The exit code that stands for an expected error."""
+    """The exit code of an expected error."""
     if isinstance(error, GseError):
         return error.exit_code
     if isinstance(error, CaptureError | UrlError | ProtocolError):

@@ -23,13 +23,13 @@ _NEAR_ZENITH_DEG = 89.9
 @click.command("align")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 @station_option
-@click.option("--from", "from_utc", help="Use the session from this UTC on, e.g. 2026-03-20T18:30:00Z.")
-@click.option("--to", "to_utc", help="Use it up to this UTC.")
+@click.option("--from", "from_utc", help="Use the frames from this UTC on, e.g. 2026-03-20T18:30:00Z.")
+@click.option("--to", "to_utc", help="Use the frames before this UTC.")
 @click.option(
     "--write",
     "write_path",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write a station file with this mount.",
+    help="Write the station file with this mount to a new file.",
 )
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.alignment/1.")
 def command(
@@ -40,10 +40,11 @@ def command(
     write_path: Path | None,
     as_json: bool,
 ) -> None:
-    """Fit azimuth, altitude and roll of the mount to the identified frames of FILE, with covariance.
+    """Fit azimuth, altitude and roll of the mount to the identified frames of the session FILE.
 
-    Fits on even minutes are judged on odd ones and the other way round. The verdict of a session must not rest on a
-    mount that was fitted on the same frames: use --write for the next session, or `mount: {align: first 60 s}`.
+    The result has the covariance of the fit. For a check, the even minutes are compared with the fit to the odd ones,
+    and the odd minutes with the fit to the even ones. Do not judge a session with a mount that was fitted to its own
+    frames: use --write for the next session, or `align: first 60 s` in the station file.
     """
     from gse.sessions.replay import ReplayOptions, StationText, replay_session
 
@@ -111,7 +112,7 @@ def _lines(report: dict[str, Any]) -> list[str]:
         ("from the mount in the station file", "from_stated_mount_arcsec"),
     )
     zenith = report["altitude_deg"] > _NEAR_ZENITH_DEG
-    note = ["so near the zenith azimuth and roll are only known together"] if zenith else []
+    note = ["near the zenith azimuth and roll are known only in combination, not each alone"] if zenith else []
     return [
         *(f"{name:9}{report[f'{name}_deg']:12.5f} deg  +- {_text(sigma[name])} arcsec" for name in sigma),
         *note,

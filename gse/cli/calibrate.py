@@ -24,13 +24,13 @@ _DIGITS = (4, 4, 4, 8, 8)
 @click.command("calibrate")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 @station_option
-@click.option("--from", "from_utc", help="Use the session from this UTC on, e.g. 2026-03-20T18:30:00Z.")
-@click.option("--to", "to_utc", help="Use it up to this UTC.")
+@click.option("--from", "from_utc", help="Use the frames from this UTC on, e.g. 2026-03-20T18:30:00Z.")
+@click.option("--to", "to_utc", help="Use the frames before this UTC.")
 @click.option(
     "--write",
     "write_path",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write a station file with this camera and these hot pixels.",
+    help="Write the station file with this camera and these hot pixels to a new file.",
 )
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.calibration/1.")
 def command(
@@ -41,10 +41,11 @@ def command(
     write_path: Path | None,
     as_json: bool,
 ) -> None:
-    """Fit focal length, principal point, radial distortion and mirror to the identified stars of FILE.
+    """Fit focal length, principal point, radial distortion and mirror to the stars of the session FILE.
 
-    Starts from the station file's camera, whose focal length may be wrong by 3 %; the session's own site and times
-    correct for aberration and refraction. The new station file is for `gse replay --station`.
+    The fit starts from the camera of the station file; its focal length may be wrong by 3 %. Aberration and refraction
+    are corrected with the site and the times of the session. Use the new station file with `gse replay --station` or
+    `gse run --station`.
     """
     from gse.sessions.panoramas import open_recording
     from gse.sessions.replay import ReplayOptions, StationText
@@ -66,11 +67,11 @@ def command(
 
 
 def _truth(recording: "Recording", utc_ns: int | None) -> SiderealTruth | None:
-    """Truth for aberration and refraction; none for a clock before 1972, whose stars are taken as catalogued."""
+    """Truth for aberration and refraction; None before 1972, where catalogue places are used instead."""
     try:
         orientation = recording.earth_orientation or EarthOrientation.from_disk(utc_ns or 0)
     except TruthError as error:
-        click.echo(f"gse: {error}; stars are taken without aberration and refraction", err=True)
+        click.echo(f"gse: {error}; the fit does not correct for aberration and refraction", err=True)
         return None
     return SiderealTruth(recording.station.site, orientation)
 
@@ -136,12 +137,16 @@ def _lines(result: SessionCalibration) -> list[str]:
     fitted = result.calibration
     rows = zip(_NAMES, _values(fitted).values(), fitted.sigma, _DIGITS, strict=True)
     scale = [f"the focal length was changed by {result.first_scale - 1:+.1%} first"] if result.first_scale != 1 else []
-    hot = ", ".join(f"({x}, {y})" for x, y in result.hot_pixels) or "none seen"
+    hot = ", ".join(f"({x}, {y})" for x, y in result.hot_pixels) or "none"
     return [
         *(f"{name:22}{value:14.{digits}f}  +- {sigma:.{digits}f}" for name, value, sigma, digits in rows),
         f"mirrored              {'yes' if fitted.camera.mirrored else 'no'}",
-        *(f"held as it was        {name}: its change would have been within 4 sigma" for name in fitted.held),
-        *([] if "principal point" in fitted.held else ["the principal point moved: fit the mount anew with gse align"]),
+        *(f"not changed           {name}: the change is within 4 sigma of zero" for name in fitted.held),
+        *(
+            []
+            if "principal point" in fitted.held
+            else ["the principal point has changed: fit the mount again with gse align"]
+        ),
         *scale,
         f"hot pixels            {hot}",
         f"identified            {result.identified_before} of {result.tried} panoramas tried before, "
@@ -153,7 +158,7 @@ def _lines(result: SessionCalibration) -> list[str]:
             for numbers in [_residuals(fitted, when)]
         ),
         "",
-        "mean residual over the detector after the fit, px (x, y); - where fewer than 5 stars were:",
+        "mean residual over the detector after the fit, px (x, y); - means fewer than 5 stars:",
         *("  ".join(_cell(cell) for cell in row) for row in fitted.map_px.tolist()),
     ]
 

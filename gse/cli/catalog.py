@@ -22,14 +22,14 @@ Result = TypeVar("Result")
 
 @click.group("catalog")
 def command() -> None:
-    """Star catalogues."""
+    """Show the star catalogue in use."""
 
 
 @command.command()
 @station_option
 @json_option
 def info(station_path: Path | None, as_json: bool) -> None:
-    """Say which stars a station works with: source, epoch, counts, tables, build time, credit and licence."""
+    """Show the stars that a station works with: source, epoch, counts, tables, build time, credit and licence."""
     station, _ = station_of(station_path)
     sections = _sections(station)
     if as_json:

@@ -10,12 +10,12 @@ from gse.cli import EXIT_FAIL
 
 @click.command("ci")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--junit", "junit_path", type=click.Path(path_type=Path, dir_okay=False), help="Write a JUnit file here.")
-@click.option("--update", is_flag=True, help="Make the reports of this version the expected ones.")
-@click.option("--speed", default="max", show_default=True, help="max, 1, or a factor such as 20.")
 @click.option(
-    "--cut", "cut_bytes", type=click.IntRange(min=1), help="Cut what is replayed into chunks of so many bytes."
+    "--junit", "junit_path", type=click.Path(path_type=Path, dir_okay=False), help="Write the results as a JUnit file."
 )
+@click.option("--update", is_flag=True, help="Write the new reports as the expected ones.")
+@click.option("--speed", default="max", show_default=True, help="Speed of the replay: max, 1, or a factor such as 20.")
+@click.option("--cut", "cut_bytes", type=click.IntRange(min=1), help="Replay in chunks of this many bytes.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.ci/1.")
 @click.pass_context
 def command(
@@ -28,9 +28,10 @@ def command(
     cut_bytes: int | None,
     as_json: bool,
 ) -> None:
-    """Replay every session (.mcap) in FOLDER and compare its report with NAME.report.json beside it, exactly.
+    """Replay every session (.mcap) in FOLDER and compare its report with NAME.report.json beside it.
 
-    Only the versions of packages may differ. The exit code is 1 where a report differs, is missing, or cannot be made.
+    The reports must be equal; only the versions of packages may differ. The exit code is 1 if a report differs, is
+    missing, or cannot be made.
     """
     from gse.sessions.golden import check, junit_of, recordings_in
     from gse.sessions.replay import ReplayOptions
@@ -52,7 +53,7 @@ def command(
         ]
         click.echo(json.dumps({"schema": "gse.ci/1", "recordings": rows}))
     else:
-        click.echo(f"{len(outcomes) - len(failed)} of {len(outcomes)} recordings give the report that they must give")
+        click.echo(f"{len(outcomes) - len(failed)} of {len(outcomes)} sessions give the expected report")
     if junit_path is not None:
         _write_junit(junit_path, junit_of(outcomes, folder))
     ctx.exit(EXIT_FAIL if failed else 0)

@@ -24,17 +24,21 @@ if TYPE_CHECKING:
     "identifiers",
     multiple=True,
     type=click.Choice(ALGORITHMS),
-    help="Identifier of the second night; given twice: of the first and the second.",
+    help="Identifier of the second session; given twice: of the first and the second.",
 )
 @click.option(
     "--station",
     "stations",
     multiple=True,
     type=click.Path(path_type=Path),
-    help="Station file of the second night; given twice: of the first and the second.",
+    help="Station file of the second session; given twice: of the first and the second.",
 )
 @click.option(
-    "--sigmas", type=click.FloatRange(min=0), default=3.0, show_default=True, help="From where on a difference counts."
+    "--sigmas",
+    type=click.FloatRange(min=0),
+    default=3.0,
+    show_default=True,
+    help="A difference of more sigmas than this is significant.",
 )
 @click.option(
     "--allow",
@@ -42,7 +46,7 @@ if TYPE_CHECKING:
     type=click.FloatRange(min=0),
     default=0.01,
     show_default=True,
-    help="Share of a limit by which a figure may become worse.",
+    help="Share of its limit by which a value may become worse.",
 )
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.compare/1.")
 @click.pass_context
@@ -57,12 +61,12 @@ def command(
     allowed_share: float,
     as_json: bool,
 ) -> None:
-    """Figures of session A and session B side by side, or of A alone under two identifiers or two station files.
+    """Compare the statistics of session A and session B, or of A under two identifiers or two station files.
 
-    Exit code 1 where the second night is worse: beyond --sigmas, and by more than --allow of a limit.
+    The exit code is 1 if the second session is worse: by more than --sigmas, and by more than --allow of a limit.
     """
     if second is None and not identifiers and not stations:
-        raise UsageError("one session alone compares with nothing; name a second one, or --identifier, or --station")
+        raise UsageError("a comparison needs two sides; give a second session, or --identifier, or --station")
     sessions = [
         _session(path, _of(identifiers, place), _of(stations, place))
         for place, path in enumerate((first, second or first))
@@ -73,9 +77,11 @@ def command(
 
 
 def _of(options: tuple[Any, ...], place: int) -> Any:
-    """The option of the first (0) or second (1) night: one value is for the second."""
+    """The option of the first (0) or second (1) session: one value is for the second."""
     if len(options) > 2:
-        raise UsageError(f"{len(options)} values were given where two sessions are compared: expected one or two")
+        raise UsageError(
+            f"an option was given {len(options)} times; expected once (second session) or twice (first and second)"
+        )
     return options[place] if len(options) == 2 else options[0] if options and place == 1 else None
 
 
@@ -119,7 +125,7 @@ def _lines(result: SessionComparison) -> list[str]:
     """The result for a person."""
     head = f"{'':28}{'first':>12}{'second':>12}{'difference':>12}{'sigmas':>9}"
     words = ", ".join(row.name for row in result.regressions)
-    paired = "the same panoramas in both" if result.paired else "different panoramas"
+    paired = "both sessions have the same panoramas" if result.paired else "the sessions have different panoramas"
     return [
         f"REGRESSION in {words}" if words else "no regression",
         paired,

@@ -11,13 +11,13 @@ from gse.errors import ConfigError
 
 @click.group("config")
 def command() -> None:
-    """Station files: write one to start from, check one, show what is in force."""
+    """Write, check or show a station file."""
 
 
 @command.command()
 @click.argument("path", type=click.Path(path_type=Path), default=Path("station.yaml"))
 def init(path: Path) -> None:
-    """Write the built-in station to PATH (default: station.yaml) to start from; an existing file is left alone."""
+    """Write the built-in station to PATH (default: station.yaml). An existing file is not changed."""
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write(BUILT_IN_TEXT)
@@ -25,13 +25,15 @@ def init(path: Path) -> None:
         raise ConfigError(f"{path} exists already; choose another name") from None
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}") from error
-    click.echo(f"{path} written: now set sensor, site, mount and port, then: gse config check {path}", err=True)
+    click.echo(
+        f"{path} written. Next: set sensor, site, mount and port in it, then run: gse config check {path}", err=True
+    )
 
 
 @command.command()
 @click.argument("path", type=click.Path(path_type=Path))
 def check(path: Path) -> None:
-    """Say whether PATH is a good station file; exit code 2 names file, line and key where it is not."""
+    """Check the station file PATH. Each error is shown with file, line and key; the exit code is then 2."""
     from protocols import load_protocol
 
     station, _ = read_station(path)
@@ -48,7 +50,7 @@ def check(path: Path) -> None:
 @click.argument("path", type=click.Path(path_type=Path), required=False)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def show(path: Path | None, as_json: bool) -> None:
-    """Show every value in force of PATH, or of the built-in station, defaults included."""
+    """Show every value of the station file PATH, defaults included. Without PATH: of the built-in station."""
     import yaml
 
     station = read_station(path)[0] if path else parse_station(BUILT_IN_TEXT)

@@ -1,4 +1,4 @@
-"""``gse emulate``: be the sensor on a pty or a TCP port."""
+"""``gse emulate``: the simulated sensor on a pty or a TCP port."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -17,20 +17,26 @@ _LAST_PORT = 65535
 
 
 @click.command("emulate")
-@click.option("--pty", "use_pty", is_flag=True, help="On a new pseudo-terminal.")
+@click.option("--pty", "use_pty", is_flag=True, help="Use a new pseudo-terminal.")
 @click.option(
-    "--tcp", "tcp_address", metavar="HOST:PORT", help="On a TCP port, e.g. 127.0.0.1:4000; 0 is any free one."
+    "--tcp", "tcp_address", metavar="HOST:PORT", help="Use a TCP port, e.g. 127.0.0.1:4000; port 0 is any free port."
 )
 @station_option
-@click.option("--scenario", default="clear-zenith", show_default=True, help="Name, or a YAML file.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the noise.")
-@click.option("--rate-hz", type=click.FloatRange(0.001, 1000), help="Panoramas per second, instead of the scenario's.")
-@click.option("--standby", is_flag=True, help="Wait for START instead of streaming from power-on.")
-@click.option("--start", help="Look at the sky of this UTC, e.g. 2026-03-20T15:00:00Z; default: now.")
+@click.option("--scenario", default="clear-zenith", show_default=True, help="Name of a scenario, or a YAML file.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of the noise.")
 @click.option(
-    "--level", type=click.Choice(("panorama", "image", "image-sub-pixel")), default="panorama", show_default=True
+    "--rate-hz", type=click.FloatRange(0.001, 1000), help="Panoramas per second; default: as in the scenario."
 )
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="End after so many seconds.")
+@click.option("--standby", is_flag=True, help="Wait for the command START before sending.")
+@click.option("--start", help="UTC of the simulated sky, e.g. 2026-03-20T15:00:00Z; default: now.")
+@click.option(
+    "--level",
+    type=click.Choice(("panorama", "image", "image-sub-pixel")),
+    default="panorama",
+    show_default=True,
+    help="Simulate lists of stars, or whole images and their extraction (slower).",
+)
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="End after this many seconds.")
 def command(
     *,
     use_pty: bool,
@@ -44,9 +50,9 @@ def command(
     level: str,
     duration_s: float | None,
 ) -> None:
-    """Be the sensor of a station file in real time, for the station itself or for other ground software.
+    """Simulate the sensor of a station file in real time, for this station or for other ground software.
 
-    Prints the address to open on stdout. Ends with Ctrl-C or after --duration.
+    The address to open is printed on stdout. The emulator ends with Ctrl-C or after --duration.
     """
     from drivers.clock import read_clock
     from gse.instant import NS_PER_S, to_text
@@ -54,21 +60,21 @@ def command(
     from gse.simulator.emulator import Emulator
 
     if use_pty == (tcp_address is not None):
-        raise UsageError("say where the sensor shall be: --pty, or --tcp 127.0.0.1:4000")
+        raise UsageError("give either --pty or --tcp HOST:PORT, for example --tcp 127.0.0.1:4000")
     options = {"scenario": scenario, "seed": str(seed), "start": start or to_text(read_clock().utc_ns, 9)}
     options |= {"level": level, "standby": "yes" if standby else "no"}
     session = scenario_of(options | ({"rate_hz": str(rate_hz)} if rate_hz else {}))
     station, _ = station_of(station_path)
     device = session.device_for(station)
     detector = detector_of(station, session, options)
-    # Catalogue, ephemeris and Earth orientation are loaded by a first exposure, which nobody sees.
+    # A first exposure, which is not sent, loads catalogue, ephemeris and Earth orientation.
     detector.expose(session.start_utc_ns, session.exposure_s, session.firmware.temperature_c[0])
     began_ns = read_clock().utc_ns
     offset_ns = session.start_utc_ns - began_ns if start else 0
     firmware = firmware_of(station, session, options, detector, began_ns + offset_ns)
     endpoint = _endpoint(tcp_address)
     click.echo(endpoint.address)
-    click.echo(f"{device.sensor.name} speaks {device.protocol}; Ctrl-C ends it", err=True)
+    click.echo(f"{device.sensor.name} sends {device.protocol}; press Ctrl-C to end", err=True)
     try:
         now_ns: Callable[[], int] = lambda: read_clock().utc_ns + offset_ns  # noqa: E731
         Emulator(firmware, endpoint, now_ns, baudrate=device.port.baudrate).run(
@@ -85,5 +91,5 @@ def _endpoint(tcp_address: str | None) -> "Endpoint":
         return PtyEndpoint()
     host, _, port = tcp_address.rpartition(":")
     if not host or not port.isdecimal() or int(port) > _LAST_PORT:
-        raise UsageError(f"--tcp {tcp_address} is no address; expected for example 127.0.0.1:4000")
+        raise UsageError(f"--tcp {tcp_address} is not an address; expected for example 127.0.0.1:4000")
     return TcpEndpoint(host.strip("[]"), int(port))

@@ -32,34 +32,58 @@ class _Finite(click.FloatRange):
 @click.command("evaluate")
 @station_option
 @click.option(
-    "--identifier", "identifiers", multiple=True, type=click.Choice(ALGORITHMS), help="Repeatable; default: robust."
+    "--identifier",
+    "identifiers",
+    multiple=True,
+    type=click.Choice(ALGORITHMS),
+    help="Identifier to test; repeatable.  [default: robust]",
 )
-@click.option("--preset", type=click.Choice(("pivot-paper", "lapan")), help="The settings of a paper.")
-@click.option("--frames", type=click.IntRange(1, 10_000_000), default=1000, show_default=True)
+@click.option("--preset", type=click.Choice(("pivot-paper", "lapan")), help="Use the settings of a paper.")
 @click.option(
-    "--noise-arcsec", multiple=True, type=_Finite(0, 3600), help="Of positions, 1 sigma per axis; repeatable; 10."
+    "--frames", type=click.IntRange(1, 10_000_000), default=1000, show_default=True, help="Number of directions."
 )
-@click.option("--magnitude-noise", multiple=True, type=_Finite(0, 5), help="Of magnitudes, 1 sigma; repeatable; 0.3.")
-@click.option("--false-objects", multiple=True, type=click.IntRange(0, 30), help="In each frame; repeatable; 0.")
-@click.option("--missing", type=_Finite(0, 1), help="Share of the stars that are not seen.  [default: 0]")
-@click.option("--whole-pixels/--sub-pixel", default=None, help="Positions as the detector gives them.")
+@click.option(
+    "--noise-arcsec",
+    multiple=True,
+    type=_Finite(0, 3600),
+    help="Noise of positions, 1 sigma per axis; repeatable.  [default: 10]",
+)
+@click.option(
+    "--magnitude-noise",
+    multiple=True,
+    type=_Finite(0, 5),
+    help="Noise of magnitudes, 1 sigma; repeatable.  [default: 0.3]",
+)
+@click.option(
+    "--false-objects",
+    multiple=True,
+    type=click.IntRange(0, 30),
+    help="False objects per frame; repeatable.  [default: 0]",
+)
+@click.option("--missing", type=_Finite(0, 1), help="Share of missing stars.  [default: 0]")
+@click.option("--whole-pixels/--sub-pixel", default=None, help="Precision of positions.  [default: --whole-pixels]")
 @click.option("--limit", type=_Finite(2, 10), help="Magnitude limit of the sensor.  [default: 6]")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
-@click.option("--workers", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes.")
-@click.option("--catalog", type=click.Path(path_type=Path, dir_okay=False), help="Catalogue, not the station's.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of all noise.")
+@click.option("--workers", type=click.IntRange(1, 256), default=1, show_default=True, help="Number of processes.")
+@click.option(
+    "--catalog", type=click.Path(path_type=Path, dir_okay=False), help="Star catalogue; default: that of the station."
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.evaluation/1.")
-@click.option("--figures", type=click.Path(path_type=Path, file_okay=False), help="New SVG figures in this folder.")
+@click.option("--figures", type=click.Path(path_type=Path, file_okay=False), help="Write plots (SVG) to this folder.")
 @click.pass_context
 def command(ctx: click.Context, /, *, workers: int, as_json: bool, figures: Path | None, **options: Any) -> None:
-    """How often identifiers are right over directions spread evenly on the sky, and their CPU time.
+    """Measure how often identifiers are right, over directions spread evenly on the sky, and their CPU time.
 
-    Right: boresight within 0.05 deg. Coarse: most stars right, 0.05 to 0.5 deg. False: any other answer. Shares are
-    those of frames with at least 4 real stars. The same seed gives the same answers on any number of workers.
+    An answer is right if its boresight is within 0.05 deg; coarse if most stars are right and it is 0.05 to 0.5 deg
+    off; any other answer is false. Shares are those of frames with at least 4 real stars. The same seed gives the same
+    answers on any number of workers. Ctrl-C ends early with the frames done so far, exit code 130.
 
-    --preset pivot-paper: noise on each angle between stars of an 8 deg circular field, tolerance 3 sigma; right is the
-    first star, of frames with 3 stars or more; the limit is V = 6.0, or 5.7 in the embedded catalogue (as many stars).
-    --preset lapan: 14 x 14 deg on 1024 x 1024 whole pixels, 10 arcsec, neighbour with 0, 3 and 8 false objects.
-    Ctrl-C ends early with what is done, exit code 130.
+    --preset pivot-paper, the settings of the pivot paper: noise on each angle between stars of an 8 deg circular field,
+    tolerance 3 sigma, frames with 3 stars or more; an answer is right if its first star is. The limit is V = 6.0, or
+    5.7 in the embedded catalogue, which has as many stars.
+
+    --preset lapan, a field like that of the LAPAN sensor: 14 x 14 deg on 1024 x 1024 whole pixels, 10 arcsec,
+    neighbour with 0, 3 and 8 false objects. The LAPAN paper states none of these numbers.
     """
     from gse.evaluation.plan import report, tallies
 
@@ -80,7 +104,7 @@ def command(ctx: click.Context, /, *, workers: int, as_json: bool, figures: Path
         for path in write_figures(document, figures):
             click.echo(f"{path} written", err=True)
     if interrupted:
-        click.echo("interrupted: these are the frames that were done", err=True)
+        click.echo("interrupted: the result is that of the frames done so far", err=True)
         ctx.exit(EXIT_INTERRUPTED)
 
 
@@ -91,7 +115,7 @@ def _plan(options: dict[str, Any]) -> tuple["Plan", str]:
 
     preset = PRESETS[options["preset"]] if options["preset"] else None
     if preset and options["station_path"]:
-        raise UsageError("--preset brings its own camera: leave out --station or --preset")
+        raise UsageError("--preset has its own camera; leave out --station or --preset")
     station, _ = station_of(options["station_path"])
     catalog = str(options["catalog"]) if options["catalog"] else station.catalog
     if preset:
@@ -138,11 +162,12 @@ def _refuse_for_angles(options: dict[str, Any]) -> None:
     """UsageError where an option has no meaning for angles between stars."""
     for name in options["identifiers"]:
         if name not in ("pivot", "match-group"):
-            raise UsageError(f"--preset pivot-paper knows pivot and match-group only, not {name}")
+            raise UsageError(f"--preset pivot-paper works with pivot and match-group only, not with {name}")
     for name in ("false_objects", "missing", "whole_pixels"):
         if options[name] not in (None, ()):
             raise UsageError(
-                "--preset pivot-paper has no pixels and no false or missing objects: leave these options out"
+                "--preset pivot-paper has no pixels and no false or missing objects; leave out --false-objects, "
+                "--missing, --whole-pixels and --sub-pixel"
             )
 
 
@@ -186,10 +211,10 @@ def table(document: dict[str, Any]) -> list[str]:
         lines.append(line + "".join(f"{_ms(cell['cpu_ms'][name]):>9}" for name in ("median", "p95", "max")))
     lines += [
         "",
-        f"shares of the frames with at least {fewest} real stars, 95 % Clopper-Pearson; few: frames with less",
+        f"shares of the frames with at least {fewest} real stars, with 95 % bounds; few: number of frames with fewer",
     ]
     few_false = sum(cell["excluded"]["false"] for cell in document["cells"])
-    lines.append(f"false answers in frames of fewer stars: {few_false}; times: CPU of one call, all frames")
+    lines.append(f"false answers in frames with fewer stars: {few_false}; times: CPU time of one call, all frames")
     return lines
 
 

@@ -1,4 +1,4 @@
-"""``gse extract``: an image to a panorama table, as the sensor does it."""
+"""``gse extract``: a panorama table from an image, as the sensor does it."""
 
 import json
 from pathlib import Path
@@ -20,21 +20,26 @@ MAX_MAP_BYTES = 1_000_000
 @click.command("extract")
 @click.argument("image", type=click.Path(path_type=Path))
 @click.option(
-    "--sub-pixel", is_flag=True, help="Centres of light over the local background instead of brightest pixels."
+    "--sub-pixel", is_flag=True, help="Use centres of light over the local background instead of brightest pixels."
 )
 @click.option(
     "--hot-pixels",
     "hot_pixels_path",
     type=click.Path(path_type=Path),
-    help="Hot pixels to leave out: a table of y, x, for example what this command gives of a dark image.",
+    help="Leave out the hot pixels of this table (y, x), for example the output of this command for a dark image.",
 )
 @click.option(
-    "--station", "station_path", type=click.Path(path_type=Path), help="Leave out this station file's hot pixels."
+    "--station", "station_path", type=click.Path(path_type=Path), help="Leave out the hot pixels of this station file."
 )
 @click.option(
-    "--bits", type=click.IntRange(1, 16), help="Bits of the stored values that count; default: as in the file."
+    "--bits", type=click.IntRange(1, 16), help="Significant bits of the stored values; default: as in the file."
 )
-@click.option("--out", "out_path", type=click.Path(path_type=Path, dir_okay=False), help="Write here, not to stdout.")
+@click.option(
+    "--out",
+    "out_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write to this new file instead of stdout.",
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.panorama/1.")
 def command(
     *,
@@ -48,7 +53,8 @@ def command(
 ) -> None:
     """Extract the panorama of IMAGE: PNG, TIFF (8, 12 or 16 bit) or FITS, rows in the order of the file.
 
-    The brightest pixel of each row, neighbours of one star made one, the 30 highest; index values 0..4096.
+    As in the LAPAN paper: the brightest pixel of each row, one pixel for each star, and of these the 30 with the
+    highest index values (0 to 4096).
     """
     from gse.imaging.extraction import extract, extract_sub_pixel, without_hot_pixels
     from gse.imaging.image_file import read_image
@@ -85,15 +91,15 @@ def _as_json(objects: "Objects", image: Path) -> str:
 
 
 def _read_map(path: Path) -> list[tuple[int, int]]:
-    """Hot pixels (x, y) of a table of y, x; further columns are not looked at."""
+    """Hot pixels (x, y) of a table of y, x; further columns are ignored."""
     try:
         if path.stat().st_size > MAX_MAP_BYTES:
-            raise TableError(f"{path} is larger than {MAX_MAP_BYTES} bytes: this is no table of hot pixels")
+            raise TableError(f"{path} is larger than {MAX_MAP_BYTES} bytes; expected a table of hot pixels")
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
         raise TableError(f"cannot read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise TableError(f"{path} is not text: expected a table of y, x") from error
+        raise TableError(f"{path} is not text; expected a table of y, x") from error
     hot_xy_px = []
     for number, line in enumerate(lines, start=1):
         fields = line.partition("#")[0].replace(",", " ").split()
@@ -102,5 +108,7 @@ def _read_map(path: Path) -> list[tuple[int, int]]:
         try:
             hot_xy_px.append((round(float(fields[1])), round(float(fields[0]))))
         except (ValueError, IndexError, OverflowError):
-            raise TableError(f"{path}, line {number}: {line.strip()[:60]!r} is not y, x") from None
+            raise TableError(
+                f"{path}, line {number}: {line.strip()[:60]!r} is not y, x; expected for example 512, 300"
+            ) from None
     return hot_xy_px

@@ -1,4 +1,4 @@
-"""``gse identify``: one panorama table to stars, RA, DE and roll."""
+"""``gse identify``: stars, RA, DE and roll of one panorama table."""
 
 import json
 from pathlib import Path
@@ -15,7 +15,11 @@ from gse.station.results import FrameResult, Status
 @click.argument("table", type=click.Path(path_type=Path))
 @station_option
 @identifier_option
-@click.option("--utc", "utc_text", help="UTC of the exposure, e.g. 2026-03-20T18:30:00Z: compares with the mount, too.")
+@click.option(
+    "--utc",
+    "utc_text",
+    help="UTC of the exposure, e.g. 2026-03-20T18:30:00Z; with it the result is compared with the mount.",
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.frame/1.")
 @click.pass_context
 def command(
@@ -26,9 +30,9 @@ def command(
     utc_text: str | None,
     as_json: bool,
 ) -> None:
-    """Identify the stars of TABLE: lines of y, x, index, as the paper stores a panorama.
+    """Identify the stars of TABLE: lines of y, x, index value, as in the LAPAN paper.
 
-    Exit code 1 where the panorama is not identified.
+    The exit code is 1 if the panorama is not identified.
     """
     from gse.imaging.panorama_table import read_panorama_table
     from gse.panorama import Panorama

@@ -20,46 +20,46 @@ station_option: Callable[[Any], Any] = click.option(
     "--station", "station_path", type=click.Path(path_type=Path), help="Station file; default: the built-in station."
 )
 identifier_option: Callable[[Any], Any] = click.option(
-    "--identifier", type=click.Choice(ALGORITHMS), help="Identifier under test, instead of the station file's."
+    "--identifier", type=click.Choice(ALGORITHMS), help="Identifier under test; default: that of the station file."
 )
 view_option: Callable[[Any], Any] = click.option(
     "--view",
     type=click.Choice(("web", "native", "none")),
     default="none",
     show_default=True,
-    help="Live view in rerun.",
+    help="Live view in rerun: a web page, a window, or none.",
 )
 bind_option: Callable[[Any], Any] = click.option(
-    "--bind", default="127.0.0.1", show_default=True, help="Address that the web view is served on."
+    "--bind", default="127.0.0.1", show_default=True, help="Address of the web view."
 )
 save_rrd_option: Callable[[Any], Any] = click.option(
-    "--save-rrd", type=click.Path(path_type=Path, dir_okay=False), help="Also save the view to this .rrd file."
+    "--save-rrd", type=click.Path(path_type=Path, dir_okay=False), help="Save the view to this .rrd file, too."
 )
 clock_error_option: Callable[[Any], Any] = click.option(
     "--clock-error",
     "clock_error_s",
     callback=lambda ctx, param, value: _clock_error_s(value),
-    help="Bound of the host clock's error that was measured otherwise, e.g. 0.1s",
+    help="Upper bound of the error of the host clock, if you measured it yourself, e.g. 0.1s",
 )
 leave_out_option: Callable[[Any], Any] = click.option(
     "--leave-out",
     "excluded",
     multiple=True,
     callback=lambda ctx, param, value: _exclusions(value),
-    help="Stretch to leave out of the figures, and why: 2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds",
+    help="Time to leave out of the statistics, with the reason: 2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds",
 )
 json_option: Callable[[Any], Any] = click.option(
-    "--json", "as_json", is_flag=True, help="The report as one JSON object on stdout."
+    "--json", "as_json", is_flag=True, help="Print the report as one JSON object."
 )
 json_frames_option: Callable[[Any], Any] = click.option(
-    "--json-frames", is_flag=True, help="Each frame as a JSON line on stdout, schema gse.frame/1."
+    "--json-frames", is_flag=True, help="Print the result of each panorama as a JSON line, schema gse.frame/1."
 )
 out_option: Callable[[Any], Any] = click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("sessions"),
     show_default=True,
-    help="Folder for the new session folder.",
+    help="Folder in which the new session folder is made.",
 )
 
 

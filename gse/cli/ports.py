@@ -1,4 +1,4 @@
-"""``gse ports``: the serial ports of this computer, and who holds them."""
+"""``gse ports``: the serial ports of this computer, with the programs that hold them."""
 
 import json
 from dataclasses import asdict
@@ -12,9 +12,10 @@ from drivers.ports import PortInfo, holders, is_accessible, ports_here
 @click.command("ports")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")
 def command(as_json: bool) -> None:
-    """List the serial ports, what each says of itself, and which program holds it.
+    """List the serial ports with their description and the program that holds each.
 
-    A port can be named by its device, or by what it says of itself: hwgrep://FT232 finds it under any name.
+    In a station file, name a port by its device (/dev/ttyUSB0), or by a part of its description: hwgrep://FT232 finds
+    the adapter under any device name.
     """
     found = [_facts(port) for port in ports_here()]
     if as_json:
@@ -23,7 +24,7 @@ def command(as_json: bool) -> None:
     for facts in found:
         click.echo(f"{facts['device']:<16} {_text(facts)}")
     if not found:
-        click.echo("no serial ports: is the adapter plugged in? sim:// needs none", err=True)
+        click.echo("no serial ports found: plug in the adapter, or use the simulated sensor sim://", err=True)
 
 
 def _facts(port: PortInfo) -> dict[str, Any]:
@@ -36,5 +37,7 @@ def _text(facts: dict[str, Any]) -> str:
         parts.append(f"USB {facts['vid']:04x}:{facts['pid']:04x} serial number {facts['serial_number'] or 'none'}")
     parts.append(f"held by {', '.join(facts['holders'])}" if facts["holders"] else "free")
     if not facts["accessible"]:
-        parts.append("no permission: join its group (usermod -aG), then log in again")
+        parts.append(
+            "no permission: add your user to the group of the device (sudo usermod -aG GROUP USER), then log in again"
+        )
     return "; ".join(parts)

@@ -1,4 +1,4 @@
-"""``gse preflight``: is everything ready for the night?"""
+"""``gse preflight``: checks before a session."""
 
 import json
 from dataclasses import asdict
@@ -13,23 +13,23 @@ from gse.errors import ConfigError
 
 @click.command("preflight")
 @station_option
-@click.option("--port", "url", help="Port or pyserial URL, instead of the station file's.")
+@click.option("--port", "url", help="Port or pyserial URL; default: that of the station file.")
 @click.option(
     "--hours",
     type=click.FloatRange(min=0.1, max=1000),
     default=10.0,
     show_default=True,
-    help="How long the night will be.",
+    help="Planned length of the session.",
 )
 @out_option
-@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.pass_context
 def command(
     ctx: click.Context, *, station_path: Path | None, url: str | None, hours: float, out: Path, as_json: bool
 ) -> None:
-    """Check station file, port, clock, disk, Earth orientation, catalogue and viewer; say what to do about each.
+    """Check station file, port, clock, disk, Earth orientation, catalogue and viewer, with advice for each.
 
-    The exit code is 1 where something would spoil the night.
+    The exit code is 1 if one of them would spoil the session.
     """
     from gse.inspection.preflight import Check, Outcome, checks
 
@@ -45,7 +45,14 @@ def command(
     try:
         station, _ = station_of(station_path)
     except ConfigError as error:
-        show(Check("station", Outcome.FAIL, str(error), "'gse config check' tells more, 'gse config init' writes one"))
+        show(
+            Check(
+                "station",
+                Outcome.FAIL,
+                str(error),
+                "run 'gse config check' for details; 'gse config init' writes a station file",
+            )
+        )
     else:
         show(Check("station", Outcome.OK, f"{station_path or 'built-in'}: {station.sensor.name}, {station.site.name}"))
         if url is not None:

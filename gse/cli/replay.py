@@ -1,4 +1,4 @@
-"""``gse replay``: the same as a live test, from a session, a raw capture or a panorama table."""
+"""``gse replay``: the same as a live test, from a session or a raw capture."""
 
 from pathlib import Path
 
@@ -27,11 +27,11 @@ from gse.station.exclusions import Exclusion
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 @station_option
 @identifier_option
-@click.option("--speed", default="max", show_default=True, help="max, 1, or a factor such as 20.")
+@click.option("--speed", default="max", show_default=True, help="Speed of the replay: max, 1, or a factor such as 20.")
 @click.option("--from", "from_utc", help="Replay from this UTC on, e.g. 2026-03-20T18:30:00Z.")
-@click.option("--to", "to_utc", help="Replay up to this UTC.")
-@click.option("--loop", type=click.IntRange(min=1), help="Replay so many times in a row.")
-@click.option("--step", is_flag=True, help="Wait for Enter after each panorama.")
+@click.option("--to", "to_utc", help="Replay before this UTC.")
+@click.option("--loop", type=click.IntRange(min=1), help="Replay this many times in a row.")
+@click.option("--step", is_flag=True, help="Wait for the Enter key after each panorama.")
 @click.option("--start-utc", help="UTC of the first panorama of a raw capture.")
 @view_option
 @bind_option
@@ -63,9 +63,10 @@ def command(
     json_frames: bool,
     out: Path,
 ) -> None:
-    """Replay FILE through the same loop as a live sensor; the same bytes give the same report.
+    """Replay FILE, a session or a raw capture, as if a sensor sent it. The same bytes give the same report.
 
-    A session brings its station file along; --station replaces it. The report goes to a new folder under --out.
+    The station file of the session is used, unless --station gives another one. A raw capture needs --start-utc. The
+    report is written to a new folder in --out.
     """
     from gse.sessions.live import new_session_folder
     from gse.sessions.replay import ReplayOptions, StationText, replay_session

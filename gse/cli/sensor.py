@@ -16,15 +16,15 @@ from protocols import Message, Ping, Request, SetExposure, Start, StatusMessage,
 
 @click.group("sensor")
 def command() -> None:
-    """Start, stop, question or set up the sensor. Each command and its answer are recorded."""
+    """Send a command to the sensor. The command and the answer are recorded in a new session."""
 
 
 def _shared(function: Callable[..., None]) -> Callable[..., None]:
     port_option: Callable[[Any], Any] = click.option(
-        "--port", "url", help="Port or pyserial URL, instead of the station file's."
+        "--port", "url", help="Port or pyserial URL; default: that of the station file."
     )
     json_option: Callable[[Any], Any] = click.option(
-        "--json", "as_json", is_flag=True, help="The answer as one JSON object on stdout."
+        "--json", "as_json", is_flag=True, help="Print the answer as one JSON object."
     )
     return station_option(port_option(out_option(json_option(function))))  # type: ignore[no-any-return]
 
@@ -40,21 +40,21 @@ def _shared(function: Callable[..., None]) -> Callable[..., None]:
 )
 @_shared
 def start(period_s: float, **options: Any) -> None:
-    """START: send panoramas."""
+    """START: the sensor sends panoramas."""
     _send(Start(period_s), **options)
 
 
 @command.command()
 @_shared
 def stop(**options: Any) -> None:
-    """STOP: send nothing more."""
+    """STOP: the sensor sends no more panoramas."""
     _send(Stop(), **options)
 
 
 @command.command()
 @_shared
 def status(**options: Any) -> None:
-    """PING: ask how the sensor is."""
+    """PING: ask for the status of the sensor."""
     _send(Ping(), **options)
 
 
@@ -69,7 +69,7 @@ def request(**options: Any) -> None:
 @click.argument("exposure_s", metavar="SECONDS", type=click.FloatRange(min=0, min_open=True, max=3600))
 @_shared
 def exposure(exposure_s: float, **options: Any) -> None:
-    """SET_EXPOSURE: expose so many SECONDS."""
+    """SET_EXPOSURE: set the exposure to SECONDS."""
     _send(SetExposure(exposure_s), **options)
 
 
@@ -92,10 +92,10 @@ def _send(message: Message, *, station_path: Path | None, url: str | None, out: 
         for name, value in answer.items():
             click.echo(f"{name:<14} {'.'.join(map(str, value)) if isinstance(value, tuple) else value}")
     else:
-        click.echo(f"the sensor obeys {done.answer.command}")
+        click.echo(f"the sensor accepted {done.answer.command}")
     for problem in done.answer.problems:
         click.echo(f"gse: {problem}", err=True)
     click.echo(f"recorded in {done.session}", err=True)
     if done.lost_bytes:
-        click.echo(f"gse: {done.lost_bytes} bytes could not be recorded", err=True)
+        click.echo(f"gse: {done.lost_bytes} bytes could not be recorded: check the disk of --out", err=True)
         click.get_current_context().exit(EXIT_DATA_LOST)

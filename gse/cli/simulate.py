@@ -8,22 +8,29 @@ from gse.cli.options import out_option, station_of, station_option
 
 
 @click.command("simulate")
-@click.option("--scenario", default="clear-zenith", show_default=True, help="Name, or a YAML file.")
-@click.option("--list", "as_list", is_flag=True, help="Tell the scenarios that come with the station.")
+@click.option("--scenario", default="clear-zenith", show_default=True, help="Name of a scenario, or a YAML file.")
+@click.option("--list", "as_list", is_flag=True, help="List the built-in scenarios.")
 @station_option
-@click.option("--seconds", type=click.FloatRange(min=0.001), help="Length, instead of the scenario's.")
-@click.option("--rate-hz", type=click.FloatRange(0.001, 1000), help="Panoramas per second, instead of the scenario's.")
-@click.option("--start", help="UTC of the start, e.g. 2026-03-20T15:00:00Z, instead of the scenario's.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of noise and faults.")
+@click.option("--seconds", type=click.FloatRange(min=0.001), help="Length of the session; default: as in the scenario.")
+@click.option(
+    "--rate-hz", type=click.FloatRange(0.001, 1000), help="Panoramas per second; default: as in the scenario."
+)
+@click.option("--start", help="UTC of the start, e.g. 2026-03-20T15:00:00Z; default: as in the scenario.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of noise and faults.")
 @click.option(
     "--level",
     type=click.Choice(("panorama", "image", "image-sub-pixel")),
     default="panorama",
     show_default=True,
-    help="Simulate lists of stars, or whole images and their extraction.",
+    help="Simulate lists of stars, or whole images and their extraction (slower).",
 )
-@click.option("--faults", help="Faults of cable and adapter, e.g. flip:1e-4,disconnect:12.5s/3s")
-@click.option("--file", "path", type=click.Path(path_type=Path, dir_okay=False), help="Write this file, not a folder.")
+@click.option("--faults", help="Faults of cable and adapter, e.g. flip:1e-4,disconnect:12.5s/3s; see docs/simulator.md")
+@click.option(
+    "--file",
+    "path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write to this new file instead of a session folder.",
+)
 @out_option
 def command(
     *,
@@ -39,10 +46,10 @@ def command(
     path: Path | None,
     out: Path,
 ) -> None:
-    """Write the session of a simulated night; the same options give the same bytes.
+    """Write a simulated session. The same options give the same bytes.
 
-    The session is a new folder under --out, or the file that --file names; its path goes to stdout. The station file in
-    it is the one that fits the scenario. Replay it with gse replay.
+    The session is written to a new folder in --out, or to --file; its path is printed on stdout. It contains the
+    station file of the scenario. Replay it with gse replay.
     """
     from drivers.faults.options import parse_faults
     from drivers.mock.urls import sim_url

@@ -1,4 +1,4 @@
-"""``gse view``: a session in rerun."""
+"""``gse view``: shows a session in rerun."""
 
 import tempfile
 from contextlib import ExitStack
@@ -12,13 +12,13 @@ from gse.cli.options import clock_error_option
 
 @click.command("view")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
-@click.option("--web", is_flag=True, help="Serve it as a web page, until Ctrl-C.")
-@click.option("--bind", default="127.0.0.1", show_default=True, help="Address that the web page is served on.")
+@click.option("--web", is_flag=True, help="Show it as a web page, until Ctrl-C.")
+@click.option("--bind", default="127.0.0.1", show_default=True, help="Address of the web page.")
 @click.option(
     "--http-port", type=click.IntRange(0, 65535), default=0, help="Port of the web page; default: a free one."
 )
-@click.option("--save", type=click.Path(path_type=Path, dir_okay=False), help="Save the recording for rerun, .rrd")
-@click.option("--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Save a picture of it, .png")
+@click.option("--save", type=click.Path(path_type=Path, dir_okay=False), help="Save it as a rerun file, .rrd")
+@click.option("--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Save a picture of it as .png")
 @clock_error_option
 def command(
     *,
@@ -30,7 +30,7 @@ def command(
     screenshot: Path | None,
     clock_error_s: float | None,
 ) -> None:
-    """Show a session FILE in rerun: in a window of its own, unless one of the options says otherwise."""
+    """Show the session FILE in rerun: in a window, unless --web, --save or --screenshot is given."""
     from gse.view.page import ViewerPage, wait_for_interrupt
     from gse.view.screenshot import save_screenshot
     from gse.view.viewer import open_native_viewer
@@ -49,7 +49,7 @@ def command(
             click.echo(f"picture: {screenshot}", err=True)
         if web:
             page = stack.enter_context(ViewerPage(bind, http_port, recording=recording))
-            click.echo(f"view: {page.url} (Ctrl-C ends it)", err=True)
+            click.echo(f"view: {page.url} (press Ctrl-C to end)", err=True)
             wait_for_interrupt()
         elif save is None and screenshot is None:
             open_native_viewer(str(recording))

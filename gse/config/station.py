@@ -78,6 +78,14 @@ class Station(_Section):
             raise ValueError("expected a protocol name or the path of a YAML description")
         return value
 
+    @field_validator("mount", mode="before")
+    @classmethod
+    def _angles_beside_align(cls, value: Any) -> Any:
+        angles = ("azimuth_deg", "altitude_deg", "roll_deg")
+        if isinstance(value, dict) and "align" in value:
+            return {"stated": any(angle in value for angle in angles), **value}
+        return value
+
     @model_validator(mode="after")
     def _principal_point_near_detector(self) -> "Station":
         x, y = self.sensor.camera().principal_point_px

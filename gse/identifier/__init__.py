@@ -1,4 +1,8 @@
-"""Star identification: each algorithm is a module, each answers in the shapes of ``result``."""
+"""Star identification: objects of one panorama in, stars or the reason why not out; each algorithm is a module.
+
+Answers have the shapes of ``result``. May not import truth, station or the simulator: an identifier knows neither the
+time nor where the sensor should look.
+"""
 
 import math
 from typing import Protocol

@@ -1,4 +1,50 @@
-"""The robust identifier: the ground's reference identifier."""
+"""The robust identifier: the reference that each answer under test is checked by.
+
+Theory of operation
+-------------------
+
+The task: objects of one panorama, some of them false, and a catalogue of the whole sky. Find the attitude under which
+the stars explain the objects, or say that there is none. A wrong answer is worse than none, because every other answer
+is called correct or false by this one. The identifier therefore separates *guessing*, which may be wrong, from
+*believing*, which must not.
+
+1. **Guess** (``votes``). One object is the alpha star. For each of its nearest partners, every catalogue pair of the
+   same distance votes for "the alpha star is this star, at this roll". A true star gets the votes of all its true
+   partners at one roll, so two votes that agree make a hypothesis. The vote includes the sense of the roll, so a
+   mirrored image gives no hypotheses. Hypotheses under which other objects lie near stars come first.
+2. **Verify** (``verify``). A hypothesis gives an attitude, the attitude projects the catalogue into the field, and
+   objects are matched to stars. The gate of each star is the noise plus what the attitude and the scale are still
+   uncertain by at its place: it is narrow near the two stars of the hypothesis and wide far away. Each round of matches
+   improves the attitude and narrows the gates, until nothing changes. The scale is fitted too, so that a focal length
+   0.5 % off does no harm.
+3. **Weigh** (``evidence``). The logarithm of the Bayes factor "this attitude" against "all objects are random",
+   averaged over everything unknown: direction, roll, noise, limiting magnitude, missed stars, false objects. By
+   Markov's inequality, random objects reach a factor x with a probability of 1 / x at most, no matter how many
+   hypotheses were tried. So one threshold serves three objects and thirty, narrow fields and wide ones.
+4. **Decide.** An answer needs a false-match probability below 1e-3 (LOG_ACCEPTED), and must explain the panorama 100
+   times better than any other attitude (LOG_UNAMBIGUOUS); else it is AMBIGUOUS. Evidence above LOG_STRONG ends the
+   search, since hardly any other attitude can come near it.
+
+**The search plan** is a table of passes, from the usual to the unusual. The first passes take the brightest objects,
+few partners and narrow windows: most panoramas end there, within a tenth of a millisecond. Later passes expect more
+noise, bright hot pixels, or few objects with a faint alpha star. The whole plan is bounded by MAX_HYPOTHESES, some 30
+ms: a panorama of random objects costs that much, and no more.
+
+**The brightest objects come last as alpha star** (the brightest quarter or third), since hot pixels and planets are
+bright.
+
+**A mirrored image** is searched for when the image itself gives no answer: flipped, in the first passes only, and with
+a stricter threshold. It is reported as a reason and never answered, because the station file is then wrong.
+
+**Brightness is used weakly** (0.5 mag, with a share of stars whose brightness is anything), because colours, clouds and
+saturation change it. Positions decide.
+
+**Tracking** (``track``) starts from a previous attitude instead of from votes. Verification and evidence are the same,
+so a wrong previous attitude can cost time, never an answer: without evidence the whole sky is searched.
+
+The compiled searches take plain arrays and let go of Python's lock; the same input gives the same answer on any
+machine. The sources of the parts are in docs/references.md.
+"""
 
 import math
 from collections.abc import Sequence

@@ -11,7 +11,7 @@ from gse import instant
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
 
 _ROWS_AT_ONCE = 1024
-_DECIMALS = {"_deg": 7, "_arcsec": 3, "_us": 1, "_s": 6, "_c": 2}
+_DECIMALS = {"_deg": 7, "_arcsec": 3, "_us": 1, "_s": 6, "_c": 2, "_mag": 3}
 
 
 def frames_csv(frames: NDArray[np.void]) -> Iterator[str]:
@@ -30,11 +30,11 @@ def frames_csv(frames: NDArray[np.void]) -> Iterator[str]:
 def _texts(name: str, values: NDArray[np.void]) -> list[str]:
     if name == "status":
         return [STATUSES[place].value for place in values.tolist()]
-    if name == "judge":
+    if name == "answer_check":
         return [ANSWER_CHECKS[place].value for place in values.tolist()]
     if values.dtype.kind != "f":
         return [str(value) for value in values.tolist()]
-    if name == "chance":
+    if name == "false_match_probability":
         return ["" if value != value else f"{value:.3g}" for value in values.tolist()]
     decimals = next(digits for end, digits in _DECIMALS.items() if name.endswith(end))
     return ["" if value != value else f"{value:.{decimals}f}" for value in values.tolist()]

@@ -5,31 +5,53 @@ from typing import Any
 
 
 def junit_xml(report: dict[str, Any]) -> str:
-    """One test case per measurement of a report; INCONCLUSIVE is skipped, with the reasons."""
-    measurements = report["measurements"]
+    """One test case per row of a report and one for the verdict.
+
+    INCONCLUSIVE is an error of that type, a row that was not tested is skipped.
+    """
+    verdict = {
+        "subject": "session",
+        "name": "verdict",
+        "value": None,
+        "uncertainty": None,
+        "limit": None,
+        "unit": "",
+        "relative": report["relative"],
+        "outcome": report["verdict"],
+        "reason": "\n".join(report["reasons"]),
+    }
+    measurements = [*report["measurements"], verdict]
     outcomes = [measurement["outcome"] for measurement in measurements]
     suite = ET.Element(
         "testsuite",
-        name=f"gse {report['session']['sensor']}",
+        name=f"gse {report['session']['sensor']}" + (" SIMULATED" if report["simulated"] else ""),
         tests=str(len(outcomes)),
         failures=str(outcomes.count("FAIL")),
-        errors="0",
-        skipped=str(outcomes.count("INCONCLUSIVE")),
+        errors=str(outcomes.count("INCONCLUSIVE")),
+        skipped=str(outcomes.count("not tested")),
         timestamp=(report["session"]["first_utc"] or "")[:19],
     )
     for measurement in measurements:
-        suite.append(_case(measurement, report["reasons"]))
+        suite.append(_case(measurement, report))
     ET.indent(suite)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(suite, encoding="unicode") + "\n"
 
 
-def _case(measurement: dict[str, Any], reasons: list[str]) -> ET.Element:
-    case = ET.Element("testcase", classname="gse.measurements", name=measurement["name"])
-    value = "unknown" if measurement["value"] is None else f"{measurement['value']:g}"
-    text = f"{value} {measurement['unit']}".rstrip() + f", limit {measurement['limit']:g}"
+def _case(measurement: dict[str, Any], report: dict[str, Any]) -> ET.Element:
+    case = ET.Element("testcase", classname=f"gse.{measurement['subject']}", name=measurement["name"])
+    value, uncertainty, limit = (_number(measurement[key]) for key in ("value", "uncertainty", "limit"))
+    text = f"{value} {measurement['unit']}".rstrip() + f", U {uncertainty}, limit {limit}"
+    if measurement["relative"]:
+        text += "; relative to a mount fitted on the same sky: absolute pointing, site and clock not tested"
     if measurement["outcome"] == "FAIL":
-        ET.SubElement(case, "failure", message=text).text = "\n".join(reasons)
+        ET.SubElement(case, "failure", message=text).text = measurement["reason"]
     elif measurement["outcome"] == "INCONCLUSIVE":
-        ET.SubElement(case, "skipped", message="; ".join(reasons) or text)
+        ET.SubElement(case, "error", type="INCONCLUSIVE", message=text).text = measurement["reason"]
+    elif measurement["outcome"] == "not tested":
+        ET.SubElement(case, "skipped", message=f"not tested: {measurement['reason']}")
     ET.SubElement(case, "system-out").text = text
     return case
+
+
+def _number(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:g}"

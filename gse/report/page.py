@@ -35,6 +35,7 @@ _AXIS_NAMES = {
     "d_roll": "roll",
     "cross_x": "cross-boresight x",
     "cross_y": "cross-boresight y",
+    "half_cone_95": "off the boresight",
 }
 _AXIS_COLUMNS = (
     ("bias_arcsec", "bias"),
@@ -54,7 +55,7 @@ _MAX_EVENTS = 200
 
 def report_html(session: SessionData, assessment: Assessment, report: dict[str, Any]) -> str:
     """The page of a night; the same night gives the same bytes."""
-    drawn = PlotData.of(session)
+    drawn = PlotData.of(session, assessment.statistics.counted)
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )

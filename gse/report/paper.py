@@ -6,7 +6,8 @@
 import math
 from dataclasses import dataclass
 
-from gse.assessment.statistics import Statistics
+from gse.assessment.statistics import SubjectStatistics
+from gse.station.results import Subject
 
 ARCMIN_PER_DEG = 60.0
 LIMIT_DEG = 1 / 60
@@ -24,15 +25,16 @@ class Row:
 
 
 PAPER = (
-    Row("Star Sensor 1 of [S]", 0.006676, 0.009221, "< 200 ms"),
-    Row("Star Sensor 2 of [S]", 0.003552, 0.00866, "< 200 ms"),
-    Row("Star Sensor 3 of [S]", 0.005, 0.005, "< 200 ms"),
-    Row("mean of [S]", 0.005076, 0.007627, ""),
+    Row("Star Sensor 1 of the paper", 0.006676, 0.009221, "< 200 ms"),
+    Row("Star Sensor 2 of the paper", 0.003552, 0.00866, "< 200 ms"),
+    Row("Star Sensor 3 of the paper", 0.005, 0.005, "< 200 ms"),
+    Row("mean of the paper", 0.005076, 0.007627, ""),
 )
 
 
-def this_sensor(name: str, figures: Statistics) -> Row:
-    """The row of the sensor under test; its time is the 99th percentile of the identification."""
-    p99_ms = figures.identification_ms.p99
-    time = "not recorded" if math.isnan(p99_ms) else f"{p99_ms:.3g} ms"
+def this_sensor(name: str, figures: SubjectStatistics) -> Row:
+    """The row of the sensor under test; its time is the 99th percentile, of this host for the onboard subject."""
+    p99_ms = figures.time_ms.p99
+    where = " (this host)" if figures.subject is Subject.ONBOARD else ""
+    time = "not recorded" if math.isnan(p99_ms) else f"{p99_ms:.3g} ms{where}"
     return Row(name, figures.mean_abs_d_ra_deg, figures.mean_abs_d_de_deg, time)

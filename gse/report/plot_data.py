@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.assessment.statistics import OUTLIER_ARCSEC
-from gse.station.exclusions import excluded
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.results import AnswerCheck, Status
+from gse.assessment.counted_frames import CountedFrames
+from gse.station.exclusions import Exclusion
 from gse.station.session_data import SessionData
 
 _EDGE_PERCENTILE = 99.5
@@ -28,31 +26,22 @@ class PlotData:
     utc: NDArray[np.datetime64]
     good: NDArray[np.bool_]
     unidentified: NDArray[np.bool_]
+    exclusions: tuple[Exclusion, ...]
 
     @classmethod
-    def of(cls, session: SessionData) -> "PlotData":
-        """The frames of a night."""
+    def of(cls, session: SessionData, counted: CountedFrames) -> "PlotData":
+        """The frames of a session; ``counted`` decides which of them the accuracy is drawn of."""
         frames = session.frames.columns
-        if (np.diff(frames["utc_ns"]) < 0).any():  # a step of the clock; a copy of a long night is 40 MB
-            frames = frames[np.argsort(frames["utc_ns"], kind="stable")]
-        answered = frames["status"] == STATUSES.index(Status.IDENTIFIED)
-        named_false = frames["judge"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
-        out = excluded(frames["utc_ns"], session.exclusions())
-        good = answered & ~named_false & ~out & np.isfinite(frames["d_de_arcsec"]) & _near(frames)
-        return cls(session, frames, frames["utc_ns"].astype("datetime64[ns]"), good, ~answered)
+        used, answered = counted.used, counted.answered
+        if (np.diff(frames["utc_ns"]) < 0).any():  # a step of the clock; a copy of a long session is 40 MB
+            order = np.argsort(frames["utc_ns"], kind="stable")
+            frames, used, answered = frames[order], used[order], answered[order]
+        return cls(session, frames, frames["utc_ns"].astype("datetime64[ns]"), used, ~answered, counted.exclusions)
 
     def used(self, name: str) -> NDArray[Any]:
         """A column of the good frames."""
         column: NDArray[Any] = self.frames[name][self.good]
         return column
-
-
-def _near(frames: NDArray[np.void]) -> NDArray[np.bool_]:
-    x, y = frames["cross_x_arcsec"], frames["cross_y_arcsec"]
-    if not np.isfinite(x).any():
-        return np.zeros(len(frames), dtype=bool)
-    near: NDArray[np.bool_] = np.hypot(x - np.nanmedian(x), y - np.nanmedian(y)) <= OUTLIER_ARCSEC
-    return near
 
 
 def edge_of(values: NDArray[np.float64], limit: float) -> float:

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse import instant
+from gse.assessment.decision import COVERAGE_FACTOR, DECISION_TEXT, RISK
+from gse.assessment.decision import Row as DecisionRow
 from gse.assessment.statistics import Statistics
 from gse.assessment.truth_budget import TruthUncertaintyBudget
 from gse.assessment.verdict import Assessment
@@ -24,56 +26,84 @@ DIGITS = 8
 
 def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
     """What is in report.json; floats are rounded to 6 decimals or 8 digits, null where they are unknown or infinite."""
-    figures = assessment.statistics
+    stats = assessment.statistics
     report = {
         "schema": SCHEMA,
         "verdict": assessment.verdict,
+        "word": assessment.word,
+        "simulated": assessment.simulated,
+        "relative": assessment.relative,
         "reasons": assessment.reasons,
         "findings": assessment.findings,
-        "measurements": assessment.measurements,
-        "accuracy": figures.axes,
-        "identification": _identification(figures),
-        "timing": _timing(figures),
-        "clock": figures.clock,
-        "equivalence": figures.equivalence,
+        "not_tested": assessment.not_tested,
+        "decision": _decision(session),
+        "measurements": [_row(row) for row in assessment.rows],
+        "accuracy": {
+            name: {**subject.axes, "half_cone_95": subject.half_cone_95} for name, subject in stats.subjects.items()
+        },
+        "identification": _identification(stats),
+        "timing": _timing(stats),
+        "clock": stats.clock,
+        "equivalence": stats.equivalence,
         "link": {**dataclasses.asdict(session.link), "truncated": session.truncated},
         "truth_budget": _budget(assessment.budget),
-        "table_4_1": _table_4_1(session, figures),
-        "left_out": [_left_out(item, count) for item, count in figures.excluded],
+        "table_4_1": _table_4_1(session, stats),
+        "exclusions": [_exclusion(item, count) for item, count in stats.exclusions],
         "session": _session(session),
     }
     plain: dict[str, Any] = _plain(report)
     return plain
 
 
-def _identification(figures: Statistics) -> dict[str, Any]:
+def _decision(session: SessionData) -> dict[str, Any]:
+    rule = session.station.limits.decision
+    return {"rule": rule, "confidence": 1 - RISK, "coverage_factor": COVERAGE_FACTOR, "text": DECISION_TEXT[rule]}
+
+
+def _row(row: DecisionRow) -> dict[str, Any]:
+    values = {field.name: getattr(row, field.name) for field in dataclasses.fields(row)}
+    return values | {"coverage_factor": COVERAGE_FACTOR}
+
+
+def _identification(stats: Statistics) -> dict[str, Any]:
+    subjects = {
+        name: {
+            "available": subject.available,
+            "false_answers": subject.false_answers,
+            "star_fields": subject.star_fields,
+            "time_ms": subject.time_ms,
+        }
+        for name, subject in stats.subjects.items()
+    }
     return {
-        "frames": figures.frames,
-        "frames_expected": figures.frames_expected,
-        "statuses": figures.statuses,
-        "judged": figures.judged,
-        "available": figures.available,
-        "false_answers": figures.false_answers,
-        "false_upper_95": figures.false_upper_95,
-        "time_ms": figures.identification_ms,
+        "frames": stats.frames,
+        "frames_expected": stats.frames_expected,
+        "statuses": stats.statuses,
+        "answer_checks": stats.answer_checks,
+        "subjects": subjects,
     }
 
 
-def _timing(figures: Statistics) -> dict[str, Any]:
-    return {
-        "arrival_ms": figures.arrival_ms,
-        "acquisition_s": figures.acquisition_s,
-        "outage_s": figures.outage_s,
-        "earth_rate": figures.earth_rate,
+def _timing(stats: Statistics) -> dict[str, Any]:
+    subjects = {
+        name: {
+            "acquisition_s": subject.acquisition_s,
+            "outage_s": subject.outage_s,
+            "earth_rate": subject.earth_rate,
+        }
+        for name, subject in stats.subjects.items()
     }
+    return {"arrival_ms": stats.arrival_ms, "subjects": subjects}
 
 
 def _budget(budget: TruthUncertaintyBudget) -> dict[str, Any]:
     return {"ra_arcsec": budget.ra_arcsec, "de_arcsec": budget.de_arcsec, "terms": budget.terms}
 
 
-def _table_4_1(session: SessionData, figures: Statistics) -> dict[str, Any]:
-    rows = (this_sensor(session.station.sensor.name, figures), *PAPER)
+def _table_4_1(session: SessionData, stats: Statistics) -> dict[str, Any]:
+    name = session.station.sensor.name
+    own = [this_sensor(f"{name}, {subject}", of_one) for subject, of_one in stats.subjects.items()]
+    rows = (*own, *PAPER)
     return {"rows": [_table_row(row) for row in rows], "limit_deg": LIMIT_DEG}
 
 
@@ -88,10 +118,11 @@ def _table_row(row: Row) -> dict[str, Any]:
     }
 
 
-def _left_out(item: Any, count: int) -> dict[str, Any]:
+def _exclusion(item: Any, count: int) -> dict[str, Any]:
     return {
         "from": instant.to_text(item.from_ns),
         "until": instant.to_text(item.until_ns),
+        "cause": item.cause,
         "reason": item.reason,
         "frames": count,
     }

@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 _COLOURS = {"PASS": "green", "FAIL": "red", "INCONCLUSIVE": "yellow"}
+_HEAD = ("subject", "row", "value", "U 95 %", "limit", "outcome")
 
 
 def print_verdict(report: dict[str, Any], console: Console | None = None) -> None:
@@ -18,9 +19,9 @@ def print_verdict(report: dict[str, Any], console: Console | None = None) -> Non
         return
     colour = _COLOURS[report["verdict"]]
     reasons = [Text(f"  {reason}") for reason in report["reasons"]]
-    headline = Text(report["verdict"], style=f"bold {colour}")
+    headline = Text(_headline(report), style=f"bold {colour}")
     console.print(Panel(Text("\n").join([headline, *reasons]), border_style=colour, expand=False))
-    console.print(_boxed(("measurement", "value", "limit", "outcome"), measurement_rows(report)))
+    console.print(_boxed(_HEAD, measurement_rows(report)))
     console.print(_boxed(TABLE_4_1_HEAD, table_4_1_rows(report)))
     console.print("\n".join(facts(report)), markup=False, highlight=False)
 
@@ -28,10 +29,10 @@ def print_verdict(report: dict[str, Any], console: Console | None = None) -> Non
 def plain_lines(report: dict[str, Any]) -> list[str]:
     """The same as lines of plain text."""
     return [
-        report["verdict"],
+        _headline(report),
         *(f"  {reason}" for reason in report["reasons"]),
         "",
-        *_aligned(("measurement", "value", "limit", "outcome"), measurement_rows(report)),
+        *_aligned(_HEAD, measurement_rows(report)),
         "",
         *_aligned(TABLE_4_1_HEAD, table_4_1_rows(report)),
         "",
@@ -39,15 +40,24 @@ def plain_lines(report: dict[str, Any]) -> list[str]:
     ]
 
 
-TABLE_4_1_HEAD = ("as table 4-1 of [S]", "|dRA| deg", "arcmin", "|dDE| deg", "arcmin", "time")
+TABLE_4_1_HEAD = ("as table 4-1 of the LAPAN paper", "|dRA| deg", "arcmin", "|dDE| deg", "arcmin", "time")
 
 
 def measurement_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Name, value, limit and outcome of each measurement."""
+    """Subject, name, value, uncertainty, limit and outcome of each row."""
     return [
-        (item["name"], quantity(item["value"], item["unit"]), quantity(item["limit"], item["unit"]), item["outcome"])
+        (
+            item["subject"],
+            item["name"] + (" (relative)" if item["relative"] else ""),
+            *(quantity(item[key], item["unit"]) for key in ("value", "uncertainty", "limit")),
+            item["outcome"],
+        )
         for item in report["measurements"]
     ]
+
+
+def _headline(report: dict[str, Any]) -> str:
+    return f"{report['word']} (SIMULATED)" if report["simulated"] else str(report["word"])
 
 
 def table_4_1_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
@@ -68,15 +78,18 @@ def facts(report: dict[str, Any]) -> list[str]:
         f"{link['duplicates']} duplicates, {link['reconnects']} reconnects",
         f"truth: may be off by {_amount(budget['ra_arcsec'])} in dRA* and {_amount(budget['de_arcsec'])} in dDE",
     ]
-    lines += [f"left out: {item['frames']} frames, {item['reason']}" for item in report["left_out"]]
+    lines += [f"excluded: {item['frames']} frames, {item['cause']}: {item['reason']}" for item in report["exclusions"]]
+    lines += [f"not tested: {line}" for line in report["not_tested"]]
     lines += [f"note: {finding}" for finding in report["findings"] if finding not in report["reasons"]]
     return [*lines, "the session lost its end"] if link["truncated"] else lines
 
 
 def quantity(value: float | None, unit: str) -> str:
-    """A value with its unit; shares (no unit, below 1) with four decimals."""
+    """A value with its unit, degrees where arcseconds make no sense; shares (no unit) with four decimals."""
     if value is None:
-        return "unknown"
+        return "–"
+    if unit == "arcsec" and abs(value) >= 3600:
+        return f"{value / 3600:.3f} deg"
     if unit:
         return f"{value:.2f} {unit}" if abs(value) < 1000 else f"{value:.0f} {unit}"
     return str(value) if isinstance(value, int) else f"{value:.4f}"

@@ -56,7 +56,7 @@ def _error_panel(axes: Axes, drawn: PlotData, name: str, label: str, limit: floa
 
 
 def _shade(axes: Axes, drawn: PlotData) -> None:
-    for number, item in enumerate(drawn.session.exclusions()):
+    for number, item in enumerate(drawn.exclusions):
         axes.axvspan(_day(item.from_ns), _day(item.until_ns), color="#dddddd", label=None if number else "left out")
 
 

@@ -1,4 +1,7 @@
-"""Simulated sensor: sky, panoramas and firmware, independent of gse.truth."""
+"""The simulated sensor: sky, optics, detector and firmware behind ``sim://`` and ``gse emulate``.
+
+May never import ``gse.truth`` (a contract of its own): its sky is astropy's, so that each tests the other.
+"""
 
 from gse.simulator.device import device_factory
 

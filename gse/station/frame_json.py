@@ -33,7 +33,7 @@ def frame_json(result: FrameResult) -> dict[str, Any]:
         "d_ra_cosde_arcsec": round(error.d_ra_cosde_arcsec, 3) if error else None,
         "d_de_arcsec": round(error.d_de_arcsec, 3) if error else None,
         "d_roll_arcsec": round(error.d_roll_arcsec, 3) if error else None,
-        "judge": result.answer_check.value,
+        "answer_check": result.answer_check.value,
         "matches": [
             {"object": match.object, "star": match.star, "residual_arcsec": round(match.residual_arcsec, 2)}
             for match in result.matches

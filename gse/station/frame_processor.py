@@ -104,6 +104,7 @@ class FrameProcessor:
             attitude_error=compare(geometric, true) if geometric and true else None,
             attitude_true=true,
             answer_check=answer.answer_check,
+            zero_point_mag=self._zero_point_mag(panorama, found),
             others=self.non_stellar.name(
                 panorama,
                 answer.directions_sensor,
@@ -176,6 +177,12 @@ class FrameProcessor:
         residuals = (measured_sensor - stars_icrs @ attitude.icrs_to_sensor.T)[:, :2] * ARCSEC_PER_RAD
         return Matches(answer.objects, answer.stars, residuals, self.identifier.catalog.name)
 
+    def _zero_point_mag(self, panorama: Panorama, answer: Identification) -> float:
+        """Magnitude of a star of index value 1, by the matched stars; clouds lower it."""
+        brightness = np.maximum(panorama.brightness.take(answer.objects), 1.0)
+        magnitude = self.identifier.catalog.magnitude.take(answer.stars)
+        return float(np.median(magnitude + 2.5 * np.log10(brightness)))
+
     def _pairs(
         self, answer: Identification, directions_sensor: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -190,7 +197,7 @@ class FrameProcessor:
         true_stars: Identification | Unidentified | None,
     ) -> AnswerCheck:
         if self.reference is None or not isinstance(true_stars, Identification):
-            return AnswerCheck.NONE
+            return AnswerCheck.UNKNOWN
         if attitude is None:
             return AnswerCheck.ABSENT
         measured_sensor = directions_sensor.take(true_stars.objects, axis=0)

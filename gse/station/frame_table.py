@@ -24,13 +24,14 @@ FRAME = np.dtype(
         ("frame_no", "u4"),
         ("sequence", "u2"),
         ("status", "u1"),
-        ("judge", "u1"),
+        ("answer_check", "u1"),
         ("objects", "u1"),
         ("matched", "u1"),
         ("hot_pixels", "u1"),
         ("exposure_s", "f4"),
         ("temperature_c", "f4"),
-        ("chance", "f4"),
+        ("false_match_probability", "f4"),
+        ("zero_point_mag", "f4"),
         ("elapsed_us", "f4"),
         ("ra_deg", "f8"),
         ("de_deg", "f8"),
@@ -45,7 +46,9 @@ FRAME = np.dtype(
         ("cross_y_arcsec", "f8"),
     ]
 )
-"""One row per panorama; NaN where there is nothing; status and judge are places in STATUSES and JUDGES."""
+"""One row per panorama; NaN where there is nothing; status and answer_check are places in STATUSES
+and ANSWER_CHECKS. ``zero_point_mag`` is the median of catalogue magnitude + 2.5 log10(index value) of the matched
+stars: the same sensor under clear sky keeps it, and a cloud of one magnitude lowers it by one."""
 
 MATCH = np.dtype(
     [("frame", "u4"), ("x_px", "f4"), ("y_px", "f4"), ("residual_x_arcsec", "f4"), ("residual_y_arcsec", "f4")]
@@ -113,6 +116,7 @@ class FrameTable:
                 panorama.exposure_s,
                 panorama.temperature_c,
                 result.identification.false_match_probability if result.identification else _NAN,
+                result.zero_point_mag,
                 _NAN if result.elapsed_us is None else result.elapsed_us,
                 *_angles(result.attitude),
                 *_angles(result.attitude_true),

@@ -1,4 +1,43 @@
-"""The station: the one loop that serves live, replayed and simulated sessions."""
+"""The station: the one loop that serves live, replayed and simulated sessions.
+
+Theory of operation
+-------------------
+
+``StationLoop`` turns chunks of a ``SerialLink`` into a ``SessionData``. It has no thread and no clock of its own: it
+does what the chunks and events bring, in their order, on the thread of its caller. So a session gives the same results
+whether it comes live, from a file or from the simulator, and at any speed.
+
+One turn of the loop (``take``) has three stages:
+
+1. *Receive.* ``Reception`` makes panoramas, events and other messages of the bytes. ``LinkMonitor`` makes events of the
+   silence before a chunk and of what the chunk brings (WAITING, STREAMING, STALE ...). The order is that of the data:
+   first the silence before an event, then the event, then its consequence. A replay, which never waits, and a live
+   session, which does, therefore give their events in the same order. STATUS and ATTITUDE messages are kept with the
+   host time of their bytes and go no further.
+2. *Identify.* Identification depends on one panorama alone, so many that wait are identified together, at most
+   MOST_AT_ONCE: their tables are then still in the caches of the processor. The answers are those of one by one.
+3. *Conclude.* One panorama after the other, in order, because this stage remembers: the non-stellar objects seen
+   before, the fit of the mount. The answer is corrected, compared with sidereal truth and kept; then the listeners see
+   it. Events between two panoramas come out between their results.
+
+What is decided on the way:
+
+* **Earth orientation** is looked up at the first panorama, because only then is the date known. A session that has it
+  frozen uses its own, so that a later release of the tables changes nothing. Without it (an event NO_TRUTH) panoramas
+  are identified, and compared with nothing.
+* **The mount** comes from the station file. Under ``align: first N s`` there is no mount at first; results of these
+  seconds have no attitude error. The first panorama after them, once 10 frames were identified, fixes the mount for the
+  rest of the session (an event ALIGNED). The mount is never judged by the frames that it was fitted on.
+* **Identification time** is this host's own in a live session and the recorded one in a replay: it belongs to the run
+  that was made, not to the machine that reads it.
+
+At the end of a live session the port is closed first. Bytes that came until then are recorded, so they are identified
+too. ``finish`` accounts for what is left in the decoder, and every byte has its place: in a frame or in a discard.
+
+Listeners (``Listener``) get each result and each event on this thread. A listener that is slow delays the loop; the
+live view has a queue and a thread of its own for that reason. Raw bytes do not pass here on their way to the file: the
+link hands them to the recorder before the loop sees them.
+"""
 
 from array import array
 from collections.abc import Callable, Sequence

@@ -1,4 +1,48 @@
-"""Reception: bytes with their host times become panoramas in UTC."""
+"""Reception: bytes with their host times become panoramas in UTC.
+
+Theory of operation
+-------------------
+
+A chunk carries bytes and the host time at which they were read. The bytes go through the frame decoder, frames become
+messages, and a PANORAMA message becomes a ``Panorama`` with the UTC of its mid-exposure. One second of error in this
+UTC is 15 arcsec of right ascension, so this module is where the accuracy of a session is made or lost.
+
+**Every byte is counted.** The decoder gives each byte back in exactly one frame or one discard with its reason; the sum
+of both is ``bytes_in`` once the stream has ended. The SHA-256 of all bytes says which stream a report is about.
+
+**The host time of a frame** is that of its first byte: of the chunk which holds it. Chunks are kept with the offset of
+their first byte until a frame begins in a later one. However the stream is cut, a frame finds the same chunk.
+
+**From host time to mid-exposure.** A sensor sends a frame when its exposure ends. The first byte takes 10 bits on the
+wire, so mid-exposure is half an exposure and one byte time before the byte was read:
+
+    exposure            |<------ exposure ------>|
+    wire                                         |<-byte->|
+    host                                                  |<- latency ->| read
+                                    ^
+                              mid-exposure
+
+The latency of host and adapter is unknown and changes from frame to frame: some 0.1 to 20 ms. A byte can be read late,
+never early. The time tag of the sensor has no such jitter, but its zero and rate are the sensor's own. ``SensorClock``
+takes the least difference (host - sensor) of the last 200 frames or 30 s as the offset of the sensor's clock, and the
+tag plus this offset is the time of the frame.
+
+**Steps of UTC.** The differences are taken on the host's monotonic clock, and the offset UTC - monotonic is added last.
+Where that offset moves by 5 ms or more between two frames, the UTC clock was stepped, not slewed: an event CLOCK_STEP.
+Frames around it are left out of the statistics, see ``gse.station.exclusions``.
+
+**Sequence numbers** tell duplicates (dropped, counted), gaps (frames lost) and restarts. A restart is also told by a
+time tag of a panorama that jumps back, or by the sensor's own flag. Then the sensor clock is forgotten and learned anew
+(an event SENSOR_RESET). Time tags of other messages are not asked: a STATUS may carry a later one than the panorama
+behind it. Frames marked as stored are older than what came before them and never look like a restart.
+
+**Raw captures** have no host times. With ``anchor_utc_ns`` the first panorama has that instant, and the others follow
+by the sensor's clock. Where this clock starts anew, or leaps by a year, it goes on from the latest panorama: a restart
+never turns time back.
+
+Objects leave here brightest first, equal ones in the order of the wire. Nothing is judged: a panorama with impossible
+values keeps its ``problems`` and becomes a SENSOR_FAULT later.
+"""
 
 import hashlib
 from collections import deque

@@ -24,20 +24,29 @@ class Status(StrEnum):
 
 
 class AnswerCheck(StrEnum):
-    """What the robust identifier says of the answer under test; NONE where it has no answer itself."""
+    """The reference identifier's check of an answer under test; UNKNOWN where it has no answer itself."""
 
     CORRECT = "correct"
     FALSE = "false"
     ABSENT = "absent"
-    NONE = "none"
+    UNKNOWN = "unknown"
 
 
 class Verdict(StrEnum):
-    """What the station says of a session or of one measurement."""
+    """The word on a session."""
 
     PASS = "PASS"
     FAIL = "FAIL"
     INCONCLUSIVE = "INCONCLUSIVE"
+
+
+class Subject(StrEnum):
+    """Whose answers are on trial."""
+
+    ONBOARD = "onboard"
+    """The identifier under test: the onboard-equivalent one, run here."""
+    SENSOR = "sensor"
+    """The answers that the sensor itself sends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +128,9 @@ class FrameResult:
     attitude_geometric: Attitude | None = None
     attitude_error: AttitudeError | None = None
     attitude_true: Attitude | None = None
-    answer_check: AnswerCheck = AnswerCheck.NONE
+    answer_check: AnswerCheck = AnswerCheck.UNKNOWN
     others: tuple[tuple[int, str], ...] = ()
+    zero_point_mag: float = math.nan
 
 
 @dataclass(slots=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.config.station import Station
-from gse.station.exclusions import Exclusion, exclusions
+from gse.station.exclusions import Exclusion
 from gse.station.frame_table import FrameTable
 from gse.station.results import LinkCounters
 from gse.truth import Alignment, EarthOrientation
@@ -40,7 +40,3 @@ class SessionData:
     alignment: Alignment | None = None
     clock_error_s: float | None = None
     excluded: tuple[Exclusion, ...] = ()
-
-    def exclusions(self) -> tuple[Exclusion, ...]:
-        """What the figures leave out, by name: what the events and the frames tell, and what the operator states."""
-        return (*exclusions(self.events, self.frames.columns), *self.excluded)

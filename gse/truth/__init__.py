@@ -1,4 +1,7 @@
-"""Sidereal truth: the true direction of the sensor on its mount, by ERFA and the IERS tables on disk."""
+"""Sidereal truth: where the sensor on its mount really looked, by ERFA and the IERS tables on disk.
+
+May not import identifier, station or the simulator: truth knows the time and the site, never an answer.
+"""
 
 from gse.truth.alignment import Alignment, fit_mount, small_rotations
 from gse.truth.mounting import horizon_to_sensor, mount_of

@@ -37,6 +37,18 @@ def bodies_icrs(site: Site, utc_ns: int) -> NDArray[np.float64]:
     return unit
 
 
+def sun_altitude_deg(site: Site, utc_ns: int) -> float:
+    """Geometric altitude of the Sun's centre over a site, good to 0.02 deg: for twilight, not for pointing."""
+    day, fraction = to_julian_date(utc_ns)
+    sun_icrs = -erfa.ufunc.epv00(day, fraction)[0]["p"]
+    longitude, latitude = math.radians(site.longitude_deg), math.radians(site.latitude_deg)
+    up_earth = np.array(
+        [math.cos(latitude) * math.cos(longitude), math.cos(latitude) * math.sin(longitude), math.sin(latitude)]
+    )
+    up_icrs = up_earth @ erfa.ufunc.c2t06a(day, fraction, day, fraction, 0.0, 0.0)
+    return math.degrees(math.asin(float(up_icrs @ sun_icrs) / float(np.linalg.norm(sun_icrs))))
+
+
 def _site_icrs_au(site: Site, day: float, fraction: float) -> NDArray[np.float64]:
     """Geocentric position (3,) of a site: the Moon is a degree elsewhere from the Earth's other side."""
     longitude, latitude = math.radians(site.longitude_deg), math.radians(site.latitude_deg)

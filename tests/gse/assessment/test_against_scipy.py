@@ -7,7 +7,6 @@ import pytest
 import scipy.stats
 from scipy.spatial.transform import Rotation
 
-from gse.assessment.statistics import proportion
 from gse.assessment.theil_sen import theil_sen
 from gse.attitude import solve_attitude
 
@@ -28,12 +27,6 @@ def test_the_attitude_is_that_of_align_vectors(spread: float) -> None:
         expected, _ = Rotation.align_vectors(measured, stars, weights=sigma**-2.0)
         solved = Rotation.from_matrix(solve_attitude(measured, stars, sigma).icrs_to_sensor)
         assert (solved * expected.inv()).magnitude() < 1e-3 * ARCSEC
-
-
-@pytest.mark.parametrize(("count", "of"), [(0, 1), (1, 1), (0, 57), (3, 57), (57, 57), (287_000, 288_000)])
-def test_the_bounds_of_a_share_are_those_of_the_binomial_test(count: int, of: int) -> None:
-    bounds, expected = proportion(count, of), scipy.stats.binomtest(count, of).proportion_ci(0.95, method="exact")
-    assert (bounds.low, bounds.high) == pytest.approx((expected.low, expected.high), abs=1e-10)
 
 
 @pytest.mark.parametrize("step", [0.0, 0.5])

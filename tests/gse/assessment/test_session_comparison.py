@@ -63,7 +63,7 @@ def test_missed_frames_are_a_regression_in_availability():
 
 def test_false_answers_are_a_regression_once_they_are_significant():
     first, second = session(1000), session(1000)
-    second.frames.columns["judge"][:20] = list(AnswerCheck).index(AnswerCheck.FALSE)
+    second.frames.columns["answer_check"][:20] = list(AnswerCheck).index(AnswerCheck.FALSE)
     assert "false answers" in worse(first, second)
 
 

@@ -102,7 +102,7 @@ def test_compare_ends_with_1_where_a_station_file_makes_it_worse(gse, folder, tm
 def test_compare_of_one_session_with_itself_asks_for_another(gse, folder):
     done = gse("compare", simulated(gse, folder, "inclined"))
     assert done.code == 2
-    assert "name a second one" in done.err
+    assert "give a second session" in done.err
 
 
 @pytest.mark.parametrize("command", ["align", "calibrate", "compare"])

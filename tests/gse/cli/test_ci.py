@@ -42,7 +42,7 @@ def change(path: Path, verdict: str) -> None:
 def test_the_same_bytes_give_the_same_report_however_they_are_cut(folder: Path) -> None:
     result = ci(folder, "--cut", "5")
     assert result.exit_code == 0
-    assert result.stdout.splitlines()[-1] == "1 of 1 recordings give the report that they must give"
+    assert result.stdout.splitlines()[-1] == "1 of 1 sessions give the expected report"
 
 
 def test_a_difference_is_told_by_its_place_and_fails(folder: Path, tmp_path: Path) -> None:

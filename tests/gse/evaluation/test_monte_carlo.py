@@ -54,7 +54,7 @@ def test_the_table_shows_what_went_wrong_beside_what_went_right(gse, tmp_path):
     assert done.code == 0, done.err
     lines = [line.split() for line in done.out.splitlines() if line.startswith("neighbour")]
     assert [line[3] for line in lines] == ["0", "3", "8"]
-    assert all(word in done.out for word in ("right %", "false %", "none %", "coarse %", "Clopper-Pearson"))
+    assert all(word in done.out for word in ("right %", "false %", "none %", "coarse %", "95 % bounds"))
     for name, unit in (("success-distance.svg", "arcsec"), ("success-magnitude.svg", "mag")):
         assert unit in (tmp_path / "figures" / name).read_text(encoding="utf-8")
     again = gse("evaluate", "--frames", 8, "--figures", tmp_path / "figures")
@@ -136,4 +136,4 @@ def test_workers_that_start_when_ctrl_c_comes_end_without_a_word():
     )
     assert done.returncode == 130, done.stderr
     assert json.loads(done.stdout)["interrupted"] is True
-    assert done.stderr.splitlines() == ["interrupted: these are the frames that were done"]
+    assert done.stderr.splitlines() == ["interrupted: the result is that of the frames done so far"]

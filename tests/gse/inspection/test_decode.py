@@ -139,14 +139,14 @@ def test_a_session_that_lacks_its_end_is_decoded_and_said_so(tmp_path: Path) -> 
     path.write_bytes(path.read_bytes()[:-200])
     result = decode(path)
     assert result.exit_code == 3
-    assert "lacks its end" in result.stderr
+    assert "is damaged or incomplete" in result.stderr
 
 
 def test_another_protocol_may_be_asked_for(capture: Path) -> None:
     result = decode(capture, "--protocol", "panorama-slip")
     assert result.exit_code == 0
     assert "0 framed + 1472 discarded" in result.stdout
-    assert "another baud rate" in result.stderr
+    assert "the baud rate was wrong" in result.stderr
 
 
 def test_values_out_of_order_are_said_with_their_frame(tmp_path: Path) -> None:
@@ -176,4 +176,4 @@ def test_a_full_disk_behind_stdout_is_said_in_one_line(capture: Path) -> None:
     with open("/dev/full", "wb") as full:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 3
-    assert done.stderr == "gse: No space left on device: what was to be written is not complete; make room\n"
+    assert done.stderr == "gse: No space left on device: the output is incomplete; free some disk space and repeat\n"

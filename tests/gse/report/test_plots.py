@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
+from gse.assessment.counted_frames import counted_frames
 from gse.attitude import Attitude
 from gse.drawing.outline import field_outline_icrs
 from gse.report.decimation import extremes, sample
@@ -87,7 +88,7 @@ def test_false_answers_are_not_drawn_as_errors() -> None:
         if number == 60:
             frame = _with(frame, frame.attitude_error, AnswerCheck.FALSE)
         session.frames.append(frame)
-    good = PlotData.of(session).good
+    good = PlotData.of(session, counted_frames(session)).good
     assert np.flatnonzero(~good).tolist() == [50, 60]
 
 
@@ -118,14 +119,14 @@ def test_a_track_is_drawn_at_the_poles_and_across_ra_zero(de_deg: float) -> None
     for number, frame in enumerate(synthetic_frames(30, trouble=False)):
         attitude = Attitude.from_angles((359.9 + number * 0.01) % 360, de_deg, 10.0)
         session.frames.append(replace(frame, attitude=attitude, attitude_true=attitude))
-    drawn = PlotData.of(session)
+    drawn = PlotData.of(session, counted_frames(session))
     svg = svg_of("sky", 3.0, lambda figure: draw_sky(figure, drawn))
     assert svg.startswith("<svg")
 
 
 def test_a_hundred_thousand_points_make_a_small_figure() -> None:
     session = synthetic_night(300)
-    drawn = PlotData.of(session)
+    drawn = PlotData.of(session, counted_frames(session))
     big = PlotData(
         session,
         np.tile(drawn.frames, 330),

@@ -75,7 +75,7 @@ def test_no_answer_is_false_hot_pixels_or_not(kind: str) -> None:
         frame = replayed(name + kind)
         if status(frame) is Status.IDENTIFIED:
             assert boresight_error_arcsec(frame, truth) < 120, name + kind
-        assert ANSWER_CHECKS[frame["judge"]] is not AnswerCheck.FALSE
+        assert ANSWER_CHECKS[frame["answer_check"]] is not AnswerCheck.FALSE
 
 
 def test_a_clock_in_1970_gives_an_answer_but_no_comparison() -> None:

@@ -160,8 +160,8 @@ def test_the_command_prints_the_address_and_ends_after_its_time() -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "--pty, or --tcp"),
-        (["--pty", "--tcp", "127.0.0.1:0"], "--pty, or --tcp"),
+        ([], "either --pty or --tcp"),
+        (["--pty", "--tcp", "127.0.0.1:0"], "either --pty or --tcp"),
         (["--tcp", "4000"], "127.0.0.1:4000"),
         (["--tcp", "127.0.0.1:99999"], "127.0.0.1:4000"),
         (["--tcp", "192.0.2.1:4000"], "cannot listen"),

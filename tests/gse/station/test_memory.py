@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
+from gse.assessment.counted_frames import counted_frames
 from gse.assessment.verdict import judge
 from gse.report.plot_data import PlotData
 from gse.station.frame_table import FRAME
@@ -29,7 +30,11 @@ def session() -> SessionData:
     return made
 
 
-@pytest.mark.parametrize(("made_of", "most_rows"), [(judge, 2.2), (PlotData.of, 0.6)], ids=["judged", "drawn"])
+def plotted(session: SessionData) -> PlotData:
+    return PlotData.of(session, counted_frames(session))
+
+
+@pytest.mark.parametrize(("made_of", "most_rows"), [(judge, 2.2), (plotted, 0.6)], ids=["judged", "drawn"])
 def test_a_night_is_made_sense_of_without_copies_of_its_rows(
     session: SessionData, made_of: Callable[[SessionData], object], most_rows: float
 ) -> None:

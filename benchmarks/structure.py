@@ -1,0 +1,202 @@
+"""The structure of the source: rooms, floors, import arrows, longest function and module, tests per line of code.
+
+python benchmarks/structure.py [REV]    a table, before (git revision REV, default 8993bd7) and after (this tree)
+python benchmarks/structure.py --rooms  the rooms of this tree, floor by floor, with what each imports
+
+A room is a package below gse, or a module that lies flat in it; drivers and protocols are one room each. An arrow is
+one room that imports another. A room stands one floor above the highest room that it imports. Lines are counted as
+`wc -l` does.
+"""
+
+import ast
+import io
+import subprocess
+import sys
+import tarfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("gse", "drivers", "protocols")
+BEFORE = "8993bd7"
+
+Sources = Mapping[str, str]
+"""Text of each Python file, by its path from the root."""
+
+
+@dataclass(frozen=True, slots=True)
+class Longest:
+    """A name and how many lines it has."""
+
+    name: str
+    lines: int
+
+    def __str__(self) -> str:
+        return f"{self.lines} lines, {self.name}"
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """What is counted of one revision."""
+
+    rooms: int
+    floors: int
+    arrows: int
+    circles: int
+    modules: int
+    median_function: int
+    longest_function: Longest
+    longest_module: Longest
+    code_lines: int
+    test_lines: int
+
+    def rows(self) -> list[tuple[str, str]]:
+        """What is counted, in words, and how many."""
+        return [
+            ("rooms", str(self.rooms)),
+            ("floors", str(self.floors)),
+            ("import arrows", str(self.arrows)),
+            ("import circles", str(self.circles)),
+            ("modules", str(self.modules)),
+            ("median function", f"{self.median_function} lines"),
+            ("longest function", str(self.longest_function)),
+            ("longest module", str(self.longest_module)),
+            ("lines of code", str(self.code_lines)),
+            ("lines of tests", str(self.test_lines)),
+            ("tests / code", f"{self.test_lines / self.code_lines:.2f}"),
+        ]
+
+
+def tree() -> Sources:
+    """The files as they lie here."""
+    files = (path for folder in (*PACKAGES, "tests") for path in (ROOT / folder).rglob("*.py"))
+    return {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in files}
+
+
+def revision(name: str) -> Sources:
+    """The files of a git revision."""
+    packed = subprocess.run(["git", "archive", name], cwd=ROOT, check=True, capture_output=True).stdout
+    with tarfile.open(fileobj=io.BytesIO(packed)) as archive:
+        members = [member for member in archive.getmembers() if member.isfile() and member.name.endswith(".py")]
+        return {
+            member.name: content.read().decode()
+            for member in members
+            if member.name.startswith(tuple(f"{folder}/" for folder in (*PACKAGES, "tests")))
+            and (content := archive.extractfile(member))
+        }
+
+
+def structure_of(sources: Sources) -> Structure:
+    """Count one revision."""
+    modules = _modules(sources)
+    imports = room_imports(modules)
+    floor_of = floors(imports)
+    functions = sorted(_functions(modules), key=lambda function: function.lines)
+    lengths = {name: text.count("\n") for name, text in modules.items()}
+    longest = max(lengths, key=lambda name: lengths[name])
+    return Structure(
+        rooms=len(imports),
+        floors=1 + max(floor_of.values()),
+        arrows=sum(len(below) for below in imports.values()),
+        circles=sum(room in _reachable(imports, room) for room in imports),
+        modules=len(modules),
+        median_function=functions[len(functions) // 2].lines,
+        longest_function=functions[-1],
+        longest_module=Longest(longest, lengths[longest]),
+        code_lines=sum(lengths.values()),
+        test_lines=sum(text.count("\n") for path, text in sources.items() if path.startswith("tests/")),
+    )
+
+
+def _modules(sources: Sources) -> dict[str, str]:
+    """Text of each module of the three packages, by its dotted name."""
+    found = {}
+    for path, text in sources.items():
+        parts = path.removesuffix(".py").split("/")
+        if parts[0] in PACKAGES:
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = text
+    return found
+
+
+def room_imports(modules: Mapping[str, str]) -> dict[str, set[str]]:
+    """The rooms, and which other rooms each imports."""
+    rooms: dict[str, set[str]] = {_room(name): set() for name in modules if name != "gse"}
+    for name, text in modules.items():
+        for target in _imported(text, modules):
+            if _room(target) not in (_room(name), "gse"):
+                rooms[_room(name)].add(_room(target))
+    return rooms
+
+
+def _room(module: str) -> str:
+    parts = module.split(".")
+    return ".".join(parts[:2]) if parts[0] == "gse" else parts[0]
+
+
+def _imported(text: str, modules: Mapping[str, str]) -> Iterator[str]:
+    """Modules of ours that a text imports, also inside functions."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            submodules = [f"{node.module}.{name.name}" for name in node.names]
+            yield from (name if name in modules else node.module for name in submodules if node.module in modules)
+        elif isinstance(node, ast.Import):
+            yield from (name.name for name in node.names if name.name in modules)
+
+
+def floors(imports: Mapping[str, set[str]]) -> dict[str, int]:
+    """The floor of each room: 0 where it imports none, else one above the highest that it imports."""
+    floor: dict[str, int] = {}
+
+    def climb(room: str, above: frozenset[str]) -> int:
+        if room not in floor:
+            below = [climb(other, above | {room}) for other in imports[room] if other not in above]
+            floor[room] = 1 + max(below, default=-1)
+        return floor[room]
+
+    for room in imports:
+        climb(room, frozenset())
+    return floor
+
+
+def _reachable(imports: Mapping[str, set[str]], start: str) -> set[str]:
+    """All rooms that a room imports, directly or through others."""
+    found: set[str] = set()
+    waiting = list(imports[start])
+    while waiting:
+        room = waiting.pop()
+        if room not in found:
+            found.add(room)
+            waiting += imports[room]
+    return found
+
+
+def _functions(modules: Mapping[str, str]) -> Iterator[Longest]:
+    """Every function, from ``def`` to its last line, docstring included."""
+    for name, text in modules.items():
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.end_lineno:
+                yield Longest(f"{name}.{node.name}", node.end_lineno - node.lineno + 1)
+
+
+def print_rooms(sources: Sources) -> None:
+    """The rooms from the highest floor down."""
+    imports = room_imports(_modules(sources))
+    floor_of = floors(imports)
+    for room in sorted(imports, key=lambda room: (-floor_of[room], room)):
+        print(f"{floor_of[room]:2}  {room:22} -> {', '.join(sorted(imports[room])) or '-'}")
+
+
+def main() -> None:
+    if "--rooms" in sys.argv:
+        print_rooms(tree())
+        return
+    before = sys.argv[1] if len(sys.argv) > 1 else BEFORE
+    rows = zip(structure_of(revision(before)).rows(), structure_of(tree()).rows(), strict=True)
+    print(f"| | before ({before}) | after |\n|---|---|---|")
+    for (name, old), (_, new) in rows:
+        print(f"| {name} | {old} | {new} |")
+
+
+if __name__ == "__main__":
+    main()

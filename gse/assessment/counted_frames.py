@@ -1,0 +1,97 @@
+"""Which frames of a session count, decided once for statistics, false answers and plots.
+
+A false star identification counts whatever the time of its frame. Other frames are left out only where sky, link or
+clock is the reason.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.assessment.no_sky import no_sky
+from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.station.exclusions import Cause, Exclusion, excluded, exclusions
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, Status
+from gse.station.session_data import SessionData
+
+OUTLIER_ARCSEC = 1800.0
+"""An answer this far from the median of all is not noise: half a degree."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CountedFrames:
+    """Masks (M,) over the rows of the frame table, and the stretches that are left out.
+
+    ``answered`` frames have an answer under test; ``false`` ones a wrong one; ``excluded`` ones are left out but for
+    false answers; ``used`` ones enter the statistics of accuracy.
+    """
+
+    answered: NDArray[np.bool_]
+    false: NDArray[np.bool_]
+    excluded: NDArray[np.bool_]
+    used: NDArray[np.bool_]
+    exclusions: tuple[Exclusion, ...]
+
+    def frames_of(self, cause: Cause, utc_ns: NDArray[np.int64]) -> int:
+        """How many frames at instants (M,) the stretches of one cause leave out."""
+        return int(excluded(utc_ns, [item for item in self.exclusions if item.cause is cause]).sum())
+
+
+def counted_frames(session: SessionData) -> CountedFrames:
+    """Decide which frames of a session count."""
+    frames = session.frames.columns
+    stretches = (
+        *exclusions(session.events, frames),
+        *no_sky(frames, session.station.site),
+        *session.excluded,
+    )
+    mask = excluded(frames["utc_ns"], stretches)
+    answered = np.asarray(frames["status"] == STATUSES.index(Status.IDENTIFIED))
+    false = false_answers(frames, mask, stretches)
+    used = answered & ~false & ~mask & np.isfinite(frames["d_de_arcsec"])
+    return CountedFrames(answered, false, mask, used, stretches)
+
+
+def false_answers(
+    frames: NDArray[np.void], mask: NDArray[np.bool_] | None = None, stretches: tuple[Exclusion, ...] = ()
+) -> NDArray[np.bool_]:
+    """Which frames (M,) were answered falsely.
+
+    The reference identifier names other stars; or the answer lies far from the median of the frames that are not in
+    ``mask``, and nothing confirms its stars; or it lies further off than the uncertain time of its stretch explains.
+    """
+    answered = np.asarray(frames["status"] == STATUSES.index(Status.IDENTIFIED))
+    checked_false = answered & (frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE))
+    among = answered & ~checked_false if mask is None else answered & ~checked_false & ~mask
+    separation_arcsec = _from_median(frames, among)
+    outlier = answered & (separation_arcsec > OUTLIER_ARCSEC)
+    confirmed = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.CORRECT)
+    unexplained = outlier & _unexplained(frames, separation_arcsec, stretches)
+    return np.asarray(checked_false | (outlier & ~confirmed) | unexplained)
+
+
+def _from_median(frames: NDArray[np.void], among: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Separation (M,) of each answer from the median one, in arcsec; 0 where there is nothing to compare.
+
+    A wrong mount moves all answers alike, a false answer only itself.
+    """
+    x, y = frames["cross_x_arcsec"], frames["cross_y_arcsec"]
+    known = among & np.isfinite(x)
+    if not known.any():
+        return np.zeros(len(frames))
+    separation: NDArray[np.float64] = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
+    return np.nan_to_num(separation)
+
+
+def _unexplained(
+    frames: NDArray[np.void], separation_arcsec: NDArray[np.float64], stretches: tuple[Exclusion, ...]
+) -> NDArray[np.bool_]:
+    """Answers in stretches of an uncertain time that are further off than this time explains."""
+    mask = np.zeros(len(frames), dtype=bool)
+    for item in stretches:
+        if item.cause in (Cause.CLOCK_STEP, Cause.BACKLOG):
+            explained_arcsec = OUTLIER_ARCSEC + EARTH_RATE_ARCSEC_PER_S * item.time_error_s
+            mask |= excluded(frames["utc_ns"], [item]) & (separation_arcsec > explained_arcsec)
+    return mask

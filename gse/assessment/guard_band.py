@@ -1,0 +1,25 @@
+"""Guarded acceptance: a limit is kept where the figure and its uncertainty keep it (JCGM 106, 8.3.2)."""
+
+import math
+
+COVERAGE_FACTOR = 1.645
+"""Of a one-sided 95 % bound of a normal quantity."""
+
+
+def guard(sampling: float, truth_standard: float) -> float:
+    """The one-sided 95 % uncertainty of a figure, from what sampling leaves open and the standard uncertainty of truth.
+
+    ``sampling`` is the distance between the figure and its one-sided 95 % bound. Both are independent: the squares add
+    (JCGM 100, 5.1.2), each at 95 %. NaN or infinite where ``sampling`` is.
+    """
+    return math.hypot(sampling, COVERAGE_FACTOR * truth_standard)
+
+
+def keeps(value: float, upper: float, limit: float, truth_standard: float = 0.0) -> bool:
+    """Whether a figure with this one-sided 95 % upper bound is within a limit beyond doubt; False for NaN."""
+    return value + guard(upper - value, truth_standard) <= limit
+
+
+def exceeds(value: float, lower: float, limit: float, truth_standard: float = 0.0) -> bool:
+    """Whether a figure with this one-sided 95 % lower bound is beyond a limit beyond doubt; False for NaN."""
+    return value - guard(value - lower, truth_standard) > limit

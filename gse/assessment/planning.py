@@ -1,0 +1,168 @@
+"""How long a session must be for a verdict.
+
+A PASS asks that a figure and its uncertainty keep the limit (gse.assessment.guard_band), so that a session must be long
+enough for what the sensor is expected to do. Errors are simulated as a bias with noise of exponential correlation and
+judged by the functions of the verdict; beyond MAX_SIMULATED independent values the uncertainty goes as one over the
+root of the length. The generator starts from a constant: the same question has the same answer.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrik, betaincinv, ndtr
+
+from gse.assessment.guard_band import COVERAGE_FACTOR
+from gse.assessment.sampling import MIN_FRAMES, error_bounds
+
+PROBABILITY = 0.9
+"""Of a PASS, where the sensor does what is expected."""
+SESSIONS = 200
+MAX_SIMULATED = 1000
+
+_SEED = 1
+_FIRST_N_EFF = 60.0
+_LEAST_N_EFF = 10.0
+_PER_INDEPENDENT = 8.0
+"""Simulated frames in the time of one independent value: more would change nothing."""
+_MAX_STEPS = 10
+_CLOSE = 0.05
+_MOST_STRETCH = 2.0
+"""In one step: the rare session with very wide bounds does not become longer by scaling."""
+_LAST_STRETCH = 1e6
+_HALVINGS = 40
+_MAX_FRAMES = 1_000_000
+_RISK = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What a sensor is expected to do on one axis: bias, standard deviation, integrated autocorrelation time.
+
+    ``tau_s`` is that of AxisStatistics: zero for white noise, twice the time constant of an exponential correlation.
+    """
+
+    bias_arcsec: float
+    noise_arcsec: float
+    tau_s: float
+    frames_per_s: float
+
+    @property
+    def frames_per_value(self) -> float:
+        """Frames that one independent value takes."""
+        return max(self.tau_s * self.frames_per_s, 1.0)
+
+
+def accuracy_frames(expected: Expected, limit_arcsec: float, *, truth_arcsec: float) -> int | None:
+    """Frames after which mean and 95th percentile of the absolute error pass with PROBABILITY; None: never.
+
+    ``truth_arcsec`` is the standard uncertainty of truth.
+    """
+    if max(_true_statistics(expected)) + COVERAGE_FACTOR * truth_arcsec >= limit_arcsec:
+        return None
+    n_eff = _FIRST_N_EFF
+    for _ in range(_MAX_STEPS):
+        simulated = float(np.clip(n_eff, _LEAST_N_EFF, MAX_SIMULATED))
+        most = _MOST_STRETCH if simulated < MAX_SIMULATED else _LAST_STRETCH
+        needed = simulated * _stretch(_simulate(expected, simulated), expected, limit_arcsec, truth_arcsec, most=most)
+        close = abs(math.log(needed / simulated)) < _CLOSE
+        n_eff = needed
+        if close or min(needed, simulated) >= MAX_SIMULATED or max(needed, simulated) <= _LEAST_N_EFF:
+            break
+    return max(math.ceil(n_eff * expected.frames_per_value), MIN_FRAMES)
+
+
+def availability_frames(expected: float, limit: float, *, frames_per_value: float = 1.0) -> int | None:
+    """Frames after which the lower bound (one-sided 95 %, Clopper & Pearson) of the availability keeps its limit.
+
+    With PROBABILITY, for an expected availability of independent frames, or of runs of ``frames_per_value``; None where
+    the limit is not below what is expected.
+    """
+    if expected <= limit:
+        return None
+    numbers = np.unique(np.geomspace(1, _MAX_FRAMES, 4000).astype(np.int64))
+    passing = np.flatnonzero([_availability_passes(int(number), expected, limit) for number in numbers])
+    return math.ceil(numbers[passing[0]] * frames_per_value) if len(passing) else None
+
+
+def false_answer_frames(limit: float) -> int:
+    """Frames without one false answer after which their share is below a limit with 95 %."""
+    return math.ceil(math.log(_RISK) / math.log1p(-limit))
+
+
+def further_share(value: float, upper: float, limit: float, *, truth_arcsec: float) -> float | None:
+    """How much longer a session must go on to keep a limit, in its own length, if the figure stays; None: never.
+
+    0 where it keeps the limit already. The sampling uncertainty goes as one over the root of the length.
+    """
+    if math.isnan(upper) or value + COVERAGE_FACTOR * truth_arcsec >= limit:
+        return None
+    allowed = math.sqrt((limit - value) ** 2 - (COVERAGE_FACTOR * truth_arcsec) ** 2)
+    return max(((upper - value) / allowed) ** 2 - 1, 0.0)
+
+
+def simulated_errors(expected: Expected, n: int, sessions: int, generator: np.random.Generator) -> NDArray[np.float64]:
+    """Errors (sessions, n) of what is expected: an autoregressive process of first order about the bias."""
+    noise = generator.standard_normal((sessions, n))
+    kept = (expected.frames_per_value - 1) / (expected.frames_per_value + 1)
+    new = math.sqrt(1 - kept**2)
+    for column in range(1, n if kept else 0):
+        noise[:, column] = kept * noise[:, column - 1] + new * noise[:, column]
+    return np.asarray(expected.bias_arcsec + expected.noise_arcsec * noise)
+
+
+@dataclass(frozen=True, slots=True)
+class _Simulated:
+    """Of each session (S, 2): mean and 95th percentile of the absolute errors, and the distances to their bounds."""
+
+    values: NDArray[np.float64]
+    guards: NDArray[np.float64]
+
+
+def _simulate(expected: Expected, n_eff: float) -> _Simulated:
+    coarse = min(expected.frames_per_value, _PER_INDEPENDENT)
+    alike = Expected(expected.bias_arcsec, expected.noise_arcsec, coarse, 1.0)
+    n = max(round(n_eff * coarse), MIN_FRAMES)
+    sessions = simulated_errors(alike, n, SESSIONS, np.random.default_rng(_SEED))
+    values, guards = [], []
+    for errors in sessions:
+        bounds, absolute = error_bounds(errors), np.abs(errors)
+        both = float(absolute.mean()), float(np.percentile(absolute, 95))
+        values.append(both)
+        guards.append((bounds.mean_abs.upper - both[0], bounds.p95_abs.upper - both[1]))
+    return _Simulated(np.array(values), np.array(guards))
+
+
+def _stretch(simulated: _Simulated, expected: Expected, limit: float, truth: float, *, most: float) -> float:
+    """By how much longer or shorter sessions must be for PROBABILITY, by the root of their length."""
+    true = np.array(_true_statistics(expected))
+    low, high = most**-0.5, most**0.5
+    for _ in range(_HALVINGS):
+        scale = math.sqrt(low * high)
+        values = true + scale * (simulated.values - true)
+        guards = np.hypot(scale * simulated.guards, COVERAGE_FACTOR * truth)
+        passing = float((values + guards <= limit).all(axis=1).mean())
+        low, high = (scale, high) if passing >= PROBABILITY else (low, scale)
+    return low**-2
+
+
+def _true_statistics(expected: Expected) -> tuple[float, float]:
+    """Mean and 95th percentile of the absolute value of a normal quantity."""
+    bias, noise = abs(expected.bias_arcsec), expected.noise_arcsec
+    if noise == 0:
+        return bias, bias
+    mean = noise * math.sqrt(2 / math.pi) * math.exp(-((bias / noise) ** 2) / 2)
+    mean += bias * math.erf(bias / noise / math.sqrt(2))
+    low, high = bias, bias + 2 * noise
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        within = float(ndtr((middle - bias) / noise) - ndtr((-middle - bias) / noise))
+        low, high = (middle, high) if within < 1 - _RISK else (low, middle)
+    return mean, high
+
+
+def _availability_passes(n: int, expected: float, limit: float) -> bool:
+    """Whether PROBABILITY of the sessions of n frames have enough answers."""
+    missing = math.ceil(bdtrik(PROBABILITY, n, 1 - expected)) if expected < 1 else 0
+    return missing < n and bool(betaincinv(n - missing, missing + 1, _RISK) >= limit)

@@ -1,0 +1,47 @@
+"""Faults of the sensor's time tags: tags that stand still, tags that leap."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.chunk import LinkEvent
+from gse.instant import NS_PER_S, to_text
+from gse.station.event_kinds import ClockStep
+
+LEAP_S = 0.5
+"""A tag that is ahead of the host by this much more than in the frame before, though no frame is missing, has leapt."""
+
+_FEWEST_STUCK = 3
+
+
+def time_tag_faults(frames: NDArray[np.void], events: Sequence[LinkEvent]) -> tuple[str, ...]:
+    """A line for each kind of fault in frames (rows of FRAME, in order of arrival); nothing without host times."""
+    if len(frames) < 3 or not (frames["host_utc_ns"] > 0).all():
+        return ()
+    return (*_stuck(frames), *_leaps(frames, events))
+
+
+def _stuck(frames: NDArray[np.void]) -> Iterator[str]:
+    tags_us = frames["time_us"].astype(np.int64)
+    host_ns = np.diff(frames["host_utc_ns"])
+    still = (np.diff(tags_us) == 0) & (host_ns > np.median(host_ns) / 2)
+    if still.sum() >= _FEWEST_STUCK:
+        yield f"sensor time tag: it stood still in {int(still.sum())} frames while the host's clock went on"
+
+
+def _leaps(frames: NDArray[np.void], events: Sequence[LinkEvent]) -> Iterator[str]:
+    tags_s: NDArray[np.float64] = np.diff(frames["time_us"].astype(np.float64)) / 1e6
+    host_s: NDArray[np.float64] = np.diff(frames["host_utc_ns"] - frames["host_utc_ns"][0]).astype(np.float64) / 1e9
+    numbers = np.maximum(np.diff(frames["frame_no"].astype(np.int64)), 1)
+    ahead_s: NDArray[np.float64] = tags_s - host_s
+    leaps = (tags_s > 0) & (ahead_s > LEAP_S + 1.5 * np.median(tags_s) * numbers)
+    for event in events:
+        if isinstance(event, ClockStep):
+            leaps &= np.abs(frames["host_utc_ns"][1:] - event.utc_ns) > NS_PER_S
+    rows = np.flatnonzero(leaps)
+    if len(rows):
+        first = int(rows[0])
+        when = to_text(int(frames["host_utc_ns"][first + 1]), 1)
+        more = f", and {len(rows) - 1} times more" if len(rows) > 1 else ""
+        yield f"sensor time tag: it leapt by {ahead_s[first]:+.2f} s at {when}{more}"

@@ -1,0 +1,243 @@
+"""Which frames count: an exclusion has sky, link or clock as its reason, and hides no wrong answer."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from skies.known_nights import START_NS, STATION, frame, session
+
+from gse.assessment.counted_frames import counted_frames
+from gse.assessment.statistics import statistics
+from gse.assessment.time_tags import time_tag_faults
+from gse.assessment.verdict import judge
+from gse.errors import UsageError
+from gse.instant import NS_PER_S, from_text
+from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.exclusions import Cause, parse_exclusion
+from gse.station.results import AnswerCheck, AttitudeError, FrameResult, Status, Verdict
+
+CLEAR_ZERO_POINT_MAG = 14.0
+
+
+def appended(made, result, *, utc_ns=None, host_utc_ns=None, time_us=None):
+    """The frame with other stamps."""
+    changes = {"utc_ns": utc_ns, "host_utc_ns": host_utc_ns, "time_us": time_us}
+    panorama = dataclasses.replace(
+        result.panorama, **{key: value for key, value in changes.items() if value is not None}
+    )
+    made.frames.append(dataclasses.replace(result, panorama=panorama))
+
+
+def no_answer(utc_ns, number, *, objects=0):
+    panorama = frame(utc_ns, number, AttitudeError(0, 0, 0, 0, 0)).panorama
+    panorama = dataclasses.replace(panorama, xy_px=np.zeros((objects, 2)), brightness=np.ones(objects))
+    return FrameResult(panorama, Status.NO_MATCH if objects else Status.TOO_FEW, "", "neighbour")
+
+
+# Buffers
+
+
+def test_frames_that_waited_in_a_buffer_before_the_port_was_read_are_excluded_by_name():
+    made = session(0)
+    for number in range(600):
+        due_ns = START_NS + number * NS_PER_S // 10
+        result = frame(due_ns, number, AttitudeError(1.0, 1.0, 1.0, 1.0, 1.0))
+        if number < 38:
+            read_ns = START_NS + 38 * NS_PER_S // 10
+            far_off = dataclasses.replace(result, attitude_error=AttitudeError(-55.0, 0.0, 0.0, 0.0, 0.0))
+            appended(made, far_off, utc_ns=read_ns, host_utc_ns=read_ns + 10_000_000)
+        else:
+            made.frames.append(result)
+    stats = statistics(made)
+    ((stretch, count),) = stats.exclusions
+    assert stretch.reason.startswith("read up to 3.80 s late: these frames waited")
+    assert count == 39  # and the one that was read in time, which has the same stamp
+    assert stats.onboard.axes["d_ra_cosde"].max_abs_arcsec == 1.0
+
+
+def test_a_sensor_clock_that_runs_fast_is_no_buffer():
+    assert statistics(session(600, sensor_ppm=-1000.0)).exclusions == ()
+
+
+@pytest.mark.parametrize("wrong", [AnswerCheck.FALSE, AnswerCheck.ABSENT])
+def test_a_leap_of_the_time_tag_hides_no_wrong_answers(wrong):
+    made = session(0, noise=2.0)
+    rng = np.random.default_rng(1)
+    for number in range(600):
+        utc_ns = START_NS + number * NS_PER_S // 10
+        error = AttitudeError(*rng.normal(0, 2.0, 5).tolist())
+        result = frame(utc_ns, number, error)
+        if number < 140:
+            far = AttitudeError(9e4, 9e4, 0, 9e4, 9e4)
+            result = (
+                frame(utc_ns, number, far, wrong)
+                if wrong is AnswerCheck.FALSE
+                else dataclasses.replace(no_answer(utc_ns, number, objects=30), answer_check=AnswerCheck.ABSENT)
+            )
+        tag_us = number * 100_000 + (3_000_000 if number >= 140 else 0)
+        appended(made, result, time_us=tag_us, host_utc_ns=utc_ns + 200_000)
+    assessment = judge(made)
+    assert assessment.statistics.exclusions == ()
+    assert assessment.verdict is not Verdict.PASS
+    assert any("time tag: it leapt by +3.00 s" in line for line in assessment.findings)
+
+
+def test_a_restart_with_a_fast_clock_is_no_buffer():
+    made = session(0)
+    for number in range(600):
+        utc_ns = START_NS + number * NS_PER_S // 10
+        tag_us = number * 100_000 if number < 300 else (number - 300) * 120_000
+        appended(
+            made, frame(utc_ns, number, AttitudeError(1, 1, 1, 1, 1)), time_us=tag_us, host_utc_ns=utc_ns + 200_000
+        )
+    assert statistics(made).exclusions == ()
+
+
+def test_a_time_tag_that_stands_still_is_a_finding():
+    made = session(200)
+    made.frames.columns["time_us"][100:150] = made.frames.columns["time_us"][100]
+    assert any("stood still in 49 frames" in line for line in time_tag_faults(made.frames.columns, ()))
+
+
+def test_the_time_tags_of_a_sound_session_are_no_finding():
+    assert time_tag_faults(session(600).frames.columns, ()) == ()
+
+
+# Clock steps
+
+
+def stepped(step_s, *, error_arcsec, check=AnswerCheck.CORRECT):
+    """A minute with a clock step in its middle, and ten answers with an error just after it."""
+    made = session(600)
+    text = f"the host's UTC clock stepped by {step_s:+.3f} s"
+    made.events.append(ClockStep(START_NS + 30 * NS_PER_S, 0, StationKind.CLOCK_STEP, text, round(step_s * NS_PER_S)))
+    for row in range(301, 311):
+        made.frames.columns["cross_x_arcsec"][row] = error_arcsec
+        made.frames.columns["answer_check"][row] = list(AnswerCheck).index(check)
+    return made
+
+
+@pytest.mark.parametrize(("step_s", "frames"), [(2.0, 120), (-2.0, 120), (0.006, 100)])
+def test_frames_around_a_clock_step_are_excluded_by_name(step_s, frames):
+    ((item, count),) = statistics(stepped(step_s, error_arcsec=0.0)).exclusions
+    assert "stepped by" in item.reason
+    assert count == pytest.approx(frames, abs=1)
+
+
+def test_the_side_of_a_clock_step_that_has_wrong_stamps_is_excluded():
+    forward, back = (statistics(stepped(step_s, error_arcsec=0.0)).exclusions[0][0] for step_s in (2.0, -2.0))
+    middle_ns = START_NS + 30 * NS_PER_S
+    assert (middle_ns - forward.from_ns, forward.until_ns - middle_ns) == (7 * NS_PER_S, 5 * NS_PER_S)
+    assert (middle_ns - back.from_ns, back.until_ns - middle_ns) == (5 * NS_PER_S, 7 * NS_PER_S)
+
+
+def test_a_false_identification_counts_though_the_clock_steps_just_then():
+    made = stepped(2.0, error_arcsec=0.0, check=AnswerCheck.FALSE)
+    assert counted_frames(made).false.sum() == 10
+    assert judge(made).statistics.onboard.false_answers.count == 10
+
+
+def test_an_error_that_the_step_does_not_explain_counts_as_false():
+    assert counted_frames(stepped(2.0, error_arcsec=9e4)).false.sum() == 10
+
+
+def test_an_error_that_the_step_explains_is_the_clocks():
+    assert counted_frames(stepped(3600.0, error_arcsec=15.041 * 3600)).false.sum() == 0
+
+
+def test_much_excluded_for_the_clock_decides_nothing():
+    made = session(6000)
+    for second in range(0, 600, 60):
+        event = ClockStep(START_NS + second * NS_PER_S, 0, StationKind.CLOCK_STEP, "stepped by +0.100 s", 10**8)
+        made.events.append(event)
+    assessment = judge(made)
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert any("left out for steps of the host's clock" in reason for reason in assessment.reasons)
+
+
+# Sky
+
+
+def clouded(*, first=600, last=1200, objects=30, zero_point_beside=CLEAR_ZERO_POINT_MAG, check=AnswerCheck.UNKNOWN):
+    """Three minutes at 10 Hz; without an answer from one frame to another."""
+    made = session(1800)
+    made.frames.columns["zero_point_mag"] = CLEAR_ZERO_POINT_MAG
+    made.frames.columns["objects"] = 30
+    beside = slice(max(first - 50, 0), last + 50)
+    made.frames.columns["zero_point_mag"][beside] = zero_point_beside
+    blind = made.frames.columns[first:last]
+    blind["status"] = list(Status).index(Status.NO_MATCH)
+    blind["answer_check"] = list(AnswerCheck).index(check)
+    blind["zero_point_mag"] = blind["d_de_arcsec"] = np.nan
+    blind["objects"] = objects
+    return made
+
+
+def test_cloud_that_the_stars_show_is_excluded_by_name():
+    assessment = judge(clouded(zero_point_beside=CLEAR_ZERO_POINT_MAG - 2.4))
+    ((item, count),) = assessment.statistics.exclusions
+    assert (item.cause, count) == (Cause.NO_SKY, 600)
+    assert "stars 2.4 mag too faint: cloud" in item.reason
+    assert assessment.verdict is Verdict.PASS
+
+
+def test_a_sensor_that_fails_under_a_clear_sky_is_not_excused():
+    assessment = judge(clouded())
+    assert assessment.statistics.exclusions == ()
+    assert assessment.verdict is not Verdict.PASS
+
+
+def test_a_sky_in_which_the_reference_finds_stars_is_no_excuse():
+    made = clouded(zero_point_beside=CLEAR_ZERO_POINT_MAG - 2.4, check=AnswerCheck.ABSENT)
+    assert statistics(made).exclusions == ()
+
+
+def test_cloud_for_most_of_the_session_is_inconclusive_with_its_reason():
+    assessment = judge(clouded(first=100, last=1700, zero_point_beside=CLEAR_ZERO_POINT_MAG - 2.4))
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert any(reason.startswith("no sky in 1600 of 1800 frames: stars 2.4 mag") for reason in assessment.reasons)
+
+
+def test_empty_panoramas_leave_the_availability_open():
+    assessment = judge(clouded(objects=0))
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert any("no object at all for 60 s: lens cap" in reason for reason in assessment.reasons)
+    assert any("or the sensor was blind" in reason for reason in assessment.reasons)
+
+
+def test_daylight_is_no_fault_of_the_sensor():
+    made = clouded(first=0, last=1800)
+    noon_ns = from_text("2026-03-20T05:00:00Z") - START_NS  # at 106.7 deg east
+    made.frames.columns["utc_ns"] += noon_ns
+    assessment = judge(made)
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert any("Sun 8" in reason and "above the horizon" in reason for reason in assessment.reasons)
+
+
+def test_a_short_gap_is_not_the_sky():
+    assert statistics(clouded(first=600, last=690, zero_point_beside=CLEAR_ZERO_POINT_MAG - 2.4)).exclusions == ()
+
+
+# The operator
+
+
+def test_a_stretch_to_leave_out_is_read_with_its_reason():
+    stretch = parse_exclusion("2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds")
+    assert (stretch.from_ns, stretch.until_ns - stretch.from_ns) == (START_NS, 60 * NS_PER_S)
+    assert (stretch.reason, stretch.cause) == ("clouds", Cause.OPERATOR)
+
+
+@pytest.mark.parametrize("text", ["", "clouds", "2026-03-20T18:30:00Z", "2026-03-20T18:31:00Z/2026-03-20T18:30:00Z"])
+def test_a_stretch_without_sense_is_refused(text):
+    with pytest.raises(UsageError, match="expected for example 2026"):
+        parse_exclusion(text)
+
+
+def test_what_is_counted_is_decided_once():
+    made = session(600)
+    made.frames.append(frame(START_NS, 700, AttitudeError(9e4, 9e4, 0, 9e4, 9e4), AnswerCheck.FALSE))
+    counted = counted_frames(made)
+    stats = statistics(made)
+    assert stats.onboard.axes["d_de"].n == counted.used.sum() == 600
+    assert stats.onboard.false_answers.count == counted.false.sum() == 1
+    assert STATION.limits.availability <= stats.onboard.available.value

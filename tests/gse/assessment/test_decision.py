@@ -1,0 +1,144 @@
+"""The decision rule as a table: what each side of each limit gives."""
+
+import math
+
+import pytest
+import scipy.stats
+
+from gse.assessment.decision import Figure, Outcome, judge_figure, judge_share, minutes_more, share_of
+from gse.assessment.sampling import NO_BOUNDS, Bounds
+from gse.limits import Decision
+from gse.station.results import Subject
+
+LIMIT = 60.0
+
+
+def row(value, half_width, *, truth=0.0, limit=LIMIT, decision=Decision.GUARDED, frames=600, duration_s=600.0):
+    bounds = Bounds(value - 2, value + 2, value - half_width, value + half_width) if half_width else NO_BOUNDS
+    figure = Figure(value, bounds, 100.0, frames, duration_s)
+    return judge_figure(
+        Subject.ONBOARD,
+        "mean |dDE|",
+        figure,
+        unit="arcsec",
+        limit=limit,
+        truth_uncertainty=truth,
+        decision=decision,
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "half_width", "truth", "expected"),
+    [
+        (50.0, 10.0, 0.0, "PASS"),  # the bound is at the limit itself
+        (50.0, 10.001, 0.0, "INCONCLUSIVE"),
+        (59.0, 3.0, 0.0, "INCONCLUSIVE"),
+        (61.0, 3.0, 0.0, "INCONCLUSIVE"),
+        (70.0, 10.0, 0.0, "INCONCLUSIVE"),  # at the limit itself nothing is shown
+        (70.0, 9.999, 0.0, "FAIL"),
+        (50.0, 1.0, 7.0, "INCONCLUSIVE"),  # 1.645 x 7 = 11.5
+        (50.0, 1.0, 6.0, "PASS"),  # hypot(1, 9.87) = 9.92
+        (70.0, 1.0, 7.0, "INCONCLUSIVE"),
+        (70.0, 1.0, 5.0, "FAIL"),
+        (5.0, 1.0, math.inf, "INCONCLUSIVE"),
+        (5000.0, 1.0, math.inf, "INCONCLUSIVE"),
+        (5.0, 0.0, 0.0, "INCONCLUSIVE"),  # no bounds: too short to tell
+        (5000.0, 0.0, 0.0, "INCONCLUSIVE"),
+    ],
+)
+def test_a_figure_is_decided_only_where_its_uncertainty_leaves_no_doubt(value, half_width, truth, expected):
+    assert row(value, half_width, truth=truth).outcome == expected
+
+
+def test_a_row_without_frames_or_without_a_limit_is_not_tested():
+    assert row(math.nan, 0.0, frames=0).outcome is Outcome.NOT_TESTED
+    assert row(50.0, 1.0, limit=math.nan).outcome is Outcome.NOT_TESTED
+
+
+@pytest.mark.parametrize(("frames", "expected"), [(29, "INCONCLUSIVE"), (30, "PASS")])
+def test_thirty_frames_are_needed(frames, expected):
+    assert row(5.0, 1.0, frames=frames).outcome == expected
+
+
+@pytest.mark.parametrize(("value", "expected"), [(60.0, "PASS"), (60.001, "FAIL")])
+def test_simple_acceptance_knows_no_doubt_but_states_its_risk(value, expected):
+    decided = row(value, 16.45, decision=Decision.SIMPLE)
+    assert decided.outcome == expected
+    assert decided.false_pass_risk == pytest.approx(0.5, abs=1e-3)
+    assert row(60 - 16.45, 16.45, decision=Decision.SIMPLE).false_pass_risk == pytest.approx(0.05, abs=1e-3)
+
+
+def test_an_undecided_row_says_how_much_longer_would_have_decided():
+    undecided = row(50.0, 20.0, duration_s=600.0)  # 10 of room: four times as long, 30 minutes more
+    assert "30 more minutes would have decided" in undecided.reason
+    assert "a longer session cannot decide" in row(50.0, 20.0, truth=7.0).reason
+    assert minutes_more(Figure(50.0, Bounds(0, 0, 30.0, 70.0), 9.0, 99, 600.0), LIMIT, 0.0) == pytest.approx(30.0)
+
+
+def test_degrees_are_printed_where_degrees_are_meant():
+    assert "is 90.00 deg, the limit is 60.0 arcsec" in row(90 * 3600.0, 1.0).reason
+
+
+# Shares
+
+
+@pytest.mark.parametrize(("count", "of"), [(0, 30), (0, 300), (1, 600), (57, 60), (600, 600), (3, 57)])
+def test_the_bounds_of_a_share_are_those_of_the_binomial_test(count, of):
+    share = share_of(count, of)
+    below = scipy.stats.binomtest(count, of, alternative="less").proportion_ci(0.95, method="exact")
+    above = scipy.stats.binomtest(count, of, alternative="greater").proportion_ci(0.95, method="exact")
+    assert (share.lower, share.upper) == pytest.approx((above.low, below.high), abs=1e-9)
+
+
+def false_answers(count, of, decision=Decision.GUARDED):
+    share = share_of(count, of)
+    return judge_share(Subject.ONBOARD, "false answers", share, limit=0.01, at_least=False, decision=decision).outcome
+
+
+@pytest.mark.parametrize(
+    ("count", "of", "expected"),
+    [
+        (0, 30, "INCONCLUSIVE"),
+        (0, 298, "INCONCLUSIVE"),
+        (0, 299, "PASS"),
+        (0, 300, "PASS"),
+        (1, 300, "INCONCLUSIVE"),
+        (1, 30, "INCONCLUSIVE"),
+        (3, 30, "FAIL"),
+        (30, 30, "FAIL"),
+        (0, 0, "not tested"),
+    ],
+)
+def test_false_answers_are_decided_by_their_exact_bounds(count, of, expected):
+    assert false_answers(count, of) == expected
+
+
+@pytest.mark.parametrize(("count", "expected"), [(3, "PASS"), (4, "FAIL")])
+def test_simple_acceptance_of_a_share_takes_the_limit_itself(count, expected):
+    assert false_answers(count, 300, Decision.SIMPLE) == expected
+
+
+def available(count, of, n_eff=None, decision=Decision.GUARDED, limit=0.95):
+    share = share_of(count, of, n_eff)
+    return judge_share(Subject.ONBOARD, "availability", share, limit=limit, at_least=True, decision=decision).outcome
+
+
+@pytest.mark.parametrize(
+    ("count", "of", "n_eff", "expected"),
+    [
+        (58, 58, None, "INCONCLUSIVE"),
+        (59, 59, None, "PASS"),
+        (590, 600, None, "PASS"),
+        (590, 600, 40.0, "INCONCLUSIVE"),  # one outage of a second is not ten independent frames
+        (540, 600, None, "FAIL"),
+        (540, 600, 20.0, "INCONCLUSIVE"),
+        (0, 600, None, "FAIL"),
+    ],
+)
+def test_availability_is_decided_on_its_effective_number(count, of, n_eff, expected):
+    assert available(count, of, n_eff) == expected
+
+
+def test_simple_acceptance_of_availability_takes_the_limit_itself():
+    assert available(95, 100, decision=Decision.SIMPLE) == "PASS"
+    assert available(94, 100, decision=Decision.SIMPLE) == "FAIL"

@@ -1,0 +1,81 @@
+"""Diagnosis on sessions made of numbers whose errors are known."""
+
+import math
+
+import numpy as np
+import pytest
+from skies.known_nights import START_NS, STATION, TRUTH, session, unanswered
+
+from drivers.chunk import LinkEvent
+from gse.assessment.verdict import judge
+from gse.config.station import BUILT_IN_TEXT
+from gse.station.session_data import SessionData
+
+
+def found(made):
+    return "\n".join(judge(made).findings)
+
+
+def test_a_good_night_looks_like_nothing():
+    assert found(session(10_000)) == ""
+
+
+def test_a_mount_error_is_named_with_its_size():
+    text = found(session(bias=(30.0, 50.0, 0.0)))
+    assert text.startswith("mount: the boresight lies +3")
+    assert "+50." in text or "+49." in text
+
+
+def test_a_turn_about_the_pole_is_named_as_clock_offset():
+    de = math.radians(TRUTH.attitude_true(START_NS, STATION.mount).de_deg)
+    offset_s = 4.0
+    turn = offset_s * 15.041067
+    text = found(session(bias=(turn * math.cos(de), 0.0, -turn * math.sin(de))))
+    assert "clock offset" in text
+    assert "4.0" in text
+    assert "slow" in text
+
+
+def test_a_drifting_clock_is_named_in_ppm():
+    per_h = 15.041067 * 3600 * 500e-6
+    text = found(session(9000, step_s=0.2, drift_per_h=(per_h * 0.9935, 0.0)))
+    assert "clock drift" in text
+    ppm = float(text.split("ran ")[1].split(" ppm")[0])
+    assert ppm == pytest.approx(500, rel=0.15)
+
+
+def test_a_moving_mount_is_named():
+    assert "the mount moves" in found(session(9000, step_s=0.2, drift_per_h=(0.0, 30.0)))
+
+
+def radial_matches(scale, cubic):
+    camera = STATION.sensor.camera()
+    rng = np.random.default_rng(8)
+    xy = rng.uniform(0, 1023, (12, 2))
+    offset = xy - camera.principal_point_px
+    s2 = (offset**2).sum(axis=1) / 512**2
+    arcsec = math.degrees(camera.pixel_rad) * 3600
+    # The air compresses the field by 0.027 %, aberration changes it by some 0.01 %.
+    residual = offset * (scale - 2.2e-4 + cubic * s2)[:, None] * arcsec
+    return [(*place, *error) for place, error in zip(xy.tolist(), residual.tolist(), strict=True)]
+
+
+def test_a_wrong_focal_length_is_named():
+    text = found(session(100, matches=radial_matches(np.full(12, 1e-3), 0.0)))
+    assert "focal length: it is about 0.1" in text
+    assert "too short" in text
+
+
+def test_distortion_is_named():
+    text = found(session(100, matches=radial_matches(np.zeros(12), 4e-3)))
+    assert "distortion: stars at the edge lie 2." in text
+
+
+def test_a_night_without_one_answer_says_where_to_look():
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(50):
+        made.frames.append(unanswered(number))
+    made.events.append(LinkEvent(START_NS, 0, "MIRRORED", "the image is mirrored: once flipped, it fits"))
+    text = found(made)
+    assert "gse calibrate" in text
+    assert "mirrored image: the image is mirrored" in text

@@ -1,0 +1,49 @@
+"""The texts for people name files that exist."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TEXTS = sorted(
+    [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "replays").rglob("*.md")],
+    key=lambda path: path.relative_to(ROOT).as_posix(),
+)
+_LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
+_OUR_FILE = re.compile(r"`((?:gse|drivers|protocols|tests|benchmarks|replays|docs)/[\w./-]*)`")
+
+_PLACE = re.compile(r"`([\w/]+\.py)` \(`(\w+)`\)")
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_every_file_that_a_text_names_is_there(text: Path) -> None:
+    words = text.read_text(encoding="utf-8")
+    linked = [text.parent / name for name in _LINK.findall(words)]
+    named = [ROOT / name for name in _OUR_FILE.findall(words)]
+    assert [str(path) for path in (*linked, *named) if not path.exists()] == []
+
+
+def test_the_plan_names_functions_that_are_where_it_says() -> None:
+    places = _PLACE.findall((ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8"))
+    assert len(places) >= 4
+    for path, name in places:
+        assert re.search(rf"^\s*(?:def|class) {name}\b", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE), name
+
+
+def test_the_index_of_the_documentation_lists_every_page() -> None:
+    listed = set(_LINK.findall((ROOT / "docs" / "index.md").read_text(encoding="utf-8")))
+    assert {path.name for path in (ROOT / "docs").glob("*.md")} - listed == {"index.md"}
+
+
+def test_the_readme_and_the_guide_for_contributors_give_the_same_two_commands() -> None:
+    readme, guide = (
+        [
+            line
+            for line in (ROOT / name).read_text(encoding="utf-8").splitlines()
+            if line.startswith("    python3 -m venv")
+        ]
+        for name in ("README.md", "CONTRIBUTING.md")
+    )
+    assert len(readme) == 2
+    assert readme == guide
