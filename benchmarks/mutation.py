@@ -45,7 +45,7 @@ class Room:
 ROOMS = {
     "assessment": Room(("gse/assessment/*.py",), ("tests/gse/assessment", "tests/gse/report")),
     "station": Room(("gse/station/*.py",), ("tests/gse/station", "tests/gse/sessions", "tests/gse/assessment")),
-    "truth": Room(("gse/truth/*.py",), ("tests/gse/truth", "tests/gse/station")),
+    "truth": Room(("gse/truth/*.py",), ("tests/gse/truth",)),
     "calibration": Room(("gse/calibration/*.py",), ("tests/gse/calibration",)),
     "identifier": Room(
         (
