@@ -99,9 +99,9 @@ def solve_attitude(
 def paper_mean(attitude: Attitude, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64]) -> Attitude:
     """The attitude whose boresight is the mean of the sensor centres that each identified star gives by itself.
 
-    What [S] calls the mean of RA and DE about the sensor centre: for each star the attitude is turned by the smallest
-    rotation that puts the star exactly on its direction; the unit vectors of the centres are added, so that poles and
-    RA 0 are no special case. Roll and covariance stay those of ``attitude``.
+    The mean of RA and DE about the sensor centre of the LAPAN paper, section 1: for each star the attitude is turned by
+    the smallest rotation that puts the star exactly on its direction; the unit vectors of the centres are added, so
+    that poles and RA 0 are not special. Roll and covariance stay those of ``attitude``.
     """
     measured, stars = _rows_of_three(directions_sensor), _rows_of_three(stars_icrs)
     boresight = np.array([0.0, 0.0, 1.0])

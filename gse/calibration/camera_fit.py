@@ -1,12 +1,12 @@
 """The camera fitted to identified stars: focal length, principal point, radial distortion.
 
-Each panorama has an attitude of its own, so that neither mount nor clock enter. What is made small is the difference of
+Each panorama has an attitude of its own, so that neither mount nor clock enter. Minimised is the difference of
 the undistorted measured place and the place of the star by the pinhole, in pixels (Gauss-Newton with Cauchy weights;
 the attitudes are eliminated by the Schur complement). Stars must be given as they are seen: apparent and refracted.
 
 To first order the principal point cannot be told from the attitude: with 14 deg of field and 10,000 stars it is good to
 half a pixel, and moving it moves the boresight. So principal point and distortion are held where they were unless the
-stars tell otherwise with some certainty, and a mount must be fitted anew after a principal point has moved.
+stars show otherwise with some certainty, and a mount must be fitted anew after a principal point has moved.
 """
 
 import math
@@ -43,7 +43,7 @@ _HOLD = 1e12
 @dataclass(frozen=True, slots=True, eq=False)
 class StarField:
     """One panorama with names: where objects are, (N, 2) px, and the directions (N, 3) in which their stars are seen,
-    in any axes that are fixed during the exposure; ``numbers`` (N,) tell one star from another."""
+    in any axes that are fixed during the exposure; ``numbers`` (N,) identify the stars across panoramas."""
 
     xy_px: NDArray[np.float64]
     stars: NDArray[np.float64]
@@ -275,7 +275,7 @@ def _residuals(camera: Camera, fields: Sequence[StarField], rotations: Sequence[
 
 
 def _map(camera: Camera, fields: Sequence[StarField], rotations: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Mean residual along x and y and number of stars in 8 x 8 cells of the detector, outliers left out."""
+    """Mean residual along x and y and number of stars in 8 x 8 cells of the detector, without outliers."""
     residual = _all_residuals(camera, fields, rotations)
     xy_px = np.concatenate([field.xy_px for field in fields])
     good = np.hypot(residual[:, 0], residual[:, 1]) <= 5 * _sigma_axis_px(residual)

@@ -17,10 +17,10 @@ MIN_MOTION_PX = 8.0
 def hot_pixels(
     panoramas_px: Sequence[NDArray[np.float64]], named: Sequence[NDArray[np.int64]], moved_px: float
 ) -> tuple[tuple[int, int], ...]:
-    """Pixels (x, y), sorted, where an object stands in many panoramas and mostly is no star.
+    """Pixels (x, y), sorted, where an object stands in many panoramas and mostly is not a star.
 
     ``panoramas_px`` holds the objects (N, 2) of each panorama, ``named`` the rows that are stars, and ``moved_px`` is
-    how far a star moved from the first to the last. Nothing is said of a sky that stood still or of few panoramas.
+    how far a star moved from the first to the last. Empty for a sky that stood still and for few panoramas.
     """
     if len(panoramas_px) < MIN_PANORAMAS or moved_px < MIN_MOTION_PX:
         return ()

@@ -31,7 +31,7 @@ _ROUNDS = 3
 
 
 class PanoramaSample:
-    """Panoramas from all over a session of any length, no more than memory bears."""
+    """Panoramas spread evenly over a session of any length, bounded in number."""
 
     def __init__(self) -> None:
         self.panoramas: list[Panorama] = []
@@ -116,7 +116,7 @@ def _identified(panoramas: list[Panorama], camera: Camera, identifier: Identifie
 def _search(some: list[Panorama], camera: Camera, catalog: StarCatalog) -> Camera:
     """The trial camera that identifies most of a few panoramas, nearest to the given one first.
 
-    By the neighbour technique with few alpha stars: it says no soonest, and most trials end so.
+    By the neighbour technique with few alpha stars, the quickest to refuse: most trials end so.
     """
     identifier = NeighbourIdentifier(catalog, camera, IdentifierOptions(alpha_retries=_ALPHA_RETRIES))
     best, most = camera, 0

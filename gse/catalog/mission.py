@@ -1,4 +1,4 @@
-"""The mission catalogue: the stars that an identifier works with, chosen for a camera."""
+"""Mission catalogue: the stars of an identifier, chosen for a camera."""
 
 import math
 from dataclasses import replace
@@ -15,7 +15,7 @@ from gse.spiral import spiral_directions
 STARS_PER_FIELD = 20
 """Catalogue stars in a mean field under ``auto``: it leaves at least 8 in nearly every field.
 
-It makes 4200 stars for the 14 x 14 deg of [S], which carries 4000, and 8400 for 11.4 x 8.6 deg.
+It makes 4200 stars for the 14 x 14 deg of the LAPAN paper, which has 4000, and 8400 for 11.4 x 8.6 deg.
 """
 
 FEWEST_STARS = 1500
@@ -52,7 +52,8 @@ def mission_catalog(source: StarCatalog, camera: Camera, stars: int | Literal["a
 def brightest_per_field(
     catalog: StarCatalog, field_rad: float, *, stars: int = STARS_OF_A_FIELD, directions: int = DIRECTIONS
 ) -> StarCatalog:
-    """The union of the brightest stars of each circular field of this diameter, anywhere in the sky, [N] section 3."""
+    """The union of the brightest stars of each circular field of this diameter, anywhere in the sky (pivot paper,
+    section 3)."""
     radius = 2 * math.sin(field_rad / 4)
     tree = cKDTree(catalog.icrs)
     chosen: set[int] = set()

@@ -22,7 +22,7 @@ GAIA = "gaia"
 """The source name of the embedded catalogue; any other is a path."""
 
 MAX_FILE_BYTES = 200_000_000
-"""Four times hip_main.dat (53 MB): what unpacks to more is no star catalogue."""
+"""Four times hip_main.dat (53 MB): a larger one is not a star catalogue."""
 
 _MAS = math.radians(1 / 3_600_000)
 _GZIP = b"\x1f\x8b"
@@ -51,8 +51,8 @@ def load_catalog(source: str = GAIA, *, stars: int | None = None, faintest_magni
     ``gaia``: the embedded Gaia catalogue to G 10, epoch 2016.0, with the proper motions of Hipparcos for the stars to V
     6.6; the others are at rest. Else the path of a Hipparcos main
     catalogue (plain or gzip; J1991.25) or a Bright Star Catalogue (BSC5 binary; J2000), told apart by their content.
-    CatalogError where the file is neither, or damaged. Who works with few stars should ask for few: all of Gaia's take
-    60 MB while they are read.
+    CatalogError where the file is neither, or damaged. Pass ``stars`` to load fewer: the whole Gaia list takes 60 MB
+    while it is read.
     """
     if source == GAIA:
         return _gaia(catalog_path(), stars, faintest_magnitude)
@@ -68,7 +68,7 @@ def _foreign(source: str) -> StarCatalog:
     if _is_bsc5(content):
         return _bsc5(content, str(path))
     raise CatalogError(
-        f"{path} is no star catalogue that is known here: expected 'gaia', a Hipparcos main catalogue "
+        f"{path} is not a known star catalogue: expected 'gaia', a Hipparcos main catalogue "
         "(hip_main.dat, plain or .gz; lines start with 'H|') or a BSC5 binary of epoch J2000"
     )
 
@@ -85,7 +85,7 @@ def _content(path: Path) -> bytes:
     except OSError as error:
         raise CatalogError(f"cannot read the star catalogue {path}: {error.strerror}") from error
     if len(content) > MAX_FILE_BYTES:
-        raise CatalogError(f"{path} holds more than {MAX_FILE_BYTES} bytes: this is no star catalogue")
+        raise CatalogError(f"{path} holds more than {MAX_FILE_BYTES} bytes: this is not a star catalogue")
     return content
 
 
@@ -114,7 +114,7 @@ def _known_motion(ids: NDArray[np.int64], ra: NDArray[np.float64], de: NDArray[n
 
 
 def _is_bsc5(content: bytes) -> bool:
-    """Whether the header tells of little-endian J2000 records with proper motion and one magnitude."""
+    """Whether the header describes little-endian J2000 records with proper motion and one magnitude."""
     if len(content) < _BSC5_HEADER_BYTES:
         return False
     _, _, stars, _, motion, magnitudes, record_bytes = np.frombuffer(content, "<i4", 7)

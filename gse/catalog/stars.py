@@ -1,4 +1,4 @@
-"""The star catalogue that the rest of the station sees."""
+"""Star catalogue of the station."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -45,7 +45,7 @@ class StarCatalog:
     def at_epoch(self, jyear: float) -> Self:
         """The catalogue with the stars where they stand in a Julian year; itself where no proper motions are known.
 
-        Straight lines at constant speed across the sky: radial velocity and parallax are left out, which costs less
+        Straight lines at constant speed across the sky: radial velocity and parallax are neglected, which costs less
         than 0.1 arcsec in 50 years for all but a few near stars.
         """
         if self.motion_rad_yr is None:

@@ -4,8 +4,8 @@ Right: the boresight within 0.05 deg of the truth. Coarse: most stars right, the
 any other answer. None: no answer. Rates are those of the frames with at least 4 real stars; what was answered in the
 others is counted beside them.
 
-With noise on angles ([N] section 4) there are no directions: right is the first star named right, any other answer is
-false, and the frames with at least 3 real stars count.
+With noise on angles (pivot paper, section 4) there are no directions: right is the first star named right, any other
+answer is false, and the frames with at least 3 real stars count.
 """
 
 import math
@@ -87,18 +87,18 @@ class Evaluator:
         if isinstance(answer, Unidentified):
             kind = "none"
         elif isinstance(answer, Identification):
-            kind = judged(answer, identifier.catalog, seen)
+            kind = graded(answer, identifier.catalog, seen)
         else:
             first_right = identifier.catalog.ids[answer[1][0]] == seen.star_ids[answer[0][0]]
             kind = "right" if first_right else "false"
         return Outcome(cell, frame, kind, seen.real_stars, cpu_us)
 
 
-def judged(answer: Identification, catalog: StarCatalog, frame: SimulatedFrame) -> str:
+def graded(answer: Identification, catalog: StarCatalog, frame: SimulatedFrame) -> str:
     """Right, coarse or false."""
     found = solve_attitude(frame.directions_sensor[answer.objects], catalog.icrs[answer.stars], 10 * ARCSEC_RAD)
-    apart = math.dist(found.boresight_icrs, frame.attitude.boresight_icrs)
-    error_deg = math.degrees(2 * math.asin(min(1.0, apart / 2)))
+    distance = math.dist(found.boresight_icrs, frame.attitude.boresight_icrs)
+    error_deg = math.degrees(2 * math.asin(min(1.0, distance / 2)))
     if error_deg <= RIGHT_DEG:
         return "right"
     mostly = float((catalog.ids[answer.stars] == frame.star_ids[answer.objects]).mean()) > 0.5
@@ -158,7 +158,7 @@ def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[Outcome]]:
         bench = Evaluator(plan)
         yield from (bench.run(*task) for task in _tasks(plan))
         return
-    load_catalog(plan.catalog)  # its errors are told here, not by a worker that cannot start
+    load_catalog(plan.catalog)  # so that its errors are raised here, not in a worker that cannot start
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(plan,))
     queued: deque[Future[list[Outcome]]] = deque()
@@ -187,7 +187,7 @@ def _tasks(plan: Plan) -> Iterator[tuple[int, range]]:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Ctrl-C waits, and processes started meanwhile never hear of it: they would print tracebacks as they start."""
+    """Ctrl-C is held back, and processes started meanwhile ignore it: they would print tracebacks as they start."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -1,4 +1,4 @@
-"""What ``gse evaluate`` runs: the settings of both papers, and what became of them as rates with their intervals."""
+"""Plans of ``gse evaluate``: the settings of both papers, and their results as rates with intervals."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -44,7 +44,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one frame of one cell."""
+    """Outcome of one frame of one cell."""
 
     cell: int
     frame: int
@@ -72,8 +72,8 @@ _PIVOT_ERRORS = (
     *((arcsec, 0.1) for arcsec in (10.0, 20.0, 30.0, 40.0, 50.0)),
     *((10.0, magnitude) for magnitude in (0.2, 0.3, 0.4, 0.5)),
 )
-"""Errors of angular distance (arcsec) and magnitude along the axes of [N] figures 11 to 14; the paper gives figures for
-(10, 0.1), (50, 0.1) and (10, 0.5)."""
+"""Errors of angular distance (arcsec) and magnitude along the axes of the pivot paper, figures 11 to 14; the paper
+gives numbers for (10, 0.1), (50, 0.1) and (10, 0.5)."""
 
 PIVOT_PAPER = "pivot-paper"
 PRESETS = {
@@ -82,19 +82,19 @@ PRESETS = {
         ("pivot", "match-group"),
         tuple(Conditions("angles", *errors, whole_pixels=False) for errors in _PIVOT_ERRORS),
         angle_noise=True,
-        note="[N] section 4: noise on each angle between stars, tolerance 3 sigma, right = first star named right",
+        note="pivot paper, section 4: noise on each angle between stars, 3 sigma, right = first star named right",
     ),
     "lapan": Preset(
         Optics("14 x 14 deg", _square(14.0), 6.0),
         ("neighbour",),
         tuple(Conditions("lapan", 10.0, 0.3, false_objects=count) for count in (0, 3, 8)),
         angle_noise=False,
-        note="[S]: whole pixels, Fn and Fn2 of the identifier's defaults",
+        note="LAPAN paper: whole pixels, Fn and Fn2 of the identifier's defaults",
     ),
 }
 
 GAIA_LIMIT = 5.7
-"""Gaia has as many stars to here as the Bright Star Catalogue of [N] to V = 6.0."""
+"""Gaia has as many stars to here as the Bright Star Catalogue of the pivot paper to V = 6.0."""
 
 
 @dataclass(frozen=True, slots=True)

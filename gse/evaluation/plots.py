@@ -1,4 +1,4 @@
-"""Success against the error of distances and of magnitudes, in the layout of [N] figures 11 to 14."""
+"""Success against the error of distances and of magnitudes, in the layout of the pivot paper, figures 11 to 14."""
 
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PINK, SKY_BLUE)
 
 
 def refuse_existing(folder: Path) -> None:
-    """UsageError before long work where a figure would be overwritten, or the folder cannot be made."""
+    """UsageError before long work where a plot would be overwritten, or the folder cannot be made."""
     for name in _AXES:
         if (folder / name).exists():
             raise UsageError(f"{folder / name} exists already; choose another folder")
@@ -29,7 +29,7 @@ def refuse_existing(folder: Path) -> None:
 
 
 def write_figures(document: dict[str, Any], folder: Path) -> list[Path]:
-    """Both figures of a report of schema gse.evaluation/1, as SVG; their paths."""
+    """Both plots of a report of schema gse.evaluation/1, as SVG; their paths."""
     paths = []
     for name, (key, label, other, suffix) in _AXES.items():
         if key == "noise_arcsec" and document["angle_noise"]:

@@ -1,4 +1,4 @@
-"""The last word on an answer: it must be solvable as an attitude, and is told how likely chance alone is."""
+"""Acceptance of an answer: an attitude must fit it, and it gets a bound on its false match probability."""
 
 import functools
 import math
@@ -42,7 +42,7 @@ class RandomSky:
 
 @functools.lru_cache(maxsize=1024)
 def _more_than(successes: int, trials: int, probability: float) -> float:
-    """The probability of more successes than these; the same few are asked for all night."""
+    """The probability of more successes than these; the same few are needed all session long."""
     return float(bdtrc(successes, trials, probability))
 
 
@@ -63,7 +63,7 @@ def accepted(
     residual = f"the stars found lie {rms_rad / ARCSEC_RAD:.0f} arcsec rms off their objects"
     if mirrored_rad <= tolerance_rad:
         return Unidentified(
-            Reason.NO_MATCH, f"the image is mirrored: {residual}, {mirrored_rad / ARCSEC_RAD:.0f} once flipped"
+            Reason.MIRRORED, f"the image is mirrored: {residual}, {mirrored_rad / ARCSEC_RAD:.0f} once flipped"
         )
     return Unidentified(Reason.NO_MATCH, f"{residual}: no attitude fits")
 

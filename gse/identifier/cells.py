@@ -1,4 +1,4 @@
-"""Cells of the sky, [N] section 3.2: zones of declination, each cut into equal parts of right ascension.
+"""Cells of the sky, pivot paper, section 3.2: zones of declination, each cut into equal parts of right ascension.
 
 With every bracket a floor, and eqs 7-9 mended (as printed they put few stars into the right cell): zone k counts from
 the north pole in steps of D = 2 pi / (2N + 1), its order is n = 2k, or 2N + 1 - 2k once 2k > N, it has 2n + 1 cells,
@@ -43,9 +43,9 @@ class Cells:
         zone = np.where(n % 2 == 0, n // 2, (2 * self.order + 1 - n) // 2)
         width = 2 * n + 1
         centre = (np.arange(len(self)) - n**2) / width
-        apart = np.abs((centre[:, None] - centre[None] + 0.5) % 1 - 0.5)
+        separation = np.abs((centre[:, None] - centre[None] + 0.5) % 1 - 0.5)
         reach = 0.5 / width
-        touching = apart <= reach[:, None] + reach[None] + 1e-9
+        touching = separation <= reach[:, None] + reach[None] + 1e-9
         nearby: NDArray[np.bool_] = (np.abs(zone[:, None] - zone[None]) <= 1) & touching
         return nearby
 

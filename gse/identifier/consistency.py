@@ -1,8 +1,8 @@
-"""Level 2 of [S]: the largest group of matched objects that fit each other pairwise.
+"""Level 2 of the LAPAN paper, eq 2-6: the largest group of matched objects that fit each other pairwise.
 
-A candidate says "this object is that star". Two candidates agree when they name different objects and different stars,
-and the stars are as far apart as the objects. The agreements of a candidate are the bits of one 64-bit word, hence the
-limit on their number.
+A candidate is an object with the star that it may be. Two candidates agree when they name different objects and
+different stars, and the stars are as far apart as the objects. The agreements of a candidate are the bits of one 64-bit
+word, hence the limit on their number.
 """
 
 import math
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gse.jit import compiled
 
 MOST_CANDIDATES = 64
-"""A true star of a mean field has some 25; of more, the most distant from the alpha star are left out."""
+"""A true star of a mean field has some 25; of more, the most distant from the alpha star are excluded."""
 
 _ROUNDING_RAD = 1e-6
 """A distance in whole microradians is within this of the exact one: only that near a limit is it worked out."""
@@ -24,7 +24,7 @@ _ONE = np.uint64(1)
 
 
 class Candidates(NamedTuple):
-    """Objects and the stars they may be, row by row; ``hit`` (one row more) is where the level before takes notes."""
+    """Objects and the stars they may be, row by row; ``hit`` (one row more) is scratch space of level 1."""
 
     object: NDArray[np.int64]
     star: NDArray[np.int64]
@@ -72,8 +72,8 @@ def angle_urad(cosine: float, sine: float) -> float:
 
 
 class Window(NamedTuple):
-    """What the cosine of two stars says of their fitting two objects: outside of far..near they do not, inside of
-    ``surely_far``..``surely_near`` they do, and between these only their whole microradians tell."""
+    """Limits on the cosine of two stars that fit two objects: outside ``far``..``near`` they do not fit, inside
+    ``surely_far``..``surely_near`` they do, and between these their whole microradians decide."""
 
     far: float
     surely_far: float
@@ -182,8 +182,8 @@ def largest_group(agrees: NDArray[np.uint64], fewest: int) -> np.uint64:
     """The largest group found of candidates that all agree, as bits; 0 where none has ``fewest`` members.
 
     ``agrees`` (N,) are the bits of those that a candidate agrees with. From each candidate, those with most agreements
-    first, the group grows by the one that keeps most others in play, the first of equals. Whoever cannot be in a group
-    larger than the largest so far is out.
+    first, the group grows by the one that keeps most others in play, the first of equals. Candidates that cannot be
+    in a group larger than the largest so far are dropped.
     """
     best, size = _NONE, fewest - 1
     alive = _able(agrees, _all(len(agrees)), size + 1)

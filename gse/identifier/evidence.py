@@ -1,4 +1,4 @@
-"""Evidence for an attitude against chance: how much better it explains a panorama than random objects would.
+"""Evidence for an attitude against chance: the factor by which it explains a panorama better than random objects.
 
 The Bayes factor of "this attitude" against "all objects are random": under chance, objects are uniform over the field
 and their brightness has nothing to do with their place. The factor is averaged over what is not known (direction of
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.identifier.robust_tables import SkyTables
-from gse.identifier.verify import Attempt, Noise, Objects, grow, squared_residuals
+from gse.identifier.verify import Attempt, Noise, Objects, grow, squared_residuals, with_noise
 from gse.jit import compiled
 
 CHANCE_OF_EVIDENCE = 0.05
@@ -23,13 +23,13 @@ but the mean of the factor is made of many orders of magnitude: measured on rand
 0.004 to 0.01 for x from 0.01 to 100, with brightness known too, and less where objects are more."""
 
 LOG_ACCEPTED = math.log(CHANCE_OF_EVIDENCE / 1e-3)
-"""Evidence of an answer: a chance of 1e-3."""
+"""Evidence of an answer: a false match probability of 1e-3."""
 
 LOG_UNAMBIGUOUS = math.log(100.0)
 """The best attitude must explain the panorama so many times better than any other."""
 
 LOG_STRONG = math.log(1e5)
-"""Evidence that ends a search: another attitude comes near it with a chance of 1e-3, and is worse even then."""
+"""Evidence that ends a search: another attitude comes near it with a probability of 1e-3, and is worse even then."""
 
 TRUSTED_SCALE_SIGMA = 2e-4
 """Spread of the scale of a camera that is calibrated, tried where the wider one leaves too little evidence."""
@@ -53,7 +53,7 @@ _LIMIT_WITHIN = 0.02
 """The magnitude of the limit is found so well, which is a tenth of the least blur."""
 
 _LEAST_COMPLETENESS = 4.0
-"""The completeness of a field costs less than this for each matched star: it is left out where it cannot matter."""
+"""The completeness of a field costs less than this for each matched star: it is not computed where it cannot matter."""
 
 _SIGMA_FACTOR = 1.7
 
@@ -67,14 +67,7 @@ def weigh(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -
     best, scale_sigma = -np.inf, noise.scale_sigma
     scales = 2 if scale_sigma > TRUSTED_SCALE_SIGMA else 1
     for _ in range(scales):
-        assumed = Noise(
-            noise.sigma,
-            noise.smallest_sigma,
-            noise.sigma_steps,
-            scale_sigma,
-            noise.zero_point,
-            noise.magnitude_sigma,
-        )
+        assumed = with_noise(noise, noise.sigma, scale_sigma)
         matched = grow(tables, objects, attempt, assumed)
         if matched == 0:
             break
@@ -219,7 +212,7 @@ def _log_completeness(
 ) -> float:
     """Logarithm of the probability that the sensor sees just these stars of the field, and makes up the other objects.
 
-    ``object_of`` (F,) tells of the stars of the field, brightest first, which object each is, or -1. The number of
+    ``object_of`` (F,) is the object of each star of the field, brightest first, or -1. The number of
     stars among the objects is as likely any as another, but all of them stars is likeliest; given the number, stars are
     mostly seen down to the magnitude that lets one expect this number, and mostly not beyond, with a ``blur`` between.
     Where the zero point is known, this limit is no brighter than ``least_limit``, the faintest object, and a star that

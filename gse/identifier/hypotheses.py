@@ -8,18 +8,20 @@ from numpy.typing import NDArray
 
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS, weigh
 from gse.identifier.robust_tables import SkyTables
-from gse.identifier.verify import Attempt, Noise, Objects, attempt_at, fit, named, objects_of, squared_residuals
-from gse.identifier.votes import (
-    FEW_LOOKED_AT,
-    PLAN_ALPHAS,
-    PLAN_CANDIDATES,
-    PLAN_LOOKED_AT,
-    PLAN_MOST_OBJECTS,
-    PLAN_OBJECTS,
-    PLAN_SIGMA,
-    hypotheses_of,
-    pair_rotation,
+from gse.identifier.search_plan import search_pass
+from gse.identifier.verify import (
+    Attempt,
+    Noise,
+    Objects,
+    attempt_at,
+    fit,
+    named,
+    noise_of,
+    objects_of,
+    squared_residuals,
+    with_noise,
 )
+from gse.identifier.votes import FEW_LOOKED_AT, hypotheses_of, pair_rotation
 from gse.jit import compiled
 
 _SAME_ATTITUDE_COS = math.cos(math.radians(0.5))
@@ -30,7 +32,7 @@ MAX_HYPOTHESES = 6_000
 _MAX_CANDIDATES = 1000
 
 _MORE_THAN_NOISE = 1.2
-"""Residuals of so many times the noise assumed tell that it is more."""
+"""Residuals of so many times the noise assumed show that it is more."""
 
 _LOG_MIRRORED = math.log(CHANCE_OF_EVIDENCE / 1e-5)
 
@@ -47,10 +49,10 @@ def search_many(
     plan: NDArray[np.float64],
     known: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """What ``search_both`` finds in K panoramas: evidence (K, 2), mirrored (K,), ends (K + 1,), objects and stars (M,).
+    """``search_both`` for K panoramas: evidence (K, 2), mirrored (K,), ends (K + 1,), objects and stars (M,).
 
-    Panorama k has the rows of ``directions`` and ``index`` from ``first[k]`` to before ``first[k + 1]``, and of the
-    objects and stars that are returned those from ``ends[k]`` to before ``ends[k + 1]``.
+    Panorama k is the rows ``first[k]`` to before ``first[k + 1]`` of ``directions`` and ``brightness``; its answer is
+    ``ends[k]`` to before ``ends[k + 1]`` of the objects and stars returned.
     """
     count = len(first) - 1
     evidence, mirrored = np.empty((count, 2)), np.empty(count, dtype=np.bool_)
@@ -75,7 +77,7 @@ def search_both(
     plan: NDArray[np.float64],
     known: NDArray[np.float64],
 ) -> tuple[float, float, bool, NDArray[np.int64], NDArray[np.int64]]:
-    """The same as ``search`` for an answer, from the image or, which the third tells, from the flipped one; else none.
+    """Result of ``search`` for an answer, from the image or from the flipped image (third value); else none.
 
     Evidence that comes to no answer is minus infinity.
     """
@@ -99,10 +101,10 @@ def search(
 ) -> tuple[float, float, NDArray[np.int64], NDArray[np.int64]]:
     """Find the attitude with the most evidence: its logarithm, that of the second best, objects (M,), their stars (M,).
 
-    ``directions`` (N, 3) and ``index`` (N,) of the objects, brightest first; stars are rows of the tables. Each row of
-    ``plan`` is a pass (see PLAN_WINDOW and the others) with a ``sigma`` of its own. ``sky`` is SkyTables and ``known``
-    is Noise, as plain tuple and array: these are twice as fast to hand over. The search ends with the
-    alpha star that gives strong evidence, at the end of the plan or after MAX_HYPOTHESES.
+    ``directions`` (N, 3) and ``brightness`` (N,) of the objects, brightest first; stars are rows of the tables. Each
+    row of ``plan`` is a pass (see ``search_plan``) with a noise of its own. ``sky`` is SkyTables and ``known`` is
+    Noise, as plain tuple and array: these are twice as fast to hand over. The search ends with the alpha star that
+    gives strong evidence, at the end of the plan or after MAX_HYPOTHESES.
     """
     tables = SkyTables(*sky)
     objects = objects_of(directions, brightness)
@@ -114,14 +116,14 @@ def search(
     best, second, tried = -np.inf, -np.inf, 0
     best_hits, best_alpha = np.int64(0), np.int64(-1)
     for line in range(len(plan)):
-        step = plan[line]
-        if n > step[PLAN_MOST_OBJECTS]:
+        step = search_pass(plan[line])
+        if n > step.most_objects:
             continue
-        noise = Noise(step[PLAN_SIGMA], known[1], int(known[2]), known[3], known[4], known[5])
-        keep = candidates[: int(step[PLAN_CANDIDATES])]
-        for turn in range(min(n, int(step[PLAN_ALPHAS]))):
+        noise = noise_of(known, step.sigma_rad)
+        keep = candidates[: step.hypotheses]
+        for turn in range(min(n, step.alpha_stars)):
             # The brightest objects may be hot pixels or planets: their turn comes last.
-            passed_over = min(n, int(step[PLAN_OBJECTS])) // (4 if step[PLAN_LOOKED_AT] <= FEW_LOOKED_AT else 3)
+            passed_over = min(n, step.objects) // (4 if step.first_tried <= FEW_LOOKED_AT else 3)
             alpha = (turn + passed_over) % n
             for c in range(hypotheses_of(tables, directions, alpha, step, votes, keep)):
                 hits, k, s, t = candidates[c, 0], candidates[c, 1], candidates[c, 2], candidates[c, 3]
@@ -130,9 +132,9 @@ def search(
                 tried += 1
                 pair_rotation(directions[alpha], directions[k], tables.icrs[s], tables.icrs[t], rotation)
                 pair[alpha], pair[k] = s, t
-                attempt, begun = _attempt_with(tables, rotation, pair)
+                attempt, started = _attempt_with(tables, rotation, pair)
                 pair[alpha] = pair[k] = -1
-                if begun < 2:
+                if started < 2:
                     continue
                 value = weigh(tables, objects, attempt, noise)
                 if value <= second:
@@ -147,8 +149,7 @@ def search(
                     second = value
             if best > LOG_STRONG:
                 best = _with_more_noise(tables, objects, noise, best, best_rotation, star_of)
-                return best, second, *named(star_of)
-            if tried >= MAX_HYPOTHESES:
+            if best > LOG_STRONG or tried >= MAX_HYPOTHESES:
                 return best, second, *named(star_of)
     return best, second, *named(star_of)
 
@@ -160,14 +161,14 @@ def _attempt_with(tables: SkyTables, rotation: NDArray[np.float64], star_of: NDA
     ``star_of`` (N,) are rows of the tables, -1 for an object without a star.
     """
     attempt = attempt_at(tables, rotation, len(star_of))
-    begun = 0
+    started = 0
     for i in range(len(star_of)):
         if star_of[i] >= 0:
             for f in range(len(attempt.rows)):
                 if attempt.rows[f] == star_of[i]:
                     attempt.star_of[i] = f
-                    begun += 1
-    return attempt, begun
+                    started += 1
+    return attempt, started
 
 
 @compiled
@@ -189,14 +190,7 @@ def _with_more_noise(
     expected = _MORE_THAN_NOISE**2 * noise.sigma * noise.sigma * (2 * matched - 4)
     if squared_residuals(tables, objects, attempt) < expected:
         return best
-    more = Noise(
-        2.0 * noise.sigma,
-        noise.smallest_sigma,
-        noise.sigma_steps,
-        noise.scale_sigma,
-        noise.zero_point,
-        noise.magnitude_sigma,
-    )
+    more = with_noise(noise, 2.0 * noise.sigma, noise.scale_sigma)
     value = weigh(tables, objects, attempt, more)
     if value <= best:
         return best

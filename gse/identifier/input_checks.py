@@ -1,4 +1,4 @@
-"""What every identifier asks of a panorama before it looks for stars."""
+"""Checks of a panorama before any identification."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""The Match Group Algorithm as [N] compares itself with it: the pivot pattern, and a gate on each star's magnitude.
+"""Match Group Algorithm, as the pivot paper compares itself with it: the pivot pattern, and a gate on magnitudes.
 
 Magnitudes are -2.5 log10 of the index plus a zero point, which is a matter of calibration. Where it is not known, each
 group is given the zero point that suits it best, which makes the gate a little wider than it is.
@@ -11,7 +11,7 @@ from gse.identifier.tables import field_diameter_rad, tolerance_rad
 from gse.identifier_options import IdentifierOptions
 
 MAGNITUDE_GATE = 1.0
-"""Of 0.5 to 1.5 mag, what comes nearest to the curve of [N] figure 14."""
+"""Of 0.5 to 1.5 mag, the nearest to the curve of the pivot paper, figure 14."""
 
 
 class MatchGroupIdentifier(PivotIdentifier):

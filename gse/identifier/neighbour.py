@@ -1,4 +1,4 @@
-"""The neighbour technique of the LAPAN star sensor, [S] section 2.
+"""The neighbour technique of the LAPAN star sensor: LAPAN paper, section 2.
 
 Alpha star: the brightest object. Level 1: for a catalogue star, Fn counts its neighbours whose distance fits that of an
 object from the alpha star, |d_k - d_l| < d_m. Level 2: Fn2 counts the objects of level 1 that also fit each other
@@ -12,12 +12,10 @@ sooner, and differs only where several catalogue stars reach Fn and Fn2.
 Measured (14 x 14 deg, 1024 px, whole pixels, 10 arcsec, 30 objects of which some are false): Fn = Fn2 = 6 names the
 right stars in 99.9 % and false ones in none of 10,000 panoramas with 0 or 3 false objects. Fn = Fn2 = 3 names false
 ones in 8 and 18 % with 3 and 8 false objects, and in a quarter of panoramas without a star; from 4 on, in none of 1000.
-With ``alpha_retries`` 0 a brightest object that is no star is the end of it: 3 false objects then leave 59 % right.
+With ``alpha_retries`` 0 a brightest object that is not a star ends the search: 3 false objects then leave 59 % right.
 
 Distances cannot tell a panorama from its mirror image, so an answer must also be solvable as an attitude.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,58 +23,11 @@ from numpy.typing import NDArray
 from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.identifier.acceptance import RandomSky, accepted
-from gse.identifier.consistency import (
-    MOST_CANDIDATES,
-    Candidates,
-    agreements,
-    angle_urad,
-    largest_group,
-    pigeonhole_bound,
-    room_for_candidates,
-    separations,
-    windows,
-)
 from gse.identifier.input_checks import distinct_objects, refusal
+from gse.identifier.neighbour_search import Limits, best_vote, first_fit
 from gse.identifier.result import Identification, Reason, Unidentified
-from gse.identifier.tables import PairTable, field_diameter_rad, pair_table, tolerance_rad
+from gse.identifier.tables import field_diameter_rad, pair_table, tolerance_rad
 from gse.identifier_options import IdentifierOptions
-from gse.jit import compiled
-
-_VOTERS = 10
-_BRIGHT_OBJECTS = 15
-"""Only these vote: the fainter an object, the less likely it is in the catalogue."""
-
-_STARS_TRIED = 12
-_FEWEST_VOTES = 2
-_BIN_BITS = np.uint64(7)
-_BIN_URAD = 128
-_MOST_WORK = 100_000_000
-"""Comparisons after which a search gives up, in less than a second: 30 random objects over 4200 stars take 24 million.
-
-Only tolerances of many pixels, or catalogues far denser than the field needs, come here.
-"""
-
-
-class Limits(NamedTuple):
-    """The options of a search; a tuple, because compiled functions take tuples whole."""
-
-    tolerance_urad: float
-    min_fit: int
-    alphas: int
-
-
-class Alpha(NamedTuple):
-    """The other objects as seen from an alpha star: rows and distances in microradians, nearest first.
-
-    Bit u of ``fits``, 64 to a word, tells whether a distance of u whole microradians fits any of them. A neighbour
-    whose distance falls into bin b can only be one of the objects ``begin[b]`` to ``end[b]``.
-    """
-
-    others: NDArray[np.int64]
-    distances: NDArray[np.float64]
-    fits: NDArray[np.uint64]
-    begin: NDArray[np.int8]
-    end: NDArray[np.int8]
 
 
 class NeighbourIdentifier:
@@ -113,166 +64,3 @@ class NeighbourIdentifier:
             )
         false_match_probability = self._sky.false_match_probability(len(directions), len(objects) - 1, alphas)
         return accepted(directions, self.catalog, objects, stars, self._tolerance_rad, false_match_probability)
-
-
-@compiled
-def first_fit(
-    directions: NDArray[np.float64], icrs: NDArray[np.float64], table: PairTable, limits: Limits
-) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Objects and their stars (M,), the alpha star first, and how many alpha stars were tried; M is 0 for no answer."""
-    angles = separations(directions)
-    gates = windows(angles, limits.tolerance_urad)
-    room = room_for_candidates()
-    tried = min(limits.alphas, len(directions))
-    work = 0
-    for alpha in range(tried):
-        seen = _seen_from(alpha, angles.cosine, angles.sine, limits.tolerance_urad)
-        for star in range(len(icrs)):
-            work += table.first[star + 1] - table.first[star]
-            fit, count = _level_1(star, seen, table, limits, room)
-            if fit < limits.min_fit or pigeonhole_bound(room, count, icrs, gates, limits.min_fit):
-                continue
-            work += count * count
-            if work > _MOST_WORK:
-                return np.empty(0, np.int64), np.empty(0, np.int64), alpha + 1
-            group = largest_group(agreements(room, count, icrs, angles, gates, limits.tolerance_urad), limits.min_fit)
-            if group != 0:
-                return *_named(alpha, star, room, group), alpha + 1
-    return np.empty(0, np.int64), np.empty(0, np.int64), tried
-
-
-@compiled
-def best_vote(
-    directions: NDArray[np.float64], icrs: NDArray[np.float64], table: PairTable, limits: Limits
-) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """As ``first_fit``, but first among the stars with most votes, and of these the one with the greatest Fn2."""
-    angles = separations(directions)
-    gates = windows(angles, limits.tolerance_urad)
-    room = room_for_candidates()
-    tried = min(limits.alphas, len(directions))
-    for alpha in range(tried):
-        seen = _seen_from(alpha, angles.cosine, angles.sine, limits.tolerance_urad)
-        objects, stars = np.empty(0, np.int64), np.empty(0, np.int64)
-        for star in _most_voted(seen, table, limits.tolerance_urad):
-            fit, count = _level_1(star, seen, table, limits, room)
-            better = max(limits.min_fit, len(objects))
-            if fit < better or pigeonhole_bound(room, count, icrs, gates, better):
-                continue
-            group = largest_group(agreements(room, count, icrs, angles, gates, limits.tolerance_urad), better)
-            if group != 0:
-                objects, stars = _named(alpha, star, room, group)
-        if len(objects) > 0:
-            return objects, stars, alpha + 1
-    return first_fit(directions, icrs, table, limits)
-
-
-@compiled
-def _seen_from(alpha: int, cosine: NDArray[np.float64], sine: NDArray[np.float64], tolerance_urad: float) -> Alpha:
-    """The panorama as seen from an alpha star."""
-    distances = np.empty(len(cosine) - 1)
-    others = np.empty(len(cosine) - 1, np.int64)
-    for i in range(len(distances)):
-        other = i if i < alpha else i + 1
-        distance = angle_urad(cosine[alpha, other], sine[alpha, other])
-        place = i
-        while place > 0 and distances[place - 1] > distance:
-            distances[place], others[place] = distances[place - 1], others[place - 1]
-            place -= 1
-        distances[place], others[place] = distance, other
-    return _looked_up(others, distances, tolerance_urad)
-
-
-@compiled
-def _looked_up(others: NDArray[np.int64], distances: NDArray[np.float64], tolerance_urad: float) -> Alpha:
-    last = 0 if len(distances) == 0 else int(distances[-1] + tolerance_urad) + 1
-    fits = np.zeros(last // 64 + 1, np.uint64)
-    begin, end = np.zeros(last // _BIN_URAD + 1, np.int8), np.zeros(last // _BIN_URAD + 1, np.int8)
-    for i in range(len(distances)):
-        low, high = max(int(distances[i] - tolerance_urad), 0), int(distances[i] + tolerance_urad) + 1
-        while low < high and not abs(low - distances[i]) < tolerance_urad:
-            low += 1
-        while low < high and not abs(high - 1 - distances[i]) < tolerance_urad:
-            high -= 1
-        _set_bits(fits, low, high)
-        for place in range(low // _BIN_URAD, (high - 1) // _BIN_URAD + 1):
-            if end[place] == 0:
-                begin[place] = i
-            end[place] = i + 1
-    return Alpha(others, distances, fits, begin, end)
-
-
-@compiled
-def _set_bits(words: NDArray[np.uint64], low: int, high: int) -> None:
-    """Set the bits from ``low`` up to, not including, ``high``."""
-    while low < high:
-        beyond = min(high, (low | 63) + 1)
-        words[low >> 6] |= (~np.uint64(0) >> np.uint64(64 - (beyond - low))) << np.uint64(low & 63)
-        low = beyond
-
-
-@compiled
-def _level_1(star: int, alpha: Alpha, table: PairTable, limits: Limits, room: Candidates) -> tuple[int, int]:
-    """Fn of a catalogue star, and how many candidates (object, neighbour) were put into ``room``, nearest first.
-
-    There are none where Fn is too small. No branch depends on a fit: most stars are there by chance, and no processor
-    foresees which of their neighbours fit.
-    """
-    words = np.uint64(len(alpha.fits))
-    fit = np.int64(0)
-    for k in range(np.uint64(table.first[star]), np.uint64(table.first[star + 1])):
-        urad = np.uint64(table.neighbour_urad[k])
-        word = urad >> np.uint64(6)
-        if word >= words:
-            break
-        room.hit[np.uint64(min(fit, np.int64(MOST_CANDIDATES)))] = k
-        fit += np.int64((alpha.fits[word] >> (urad & np.uint64(63))) & np.uint64(1))
-    if fit < limits.min_fit:
-        return int(fit), 0
-    count = 0
-    for hit in range(min(int(fit), MOST_CANDIDATES)):
-        k = room.hit[hit]
-        urad = np.uint64(table.neighbour_urad[k])
-        place = urad >> _BIN_BITS
-        for i in range(alpha.begin[place], alpha.end[place]):
-            if abs(np.int64(urad) - alpha.distances[i]) < limits.tolerance_urad and count < MOST_CANDIDATES:
-                room.object[count], room.star[count] = alpha.others[i], table.neighbour[k]
-                count += 1
-    return int(fit), count
-
-
-@compiled
-def _most_voted(alpha: Alpha, table: PairTable, tolerance_urad: float) -> NDArray[np.int64]:
-    """The stars with most votes, most first, then in catalogue order: one vote for each pair that fits a distance."""
-    votes = np.zeros(len(table.first) - 1, np.int32)
-    for distance in alpha.distances[alpha.others < _BRIGHT_OBJECTS][:_VOTERS]:
-        low = np.searchsorted(table.distance_urad, distance - tolerance_urad, side="right")
-        while low < len(table.distance_urad) and table.distance_urad[low] < distance + tolerance_urad:
-            votes[table.brighter[low]] += 1
-            votes[table.dimmer[low]] += 1
-            low += 1
-    stars = np.empty(_STARS_TRIED, np.int64)
-    count, fewest = 0, _FEWEST_VOTES
-    for star in range(len(votes)):
-        if votes[star] < fewest:
-            continue
-        place = min(count, _STARS_TRIED - 1)
-        while place > 0 and votes[stars[place - 1]] < votes[star]:
-            stars[place] = stars[place - 1]
-            place -= 1
-        stars[place] = star
-        count = min(count + 1, _STARS_TRIED)
-        if count == _STARS_TRIED:
-            fewest = votes[stars[count - 1]] + 1
-    return stars[:count]
-
-
-@compiled
-def _named(alpha: int, star: int, room: Candidates, group: np.uint64) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The objects and stars of a group, after the alpha star and its own."""
-    objects, stars = np.full(MOST_CANDIDATES + 1, alpha), np.full(MOST_CANDIDATES + 1, star)
-    size = 1
-    for i in range(MOST_CANDIDATES):
-        if group >> np.uint64(i) & np.uint64(1):
-            objects[size], stars[size] = room.object[i], room.star[i]
-            size += 1
-    return objects[:size], stars[:size]

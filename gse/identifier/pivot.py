@@ -1,4 +1,4 @@
-"""The pivot algorithm, [N] section 4: no magnitudes, only which star of a pair is the brighter.
+"""The pivot algorithm, pivot paper, section 4: no magnitudes, only the order of brightness within a pair.
 
 Step 1: the pivot is the brightest object, its members the three next. A catalogue star with dimmer stars at the
 distances of all members makes a group, and K - 2 or more of the members' mutual distances must fit too. The best group
@@ -8,8 +8,8 @@ the brighter object is. Where different stars have the best group, or none has o
 Step 2: every other object is looked for at its distances from the three brightest of the group, among the stars in the
 group's cells and the cells around; here either star of a pair may be the brighter.
 
-[N] leaves open how far "best concurrence" reaches and which members a later pivot has; with these rules the published
-success is met within a point.
+The paper leaves open how far "best concurrence" reaches and which members a later pivot has; with these rules the
+published success is met within a point.
 """
 
 import numpy as np
@@ -43,7 +43,7 @@ class PivotIdentifier:
 
     @classmethod
     def for_camera(cls, catalog: StarCatalog, camera: Camera, options: IdentifierOptions) -> "PivotIdentifier":
-        """The identifier for a camera; the tolerance is that of [S] eq 2-1."""
+        """The identifier for a camera; the tolerance is that of the LAPAN paper, eq 2-1."""
         return cls(catalog, field_diameter_rad(camera), tolerance_rad(camera, options.tolerance_px))
 
     def identify(
@@ -70,7 +70,7 @@ class PivotIdentifier:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]] | Unidentified:
         """Objects and their stars (M,), the pivot first, from the angles between objects alone.
 
-        [N] validates this, with noise on each angle. There are no directions then that could be solved as an attitude.
+        The pivot paper validates this, with noise on each angle; without directions no attitude can be solved.
         """
         magnitude = -2.5 * np.log10(np.maximum(brightness, 1.0))
         outcome, objects, stars = search(Objects(angles.cosine, angles.sine, magnitude), self._sky, self._gates)

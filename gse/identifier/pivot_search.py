@@ -11,7 +11,7 @@ from gse.identifier.tables import PairTable
 from gse.jit import compiled
 
 PIVOT_MEMBERS = 4
-"""K of [N]: the pivot and its members."""
+"""K of the pivot paper: the pivot and its members."""
 
 FEWEST_OBJECTS = 3
 NO_GATE = math.inf
@@ -22,9 +22,9 @@ _MOST_GROUPS = 200_000
 
 
 class PivotSky(NamedTuple):
-    """What the search knows of the sky.
+    """The sky, as the search reads it.
 
-    ``cell`` (S,) is the cell of each star, ``around`` (C, C) tells which cells touch.
+    ``cell`` (S,) is the cell of each star, ``around`` (C, C) is True for cells that touch.
     """
 
     table: PairTable

@@ -64,6 +64,7 @@ from gse.identifier.hypotheses import search, search_both, search_many
 from gse.identifier.input_checks import refusal
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.robust_tables import build_tables
+from gse.identifier.search_plan import search_plan
 from gse.identifier.tracking import follow
 from gse.identifier.verify import Noise, outside_field
 
@@ -88,21 +89,6 @@ _TRACKING_REACH_PX = 12.0
 _SCALE_SIGMA = 2.5e-3
 """How far the focal length may be off: 0.5 % is two sigma."""
 
-_ALL = 1e6
-
-_PLAN = (
-    (1.77, 0.0, 3, 8, 5, 0.5, 1.5, 12, 5, 30, 12),
-    (3.5, 0.0, 4, 16, 10, 1.0, 2.0, 16, 8, 30, 12),
-    (2.5, 0.0, 6, 16, 30, 0.7, 2.0, 30, 30, 30, 30),
-    (6.5, 0.006, 5, 100, 12, 1.9, 3.0, 30, 30, 30, 12),
-    (2.5, 0.0, 10, 1000, 12, 0.7, _ALL, 12, 30, 12, 12),
-    (6.5, 0.006, 10, 1000, 12, 1.9, _ALL, 12, 30, 12, 12),
-)
-"""Passes of the search: window px and its growth, partners, hypotheses kept, alpha stars, noise px, catalogue stars per
-object, objects, ranks of the alpha star, most objects of the panorama, objects looked at (see ``votes``). First the
-tolerance of [S] on the brightest objects; the third pass is for detectors whose brightest objects are hot pixels; where
-objects are few, a faint catalogue star may be the brightest of them."""
-
 _WINDOW_SIGMAS = 5.0
 """No window is wider than this where the noise is known: 3.5 sigma of a distance between two objects."""
 
@@ -111,7 +97,7 @@ _WINDOW_SIGMAS = 5.0
 class KnownSensor:
     """What is known of a sensor beside its camera; it helps where stars are few.
 
-    ``sigma_px`` is the noise of a position on each axis and says that the camera is calibrated (None: 0.12 to 1.7 px,
+    ``sigma_px`` is the noise of a position on each axis and means that the camera is calibrated (None: 0.12 to 1.7 px,
     and 0.5 % of the focal length), ``zero_point`` the magnitude of index value 1 (None: brightness is compared within a
     panorama only), ``magnitude_sigma`` its error.
     """
@@ -125,7 +111,7 @@ _NOTHING_KNOWN = KnownSensor()
 
 
 class RobustIdentifier:
-    """Finds the stars of a panorama in the full catalogue, or says why not; never guesses.
+    """The stars of a panorama in the full catalogue, or the reason why not; never a guess.
 
     ``catalog`` is what the sensor can see of the source: cut to three times the stars that a panorama of this camera
     holds (or to ``stars``), doubles closer than 2 px merged. ``field_of_view_deg`` is the diameter of a round stop in
@@ -159,12 +145,7 @@ class RobustIdentifier:
         self._noise = np.array(noise, dtype=np.float64)
         self._reach = _TRACKING_REACH_PX * pixel
         widest = math.inf if sigma_px is None else _WINDOW_SIGMAS * sigma_px
-        self._plan = np.array(
-            [
-                (min(w, widest) * pixel, g, p, h, a, (sigma_px or s) * pixel, f * fields_on_sky, *limits)
-                for w, g, p, h, a, s, f, *limits in _PLAN
-            ]
-        )
+        self._plan = search_plan(pixel, fields_on_sky, widest_px=widest, sigma_px=sigma_px)
 
     def identify(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
@@ -195,9 +176,9 @@ class RobustIdentifier:
     def best_false_match_probability(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> float:
-        """The chance of the best attitude found for sound objects, even one that is not good enough for an answer."""
+        """False match probability of the best attitude found, even one that is not good enough for an answer."""
         directions, brightness = _contiguous(directions_sensor, brightness)
-        return _chance(search(self._sky, directions, brightness, self._plan, self._noise)[0])
+        return _false_match_probability(search(self._sky, directions, brightness, self._plan, self._noise)[0])
 
     def identify_many(
         self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
@@ -253,7 +234,7 @@ def _answer(
     """The answer to a panorama of ``count`` objects."""
     if mirrored:
         return Unidentified(
-            Reason.NO_MATCH,
+            Reason.MIRRORED,
             f"the image is mirrored: flipped, {len(stars)} of {count} objects are stars; turn sensor.mirrored over",
         )
     if best < LOG_ACCEPTED:
@@ -262,10 +243,10 @@ def _answer(
         return Unidentified(
             Reason.AMBIGUOUS, f"two attitudes explain the objects, one {math.exp(best - second):.1f} times better"
         )
-    return Identification(objects, stars, _chance(best))
+    return Identification(objects, stars, _false_match_probability(best))
 
 
-def _chance(log_evidence: float) -> float:
+def _false_match_probability(log_evidence: float) -> float:
     return CHANCE_OF_EVIDENCE * math.exp(-log_evidence) if log_evidence > math.log(CHANCE_OF_EVIDENCE) else 1.0
 
 

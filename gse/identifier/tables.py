@@ -24,7 +24,7 @@ MOST_PAIRS = 20_000_000
 _FORMAT = b"pair table 1"
 _TABLES_KEPT = 8
 _SAMPLED_STARS = 200
-"""Stars whose neighbours are counted to know how big a table will be, before memory is taken for it."""
+"""Stars whose neighbours are counted to estimate the size of a table before memory is taken for it."""
 
 _DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError, RuntimeError)
 """All that reading a damaged or foreign .npz file raises."""
@@ -36,8 +36,8 @@ class PairTable(NamedTuple):
     A tuple, because compiled functions take tuples whole.
 
     By pair (P,), in the order of their distance: ``distance_urad`` (whole microradians), ``brighter`` and ``dimmer``.
-    By star, figure 2-5 of [S]: the neighbours of star i are ``neighbour[first[i]:first[i + 1]]`` with the distances
-    ``neighbour_urad`` beside them, nearest first; ``first`` is (N + 1,) int64, the others int32.
+    By star, figure 2-5 of the LAPAN paper: the neighbours of star i are ``neighbour[first[i]:first[i + 1]]``, their
+    distances ``neighbour_urad`` beside them, nearest first; ``first`` is (N + 1,) int64, the others int32.
     """
 
     distance_urad: NDArray[np.int32]
@@ -56,7 +56,7 @@ def field_diameter_rad(camera: Camera) -> float:
 
 
 def tolerance_rad(camera: Camera, tolerance_px: float) -> float:
-    """d_m of [S] eq 2-1, the angle of ``tolerance_px`` at the boresight."""
+    """d_m of the LAPAN paper, eq 2-1, the angle of ``tolerance_px`` at the boresight."""
     return 2 * math.atan2(tolerance_px / 2, camera.focal_length_px)
 
 
@@ -139,7 +139,7 @@ def _fits(table: PairTable, stars: int) -> bool:
 
 
 def _write(path: Path, table: PairTable) -> None:
-    """Put a table into the cache, whole or not at all; a cache that cannot be written is no error."""
+    """Put a table into the cache, whole or not at all; a cache that cannot be written is not an error."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
@@ -150,12 +150,12 @@ def _write(path: Path, table: PairTable) -> None:
         except OSError:
             os.unlink(name)
             raise
-        _forget_oldest(path.parent)
+        _remove_oldest(path.parent)
     except OSError:
         return
 
 
-def _forget_oldest(folder: Path) -> None:
+def _remove_oldest(folder: Path) -> None:
     tables = sorted(folder.glob("pairs-*.npz"), key=lambda path: path.stat().st_mtime_ns)
     for path in tables[:-_TABLES_KEPT]:
         path.unlink()

@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 
 from gse.identifier.evidence import weigh
 from gse.identifier.robust_tables import SkyTables
-from gse.identifier.verify import SMALLEST_RANGE, U_BINS, Attempt, Noise, Objects, attempt_at, named, objects_of, place
+from gse.identifier.verify import (
+    SMALLEST_RANGE,
+    U_BINS,
+    Attempt,
+    Objects,
+    attempt_at,
+    named,
+    noise_of,
+    objects_of,
+    place,
+)
 from gse.jit import compiled
 
 _MAX_OFFSETS = 256
@@ -34,7 +44,7 @@ def follow(
     ``sky`` is SkyTables and ``known`` is Noise, as plain tuple and array: these are twice as fast to hand over.
     """
     tables = SkyTables(*sky)
-    noise = Noise(known[0], known[1], int(known[2]), known[3], known[4], known[5])
+    noise = noise_of(known, known[0])
     objects = objects_of(directions, brightness)
     n = len(directions)
     rotation = np.empty((3, 3))

@@ -27,7 +27,8 @@ SMALLEST_RANGE = 1e-9
 """Of the objects' u, where all lie in one column."""
 
 _MAX_GATE_SHARE = 0.02
-"""A gate that covers more than this share of the field (times the objects in it) says nothing: it waits."""
+"""A gate that covers more than this share of the field (times the objects in it) decides nothing: it is skipped for
+now."""
 
 
 class Objects(NamedTuple):
@@ -71,6 +72,18 @@ class Noise(NamedTuple):
     scale_sigma: float
     zero_point: float
     magnitude_sigma: float
+
+
+@compiled
+def noise_of(known: NDArray[np.float64], sigma: float) -> Noise:
+    """What is known of a sensor, given as an array (6,), with another noise of a place."""
+    return Noise(sigma, known[1], int(known[2]), known[3], known[4], known[5])
+
+
+@compiled
+def with_noise(noise: Noise, sigma: float, scale_sigma: float) -> Noise:
+    """The same with another noise of a place and another error of the scale."""
+    return Noise(sigma, noise.smallest_sigma, noise.sigma_steps, scale_sigma, noise.zero_point, noise.magnitude_sigma)
 
 
 @compiled
@@ -129,7 +142,7 @@ def attempt_at(tables: SkyTables, rotation: NDArray[np.float64], objects: int) -
         px = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
         py = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
         inside = (left * pz < px) & (px < right * pz) & (top * pz < py) & (py < bottom * pz)
-        # Whether a star is inside cannot be foretold: it is noted without a branch, and counted if it is.
+        # No branch on whether a star is inside, which no processor predicts: always written, counted only if inside.
         rows[count] = star
         count += (pz > 0.0) & inside & (px * px + py * py < 1.03 * radius2 * pz * pz)
         if count == len(rows):

@@ -12,33 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.identifier.robust_tables import SkyTables, near_bit
+from gse.identifier.search_plan import SearchPass
 from gse.jit import compiled
 
 FEW_LOOKED_AT = 12
-"""A random object has a star near it by a chance of 1 to 3 %."""
+"""A random object has a star near it with a probability of 1 to 3 %."""
 
 _IN_EACH = np.uint64(0x0001_0001_0001_0001)
 _VOTED = np.uint64(0x8000_8000_8000_8000)
 _ROLL = np.uint64(0x7FFF_7FFF_7FFF_7FFF)
 """A star's last four votes are kept in one word, 16 bits each: that it is a vote, and a roll in 1/32,768 turn."""
-
-(
-    PLAN_WINDOW,
-    PLAN_GROWTH,
-    PLAN_PARTNERS,
-    PLAN_CANDIDATES,
-    PLAN_ALPHAS,
-    PLAN_SIGMA,
-    PLAN_STARS,
-    PLAN_OBJECTS,
-    PLAN_ALPHA_RANKS,
-    PLAN_MOST_OBJECTS,
-    PLAN_LOOKED_AT,
-) = range(11)
-"""Columns of the plan: tolerance of a distance in radians, and its growth with the distance; partners of an alpha star;
-hypotheses kept of its votes; alpha stars; noise; catalogue stars looked
-up per object; objects, brightest first, that take part; ranks by which the alpha star may be fainter than it looks;
-the most objects of a panorama that the pass is for; objects, brightest first, that a hypothesis is first tried on."""
 
 
 @compiled
@@ -61,34 +44,34 @@ def hypotheses_of(
     tables: SkyTables,
     directions: NDArray[np.float64],
     alpha: int,
-    step: NDArray[np.float64],
+    step: SearchPass,
     votes: NDArray[np.uint64],
     candidates: NDArray[np.int64],
 ) -> int:
     """Put the hypotheses of one alpha star that the votes make into ``candidates`` (C, 4); how many.
 
     A candidate is: objects near a star, partner, star of the alpha, star of the partner. Those with most objects near
-    a star come first; when there are more than C the others are dropped. ``step`` is a row of the plan.
+    a star come first; when there are more than C the others are dropped.
     """
-    bright = min(len(directions), int(step[PLAN_OBJECTS]))
-    faintest = min(tables.pair_stars, int(step[PLAN_STARS] * bright))
-    alpha_faintest = min(faintest, int(step[PLAN_STARS] * (alpha + step[PLAN_ALPHA_RANKS])))
+    bright = min(len(directions), step.objects)
+    faintest = min(tables.pair_stars, int(step.stars_per_object * bright))
+    alpha_faintest = min(faintest, int(step.stars_per_object * (alpha + step.alpha_ranks)))
     distance, azimuth = np.empty(bright), np.empty(bright, dtype=np.int64)
     partners = np.empty(bright, dtype=np.int64)
-    found = _partners(directions[:bright], alpha, 8.0 * step[PLAN_WINDOW], distance, azimuth, partners)
+    found = _partners(directions[:bright], alpha, 8.0 * step.window_rad, distance, azimuth, partners)
     rotation = np.empty((3, 3))
-    looked_at = directions[: int(step[PLAN_LOOKED_AT])]
+    looked_at = directions[: step.first_tried]
     least, plenty, count = _least_hits(bright, len(looked_at)), max(6, (2 * len(looked_at)) // 3), 0
     votes[:faintest] = 0
-    for p in range(min(found, int(step[PLAN_PARTNERS]))):
+    for p in range(min(found, step.partners)):
         k = partners[p]
-        half = step[PLAN_WINDOW] + step[PLAN_GROWTH] * distance[k]
+        half = step.window_rad + step.window_growth * distance[k]
         low = max(0, int((distance[k] - half) / tables.bucket_rad))
         high = int((distance[k] + half) / tables.bucket_rad) + 1
         if high >= len(tables.pair_start):
             break
-        apart = step[PLAN_WINDOW] * (1.0 / distance[k] + 1.0 / distance[partners[0]])
-        tolerance = np.uint64(int(apart * (0.8 * 32768.0 / (2.0 * math.pi))) + 1)
+        roll_error = step.window_rad * (1.0 / distance[k] + 1.0 / distance[partners[0]])
+        tolerance = np.uint64(int(roll_error * (0.8 * 32768.0 / (2.0 * math.pi))) + 1)
         turn = np.uint64(azimuth[k])
         for bucket in range(low, high):
             for q in range(np.uint64(tables.pair_start[bucket]), np.uint64(tables.pair_start[bucket + 1])):
@@ -113,7 +96,7 @@ def hypotheses_of(
 
 @compiled
 def _least_hits(bright: int, looked_at: int) -> int:
-    """Objects near a star that make a hypothesis: its own two, and what chance seldom adds."""
+    """Objects near a star that make a hypothesis: its own two, and more than chance usually adds."""
     if bright <= 5:
         return 3
     return 4 if looked_at <= FEW_LOOKED_AT else 6
@@ -123,11 +106,11 @@ def _least_hits(bright: int, looked_at: int) -> int:
 def _agrees(votes: np.uint64, roll: np.uint64, tolerance: np.uint64) -> bool:
     """Whether one of a star's last four votes is for the same roll.
 
-    All four are compared at once and without a branch, which could not be foretold; 15 bits with the 16th set before a
-    difference keep each from borrowing of the next.
+    All four are compared at once and without a branch, which no processor would predict; 15 bits with the 16th set
+    before a difference keep each from borrowing from the next.
     """
-    apart = (((roll + tolerance) * _IN_EACH | _VOTED) - (votes & _ROLL)) & _ROLL
-    near = (np.uint64(2) * tolerance * _IN_EACH | _VOTED) - apart
+    difference = (((roll + tolerance) * _IN_EACH | _VOTED) - (votes & _ROLL)) & _ROLL
+    near = (np.uint64(2) * tolerance * _IN_EACH | _VOTED) - difference
     return bool(near & votes & _VOTED)
 
 

@@ -31,7 +31,7 @@ def background_of(image: NDArray[np.uint16]) -> tuple[NDArray[np.float32], float
 
 
 def _noise_of(image: NDArray[np.uint16]) -> float:
-    """1 sigma from the differences of neighbours: a slope of the background is no noise."""
+    """1 sigma from the differences of neighbours: a slope of the background is not noise."""
     sampled = image[::_NOISE_ROWS].astype(np.int32)
     even = sampled.shape[1] // 2 * 2
     differences = np.abs(sampled[:, 1:even:2] - sampled[:, 0:even:2])

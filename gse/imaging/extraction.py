@@ -1,7 +1,7 @@
-"""Extraction: a detector image becomes a panorama, [S] section 2.
+"""Extraction: a detector image becomes a panorama (LAPAN paper, section 2).
 
 ``extract`` is the paper's: the brightest pixel of each row, neighbours of the same star made one, the 30 highest index
-values. ``extract_sub_pixel`` is what a better sensor does: objects 5 sigma above their local background, at the centre
+values. ``extract_sub_pixel`` is that of a better sensor: objects 5 sigma above their local background, at the centre
 of their light.
 """
 
@@ -24,10 +24,10 @@ Objects = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def extract(image: NDArray[np.uint16], *, least_index: int = 1) -> Objects:
-    """The objects of an image (rows, columns) as [S] section 2 finds them, down to ``least_index``.
+    """The objects of an image (rows, columns) by the LAPAN paper, section 2, down to ``least_index``.
 
-    Of a star's kept pixels the brightest counts, of equals the middle one. [S] leaves open how neighbours are told, and
-    which pixel of a saturated star counts.
+    Of a star's kept pixels the brightest counts, of equals the middle one. The paper leaves open how neighbours are
+    recognised, and which pixel of a saturated star counts.
     """
     column = image.argmax(axis=1)
     index = image[np.arange(len(image)), column].astype(np.int64)

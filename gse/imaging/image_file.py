@@ -30,11 +30,11 @@ def read_image(path: Path, bits: int | None = None) -> NDArray[np.uint16]:
     """Index values (rows, columns), 0..4096, of an image file, its rows in the order of the file.
 
     ``bits`` is how many bits of the stored values count. Without it that is the file's depth, but 12 where a file of
-    16 bits holds nothing over 4096. TableError says what came and what was expected.
+    16 bits holds nothing over 4096. TableError otherwise, with what came and what was expected.
     """
     suffix = path.suffix.lower()
     if suffix not in _KNOWN_SUFFIXES:
-        raise TableError(f"{path} is no image that is read here: expected {', '.join(_KNOWN_SUFFIXES)}")
+        raise TableError(f"{path} is not an image of a known format: expected {', '.join(_KNOWN_SUFFIXES)}")
     if path.is_dir():
         raise TableError(f"{path} is a folder: expected an image file")
     try:
@@ -42,7 +42,7 @@ def read_image(path: Path, bits: int | None = None) -> NDArray[np.uint16]:
     except OSError as error:
         raise TableError(f"cannot read {path}: {error.strerror}") from error
     if size > MAX_FILE_BYTES:
-        raise TableError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no image of a star sensor")
+        raise TableError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is not an image of a star sensor")
     values, depth = _read_fits(path) if suffix in _FITS_SUFFIXES else _read_picture(path)
     if values.dtype.kind == "f":
         _check_floats(path, values)
@@ -80,7 +80,7 @@ def _read_picture(path: Path) -> tuple[NDArray[Any], int]:
                 gray = picture if depth > 8 or picture.mode == "L" else picture.convert("L")
                 return np.asarray(gray), depth
     except UnidentifiedImageError as error:
-        raise TableError(f"{path} is no PNG or TIFF image, or none that is read here: {_EXPECTED}") from error
+        raise TableError(f"{path} is not a PNG or TIFF image of a known kind: {_EXPECTED}") from error
     except Image.DecompressionBombError as error:
         raise TableError(_too_large(path)) from error
     except _BROKEN as error:
@@ -128,7 +128,7 @@ def _check_size(path: Path, columns: int, rows: int) -> None:
 
 
 def _too_large(path: Path) -> str:
-    return f"{path} holds more than {MAX_PIXELS} pixels: this is no image of a star sensor"
+    return f"{path} holds more than {MAX_PIXELS} pixels: this is not an image of a star sensor"
 
 
 def _damaged(path: Path, error: BaseException) -> TableError:

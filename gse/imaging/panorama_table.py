@@ -16,7 +16,7 @@ _SEPARATORS = re.compile(r"[,;\s]+")
 
 
 def read_panorama_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pixels (N, 2) as x, y and index values (N,), brightest first, of a table as [S] figure 2-3 stores it.
+    """Pixels (N, 2) as x, y and index values (N,), brightest first, of a table (LAPAN paper, figure 2-3).
 
     Columns y, x, index (further columns are not looked at), separated by commas or blanks; ``#`` starts a comment;
     one header line is allowed. TableError names file, line and what was expected.
@@ -49,7 +49,7 @@ def _read_text(path: Path) -> str:
     except UnicodeDecodeError as error:
         raise TableError(f"{path} is not text: expected a table of y, x, index") from error
     if len(text) > MAX_FILE_BYTES:
-        raise TableError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no panorama table")
+        raise TableError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is not a panorama table")
     return text
 
 

@@ -83,7 +83,7 @@ def device_factory(station: Station) -> Callable[[dict[str, str]], SimulatedSens
     Options of the URL: ``scenario`` (a name or a YAML file), ``seed``, ``frames`` (exposures until the end), ``start``
     (RFC 3339 UTC), ``rate_hz``, ``standby`` (yes: the sensor waits for START), ``level`` (``panorama``, or the slower
     ``image`` and ``image-sub-pixel``: whole images, extracted), ``reset_s`` (the sensor restarts so many seconds after
-    the start). UrlError says what was expected.
+    the start). UrlError otherwise, with what was expected.
     """
 
     def make(options: dict[str, str]) -> SimulatedSensor:
@@ -100,7 +100,7 @@ def device_factory(station: Station) -> Callable[[dict[str, str]], SimulatedSens
 
 
 def scenario_of(options: dict[str, str]) -> Scenario:
-    """The scenario with what the options change in it; UrlError or ConfigError says what was expected."""
+    """The scenario with what the options change in it; UrlError or ConfigError otherwise."""
     scenario = load_scenario(options.get("scenario") or DEFAULT)
     changes: dict[str, object] = {}
     if "start" in options:

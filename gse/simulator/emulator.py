@@ -13,7 +13,7 @@ _PIECE_NS = 8_000_000
 
 
 class Emulator:
-    """Serves a firmware on an endpoint; ``now_ns`` gives the time of the sky that it looks at."""
+    """Serves a firmware on an endpoint; ``now_ns`` gives the time of its sky."""
 
     def __init__(
         self, firmware: SensorFirmware, endpoint: Endpoint, now_ns: Callable[[], int], *, baudrate: int
@@ -23,7 +23,7 @@ class Emulator:
         self._line: deque[tuple[int, bytes]] = deque()
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Serve until told to stop."""
+        """Serve until ``stop`` returns True."""
         while not stop():
             data = self._endpoint.wait(self._wait_s())
             if data:

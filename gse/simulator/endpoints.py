@@ -1,6 +1,6 @@
-"""Where an emulated sensor is plugged in: a pseudo-terminal, or a TCP port for one client.
+"""Endpoints of an emulated sensor: a pseudo-terminal, or a TCP port for one client.
 
-Neither waits for a reader: a sensor goes on sending into a cable that nobody holds, and what nobody takes is gone.
+Neither waits for a reader: a sensor goes on sending without a station, and unread bytes are lost.
 """
 
 import fcntl
@@ -17,7 +17,7 @@ from gse.errors import UsageError
 
 _READ_BYTES = 4096
 _UNREAD_LIMIT_BYTES = 3072
-"""More than this waits in the terminal only when nobody reads; the kernel's own limit is 4095."""
+"""More pending bytes mean that nothing reads the terminal; the limit of the kernel is 4095."""
 
 
 class Endpoint(Protocol):
@@ -29,7 +29,7 @@ class Endpoint(Protocol):
         """Bytes from the station, none when none came within the time."""
 
     def send(self, data: bytes) -> None:
-        """Bytes to the station, or into the void."""
+        """Bytes to the station; lost without one."""
 
     def close(self) -> None:
         """Unplug."""
@@ -50,7 +50,7 @@ class PtyEndpoint:
         return os.read(self._sensor, _READ_BYTES) if readable else b""
 
     def send(self, data: bytes) -> None:
-        """Bytes to the station; when nobody reads, what waits is dropped, so that who comes later gets fresh ones."""
+        """Bytes to the station; unread ones are dropped, so that a later client gets current data."""
         unread = struct.unpack("i", fcntl.ioctl(self._station, termios.FIONREAD, b"\0\0\0\0"))[0]
         if unread + len(data) > _UNREAD_LIMIT_BYTES:
             termios.tcflush(self._station, termios.TCIFLUSH)
@@ -97,7 +97,7 @@ class TcpEndpoint:
         return data
 
     def send(self, data: bytes) -> None:
-        """Bytes to the client; one that does not keep up is hung up on, none gets half a frame without knowing."""
+        """Bytes to the client; a client that is too slow is disconnected, so that none gets half a frame unnoticed."""
         if self._client is None:
             return
         try:

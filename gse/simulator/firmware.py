@@ -1,7 +1,7 @@
 """The sensor's computer: exposures, clock, sequence numbers, commands; without a port or a clock of its own.
 
-Time is what the caller says: ``due_ns`` is when something happens next, ``step`` lets it happen, ``command`` is what
-the wire brings. A frame is sent as soon as its exposure ends and the wire is free; an exposure whose frame would have
+Time is given by the caller: ``due_ns`` is the instant of the next action, ``step`` takes it, ``command`` takes the
+bytes of the wire. A frame is sent as soon as its exposure ends and the wire is free; an exposure whose frame would have
 to wait longer than a period is not sent, and its number is missing.
 """
 
@@ -37,7 +37,7 @@ from protocols import (
 BITS_PER_BYTE = 10
 """8N1: a start bit, eight data bits, a stop bit."""
 _ANSWER_NS = 1_000_000
-"""What the sensor's computer takes to answer a command."""
+"""Time to answer a command."""
 _SHORTEST_EXPOSURE_S, _LONGEST_EXPOSURE_S = 0.001, 2.0
 _LONGEST_PERIOD_S = 3600.0
 _USUAL_PERIOD_S = 0.1
@@ -52,7 +52,7 @@ _NAK_REASONS = {"bad crc": "bad CRC", "unknown type": "unknown", "bad length": "
 
 
 class Detector(Interface):
-    """What takes the exposures."""
+    """Source of exposures."""
 
     def expose(self, middle_utc_ns: int, exposure_s: float, temperature_c: float) -> Exposure:
         """One exposure, by its middle."""
@@ -105,14 +105,14 @@ class SensorFirmware:
 
     @property
     def due_ns(self) -> int | None:
-        """When something happens next, None while the sensor only waits for commands."""
+        """Instant of the next action; None while the sensor only waits for commands."""
         dues = self._resets_ns[:1]
         if self._next_start_ns is not None:
             dues.append(self._next_start_ns + self._exposure_ns)
         return min(dues, default=None)
 
     def step(self) -> list[Transmission]:
-        """Let happen what is due next."""
+        """Take the next action."""
         due_ns = self.due_ns
         if due_ns is None:
             return []
@@ -200,7 +200,7 @@ class SensorFirmware:
         yield Ack(frame.type, max(frame.sequence, 0))
 
     def _period_of(self, start: Start) -> float:
-        """The period that START asks for; the sensor's own where the protocol has no word for it."""
+        """The period in START; the sensor's own where the protocol has no field for it."""
         own_s = self._first_period_s or max(_USUAL_PERIOD_S, self._exposure_s)
         return own_s if math.isnan(start.period_s) else start.period_s
 
@@ -260,7 +260,7 @@ class SensorFirmware:
 
 
 def _sayable_flags(protocol: Protocol) -> frozenset[str]:
-    """The status bits that the protocol has; another make has others, or none."""
+    """The status bits that the protocol has; other sensors have others, or none."""
     sayable = set()
     for flag in (OVEREXPOSED, CLOCK_RESET):
         message = PanoramaMessage(

@@ -2,7 +2,7 @@
 
 Stars are Gaussians integrated over pixels, smeared along their way during the exposure. Shot noise is drawn as Gaussian
 with its own variance, which differs from Poisson's only where there is nothing to see. The Moon is a full disc,
-whatever its phase. Light that is scattered inside the optics, and blooming, are left out.
+whatever its phase. Light that is scattered inside the optics, and blooming, are neglected.
 """
 
 import math
@@ -22,7 +22,7 @@ FAINTEST_MAGNITUDE = 9.0
 _GRID = 17
 """The sky's own light is computed on 17 x 17 places of the detector, and is bilinear between."""
 _STEP_PX = 0.5
-"""A smeared star is a sum of stars so far apart."""
+"""A smeared star is a sum of stars at this spacing."""
 _LONGEST_SMEAR_STEPS = 400
 _RESPONSE_SPREAD = 0.01
 _DARK_SPREAD = 0.3
@@ -85,7 +85,7 @@ class ImageSource:
         _add_smeared(light, start_px[near], end_px[near], electrons, self._scenario.optics.psf_sigma_px)
 
     def _add_moon(self, light: NDArray[np.float32], utc_ns: int, exposure_s: float) -> None:
-        """The lit part of the Moon, evenly bright up to its limb; what is too bright saturates and spills nowhere."""
+        """The lit part of the Moon, evenly bright up to its limb; saturated without blooming."""
         moon = self._scene.moon(utc_ns)
         if moon is None:
             return

@@ -1,4 +1,4 @@
-"""A scenario: what the simulated night, optics and firmware are like, from a YAML file."""
+"""Scenario of a simulation: sky, optics and firmware, from a YAML file."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -48,7 +48,7 @@ class Optics(_Section):
 
 
 class Detector(_Section):
-    """What is seen besides stars, and what is not seen."""
+    """Objects that are not stars, and stars that are missed."""
 
     hot_pixels: Annotated[int, Field(ge=0, le=1000)] = 0
     hot_pixel_index: tuple[float, float] = (100.0, 2000.0)
@@ -62,7 +62,7 @@ class Detector(_Section):
 
 
 class Air(_Section):
-    """What stands before the stars."""
+    """Clouds, satellites and the light of the sky."""
 
     cloud_magnitudes: _Profile = ((0.0, 0.0),)
     """Extinction in the middle of a cloud."""
@@ -75,7 +75,7 @@ class Air(_Section):
 
 
 class Firmware(_Section):
-    """What the sensor's computer is like."""
+    """Traits of the sensor's computer."""
 
     clock_drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = 3.0
     powered_before_start_s: Annotated[float, Field(ge=0)] = 2.0
@@ -100,7 +100,7 @@ class Finding(_Section):
     identified_at_most: Annotated[float, Field(ge=0, le=1)] = 1.0
     """Shares of the panoramas."""
     events: tuple[str, ...] = ()
-    """Kinds of events that must be told."""
+    """Kinds of events that must occur."""
 
 
 class Scenario(_Section):
@@ -138,7 +138,7 @@ class Scenario(_Section):
         return _changed(station, self.station)
 
     def device_for(self, station: Station) -> Station:
-        """What the device really is when the station file says ``station``."""
+        """The real device where the station file says ``station``."""
         return _changed(_changed(station, self.station), self.device)
 
     def station_text(self, text: str = BUILT_IN_TEXT) -> str:
@@ -152,7 +152,7 @@ def scenario_names() -> list[str]:
 
 
 def load_scenario(name_or_path: str) -> Scenario:
-    """A scenario by its name, or from a YAML file; ConfigError says what was expected."""
+    """A scenario by its name, or from a YAML file; ConfigError otherwise, with what was expected."""
     packaged = _folder() / f"{name_or_path}.yaml"
     if name_or_path in scenario_names():
         return parse_scenario(packaged.read_text(encoding="utf-8"), f"scenario {name_or_path}")
@@ -164,7 +164,7 @@ def load_scenario(name_or_path: str) -> Scenario:
         names = ", ".join(scenario_names())
         raise ConfigError(f"no scenario {name_or_path!r}: expected one of {names}, or a readable YAML file") from None
     if len(text) > MAX_FILE_BYTES:
-        raise ConfigError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no scenario")
+        raise ConfigError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is not a scenario")
     return parse_scenario(text, str(path))
 
 

@@ -37,7 +37,7 @@ class Moon:
 
 
 class Scene:
-    """What the camera of a device looks at; ``merged_within_px`` makes stars one that the optics do not tell apart."""
+    """What the camera of a device looks at; stars closer than ``merged_within_px`` are one, as in the optics."""
 
     def __init__(
         self, station: Station, scenario: Scenario, random: np.random.Generator, merged_within_px: float = 0.0

@@ -75,7 +75,7 @@ class SkyCell:
 
 
 class AstropySite:
-    """A site as astropy knows it: its place, and the air that refracts."""
+    """A site for astropy: its place, and its air."""
 
     def __init__(self, site: Site) -> None:
         self.location = EarthLocation.from_geodetic(

@@ -1,4 +1,4 @@
-"""How bright the sky itself is: night, Moon and twilight, in magnitudes per square arcsecond.
+"""Brightness of the sky: night, Moon and twilight, in magnitudes per square arcsecond.
 
 The Moon's glow follows Krisciunas & Schaefer 1991, PASP 103, 1033, equations 2, 3, 15, 20, 21 (some 20 % accurate).
 Twilight at the zenith is a parabola through Patat, Ugolnikov & Postylyakov 2006, A&A 455, 385 (V band, Sun 5 to 16 deg
@@ -49,9 +49,9 @@ def _moonlight(
 ) -> NDArray[np.float64]:
     """Nanolamberts that the air scatters from the Moon."""
     cosine = np.clip(directions @ moon, -1, 1)
-    apart_deg = np.degrees(np.arccos(cosine))
+    separation_deg = np.degrees(np.arccos(cosine))
     illuminance = 10 ** (-0.4 * (moon_magnitude + 16.57))
-    scattering = 10**5.36 * (1.06 + cosine**2) + 10 ** (6.15 - apart_deg / 40)
+    scattering = 10**5.36 * (1.06 + cosine**2) + 10 ** (6.15 - separation_deg / 40)
     to_the_moon = 10 ** (-0.4 * EXTINCTION_PER_AIRMASS * airmass(moon[None])[0])
     not_let_through = 1 - 10 ** (-0.4 * EXTINCTION_PER_AIRMASS * airmass(directions))
     return np.asarray(scattering * illuminance * to_the_moon * not_let_through)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gse.attitude import Attitude, paper_mean, solve_attitude
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
-from gse.identifier import Identification, Identifier, Unidentified
+from gse.identifier import Identification, Identifier, Reason, Unidentified
 from gse.identifier.robust import RobustIdentifier
 from gse.mount import Mount
 from gse.panorama import MAX_OBJECTS, Panorama
@@ -41,6 +41,11 @@ class Answer:
     attitude: Attitude | None
     answer_check: AnswerCheck
     elapsed_us: float
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether the identifier under test found the panorama to be a mirror image of the sky."""
+        return isinstance(self.identification, Unidentified) and self.identification.reason is Reason.MIRRORED
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +204,17 @@ class FrameProcessor:
         return AnswerCheck.CORRECT if separation_rad < SAME_BORESIGHT_RAD else AnswerCheck.FALSE
 
 
+_STATUS = {
+    Reason.TOO_FEW: Status.TOO_FEW,
+    Reason.NO_MATCH: Status.NO_MATCH,
+    Reason.MIRRORED: Status.NO_MATCH,
+    Reason.AMBIGUOUS: Status.AMBIGUOUS,
+    Reason.SENSOR_FAULT: Status.SENSOR_FAULT,
+}
+"""``status`` of gse.frame/1."""
+
+
 def _explain(answer: Identification | Unidentified) -> tuple[Status, str]:
     if isinstance(answer, Unidentified):
-        return Status(answer.reason), answer.detail
+        return _STATUS[answer.reason], answer.detail
     return Status.NO_MATCH, "no attitude follows from the matches"

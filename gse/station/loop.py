@@ -240,7 +240,7 @@ class StationLoop:
             self._align(self._first_seconds, panorama)
         result = self._frame_processor.conclude(panorama, answer, self._elapsed_us(panorama, answer))
         self.session.frames.append(result)
-        if result.detail.startswith("the image is mirrored"):
+        if isinstance(answer, Answer) and answer.is_mirrored:
             self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.MIRRORED, result.detail))
         if self._first_seconds is not None and self._frame_processor.truth is not None:
             self._first_seconds.add(result, self._frame_processor.truth)

@@ -1,4 +1,4 @@
-"""The mount's direction from measured attitudes: a mean of rotations, with what it leaves.
+"""Direction of the mount from measured attitudes: a mean of rotations, with its residuals.
 
 Works with rotations, not angles: the zenith and the poles are no special cases.
 """
@@ -80,7 +80,7 @@ def fit_mount(
     """The mount from measured rotations (M, 3, 3), horizon frame to sensor frame, at instants (M,).
 
     ``persistent_arcsec2`` (3, 3) is the covariance of what the stars keep (gse.star_influence): frames do not show it.
-    Frames further than 5 sigma from the median are rejected. UsageError where there is no frame.
+    Frames further than 5 sigma from the median are rejected. UsageError without a frame.
     """
     if len(utc_ns) == 0:
         raise UsageError("the mount cannot be fitted: no frame was identified; expected at least one")
@@ -119,8 +119,8 @@ def small_rotations(rotations: NDArray[np.float64], about: NDArray[np.float64]) 
 def _most_central(rotations: NDArray[np.float64]) -> int:
     """A frame among the majority: the one nearest to half of the others, of at most 200."""
     some = rotations[:: max(len(rotations) // 200, 1)]
-    apart = ((some[:, None] - some[None]) ** 2).sum(axis=(2, 3))
-    return int(np.median(apart, axis=1).argmin()) * max(len(rotations) // 200, 1)
+    distance2 = ((some[:, None] - some[None]) ** 2).sum(axis=(2, 3))
+    return int(np.median(distance2, axis=1).argmin()) * max(len(rotations) // 200, 1)
 
 
 def time_blocks(utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -14,7 +14,7 @@ def horizon_to_sensor(mount: Mount) -> NDArray[np.float64]:
     """The rotation (3, 3) from the horizon frame to the sensor frame; its rows are the sensor's axes.
 
     Image up is the direction of the zenith turned by the roll counter-clockwise as seen in the sky, that is towards
-    smaller azimuth. It is asked for with every frame: the array is kept, and read-only.
+    smaller azimuth. Needed with every frame: the array is kept, and read-only.
     """
     azimuth, altitude, roll = np.radians([mount.azimuth_deg, mount.altitude_deg, mount.roll_deg])
     sin_a, cos_a, sin_h, cos_h = math.sin(azimuth), math.cos(azimuth), math.sin(altitude), math.cos(altitude)

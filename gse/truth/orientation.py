@@ -167,7 +167,7 @@ def _check_columns(columns: dict[str, Any]) -> None:
     if not 2 <= len(columns["mjd"]) <= _MAX_ROWS or len({len(column) for column in columns.values()}) != 1:
         raise ValueError("columns of different or impossible length")
     if not all(isinstance(value, float | int) and math.isfinite(value) for value in numbers):
-        raise ValueError("a value is no number")
+        raise ValueError("a value is not a finite number")
     if not all(abs(value) < _MAX_VALUE for value in numbers):
         raise ValueError("a value is out of order")
     if not all(kind in ("measured", "predicted") for kind in columns["kind"]):

@@ -1,4 +1,4 @@
-"""Sidereal truth: where a mount that is fixed on the Earth looks, and where the stars appear.
+"""Sidereal truth: direction of a mount fixed on the Earth, and apparent places of stars.
 
 All astrometry is ERFA's (IAU 2006/2000A). What is slow in it (precession, nutation, the Earth's motion) is computed
 once for each cell of 300 s at the middle of the cell, so that an answer depends on its instant only, not on what was
@@ -83,7 +83,7 @@ class SiderealTruth:
     def icrs_to_horizon(self, utc_ns: int) -> NDArray[np.float64]:
         """The rotation (3, 3) from ICRS (GCRS) axes to the horizon frame: no aberration, no refraction.
 
-        It is asked for several times with every frame: the latest is kept, and read-only.
+        Needed several times per frame: the latest is kept, and read-only.
         """
         latest_ns, rotation = self._latest
         if latest_ns == utc_ns:

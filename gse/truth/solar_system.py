@@ -1,6 +1,6 @@
 """Planets and the Moon as a sensor sees them, by ERFA's own ephemerides (plan94, moon98): good to 2 arcmin.
 
-The same that astropy calls "builtin". Left out: aberration and the deflection of light (20 arcsec), and the 69 s
+The same that astropy calls "builtin". Neglected: aberration and the deflection of light (20 arcsec), and the 69 s
 between UTC and TT, in which the Moon moves 0.6 arcmin.
 """
 

@@ -78,4 +78,4 @@ def test_a_night_without_one_answer_says_where_to_look():
     made.events.append(LinkEvent(START_NS, 0, "MIRRORED", "the image is mirrored: once flipped, it fits"))
     text = found(made)
     assert "gse calibrate" in text
-    assert "mirrored image" in text
+    assert "mirrored image: the image is mirrored" in text

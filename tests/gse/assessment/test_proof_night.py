@@ -162,7 +162,7 @@ def test_distortion_is_named(setup, astropy_night):
 
 def test_a_mirrored_image_is_named(setup, astropy_night):
     text = looks_like(setup, burst(astropy_night, count=1, pointings=POINTINGS[:5], mirrored=True))
-    assert "mirrored image" in text
+    assert "mirrored image: the image is mirrored" in text
 
 
 def test_a_clock_step_is_named_and_its_frames_are_left_out(setup, astropy_night):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gse.calibration.camera_fit import StarField, calibrate
+from gse.calibration.camera_fit import StarField, _residuals, calibrate
 from gse.calibration.hot_pixels import hot_pixels
 from gse.calibration.session_fit import PanoramaSample, calibrate_session
 from gse.camera import Camera
@@ -161,3 +161,66 @@ def test_a_sample_keeps_panoramas_from_the_whole_session():
     assert len(numbers) == 100
     assert numbers[0] < 50
     assert numbers[-1] > 4900
+
+
+def test_residuals_are_those_of_gaussian_noise_and_outliers_are_counted_apart():
+    rng = np.random.default_rng(12)
+    fitted = calibrate(TRUE, random_fields(TRUE, rng, panoramas=150))
+    assert fitted.after.n == 150 * 20
+    assert fitted.after.sigma_axis_px == pytest.approx(NOISE_PX, rel=0.08)
+    assert fitted.after.rms_px == pytest.approx(NOISE_PX * np.sqrt(2), rel=0.08)
+    assert fitted.after.median_px == pytest.approx(NOISE_PX * np.sqrt(2 * np.log(2)), rel=0.08)
+    assert fitted.after.outliers == 0
+    with_false = calibrate(TRUE, random_fields(TRUE, rng, panoramas=150, false_share=0.03))
+    assert with_false.after.outliers == pytest.approx(90, abs=30)
+    assert with_false.after.rms_px == pytest.approx(fitted.after.rms_px, rel=0.08)
+
+
+@pytest.mark.parametrize(("error_px", "outliers"), [(0.74, 0), (0.745, 1), (50.0, 1)])
+def test_an_outlier_lies_further_off_than_five_sigma(error_px, outliers):
+    """Errors of 0.1 px on each axis are a sigma of 1.4826 times that."""
+    camera = Camera(1024, 1024, 4169.9, (511.5, 511.5))
+    xy = np.random.default_rng(1).uniform(100, 900, (100, 2))
+    errors = np.where(np.random.default_rng(2).random((100, 2)) < 0.5, 0.1, -0.1)
+    errors[17] = error_px, 0.0
+    found = _residuals(camera, [StarField(xy + errors, camera.directions(xy), np.arange(100))], [np.eye(3)])
+    assert (found.n, found.outliers) == (100, outliers)
+    assert found.sigma_axis_px == pytest.approx(0.14826)
+    assert found.median_px == pytest.approx(0.1 * np.sqrt(2))
+    within = [0.02] * 99 + ([] if outliers else [error_px**2])
+    assert found.rms_px == pytest.approx(np.sqrt(np.mean(within)))
+
+
+@pytest.mark.parametrize(("panoramas", "stars", "enough"), [(5, 10, True), (7, 7, False), (100, 3, False)])
+def test_fifty_stars_are_needed_in_panoramas_of_four_or_more(panoramas, stars, enough):
+    fields = random_fields(TRUE, np.random.default_rng(3), panoramas=panoramas, stars=stars)
+    if enough:
+        assert calibrate(TRUE, fields).panoramas == panoramas
+        return
+    with pytest.raises(UsageError, match=f"{panoramas * stars if stars > 3 else 0} identified stars .* at least 50"):
+        calibrate(TRUE, fields)
+
+
+def test_panoramas_of_four_stars_take_part_and_those_of_three_do_not():
+    rng = np.random.default_rng(4)
+    fields = random_fields(TRUE, rng, panoramas=10, stars=20) + random_fields(TRUE, rng, panoramas=6, stars=4)
+    fields += random_fields(TRUE, rng, panoramas=9, stars=3)
+    assert calibrate(TRUE, fields).panoramas == 16
+
+
+def test_a_principal_point_that_the_stars_tell_is_moved_and_one_within_four_sigma_is_not():
+    start = Camera(1024, 1024, 4169.9, (511.5, 511.5))
+    moved = Camera(1024, 1024, 4169.9, (517.5, 511.5))
+    fitted = calibrate(start, random_fields(moved, np.random.default_rng(9)))
+    assert "principal point" not in fitted.held
+    assert fitted.camera.principal_point_px[0] == pytest.approx(517.5, abs=4 * fitted.sigma[1])
+
+
+def test_the_map_counts_every_star_in_its_cell_but_the_outliers():
+    fitted = calibrate(TRUE, random_fields(TRUE, np.random.default_rng(6), panoramas=150))
+    count = fitted.map_px[:, :, 2]
+    assert count.shape == (8, 8)
+    assert count.sum() == 3000
+    # Uniform over 1023 px: 47 stars in each cell.
+    assert count.min() > 20
+    assert count.max() < 80

@@ -109,9 +109,9 @@ def test_a_few_stars_are_the_brightest_of_a_file_too(written):
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        (b"", "no star catalogue"),
-        (b"\x89PNG\r\n\x1a\n" + bytes(100), "no star catalogue"),
-        (b"y,x,index\n1,2,3\n", "no star catalogue"),
+        (b"", "not a .*star catalogue"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(100), "not a .*star catalogue"),
+        (b"y,x,index\n1,2,3\n", "not a .*star catalogue"),
         ("H|        1|  rubbish", "line 1"),
         (hip_line() + "\n" + hip_line(de="bad"), "line 2"),
         (hip_line(de="99.0"), "line 1"),
@@ -123,7 +123,7 @@ def test_a_few_stars_are_the_brightest_of_a_file_too(written):
         (bsc5([SIRIUS, (7, math.nan, 0.1, b"A0", 100, 0.0, 0.0)]), "record 2"),
         (bsc5([(7, 1.0, 2.0, b"A0", 100, 0.0, 0.0)]), "record 1"),
         (bsc5([SIRIUS], epoch_sign=1), "J2000"),
-        (bsc5([SIRIUS], length=31), "no star catalogue"),
+        (bsc5([SIRIUS], length=31), "not a .*star catalogue"),
     ],
 )
 def test_a_foreign_or_damaged_file_is_refused_with_a_reason(written, content, complaint):

@@ -54,7 +54,7 @@ def test_a_mirrored_image_is_refused_and_called_mirrored(identifiers, frames, se
     flipped = frames[0].xy_px * [-1, 1] + [FIELD_14_DEG.columns - 1, 0]
     answer = identifiers[selection].identify(FIELD_14_DEG.directions(flipped), frames[0].brightness)
     assert isinstance(answer, Unidentified)
-    assert answer.reason is Reason.NO_MATCH
+    assert answer.reason is Reason.MIRRORED
     assert "mirrored" in answer.detail
 
 

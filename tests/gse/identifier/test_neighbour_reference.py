@@ -10,7 +10,7 @@ from skies.reference_neighbour import ReferenceNeighbour, angle_urad, onboard_ta
 from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
 from gse.identifier.consistency import MOST_CANDIDATES, room_for_candidates, separations
-from gse.identifier.neighbour import Limits, _level_1, _seen_from, best_vote, first_fit
+from gse.identifier.neighbour_search import Limits, _level_1, _seen_from, best_vote, first_fit
 from gse.identifier.tables import build_pair_table, field_diameter_rad
 from gse.spiral import spiral_directions
 

@@ -91,7 +91,7 @@ def test_a_mirrored_image_is_refused_and_called_mirrored():
     flipped = frame.xy_px * [-1, 1] + [FIELD_14_DEG.columns - 1, 0]
     answer = identifier.identify(FIELD_14_DEG.directions(flipped), frame.brightness)
     assert isinstance(answer, Unidentified)
-    assert "mirrored" in answer.detail
+    assert answer.reason is Reason.MIRRORED
 
 
 def test_several_equally_good_pivots_are_ambiguous(mission):

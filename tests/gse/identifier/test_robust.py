@@ -126,8 +126,28 @@ def test_a_mirrored_image_is_named_so(wide: RobustIdentifier, catalog: StarCatal
     for frame in frames(WIDE, NOMINAL, catalog, 10):
         answer = wide.identify(frame.directions_sensor * MIRROR, frame.brightness)
         assert isinstance(answer, Unidentified)
-        assert answer.reason is Reason.NO_MATCH
+        assert answer.reason is Reason.MIRRORED
         assert "mirrored" in answer.detail
+
+
+def test_an_image_is_called_mirrored_where_chance_would_do_so_in_one_of_a_hundred_thousand(
+    wide: RobustIdentifier, catalog: StarCatalog
+) -> None:
+    """Few objects of flipped skies, on either side of that limit."""
+    called = {True: 0, False: 0}
+    for frame in frames(WIDE, NOMINAL, catalog, 60):
+        for count in (3, 4, 5):
+            upright, brightness = frame.directions_sensor[:count], frame.brightness[:count]
+            if not isinstance(wide.identify(upright, brightness), Identification):
+                continue
+            least = wide.best_false_match_probability(upright, brightness)
+            answer = wide.identify(upright * MIRROR, brightness)
+            if isinstance(answer, Unidentified) and answer.reason is Reason.MIRRORED:
+                assert least <= 1e-5
+                called[True] += 1
+            elif least > 1e-5:
+                called[False] += 1
+    assert min(called.values()) > 5
 
 
 def test_a_focal_length_half_a_percent_off_is_borne(wide: RobustIdentifier, catalog: StarCatalog) -> None:
@@ -202,7 +222,8 @@ def test_many_panoramas_in_one_call_give_the_answers_one_by_one(wide: RobustIden
     many = wide.identify_many(panoramas)
     ones = [wide.identify(directions, brightness) for directions, brightness in panoramas]
     assert len(many) == len(ones)
-    assert {one.reason for one in ones if isinstance(one, Unidentified)} >= {Reason.TOO_FEW, Reason.NO_MATCH}
+    reasons = {one.reason for one in ones if isinstance(one, Unidentified)}
+    assert reasons >= {Reason.TOO_FEW, Reason.NO_MATCH, Reason.MIRRORED}
     for one, answer in zip(ones, many, strict=True):
         if isinstance(one, Unidentified):
             assert answer == one

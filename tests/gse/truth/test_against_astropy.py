@@ -3,13 +3,14 @@
 from dataclasses import replace
 
 import astropy.units as u
+import astropy_iers_data
 import numpy as np
 import pytest
 from astropy.coordinates import AltAz, EarthLocation, SkyCoord, get_body
 from astropy.time import Time, TimeDelta
 from astropy.utils import iers
 
-from gse.instant import NS_PER_S, from_text
+from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD, from_text
 from gse.mount import Mount
 from gse.site import Site
 from gse.truth import EarthOrientation, Refraction, SiderealTruth
@@ -126,6 +127,18 @@ def test_earth_orientation_is_what_astropy_reads_from_the_same_table():
         assert here.ut1_minus_utc_s == pytest.approx(ut1.to_value(u.s), abs=2e-6)
         assert here.x_pole_rad == pytest.approx(x.to_value(u.rad), abs=1e-4 * ARCSEC)
         assert here.y_pole_rad == pytest.approx(y.to_value(u.rad), abs=1e-4 * ARCSEC)
+
+
+def test_days_are_measured_or_predicted_with_the_errors_that_astropy_reads_from_finals2000a():
+    finals = iers.IERS_A.read(astropy_iers_data.IERS_A_FILE)
+    mjd, flags = finals["MJD"].to_value(u.day), np.asarray(finals["UT1Flag_A"]).astype(str)
+    last_measured = int(mjd[flags == "I"][-1])
+    table = EarthOrientation.from_disk((last_measured - UNIX_EPOCH_MJD) * NS_PER_DAY)
+    assert set(table.kind) == {"measured", "predicted"}
+    for day, kind, error_s in zip(table.mjd, table.kind, table.ut1_error_s, strict=True):
+        row = int(np.searchsorted(mjd, day))
+        assert kind == {"I": "measured", "P": "predicted"}[flags[row]]
+        assert error_s == pytest.approx(finals["e_UT1_UTC_A"][row].to_value(u.s), abs=1e-9)
 
 
 def test_a_mount_looks_where_its_azimuth_and_altitude_say():

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import erfa
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -189,3 +190,40 @@ def test_an_unknown_correction_is_refused_by_name(table):
     with pytest.raises(UsageError, match="known are: precession"):
         SiderealTruth(ROOF, table, {"luck"})
     assert len(CORRECTIONS) == len(set(CORRECTIONS))
+
+
+def pole_distance_arcsec(table, omit):
+    """How far the pole of the ICRS stands from the axis of the Earth over the roof."""
+    truth = SiderealTruth(ROOF, table, {*omit, "polar motion"})
+    latitude = np.radians(ROOF.latitude_deg)
+    axis = np.array([0.0, np.cos(latitude), np.sin(latitude)])
+    return np.linalg.norm(truth.icrs_to_horizon(NOW_NS)[:, 2] - axis) / ARCSEC
+
+
+def test_precession_and_nutation_each_move_the_pole_by_what_erfa_says(table):
+    tt = 2_461_120.0, 0.2716  # 2026-03-20T18:31:09 TT
+    nutation = erfa.nut06a(*tt)
+    obliquity = erfa.obl06(*tt)
+    nutation_arcsec = np.hypot(nutation[0] * np.sin(obliquity), nutation[1]) / ARCSEC
+    precession_arcsec = 20.0419 * 26.216  # theta of IAU 2006 per year, years since 2000
+    assert pole_distance_arcsec(table, {"precession", "nutation"}) < 0.03  # the frame bias
+    assert pole_distance_arcsec(table, {"precession"}) == pytest.approx(nutation_arcsec, abs=0.03)
+    assert pole_distance_arcsec(table, {"nutation"}) == pytest.approx(precession_arcsec, abs=0.2)
+
+
+@pytest.mark.parametrize(("tilt_arcsec", "azimuth_deg"), [(0.0, 0.0), (0.008, 0.0), (0.012, 40.0), (3600.0, 40.0)])
+def test_within_a_hundredth_of_an_arcsec_of_the_zenith_the_azimuth_is_called_0(tilt_arcsec, azimuth_deg):
+    for zenith_deg in (90.0, -90.0):
+        altitude_deg = zenith_deg - np.sign(zenith_deg) * tilt_arcsec / 3600
+        mount = Mount(azimuth_deg=40.0, altitude_deg=altitude_deg, roll_deg=7.0)
+        found = mount_of(horizon_to_sensor(mount))
+        assert found.azimuth_deg == pytest.approx(azimuth_deg, abs=1e-4)
+        assert np.abs(horizon_to_sensor(found) - horizon_to_sensor(mount)).max() < 0.03 * ARCSEC
+
+
+def test_the_true_attitude_is_exact():
+    truth = SiderealTruth(ROOF, EarthOrientation.from_disk(NOW_NS))
+    true = truth.attitude_true(NOW_NS, Mount(azimuth_deg=10.0, altitude_deg=50.0))
+    assert (true.covariance_rad2 == 0).all()
+    zenith = true.icrs_to_sensor @ truth.icrs_to_horizon(NOW_NS)[2]
+    assert np.degrees(np.arccos(zenith[2])) == pytest.approx(40.0, abs=1e-9)

@@ -1,0 +1,433 @@
+"""Mutation score of the rooms whose answers decide a verdict: how many small faults do their tests notice?
+
+    python benchmarks/mutation.py --rooms assessment,station --sample 200 --seed 1
+    python benchmarks/mutation.py --rooms truth --sample 60 --only gse/truth/alignment.py
+
+A random sample of mutants per room, each in a copy of the tree in a temporary folder, against the tests of its room,
+those that import the mutated module first, until one fails. The golden replays are left out: ``gse ci --update`` would
+bless a wrong report. Machine code is compiled anew for a mutated module and for the modules that import it.
+
+Mutations: comparison (boundary and negation), arithmetic, number (an integer plus and minus 1, a float doubled and
+halved), Boolean constant, ``and`` and ``or``, condition negated, ``min`` and ``max``, ``any`` and ``all``, minus sign
+dropped, value returned dropped, loop body never run, ``break`` and ``continue``. Not mutated: annotations, docstrings,
+decorators, texts, ``strict=`` of zip, memory layout (``order=``) and cache sizes (``maxsize=``).
+"""
+
+import argparse
+import ast
+import functools
+import importlib
+import json
+import os
+import random
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """Modules to mutate (with ``:name`` of a function or constant, only that part), and where their tests are."""
+
+    modules: tuple[str, ...]
+    tests: tuple[str, ...]
+
+
+ROOMS = {
+    "assessment": Room(("gse/assessment/*.py",), ("tests/gse/assessment", "tests/gse/report")),
+    "station": Room(("gse/station/*.py",), ("tests/gse/station", "tests/gse/sessions", "tests/gse/assessment")),
+    "truth": Room(("gse/truth/*.py",), ("tests/gse/truth",)),
+    "calibration": Room(("gse/calibration/*.py",), ("tests/gse/calibration",)),
+    "identifier": Room(
+        (
+            "gse/identifier/acceptance.py",
+            "gse/identifier/input_checks.py",
+            "gse/identifier/evidence.py:CHANCE_OF_EVIDENCE",
+            "gse/identifier/evidence.py:LOG_ACCEPTED",
+            "gse/identifier/evidence.py:LOG_UNAMBIGUOUS",
+            "gse/identifier/evidence.py:LOG_STRONG",
+            "gse/identifier/hypotheses.py:_LOG_MIRRORED",
+            "gse/identifier/hypotheses.py:search_both",
+            "gse/identifier/robust.py:_answer",
+            "gse/identifier/robust.py:_false_match_probability",
+        ),
+        ("tests/gse/identifier",),
+    ),
+}
+WITHOUT = ("tests/gse/sessions/test_golden_replays.py",)
+COPIED = ("gse", "drivers", "protocols", "tests", "replays", "docs", "pyproject.toml", "README.md")
+KEYWORDS_LEFT_ALONE = {"strict", "order", "maxsize"}
+LIBRARIES = (
+    "pytest",
+    "hypothesis",
+    "numba",
+    "scipy.spatial.transform",
+    "scipy.special",
+    "erfa",
+    "pydantic",
+    "astropy.units",
+)
+"""In memory before the first test: none of them is mutated."""
+
+SLOWER = 4
+"""A mutant is stopped after so many times the processor time of the sound tests, and a minute more to compile."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One mutation: of the node ``number`` of a module (or of ``parts`` of it) the change ``change``."""
+
+    module: str
+    parts: tuple[str, ...]
+    number: int
+    change: int
+
+
+@dataclass(frozen=True, slots=True)
+class Mutant:
+    """The whole mutated source of a module, and what was changed where."""
+
+    module: str
+    line: int
+    change: str
+    source: str
+
+
+COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
+    ast.Lt: (ast.LtE, ast.GtE),
+    ast.LtE: (ast.Lt, ast.Gt),
+    ast.Gt: (ast.GtE, ast.LtE),
+    ast.GtE: (ast.Gt, ast.Lt),
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+    ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,),
+    ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
+}
+ARITHMETIC: dict[type[ast.operator], type[ast.operator]] = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.Mod: ast.Mult,
+    ast.Pow: ast.Mult,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
+    ast.LShift: ast.RShift,
+    ast.RShift: ast.LShift,
+}
+TWINS = {"min": "max", "max": "min", "any": "all", "all": "any", "minimum": "maximum", "maximum": "minimum"}
+
+
+def mutations(node: ast.AST) -> Iterator[Callable[[ast.AST], None]]:
+    """What can be done to one node, as functions that change a copy of it."""
+    if isinstance(node, ast.Compare):
+        for place, operator in enumerate(node.ops):
+            for other in COMPARISONS[type(operator)]:
+                yield lambda n, place=place, other=other: n.ops.__setitem__(place, other())
+    elif isinstance(node, ast.BinOp | ast.AugAssign) and type(node.op) in ARITHMETIC and not _union_of_types(node):
+        yield lambda n: setattr(n, "op", ARITHMETIC[type(n.op)]())
+    elif isinstance(node, ast.BoolOp):
+        yield lambda n: setattr(n, "op", ast.And() if isinstance(n.op, ast.Or) else ast.Or())
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not | ast.Invert):
+        yield _dropped
+    elif isinstance(node, ast.Constant):
+        yield from _constants(node.value)
+    elif isinstance(node, ast.If | ast.While | ast.IfExp):
+        yield lambda n: setattr(n, "test", ast.UnaryOp(ast.Not(), n.test))
+    elif isinstance(node, ast.Return) and node.value is not None:
+        yield lambda n: setattr(n, "value", ast.Constant(None))
+    elif isinstance(node, ast.For):
+        yield lambda n: n.body.insert(0, ast.Break())
+    elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id in TWINS:
+        yield lambda n: setattr(n, "id", TWINS[n.id])
+    elif isinstance(node, ast.Attribute) and node.attr in TWINS:
+        yield lambda n: setattr(n, "attr", TWINS[n.attr])
+
+
+def _union_of_types(node: ast.AST) -> bool:
+    """``First | Second`` of two classes."""
+    right = getattr(node, "right", None)
+    return isinstance(getattr(node, "op", None), ast.BitOr) and isinstance(right, ast.Name) and right.id[:1].isupper()
+
+
+def _constants(value: object) -> Iterator[Callable[[ast.AST], None]]:
+    if isinstance(value, bool):
+        new: tuple[object, ...] = (not value,)
+    elif isinstance(value, int):
+        new = (value + 1, value - 1)
+    elif isinstance(value, float):
+        new = (value * 2, value / 2) if value else (1.0,)
+    else:
+        new = ()
+    for other in new:
+        yield lambda n, other=other: setattr(n, "value", other)
+
+
+def _dropped(node: ast.AST) -> None:
+    """A minus sign or an inversion becomes a plus sign, ``not`` becomes ``not not``."""
+    assert isinstance(node, ast.UnaryOp)
+    if isinstance(node.op, ast.Not):
+        node.operand = ast.UnaryOp(ast.Not(), node.operand)
+    else:
+        node.op = ast.UAdd()
+
+
+def nodes(tree: ast.AST, parts: set[str]) -> Iterator[ast.AST]:
+    """The nodes that may be mutated, in the order of the source; those of ``parts`` only where any are named."""
+    for child in ast.iter_child_nodes(tree):
+        if isinstance(tree, ast.Module) and parts and not parts & _names(child):
+            continue
+        if _left_alone(tree, child):
+            continue
+        yield child
+        yield from nodes(child, set())
+
+
+def _names(statement: ast.AST) -> set[str]:
+    if isinstance(statement, ast.Assign):
+        return {target.id for target in statement.targets if isinstance(target, ast.Name)}
+    return {getattr(statement, "name", "")}
+
+
+def _left_alone(parent: ast.AST, child: ast.AST) -> bool:
+    if isinstance(parent, ast.FunctionDef | ast.ClassDef) and child in parent.decorator_list:
+        return True
+    if isinstance(parent, ast.FunctionDef) and child is parent.returns:
+        return True
+    if isinstance(parent, ast.arg | ast.AnnAssign) and child is parent.annotation:
+        return True
+    if isinstance(parent, ast.FormattedValue) and child is parent.format_spec:
+        return True
+    if isinstance(parent, ast.Module) and isinstance(child, ast.Assign) and isinstance(child.value, ast.Subscript):
+        return True  # A name for a type.
+    return isinstance(child, ast.keyword) and child.arg in KEYWORDS_LEFT_ALONE
+
+
+def faults(room: Room, only: str) -> list[Fault]:
+    """Every fault of a room that the operators know, in the order of its source."""
+    parts: dict[str, set[str]] = {}
+    for entry in room.modules:
+        pattern, _, part = entry.partition(":")
+        for path in sorted(ROOT.glob(pattern)):
+            parts.setdefault(str(path.relative_to(ROOT)), set()).update({part} if part else ())
+    return [
+        Fault(module, tuple(sorted(named)), number, change)
+        for module, named in parts.items()
+        if only in module
+        for number, node in enumerate(nodes(ast.parse((ROOT / module).read_text()), named))
+        for change in range(len(list(mutations(node))))
+    ]
+
+
+def mutant_of(fault: Fault) -> Mutant:
+    """The mutated source of a fault."""
+    tree = ast.parse((ROOT / fault.module).read_text())
+    node = next(node for place, node in enumerate(nodes(tree, set(fault.parts))) if place == fault.number)
+    before = _shown(node)
+    list(mutations(node))[fault.change](node)
+    after, line = _shown(node), getattr(node, "lineno", 0)
+    return Mutant(fault.module, line, f"{before}  ->  {after}", ast.unparse(ast.fix_missing_locations(tree)))
+
+
+def _shown(node: ast.AST) -> str:
+    """The first line of a node's source, or of a loop its first two."""
+    return "; ".join(line.strip() for line in ast.unparse(node).splitlines()[:2])[:90]
+
+
+def importers(tree: Path, module: str) -> set[str]:
+    """The modules that import one, and theirs: their machine code may contain its own."""
+    texts = {str(path.relative_to(tree)): path.read_text() for path in (tree / "gse").rglob("*.py")}
+    found, new = {module}, {module}
+    while new:
+        names = [f"from {name[:-3].replace('/', '.')} import" for name in new]
+        new = {path for path, text in texts.items() if any(name in text for name in names)} - found
+        found |= new
+    return found
+
+
+def tests_of(tree: Path, room: Room, module: str) -> list[str]:
+    """The test files of a room: those that import the module, those named after it, and the others."""
+    name, stem = module[:-3].replace("/", "."), Path(module).stem
+    package = str(Path(module).parent).replace("/", ".")
+    files = [path for folder in room.tests for path in sorted((tree / folder).rglob("test_*.py"))]
+
+    def rank(path: Path) -> tuple[int, bool]:
+        text = path.read_text()
+        slow = "astropy" in text or "skyfield" in text
+        if f"test_{stem}.py" == path.name:
+            return 0, slow
+        return 1 if f"from {name} import" in text else 2 if f"from {package} import" in text else 3, slow
+
+    files.sort(key=rank)
+    return [name for name in (str(path.relative_to(tree)) for path in files) if name not in WITHOUT]
+
+
+def copy_of_tree(folder: Path) -> Path:
+    """A copy of what the tests need, machine code included, with the times of its files."""
+    for name in COPIED:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, folder / name, symlinks=True)
+        elif source.exists():
+            shutil.copy2(source, folder / name)
+    return folder
+
+
+class Tester:
+    """A process that has the libraries in memory, and forks for each run of the tests: half the time of a new one."""
+
+    def __init__(self, tree: Path) -> None:
+        self.tree = tree
+        self._process = subprocess.Popen(
+            ["nice", "-n", "5", sys.executable, __file__, "--serve", str(tree)],
+            env=os.environ | {"PYTHONPATH": str(tree), "PYTHONHASHSEED": "0"},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def outcome(self, files: list[str], most_cpu_s: int) -> tuple[str, float]:
+        """What the tests say of the tree: ``survived``, ``killed`` or ``timeout``, and their processor time in s."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        print(json.dumps([files, most_cpu_s]), file=self._process.stdin, flush=True)
+        word, cpu_s = json.loads(self._process.stdout.readline())
+        return word, cpu_s
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.communicate()
+
+
+def serve(tree: Path) -> None:
+    """Read test files and a limit of processor time, line by line, and write what the tests say."""
+    os.chdir(tree)
+    sys.path[0] = str(tree)
+    for name in LIBRARIES:
+        importlib.import_module(name)
+    iers = importlib.import_module("astropy.utils.iers")
+    iers.IERS_Auto.read = functools.cache(iers.IERS_Auto.read)  # Each run of the tests reads it anew: 1.5 s.
+    iers.IERS_Auto.read()
+    for line in sys.stdin:
+        print(json.dumps(_forked(*json.loads(line))), flush=True)
+
+
+def _forked(files: list[str], most_cpu_s: int) -> tuple[str, float]:
+    child = os.fork()
+    if child == 0:
+        resource.setrlimit(resource.RLIMIT_CPU, (most_cpu_s, most_cpu_s))
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        for stream in (0, 1, 2):
+            os.dup2(nowhere, stream)
+        options = ["-x", "-q", "-n", "0", "--assert=plain", "-p", "no:cacheprovider", "--hypothesis-profile", "ci"]
+        os._exit(int(importlib.import_module("pytest").main([*options, *files])))
+    _, status, usage = os.wait4(child, 0)
+    word = "survived" if status == 0 else "timeout" if os.WIFSIGNALED(status) else "killed"
+    return word, usage.ru_utime + usage.ru_stime
+
+
+def with_mutant(tester: Tester, mutant: Mutant, room: Room, most_cpu_s: int) -> str:
+    """The outcome of one mutant; the tree is the same again afterwards."""
+    tree = tester.tree
+    path, sound = tree / mutant.module, tree / "sound.py"
+    modules = importers(tree, mutant.module)
+    machine_code = {code: code.read_bytes() for code in _machine_code(tree, modules)}
+    for code in machine_code:
+        code.unlink()
+    path.rename(sound)
+    path.write_text(mutant.source)
+    try:
+        return tester.outcome(tests_of(tree, room, mutant.module), most_cpu_s)[0]
+    finally:
+        sound.replace(path)
+        for code in _machine_code(tree, modules):
+            code.unlink()
+        for code, content in machine_code.items():
+            code.write_bytes(content)
+
+
+def _machine_code(tree: Path, modules: set[str]) -> list[Path]:
+    """The files of numba's cache that belong to modules."""
+    paths = [tree / module for module in modules]
+    return [code for path in paths for code in path.parent.glob(f"__pycache__/{path.stem}.*.nb?")]
+
+
+def score(name: str, mutants: list[Mutant], testers: SimpleQueue[Tester], workers: int) -> None:
+    """Run the mutants of a room, and print its line of the table and its survivors."""
+    room, tester = ROOMS[name], testers.get()
+    word, cpu_s = tester.outcome(tests_of(tester.tree, room, ""), 3600)
+    if word != "survived":
+        sys.exit(f"the tests of {name} fail without any mutant")
+    most_cpu_s = round(SLOWER * cpu_s) + 60
+    testers.put(tester)
+
+    def one(mutant: Mutant) -> str:
+        tester = testers.get()
+        try:
+            said = with_mutant(tester, mutant, room, most_cpu_s)
+        finally:
+            testers.put(tester)
+        print(f"{said:9} {mutant.module}:{mutant.line}  {mutant.change}", file=sys.stderr, flush=True)
+        return said
+
+    with ThreadPoolExecutor(workers) as pool:
+        said = list(pool.map(one, mutants))
+    count = {word: said.count(word) for word in ("killed", "timeout", "survived")}
+    share = 100 * (1 - count["survived"] / max(len(said), 1))
+    print(f"{name:12} {len(said):5} {count['killed']:7} {count['timeout']:8} {count['survived']:9} {share:7.1f} %")
+    for mutant, word in zip(mutants, said, strict=True):
+        if word == "survived":
+            print(f"    {mutant.module}:{mutant.line}  {mutant.change}")
+    sys.stdout.flush()
+
+
+def sampled(name: str, options: argparse.Namespace) -> list[Mutant]:
+    """The mutants of a room that the seed chooses."""
+    every = faults(ROOMS[name], options.only)
+    chosen = random.Random(f"{name} {options.seed}").sample(every, min(options.sample, len(every)))
+    return [mutant_of(fault) for fault in chosen]
+
+
+def main() -> None:
+    """Sample, run, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rooms", default=",".join(ROOMS), help="of: " + ", ".join(ROOMS))
+    parser.add_argument("--sample", type=int, default=100, help="mutants per room")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", default="", help="only modules whose path contains this")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.serve:
+        serve(options.serve)
+        return
+    if unknown := set(options.rooms.split(",")) - set(ROOMS):
+        parser.error(f"no room is called {sorted(unknown)[0]}; known are: {', '.join(ROOMS)}")
+    with tempfile.TemporaryDirectory(prefix="gse-mutation-") as folder:
+        made = [Tester(copy_of_tree(Path(folder) / str(number))) for number in range(options.workers)]
+        testers: SimpleQueue[Tester] = SimpleQueue()
+        for tester in made:
+            testers.put(tester)
+        print(f"seed {options.seed}, {options.sample} mutants per room, without the golden replays")
+        print(f"{'room':12} {'of':>5} {'killed':>7} {'timeout':>8} {'survived':>9} {'score':>7}", flush=True)
+        rooms = {name: sampled(name, options) for name in options.rooms.split(",")}
+        for name, mutants in rooms.items():
+            score(name, mutants, testers, options.workers)
+        for tester in made:
+            tester.close()
+
+
+if __name__ == "__main__":
+    main()

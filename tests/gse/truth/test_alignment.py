@@ -1,0 +1,157 @@
+"""The fit of the mount: its 1 sigma, its gate for outliers, what it says of itself."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gse.errors import UsageError
+from gse.instant import NS_PER_S, from_text
+from gse.mount import Mount
+from gse.truth import Alignment, fit_mount, horizon_to_sensor, small_rotations
+
+ARCSEC = math.pi / 180 / 3600
+START_NS = from_text("2026-03-20T18:30:07Z")
+"""Not a multiple of the 20 s of a block: blocks count from the first frame."""
+MOUNT = Mount(azimuth_deg=123.0, altitude_deg=41.0, roll_deg=200.0)
+SIGMA = np.array([3.0, 4.0, 30.0])
+
+
+def instants(count, step_s=1.0):
+    return START_NS + np.round(np.arange(count) * step_s * NS_PER_S).astype(np.int64)
+
+
+def turned(errors_arcsec, mount=MOUNT):
+    """Measured rotations with these errors (M, 3)."""
+    return Rotation.from_rotvec(np.asarray(errors_arcsec) * ARCSEC).as_matrix() @ horizon_to_sensor(mount)
+
+
+def noise(count, seed=0):
+    return np.random.default_rng(seed).normal(0, SIGMA, (count, 3))
+
+
+def pulls(errors_of, count, step_s):
+    """Errors of many fits in units of their stated standard deviations, root mean square by axis."""
+    squares = []
+    for seed in range(80):
+        fitted = fit_mount(instants(count, step_s), turned(errors_of(seed)))
+        off = small_rotations(horizon_to_sensor(fitted.mount)[None], horizon_to_sensor(MOUNT))[0] / ARCSEC
+        squares.append((off / fitted.sigma_arcsec) ** 2)
+    return np.sqrt(np.mean(squares, axis=0))
+
+
+def test_the_stated_sigma_is_one_standard_deviation_of_the_fit():
+    assert (np.abs(pulls(lambda seed: noise(60, seed), 60, 0.5) - 1) < 0.25).all()
+
+
+def test_errors_that_last_twenty_seconds_do_not_count_as_many():
+    """20 frames in each 20 s, all with one error."""
+    together = pulls(lambda seed: np.repeat(noise(30, seed), 20, axis=0), 600, 1.0)
+    assert (np.abs(together - 1) < 0.25).all()
+
+
+def test_with_less_than_eight_blocks_the_frames_themselves_are_counted():
+    errors = noise(140)
+    few = fit_mount(instants(140), turned(errors))  # seven blocks
+    assert few.sigma_arcsec == pytest.approx(errors.std(axis=0, ddof=1) / math.sqrt(140), rel=1e-3)
+    errors = noise(160)
+    blocks = fit_mount(instants(160), turned(errors))
+    means = errors.reshape(8, 20, 3).mean(axis=1)
+    assert blocks.sigma_arcsec == pytest.approx(means.std(axis=0, ddof=1) / math.sqrt(8), rel=1e-3)
+
+
+def test_the_mount_is_the_mean_of_the_frames_and_the_scatter_their_standard_deviation():
+    errors = noise(100)
+    fitted = fit_mount(instants(100), turned(errors))
+    off = small_rotations(horizon_to_sensor(fitted.mount)[None], horizon_to_sensor(MOUNT))[0] / ARCSEC
+    assert off == pytest.approx(errors.mean(axis=0), abs=1e-3)
+    assert fitted.scatter_arcsec == pytest.approx(tuple(errors.std(axis=0, ddof=1)), rel=1e-4)
+    assert (fitted.n, fitted.rejected) == (100, 0)
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(("sigmas", "rejected"), [(4.0, 0), (-4.0, 0), (6.0, 1), (-6.0, 1), (1000.0, 1)])
+def test_a_frame_is_rejected_beyond_five_sigma_on_any_axis(axis, sigmas, rejected):
+    errors = np.clip(noise(400, 3), -3 * SIGMA, 3 * SIGMA)
+    errors[200] = 0.0
+    errors[200, axis] = sigmas * SIGMA[axis]
+    fitted = fit_mount(instants(400), turned(errors))
+    assert (fitted.n, fitted.rejected) == (400 - rejected, rejected)
+
+
+def test_the_first_and_the_last_instant_are_those_of_frames_that_were_used():
+    errors = noise(50)
+    errors[[0, -1]] = 3600.0
+    fitted = fit_mount(instants(50), turned(errors))
+    assert (fitted.from_ns, fitted.until_ns) == (int(instants(50)[1]), int(instants(50)[-2]))
+
+
+@pytest.mark.parametrize("count", [25, 1000])
+def test_two_false_answers_in_five_do_not_move_the_mount(count):
+    rotations = turned(noise(count))
+    false = np.arange(count) % 5 < 2
+    rotations[false] = Rotation.random(int(false.sum()), rng=np.random.default_rng(2)).as_matrix()
+    fitted = fit_mount(instants(count), rotations)
+    assert fitted.rejected == false.sum()
+    off = small_rotations(horizon_to_sensor(fitted.mount)[None], horizon_to_sensor(MOUNT))[0] / ARCSEC
+    assert (np.abs(off) < 5 * SIGMA / math.sqrt(0.6 * count)).all()
+
+
+def test_one_frame_is_a_mount_of_unknown_precision():
+    fitted = fit_mount(instants(1), turned([[5.0, 0.0, 0.0]]))
+    assert np.isnan(fitted.scatter_arcsec).all()
+    assert np.isnan(fitted.covariance_arcsec2).all()
+    assert (fitted.n, fitted.rejected) == (1, 0)
+
+
+def test_two_frames_have_a_scatter():
+    fitted = fit_mount(instants(2), turned([[1.0, 2.0, -3.0], [-1.0, -2.0, 3.0]]))
+    assert fitted.scatter_arcsec == pytest.approx((math.sqrt(2), math.sqrt(8), math.sqrt(18)), rel=1e-4)
+    assert fitted.sigma_arcsec == pytest.approx((1.0, 2.0, 3.0), rel=1e-4)
+
+
+def test_equal_frames_are_all_used():
+    fitted = fit_mount(instants(40), turned(np.zeros((40, 3))))
+    assert (fitted.n, fitted.rejected) == (40, 0)
+    assert max(fitted.sigma_arcsec) < 1e-6
+
+
+def test_no_frame_is_refused():
+    with pytest.raises(UsageError, match="no frame was identified"):
+        fit_mount([], np.empty((0, 3, 3)))
+
+
+def alignment(mount, covariance):
+    rows = tuple((row[0], row[1], row[2]) for row in np.asarray(covariance, dtype=float).tolist())
+    return Alignment(mount, rows, (1.0, 1.0, 1.0), 321, 4, 0, 1)
+
+
+def test_a_line_for_a_person_says_mount_frames_and_one_sigma():
+    text = str(alignment(MOUNT, np.diag([9.0, 16.0, 400.0])))
+    assert "fitted on 321 frames: azimuth 123.00000, altitude 41.00000, roll 200.0000 deg" in text
+    assert "good to 5.00 arcsec across and 20.0 arcsec about the boresight (1 sigma)" in text
+
+
+@pytest.mark.parametrize(
+    "mount", [MOUNT, Mount(azimuth_deg=10, altitude_deg=75, roll_deg=330), Mount(azimuth_deg=250, altitude_deg=-20)]
+)
+def test_the_sigmas_of_the_three_angles_follow_from_how_the_mount_turns_with_each(mount):
+    covariance = np.array([[9.0, 2.0, -4.0], [2.0, 16.0, 5.0], [-4.0, 5.0, 400.0]])
+    step_deg = 1e-4
+    here = horizon_to_sensor(mount)
+    by_angle = []
+    for name in ("azimuth_deg", "altitude_deg", "roll_deg"):
+        angles = {n: getattr(mount, n) for n in ("azimuth_deg", "altitude_deg", "roll_deg")}
+        angles[name] += step_deg
+        by_angle.append(small_rotations(horizon_to_sensor(Mount(**angles))[None], here)[0] / math.radians(step_deg))
+    inverse = np.linalg.inv(np.array(by_angle).T)
+    expected = np.sqrt(np.diag(inverse @ covariance @ inverse.T))
+    assert alignment(mount, covariance).sigma_azimuth_altitude_roll_arcsec == pytest.approx(tuple(expected), rel=1e-4)
+
+
+def test_at_the_zenith_azimuth_and_roll_share_what_is_known_of_their_sum():
+    azimuth, altitude, roll = alignment(Mount(), np.diag([9.0, 9.0, 400.0])).sigma_azimuth_altitude_roll_arcsec
+    assert azimuth == pytest.approx(10.0)
+    assert roll == pytest.approx(10.0)
+    assert altitude == pytest.approx(3.0)

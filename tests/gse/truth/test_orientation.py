@@ -1,0 +1,102 @@
+"""Earth orientation between, before and after the days of a table, worked out by hand."""
+
+import json
+import math
+from dataclasses import replace
+
+import pytest
+
+from gse.errors import TruthError
+from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD, from_text
+from gse.truth import EarthOrientation
+
+ARCSEC = math.pi / 180 / 3600
+NOW_NS = from_text("2026-03-20T18:30:00Z")
+TABLE = EarthOrientation(
+    "made",
+    (60_000, 60_001, 60_002, 60_003),
+    (-0.10, -0.12, -0.20, -0.24),
+    (0.10, 0.20, 0.40, 0.10),
+    (0.30, 0.50, 0.10, 0.20),
+    (1e-5, 3e-5, 2e-5, 1e-3),
+    ("measured", "measured", "predicted", "predicted"),
+)
+"""2023-02-25 to 28."""
+
+
+def utc_ns(mjd):
+    return round((mjd - UNIX_EPOCH_MJD) * NS_PER_DAY)
+
+
+@pytest.mark.parametrize(
+    ("mjd", "ut1", "x", "y", "error", "kind"),
+    [
+        (60_000.0, -0.10, 0.10, 0.30, 3e-5, "measured"),
+        (60_000.25, -0.105, 0.125, 0.35, 3e-5, "measured"),
+        (60_001.5, -0.16, 0.30, 0.30, 3e-5, "predicted"),
+        (60_002.75, -0.23, 0.175, 0.175, 1e-3, "predicted"),
+        (60_003.0, -0.24, 0.10, 0.20, 1e-3, "predicted"),
+        (59_999.0, -0.10, 0.10, 0.30, 3e-5 + 1e-3, "past the end"),
+        (60_013.0, -0.24, 0.10, 0.20, 1e-3 + 1e-2, "past the end"),
+        (60_103.5, -0.24, 0.10, 0.20, 1e-3 + 0.1005, "past the end"),
+        (62_000.0, -0.24, 0.10, 0.20, 0.9, "past the end"),
+    ],
+)
+def test_values_are_linear_between_days_and_held_past_the_ends(mjd, ut1, x, y, error, kind):
+    here = TABLE.at(utc_ns(mjd))
+    assert here.ut1_minus_utc_s == pytest.approx(ut1, abs=1e-9)
+    assert (here.x_pole_rad / ARCSEC, here.y_pole_rad / ARCSEC) == pytest.approx((x, y), abs=1e-9)
+    assert here.ut1_error_s == pytest.approx(error, rel=1e-9)
+    assert here.kind == kind
+
+
+def test_across_a_leap_second_ut1_is_interpolated_without_the_leap():
+    """2016-12-31 to 2017-01-02, with the leap second at the end of the first day."""
+    table = replace(TABLE, mjd=(57_753, 57_754, 57_755, 57_756), ut1_minus_utc_s=(-0.407, 0.592, 0.591, 0.590))
+    assert table.at(utc_ns(57_753.5)).ut1_minus_utc_s == pytest.approx(-0.4075, abs=1e-9)
+    assert table.at(utc_ns(57_754.5)).ut1_minus_utc_s == pytest.approx(0.5915, abs=1e-9)
+
+
+def test_the_table_around_a_session_reaches_ten_days_to_either_side():
+    table = EarthOrientation.from_disk(NOW_NS)
+    day = UNIX_EPOCH_MJD + NOW_NS // NS_PER_DAY
+    assert (table.mjd[0], table.mjd[-1]) == (day - 10, day + 10)
+    assert table.mjd == tuple(range(day - 10, day + 11))
+
+
+def test_far_past_the_end_the_last_days_of_the_predictions_are_taken():
+    table = EarthOrientation.from_disk(from_text("2060-01-01T00:00:00Z"))
+    assert len(table.mjd) == 11
+    assert set(table.kind) == {"predicted"}
+
+
+def test_truth_begins_with_1972():
+    first = from_text("1972-01-01T00:00:00Z")
+    assert EarthOrientation.from_disk(first).at(first).kind == "measured"
+    with pytest.raises(TruthError, match="1971-12-31"):
+        EarthOrientation.from_disk(first - 1)
+
+
+def test_past_the_end_a_line_says_which_days_are_known_and_how_well_ut1_is():
+    warning = TABLE.warning(utc_ns(60_102.0))
+    assert warning is not None
+    assert warning.startswith("2023-06-07")
+    assert "2023-02-25 to 2023-02-28" in warning
+    assert "UT1 is only known to 0.1 s = 1.5 arcsec" in warning
+    assert TABLE.warning(utc_ns(60_003.0)) is None
+    assert TABLE.warning(utc_ns(60_003.0) + 1000) is not None
+
+
+def of_days(count):
+    columns = {name: [0.0] * count for name in ("ut1_minus_utc_s", "x_pole_arcsec", "y_pole_arcsec", "ut1_error_s")}
+    document = {"schema": "gse.earth-orientation/1", "source": "made", "mjd": list(range(60_000, 60_000 + count))}
+    return json.dumps(document | columns | {"kind": ["measured"] * count})
+
+
+@pytest.mark.parametrize(("days", "good"), [(0, False), (1, False), (2, True), (4000, True), (4001, False)])
+def test_a_frozen_table_has_two_to_four_thousand_days(days, good):
+    if good:
+        assert len(EarthOrientation.from_json(of_days(days)).mjd) == days
+        return
+    with pytest.raises(TruthError, match="impossible length"):
+        EarthOrientation.from_json(of_days(days))
