@@ -3,8 +3,8 @@
     python benchmarks/fits.py [--skies 24] [--seconds 300] [--rate-hz 2]
 
 Each sky has a mount and an hour of its own, so that its stars are its own. Chi-square of the fitted mount and of the
-fitted camera against the true ones, and compare's figures between all pairs of these sessions of the same sensor, by the
-functions that the commands call. Prints Markdown tables.
+fitted camera against the true ones, and compare's figures between all pairs of these sessions of the same sensor, by
+the functions that the commands call. Prints Markdown tables.
 """
 
 import argparse
@@ -116,9 +116,8 @@ def main() -> None:
     ]
     for name, value, freedom in rows:
         low, high = chi2.ppf([0.025, 0.975], freedom)
-        print(
-            f"| {name} | {value:.1f} | {freedom} | {low:.0f} to {high:.0f} | {'yes' if low <= value <= high else 'NO'} |"
-        )
+        inside = "yes" if low <= value <= high else "NO"
+        print(f"| {name} | {value:.1f} | {freedom} | {low:.0f} to {high:.0f} | {inside} |")
     print("\n| compare | pairs | rms z | beyond 3 sigma | called worse |\n|---|---|---|---|---|")
     compared = defaultdict(list)
     for pair in itertools.combinations(sessions, 2):
