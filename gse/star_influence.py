@@ -19,7 +19,7 @@ def attitude_operators(directions_sensor: NDArray[np.float64], frames: NDArray[n
     """Matrices (N, 3, 2) that take a star's error (columns, rows) to the small rotation that it makes of its frame.
 
     ``directions_sensor`` (N, 3), ``frames`` (N,) the frame of each row. The rotation is of the measured attitude, in
-    the sensor frame. Zeros in frames with less than three stars. Scaled up for what the fit takes out of residuals.
+    the sensor frame. Zeros in frames with less than three stars.
     """
     _, place = np.unique(frames, return_inverse=True)
     count = np.bincount(place)
@@ -27,10 +27,15 @@ def attitude_operators(directions_sensor: NDArray[np.float64], frames: NDArray[n
     fisher = _fisher(directions_sensor, place, len(count))
     fisher[few] = np.eye(3)
     inverse = np.linalg.inv(fisher)
-    # In residuals so much is left of the errors.
-    inverse /= (1 - _UNKNOWNS_OF_A_FRAME / np.maximum(count, _MIN_STARS))[:, None, None]
     inverse[few] = 0.0
     return np.asarray(inverse[place] @ _turns(directions_sensor), dtype=np.float64)
+
+
+def unfitted(residuals: NDArray[np.float64], frames: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Residuals (N, 2) scaled up to the size of the errors of which the fit of each frame took a share."""
+    _, place, count = np.unique(frames, return_inverse=True, return_counts=True)
+    left = 1 - _UNKNOWNS_OF_A_FRAME / np.maximum(count, _MIN_STARS)
+    return np.asarray(residuals / np.sqrt(left)[place, None], dtype=np.float64)
 
 
 def boresight_shifts(rotations: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import false_answers
-from gse.star_influence import attitude_operators, boresight_shifts, star_covariance
+from gse.star_influence import attitude_operators, boresight_shifts, star_covariance, unfitted
 from gse.station.session_data import SessionData
 from gse.truth import time_blocks
 
@@ -47,6 +47,7 @@ def field_content(session: SessionData) -> dict[str, FieldContent]:
         return {}
     xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
     errors = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
+    errors = unfitted(errors, matches["frame"])
     rotations = attitude_operators(session.station.sensor.camera().directions(xy_px), matches["frame"])
     operators = _towards_east_and_north(rotations, np.radians(frames["roll_true_deg"][matches["frame"]]))
     blocks = time_blocks(frames["utc_ns"])[matches["frame"]]

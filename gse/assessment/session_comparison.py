@@ -109,12 +109,14 @@ class _Axis(NamedTuple):
     figures: AxisStatistics
     field: FieldContent
     time_error_arcsec: float
+    time_error_abs_arcsec: float
 
     @classmethod
     def of(cls, figures: Statistics, frames: NDArray[np.void], fields: dict[str, FieldContent], axis: str) -> "_Axis":
         good = _good(frames)
-        time_error = _sigma_of_mean(frames["utc_ns"][good], frames[f"{axis}_arcsec"][good])
-        return cls(figures.onboard.axes[axis], fields.get(axis, _NO_FIELD), time_error)
+        utc_ns, errors = frames["utc_ns"][good], frames[f"{axis}_arcsec"][good]
+        by_time = _sigma_of_mean(utc_ns, errors), _sigma_of_mean(utc_ns, np.abs(errors))
+        return cls(figures.onboard.axes[axis], fields.get(axis, _NO_FIELD), *by_time)
 
     @property
     def bias_error_arcsec(self) -> float:
@@ -129,11 +131,12 @@ class _Axis(NamedTuple):
 
     @property
     def mean_abs_error_arcsec(self) -> float:
-        """Standard error of the mean absolute error, as of normal errors: by bias and by spread."""
+        """Standard error of the mean absolute error: what frames show, or by bias and spread as of normal errors."""
         share = self.figures.bias_arcsec / max(self.figures.std_arcsec, 1e-9)
         by_bias = math.erf(share / math.sqrt(2)) * self.bias_error_arcsec
         spread_error = self.field.spread_error_share * self.figures.std_arcsec
-        return math.hypot(by_bias, math.sqrt(2 / math.pi) * math.exp(-(share**2) / 2) * spread_error)
+        by_stars = math.hypot(by_bias, math.sqrt(2 / math.pi) * math.exp(-(share**2) / 2) * spread_error)
+        return max(by_stars, self.time_error_abs_arcsec)
 
 
 _NO_FIELD = FieldContent(_NAN, 0.0, 0.0, 0.0)

@@ -108,6 +108,14 @@ def calibrate_session(
 _Named = tuple[Panorama, Identification]
 
 
+def star_fields(
+    sample: PanoramaSample, camera: Camera, identifier: Identifier, truth: SiderealTruth | None
+) -> list[StarField]:
+    """The panoramas of a sample that a camera identifies, with the directions in which their stars are seen."""
+    found = _identified(sample.percentiles(MAX_PANORAMAS), camera, identifier)
+    return [_field(item, identifier, truth) for item in found]
+
+
 def _identified(panoramas: list[Panorama], camera: Camera, identifier: Identifier) -> list[_Named]:
     answers = ((item, identifier.identify(camera.directions(item.xy_px), item.brightness)) for item in panoramas)
     return [(item, answer) for item, answer in answers if isinstance(answer, Identification)]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gse.constants import ARCSEC_PER_RAD
 from gse.errors import UsageError
 from gse.instant import NS_PER_S
-from gse.star_influence import attitude_operators, star_covariance
+from gse.star_influence import attitude_operators, star_covariance, unfitted
 from gse.station.frame_table import ANSWER_CHECKS
 from gse.station.results import AnswerCheck, FrameResult
 from gse.station.session_data import SessionData
@@ -74,9 +74,10 @@ def persistent_arcsec2(session: SessionData) -> NDArray[np.float64]:
         return np.zeros((3, 3))
     xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
     residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
+    errors = unfitted(residuals, matches["frame"])
     operators = attitude_operators(session.station.sensor.camera().directions(xy_px), matches["frame"])
     blocks = time_blocks(frames["utc_ns"])[matches["frame"]]
-    total = star_covariance(operators, residuals, matches["star"], blocks, within_blocks=False)
+    total = star_covariance(operators, errors, matches["star"], blocks, within_blocks=False)
     return total / len(np.unique(matches["frame"])) ** 2
 
 

@@ -1,11 +1,14 @@
 """Two nights side by side, and the gate that their differences make."""
 
+import itertools
+
 import numpy as np
 import pytest
-from skies.known_nights import session, unanswered
+from skies.known_nights import START_NS, frame, session, unanswered
 
 from gse.assessment.session_comparison import session_comparison
-from gse.station.results import AnswerCheck
+from gse.instant import NS_PER_S
+from gse.station.results import AnswerCheck, AttitudeError
 
 
 def worse(first, second, **options):
@@ -77,3 +80,50 @@ def test_nights_without_answers_compare_without_complaint():
 def test_the_significance_that_counts_is_asked_for(sigmas):
     first, second = session(3000, noise=5.0), session(3000, noise=7.0, seed=2)
     assert bool(worse(first, second, sigmas=sigmas)) == (sigmas < 50)
+
+
+def test_a_bias_that_changed_is_a_regression_where_that_is_asked_for():
+    first, second = session(3000), session(3000, bias=(0.0, -3.0, 0.0), seed=2)
+    assert "bias dDE" not in worse(first, second)
+    assert "bias dDE" in worse(first, second, bias_is_regression=True)
+    assert "bias dDE" in worse(second, first, bias_is_regression=True)
+
+
+def test_the_loss_that_is_allowed_stands_in_each_row():
+    rows = {row.name: row for row in session_comparison(session(100), session(100)).rows}
+    assert rows["NEA dDE"].allowed == pytest.approx(0.6)
+
+
+def starry(stars, *, seed, per_star=20.0, count=600):
+    """A session whose frames' errors are those that the noise of so many stars gives, anywhere on the detector."""
+    rng = np.random.default_rng(seed)
+    xy = rng.uniform(0, 1023, (stars, 2)).tolist()
+    made = session(0)
+    for number in range(count):
+        errors = rng.normal(0, per_star, (stars, 2))
+        right, down = -errors.mean(axis=0)
+        left = (errors - errors.mean(axis=0)).tolist()
+        matches = [(*place, *error) for place, error in zip(xy, left, strict=True)]
+        error = AttitudeError(-right, -down, 0.0, right, down)
+        made.frames.append(frame(START_NS + number * NS_PER_S, number + 10_000 * seed, error, matches=matches))
+    return made
+
+
+def test_a_field_of_fewer_stars_is_no_regression():
+    result = session_comparison(starry(28, seed=1), starry(9, seed=2))
+    noise = next(row for row in result.rows if row.name == "NEA dDE")
+    assert noise.second > 1.5 * noise.first
+    assert noise.alike == pytest.approx(noise.first, rel=0.15)
+    assert abs(noise.sigmas) < 3
+    assert result.regressions == ()
+
+
+def test_a_star_noise_that_grew_is_a_regression_under_other_stars_too():
+    assert "NEA dDE" in worse(starry(28, seed=1), starry(28, seed=2, per_star=28.0))
+
+
+def test_equal_sensors_under_other_stars_differ_by_one_sigma():
+    sessions = [starry(20, seed=seed, count=200) for seed in range(1, 9)]
+    rows = [row for one, two in itertools.combinations(sessions, 2) for row in session_comparison(one, two).rows]
+    sigmas = np.array([row.sigmas for row in rows if row.name.startswith("NEA")])
+    assert 0.6 < np.sqrt((sigmas**2).mean()) < 1.4

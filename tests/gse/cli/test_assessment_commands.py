@@ -6,6 +6,7 @@ import pytest
 from devices.command_line import Gse, runner
 
 from gse.config.station import read_station
+from gse.simulator.scenario import load_scenario
 
 
 @pytest.fixture
@@ -150,3 +151,33 @@ def test_a_clock_error_that_was_stated_live_is_in_the_session(gse, tmp_path):
     replayed = gse("replay", session, "--json", "--out", tmp_path / "replayed")
     assert json.loads(live.out)["clock"]["error_bound_s"] == 0.02
     assert json.loads(replayed.out)["clock"] == json.loads(live.out)["clock"]
+
+
+def test_a_raw_capture_gives_the_same_report_each_time_without_times_of_this_host(gse, folder, tmp_path):
+    session = simulated(gse, folder, "inclined")
+    capture = tmp_path / "capture.bin"
+    gse("session", "export", session, "--format", "raw", "--out", capture)
+    station = tmp_path / "station.yaml"
+    station.write_text(load_scenario("inclined").station_text())
+    given = (capture, "--station", station, "--start-utc", load_scenario("inclined").start)
+    for name in "ab":
+        gse("replay", *given, "--out", tmp_path / name)
+    one, two = (next((tmp_path / name).glob("*/report.json")).read_text() for name in "ab")
+    assert one == two
+    assert json.loads(one)["identification"]["time_ms"]["n"] == 0
+    assert json.loads(next((tmp_path / "a").glob("*/timing.json")).read_text())["frames"] == 45
+    aligned = json.loads(gse("align", *given, "--json").out)
+    assert aligned["altitude_deg"] == pytest.approx(45, abs=0.01)
+    calibrated = json.loads(gse("calibrate", *given, "--json").out)
+    assert calibrated["identified_after"] == 45
+    compared = gse("compare", capture, *given, "--json")
+    assert json.loads(compared.out)["paired"] is True
+
+
+@pytest.mark.parametrize("command", ["align", "calibrate"])
+def test_a_raw_capture_without_its_start_says_what_is_missing(gse, tmp_path, command):
+    raw = tmp_path / "capture.bin"
+    raw.write_bytes(b"12345")
+    done = gse(command, raw)
+    assert done.code == 2
+    assert "--start-utc" in done.err

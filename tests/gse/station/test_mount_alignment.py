@@ -11,8 +11,8 @@ from gse.errors import ConfigError, UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount
 from gse.panorama import Panorama
-from gse.station.mount_alignment import FirstSeconds, MeasuredMounts, cross_judged
-from gse.station.results import AnswerCheck, FrameResult, Status
+from gse.station.mount_alignment import FirstSeconds, MeasuredMounts, cross_judged, persistent_arcsec2
+from gse.station.results import AnswerCheck, FrameResult, Matches, Status
 from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations
 
@@ -161,3 +161,24 @@ def test_a_section_that_was_not_there_is_added_and_one_to_be_dropped_goes():
 def test_values_that_make_no_station_file_are_refused():
     with pytest.raises(ConfigError, match="altitude_deg"):
         with_values(BUILT_IN_TEXT, "mount", {"altitude_deg": 95.0})
+
+
+def test_what_stars_keep_for_a_session_is_in_the_covariance_though_frames_do_not_show_it():
+    rng = np.random.default_rng(7)
+    sessions = [starry_session(rng, catalogue_arcsec) for catalogue_arcsec in (0.0, 10.0)]
+    still, wrong = (np.sqrt(np.diag(persistent_arcsec2(one))) for one in sessions)
+    assert wrong[:2] == pytest.approx(10 / np.sqrt(25), rel=0.4)
+    assert still[0] < 0.2
+
+
+def starry_session(rng, catalogue_arcsec):
+    """Frames of 25 stars whose places in the catalogue are wrong, with 5 arcsec of noise."""
+    session = SessionData(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, "panorama-v1")
+    xy_px, wrong = rng.uniform(0, 1023, (25, 2)), rng.normal(0, catalogue_arcsec, (25, 2))
+    rows = np.arange(25)
+    for number in range(300):
+        errors = wrong + rng.normal(0, 5, (25, 2))
+        matches = Matches(rows, rows, errors - errors.mean(axis=0), str)
+        panorama = Panorama(START_NS + number * NS_PER_S, xy_px, np.ones(25), number)
+        session.frames.append(FrameResult(panorama, Status.IDENTIFIED, "", "neighbour", matches=matches))
+    return session

@@ -1,0 +1,70 @@
+"""Thermo-elastic error: how the attitude error follows the sensor's temperature, in arcsec per kelvin.
+
+ECSS-E-ST-60-20C Rev.2 counts it among the bias and low-frequency errors. A straight drift in time is fitted beside the
+temperature, so that a mount that sinks is not taken for it; where the temperature itself only drifts, the two cannot be
+told apart and the interval says so. The interval respects autocorrelation: block means, Student's t.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+BLOCKS = 32
+"""Means of so many equal parts of the session are fitted; their residuals' correlation widens the interval."""
+MIN_FRAMES = 60
+RESOLUTION_K = 0.1
+"""A temperature that moved by less than five of these tells nothing."""
+_STEPS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class ThermalError:
+    """Arcsec per kelvin of one axis with its 95 % interval, and the range of the temperature in K."""
+
+    arcsec_per_k: float
+    low_arcsec_per_k: float
+    high_arcsec_per_k: float
+    range_k: float
+
+
+def thermal_error(
+    utc_ns: NDArray[np.int64],
+    error_arcsec: NDArray[np.float64],
+    temperature_c: NDArray[np.float64],
+    *,
+    resolution_k: float = RESOLUTION_K,
+) -> ThermalError | None:
+    """Of errors (M,) at instants (M,) and temperatures (M,); None where the temperature did not move, or is unknown."""
+    known = np.isfinite(temperature_c) & np.isfinite(error_arcsec)
+    if known.sum() < MIN_FRAMES:
+        return None
+    parts = np.array_split(np.flatnonzero(known), min(BLOCKS, int(known.sum()) // 5))
+    error, temperature, time_s = (
+        np.array([float(np.mean(values[rows])) for rows in parts])
+        for values in (error_arcsec, temperature_c.astype(np.float64), (utc_ns - utc_ns[0]) / 1e9)
+    )
+    if np.ptp(temperature) < _STEPS * resolution_k or np.ptp(time_s) == 0:
+        return None
+    time = (time_s - time_s.mean()) / np.ptp(time_s)
+    design = np.column_stack([np.ones_like(time), time, temperature - temperature.mean()])
+    inverse = np.linalg.pinv(design.T @ design)
+    fit = inverse @ (design.T @ error)
+    left = error - design @ fit
+    widening = _widening(left)
+    freedom = max(len(error) / widening - design.shape[1], 1.0)
+    variance = float(left @ left) / max(len(error) - design.shape[1], 1) * widening * float(inverse[2, 2])
+    half = float(stdtrit(freedom, 0.975)) * math.sqrt(variance)
+    slope = float(fit[2])
+    return ThermalError(slope, slope - half, slope + half, float(np.ptp(temperature)))
+
+
+def _widening(left: NDArray[np.float64]) -> float:
+    """By how much correlation of first order makes the variance of a slow regressor's coefficient larger."""
+    total = float(left @ left)
+    share = float(left[1:] @ left[:-1]) / total if total > 0 else 0.0
+    # The residuals of a fit show less correlation than the errors have (Kendall 1954).
+    share = min(max(share + (1 + 4 * share) / len(left), 0.0), 0.9)
+    return (1 + share) / (1 - share)
