@@ -59,7 +59,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Shares of the sessions of a cell."""
+    """Shares of the sessions of a cell: coverage of those given bounds, decisions of all."""
 
     cell: Cell
     coverage: tuple[float, float, float, float]
@@ -115,6 +115,7 @@ def measure(task: tuple[Cell, int]) -> Outcome:
     given = [row for row in rows if row is not None]
     shares = np.mean([row[:9] for row in given], axis=0) if given else np.full(9, math.nan)
     number = float(np.median([row[9] for row in given])) if given else math.nan
+    shares[4:9] *= len(given) / len(rows)  # a session without bounds neither passes nor fails
     coverage = (shares[0], shares[1], shares[2], shares[3])
     return Outcome(
         cell, coverage, (shares[4], shares[5]), (shares[6], shares[7]), shares[8], len(given) / len(rows), number
@@ -125,7 +126,7 @@ def _session(
     one: NDArray[Any], time_s: NDArray[Any], bias: float, true: tuple[float, float]
 ) -> tuple[float, ...] | None:
     bounds, absolute = error_bounds(one), np.abs(one)
-    slope, slopes = drift(time_s, one)
+    _, slopes = drift(time_s, one)
     values = float(absolute.mean()), float(np.percentile(absolute, 95))
     both = bounds.mean_abs, bounds.p95_abs
     if math.isnan(bounds.bias.low):

@@ -40,11 +40,11 @@ class AxisStatistics:
     the standard deviation of successive differences / sqrt(2). ``p95_abs``, ``p99_abs``, ``max_abs`` are of the
     absolute values.
 
-    ``*_low`` and ``*_high``, like the bounds in ``*_bounds``, hold the true value with 95 %, correlation of the frames
-    taken into account; they are NaN below 30 frames and where every value is the
-    same, those of bias, mean and percentile also where the session is not worth one independent value. ``n_eff`` is the number of
-    independent frames that the session is worth, ``tau_s`` its integrated autocorrelation time: the time of one of
-    them. ``too_short`` says why bounds are missing, or tell little; it is empty where they are sound.
+    ``*_low`` and ``*_high``, like the bounds in ``*_bounds``, hold the true value with 95 %, correlation of the
+    frames taken into account; they are NaN below 30 frames and where every value is the same, those of bias, mean
+    and percentile also where the session is not worth one independent value. ``n_eff`` is the number of independent
+    frames that the session is worth, ``tau_s`` its integrated autocorrelation time: the time of one of them.
+    ``too_short`` says why bounds are missing, or tell little; it is empty where they are sound.
     """
 
     n: int
