@@ -1,6 +1,6 @@
 """What is lost under faults: on the wire, at the port, in the process, on the disk, in the file.
 
-    python benchmarks/faults.py [wire] [recorder] [files] [ports] [load] [readers] [signals]
+    python benchmarks/faults.py [wire] [recorder] [files] [ports] [load] [readers] [signals] [changed] [strangers] [network]
 
 Prints a table with the goal beside each figure; without arguments, all of it (some 20 minutes). The stalled and the
 full disk are real ones, and need root to mount them.
@@ -27,10 +27,13 @@ from drivers.session_file.verification import verify
 from drivers.session_file.writer import CaptureWriter
 from drivers.urlhandlers.protocol_sim import register
 from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.recording.recorder import Recorder
 from gse.simulator import device_factory
 from protocols import Frame, FrameDecoder, Start, load_protocol
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from devices.hostile_sessions import FILES, write_file, write_flood, write_steering, write_times
+from devices.ser2net import PROGRAM, Ser2net
 from devices.terminal import Terminal
 from endings import readers, signals
 
@@ -69,6 +72,7 @@ def main() -> None:
     """Measure what was asked for and print the table."""
     parts = {"wire": wire, "recorder": recorder, "files": files, "ports": ports, "load": load}
     parts |= {"readers": readers, "signals": signals}
+    parts |= {"changed": changed, "strangers": strangers, "network": network}
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.2f}", flush=True)
     for name in sys.argv[1:] or parts:
         with tempfile.TemporaryDirectory() as folder:
@@ -407,6 +411,114 @@ class _Disk:
         """Unmount it."""
         if self._mounted:
             subprocess.run(["umount", str(self.folder)], check=True)
+
+
+HARMS = 200
+
+
+def changed(folder: Path) -> list[Row]:
+    """A file that another program changes while it is written: a byte, a sector, its end."""
+    rng = random.Random(6)
+    rows = []
+    for harm in ("a byte flipped", "16 KiB zeroed", "truncated"):
+        silent = lost = rewritten = unwhole = 0
+        for number in range(HARMS):
+            path = folder / f"{harm}{number}" / "session.mcap"
+            path.parent.mkdir()
+            chunks = [Chunk(10**18 + n, n, rng.randbytes(FRAME_BYTES)) for n in range(400)]
+            recording = Recorder(path, live=False)
+            for chunk in chunks[:200]:
+                recording.rx(chunk)
+            before = _harm(path, harm, rng)
+            for chunk in chunks[200:]:
+                recording.rx(chunk)
+            recording.close()
+            silent += recording.damage is None
+            rewritten += path.read_bytes()[: len(before)] != before
+            saved = path.with_name("session.recovered.mcap")
+            received = b"".join(r.data for r in read_capture(saved) if isinstance(r, Message) and r.topic == RX)
+            lost += len(chunks) * FRAME_BYTES - len(received)
+            unwhole += not verify(saved).is_whole
+        value = f"{silent}, {rewritten}, {lost}, {unwhole}"
+        rows.append((f"{HARMS} x {harm} during the run: silent, rewritten, bytes lost, not whole", value, "0, 0, 0, 0"))
+    return rows
+
+
+def _harm(path: Path, harm: str, rng: random.Random) -> bytes:
+    """Change a file that is written on; its content up to where writing goes on, as it is then."""
+    content = bytearray(path.read_bytes())
+    place = rng.randrange(len(content) - (16 << 10))
+    if harm == "truncated":
+        os.truncate(path, place)
+        return bytes(content[:place])
+    if harm == "a byte flipped":
+        content[place] ^= 1 << rng.randrange(8)
+    else:
+        content[place : place + (16 << 10)] = bytes(16 << 10)
+    with path.open("r+b") as file:
+        file.write(content)
+    return bytes(content)
+
+
+def strangers(folder: Path) -> list[Row]:
+    """Hostile sessions through the commands, each in a process of its own: exit code, memory, time per MB of input."""
+    makers = {name: (lambda path, name=name: write_file(path, name)) for name in FILES}
+    makers |= {"a flood of events": write_flood, "absurd times": write_times, "texts that steer": write_steering}
+    rows = []
+    for name, make in makers.items():
+        path = make(folder / "session.mcap")
+        megabytes = max(path.stat().st_size / 1e6, 1.0)
+        codes, most_mib, most_s = set(), 0.0, 0.0
+        for words in (("session", "verify"), ("session", "info"), ("report",)):
+            code, mib, seconds = _measured([str(Path(sys.executable).parent / "gse"), *words, str(path)])
+            codes.add(code)
+            most_mib, most_s = max(most_mib, mib), max(most_s, seconds / megabytes)
+        path.unlink()
+        value = f"{'/'.join(map(str, sorted(codes)))}, {most_mib:.0f} MiB, {most_s:.1f} s/MB"
+        rows.append((f"stranger: {name}: exit codes, memory, CPU", value, "never 70, <= 400 MiB, <= 10 s/MB"))
+    return rows
+
+
+def _measured(command: list[str]) -> tuple[int, float, float]:
+    """Exit code, largest resident memory in MiB, and CPU seconds of a command."""
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    return os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024, usage.ru_utime + usage.ru_stime
+
+
+def network(folder: Path) -> list[Row]:
+    """Debian's ser2net between sensor and station, killed and started again."""
+    if PROGRAM is None:
+        return [("ser2net is not installed", "not measured", "")]
+    rows = []
+    for scheme in ("rfc2217", "socket"):
+        terminal = Terminal(folder / f"tty-{scheme}")
+        rng = random.Random(7)
+        sent, received = bytearray(), bytearray()
+        told = Counter[str]()
+        with (
+            Ser2net(scheme, terminal.path, folder) as server,
+            SerialLink(server.url, 115200, wait_port=True) as link,
+        ):
+            for number in range(10):
+                while not told["OPENED"] + told["REOPENED"] > number:
+                    told.update(item.kind for item in link.receive(1.0) if isinstance(item, LinkEvent))
+                server.await_open(terminal.path)
+                for _ in range(40):
+                    data = rng.randbytes(FRAME_BYTES)
+                    terminal.write(data)
+                    sent += data
+                while len(received) < len(sent) and (items := link.receive(2.0)):
+                    received += b"".join(item.data for item in items if isinstance(item, Chunk))
+                server.kill()
+                while told["LOST"] <= number:
+                    told.update(item.kind for item in link.receive(1.0) if isinstance(item, LinkEvent))
+                server.start()
+        terminal.unplug()
+        same = "identical" if sent == received else "NOT identical"
+        value = f"{len(sent)} bytes {same}, {told['LOST']} lost, {told['REOPENED']} back"
+        rows.append((f"{scheme}:// over ser2net, killed 10 times", value, "identical, 10 lost, 9 or 10 back"))
+    return rows
 
 
 if __name__ == "__main__":

@@ -45,6 +45,7 @@ values keeps its ``problems`` and becomes a SENSOR_FAULT later.
 """
 
 import hashlib
+import math
 from collections import deque
 
 import numpy as np
@@ -72,6 +73,10 @@ from protocols import (
 
 BITS_PER_BYTE = 10
 """8N1: a start bit, eight data bits, a stop bit."""
+
+LONGEST_EXPOSURE_S = 3600.0
+HOTTEST_C = 1e6
+"""Beyond these a number of the sensor is none."""
 
 CLOCK_STEP_NS = 5_000_000
 """UTC that moves this much against the monotonic clock between two frames was stepped, not slewed."""
@@ -204,7 +209,10 @@ class Reception:
         return [ClockStep(utc_ns, mono_ns, StationKind.CLOCK_STEP, text, now - before)]
 
     def _panorama(self, message: PanoramaMessage, frame: Frame, host_utc_ns: int, mono_ns: int) -> Panorama:
-        utc_ns = min(max(self._utc_of(message, host_utc_ns, mono_ns), 0), LAST_NS)
+        # What is no number of these (NaN, infinity, an age) is told in the panorama's problems.
+        exposure_s = message.exposure_s if 0 <= message.exposure_s <= LONGEST_EXPOSURE_S else math.nan
+        temperature_c = message.temperature_c if abs(message.temperature_c) <= HOTTEST_C else math.nan
+        utc_ns = min(max(self._utc_of(message, exposure_s, host_utc_ns, mono_ns), 0), LAST_NS)
         brightest_first = np.argsort(-message.index, kind="stable")
         self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
         return Panorama(
@@ -212,18 +220,20 @@ class Reception:
             xy_px=message.xy_px.take(brightest_first, axis=0),
             brightness=message.index.take(brightest_first),
             frame_no=message.frame_no,
-            exposure_s=message.exposure_s,
+            exposure_s=exposure_s,
             time_us=message.time_us,
-            temperature_c=message.temperature_c,
+            temperature_c=temperature_c,
             flags=message.flags,
             host_utc_ns=host_utc_ns if self._anchor_utc_ns is None else 0,
             sequence=frame.sequence,
             problems=message.problems,
         )
 
-    def _utc_of(self, message: PanoramaMessage, utc_ns: int, mono_ns: int) -> int:
+    def _utc_of(self, message: PanoramaMessage, exposure_s: float, utc_ns: int, mono_ns: int) -> int:
         if self._anchor_utc_ns is None:
-            arrived_ns = mono_ns - self._byte_ns - round(message.exposure_s * NS_PER_S / 2)
+            # A panorama whose exposure is out of order is placed where its first byte came.
+            half_ns = 0 if math.isnan(exposure_s) else round(exposure_s * NS_PER_S / 2)
+            arrived_ns = mono_ns - self._byte_ns - half_ns
             return self._clock.utc_ns(message.time_us, arrived_mono_ns=arrived_ns, utc_minus_mono_ns=utc_ns - mono_ns)
         return self._anchored_utc_ns(message.time_us)
 
