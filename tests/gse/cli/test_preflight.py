@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from gse.cli.ports import command as ports
 from gse.cli.config import command as config
+from gse.cli.ports import command as ports
 from gse.cli.preflight import command as preflight
 from gse.config.station import BUILT_IN_TEXT
 from protocols import StatusMessage, load_protocol
