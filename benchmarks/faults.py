@@ -1,6 +1,8 @@
 """What is lost under faults: on the wire, at the port, in the process, on the disk, in the file.
 
-    python benchmarks/faults.py [wire] [recorder] [files] [ports] [load] [readers] [signals] [changed] [strangers] [network]
+    python benchmarks/faults.py [PART ...]
+
+Parts: wire, recorder, files, ports, load, readers, signals, changed, strangers, network.
 
 Prints a table with the goal beside each figure; without arguments, all of it (some 20 minutes). The stalled and the
 full disk are real ones, and need root to mount them.

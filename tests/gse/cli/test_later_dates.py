@@ -1,0 +1,77 @@
+"""The station on a day past the end of the Earth orientation tables: it says what is not known, and goes on."""
+
+import contextlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from gse.config.station import BUILT_IN_TEXT
+
+pytestmark = pytest.mark.skipif(shutil.which("faketime") is None, reason="faketime is not installed")
+# Python waits on the monotonic clock, which faketime does not shift without breaking its timeouts.
+ENVIRONMENT = {**os.environ, "DONT_FAKE_MONOTONIC": "1"}
+
+
+def at(offset: str, *words: object) -> list[str]:
+    return ["faketime", "-f", offset, sys.executable, "-m", "gse", *map(str, words)]
+
+
+def preflight_at(offset: str, *words: object) -> dict[str, str]:
+    command = at(offset, "preflight", "--json", *words)
+    answer = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    found: dict[str, str] = next(item for item in json.loads(answer.stdout)["checks"] if item["name"] == "earth")
+    return found
+
+
+@pytest.fixture
+def midnight_station(tmp_path: Path) -> Path:
+    """The built-in station where it is midnight now, so that the emulated sensor sees stars at any hour."""
+    now = datetime.now(UTC)
+    longitude_deg = (-15 * (now.hour + now.minute / 60) + 180) % 360 - 180
+    path = tmp_path / "station.yaml"
+    path.write_text(BUILT_IN_TEXT.replace("longitude_deg: 106.70", f"longitude_deg: {longitude_deg:.2f}"))
+    return path
+
+
+@contextlib.contextmanager
+def emulated(offset: str, station: Path) -> Iterator[str]:
+    """An emulated sensor on a pty, its sky that of the date; gives the port's name."""
+    command = at(offset, "emulate", "--pty", "--station", station)
+    with subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        assert process.stdout is not None
+        try:
+            yield process.stdout.readline().decode().strip()
+        finally:
+            process.terminate()
+
+
+@pytest.mark.parametrize(("offset", "words"), [("+400d", "leap seconds"), ("+4y", "UT1 is only known to")])
+def test_preflight_warns_past_the_end_of_the_tables(tmp_path: Path, offset: str, words: str) -> None:
+    found = preflight_at(offset, "--out", tmp_path)
+    assert found["outcome"] == "WARN"
+    assert words in found["text"]
+    assert "--earth-orientation" in found["advice"]
+
+
+def test_a_session_in_four_years_is_recorded_and_its_truth_is_as_wide_as_it_is_unknown(
+    tmp_path: Path, midnight_station: Path
+) -> None:
+    with emulated("+4y", midnight_station) as port:
+        words = ("--station", midnight_station, "--port", port, "--duration", 4, "--clock-error", "1ms", "--json")
+        command = at("+4y", "run", *words, "--out", tmp_path)
+        answer = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    report = json.loads(answer.stdout)
+    assert report["identification"]["statuses"]["IDENTIFIED"] > 10
+    assert "EARTH_ORIENTATION" in answer.stderr
+    assert "outside the Earth orientation table" in answer.stderr
+    terms = {term["name"]: term for term in report["truth_budget"]["terms"]}
+    assert 7 < terms["UT1"]["ra_arcsec"] < 13  # 0.9 s of a rectangle, and the held value
+    assert report["truth_budget"]["axes"]["d_ra_cosde"]["expanded_arcsec"] > 15
+    assert report["truth_budget"]["axes"]["d_de"]["expanded_arcsec"] < 15
