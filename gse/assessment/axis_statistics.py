@@ -41,7 +41,8 @@ class AxisStatistics:
     absolute values.
 
     ``*_low`` and ``*_high``, like the bounds in ``*_bounds``, hold the true value with 95 %, correlation of the frames
-    taken into account; they are NaN below 30 frames and where every value is the same. ``n_eff`` is the number of
+    taken into account; they are NaN below 30 frames and where every value is the
+    same, those of bias, mean and percentile also where the session is not worth one independent value. ``n_eff`` is the number of
     independent frames that the session is worth, ``tau_s`` its integrated autocorrelation time: the time of one of
     them. ``too_short`` says why bounds are missing, or tell little; it is empty where they are sound.
     """
@@ -87,7 +88,7 @@ def axis_statistics(utc_ns: NDArray[np.int64], error_arcsec: NDArray[np.float64]
     p95, p99 = (float(value) for value in np.percentile(absolute, [95, 99]))
     std = float(error_arcsec.std(ddof=1)) if n > 1 else _NAN
     bounds = error_bounds(error_arcsec)
-    slope, drift = _drift(time_s, error_arcsec)
+    slope, slopes = drift(time_s, error_arcsec)
     smooth, count = _running_mean(time_s, error_arcsec)
     noise = _noise(error_arcsec - smooth, count)
     slow = _low_frequency(time_s, smooth, count, slope=slope, noise=noise)
@@ -110,8 +111,8 @@ def axis_statistics(utc_ns: NDArray[np.int64], error_arcsec: NDArray[np.float64]
         p99_abs_arcsec=p99,
         max_abs_arcsec=float(absolute.max()),
         drift_arcsec_per_h=slope,
-        drift_low_arcsec_per_h=drift.low,
-        drift_high_arcsec_per_h=drift.high,
+        drift_low_arcsec_per_h=slopes.low,
+        drift_high_arcsec_per_h=slopes.high,
         low_frequency_arcsec=slow.value,
         low_frequency_low_arcsec=slow.low,
         low_frequency_high_arcsec=slow.high,
@@ -140,7 +141,7 @@ def _too_short(n: int, n_eff: float) -> str:
         return f"too few frames to tell ({n}, {MIN_FRAMES} are needed)"
     if math.isnan(n_eff):
         return "every value is the same: nothing tells its scatter"
-    return f"too short to tell (n_eff {n_eff:.0f})" if n_eff < MIN_N_EFF else ""
+    return f"too short to tell (n_eff {n_eff:.2g})" if n_eff < MIN_N_EFF else ""
 
 
 def _frame_s(time_s: NDArray[np.float64]) -> float:
@@ -212,7 +213,7 @@ def block_means(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> NDA
     return np.array([values[rows].mean() for rows in blocks]) if len(blocks) >= 8 else values
 
 
-def _drift(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> tuple[float, Bounds]:
+def drift(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> tuple[float, Bounds]:
     """The slope of the medians of stretches of frames: robust against outliers, with the bounds of a linear fit."""
     if len(time_s) < 3 or time_s[-1] <= time_s[0]:
         return _NAN, NO_BOUNDS

@@ -19,7 +19,7 @@ from gse.assessment.sampling import MIN_FRAMES, error_bounds
 PROBABILITY = 0.9
 """Of a PASS, where the sensor does what is expected."""
 SESSIONS = 200
-MAX_SIMULATED = 1000
+MAX_SIMULATED = 400
 
 _SEED = 1
 _FIRST_N_EFF = 60.0
@@ -104,12 +104,12 @@ def further_share(value: float, upper: float, limit: float, *, truth_arcsec: flo
 
 def simulated_errors(expected: Expected, n: int, sessions: int, generator: np.random.Generator) -> NDArray[np.float64]:
     """Errors (sessions, n) of what is expected: an autoregressive process of first order about the bias."""
-    noise = generator.standard_normal((sessions, n))
+    noise = generator.standard_normal((n, sessions))
     kept = (expected.frames_per_value - 1) / (expected.frames_per_value + 1)
     new = math.sqrt(1 - kept**2)
-    for column in range(1, n if kept else 0):
-        noise[:, column] = kept * noise[:, column - 1] + new * noise[:, column]
-    return np.asarray(expected.bias_arcsec + expected.noise_arcsec * noise)
+    for frame in range(1, n if kept else 0):
+        noise[frame] = kept * noise[frame - 1] + new * noise[frame]
+    return np.ascontiguousarray(expected.bias_arcsec + expected.noise_arcsec * noise.T)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +144,7 @@ def _stretch(simulated: _Simulated, expected: Expected, limit: float, truth: flo
         guards = np.hypot(scale * simulated.guards, COVERAGE_FACTOR * truth)
         passing = float((values + guards <= limit).all(axis=1).mean())
         low, high = (scale, high) if passing >= PROBABILITY else (low, scale)
-    return low**-2
+    return float(low**-2)
 
 
 def _true_statistics(expected: Expected) -> tuple[float, float]:
