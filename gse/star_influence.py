@@ -66,15 +66,24 @@ def star_covariance(
     ends = np.flatnonzero(np.diff(cells[:, 0])) + 1
     groups = np.split(np.arange(len(cells)), ends)
     autocovariance = _autocovariance(means, cells[:, 1], groups)
-    if not within_blocks:
-        autocovariance[:, 0] = 0.0
-    total = np.zeros((operators.shape[1], operators.shape[1]))
+    within = np.einsum("nia,nja,a->ij", sums, sums, autocovariance[:, 0])
+    autocovariance[:, 0] = 0.0
+    between = np.zeros_like(within)
     for rows in groups:
         lags = np.abs(cells[rows, 1][:, None] - cells[rows, 1])
         for axis in (0, 1):
-            total += sums[rows, :, axis].T @ autocovariance[axis][lags] @ sums[rows, :, axis]
-    values, vectors = np.linalg.eigh(total)
-    return np.asarray((vectors * np.maximum(values, 0)) @ vectors.T, dtype=np.float64)
+            between += sums[rows, :, axis].T @ autocovariance[axis][lags] @ sums[rows, :, axis]
+    return _not_negative(between, within) + (within if within_blocks else 0.0)
+
+
+def _not_negative(matrix: NDArray[np.float64], unit: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A symmetric matrix (p, p) without its negative part, in coordinates in which ``unit`` is one."""
+    values, vectors = np.linalg.eigh(unit)
+    scale = np.sqrt(np.maximum(values, values[-1] * 1e-24 + 1e-300))
+    into = vectors / scale
+    values, turned = np.linalg.eigh(into.T @ matrix @ into)
+    back = (vectors * scale) @ turned
+    return np.asarray((back * np.maximum(values, 0)) @ back.T, dtype=np.float64)
 
 
 def _autocovariance(
