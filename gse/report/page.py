@@ -1,6 +1,7 @@
 """report.html: one page, readable offline, printable."""
 
 import itertools
+import json
 from collections.abc import Callable
 from functools import partial
 from importlib import resources
@@ -68,7 +69,7 @@ def report_html(
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters.update(quantity=quantity, number=_number, angle=_angle, given=_given)
+    environment.filters.update(quantity=_quantity, number=_number, angle=_angle, given=_given)
     template = environment.from_string(_resource("report.html.jinja"))
     plots = {name: svg_of(name, height_in, partial(draw, drawn=drawn)) for name, height_in, draw in _PLOTS}
     return template.render(
@@ -83,7 +84,7 @@ def report_html(
         events=[(instant.to_text(event.utc_ns, 0), event.kind, event.text) for event in session.events[:_MAX_EVENTS]],
         events_more=max(len(session.events) - _MAX_EVENTS, 0) + session.events_not_kept,
         station_text=plain_lines(session.station_text),
-        provenance_json=canonical(made_by),
+        provenance_json=json.dumps(made_by, separators=(",", ":")),
         provenance=[(key.replace("_", " "), _in_words(key, value)) for key, value in (made_by or {}).items()],
     )
 
@@ -114,6 +115,10 @@ def _resource(name: str) -> str:
 def _number(value: float | None, decimals: int = 2) -> str:
     """A number with a fixed count of decimals, a dash where it is unknown."""
     return "–" if value is None else f"{value:.{decimals}f}"
+
+
+def _quantity(value: float | None, unit: str) -> str:
+    return "–" if value is None else quantity(value, unit)
 
 
 def _angle(arcsec: float | None, decimals: int = 2) -> str:
