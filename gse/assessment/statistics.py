@@ -14,10 +14,13 @@ from gse.assessment.axis_statistics import AxisStatistics, axis_statistics
 from gse.assessment.clock_health import ClockHealth, clock_health
 from gse.assessment.counted_frames import OUTLIER_ARCSEC, CountedFrames, counted_frames
 from gse.assessment.decision import Figure, Share, share_of
+from gse.assessment.first_fix import first_fixes_s
 from gse.assessment.onboard_equivalence import OnboardEquivalence, equivalence
 from gse.assessment.percentiles import Percentiles, percentiles
 from gse.assessment.sampling import effective_number
 from gse.assessment.sensor_answers import SensorAnswers, sensor_answers
+from gse.assessment.spatial_errors import SpatialErrors, spatial_errors
+from gse.assessment.thermal import ThermalError, thermal_error
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
@@ -25,6 +28,9 @@ from gse.station.results import Subject
 from gse.station.session_data import SessionData
 
 AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y")
+_THERMAL_AXES = ("cross_x", "cross_y", "d_roll")
+_MOST_STAR_ERRORS = 20_000
+"""Of a longer session every second, third, ... frame enters the spatial errors: each costs 300 bytes in the fit."""
 _TURN_ARCSEC = 360 * 3600.0
 _MAX_DE_FOR_RA_DEG = 89.9
 _NAN = float("nan")
@@ -50,7 +56,8 @@ class SubjectStatistics:
     many ``star_fields`` of the sky. ``half_cone_95`` is the half-cone that holds 95 % of the boresights.
     ``time_ms`` is the identification time of this host for the onboard subject, and the processing time that the sensor
     states for its own answers; ``slow`` the share of frames over the limit of time. ``outage_s`` is the longest time
-    between good answers.
+    between good answers. ``thermal`` has an axis as key, None where the temperature tells nothing; ``first_fixes_s``
+    has an entry for each start of the sensor.
     """
 
     subject: Subject
@@ -66,6 +73,8 @@ class SubjectStatistics:
     slow: Share
     acquisition_s: float
     outage_s: float
+    thermal: dict[str, ThermalError | None]
+    first_fixes_s: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +82,8 @@ class Statistics:
     """All statistics of a session.
 
     ``frames_expected`` are those received and not excluded, and those that the sequence numbers miss. ``onboard`` is
-    always there, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two.
+    always there, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two. ``spatial``
+    are the errors of single stars along columns and rows, None of too few stars.
     """
 
     frames: int
@@ -85,6 +95,7 @@ class Statistics:
     arrival_ms: Percentiles
     clock: ClockHealth
     equivalence: OnboardEquivalence | None
+    spatial: tuple[SpatialErrors, SpatialErrors] | None
     exclusions: tuple[tuple[Exclusion, int], ...]
     counted: CountedFrames
 
@@ -133,6 +144,7 @@ def statistics(session: SessionData) -> Statistics:
         equivalence=equivalence(
             frames, np.flatnonzero(~counted.excluded), [answer for _, answer in session.sensor_attitudes]
         ),
+        spatial=_spatial(session, counted),
         exclusions=tuple((item, int(excluded(frames["utc_ns"], (item,)).sum())) for item in counted.exclusions),
         counted=counted,
     )
@@ -191,7 +203,29 @@ def _subject(
         slow=_share(timed > limit_ms),
         acquisition_s=_acquisition_s(kept_ns, good[answers.expected]),
         outage_s=_outage_s(kept_ns, good[answers.expected]),
+        thermal=_thermal(used_ns, errors, frames["temperature_c"][used]),
+        first_fixes_s=first_fixes_s(kept_ns, frames["frame_no"][answers.expected], good[answers.expected]),
     )
+
+
+def _thermal(
+    used_ns: NDArray[np.int64], errors: dict[str, NDArray[np.float64]], temperature_c: NDArray[np.float32]
+) -> dict[str, ThermalError | None]:
+    return {axis: thermal_error(used_ns, errors[axis], temperature_c.astype(np.float64)) for axis in _THERMAL_AXES}
+
+
+def _spatial(session: SessionData, counted: CountedFrames) -> tuple[SpatialErrors, SpatialErrors] | None:
+    """Of the counted frames; of a long session evenly spaced ones."""
+    matches, camera = session.frames.matches, session.station.sensor.camera()
+    rows = np.flatnonzero(counted.used[matches["frame"]]) if len(matches) else np.empty(0, dtype=np.int64)
+    if not len(rows):
+        return None
+    numbers = np.unique(matches["frame"][rows])
+    kept = numbers[:: -(-len(rows) // _MOST_STAR_ERRORS)]
+    rows = rows[np.isin(matches["frame"][rows], kept)]
+    part = matches[rows]
+    xy_px = np.column_stack([part["x_px"], part["y_px"]]).astype(np.float64)
+    return spatial_errors(part, camera.directions(xy_px), (camera.columns, camera.rows))
 
 
 def available_share(good: NDArray[np.bool_], *, missing: int) -> Share:

@@ -20,8 +20,8 @@ MAX_REPORT_BYTES = 10_000_000
 MOST_DIFFERENCES = 20
 """Differences that are told of one recording; the first ones say why."""
 
-_NOT_COMPARED = ("session.versions",)
-"""Packages may be newer, if only the figures stay."""
+_NOT_COMPARED = ("session.version",)
+"""The program may be newer, if only the figures stay."""
 
 
 @dataclass(frozen=True, slots=True)
