@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gse.assessment.axis_statistics import AxisStatistics, axis_statistics
 from gse.assessment.clock_health import ClockHealth, clock_health
-from gse.assessment.counted_frames import OUTLIER_ARCSEC, CountedFrames, counted_frames
+from gse.assessment.counted_frames import CountedFrames, counted_frames, explained_arcsec
 from gse.assessment.decision import Figure, Share, share_of
 from gse.assessment.first_fix import first_fixes_s
 from gse.assessment.onboard_equivalence import OnboardEquivalence, equivalence
@@ -22,6 +22,7 @@ from gse.assessment.sensor_answers import SensorAnswers, sensor_answers
 from gse.assessment.spatial_errors import SpatialErrors, spatial_errors
 from gse.assessment.thermal import ThermalError, thermal_error
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.station.clock_steps import instants_ns
 from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import Subject
@@ -130,11 +131,11 @@ def statistics(session: SessionData) -> Statistics:
     }
     own = sensor_answers(session)
     if own is not None:
-        answers = _sensor(own, counted)
+        answers = _sensor(own, frames, counted)
         subjects[Subject.SENSOR] = _subject(Subject.SENSOR, frames, answers, lost, limit_ms, field_rad)
     return Statistics(
         frames=len(frames),
-        duration_s=float(np.ptp(frames["utc_ns"])) / 1e9 if len(frames) else 0.0,
+        duration_s=float(np.ptp(instants_ns(frames, session.events))) / 1e9 if len(frames) else 0.0,
         frames_expected=len(status) + lost,
         statuses={name.value: int((status == place).sum()) for place, name in enumerate(STATUSES)},
         answer_checks={name.value: int((check == place).sum()) for place, name in enumerate(ANSWER_CHECKS)},
@@ -158,14 +159,15 @@ def _onboard(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
     )
 
 
-def _sensor(own: SensorAnswers, counted: CountedFrames) -> _Answers:
+def _sensor(own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
     columns = {f"{axis}_arcsec": getattr(own, f"{axis}_arcsec") for axis in AXES}
     columns |= {"ra_deg": own.ra_deg, "de_deg": own.de_deg}
     known = own.acquired & np.isfinite(own.d_de_arcsec) & ~counted.excluded
     false = np.zeros(len(known), dtype=bool)
     if known.any():
         x, y = own.cross_x_arcsec, own.cross_y_arcsec
-        false = own.acquired & (np.hypot(x - np.median(x[known]), y - np.median(y[known])) > OUTLIER_ARCSEC)
+        separation_arcsec = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
+        false = own.acquired & (separation_arcsec > explained_arcsec(frames, counted.exclusions))
     return _Answers(columns, ~counted.excluded, own.acquired, false, known & ~false, own.latency_ms)
 
 
