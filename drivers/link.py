@@ -243,14 +243,16 @@ class _Receiver:
         if not self._told_backlog and self.backlog_bytes > BACKLOG_BYTES:
             self._told_backlog = True
             self._tell(
-                LinkKind.BACKLOG, f"the station is {self.backlog_bytes} bytes behind; they are recorded and wait"
+                LinkKind.BACKLOG,
+                f"the station is {self.backlog_bytes} bytes behind; they are recorded and processed later",
             )
 
     def _tell_full(self) -> None:
         if not self._told_full:
             self._told_full = True
             self._tell(
-                "BACKLOG_FULL", "the station does not take what comes: from here on it is in the recording alone"
+                LinkKind.BACKLOG_FULL,
+                "the station is too far behind: further bytes are in the recording only; replay the session",
             )
 
     def _tell(self, kind: str, text: str) -> None:
