@@ -138,7 +138,6 @@ class _Desk:
             self._detachment.into(folder)
         _say(f"recording: {folder / 'session.mcap'}")
         _say("Ctrl-C ends the session: it is closed, judged and reported")
-        _say("preparing catalogue and identifiers; the first time takes half a minute")
 
     def run(
         self, receive: Callable[[], "LiveSession"], ending: Ending, clock_error_s: float | None
