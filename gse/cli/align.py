@@ -10,7 +10,7 @@ import numpy as np
 
 from gse.attitude import Attitude
 from gse.cli.new_files import write_new
-from gse.cli.options import start_utc_option, station_of, station_option
+from gse.cli.options import change_to, fit_options
 from gse.config.edit import with_values
 from gse.mount import Mount
 from gse.station.attitude_error import compare
@@ -21,18 +21,7 @@ _NEAR_ZENITH_DEG = 89.9
 
 
 @click.command("align")
-@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
-@station_option
-@click.option("--from", "from_utc", help="Use the frames from this UTC on, e.g. 2026-03-20T18:30:00Z.")
-@click.option("--to", "to_utc", help="Use the frames before this UTC.")
-@start_utc_option
-@click.option(
-    "--write",
-    "write_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the station file with this mount to a new file.",
-)
-@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.alignment/1.")
+@fit_options(write_help="Write the station file with this mount to a new file.", schema="gse.alignment/1")
 def command(
     *,
     path: Path,
@@ -49,16 +38,13 @@ def command(
     and the odd minutes with the fit to the even ones. Do not judge a session with a mount that was fitted to its own
     frames: use --write for the next session, or `align: first 60 s` in the station file.
     """
-    from gse.sessions.replay import ReplayOptions, StationText, replay_session
-
-    def change(recorded: StationText) -> StationText:
-        return station_of(station_path) if station_path else recorded
+    from gse.sessions.replay import ReplayOptions, replay_session
 
     measured = MeasuredMounts()
     replay = replay_session(
         path,
         options=ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc),
-        station=change,
+        station=change_to(station_path),
         make_listeners=lambda loop, folder: [measured],
     )
     judged = cross_judged(measured, replay.session)

@@ -12,6 +12,7 @@ from gse.config.station import BUILT_IN_TEXT, Station, parse_station, read_stati
 from gse.identifier_options import Algorithm
 
 if TYPE_CHECKING:
+    from gse.sessions.replay import StationText
     from gse.station.exclusions import Exclusion
     from gse.truth.iers_tables import GivenTables
 
@@ -73,6 +74,36 @@ out_option: Callable[[Any], Any] = click.option(
     show_default=True,
     help="Folder in which the new session folder is made.",
 )
+
+
+def fit_options(*, write_help: str, schema: str) -> Callable[[Any], Any]:
+    """FILE and the options of a command that fits something of the station file to a session."""
+    parts = (
+        click.argument("path", metavar="FILE", type=click.Path(path_type=Path)),
+        station_option,
+        click.option("--from", "from_utc", help="Use the frames from this UTC on, e.g. 2026-03-20T18:30:00Z."),
+        click.option("--to", "to_utc", help="Use the frames before this UTC."),
+        start_utc_option,
+        click.option("--write", "write_path", type=click.Path(path_type=Path, dir_okay=False), help=write_help),
+        click.option("--json", "as_json", is_flag=True, help=f"One JSON object, schema {schema}."),
+    )
+
+    def decorated(command: Any) -> Any:
+        for part in reversed(parts):
+            command = part(command)
+        return command
+
+    return decorated
+
+
+def change_to(path: Path | None, algorithm: str | None = None) -> "Callable[[StationText], StationText]":
+    """What a replay does to the recorded station: another file in its place, another identifier under test."""
+
+    def change(recorded: "StationText") -> "StationText":
+        station, text = station_of(path) if path else recorded
+        return with_identifier(station, text, algorithm)
+
+    return change
 
 
 def station_of(path: Path | None) -> tuple[Station, str]:

@@ -8,6 +8,7 @@ from gse.cli.finish import TRUNCATED, applied, conclude, say_exit_code, show_pat
 from gse.cli.live_outputs import ViewMode, Watching
 from gse.cli.options import (
     bind_option,
+    change_to,
     clock_error_option,
     earth_orientation_option,
     identifier_option,
@@ -17,10 +18,8 @@ from gse.cli.options import (
     out_option,
     save_rrd_option,
     start_utc_option,
-    station_of,
     station_option,
     view_option,
-    with_identifier,
 )
 from gse.station.exclusions import Exclusion
 from gse.truth.iers_tables import GivenTables
@@ -74,11 +73,7 @@ def command(
     report is written to a new folder in --out.
     """
     from gse.sessions.live import new_session_folder
-    from gse.sessions.replay import ReplayOptions, StationText, replay_session
-
-    def change(recorded: StationText) -> StationText:
-        station, text = station_of(station_path) if station_path else recorded
-        return with_identifier(station, text, identifier)
+    from gse.sessions.replay import ReplayOptions, replay_session
 
     options = ReplayOptions(
         speed=speed,
@@ -90,7 +85,9 @@ def command(
     )
     watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames, step=step)
     with watching:
-        replay = replay_session(path, options=options, station=change, make_listeners=watching.listeners)
+        replay = replay_session(
+            path, options=options, station=change_to(station_path, identifier), make_listeners=watching.listeners
+        )
         frames = replay.session.frames.columns
         first_ns = int(frames["utc_ns"][0]) if len(frames) else 0
         folder = new_session_folder(out, f"{replay.session.station.sensor.name}-replay", first_ns)
