@@ -90,11 +90,11 @@ def say_exit_code(found: list[Applied]) -> int:
 def _timing(own_elapsed_us: "array[float]") -> dict[str, Any]:
     """Identification times of this host in this run: a replay's own, which are not in its report."""
     times = np.array(own_elapsed_us) if own_elapsed_us else np.full(1, np.nan)
-    figures = {"p50": np.median(times), "p95": np.percentile(times, 95), "max": times.max()}
+    statistics = {"p50": np.median(times), "p95": np.percentile(times, 95), "max": times.max()}
     return {
         "schema": "gse.timing/1",
         "frames": len(own_elapsed_us),
         "identification_us": {
-            name: round(float(value), 1) if own_elapsed_us else None for name, value in figures.items()
+            name: round(float(value), 1) if own_elapsed_us else None for name, value in statistics.items()
         },
     }

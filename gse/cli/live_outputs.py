@@ -44,14 +44,14 @@ class Steps:
     def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Say what became of the frame, and wait."""
         if self._pausing:
-            click.echo(_words(result), err=True)
+            click.echo(_frame_text(result), err=True)
             self._pausing = sys.stdin.readline() == "\n"
 
     def on_event(self, event: LinkEvent) -> None:
         """Events are told by the status line."""
 
 
-class Watching:
+class LiveOutputs:
     """The sinks of a session, opened when the tables are there and closed with the session."""
 
     def __init__(
@@ -115,7 +115,7 @@ class Watching:
         return view
 
 
-def _words(result: FrameResult) -> str:
+def _frame_text(result: FrameResult) -> str:
     panorama, error = result.panorama, result.attitude_error
     line = (
         f"{to_text(panorama.utc_ns, 3)} frame {panorama.frame_no}: {result.status}, {len(panorama.brightness)} objects"

@@ -45,7 +45,7 @@ class QueuedOutput(io.TextIOBase):
         self._chars = self._taken = 0
         self._given_up_at = -1
         self._was_terminal = False
-        self._told: set[str] = set()
+        self._noted: set[str] = set()
         self._news: deque[News] = deque()
         self._progress_s = time.monotonic()
         self._ended = False
@@ -156,8 +156,8 @@ class QueuedOutput(io.TextIOBase):
         self._changed.notify_all()
 
     def _note(self, kind: str, text: str) -> None:
-        if kind not in self._told:
-            self._told.add(kind)
+        if kind not in self._noted:
+            self._noted.add(kind)
             self._news.append((kind, text))
 
 

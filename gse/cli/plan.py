@@ -170,7 +170,7 @@ def _of_session(path: Path, *, as_json: bool) -> int:
         click.echo(json.dumps({**head, "session_rows": rows, **like}))
     else:
         undecided = [item for item in rows_left(assessment) if item.minutes != 0]
-        lines = [f"  {item.row.label}: {_words(item.minutes)}" for item in undecided]
+        lines = [f"  {item.row.label}: {_more_minutes(item.minutes)}" for item in undecided]
         click.echo("\n".join([_headline(assessment, left_min), *lines]))
         if plan is not None:
             click.echo("\n".join(["", "Another session like this one:", *_table(plan), "", _summary(plan)]))
@@ -181,7 +181,7 @@ def _headline(assessment: "Assessment", left_min: float) -> str:
     if left_min == 0:
         return f"{assessment.word}: it is decided"
     if math.isfinite(left_min):
-        return f"{assessment.word}: {_words(left_min)} would have decided"
+        return f"{assessment.word}: {_more_minutes(left_min)} would have decided"
     if math.isnan(left_min):
         return f"{assessment.word}: too short to tell how long it must be"
     return "\n".join([f"{assessment.word}: a longer session like this decides nothing", *assessment.reasons])
@@ -191,7 +191,7 @@ def _left(minutes: float) -> dict[str, Any]:
     return {"decided": minutes == 0, "more_minutes": round(minutes, 2) if math.isfinite(minutes) else None}
 
 
-def _words(minutes: float) -> str:
+def _more_minutes(minutes: float) -> str:
     if math.isnan(minutes):
         return "too short to tell"
     if math.isinf(minutes):

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from gse.cli.finish import TRUNCATED, applied, conclude, say_exit_code, show_paths, show_report
-from gse.cli.live_outputs import ViewMode, Watching
+from gse.cli.live_outputs import LiveOutputs, ViewMode
 from gse.cli.options import (
     bind_option,
     change_to,
@@ -83,16 +83,16 @@ def command(
         start_utc=start_utc,
         given_orientation=given_orientation,
     )
-    watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames, step=step)
-    with watching:
+    live_outputs = LiveOutputs(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames, step=step)
+    with live_outputs:
         replay = replay_session(
-            path, options=options, station=change_to(station_path, identifier), make_listeners=watching.listeners
+            path, options=options, station=change_to(station_path, identifier), make_listeners=live_outputs.listeners
         )
         frames = replay.session.frames.columns
         first_ns = int(frames["utc_ns"][0]) if len(frames) else 0
         folder = new_session_folder(out, f"{replay.session.station.sensor.name}-replay", first_ns)
         report = conclude(replay.session, folder, replay.own_elapsed_us, clock_error_s, excluded)
-        watching.conclude(report)
+        live_outputs.conclude(report)
     show_report(report, as_json=as_json, json_frames=json_frames)
     show_paths(folder)
     data_lost = TRUNCATED if replay.session.truncated else ""

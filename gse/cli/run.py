@@ -11,7 +11,7 @@ from drivers.errors import DriverError
 from gse.cli import EXIT_DATA_LOST, EXIT_INTERRUPTED, exit_code_of, unexpected
 from gse.cli.detach import Detachment, detach
 from gse.cli.finish import Applied, applied, conclude, say_exit_code, show_paths, show_report
-from gse.cli.live_outputs import ViewMode, Watching
+from gse.cli.live_outputs import LiveOutputs, ViewMode
 from gse.cli.options import (
     bind_option,
     clock_error_option,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from gse.sessions.live import LiveSession
     from gse.sessions.status_file import StatusFile
 
-_MOST_NAMED = 3
+_MOST_LISTED = 3
 """Unfinished sessions; of more only the number is said."""
 
 
@@ -89,41 +89,41 @@ def command(
     if url is not None:
         station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
         text = with_values(text, "port", {"url": url})
-    desk = _Desk(detach() if detached else None)
+    session = _Session(detach() if detached else None)
     if station.port.url.startswith("sim://"):
         station, text = _simulated(station, text)
-    watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
-    with Ending(_say) as ending, queued_output(_patience(station, ending)) as outputs:
-        _offer_unfinished(out)
+    live_outputs = LiveOutputs(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
+    with Ending(_say) as ending, queued_output(_waits_for_reader(station, ending)) as outputs:
+        _list_unfinished(out)
 
         def receive() -> "LiveSession":
             from gse.sessions.live import Operator, run_live
 
-            operator = Operator(ending, _say, desk.opened, outputs.news)
+            operator = Operator(ending, _say, session.opened, outputs.news)
             return run_live(
                 station,
                 text,
                 out,
                 operator,
-                make_listeners=watching.listeners,
+                make_listeners=live_outputs.listeners,
                 duration_s=duration_s,
                 wait_port=wait_port,
                 clock_error_s=clock_error_s,
                 given_orientation=given_orientation,
             )
 
-        with watching:
-            report, found = desk.run(receive, ending, clock_error_s)
+        with live_outputs:
+            report, found = session.run(receive, ending, clock_error_s)
             if report:
-                watching.conclude(report)
+                live_outputs.conclude(report)
         outputs.settle()
         if report:
             show_report(report, as_json=as_json, json_frames=json_frames)
         outputs.settle()
-        ctx.exit(desk.finish(report, found))
+        ctx.exit(session.finish(report, found))
 
 
-class _Desk:
+class _Session:
     """One session from its open port to its exit code."""
 
     def __init__(self, detachment: Detachment | None) -> None:
@@ -185,21 +185,21 @@ def _say(text: str) -> None:
         click.echo(text, err=True)
 
 
-def _patience(station: Station, ending: Ending) -> Callable[[], bool]:
+def _waits_for_reader(station: Station, ending: Ending) -> Callable[[], bool]:
     """A simulated sensor waits for whoever reads its frames, until the session is to end."""
     can_wait = station.port.url.startswith(("sim://", "replay://"))
     return lambda: can_wait and not ending.asked()
 
 
-def _offer_unfinished(out: Path) -> None:
+def _list_unfinished(out: Path) -> None:
     """Name the sessions that lost their end before they were judged, and the command that does it."""
     from gse.sessions.status_file import is_unfinished, session_folders
 
     found = [folder for folder in session_folders(out) if is_unfinished(folder)]
-    for folder in found[-_MOST_NAMED:]:
+    for folder in found[-_MOST_LISTED:]:
         _say(f"unfinished session: {folder} was never judged; do it by: gse report {folder}")
-    if len(found) > _MOST_NAMED:
-        _say(f"and {len(found) - _MOST_NAMED} older ones")
+    if len(found) > _MOST_LISTED:
+        _say(f"and {len(found) - _MOST_LISTED} older ones")
 
 
 def _simulated(station: Station, text: str) -> tuple[Station, str]:

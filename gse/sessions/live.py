@@ -1,4 +1,4 @@
-"""A live session: receive, record, identify, compare, show; then judge and report."""
+"""Live session: receive, record, identify, compare with truth."""
 
 import json
 import re
@@ -40,19 +40,19 @@ MOCK_PORTS = ("sim://", "replay://")
 """Ports that can wait for the disk."""
 
 FIRST_WITHIN_S = 1.0
-"""A live port tells at once that it is open, a simulated one sends its first bytes."""
+"""Time for the first item: a live port reports at once that it is open, a simulated one sends its first bytes."""
 
 FEW_BYTES = 64 << 10
-"""On their way to the disk at any time."""
+"""Fewer unwritten bytes than this are usual."""
 
 CLOCK_EVERY_NS = 60 * instant.NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
 class LiveSession:
-    """What a live session left: the night, its folder, this host's identification times, and what could not be kept.
+    """Result of a live session: data, folder, this host's identification times, and the bytes that were not recorded.
 
-    ``damage`` says what differs in the closed file from what was written to it.
+    ``damage`` describes the difference between the closed file and the bytes written to it.
     """
 
     session: SessionData
@@ -64,10 +64,10 @@ class LiveSession:
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """What the person at the terminal has to do with a session.
+    """Connection of a session to the person at the terminal.
 
-    ``tell`` says a line, ``opened`` is called with the session's folder and status once the port is open,
-    ``terminal_news`` gives kind and text of what became of the terminal since the last call.
+    ``tell`` prints a line, ``opened`` is called with the session's folder and status once the port is open,
+    ``terminal_news`` gives kind and text of the terminal's events since the last call.
     """
 
     ending: Ending
@@ -77,7 +77,7 @@ class Operator:
 
 
 def new_session_folder(out: Path, name: str, utc_ns: int) -> Path:
-    """A new folder <UTC>-<sensor>/ under ``out``; a number is added where there is one already."""
+    """A new folder <UTC>-<sensor>/ under ``out``, with a number if the name is taken."""
     stem = instant.to_text(utc_ns, 0).replace(":", "").replace("-", "") + "-" + re.sub(r"[^A-Za-z0-9._-]+", "-", name)
     for number in range(1, 10_000):
         folder = out / (stem if number == 1 else f"{stem}-{number}")
@@ -139,7 +139,7 @@ def run_live(
         derived_data.close()
         status.enter("closing")
         operator.tell(_closing_words(recorder))
-        give_back()  # the file of a night is compressed next
+        give_back()  # the session file is compressed next
     for event in recorder.news():
         loop.on_event(event)
         operator.tell(f"{event.kind}: {event.text}")
@@ -165,7 +165,7 @@ def _closing_words(recorder: Recorder) -> str:
 
 
 class _DerivedDataRecorder:
-    """Records what is derived, beside the bytes: times, clock readings, the Earth orientation of the night."""
+    """Records derived data beside the bytes: identification times, clock readings, Earth orientation."""
 
     def __init__(
         self, loop: StationLoop, recorder: Recorder, link: SerialLink, operator: Operator, duration_s: float | None
@@ -178,7 +178,7 @@ class _DerivedDataRecorder:
         self._orientation_kept = False
 
     def is_over(self) -> bool:
-        """Whether the session was asked to end, or has lasted as long as it was to."""
+        """Whether a signal asked for the end, or the duration is over."""
         if self._operator.ending.asked():
             return True
         if self._duration_ns is None:
@@ -190,7 +190,7 @@ class _DerivedDataRecorder:
         return now_ns - self._first_ns >= self._duration_ns
 
     def keep(self, results: list[FrameResult]) -> None:
-        """Record what these results bring."""
+        """Record the derived data of these results."""
         for result in results:
             self._last_ns = result.panorama.host_utc_ns
             if result.elapsed_us is not None:
@@ -216,7 +216,7 @@ class _DerivedDataRecorder:
         self._loop.take([event])
 
     def close(self) -> None:
-        """Record when the session ended: what nobody heard up to then belongs to it."""
+        """Record the end of the session; silence up to this instant counts as part of it."""
         if self._link.is_live:
             self._event(StationKind.CLOSED, f"the session was ended by {self._operator.ending.reason or '--duration'}")
 

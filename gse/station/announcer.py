@@ -8,7 +8,7 @@ from gse import instant
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 
-_CALM = {LinkKind.OPENED, LinkKind.WAITING, LinkKind.SYNCING, LinkKind.STREAMING}
+_ROUTINE = {LinkKind.OPENED, LinkKind.WAITING, LinkKind.SYNCING, LinkKind.STREAMING}
 """The ordinary course of things: told each time until the first repetition, never counted at the end."""
 
 _EACH_TIME = {"RECORDER_REFUSED", "RECORDER_RECOVERED"}
@@ -36,7 +36,7 @@ class Announcer:
 
     def conclude(self) -> None:
         """Say how many more there were of each kind."""
-        told = _CALM | _EACH_TIME
-        more = [f"{kind} {count - 1} x" for kind, count in self._seen.items() if count > 1 and kind not in told]
+        excluded = _ROUTINE | _EACH_TIME
+        more = [f"{kind} {count - 1} x" for kind, count in self._seen.items() if count > 1 and kind not in excluded]
         if more:
             self._say(f"and again, not said each time: {', '.join(more)}")

@@ -7,7 +7,7 @@ from gse.constants import ARCSEC_PER_RAD
 from gse.station.results import AttitudeError
 
 
-def compare(measured: Attitude, true: Attitude) -> AttitudeError:
+def attitude_error(measured: Attitude, true: Attitude) -> AttitudeError:
     """How far the measured attitude lies from the true one.
 
     E = measured true^T; the directions are taken on the tangent plane of the true boresight with the angle itself as

@@ -17,14 +17,14 @@ class EventLog:
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
 
-    def named(self, event: LinkEvent) -> LinkEvent:
+    def bounded(self, event: LinkEvent) -> LinkEvent:
         """The event at an instant that can be; of kind OTHER where there are too many kinds to tell apart."""
         is_known = event.kind in self._counts or len(self._counts) < MOST_KINDS
         if is_known and 0 <= event.utc_ns <= LAST_NS:
             return event
         return replace(event, kind=event.kind if is_known else OTHER, utc_ns=min(max(event.utc_ns, 0), LAST_NS))
 
-    def keeps(self, event: LinkEvent) -> bool:
+    def accepts(self, event: LinkEvent) -> bool:
         """Whether this event, which is counted hereby, is among those that are kept."""
         self._counts[event.kind] += 1
         return self._counts[event.kind] <= MOST_OF_A_KIND and self._counts.total() <= MOST_EVENTS

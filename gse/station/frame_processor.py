@@ -15,7 +15,7 @@ from gse.identifier import Identification, Identifier, Reason, Unidentified
 from gse.identifier.robust import RobustIdentifier
 from gse.mount import Mount
 from gse.panorama import MAX_OBJECTS, Panorama
-from gse.station.attitude_error import compare
+from gse.station.attitude_error import attitude_error
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.results import AnswerCheck, FrameResult, Matches, Status
 from gse.truth import SiderealTruth
@@ -101,7 +101,7 @@ class FrameProcessor:
             matches=Matches(found.objects, found.stars, residuals_arcsec, self.identifier.catalog.name),
             elapsed_us=elapsed_us,
             attitude_geometric=geometric,
-            attitude_error=compare(geometric, true) if geometric and true else None,
+            attitude_error=attitude_error(geometric, true) if geometric and true else None,
             attitude_true=true,
             answer_check=answer.answer_check,
             zero_point_mag=self._zero_point_mag(panorama, found),

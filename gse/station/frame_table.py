@@ -162,9 +162,9 @@ class FrameTable:
         self._matches.extend(rows)
         if len(self._matches) > MOST_MATCHES:
             self._match_stride *= 2
-            kept = self._matches.array()
+            stored = self._matches.array()
             self._matches = _Rows(MATCH)
-            self._matches.extend(kept[kept["frame"] % self._match_stride == 0])
+            self._matches.extend(stored[stored["frame"] % self._match_stride == 0])
 
     @property
     def columns(self) -> NDArray[np.void]:

@@ -172,9 +172,9 @@ class StationLoop:
         frames, discards = counters.frames, dict(counters.discarded_bytes_by_reason)
         received = self.reception.receive(chunk)
         new = {reason: count - discards.get(reason, 0) for reason, count in counters.discarded_bytes_by_reason.items()}
-        return [*self._monitor.received(chunk, counters.frames - frames, new), *self._kept(received)]
+        return [*self._monitor.received(chunk, counters.frames - frames, new), *self._for_identification(received)]
 
-    def _kept(self, received: list[Received]) -> list[Panorama | LinkEvent]:
+    def _for_identification(self, received: list[Received]) -> list[Panorama | LinkEvent]:
         """What is to be judged and told; what the sensor said of itself is kept."""
         news: list[Panorama | LinkEvent] = []
         for item in received:
@@ -192,14 +192,14 @@ class StationLoop:
 
     def finish(self) -> list[FrameResult]:
         """Account for what is left when the stream has ended."""
-        results = self._identify(self._kept(self.reception.finish()))
+        results = self._identify(self._for_identification(self.reception.finish()))
         self.session.raw_sha256 = self.reception.raw_sha256
         return results
 
     def on_event(self, event: LinkEvent) -> None:
         """An event of the link or of the reception."""
-        event = self._event_log.named(event)
-        if self._event_log.keeps(event):
+        event = self._event_log.bounded(event)
+        if self._event_log.accepts(event):
             self.session.events.append(event)
         else:
             self.session.events_not_kept += 1

@@ -104,7 +104,7 @@ class FirstSeconds:
 
 
 @dataclass(frozen=True, slots=True)
-class CrossJudged:
+class CrossValidation:
     """A fit on all frames, and how well fits on one half of the minutes tell the other half.
 
     ``repeatability_arcsec`` is what the two halves' fits differ by, along columns, rows and about the boresight;
@@ -117,7 +117,7 @@ class CrossJudged:
     rms_arcsec: tuple[float, float, float]
 
 
-def cross_judged(measured: MeasuredMounts, session: SessionData) -> CrossJudged:
+def cross_validated(measured: MeasuredMounts, session: SessionData) -> CrossValidation:
     """Fit on even minutes, judge on odd ones and the other way round; UsageError with less than one frame in each.
 
     A recording shorter than six minutes is cut into six parts instead of minutes.
@@ -135,7 +135,7 @@ def cross_judged(measured: MeasuredMounts, session: SessionData) -> CrossJudged:
     for half, fitted in ((odd, mounts[0]), (~odd, mounts[1])):
         residual[half] = small_rotations(rotations[half], fitted) * ARCSEC_PER_RAD
     apart = small_rotations(mounts[1][None], mounts[0])[0] * ARCSEC_PER_RAD
-    return CrossJudged(
+    return CrossValidation(
         measured.fit(session),
         _boresight_first(np.abs(apart)),
         _boresight_first(np.abs(residual).mean(axis=0)),

@@ -153,21 +153,21 @@ class LiveView:
 
     def _run(self, station: Station, catalog: StarCatalog | None) -> None:
         try:
-            self._tell(station, catalog)
+            self._feed(station, catalog)
         except Exception as error:
             # Whatever goes wrong in a view must not reach the session, which goes on without it.
             _LOG.warning("the live view has ended (%s: %s); the session goes on", type(error).__name__, error)
 
-    def _tell(self, station: Station, catalog: StarCatalog | None) -> None:
-        teller = _Announcer(Scene(self._stream, station, catalog, live=True))
+    def _feed(self, station: Station, catalog: StarCatalog | None) -> None:
+        feed = _SceneFeed(Scene(self._stream, station, catalog, live=True))
         while True:
             last = self._closing.is_set()
             while batch := self._take():
-                teller.tell(batch, self.dropped)
+                feed.add(batch, self.dropped)
             if last:
                 break
             self._closing.wait(BATCH_EVERY_S)
-        teller.finish()
+        feed.finish()
         self._stream.flush()
         if self._page is not None and self._page.opened:
             time.sleep(_SHOW_VERDICT_S)
@@ -183,7 +183,7 @@ class LiveView:
         return batch
 
 
-class _Announcer:
+class _SceneFeed:
     """Tells a scene what came off the queue, in order."""
 
     def __init__(self, scene: Scene) -> None:
@@ -193,7 +193,7 @@ class _Announcer:
         self._dropped = 0
         self._panel_utc_ns = 0
 
-    def tell(self, batch: Sequence[_Item], dropped: int) -> None:
+    def add(self, batch: Sequence[_Item], dropped: int) -> None:
         frames: list[FrameResult] = []
         clock: list[ClockReading] = []
         for item in batch:

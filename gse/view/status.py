@@ -37,17 +37,17 @@ class StatusLine:
         self._is_terminal = self._console.is_terminal
         self._folder = folder
         self._running = Running(station.limits)
-        self._night: SessionData | None = None
+        self._session: SessionData | None = None
         self._link = _NO_LINK
         self._due_ns = 0
         self._closed = False
-        self._teller = Announcer(lambda text: self._console.print(text, soft_wrap=True, markup=False))
+        self._announcer = Announcer(lambda text: self._console.print(text, soft_wrap=True, markup=False))
         self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=1, transient=True)
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Take in one more frame."""
         self._running.add(result)
-        self._night = session
+        self._session = session
         if not self._is_terminal and self._running.utc_ns >= self._due_ns:
             self._due_ns = self._running.utc_ns + PLAIN_EVERY_NS
             # Not by rich, which needs a millisecond: a replay of a night writes thousands of them.
@@ -56,7 +56,7 @@ class StatusLine:
     def on_event(self, event: LinkEvent) -> None:
         """Tell what happens, each kind once; the state of the link stays in the line."""
         self._link = LINK_WORDS.get(event.kind, self._link)
-        self._teller.on_event(event)
+        self._announcer.on_event(event)
 
     def line(self) -> Text:
         """The line as it is now."""
@@ -77,7 +77,7 @@ class StatusLine:
         return Text.assemble(*parts)
 
     def _lost(self) -> str:
-        lost = self._night.link.frames_lost if self._night else 0
+        lost = self._session.link.frames_lost if self._session else 0
         return f"  {lost} lost" if lost else ""
 
     def _misses_availability(self) -> bool:
@@ -92,10 +92,10 @@ class StatusLine:
         return abs(moments.mean) > limit
 
     def _clock(self) -> str:
-        return clock_health(self._night.clock[-1]) if self._night and self._night.clock else "not read"
+        return clock_health(self._session.clock[-1]) if self._session and self._session.clock else "not read"
 
     def _clock_is_bad(self) -> bool:
-        return bool(self._night and self._night.clock and not self._night.clock[-1].synchronised)
+        return bool(self._session and self._session.clock and not self._session.clock[-1].synchronised)
 
     def _disk(self) -> str:
         if self._folder is None:
@@ -120,7 +120,7 @@ class StatusLine:
         self._live.stop()
         if not self._closed:
             self._closed = True
-            self._teller.conclude()
+            self._announcer.conclude()
 
 
 def _rate(running: Running) -> str:

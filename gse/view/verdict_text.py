@@ -52,9 +52,9 @@ def headline(running: Running, lost: int) -> str:
     if not running.d_ra.n:
         return "Running: nothing compared yet"
     limits = running.limits
-    kept = abs(running.d_ra.mean) <= limits.d_ra_cosde_arcsec and abs(running.d_de.mean) <= limits.d_de_arcsec
+    inside = abs(running.d_ra.mean) <= limits.d_ra_cosde_arcsec and abs(running.d_de.mean) <= limits.d_de_arcsec
     available = running.identified * running.frames / (running.frames + lost)
-    good = kept and available >= limits.availability and not running.false_answers
+    good = inside and available >= limits.availability and not running.false_answers
     return "Running: inside the limits" if good else "Running: OUTSIDE the limits"
 
 
