@@ -1,4 +1,4 @@
-"""Options and steps that several commands share."""
+"""Options shared by several commands."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -115,7 +115,7 @@ def station_of(path: Path | None) -> tuple[Station, str]:
 
 
 def with_identifier(station: Station, text: str, algorithm: str | None) -> tuple[Station, str]:
-    """The station with another identifier under test, and its text, which a session keeps for its replays."""
+    """The station with another identifier under test, and its text for the session file."""
     if algorithm is None or algorithm == station.identifier.algorithm:
         return station, text
     text = with_values(text, "identifier", {"algorithm": algorithm})

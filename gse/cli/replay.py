@@ -1,4 +1,4 @@
-"""``gse replay``: the same as a live test, from a session or a raw capture."""
+"""``gse replay``: a test from a session or a raw capture."""
 
 from pathlib import Path
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from gse.sessions.status_file import StatusFile
 
 _MOST_LISTED = 3
-"""Unfinished sessions; of more only the number is said."""
+"""Most unfinished sessions listed; of further ones only the number."""
 
 
 @click.command("run")
@@ -48,12 +48,12 @@ _MOST_LISTED = 3
     "--port", "url", help="Port or pyserial URL, instead of the station file's: /dev/ttyUSB0, sim://?speed=10"
 )
 @identifier_option
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="Stop after so many seconds.")
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="Stop after this many seconds.")
 @view_option
 @bind_option
 @save_rrd_option
-@click.option("--wait-port", is_flag=True, help="Wait for a port that is not there yet.")
-@click.option("--detach", "detached", is_flag=True, help="Go on without this terminal; 'gse status' says how it goes.")
+@click.option("--wait-port", is_flag=True, help="Wait for the port if it does not exist yet.")
+@click.option("--detach", "detached", is_flag=True, help="Run without this terminal; 'gse status' shows the state.")
 @clock_error_option
 @earth_orientation_option
 @json_option
@@ -80,7 +80,7 @@ def command(
 ) -> None:
     """Receive, record, identify, compare, show, judge.
 
-    With no arguments: a simulated sensor on the built-in station, 60 s of night. A session on a real port ends with
+    With no arguments: a simulated sensor on the built-in station, 60 s of the sky. A session on a real port ends with
     Ctrl-C, SIGTERM, the hang-up of its terminal, or after --duration; each time it is closed, judged and reported, and
     the exit code is the verdict's. A second Ctrl-C leaves it without a verdict: exit code 130.
     """
@@ -124,7 +124,7 @@ def command(
 
 
 class _Session:
-    """One session from its open port to its exit code."""
+    """One session from the open port to the exit code."""
 
     def __init__(self, detachment: Detachment | None) -> None:
         self._detachment = detachment
@@ -132,7 +132,7 @@ class _Session:
         self._status: StatusFile | None = None
 
     def opened(self, folder: Path, status: "StatusFile") -> None:
-        """The port is open and recorded: say so, and what ends the session."""
+        """Print the path of the recording, and how to end the session."""
         self._folder, self._status = folder, status
         if self._detachment is not None:
             self._detachment.into(folder)
@@ -142,7 +142,7 @@ class _Session:
     def run(
         self, receive: Callable[[], "LiveSession"], ending: Ending, clock_error_s: float | None
     ) -> tuple[dict[str, Any] | None, list[Applied]]:
-        """Receive and judge: the report, if there is one, and the exit codes that apply."""
+        """Receive and judge; returns the report, None without one, and the exit codes that apply."""
         found: list[Applied] = []
         try:
             if ending.asked():
@@ -161,7 +161,7 @@ class _Session:
             if self._folder is None:
                 raise
             code = unexpected(error)
-            return None, [*found, (code, f"no verdict, which comes by: gse report {self._folder}")]
+            return None, [*found, (code, f"no verdict; make the report with: gse report {self._folder}")]
 
     def _judge(self, live: "LiveSession", ending: Ending, clock_error_s: float | None) -> dict[str, Any]:
         if self._status is not None:
@@ -171,7 +171,7 @@ class _Session:
             return conclude(live.session, live.folder, live.own_elapsed_us, clock_error_s)
 
     def finish(self, report: dict[str, Any] | None, found: list[Applied]) -> int:
-        """Say where everything is and the exit code."""
+        """Print the paths and the exit code."""
         if self._folder is not None:
             show_paths(self._folder)
         code = say_exit_code(found)
@@ -186,24 +186,24 @@ def _say(text: str) -> None:
 
 
 def _waits_for_reader(station: Station, ending: Ending) -> Callable[[], bool]:
-    """A simulated sensor waits for whoever reads its frames, until the session is to end."""
+    """Whether output waits for its reader: only with simulated or recorded data, until the session is to end."""
     can_wait = station.port.url.startswith(("sim://", "replay://"))
     return lambda: can_wait and not ending.asked()
 
 
 def _list_unfinished(out: Path) -> None:
-    """Name the sessions that lost their end before they were judged, and the command that does it."""
+    """List sessions that ended without a report, with the command for the report."""
     from gse.sessions.status_file import is_unfinished, session_folders
 
     found = [folder for folder in session_folders(out) if is_unfinished(folder)]
     for folder in found[-_MOST_LISTED:]:
-        _say(f"unfinished session: {folder} was never judged; do it by: gse report {folder}")
+        _say(f"unfinished session: {folder} has no report; make one with: gse report {folder}")
     if len(found) > _MOST_LISTED:
         _say(f"and {len(found) - _MOST_LISTED} older ones")
 
 
 def _simulated(station: Station, text: str) -> tuple[Station, str]:
-    """The station as the scenario of its sim:// URL changes it, its sensor ready to be opened."""
+    """The station with the changes of the scenario in its sim:// URL; registers the simulated sensor."""
     from drivers.mock.urls import parse_mock_url
     from drivers.urlhandlers.protocol_sim import register
     from gse.simulator import device_factory

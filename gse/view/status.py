@@ -1,4 +1,4 @@
-"""The status line: how a running session does, for a terminal without a viewer."""
+"""Status line of a running session in the terminal."""
 
 import math
 import shutil
@@ -27,9 +27,9 @@ _NO_LINK = "no link"
 
 
 class StatusLine:
-    """A sink and a context manager: one line that is renewed each second, or plain lines where that is no terminal.
+    """A listener and context manager: one line, renewed each second; plain lines if stderr is not a terminal.
 
-    It is written to stderr. ``folder`` is where the session is recorded: its free disk is shown.
+    It is written to stderr. ``folder`` is the session folder: the free space of its disk is shown.
     """
 
     def __init__(self, station: Station, folder: Path | None = None, console: Console | None = None) -> None:
@@ -45,16 +45,16 @@ class StatusLine:
         self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=1, transient=True)
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Take in one more frame."""
+        """Add a frame."""
         self._running.add(result)
         self._session = session
         if not self._is_terminal and self._running.utc_ns >= self._due_ns:
             self._due_ns = self._running.utc_ns + PLAIN_EVERY_NS
-            # Not by rich, which needs a millisecond: a replay of a night writes thousands of them.
+            # Without rich, which needs a millisecond: a replay of a long session writes thousands of lines.
             print(self.line().plain, file=self._console.file, flush=True)
 
     def on_event(self, event: LinkEvent) -> None:
-        """Tell what happens, each kind once; the state of the link stays in the line."""
+        """Announce the event, each kind once; the state of the link stays in the line."""
         self._link = LINK_WORDS.get(event.kind, self._link)
         self._announcer.on_event(event)
 
@@ -116,7 +116,7 @@ class StatusLine:
         self.close()
 
     def close(self) -> None:
-        """Take the line away, and say how often events came again. Once is enough."""
+        """Remove the line and print the number of repeated events; further calls do nothing."""
         self._live.stop()
         if not self._closed:
             self._closed = True
