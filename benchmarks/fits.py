@@ -28,7 +28,7 @@ from gse.instant import NS_PER_S, from_text, to_text
 from gse.sessions.panoramas import open_recording
 from gse.sessions.replay import ReplayOptions, replay_session
 from gse.simulator.recording import record_simulation
-from gse.station.mount_alignment import MeasuredMounts, cross_judged
+from gse.station.mount_alignment import MeasuredMounts, cross_validated
 from gse.station.setup import set_up
 from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor, small_rotations
 
@@ -60,7 +60,7 @@ def record(path: Path, number: int, seconds: float, rate_hz: float) -> None:
 
 def mount_error(measured, session):
     """Errors (3,) of the fitted mount in arcsec, and their covariance."""
-    alignment = cross_judged(measured, session).alignment
+    alignment = cross_validated(measured, session).alignment
     true = horizon_to_sensor(session.station.mount)
     error = small_rotations(horizon_to_sensor(alignment.mount)[None], true)[0] * ARCSEC_PER_RAD
     return error, np.array(alignment.covariance_arcsec2)

@@ -23,7 +23,7 @@ from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount, MountUncertainty
 from gse.site import Site, SiteUncertainty
-from gse.station.attitude_error import compare
+from gse.station.attitude_error import attitude_error
 from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor
 
 EARTH_M = 6_371_000.0
@@ -47,7 +47,7 @@ def drawn(random: np.random.Generator) -> Drawn:
     clock_s = float(10 ** random.uniform(-4, 0))
     facts = SessionFacts(site, mount, table, utc_ns, clock_s, stars, baudrate=int(random.choice([9600, 115_200])))
     measured = turned(seen(random, facts), stars_error(random, facts))
-    error = compare(measured, SiderealTruth(site, table).attitude_true(utc_ns, mount))
+    error = attitude_error(measured, SiderealTruth(site, table).attitude_true(utc_ns, mount))
     return Drawn(facts, (error.d_ra_cosde_arcsec, error.d_de_arcsec, error.d_roll_arcsec))
 
 

@@ -24,6 +24,7 @@ class LinkKind(StrEnum):
     REOPENED = "REOPENED"
     LOST = "LOST"
     BACKLOG = "BACKLOG"
+    BACKLOG_FULL = "BACKLOG_FULL"
     NO_PORT = "NO_PORT"
     WAITING = "WAITING"
     SYNCING = "SYNCING"

@@ -163,10 +163,10 @@ class _Receiver:
             finder.remember(port)
         self._items: queue.SimpleQueue[Item] = queue.SimpleQueue()
         self._received_bytes = self._fetched_bytes = 0
-        self._told_backlog = self._told_full = False
+        self._backlog_reported = self._full_reported = False
         self._opened_before = port is not None
         self._stop = threading.Event()
-        self._tell(
+        self._report(
             *((LinkKind.OPENED, f"{url} is open") if port else (LinkKind.NO_PORT, f"waiting for the port: {absent}"))
         )
         self._thread = threading.Thread(target=self._run, name="receive", daemon=True)
@@ -236,24 +236,26 @@ class _Receiver:
         chunk = Chunk(*_now(), data)
         self._recorder.rx(chunk)
         if self.backlog_bytes > MOST_BACKLOG_BYTES or self._items.qsize() > MOST_ITEMS:
-            self._tell_full()
+            self._report_full()
             return
         self._received_bytes += len(data)
         self._items.put(chunk)
-        if not self._told_backlog and self.backlog_bytes > BACKLOG_BYTES:
-            self._told_backlog = True
-            self._tell(
-                LinkKind.BACKLOG, f"the station is {self.backlog_bytes} bytes behind; they are recorded and wait"
+        if not self._backlog_reported and self.backlog_bytes > BACKLOG_BYTES:
+            self._backlog_reported = True
+            self._report(
+                LinkKind.BACKLOG,
+                f"the station is {self.backlog_bytes} bytes behind; they are recorded and processed later",
             )
 
-    def _tell_full(self) -> None:
-        if not self._told_full:
-            self._told_full = True
-            self._tell(
-                "BACKLOG_FULL", "the station does not take what comes: from here on it is in the recording alone"
+    def _report_full(self) -> None:
+        if not self._full_reported:
+            self._full_reported = True
+            self._report(
+                LinkKind.BACKLOG_FULL,
+                "the station is too far behind: further bytes are in the recording only; replay the session",
             )
 
-    def _tell(self, kind: str, text: str) -> None:
+    def _report(self, kind: str, text: str) -> None:
         event = LinkEvent(*_now(), kind, text)
         self._recorder.event(event)
         self._items.put(event)
@@ -262,7 +264,7 @@ class _Receiver:
         port, self._port = self._port, None
         if port is not None:
             _close(port)
-        self._tell(LinkKind.LOST, f"{self._url} is gone ({_brief(error)}); waiting for it to come back")
+        self._report(LinkKind.LOST, f"{self._url} is gone ({_brief(error)}); waiting for it to come back")
 
     def _reopen(self) -> None:
         found = self._finder.open_again(self._stop)
@@ -271,7 +273,7 @@ class _Receiver:
         url, self._port = found
         self._finder.remember(self._port)
         name = self._url if url == self._url else f"{self._url}, now named {url},"
-        self._tell(LinkKind.REOPENED if self._opened_before else LinkKind.OPENED, f"{name} is open")
+        self._report(LinkKind.REOPENED if self._opened_before else LinkKind.OPENED, f"{name} is open")
         self._opened_before = True
 
 

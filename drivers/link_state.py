@@ -43,7 +43,7 @@ class LinkMonitor:
         self._now_ns = 0
         self._bytes_ns = 0
         self._since_ns = 0
-        self._told = False
+        self._silence_reported = False
         self._sample = bytearray()
         self._unframed_bytes = 0
         self._reasons: set[str] = set()
@@ -82,16 +82,16 @@ class LinkMonitor:
         self._now_ns = mono_ns
         changes: list[LinkEvent] = []
         due_ns = self._since_ns + self._patience_ns
-        if mono_ns > due_ns and not self._told:
-            changes += self._lose_patience(due_ns)
+        if mono_ns > due_ns and not self._silence_reported:
+            changes += self._silence_changes(due_ns)
         if self.state == LinkKind.SYNCING and mono_ns > self._bytes_ns + self._patience_ns:
             changes += self._change(LinkKind.STALE, self._bytes_ns + self._patience_ns, self._nothing_comes())
         return changes
 
-    def _lose_patience(self, due_ns: int) -> list[LinkEvent]:
+    def _silence_changes(self, due_ns: int) -> list[LinkEvent]:
         if self.state == LinkKind.STREAMING and self._unframed_bytes == 0:
             return self._change(LinkKind.STALE, due_ns, self._nothing_comes())
-        self._told = True
+        self._silence_reported = True
         if self.state == LinkKind.WAITING:
             text = f"the port is open, but no bytes for {self._silence_s:g} s: is the sensor powered, and started?"
             return [self._event(LinkKind.SILENT, due_ns, text)]
@@ -105,7 +105,7 @@ class LinkMonitor:
     def _begin(self, mono_ns: int) -> None:
         """Measure anew: since the port was opened, since bytes come, since the last frame."""
         self._since_ns = mono_ns
-        self._told = False
+        self._silence_reported = False
         self._sample.clear()
         self._unframed_bytes = 0
         self._reasons.clear()

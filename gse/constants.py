@@ -26,8 +26,5 @@ AU_M = 149_597_870_700.0
 LIGHT_M_PER_S = 299_792_458.0
 """Speed of light (SI)."""
 
-J2000_JD = 2_451_545.0
-"""Julian date of the epoch J2000.0, in TT."""
-
 J2000_NS = 946_728_000_000_000_000
 """2000-01-01T12:00:00Z, in nanoseconds since 1970: J2000.0 to within the 64 s between TT and UTC."""

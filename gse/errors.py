@@ -6,7 +6,6 @@ GseError                exit code 70 unless a subclass says otherwise
         CatalogError    2: a star catalogue file
         TableError      2: a panorama table or another input file
         TruthError      2: no truth for this instant or site
-    NoDeviceError       4: no such port, or nothing comes from it
 """
 
 
@@ -36,9 +35,3 @@ class TableError(UsageError):
 
 class TruthError(UsageError):
     """There is no sidereal truth for this instant or site."""
-
-
-class NoDeviceError(GseError):
-    """No such port, or nothing comes from it."""
-
-    exit_code = 4

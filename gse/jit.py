@@ -1,7 +1,8 @@
 """Typed front of numba's compiler."""
 
 from collections.abc import Callable
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numba
 
@@ -17,3 +18,15 @@ def compiled(function: _Function) -> _Function:
     """
     machine_code: _Function = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     return machine_code
+
+
+def is_on_disk(function: Any) -> bool:
+    """Whether the machine code of a compiled function is on disk and newer than its source: then it loads at once.
+
+    True where numba's compiler is switched off.
+    """
+    if not hasattr(function, "stats"):
+        return True
+    source = Path(function.py_func.__code__.co_filename)
+    indexes = Path(function.stats.cache_path).glob(f"{source.stem}.{function.py_func.__qualname__}-*.nbi")
+    return any(index.stat().st_mtime_ns >= source.stat().st_mtime_ns for index in indexes)

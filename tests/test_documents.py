@@ -5,6 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from drivers.chunk import LinkKind
+from gse.recording.event_kinds import RecorderKind
+from gse.station.event_kinds import StationKind
+
 ROOT = Path(__file__).parents[1]
 TEXTS = sorted(
     [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "replays").rglob("*.md")],
@@ -47,3 +51,9 @@ def test_the_readme_and_the_guide_for_contributors_give_the_same_two_commands() 
     )
     assert len(readme) == 2
     assert readme == guide
+
+
+def test_the_formats_page_lists_every_kind_of_event() -> None:
+    page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `([A-Z_]+)` \| \S", page, re.MULTILINE)
+    assert sorted(listed) == sorted([*LinkKind, *RecorderKind, *StationKind])

@@ -27,13 +27,13 @@ class ByteFaults:
         if not edits:
             return data, []
         pieces = [data[n : n + 1] for n in range(len(data))]
-        told = []
+        texts = []
         # By kind, each kind in order of place: every kind draws from its own stream, whatever the others do.
         for place, kind, random in edits:
             n = place - offset
             pieces[n], text = _EDITS[kind](pieces[n], random)
-            told.append(f"{text} at byte {place}")
-        return b"".join(pieces), told
+            texts.append(f"{text} at byte {place}")
+        return b"".join(pieces), texts
 
 
 def _flip(piece: bytes, random: np.random.Generator) -> tuple[bytes, str]:

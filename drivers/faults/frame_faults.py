@@ -93,7 +93,7 @@ class FrameFaults:
         self._again: list[Piece] = []
         self._held: list[Piece] = []
         self._held_for = 0
-        self.told: list[str] = []
+        self.texts: list[str] = []
 
     def pass_on(self, piece: Piece) -> Iterator[Piece]:
         """The pieces that come out when this one goes in."""
@@ -124,8 +124,8 @@ class FrameFaults:
             yield from _restamped(held, now)
 
     def _decide(self, piece: Piece) -> None:
-        drawn = {kind: self._random[kind].random() for kind in FRAME_KINDS}
-        self._fate = {kind for kind, value in drawn.items() if value < self._rates[kind]}
+        draws = {kind: self._random[kind].random() for kind in FRAME_KINDS}
+        self._fate = {kind for kind, value in draws.items() if value < self._rates[kind]}
         if not piece.is_ack:
             self._fate.discard("lost_ack")
         if self._held:
@@ -133,7 +133,7 @@ class FrameFaults:
             self._fate.discard("swap_frame")
         elif "swap_frame" in self._fate:
             self._held_for = 0
-        self.told += [f"{kind}: frame {piece.frame}" for kind in FRAME_KINDS if kind in self._fate]
+        self.texts += [f"{kind}: frame {piece.frame}" for kind in FRAME_KINDS if kind in self._fate]
 
 
 def _restamped(pieces: list[Piece], now: Chunk) -> Iterator[Piece]:

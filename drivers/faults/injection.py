@@ -30,7 +30,7 @@ def inject(
     return items if faults.sensor_baud is None else _misread(items, faults.sensor_baud, listening_baud)
 
 
-def _told(chunk: Chunk, text: str) -> LinkEvent:
+def _fault_event(chunk: Chunk, text: str) -> LinkEvent:
     return LinkEvent(chunk.utc_ns, chunk.mono_ns, LinkKind.FAULT, text)
 
 
@@ -39,7 +39,7 @@ def _reset(items: Iterator[Item], faults: Faults, device_resets: bool) -> Iterat
     if faults.reset_after_ns is None:
         yield from items
         return
-    kept: deque[bytes] = deque()
+    start_bytes: deque[bytes] = deque()
     due_ns: int | None = None
     is_reset = False
     for item in items:
@@ -49,10 +49,10 @@ def _reset(items: Iterator[Item], faults: Faults, device_resets: bool) -> Iterat
         due_ns = item.mono_ns + faults.reset_after_ns if due_ns is None else due_ns
         if item.mono_ns >= due_ns and not is_reset:
             is_reset = True
-            yield _told(item, "reset: the sensor begins again")
+            yield _fault_event(item, "reset: the sensor begins again")
         if not device_resets:
-            kept.append(item.data)
-            item = Chunk(item.utc_ns, item.mono_ns, kept.popleft()) if is_reset else item
+            start_bytes.append(item.data)
+            item = Chunk(item.utc_ns, item.mono_ns, start_bytes.popleft()) if is_reset else item
         yield item
 
 
@@ -81,10 +81,10 @@ def _framed(items: Iterator[Item], faults: Faults) -> Iterator[list[_Part]]:
         for piece in pieces:
             data, texts = byte_faults.edit(piece.offset, piece.chunk.data)
             chunk = Chunk(piece.chunk.utc_ns, piece.chunk.mono_ns, data)
-            yield from (_told(chunk, text) for text in texts)
+            yield from (_fault_event(chunk, text) for text in texts)
             yield from frame_faults.pass_on(replace(piece, chunk=chunk))
-            yield from (_told(chunk, text) for text in frame_faults.told)
-            frame_faults.told.clear()
+            yield from (_fault_event(chunk, text) for text in frame_faults.texts)
+            frame_faults.texts.clear()
 
     for item in items:
         if isinstance(item, LinkEvent):
@@ -129,7 +129,7 @@ class _Outages:
         chunk = piece.chunk
         heard = int(self._random.integers(len(chunk.data) + 1))
         yield replace(piece, chunk=Chunk(chunk.utc_ns, chunk.mono_ns, chunk.data[:heard]))
-        yield _told(chunk, f"{outage.kind}: for {outage.duration_ns / NS_PER_S:g} s, in frame {piece.frame}")
+        yield _fault_event(chunk, f"{outage.kind}: for {outage.duration_ns / NS_PER_S:g} s, in frame {piece.frame}")
         yield LinkEvent(chunk.utc_ns, chunk.mono_ns, LinkKind.LOST, "the port is gone; waiting for it to come back")
         name = "the port, now under another name," if outage.kind == "rename" else "the port"
         utc_ns, mono_ns = chunk.utc_ns + outage.duration_ns, chunk.mono_ns + outage.duration_ns
@@ -192,5 +192,5 @@ def _misread(items: Iterator[Item], sensor_baud: int, listening_baud: int) -> It
             continue
         if not is_told:
             is_told = True
-            yield _told(item, f"baud: the sensor speaks at {sensor_baud}, the port listens at {listening_baud}")
+            yield _fault_event(item, f"baud: the sensor speaks at {sensor_baud}, the port listens at {listening_baud}")
         yield Chunk(item.utc_ns, item.mono_ns, received_at(item.data, sensor_baud, listening_baud))

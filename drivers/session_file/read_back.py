@@ -54,11 +54,11 @@ def _recover(path: Path, written: WrittenBytes) -> tuple[Path, int]:
     mended = path.with_name(f".{path.name}.mended")
     try:
         shutil.copyfile(path, mended)
-        offset, kept = written.kept()
+        offset, tail = written.tail()
         with mended.open("r+b") as file:
             file.truncate(written.size)
             file.seek(offset)
-            file.write(kept)
+            file.write(tail)
         write_compact(beside, iter(one_file(mended)))
     finally:
         mended.unlink(missing_ok=True)

@@ -10,24 +10,24 @@ from array import array
 from drivers.session_file.file_window import FileWindow
 
 BLOCK_BYTES = 64 << 10
-KEPT_BYTES = 8 << 20
+TAIL_BYTES = 8 << 20
 """The end of the file that memory still holds: an hour at 10 Hz."""
 
 
 class WrittenBytes:
-    """Grows with each write; 4 bytes of memory for 64 KiB of file, and KEPT_BYTES."""
+    """Grows with each write; 4 bytes of memory for 64 KiB of file, and TAIL_BYTES."""
 
     def __init__(self) -> None:
         self.size = 0
         self._checksums = array("I")
         self._crc = 0
-        self._kept = bytearray()
+        self._tail = bytearray()
 
     def add(self, data: bytes) -> None:
         """These bytes were written at the end."""
-        self._kept += data
-        if len(self._kept) > 2 * KEPT_BYTES:
-            del self._kept[:-KEPT_BYTES]
+        self._tail += data
+        if len(self._tail) > 2 * TAIL_BYTES:
+            del self._tail[:-TAIL_BYTES]
         view = memoryview(data)
         while view:
             room = BLOCK_BYTES - self.size % BLOCK_BYTES
@@ -50,6 +50,6 @@ class WrittenBytes:
                 found.append(offset)
         return found
 
-    def kept(self) -> tuple[int, bytes]:
+    def tail(self) -> tuple[int, bytes]:
         """The end that memory still holds, and its offset."""
-        return self.size - len(self._kept), bytes(self._kept)
+        return self.size - len(self._tail), bytes(self._tail)

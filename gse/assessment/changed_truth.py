@@ -15,7 +15,7 @@ from gse.attitude import Attitude
 from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.mount import Mount
 from gse.site import Site
-from gse.station.attitude_error import compare
+from gse.station.attitude_error import attitude_error
 from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor
 
 Vector = tuple[float, float, float]
@@ -85,7 +85,7 @@ class ChangedTruth:
 
 
 def _error(measured: Attitude, true: Attitude) -> Vector:
-    error = compare(measured, true)
+    error = attitude_error(measured, true)
     return error.d_ra_cosde_arcsec, error.d_de_arcsec, error.d_roll_arcsec
 
 

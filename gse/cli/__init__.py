@@ -30,7 +30,7 @@ EXIT_INTERRUPTED = 130
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 _COMMANDS = {
-    "run": "test a sensor: receive, record, identify, compare, show, judge",
+    "run": "test a sensor: receive, record, identify, compare, judge",
     "status": "show a running session, or end it with --stop",
     "replay": "do the same from a session or a raw capture",
     "report": "write the report of a session",
@@ -50,8 +50,8 @@ _COMMANDS = {
     "ports": "list the serial ports and the programs that hold them",
     "preflight": "check that everything is ready for a session",
     "sensor": "send a command to the sensor",
-    "plan": "tell how long a session must be for a verdict",
-    "selfcheck": "put known errors through the station: injected against found",
+    "plan": "show how long a session must be for a verdict",
+    "selfcheck": "check the installation with sessions of known errors",
     "ci": "replay a folder of sessions and compare their reports",
 }
 
@@ -131,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def unexpected(error: BaseException) -> int:
-    """Say what came where nothing was expected; the exit code."""
+    """Print an unexpected error; returns the exit code."""
     if was_interrupted(error):
         return EXIT_INTERRUPTED
     if isinstance(error, OSError) and error.errno in _DISK_FULL:

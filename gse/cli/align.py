@@ -10,29 +10,18 @@ import numpy as np
 
 from gse.attitude import Attitude
 from gse.cli.new_files import write_new
-from gse.cli.options import start_utc_option, station_of, station_option
+from gse.cli.options import change_to, fit_options
 from gse.config.edit import with_values
 from gse.mount import Mount
-from gse.station.attitude_error import compare
-from gse.station.mount_alignment import CrossJudged, MeasuredMounts, cross_judged
+from gse.station.attitude_error import attitude_error
+from gse.station.mount_alignment import CrossValidation, MeasuredMounts, cross_validated
 from gse.truth import horizon_to_sensor
 
 _NEAR_ZENITH_DEG = 89.9
 
 
 @click.command("align")
-@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
-@station_option
-@click.option("--from", "from_utc", help="Use the frames from this UTC on, e.g. 2026-03-20T18:30:00Z.")
-@click.option("--to", "to_utc", help="Use the frames before this UTC.")
-@start_utc_option
-@click.option(
-    "--write",
-    "write_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the station file with this mount to a new file.",
-)
-@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.alignment/1.")
+@fit_options(write_help="Write the station file with this mount to a new file.", schema="gse.alignment/1")
 def command(
     *,
     path: Path,
@@ -49,32 +38,29 @@ def command(
     and the odd minutes with the fit to the even ones. Do not judge a session with a mount that was fitted to its own
     frames: use --write for the next session, or `align: first 60 s` in the station file.
     """
-    from gse.sessions.replay import ReplayOptions, StationText, replay_session
-
-    def change(recorded: StationText) -> StationText:
-        return station_of(station_path) if station_path else recorded
+    from gse.sessions.replay import ReplayOptions, replay_session
 
     measured = MeasuredMounts()
     replay = replay_session(
         path,
         options=ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc),
-        station=change,
+        station=change_to(station_path),
         make_listeners=lambda loop, folder: [measured],
     )
-    judged = cross_judged(measured, replay.session)
+    validation = cross_validated(measured, replay.session)
     if write_path is not None:
-        mount = judged.alignment.mount
+        mount = validation.alignment.mount
         angles = {name: round(getattr(mount, name), 6) for name in ("azimuth_deg", "altitude_deg", "roll_deg")}
         write_new(write_path, with_values(replay.session.station_text, "mount", angles, drop=("align",)))
-    report = alignment_report(judged, replay.session.station.mount)
+    report = alignment_report(validation, replay.session.station.mount)
     click.echo(json.dumps(report) if as_json else "\n".join(_lines(report)))
 
 
-def alignment_report(judged: CrossJudged, stated: Mount) -> dict[str, Any]:
+def alignment_report(validation: CrossValidation, stated: Mount) -> dict[str, Any]:
     """The JSON of schema gse.alignment/1; ``stated`` is the mount of the station file."""
-    fit = judged.alignment
+    fit = validation.alignment
     true, measured = (Attitude(horizon_to_sensor(mount), np.zeros((3, 3))) for mount in (stated, fit.mount))
-    from_stated = compare(measured, true)
+    from_stated = attitude_error(measured, true)
     sigma = fit.sigma_azimuth_altitude_roll_arcsec
     return {
         "schema": "gse.alignment/1",
@@ -87,9 +73,9 @@ def alignment_report(judged: CrossJudged, stated: Mount) -> dict[str, Any]:
         "scatter_arcsec": _axes(fit.scatter_arcsec[1::-1] + fit.scatter_arcsec[2:]),
         "frames": fit.n,
         "rejected": fit.rejected,
-        "repeatability_arcsec": _axes(judged.repeatability_arcsec),
-        "mean_abs_on_other_half_arcsec": _axes(judged.mean_abs_arcsec),
-        "rms_on_other_half_arcsec": _axes(judged.rms_arcsec),
+        "repeatability_arcsec": _axes(validation.repeatability_arcsec),
+        "mean_abs_on_other_half_arcsec": _axes(validation.mean_abs_arcsec),
+        "rms_on_other_half_arcsec": _axes(validation.rms_arcsec),
         "from_stated_mount_arcsec": _axes(
             (from_stated.cross_x_arcsec, from_stated.cross_y_arcsec, from_stated.d_roll_arcsec)
         ),

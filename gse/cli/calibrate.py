@@ -9,7 +9,7 @@ import click
 from gse.calibration.camera_fit import Calibration
 from gse.calibration.session_fit import PanoramaSample, SessionCalibration, calibrate_session
 from gse.cli.new_files import write_new
-from gse.cli.options import start_utc_option, station_of, station_option
+from gse.cli.options import change_to, fit_options
 from gse.config.edit import with_values
 from gse.errors import TruthError
 from gse.truth import EarthOrientation, SiderealTruth
@@ -22,18 +22,9 @@ _DIGITS = (4, 4, 4, 8, 8)
 
 
 @click.command("calibrate")
-@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
-@station_option
-@click.option("--from", "from_utc", help="Use the frames from this UTC on, e.g. 2026-03-20T18:30:00Z.")
-@click.option("--to", "to_utc", help="Use the frames before this UTC.")
-@start_utc_option
-@click.option(
-    "--write",
-    "write_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the station file with this camera and these hot pixels to a new file.",
+@fit_options(
+    write_help="Write the station file with this camera and these hot pixels to a new file.", schema="gse.calibration/1"
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.calibration/1.")
 def command(
     *,
     path: Path,
@@ -51,13 +42,11 @@ def command(
     `gse run --station`.
     """
     from gse.sessions.panoramas import open_recording
-    from gse.sessions.replay import ReplayOptions, StationText
+    from gse.sessions.replay import ReplayOptions
     from gse.station.setup import set_up
 
-    def change(recorded: StationText) -> StationText:
-        return station_of(station_path) if station_path else recorded
-
-    recording = open_recording(path, ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc), change)
+    options = ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc)
+    recording = open_recording(path, options, change_to(station_path))
     sample = PanoramaSample()
     for panorama in recording.panoramas():
         sample.add(panorama)

@@ -9,7 +9,7 @@ import click
 
 from gse.assessment.session_comparison import Row, SessionComparison, session_comparison
 from gse.cli import EXIT_FAIL
-from gse.cli.options import ALGORITHMS, start_utc_option, station_of, with_identifier
+from gse.cli.options import ALGORITHMS, change_to, start_utc_option
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -93,12 +93,9 @@ def _of(options: tuple[Any, ...], place: int) -> Any:
 
 
 def _session(path: Path, identifier: str | None, station_path: Path | None, start_utc: str | None) -> "SessionData":
-    from gse.sessions.replay import ReplayOptions, StationText, replay_session
+    from gse.sessions.replay import ReplayOptions, replay_session
 
-    def change(recorded: StationText) -> StationText:
-        station, text = station_of(station_path) if station_path else recorded
-        return with_identifier(station, text, identifier)
-
+    change = change_to(station_path, identifier)
     return replay_session(path, options=ReplayOptions(start_utc=start_utc), station=change).session
 
 

@@ -1,7 +1,7 @@
-"""A detached start: the session runs in a process without a terminal, and the one that was started says where.
+"""Detached start: the session runs in a process without a terminal.
 
-Up to the moment when its port is open, that process speaks to the terminal, so that what keeps it from starting is seen
-there; then to run.log in the session folder.
+Until its port is open, that process writes to the terminal, so that errors at the start are visible; afterwards to
+run.log in the session folder.
 """
 
 import json
@@ -15,13 +15,13 @@ LOG_NAME = "run.log"
 
 
 class Detachment:
-    """The process behind: it has no controlling terminal, and no hang-up reaches it."""
+    """The detached process: it has no controlling terminal and gets no hang-up."""
 
     def __init__(self, report_fd: int) -> None:
         self._report_fd = report_fd
 
     def into(self, folder: Path) -> None:
-        """Write stdout and stderr to the log of this session, and let the starting process go."""
+        """Write stdout and stderr to the log of this session, and let the starting process exit."""
         log = os.open(folder / LOG_NAME, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
         nothing = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
         for source, fd in ((nothing, 0), (log, 1), (log, 2)):
@@ -33,10 +33,10 @@ class Detachment:
 
 
 def detach() -> Detachment:
-    """Go on in a process of its own. The starting one never returns: it exits with 0 once the session runs.
+    """Continue in a detached process. The starting one never returns: it exits with 0 once the session runs.
 
-    Before threads are started: a fork takes only the one that calls it. Ports are opened with O_NOCTTY, so that none of
-    them becomes the terminal of the new process.
+    To be called before threads are started: a fork copies only the calling thread. Ports are opened with O_NOCTTY, so
+    that none of them becomes the terminal of the new process.
     """
     read_fd, write_fd = os.pipe()
     pid = os.fork()
@@ -61,6 +61,6 @@ def _say_where(started: dict[str, str]) -> None:
     folder = started["folder"]
     click.echo(f"session: {folder}")
     click.echo(f"process: {started['pid']}")
-    click.echo(f"how it goes: gse status {folder}")
-    click.echo(f"its words: tail -f {folder}/{LOG_NAME}")
-    click.echo(f"end it: gse status --stop {folder}")
+    click.echo(f"status: gse status {folder}")
+    click.echo(f"messages: tail -f {folder}/{LOG_NAME}")
+    click.echo(f"end: gse status --stop {folder}")

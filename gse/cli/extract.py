@@ -1,4 +1,4 @@
-"""``gse extract``: a panorama table from an image, as the sensor does it."""
+"""``gse extract``: a panorama table from an image, by the method of the sensor."""
 
 import json
 from pathlib import Path

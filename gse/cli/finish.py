@@ -1,4 +1,4 @@
-"""The end of a session, live or replayed: judge, write the report, show it, and what the exit code is."""
+"""End of a live or replayed session: verdict, report, exit code."""
 
 import json
 from array import array
@@ -14,11 +14,11 @@ from gse.station.exclusions import Exclusion
 from gse.station.session_data import SessionData
 
 Applied = tuple[int, str]
-"""An exit code that applies, and why."""
+"""An exit code that applies, and its reason."""
 
 TRUNCATED = "the session is damaged or lost its end"
 _WEIGHTIEST_FIRST = (EXIT_INTERNAL, EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERRUPTED, 0)
-"""Lost data before the verdict, because the verdict is not on all of it."""
+"""Lost data before the verdict, because the verdict then covers only a part of the session."""
 
 
 def conclude(
@@ -28,7 +28,7 @@ def conclude(
     clock_error_s: float | None,
     excluded: tuple[Exclusion, ...] = (),
 ) -> dict[str, Any]:
-    """Judge a night, write its report into a folder and this host's own times beside it; the report."""
+    """Judge a session, write its report and this host's own times into a folder; returns the report."""
     from gse.assessment.verdict import judge
     from gse.release_memory import give_back
     from gse.report import summarise, write_report
@@ -46,13 +46,13 @@ def conclude(
         write_report(session, assessment, folder, provenance(session.versions, _self_check()))
         (folder / "timing.json").write_text(json.dumps(_timing(own_elapsed_us), indent=2) + "\n")
     except (UsageError, OSError) as error:
-        # The verdict is worth more than the file that it does not fit into.
+        # The verdict is shown even if its file cannot be written.
         click.echo(f"gse: {error}; make room, then: gse report {folder}", err=True)
     return report
 
 
 def show_report(report: dict[str, Any], *, as_json: bool, json_frames: bool) -> None:
-    """The verdict on stdout, or the whole report as JSON; beside a stream of frames the verdict goes to stderr."""
+    """Print the verdict or the report as JSON to stdout; with --json-frames the verdict goes to stderr."""
     from rich.console import Console
 
     from gse.report.terminal import print_verdict
@@ -64,14 +64,14 @@ def show_report(report: dict[str, Any], *, as_json: bool, json_frames: bool) -> 
 
 
 def show_paths(folder: Path) -> None:
-    """Where session and report are, on stderr."""
+    """Print the paths of session and report to stderr."""
     for name, what in (("session.mcap", "session"), ("report.html", "report")):
         if (folder / name).exists():
             click.echo(f"{what}: {folder / name}", err=True)
 
 
 def applied(report: dict[str, Any], folder: Path, *, data_lost: str) -> list[Applied]:
-    """The exit codes that apply to a report. ``data_lost`` says what was lost, or nothing.
+    """The exit codes that apply to a report. ``data_lost`` describes lost data, or is empty.
 
     A report that could not be written into its folder is lost data too.
     """
@@ -82,7 +82,7 @@ def applied(report: dict[str, Any], folder: Path, *, data_lost: str) -> list[App
 
 
 def say_exit_code(found: list[Applied]) -> int:
-    """Say in a last line all that applied; the exit code: that of what weighs most."""
+    """Print all exit codes that apply; returns the one of greatest weight."""
     found = sorted(found, key=lambda item: _WEIGHTIEST_FIRST.index(item[0]))
     click.echo(f"exit code {found[0][0]}: {', '.join(f'{text} ({code})' for code, text in found)}", err=True)
     return found[0][0]
@@ -100,13 +100,13 @@ def _self_check() -> dict[str, Any] | None:
 
 
 def _timing(own_elapsed_us: "array[float]") -> dict[str, Any]:
-    """Identification times of this host in this run: a replay's own, which are not in its report."""
+    """Identification times of this host in this run; the report of a replay has the recorded ones instead."""
     times = np.array(own_elapsed_us) if own_elapsed_us else np.full(1, np.nan)
-    figures = {"p50": np.median(times), "p95": np.percentile(times, 95), "max": times.max()}
+    statistics = {"p50": np.median(times), "p95": np.percentile(times, 95), "max": times.max()}
     return {
         "schema": "gse.timing/1",
         "frames": len(own_elapsed_us),
         "identification_us": {
-            name: round(float(value), 1) if own_elapsed_us else None for name, value in figures.items()
+            name: round(float(value), 1) if own_elapsed_us else None for name, value in statistics.items()
         },
     }

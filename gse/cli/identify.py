@@ -66,8 +66,8 @@ def _print(result: FrameResult) -> None:
     count = len(result.panorama.brightness)
     click.echo(f"RA {attitude.ra_deg:.5f}  DE {attitude.de_deg:+.5f}  roll {attitude.roll_deg:.4f} deg (ICRS)")
     probability = result.identification.false_match_probability if result.identification else 1.0
-    named = f"{len(result.matches)} of {count} objects identified by {result.identifier}"
-    click.echo(f"{named}, false-match probability {probability:.1g}")
+    summary = f"{len(result.matches)} of {count} objects identified by {result.identifier}"
+    click.echo(f"{summary}, false-match probability {probability:.1g}")
     if result.attitude_error:
         error = result.attitude_error
         click.echo(f"dRA* {error.d_ra_cosde_arcsec:+.1f}  dDE {error.d_de_arcsec:+.1f} arcsec from the mount")

@@ -1,4 +1,4 @@
-"""What follows a session while it runs: the live view, the status line, frames as JSON lines."""
+"""Outputs of a running session: live view, status line, frames as JSON lines."""
 
 import json
 import sys
@@ -31,28 +31,28 @@ class JsonFrames:
         click.echo(json.dumps(frame_json(result)))
 
     def on_event(self, event: LinkEvent) -> None:
-        """Events are no frames."""
+        """Events are not frames."""
 
 
 class Steps:
-    """Each frame as a line of words on stderr, and a pause until Enter; anything typed before it goes on to the end."""
+    """Each frame as a line on stderr, and a pause until Enter; any other input before Enter ends the pauses."""
 
     def __init__(self) -> None:
         self._pausing = True
         click.echo("Enter: next panorama; c and Enter: go on to the end", err=True)
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Say what became of the frame, and wait."""
+        """Print the frame's result, and wait for Enter."""
         if self._pausing:
-            click.echo(_words(result), err=True)
+            click.echo(_frame_text(result), err=True)
             self._pausing = sys.stdin.readline() == "\n"
 
     def on_event(self, event: LinkEvent) -> None:
-        """Events are told by the status line."""
+        """Events are shown by the status line."""
 
 
-class Watching:
-    """The sinks of a session, opened when the tables are there and closed with the session."""
+class LiveOutputs:
+    """The listeners of a session, opened after the setup and closed with the session."""
 
     def __init__(
         self, *, view: ViewMode, bind: str, save_rrd: Path | None, json_frames: bool, step: bool = False
@@ -64,7 +64,7 @@ class Watching:
         self._status: StatusLine | None = None
 
     def listeners(self, loop: StationLoop, folder: Path | None) -> Sequence[Listener]:
-        """The sinks that were asked for, and the status line, always."""
+        """The requested listeners and the status line."""
         listeners: list[Listener] = [JsonFrames()] if self._json_frames else []
         listeners.append(self._open_status(loop, folder))
         if self._view != "none" or self._save_rrd is not None:
@@ -115,7 +115,7 @@ class Watching:
         return view
 
 
-def _words(result: FrameResult) -> str:
+def _frame_text(result: FrameResult) -> str:
     panorama, error = result.panorama, result.attitude_error
     line = (
         f"{to_text(panorama.utc_ns, 3)} frame {panorama.frame_no}: {result.status}, {len(panorama.brightness)} objects"

@@ -8,7 +8,7 @@ from gse.errors import UsageError
 
 
 def write_new(path: Path, text: str) -> None:
-    """Write a new text file and say so on stderr; UsageError where it exists or cannot be written."""
+    """Write a new text file and print its path to stderr; UsageError where it exists or cannot be written."""
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)

@@ -1,4 +1,4 @@
-"""Options and steps that several commands share."""
+"""Options shared by several commands."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,6 +12,7 @@ from gse.config.station import BUILT_IN_TEXT, Station, parse_station, read_stati
 from gse.identifier_options import Algorithm
 
 if TYPE_CHECKING:
+    from gse.sessions.replay import StationText
     from gse.station.exclusions import Exclusion
     from gse.truth.iers_tables import GivenTables
 
@@ -75,6 +76,36 @@ out_option: Callable[[Any], Any] = click.option(
 )
 
 
+def fit_options(*, write_help: str, schema: str) -> Callable[[Any], Any]:
+    """FILE and the options of a command that fits something of the station file to a session."""
+    parts = (
+        click.argument("path", metavar="FILE", type=click.Path(path_type=Path)),
+        station_option,
+        click.option("--from", "from_utc", help="Use the frames from this UTC on, e.g. 2026-03-20T18:30:00Z."),
+        click.option("--to", "to_utc", help="Use the frames before this UTC."),
+        start_utc_option,
+        click.option("--write", "write_path", type=click.Path(path_type=Path, dir_okay=False), help=write_help),
+        click.option("--json", "as_json", is_flag=True, help=f"One JSON object, schema {schema}."),
+    )
+
+    def decorated(command: Any) -> Any:
+        for part in reversed(parts):
+            command = part(command)
+        return command
+
+    return decorated
+
+
+def change_to(path: Path | None, algorithm: str | None = None) -> "Callable[[StationText], StationText]":
+    """What a replay does to the recorded station: another file in its place, another identifier under test."""
+
+    def change(recorded: "StationText") -> "StationText":
+        station, text = station_of(path) if path else recorded
+        return with_identifier(station, text, algorithm)
+
+    return change
+
+
 def station_of(path: Path | None) -> tuple[Station, str]:
     """The station of a file, or the built-in one, with its text."""
     if path is None:
@@ -84,7 +115,7 @@ def station_of(path: Path | None) -> tuple[Station, str]:
 
 
 def with_identifier(station: Station, text: str, algorithm: str | None) -> tuple[Station, str]:
-    """The station with another identifier under test, and its text, which a session keeps for its replays."""
+    """The station with another identifier under test, and its text for the session file."""
     if algorithm is None or algorithm == station.identifier.algorithm:
         return station, text
     text = with_values(text, "identifier", {"algorithm": algorithm})

@@ -1,8 +1,8 @@
-"""Output that waits for nobody: stdout and stderr behind bounded queues while a session runs.
+"""Bounded queues for stdout and stderr, so that a slow reader cannot delay a session.
 
-A terminal that is stopped, a pipe that is full or closed, a full disk: none of them may hold up a session. So each of
-the two streams is replaced by a queue, and a thread of its own hands the text on. What does not fit into the queue is
-dropped; at the end the process waits only as long as the reader still takes something.
+A stopped terminal, a full or closed pipe, or a full disk must not delay a session. Each of the two streams is replaced
+by a queue with a writing thread. Text beyond the limit of the queue is dropped; at the end the process waits only as
+long as the reader still takes text.
 """
 
 import contextlib
@@ -22,11 +22,11 @@ from gse.station.event_kinds import StationKind
 LIMIT_CHARS = 16 << 20
 """Some nine minutes of frames as JSON lines at 10 Hz."""
 PIECE_BYTES = 4096
-"""Written at once: a reader that takes a page now and then is seen to be alive."""
+"""Bytes per write; small, so that a slow reader shows progress."""
 PATIENCE_S = 1.0
-"""At the end, for a reader that takes nothing."""
+"""Longest wait at the end for a reader that takes nothing."""
 STUCK_S = 5.0
-"""After so long without a byte taken the session notes that nobody reads."""
+"""Time without a byte taken after which the event TERMINAL_STUCK is made."""
 
 News = tuple[str, str]
 """The kind of an event, and its text."""
@@ -45,7 +45,7 @@ class QueuedOutput(io.TextIOBase):
         self._chars = self._taken = 0
         self._given_up_at = -1
         self._was_terminal = False
-        self._told: set[str] = set()
+        self._noted: set[str] = set()
         self._news: deque[News] = deque()
         self._progress_s = time.monotonic()
         self._ended = False
@@ -69,7 +69,7 @@ class QueuedOutput(io.TextIOBase):
         return len(text)
 
     def flush(self) -> None:
-        """Nothing: what is queued is handed on by itself."""
+        """Does nothing: the thread writes queued text by itself."""
 
     def writable(self) -> bool:
         """Always."""
@@ -87,7 +87,7 @@ class QueuedOutput(io.TextIOBase):
         return self._stream.fileno()
 
     def news(self) -> list[News]:
-        """What became of the reader since the last call, each kind once in a session."""
+        """Events of the reader since the last call, each kind once in a session."""
         is_terminal = self.isatty()
         if self._was_terminal and not is_terminal:
             self._note(StationKind.TERMINAL_LOST, f"{self._name}: the terminal is gone; the session goes on without")
@@ -100,7 +100,7 @@ class QueuedOutput(io.TextIOBase):
         return found
 
     def settle(self) -> bool:
-        """Wait until everything is handed on, as long as the reader takes something; whether it is."""
+        """Wait until everything is written, as long as the reader takes text; whether it is."""
         with self._changed:
             while self._chars and self._given_up_at != self._taken:
                 taken = self._taken
@@ -110,7 +110,7 @@ class QueuedOutput(io.TextIOBase):
             return not self._chars
 
     def end(self) -> bool:
-        """Hand on what is queued and end the thread; whether everything was handed on."""
+        """Write the queued text and end the thread; whether everything was written."""
         settled = self.settle()
         with self._changed:
             self._ended = True
@@ -156,13 +156,13 @@ class QueuedOutput(io.TextIOBase):
         self._changed.notify_all()
 
     def _note(self, kind: str, text: str) -> None:
-        if kind not in self._told:
-            self._told.add(kind)
+        if kind not in self._noted:
+            self._noted.add(kind)
             self._news.append((kind, text))
 
 
 class Outputs:
-    """stdout and stderr of this process behind queues; those that are closed are left out."""
+    """stdout and stderr of this process behind queues, without closed streams."""
 
     def __init__(self, waits: Callable[[], bool]) -> None:
         self._before = sys.stdout, sys.stderr
@@ -172,16 +172,16 @@ class Outputs:
         sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, err)
 
     def news(self) -> list[News]:
-        """What became of the readers since the last call."""
+        """Events of the readers since the last call."""
         return [news for output in self._queued for news in output.news()]
 
     def settle(self) -> None:
-        """Let the readers take what is queued, so that what is written next comes after it, on either stream."""
+        """Wait for the readers, so that later text comes after the queued text on both streams."""
         for output in self._queued:
             output.settle()
 
     def close(self) -> None:
-        """Put the streams back; where nobody reads, the queues stay, so that no last word is waited for."""
+        """Restore the streams; without a reader the queues stay, so that the process can end at once."""
         ended = [output.end() for output in self._queued]
         if all(ended):
             sys.stdout, sys.stderr = self._before
@@ -189,6 +189,6 @@ class Outputs:
 
 @contextmanager
 def queued_output(waits: Callable[[], bool] = lambda: False) -> Iterator[Outputs]:
-    """stdout and stderr behind queues. ``waits``: whether a full stdout is waited for, as a simulated sensor can."""
+    """stdout and stderr behind queues. ``waits``: whether to wait for a full stdout, as a simulated sensor can."""
     with contextlib.closing(Outputs(waits)) as outputs:
         yield outputs

@@ -79,15 +79,15 @@ _rate = _quantity(_RATES, "10Hz", least=1e-6)
 def command(
     ctx: click.Context, /, *, session: Path | None, station_path: Path | None, as_json: bool, **expected: float | None
 ) -> None:
-    """How long a session must be for a PASS with 90 % probability, where the sensor does what is expected of it.
+    """Show how long a session must be for a PASS with 90 % probability, if the sensor performs as expected.
 
     Angles, times and rates have their unit: 10arcsec, 3s, 10Hz. Without options it expects whole-pixel positions of 20
-    stars, each for the time that a star takes over a pixel. With a recorded SESSION its own figures are taken, and it
-    is said how much longer it should have been. Exit code 1 where no length of session gives a verdict.
+    stars, each for the time that a star takes over a pixel. With a recorded SESSION its own statistics are used, and
+    the additional time for a verdict is shown. Exit code 1 where no length of session gives a verdict.
     """
     if session is not None:
         if any(value is not None for value in (station_path, *expected.values())):
-            raise UsageError("a session has its own figures: give either SESSION or options, not both")
+            raise UsageError("a session has its own statistics: give either SESSION or options, not both")
         ctx.exit(_of_session(session, as_json=as_json))
     station, _ = station_of(station_path)
     ctx.exit(_of_station(station, expected, as_json=as_json))
@@ -117,7 +117,7 @@ def _questions(station: "Station", given: dict[str, float | None], frames_per_s:
     camera, limits = station.sensor.camera(), station.limits
     pixel_arcsec = camera.pixel_rad * ARCSEC_PER_RAD
     noise = _or(given["noise_arcsec"], CENTROID_SIGMA_PX * pixel_arcsec / math.sqrt(_STARS))
-    # A turn shows by the stars' distance from the boresight: the root mean square over the detector.
+    # The roll error acts at the stars' distance from the boresight: root mean square over the detector.
     reach_rad = math.hypot(camera.rows, camera.columns) / math.sqrt(12) / camera.focal_length_px
     roll_noise = _or(given["roll_noise_arcsec"], noise / reach_rad)
     tau_s = _or(given["tau_s"], pixel_arcsec / EARTH_RATE_ARCSEC_PER_S)
@@ -133,7 +133,7 @@ def _questions(station: "Station", given: dict[str, float | None], frames_per_s:
 
 
 def _truth_arcsec(station: "Station", given: float | None) -> float:
-    """The standard uncertainty of truth tonight, with a clock that is right; of both axes the greater."""
+    """The standard uncertainty of truth for a session now, with a perfect clock; the greater of both axes."""
     if given is not None:
         return given
     from drivers.clock import read_clock
@@ -170,7 +170,7 @@ def _of_session(path: Path, *, as_json: bool) -> int:
         click.echo(json.dumps({**head, "session_rows": rows, **like}))
     else:
         undecided = [item for item in rows_left(assessment) if item.minutes != 0]
-        lines = [f"  {item.row.label}: {_words(item.minutes)}" for item in undecided]
+        lines = [f"  {item.row.label}: {_more_minutes(item.minutes)}" for item in undecided]
         click.echo("\n".join([_headline(assessment, left_min), *lines]))
         if plan is not None:
             click.echo("\n".join(["", "Another session like this one:", *_table(plan), "", _summary(plan)]))
@@ -181,7 +181,7 @@ def _headline(assessment: "Assessment", left_min: float) -> str:
     if left_min == 0:
         return f"{assessment.word}: it is decided"
     if math.isfinite(left_min):
-        return f"{assessment.word}: {_words(left_min)} would have decided"
+        return f"{assessment.word}: {_more_minutes(left_min)} would have decided"
     if math.isnan(left_min):
         return f"{assessment.word}: too short to tell how long it must be"
     return "\n".join([f"{assessment.word}: a longer session like this decides nothing", *assessment.reasons])
@@ -191,7 +191,7 @@ def _left(minutes: float) -> dict[str, Any]:
     return {"decided": minutes == 0, "more_minutes": round(minutes, 2) if math.isfinite(minutes) else None}
 
 
-def _words(minutes: float) -> str:
+def _more_minutes(minutes: float) -> str:
     if math.isnan(minutes):
         return "too short to tell"
     if math.isinf(minutes):

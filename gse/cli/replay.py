@@ -1,13 +1,14 @@
-"""``gse replay``: the same as a live test, from a session or a raw capture."""
+"""``gse replay``: a test from a session or a raw capture."""
 
 from pathlib import Path
 
 import click
 
 from gse.cli.finish import TRUNCATED, applied, conclude, say_exit_code, show_paths, show_report
-from gse.cli.live_outputs import ViewMode, Watching
+from gse.cli.live_outputs import LiveOutputs, ViewMode
 from gse.cli.options import (
     bind_option,
+    change_to,
     clock_error_option,
     earth_orientation_option,
     identifier_option,
@@ -17,10 +18,8 @@ from gse.cli.options import (
     out_option,
     save_rrd_option,
     start_utc_option,
-    station_of,
     station_option,
     view_option,
-    with_identifier,
 )
 from gse.station.exclusions import Exclusion
 from gse.truth.iers_tables import GivenTables
@@ -74,11 +73,7 @@ def command(
     report is written to a new folder in --out.
     """
     from gse.sessions.live import new_session_folder
-    from gse.sessions.replay import ReplayOptions, StationText, replay_session
-
-    def change(recorded: StationText) -> StationText:
-        station, text = station_of(station_path) if station_path else recorded
-        return with_identifier(station, text, identifier)
+    from gse.sessions.replay import ReplayOptions, replay_session
 
     options = ReplayOptions(
         speed=speed,
@@ -88,14 +83,16 @@ def command(
         start_utc=start_utc,
         given_orientation=given_orientation,
     )
-    watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames, step=step)
-    with watching:
-        replay = replay_session(path, options=options, station=change, make_listeners=watching.listeners)
+    live_outputs = LiveOutputs(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames, step=step)
+    with live_outputs:
+        replay = replay_session(
+            path, options=options, station=change_to(station_path, identifier), make_listeners=live_outputs.listeners
+        )
         frames = replay.session.frames.columns
         first_ns = int(frames["utc_ns"][0]) if len(frames) else 0
         folder = new_session_folder(out, f"{replay.session.station.sensor.name}-replay", first_ns)
         report = conclude(replay.session, folder, replay.own_elapsed_us, clock_error_s, excluded)
-        watching.conclude(report)
+        live_outputs.conclude(report)
     show_report(report, as_json=as_json, json_frames=json_frames)
     show_paths(folder)
     data_lost = TRUNCATED if replay.session.truncated else ""

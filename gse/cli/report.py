@@ -29,7 +29,9 @@ from gse.truth.iers_tables import GivenTables
 @leave_out_option
 @click.option("--pdf", is_flag=True, help="Also print report.html to report.pdf, by Chromium or Chrome.")
 @click.option(
-    "--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Also save a picture of its top, .png"
+    "--screenshot",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Also save the top of the report as a picture, .png",
 )
 @click.option(
     "--verify",
@@ -104,14 +106,14 @@ def _say_if_running(path: Path) -> None:
 
     status = read_status(path if path.is_dir() else path.parent)
     if status is not None and is_running(status):
-        click.echo(f"the session still runs: this report is on what is recorded by now, of {path}", err=True)
+        click.echo(f"the session still runs: this report covers the data recorded so far in {path}", err=True)
 
 
 def _check_free(wanted: Path | None) -> None:
     from gse.errors import UsageError
 
     if wanted is not None and wanted.exists():
-        raise UsageError(f"{wanted} is there already, and nothing is overwritten; choose another name")
+        raise UsageError(f"{wanted} exists already; choose another name")
 
 
 def _new_folder(out: Path | None, session: Path) -> Path:
@@ -127,4 +129,4 @@ def _new_folder(out: Path | None, session: Path) -> Path:
         except OSError as error:
             raise UsageError(f"cannot make the folder {folder}: {error.strerror}; choose another --out") from error
         return folder
-    raise UsageError(f"no room for another report in {beside}; choose another place by --out")
+    raise UsageError(f"no room for another report in {beside}; choose another place with --out")

@@ -11,7 +11,7 @@ from drivers.errors import DriverError
 from gse.cli import EXIT_DATA_LOST, EXIT_INTERRUPTED, exit_code_of, unexpected
 from gse.cli.detach import Detachment, detach
 from gse.cli.finish import Applied, applied, conclude, say_exit_code, show_paths, show_report
-from gse.cli.live_outputs import ViewMode, Watching
+from gse.cli.live_outputs import LiveOutputs, ViewMode
 from gse.cli.options import (
     bind_option,
     clock_error_option,
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from gse.sessions.live import LiveSession
     from gse.sessions.status_file import StatusFile
 
-_MOST_NAMED = 3
-"""Unfinished sessions; of more only the number is said."""
+_MOST_LISTED = 3
+"""Most unfinished sessions listed; of further ones only the number."""
 
 
 @click.command("run")
@@ -48,12 +48,12 @@ _MOST_NAMED = 3
     "--port", "url", help="Port or pyserial URL, instead of the station file's: /dev/ttyUSB0, sim://?speed=10"
 )
 @identifier_option
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="Stop after so many seconds.")
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="Stop after this many seconds.")
 @view_option
 @bind_option
 @save_rrd_option
-@click.option("--wait-port", is_flag=True, help="Wait for a port that is not there yet.")
-@click.option("--detach", "detached", is_flag=True, help="Go on without this terminal; 'gse status' says how it goes.")
+@click.option("--wait-port", is_flag=True, help="Wait for the port if it does not exist yet.")
+@click.option("--detach", "detached", is_flag=True, help="Run without this terminal; 'gse status' shows the state.")
 @clock_error_option
 @earth_orientation_option
 @json_option
@@ -80,7 +80,7 @@ def command(
 ) -> None:
     """Receive, record, identify, compare, show, judge.
 
-    With no arguments: a simulated sensor on the built-in station, 60 s of night. A session on a real port ends with
+    With no arguments: a simulated sensor on the built-in station, 60 s of the sky. A session on a real port ends with
     Ctrl-C, SIGTERM, the hang-up of its terminal, or after --duration; each time it is closed, judged and reported, and
     the exit code is the verdict's. A second Ctrl-C leaves it without a verdict: exit code 130.
     """
@@ -89,42 +89,42 @@ def command(
     if url is not None:
         station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
         text = with_values(text, "port", {"url": url})
-    desk = _Desk(detach() if detached else None)
+    session = _Session(detach() if detached else None)
     if station.port.url.startswith("sim://"):
         station, text = _simulated(station, text)
-    watching = Watching(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
-    with Ending(_say) as ending, queued_output(_patience(station, ending)) as outputs:
-        _offer_unfinished(out)
+    live_outputs = LiveOutputs(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
+    with Ending(_say) as ending, queued_output(_waits_for_reader(station, ending)) as outputs:
+        _list_unfinished(out)
 
         def receive() -> "LiveSession":
             from gse.sessions.live import Operator, run_live
 
-            operator = Operator(ending, _say, desk.opened, outputs.news)
+            operator = Operator(ending, _say, session.opened, outputs.news)
             return run_live(
                 station,
                 text,
                 out,
                 operator,
-                make_listeners=watching.listeners,
+                make_listeners=live_outputs.listeners,
                 duration_s=duration_s,
                 wait_port=wait_port,
                 clock_error_s=clock_error_s,
                 given_orientation=given_orientation,
             )
 
-        with watching:
-            report, found = desk.run(receive, ending, clock_error_s)
+        with live_outputs:
+            report, found = session.run(receive, ending, clock_error_s)
             if report:
-                watching.conclude(report)
+                live_outputs.conclude(report)
         outputs.settle()
         if report:
             show_report(report, as_json=as_json, json_frames=json_frames)
         outputs.settle()
-        ctx.exit(desk.finish(report, found))
+        ctx.exit(session.finish(report, found))
 
 
-class _Desk:
-    """One session from its open port to its exit code."""
+class _Session:
+    """One session from the open port to the exit code."""
 
     def __init__(self, detachment: Detachment | None) -> None:
         self._detachment = detachment
@@ -132,18 +132,17 @@ class _Desk:
         self._status: StatusFile | None = None
 
     def opened(self, folder: Path, status: "StatusFile") -> None:
-        """The port is open and recorded: say so, and what ends the session."""
+        """Print the path of the recording, and how to end the session."""
         self._folder, self._status = folder, status
         if self._detachment is not None:
             self._detachment.into(folder)
         _say(f"recording: {folder / 'session.mcap'}")
         _say("Ctrl-C ends the session: it is closed, judged and reported")
-        _say("preparing catalogue and identifiers; the first time takes half a minute")
 
     def run(
         self, receive: Callable[[], "LiveSession"], ending: Ending, clock_error_s: float | None
     ) -> tuple[dict[str, Any] | None, list[Applied]]:
-        """Receive and judge: the report, if there is one, and the exit codes that apply."""
+        """Receive and judge; returns the report, None without one, and the exit codes that apply."""
         found: list[Applied] = []
         try:
             if ending.asked():
@@ -162,7 +161,7 @@ class _Desk:
             if self._folder is None:
                 raise
             code = unexpected(error)
-            return None, [*found, (code, f"no verdict, which comes by: gse report {self._folder}")]
+            return None, [*found, (code, f"no verdict; make the report with: gse report {self._folder}")]
 
     def _judge(self, live: "LiveSession", ending: Ending, clock_error_s: float | None) -> dict[str, Any]:
         if self._status is not None:
@@ -172,7 +171,7 @@ class _Desk:
             return conclude(live.session, live.folder, live.own_elapsed_us, clock_error_s)
 
     def finish(self, report: dict[str, Any] | None, found: list[Applied]) -> int:
-        """Say where everything is and the exit code."""
+        """Print the paths and the exit code."""
         if self._folder is not None:
             show_paths(self._folder)
         code = say_exit_code(found)
@@ -186,25 +185,25 @@ def _say(text: str) -> None:
         click.echo(text, err=True)
 
 
-def _patience(station: Station, ending: Ending) -> Callable[[], bool]:
-    """A simulated sensor waits for whoever reads its frames, until the session is to end."""
+def _waits_for_reader(station: Station, ending: Ending) -> Callable[[], bool]:
+    """Whether output waits for its reader: only with simulated or recorded data, until the session is to end."""
     can_wait = station.port.url.startswith(("sim://", "replay://"))
     return lambda: can_wait and not ending.asked()
 
 
-def _offer_unfinished(out: Path) -> None:
-    """Name the sessions that lost their end before they were judged, and the command that does it."""
+def _list_unfinished(out: Path) -> None:
+    """List sessions that ended without a report, with the command for the report."""
     from gse.sessions.status_file import is_unfinished, session_folders
 
     found = [folder for folder in session_folders(out) if is_unfinished(folder)]
-    for folder in found[-_MOST_NAMED:]:
-        _say(f"unfinished session: {folder} was never judged; do it by: gse report {folder}")
-    if len(found) > _MOST_NAMED:
-        _say(f"and {len(found) - _MOST_NAMED} older ones")
+    for folder in found[-_MOST_LISTED:]:
+        _say(f"unfinished session: {folder} has no report; make one with: gse report {folder}")
+    if len(found) > _MOST_LISTED:
+        _say(f"and {len(found) - _MOST_LISTED} older ones")
 
 
 def _simulated(station: Station, text: str) -> tuple[Station, str]:
-    """The station as the scenario of its sim:// URL changes it, its sensor ready to be opened."""
+    """The station with the changes of the scenario in its sim:// URL; registers the simulated sensor."""
     from drivers.mock.urls import parse_mock_url
     from drivers.urlhandlers.protocol_sim import register
     from gse.simulator import device_factory

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.selfcheck/1.")
 @click.pass_context
 def command(ctx: click.Context, *, as_json: bool) -> None:
-    """Check this installation: sessions with known errors go through it, and it must find what was injected.
+    """Check this installation with sessions that contain known errors, which it must find.
 
-    The sky is made by astropy's frames alone, without the station's own astrometry. The result is kept, and reports
-    name it. Exit code 1 where anything differs.
+    The sky is computed with astropy alone, without the station's own astrometry. The result is stored, and reports name
+    it. The exit code is 1 if a quantity differs.
     """
     from drivers.clock import read_clock
     from gse.instant import to_text
@@ -52,4 +52,4 @@ def _keep(result: "SelfCheckResult") -> None:
     try:
         keep_result(result)
     except OSError as error:
-        click.echo(f"gse: the result could not be kept for the reports: {error}", err=True)
+        click.echo(f"gse: the result could not be stored for the reports: {error}", err=True)

@@ -1,4 +1,4 @@
-"""``gse session``: look into sessions, verify, rescue, cut and export them."""
+"""``gse session``: show, verify, recover, trim and export sessions."""
 
 import json
 import sys
@@ -19,14 +19,14 @@ _out = click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=Fals
 
 @click.group("session")
 def command() -> None:
-    """Look into recorded sessions. FILE is a .mcap file, or the folder that gse run made."""
+    """Work with recorded sessions. FILE is a .mcap file, or the folder that gse run made."""
 
 
 @command.command()
 @_session
 @_json
 def info(path: Path, as_json: bool) -> None:
-    """Say what stands in a session."""
+    """Show the content of a session."""
     from gse.recording.session_tools import session_info
 
     document = session_info(path)
@@ -40,12 +40,12 @@ def info(path: Path, as_json: bool) -> None:
 
 
 def _offer_report(path: Path) -> None:
-    """Name the command that judges a session whose process ended before."""
+    """Print the command for the report of a session without one."""
     from gse.sessions.status_file import is_unfinished
 
     folder = path if path.is_dir() else path.parent
     if is_unfinished(folder):
-        click.echo(f"gse: the session was never judged; do it by: gse report {folder}", err=True)
+        click.echo(f"gse: the session has no report; make one with: gse report {folder}", err=True)
 
 
 def _text(value: Any) -> str:
@@ -63,7 +63,7 @@ def _text(value: Any) -> str:
 @_json
 @click.pass_context
 def verify(ctx: click.Context, path: Path, as_json: bool) -> None:
-    """Read every byte: is the session whole? The exit code is 3 where it is not."""
+    """Read every byte of a session and check it. The exit code is 3 if the session is damaged or incomplete."""
     from drivers.session_file.verification import verify as verify_session
     from gse.recording.session_tools import describe, verify_json
 
@@ -71,7 +71,9 @@ def verify(ctx: click.Context, path: Path, as_json: bool) -> None:
     _offer_report(path)
     click.echo(json.dumps(verify_json(check)) if as_json else plain_lines("\n".join(describe(check))))
     if not check.is_whole:
-        click.echo("gse: the session is not whole; 'gse session recover' makes one of all that is", err=True)
+        click.echo(
+            "gse: the session is damaged or incomplete; 'gse session recover' saves all intact records", err=True
+        )
         ctx.exit(EXIT_DATA_LOST)
 
 
@@ -81,7 +83,7 @@ def verify(ctx: click.Context, path: Path, as_json: bool) -> None:
 @_json
 @click.pass_context
 def recover(ctx: click.Context, path: Path, out: Path | None, as_json: bool) -> None:
-    """Make a new session of every whole record. The exit code is 3 where something was lost."""
+    """Write every intact record to a new session. The exit code is 3 if something was lost."""
     from gse.recording.session_tools import recover as recover_session
 
     _report(ctx, recover_session(path, out or _beside(path, "recovered")), as_json)
@@ -97,11 +99,11 @@ def recover(ctx: click.Context, path: Path, out: Path | None, as_json: bool) -> 
 def trim(
     ctx: click.Context, path: Path, from_utc: str | None, to_utc: str | None, out: Path | None, as_json: bool
 ) -> None:
-    """Make a new session of a part of one."""
+    """Write a part of a session to a new one."""
     from gse.recording.session_tools import trim as trim_session
 
     if from_utc is None and to_utc is None:
-        raise UsageError("which part? Give --from, --to or both, e.g. --from 2026-03-20T18:30:00Z")
+        raise UsageError("the part is missing; give --from, --to or both, e.g. --from 2026-03-20T18:30:00Z")
     copied = trim_session(path, out or _beside(path, "trimmed"), _utc(from_utc), _utc(to_utc))
     if not copied.messages:
         copied.path.unlink()
@@ -123,7 +125,7 @@ def trim(
 @_out
 @click.pass_context
 def export(ctx: click.Context, path: Path, form: str, out: Path | None) -> None:
-    """Write a session for other programs; to stdout without -o (rrd needs it)."""
+    """Export a session for other programs; to stdout without -o (rrd needs -o)."""
     if form == "rrd":
         _export_rrd(ctx, path, out)
         return
@@ -143,7 +145,7 @@ def _export_rrd(ctx: click.Context, path: Path, out: Path | None) -> None:
     from gse.cli.view import command as view
 
     if out is None:
-        raise UsageError("a rerun recording needs a name: -o night.rrd")
+        raise UsageError("a rerun recording needs a name: -o session.rrd")
     if out.exists():
         raise UsageError(f"{out} exists already; choose another name")
     ctx.invoke(view, path=path, web=False, bind="127.0.0.1", http_port=0, save=out, screenshot=None, clock_error_s=None)
@@ -186,6 +188,6 @@ def _report(ctx: click.Context, copied: Any, as_json: bool) -> None:
         if copied.missing:
             click.echo(f"missing: {', '.join(copied.missing)}")
         if copied.truncated:
-            click.echo("the session was never closed: what came after its last whole record is unknown")
+            click.echo("the session was not closed: data after its last intact record may be missing")
     if not copied.is_all:
         ctx.exit(EXIT_DATA_LOST)

@@ -1,4 +1,4 @@
-"""``gse status``: how a running session goes, asked from another terminal."""
+"""``gse status``: state of a running session, from another terminal."""
 
 import json
 import os
@@ -18,13 +18,13 @@ _SILENT_S = 10.0
 
 @click.command("status")
 @click.argument("path", metavar="[FOLDER]", type=click.Path(path_type=Path), default=Path("sessions"))
-@click.option("--stop", is_flag=True, help="End it: it is closed, judged and reported.")
+@click.option("--stop", is_flag=True, help="End the session: it is closed, judged and reported.")
 @click.option("--json", "as_json", is_flag=True, help="status.json of the session, with 'running', on stdout.")
 @click.pass_context
 def command(ctx: click.Context, *, path: Path, stop: bool, as_json: bool) -> None:
-    """Say how a session goes, detached or not: FOLDER, or the newest one below FOLDER.
+    """Show the state of a session, detached or not: FOLDER, or the newest one below FOLDER.
 
-    Exit code 1 where its process died without a report: 'gse report' makes one.
+    The exit code is 1 if its process ended without a report: make one with 'gse report'.
     """
     from gse.sessions.status_file import is_running, is_unfinished
 
@@ -41,7 +41,7 @@ def command(ctx: click.Context, *, path: Path, stop: bool, as_json: bool) -> Non
 
 
 def _session(path: Path) -> tuple[Path, dict[str, Any]]:
-    """The session that is meant, and its status: a running one before the others, then the newest."""
+    """The chosen session and its status: a running one before the others, then the newest."""
     from gse.sessions.status_file import is_running, read_status, session_folders
 
     known = [(folder, status) for folder in session_folders(path) if (status := read_status(folder)) is not None]
@@ -52,13 +52,13 @@ def _session(path: Path) -> tuple[Path, dict[str, Any]]:
 
 def _stop(folder: Path, status: dict[str, Any], *, running: bool) -> None:
     if not running:
-        raise UsageError(f"{folder} does not run any more; see: gse status {folder}")
+        raise UsageError(f"{folder} has ended; see: gse status {folder}")
     os.kill(status["pid"], signal.SIGTERM)
     click.echo(f"{folder} was asked to end: it is closed, judged and reported; see: gse status {folder}")
 
 
 def _lines(folder: Path, status: dict[str, Any], *, running: bool, unfinished: bool) -> list[str]:
-    report = f"; judge it by: gse report {folder}" if unfinished else ""
+    report = f"; make the report with: gse report {folder}" if unfinished else ""
     if running:
         head = f"{folder}: {status['state']}, process {status['pid']}{_silence(status['utc'])}"
     elif status["state"] == "ended":

@@ -1,1 +1,1 @@
-"""What the report and the live view draw alike: colours, and the outline of the field. May import neither of them."""
+"""Shared by report and live view: colours, and the outline of the field. May import neither of them."""

@@ -1,4 +1,4 @@
-"""The colours of views and report: those of Okabe and Ito, told apart by the colour-blind."""
+"""Colours of views and report: those of Okabe and Ito, distinguishable with colour blindness."""
 
 SKY_BLUE = (86, 180, 233)
 BLUE = (0, 114, 178)

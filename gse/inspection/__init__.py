@@ -1,4 +1,4 @@
-"""What lies on the wire, and what stands ready: ``gse decode`` and ``gse preflight``.
+"""Inspection of recorded bytes and of the equipment: ``gse decode`` and ``gse preflight``.
 
 May not import sessions or cli.
 """

@@ -1,4 +1,4 @@
-"""Recorded bytes taken apart: each frame and each discard in order, with the bytes around it."""
+"""Decoding of recorded bytes: each frame and each discard in order, with the bytes around it."""
 
 from collections import Counter, deque
 from collections.abc import Iterator
@@ -35,8 +35,8 @@ _DEFAULT_PROTOCOL = "panorama-v1"
 class Piece:
     """A frame with its message, or a discard with the bytes around it.
 
-    ``direction`` is ``rx`` (from the sensor) or ``tx``; ``utc_ns`` is when its first byte was read, None in a raw
-    capture; ``arrival`` what its sequence number says.
+    ``direction`` is ``rx`` (from the sensor) or ``tx``; ``utc_ns`` is the time of its first byte, None in a raw
+    capture; ``arrival`` the class of its sequence number.
     """
 
     direction: str
@@ -50,7 +50,7 @@ class Piece:
 
 @dataclass(slots=True)
 class Totals:
-    """What one direction came to; bytes_in == bytes_framed + bytes_discarded when the stream is over."""
+    """Totals of one direction; bytes_in == bytes_framed + bytes_discarded at the end of the stream."""
 
     bytes_in: int = 0
     bytes_framed: int = 0
@@ -65,7 +65,7 @@ class Totals:
 
 
 class _Stream:
-    """One direction; pieces are held back until the bytes after them are there, or the stream is over."""
+    """One direction; pieces are held back until the bytes after them are there, or the stream ends."""
 
     def __init__(self, direction: str, protocol: Protocol) -> None:
         self.totals = Totals()
@@ -80,7 +80,7 @@ class _Stream:
         self._frame_utc_ns: int | None = None
 
     def feed(self, data: bytes, utc_ns: int | None) -> Iterator[Piece]:
-        """The pieces that are complete with these bytes."""
+        """The pieces that these bytes complete."""
         self._stamps.append((self._decoder.bytes_in, utc_ns))
         self._recent += data
         self._waiting += self._decoder.feed(data)
@@ -91,7 +91,7 @@ class _Stream:
         self._recent_start += cut
 
     def finish(self) -> Iterator[Piece]:
-        """The rest, when the stream is over."""
+        """The rest, at the end of the stream."""
         self._waiting += self._decoder.finish()
         yield from self._release(self._decoder.bytes_in)
 
@@ -196,7 +196,7 @@ def _check_readable(path: Path) -> None:
 
 
 def _protocol_of(path: Path, name: str | None) -> Protocol:
-    """The protocol that is asked for, else the one frozen in the session, else the reference protocol."""
+    """The protocol of the option, else that of the session, else the reference protocol."""
     if name is not None:
         return load_protocol(name)
     if is_session(path):

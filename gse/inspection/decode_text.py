@@ -15,11 +15,11 @@ from protocols.explain import explain
 SCHEMA = "gse.decode/1"
 _ROW_BYTES = 16
 _FIRST_ROWS, _LAST_ROWS = 4, 1
-"""A reject is shown up to this many rows of bytes; between them stands how many are left out."""
+"""Rows of bytes shown of a discard; the number of omitted rows stands between them."""
 
 
 def line(piece: Piece, protocol: Protocol) -> str:
-    """One line: direction, time, offset, size, and what it is."""
+    """One line: direction, time, offset, size, content."""
     time = "" if piece.utc_ns is None else instant.to_text(piece.utc_ns) + "  "
     item = piece.item
     if isinstance(item, Discard):
@@ -69,7 +69,7 @@ def _shown(message: Message | None) -> str:
 
 
 def _values(message: Message) -> dict[str, Any]:
-    """Scalars of a message; arrays, problems and what it does not carry are left out."""
+    """Scalars of a message, without arrays, problems and absent values."""
     names = (field.name for field in dataclasses.fields(message) if field.name != "problems")
     values = {name: getattr(message, name) for name in names}
     return {

@@ -1,4 +1,4 @@
-"""Is everything ready for the night? One check for each thing that has ended a night before."""
+"""Checks before a session: one for each frequent cause of a lost session."""
 
 import os
 import shutil
@@ -28,14 +28,14 @@ from protocols import Frame, FrameDecoder, Protocol, ProtocolError, load_protoco
 LISTEN_S = 3.0
 """The slowest sensor known exposes for 2 s."""
 ENOUGH_FRAMES = 3
-"""The sky turns by this much, at the equator."""
+"""Motion of the sky at the equator."""
 BITS_PER_BYTE = 10
 OVERHEAD = 2.5
 """Records around the bytes, derived results, and the compressed copy beside the plain file at close."""
 
 
 class Outcome(StrEnum):
-    """What a check found."""
+    """Result of a check."""
 
     OK = "OK"
     WARN = "WARN"
@@ -44,7 +44,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing that was looked at: what was found, and what to do about it."""
+    """One check: its subject, its result, and advice."""
 
     name: str
     outcome: Outcome
@@ -82,22 +82,25 @@ def _port(station: Station) -> Check:
         with SerialLink(url, station.port.baudrate) as link:
             size, frames = _listen(link, protocol)
     except DriverError as error:
-        return Check("port", Outcome.FAIL, str(error), "see 'gse ports' for what is there")
+        return Check("port", Outcome.FAIL, str(error), "list the ports with 'gse ports'")
     except ProtocolError:
-        return Check("port", Outcome.WARN, f"{url} opens; without a protocol nothing can be said of what comes")
+        return Check("port", Outcome.WARN, f"{url} opens; without a valid protocol its bytes cannot be checked")
     if frames:
         return Check("port", Outcome.OK, f"{url} at {station.port.baudrate}: valid frames come")
     if size:
         text = f"{url} at {station.port.baudrate}: {size} bytes in {LISTEN_S:g} s, but no valid frame"
-        return Check("port", Outcome.FAIL, text, "is the baud rate right, and the protocol that of this sensor?")
-    text = f"{url} opens, but nothing comes within {LISTEN_S:g} s"
+        return Check("port", Outcome.FAIL, text, "check baud rate and protocol of the sensor")
+    text = f"{url} opens, but no bytes came within {LISTEN_S:g} s"
     return Check(
-        "port", Outcome.WARN, text, "is the sensor powered? 'gse sensor status' asks it, 'gse sensor start' starts it"
+        "port",
+        Outcome.WARN,
+        text,
+        "check the sensor's power; ask it with 'gse sensor status', start it with 'gse sensor start'",
     )
 
 
 def _listen(link: SerialLink, protocol: Protocol) -> tuple[int, int]:
-    """How many bytes and how many valid frames come while we listen; some frames are enough."""
+    """Numbers of received bytes and valid frames within LISTEN_S; ends early after ENOUGH_FRAMES."""
     decoder = FrameDecoder(protocol)
     frames = 0
     until_ns = link.mono_ns() + round(LISTEN_S * instant.NS_PER_S)
@@ -123,9 +126,7 @@ def _clock(station: Station) -> Check:
     bound_s = abs(clock.offset_s) + clock.error_bound_s
     text = f"{clock.source}, within {bound_s * 1e3:.1f} ms = {bound_s * EARTH_RATE_ARCSEC_PER_S:.2g} arcsec of RA"
     if bound_s * EARTH_RATE_ARCSEC_PER_S > _tightest(station.limits) / 10:
-        return Check(
-            "clock", Outcome.WARN, text, "that is more than a tenth of the limits: choose a nearer time server"
-        )
+        return Check("clock", Outcome.WARN, text, "more than a tenth of the limits: choose a nearer time server")
     return Check("clock", Outcome.OK, text)
 
 

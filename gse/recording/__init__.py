@@ -1,4 +1,4 @@
-"""The session file as the station fills it: topics, attachments, the recorder, and tools for recorded files.
+"""Session files of the station: topics, attachments, recorder, and tools for recorded files.
 
-May not import station: it keeps bytes and JSON, and does not know what a result is.
+May not import station: it stores bytes and JSON without knowledge of results.
 """

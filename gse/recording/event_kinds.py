@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class RecorderKind(StrEnum):
-    """What happened to the session file while it was written."""
+    """Events of writing the session file."""
 
     BEHIND = "RECORDER_BEHIND"
     REFUSED = "RECORDER_REFUSED"

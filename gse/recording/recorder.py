@@ -1,8 +1,8 @@
-"""The recorder: everything of a session goes to its file, and what does not is counted.
+"""Recorder of a session: writes every byte to the session file, counts those that it cannot write.
 
-For a live port a thread of its own writes, behind a queue: a disk that stalls delays neither reading nor identifying.
-For simulated sessions, which can wait, everything is written at once. A disk that refuses is tried again all night;
-what it has not taken waits in memory, up to a limit, and the operator is told once.
+A live port has a writing thread behind a queue: a stalled disk delays neither reading nor identification. Simulated
+sessions can wait, so everything is written at once. After a disk error writing is tried again until the end of the
+session; unwritten bytes wait in memory, up to a limit, and the operator sees one message.
 """
 
 import queue
@@ -27,24 +27,24 @@ from gse.recording.event_kinds import RecorderKind
 SEGMENT_BYTES = 512 << 20
 """Some 50 hours at 10 Hz; a file that any tool still opens."""
 WAITING_LIMIT_BYTES = 256 << 20
-"""Most bytes kept for a disk that does not take them: 45 minutes at 921600 baud."""
+"""Most bytes that wait for a slow or full disk: 45 minutes at 921600 baud."""
 WAITING_LIMIT_ITEMS = 500_000
-"""Most messages kept for it, however small: each takes a quarter of a kilobyte besides its data."""
+"""Most messages that wait, however small: each takes a quarter of a kilobyte besides its data."""
 BEHIND_BYTES = 4 << 20
-REFUSALS_TOLD = 20
-"""A disk that is full and freed all night is told so often, not ten thousand times."""
+REFUSALS_ANNOUNCED = 20
+"""Most messages about a disk that is full, freed and full again."""
 SYNC_S = 1.0
 LAST_TRIES_S = 30.0
-"""At the end, for a disk that takes nothing: what waits is tried again so long."""
+"""How long the last bytes are tried again at the end, with a disk that takes nothing."""
 CLOSE_S = LAST_TRIES_S + 5.0
 
 
 class Recorder(MessageWriter):
-    """One session in the making: /serial/rx, /serial/tx, events and derived results, in segments.
+    """Writes one session: /serial/rx, /serial/tx, events and derived results, in segments.
 
-    It is the ``recorder`` of a SerialLink, which hands it all bytes before anybody decodes them. ``lost_bytes`` are
-    received or sent bytes that are in no file; ``damage`` says, once it is closed, what differs in a file from what was
-    written to it, None where nothing does; ``news`` gives what the operator and the night's events should know.
+    It is the ``recorder`` of a SerialLink and gets all bytes before they are decoded. ``lost_bytes`` are received or
+    sent bytes that are in no file. After ``close``, ``damage`` is the difference between the files and the bytes
+    written to them, None without one. ``news`` gives the events of the recorder.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Recorder(MessageWriter):
         self._last_tries_s = last_tries_s
         self._refused = False
         self._lost_meanwhile = False
-        self._told: Counter[str] = Counter()
+        self._announced: Counter[str] = Counter()
         self._news: queue.SimpleQueue[LinkEvent] = queue.SimpleQueue()
         self._stamp = (0, 0)
         self._closed = False
@@ -88,22 +88,22 @@ class Recorder(MessageWriter):
         return self._waiting_bytes + self._writer.pending
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """A file to freeze into the session; every segment gets it."""
+        """Attach a file to the session; every segment gets it."""
         self._submit(Attachment(name, media_type, data))
 
     def write(self, message: Message) -> None:
-        """Any message; never waits for the disk of a live session, never fails."""
+        """Write a message; never waits for the disk of a live session, never fails."""
         self._submit(message)
 
     def news(self) -> list[LinkEvent]:
-        """What happened to the recording since the last call: for the operator and for the night's events."""
+        """Events of the recorder since the last call, for the operator and for the session's events."""
         found = []
         while not self._news.empty():
             found.append(self._news.get_nowait())
         return found
 
     def close(self) -> None:
-        """Write what is left, close and compress the segments. ``lost_bytes`` is final then."""
+        """Write the remaining bytes, close and compress the segments; ``lost_bytes`` is final afterwards."""
         if self._closed:
             return
         self._closed = True
@@ -115,8 +115,8 @@ class Recorder(MessageWriter):
             if self._thread.is_alive():
                 waiting = self.waiting_bytes
                 self.lost_bytes += waiting
-                text = f"the disk of {self.path} does not answer: {waiting} bytes are not in the file"
-                self._say(RecorderKind.LOST, text)
+                text = f"the disk of {self.path} does not answer: {waiting} bytes are not in the file; check the disk"
+                self._announce(RecorderKind.LOST, text)
                 return
         if self._segments[-1].exists():
             self._read_back(self._segments[-1], self._writer.written, self._segment_data_bytes)
@@ -136,15 +136,16 @@ class Recorder(MessageWriter):
         elif self._thread is None:
             self._take([item])
         elif self._waiting_bytes > WAITING_LIMIT_BYTES or self._items.qsize() > WAITING_LIMIT_ITEMS:
-            self._lose(item, "because too much waits for the disk already")
+            self._lose(item, "because too much waits for the disk")
         else:
             self._count_waiting(len(item.data))
             self._items.put(item)
             if self._waiting_bytes > BEHIND_BYTES:
-                self._say_once(RecorderKind.BEHIND, f"the disk of {self.path} is slow: what it has not taken waits")
+                text = f"the disk of {self.path} is slow: received bytes wait in memory"
+                self._announce_once(RecorderKind.BEHIND, text)
 
     def _count_waiting(self, change: int) -> None:
-        # The receive thread adds, the station's adds, the writing thread takes away.
+        # Added by the receive thread and the station's, subtracted by the writing thread.
         with self._waiting_lock:
             self._waiting_bytes += change
 
@@ -162,7 +163,7 @@ class Recorder(MessageWriter):
         self._finish()
 
     def _collect(self, batch: list[Message | Attachment]) -> bool:
-        """All that waits, at least one or none after a while; False when the end was among it."""
+        """Collect all waiting items, none after SYNC_S without one; False at the end of the session."""
         try:
             item = self._items.get(timeout=SYNC_S)
             while item is not None:
@@ -175,7 +176,7 @@ class Recorder(MessageWriter):
     def _take(self, batch: list[Message | Attachment]) -> None:
         for item in batch:
             if self._writer.pending > WAITING_LIMIT_BYTES:
-                self._lose(item, "because the disk takes nothing any more")
+                self._lose(item, "because the disk takes no more bytes")
             elif isinstance(item, Attachment):
                 self._attachments.append(item)
                 self._writer.put_attachment(item.name, item.media_type, item.data)
@@ -195,29 +196,32 @@ class Recorder(MessageWriter):
         except OSError as error:
             if not self._refused:
                 self._refused, self._lost_meanwhile = True, False
-                text = f"{self.path}: {error.strerror}; free the disk, what comes waits in memory"
-                self._say_at_most(REFUSALS_TOLD, RecorderKind.REFUSED, text)
+                text = f"{self.path}: {error.strerror}; free some disk space; received bytes wait in memory"
+                self._announce_at_most(REFUSALS_ANNOUNCED, RecorderKind.REFUSED, text)
             return False
         del self._unwritten_ends[:], self._unwritten_sizes[:]
         if self._refused:
             self._refused = False
             lost = f"{self.lost_bytes} received bytes are lost in all"
-            words = lost if self._lost_meanwhile else "nothing that waited was lost"
-            self._say_at_most(REFUSALS_TOLD, RecorderKind.RECOVERED, f"{self.path} takes bytes again; {words}")
+            loss = lost if self._lost_meanwhile else "nothing was lost"
+            self._announce_at_most(REFUSALS_ANNOUNCED, RecorderKind.RECOVERED, f"{self.path} takes bytes again; {loss}")
         return True
 
     def _keep_safe(self) -> None:
-        """Once a second: try again what was refused, sync, and see that the file is still there."""
+        """Once a second: write again after a disk error, sync, and restore a deleted file."""
         try:
             if self._writer.restore_if_vanished():
-                self._say(RecorderKind.FILE_RESTORED, f"{self._segments[-1]} was deleted and is written again, whole")
+                text = f"{self._segments[-1]} was deleted and is written again in full"
+                self._announce(RecorderKind.FILE_RESTORED, text)
             if self._flush():
                 self._writer.sync()
         except OSError as error:
-            self._say_once(RecorderKind.UNSAFE, f"{self._segments[-1]}: {error.strerror}; the session is at risk")
+            self._announce_once(
+                RecorderKind.UNSAFE, f"{self._segments[-1]}: {error.strerror}; the session is at risk: check the disk"
+            )
 
     def _next_segment(self) -> None:
-        """Go on in a new file; where none can be made, in the old one."""
+        """Continue in a new file, or in the old one if that fails."""
         path = segment_path(self.path, len(self._segments) + 1)
         try:
             following = self._open_writer(path)
@@ -225,7 +229,7 @@ class Recorder(MessageWriter):
                 following.attach(item.name, item.media_type, item.data)
         except (CaptureError, OSError) as error:
             self._segment_bytes += SEGMENT_BYTES
-            self._say_once(
+            self._announce_once(
                 RecorderKind.SEGMENT,
                 f"no new segment {path}: {error}; the session goes on in the old one",
             )
@@ -237,7 +241,10 @@ class Recorder(MessageWriter):
             previous.continued(path.name, *self._stamp)
             previous.close()
         except OSError as error:
-            self._say(RecorderKind.UNFINISHED, f"{self._segments[-2]}: {error.strerror}; it has no proper end")
+            self._announce(
+                RecorderKind.UNFINISHED,
+                f"{self._segments[-2]}: {error.strerror}; it was not closed properly; it is still readable",
+            )
         self._read_back(self._segments[-2], previous.written, data_bytes)
 
     def _finish(self) -> None:
@@ -253,44 +260,47 @@ class Recorder(MessageWriter):
         try:
             self._writer.close()
         except OSError as error:
-            self._say(RecorderKind.UNFINISHED, f"{self._segments[-1]}: {error.strerror}; it has no proper end")
+            self._announce(
+                RecorderKind.UNFINISHED,
+                f"{self._segments[-1]}: {error.strerror}; it was not closed properly; it is still readable",
+            )
         if lost:
             self.lost_bytes += lost
-            self._say(
+            self._announce(
                 RecorderKind.LOST, f"{lost} received bytes are not in {self._segments[-1]}: the disk took no more"
             )
         self._segment_data_bytes -= lost
 
     def _read_back(self, segment: Path, written: WrittenBytes, data_bytes: int) -> None:
-        """See that a closed file is what was written to it, before it is compressed."""
+        """Compare a closed file with the bytes written to it, before it is compressed."""
         difference = read_back(segment, written, data_bytes)
         if difference is not None:
             self._damaged.add(segment)
             self.damage = f"{self.damage}; {difference.text}" if self.damage else difference.text
             self.lost_bytes += difference.lost_bytes
-            self._say(RecorderKind.FILE_DAMAGED, difference.text)
+            self._announce(RecorderKind.FILE_DAMAGED, difference.text)
 
     def _compact(self) -> None:
         for segment in self._segments:
             try:
                 if segment.exists() and segment not in self._damaged and not compact(segment):
-                    self._say(RecorderKind.UNCOMPRESSED, f"{segment} could not be compressed; it stays as it is")
+                    self._announce(RecorderKind.UNCOMPRESSED, f"{segment} could not be compressed; it stays as it is")
             except CaptureError as error:
-                self._say(RecorderKind.UNCOMPRESSED, str(error))
+                self._announce(RecorderKind.UNCOMPRESSED, str(error))
 
     def _lose(self, item: Message | Attachment, why: str) -> None:
         if isinstance(item, Message) and item.topic in (RX, TX):
             self.lost_bytes += len(item.data)
         self._lost_meanwhile = True
-        self._say_once(RecorderKind.LOST, f"bytes are lost {why}; they are counted")
+        self._announce_once(RecorderKind.LOST, f"bytes are lost {why}; the report counts them")
 
-    def _say_once(self, kind: str, text: str) -> None:
-        self._say_at_most(1, kind, text)
+    def _announce_once(self, kind: str, text: str) -> None:
+        self._announce_at_most(1, kind, text)
 
-    def _say_at_most(self, times: int, kind: str, text: str) -> None:
-        self._told[kind] += 1
-        if self._told[kind] <= times:
-            self._say(kind, text)
+    def _announce_at_most(self, times: int, kind: str, text: str) -> None:
+        self._announced[kind] += 1
+        if self._announced[kind] <= times:
+            self._announce(kind, text)
 
-    def _say(self, kind: str, text: str) -> None:
+    def _announce(self, kind: str, text: str) -> None:
         self._news.put(LinkEvent(*self._stamp, kind, text))

@@ -1,4 +1,4 @@
-"""A recorded session: what stands in it besides the bytes."""
+"""Content of a recorded session besides the bytes: events, clock readings, timings, attachments."""
 
 import json
 import math
@@ -17,16 +17,16 @@ STATION = "station.yaml"
 PROTOCOL = "protocol.yaml"
 EARTH_ORIENTATION = "earth_orientation.json"
 STATED = "stated.json"
-"""What the operator stated for the session: {"clock_error_s": 0.1}."""
+"""Statements of the operator for the session: {"clock_error_s": 0.1}."""
 TIMING_TOPIC = "/gse/timing"
 MOST_KINDS = 100
-"""Kinds of events that are told apart; this station knows some forty."""
+"""Most different kinds of events; this station has some forty."""
 OTHER = "OTHER"
 MOST_CLOCK_READINGS = 50_000
 """One a minute for a month."""
 _KNOWN = (STATION, PROTOCOL, EARTH_ORIENTATION, STATED)
 _SEARCH_AHEAD = 1000
-"""Timings that may be missing between two frames before the search for the next gives up."""
+"""Most missing timings between two frames; further ones end the search."""
 
 
 class RecordedTimings:
@@ -38,12 +38,12 @@ class RecordedTimings:
         self._next = 0
 
     def add(self, time_us: int, elapsed_us: float) -> None:
-        """Append one."""
+        """Append a timing."""
         self._time_us.append(time_us)
         self._elapsed_us.append(elapsed_us)
 
     def take(self, time_us: int) -> float | None:
-        """The identification time of the panorama with this time tag, which comes after those already taken."""
+        """The identification time of the next panorama with this time tag."""
         for place in range(self._next, min(self._next + _SEARCH_AHEAD, len(self._time_us))):
             if self._time_us[place] == time_us:
                 self._next = place + 1
@@ -53,9 +53,9 @@ class RecordedTimings:
 
 @dataclass(slots=True)
 class Recorded:
-    """What a session file tells besides its bytes and events.
+    """Content of a session file besides bytes and events.
 
-    ``damaged``: a stretch of it is no whole record, or its end or a segment is missing.
+    ``damaged``: a part of it is not a valid record, or its end or a segment is missing.
     """
 
     attachments: dict[str, str] = field(default_factory=dict)
@@ -65,7 +65,7 @@ class Recorded:
 
 
 def read_recorded(path: Path) -> Recorded:
-    """What a session holds besides bytes and events; CaptureError where the file is missing or no session."""
+    """Read the content besides bytes and events; CaptureError where the file is missing or is not a session."""
     recorded = Recorded()
     capture = read_capture(path, only=(CLOCK, TIMING_TOPIC))
     for record in capture:

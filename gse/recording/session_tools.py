@@ -1,4 +1,4 @@
-"""Sessions as files: what stands in them, rescued, cut out."""
+"""Tools for session files: information, verification, recovery, trimming."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ VERIFY_SCHEMA = "gse.session.verify/1"
 
 @dataclass(frozen=True, slots=True)
 class Copied:
-    """A new session made of an old one: its path, what is in it, and what of the old one is not."""
+    """A new session made from an old one: its path, its content, and the parts of the old one that are missing."""
 
     path: Path
     messages: int
@@ -33,12 +33,12 @@ class Copied:
 
     @property
     def is_all(self) -> bool:
-        """Whether nothing of the old session was damaged, missing or cut off."""
+        """Whether the old session was complete and undamaged."""
         return not (self.damaged_places or self.missing or self.truncated)
 
 
 def session_info(path: Path) -> dict[str, Any]:
-    """What stands in a session, schema gse.session/1; CaptureError where there is none."""
+    """Content of a session, schema gse.session/1; CaptureError where there is none."""
     check = verify(path)
     events: dict[str, int] = {}
     for record in read_capture(path):
@@ -68,7 +68,7 @@ def session_info(path: Path) -> dict[str, Any]:
 
 
 def verify_json(check: SessionCheck) -> dict[str, Any]:
-    """What verify found, schema gse.session.verify/1."""
+    """Result of the verification, schema gse.session.verify/1."""
     return {
         "schema": VERIFY_SCHEMA,
         "whole": check.is_whole,
@@ -92,7 +92,7 @@ def _file_json(file: FileCheck) -> dict[str, Any]:
 
 
 def describe(check: SessionCheck) -> list[str]:
-    """What verify found, in lines for a person."""
+    """Result of the verification as text."""
     lines = []
     for file in check.files:
         state = "whole" if file.is_whole else "cut off" if not file.closed else "damaged"
@@ -101,20 +101,20 @@ def describe(check: SessionCheck) -> list[str]:
         if file.damage_count > len(file.damages):
             lines.append(f"  and {file.damage_count - len(file.damages)} more damaged places")
         if not file.closed:
-            lines.append("  it was never closed: a session that is still running, or was killed, or lost its end")
+            lines.append("  it was not closed: the session still runs, was killed, or its end is missing")
         elif not file.checksums and not file.damage_count:
-            lines.append("  a checksum of the whole file does not agree, though every record is true: no data is lost")
+            lines.append("  a checksum of the whole file is wrong, but every record is intact: no data is lost")
     lines += [f"missing: {name}" for name in check.missing]
     return lines
 
 
 def recover(path: Path, out: Path) -> Copied:
-    """A new session of every whole record of an old one, in one file; CaptureError where that is not possible."""
+    """Write every intact record of a session to a new file; CaptureError where that is not possible."""
     return _copy(read_capture(path), out, None, None)
 
 
 def trim(path: Path, out: Path, from_utc_ns: int | None, to_utc_ns: int | None) -> Copied:
-    """A new session of what an old one holds within [from, to), with its attachments."""
+    """Write the records within [from, to), with the attachments, to a new session."""
     return _copy(read_capture(path), out, from_utc_ns, to_utc_ns)
 
 

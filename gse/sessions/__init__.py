@@ -1,4 +1,4 @@
-"""The ways to get a session: live, by replay, by commands; and what is made of recorded ones (export, golden reports).
+"""Sources of a session (live, replay, commands) and products of recorded ones (export, golden reports).
 
 Only cli may import it.
 """

@@ -33,16 +33,16 @@ from protocols import (
 PANORAMA_S = 5.0
 """The longest exposure is 2 s, ICD; one may be running already."""
 LISTEN_FIRST_S = 0.1
-"""What waits in the port's buffer is read before the command goes out, so that its time is known to be earlier."""
+"""Bytes in the port's buffer are read before the command is sent, so that they cannot be taken for its answer."""
 MOST_ANSWERS = 1000
-"""Of a sensor that says nothing else; the latest are looked at."""
+"""Most received frames in which the answer is searched; the latest are used."""
 
 
 Answer = Ack | Nak | StatusMessage
 
 
 class _Dialogue:
-    """What the sensor said while a command was on its way."""
+    """Frames received while a command waits for its answer."""
 
     def __init__(self, protocol: Protocol, command: Message) -> None:
         self.panoramas = 0
@@ -54,11 +54,11 @@ class _Dialogue:
         self._answers: deque[tuple[int, Answer]] = deque(maxlen=MOST_ANSWERS)
 
     def make_frame(self, sequence: int) -> bytes:
-        """The command under a sequence number."""
+        """The frame of the command with a sequence number."""
         return self._protocol.encode(self._command, sequence % (self._protocol.sequence_modulus or 1))
 
     def take(self, item: Item) -> None:
-        """One more chunk or event."""
+        """Add a chunk or event."""
         if isinstance(item, LinkEvent):
             return
         self._starts.append((self._bytes, item.mono_ns))
@@ -83,11 +83,11 @@ class _Dialogue:
             self._starts.popleft()
 
     def answer_to(self, sent_ns: Mapping[int, int]) -> Answer | None:
-        """The answer to the command as sent under these sequence numbers at these times, None while there is none."""
+        """The answer to the command sent with these sequence numbers at these times; None as long as there is none."""
         return next((answer for came_ns, answer in self._answers if self._answers_to(answer, came_ns, sent_ns)), None)
 
     def _answers_to(self, answer: Answer, came_ns: int, sent_ns: Mapping[int, int]) -> bool:
-        """Whether it bears the type and the sequence number of the command, and came after that was sent."""
+        """Whether it has the type and the sequence number of the command, and came after the command."""
         if isinstance(answer, StatusMessage):
             return isinstance(self._command, Ping) and came_ns >= min(sent_ns.values())
         is_later = answer.sequence in sent_ns and came_ns >= sent_ns[answer.sequence]
@@ -96,7 +96,7 @@ class _Dialogue:
 
 @dataclass(frozen=True, slots=True)
 class Commanded:
-    """What came of a command: the sensor's answer, where it is recorded, and what could not be recorded."""
+    """Result of a command: the sensor's answer, the path of the recording, and the bytes that were not recorded."""
 
     answer: Ack | StatusMessage
     session: Path
@@ -108,7 +108,7 @@ def command_sensor(station: Station, station_text: str, command: Message, out: P
     """Send one command in a session of its own; CommandError where the sensor refuses or never answers."""
     protocol = load_protocol(station.protocol)
     dialogue = _Dialogue(protocol, command)
-    dialogue.make_frame(0)  # what the protocol cannot say is told before anything is opened
+    dialogue.make_frame(0)  # an impossible command is refused before the port is opened
     folder = new_session_folder(out, f"{station.sensor.name}-command", read_clock().utc_ns)
     recorder = Recorder(folder / "session.mcap", live=True)
     try:
@@ -132,6 +132,6 @@ def command_sensor(station: Station, station_text: str, command: Message, out: P
 
 
 def _await_panorama(link: SerialLink, dialogue: _Dialogue) -> None:
-    """The panorama that was asked for belongs to the recording."""
+    """Record the requested panorama."""
     if not receive_until(link, lambda: dialogue.panoramas or None, dialogue.take, PANORAMA_S):
         raise CommandError(f"the sensor obeyed REQUEST, but no panorama came within {PANORAMA_S} s")

@@ -1,4 +1,4 @@
-"""How a live session is ended: by the signals that a person, a terminal or the system sends.
+"""End of a live session by signals from a person, a terminal or the system.
 
 first signal       the session ends: it is closed, judged and reported
 Ctrl-C after that  no verdict: judging is left at once, closing is not, since data come first
@@ -18,13 +18,13 @@ REASONS = {
     signal.SIGQUIT: "Ctrl-\\ (SIGQUIT)",
 }
 SAME_PRESS_S = 1.0
-"""A second Ctrl-C within this time is a nervous finger, or a terminal and a shell that both pass one on."""
+"""A second Ctrl-C within this time is ignored: a double keystroke, or terminal and shell both sent one."""
 
 
 class Ending:
-    """Whether a session is to end, and why; a context manager that catches the signals.
+    """Catches the signals that end a session, and keeps the reason; a context manager.
 
-    A hang-up that is ignored already, as under nohup, stays ignored.
+    An ignored hang-up, as under nohup, stays ignored.
     """
 
     def __init__(self, say: Callable[[str], None] = lambda text: None) -> None:
@@ -41,7 +41,7 @@ class Ending:
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
-        """A stretch that a second Ctrl-C breaks off by KeyboardInterrupt, also one that came before it."""
+        """A block that a second Ctrl-C interrupts with KeyboardInterrupt, also one pressed before the block."""
         try:
             self._interruptible = True
             if self.leaves:

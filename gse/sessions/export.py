@@ -1,4 +1,4 @@
-"""Sessions for other programs: CSV, NDJSON, raw bytes."""
+"""Export of sessions: CSV, NDJSON, raw bytes."""
 
 import csv
 import json
@@ -18,7 +18,7 @@ CSV_COLUMNS = ("utc", "frame_no", "time_us", "exposure_s", "temperature_c", "fla
 
 
 def export_csv(path: Path, out: TextIO) -> int:
-    """Each object of each panorama as one line; how many panoramas there were."""
+    """Write each object of each panorama as one line; returns the number of panoramas."""
     panoramas = open_recording(path, ReplayOptions(), needs_catalog=False).panoramas()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
@@ -45,7 +45,7 @@ def _rows(panorama: Panorama) -> Iterator[tuple[object, ...]]:
 
 
 def export_ndjson(path: Path, out: TextIO) -> int:
-    """Each record as one JSON line, damage included: bytes of the port in hexadecimal; how many records."""
+    """Write each record as one JSON line, damage included, with bytes in hexadecimal; returns the number of records."""
     count = 0
     for record in read_capture(path):
         out.write(json.dumps(_document(record)) + "\n")
@@ -76,7 +76,7 @@ def _document(record: Message | Attachment | Damage) -> dict[str, Any]:
 
 
 def export_raw(path: Path, out: BinaryIO) -> int:
-    """The received bytes as they came; how many."""
+    """Write the received bytes unchanged; returns their number."""
     count = 0
     for record in read_capture(path):
         if isinstance(record, Message) and record.topic == RX:

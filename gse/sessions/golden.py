@@ -1,4 +1,4 @@
-"""Regression of recordings: each gives the report that it gave before, exactly."""
+"""Regression test of recordings: each must give exactly its expected report."""
 
 import json
 import xml.etree.ElementTree as ET
@@ -18,17 +18,17 @@ from protocols import ProtocolError
 EXPECTED_SUFFIX = ".report.json"
 MAX_REPORT_BYTES = 10_000_000
 MOST_DIFFERENCES = 20
-"""Differences that are told of one recording; the first ones say why."""
+"""Most differences listed for one recording."""
 
 _NOT_COMPARED = ("session.version",)
-"""The program may be newer, if only the figures stay."""
+"""The version of the program may differ, if the statistics are the same."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one recording; ``differences`` is empty where the report is as expected.
+    """Result of one recording; ``differences`` is empty where the report is as expected.
 
-    ``error`` is why it could not be replayed or compared, one or two lines.
+    ``error`` is the reason why it could not be replayed or compared, one or two lines.
     """
 
     name: str
@@ -43,12 +43,12 @@ class Outcome:
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """The session files of a folder and of those in it, in the order of their names; UsageError where there are none.
+    """The session files of a folder and its subfolders, in the order of their names; UsageError where there are none.
 
     The further segments of a session are read with its first.
     """
     if not folder.is_dir():
-        raise UsageError(f"{folder} is no folder; expected one that holds sessions (.mcap)")
+        raise UsageError(f"{folder} is not a folder; expected one that holds sessions (.mcap)")
     found = [path for path in folder.rglob("*.mcap") if path.is_file()]
     further = {segment for path in found for segment in find_segments(path)[0][1:]}
     if not found:
@@ -57,12 +57,12 @@ def recordings_in(folder: Path) -> list[Path]:
 
 
 def expected_path(recording: Path) -> Path:
-    """Where the expected report of a recording stands: beside it."""
+    """Path of the expected report, beside the recording."""
     return recording.with_name(recording.name.removesuffix(".mcap") + EXPECTED_SUFFIX)
 
 
 def check(recording: Path, name: str, options: ReplayOptions, *, update: bool = False) -> Outcome:
-    """Replay a recording and compare its report with the expected one; ``update`` makes it the expected one."""
+    """Replay a recording and compare its report with the expected one; ``update`` writes it as the expected one."""
     try:
         expected = {} if update else _read_report(expected_path(recording))
         report = report_of(recording, options)
@@ -114,16 +114,16 @@ def _keep(report: dict[str, Any], recording: Path, name: str) -> Outcome:
 def _read_report(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > MAX_REPORT_BYTES:
-            raise UsageError(f"{path} is larger than {MAX_REPORT_BYTES} bytes: this is no report")
+            raise UsageError(f"{path} is larger than {MAX_REPORT_BYTES} bytes; expected a report of gse")
         report = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise UsageError(f"there is no expected report {path.name}; 'gse ci --update' writes it") from None
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
-        raise UsageError(f"{path} is no report: {error}; 'gse ci --update' writes it anew") from error
+        raise UsageError(f"{path} is not a report: {error}; 'gse ci --update' writes it anew") from error
     if not isinstance(report, dict):
-        raise UsageError(f"{path} is no report: expected a JSON object; 'gse ci --update' writes it anew")
+        raise UsageError(f"{path} is not a report: expected a JSON object; 'gse ci --update' writes it anew")
     return report
 
 

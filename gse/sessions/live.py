@@ -1,4 +1,4 @@
-"""A live session: receive, record, identify, compare, show; then judge and report."""
+"""Live session: receive, record, identify, compare with truth."""
 
 import json
 import re
@@ -32,7 +32,7 @@ from gse.station.event_kinds import StationKind
 from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
-from gse.station.setup import set_up
+from gse.station.setup import Setup, is_compiled, set_up
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 from protocols import load_protocol
@@ -41,19 +41,19 @@ MOCK_PORTS = ("sim://", "replay://")
 """Ports that can wait for the disk."""
 
 FIRST_WITHIN_S = 1.0
-"""A live port tells at once that it is open, a simulated one sends its first bytes."""
+"""Time for the first item: a live port reports at once that it is open, a simulated one sends its first bytes."""
 
 FEW_BYTES = 64 << 10
-"""On their way to the disk at any time."""
+"""Fewer unwritten bytes than this are usual."""
 
 CLOCK_EVERY_NS = 60 * instant.NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
 class LiveSession:
-    """What a live session left: the night, its folder, this host's identification times, and what could not be kept.
+    """Result of a live session: data, folder, this host's identification times, and the bytes that were not recorded.
 
-    ``damage`` says what differs in the closed file from what was written to it.
+    ``damage`` describes the difference between the closed file and the bytes written to it.
     """
 
     session: SessionData
@@ -65,10 +65,10 @@ class LiveSession:
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """What the person at the terminal has to do with a session.
+    """Connection of a session to the person at the terminal.
 
-    ``tell`` says a line, ``opened`` is called with the session's folder and status once the port is open,
-    ``terminal_news`` gives kind and text of what became of the terminal since the last call.
+    ``tell`` prints a line, ``opened`` is called with the session's folder and status once the port is open,
+    ``terminal_news`` gives kind and text of the terminal's events since the last call.
     """
 
     ending: Ending
@@ -78,7 +78,7 @@ class Operator:
 
 
 def new_session_folder(out: Path, name: str, utc_ns: int) -> Path:
-    """A new folder <UTC>-<sensor>/ under ``out``; a number is added where there is one already."""
+    """A new folder <UTC>-<sensor>/ under ``out``, with a number if the name is taken."""
     stem = instant.to_text(utc_ns, 0).replace(":", "").replace("-", "") + "-" + re.sub(r"[^A-Za-z0-9._-]+", "-", name)
     for number in range(1, 10_000):
         folder = out / (stem if number == 1 else f"{stem}-{number}")
@@ -130,7 +130,7 @@ def run_live(
         operator.opened(folder, status)
         first = link.receive(FIRST_WITHIN_S)
         with operator.ending.interruptible():
-            setup = set_up(station, station_text, utc_ns=first[0].utc_ns if first else None)
+            setup = _set_up(station, station_text, first[0].utc_ns if first else None, operator)
             loop = StationLoop(setup, given_orientation=given_orientation)
         derived_data = _DerivedDataRecorder(loop, recorder, link, operator, duration_s)
         loop.session.clock_error_s = clock_error_s
@@ -140,11 +140,23 @@ def run_live(
         derived_data.close()
         status.enter("closing")
         operator.tell(_closing_words(recorder))
-        give_back()  # the file of a night is compressed next
+        give_back()  # the session file is compressed next
     for event in recorder.news():
         loop.on_event(event)
         operator.tell(f"{event.kind}: {event.text}")
     return LiveSession(session, folder, loop.own_elapsed_us, recorder.lost_bytes, recorder.damage)
+
+
+def _set_up(station: Station, station_text: str, utc_ns: int | None, operator: Operator) -> Setup:
+    """The setup; the first time on a computer, the operator is informed why it takes so long."""
+    if is_compiled():
+        return set_up(station, station_text, utc_ns=utc_ns)
+    operator.tell("first session on this computer: compiling takes about a minute; bytes are recorded meanwhile")
+    began_ns = read_clock().mono_ns
+    setup = set_up(station, station_text, utc_ns=utc_ns)
+    elapsed_s = (read_clock().mono_ns - began_ns) / instant.NS_PER_S
+    operator.tell(f"compiled in {elapsed_s:.0f} s; the next session starts without this")
+    return setup
 
 
 def _closing_words(recorder: Recorder) -> str:
@@ -154,7 +166,7 @@ def _closing_words(recorder: Recorder) -> str:
 
 
 class _DerivedDataRecorder:
-    """Records what is derived, beside the bytes: times, clock readings, the Earth orientation of the night."""
+    """Records derived data beside the bytes: identification times, clock readings, Earth orientation."""
 
     def __init__(
         self, loop: StationLoop, recorder: Recorder, link: SerialLink, operator: Operator, duration_s: float | None
@@ -167,7 +179,7 @@ class _DerivedDataRecorder:
         self._orientation_kept: EarthOrientation | None = None
 
     def is_over(self) -> bool:
-        """Whether the session was asked to end, or has lasted as long as it was to."""
+        """Whether a signal asked for the end, or the duration is over."""
         if self._operator.ending.asked():
             return True
         if self._duration_ns is None:
@@ -179,7 +191,7 @@ class _DerivedDataRecorder:
         return now_ns - self._first_ns >= self._duration_ns
 
     def keep(self, results: list[FrameResult]) -> None:
-        """Record what these results bring."""
+        """Record the derived data of these results."""
         for result in results:
             self._last_ns = result.panorama.host_utc_ns
             if result.elapsed_us is not None:
@@ -205,7 +217,7 @@ class _DerivedDataRecorder:
         self._loop.take([event])
 
     def close(self) -> None:
-        """Record when the session ended: what nobody heard up to then belongs to it."""
+        """Record the end of the session; silence up to this instant counts as part of it."""
         if self._link.is_live:
             self._event(StationKind.CLOSED, f"the session was ended by {self._operator.ending.reason or '--duration'}")
 

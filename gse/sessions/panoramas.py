@@ -1,4 +1,4 @@
-"""The panoramas of a recording, not identified: what a calibration starts from."""
+"""Panoramas of a recording before identification, the input of a calibration."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -51,10 +51,10 @@ def open_recording(
     *,
     needs_catalog: bool = True,
 ) -> Recording:
-    """A session, with the station file that is frozen in it or what ``change`` puts in its place.
+    """Open a session with its own station file, or with the one that ``change`` returns.
 
-    A raw capture has none: it gets what ``change`` makes of the built-in one. CaptureError where the file is missing,
-    UsageError where it is neither a session nor a raw capture whose start is given.
+    For a raw capture ``change`` gets the built-in one. CaptureError where the file is missing, UsageError where it is
+    neither a session nor a raw capture whose start is given.
     """
     if not path.exists():
         raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder)")
@@ -62,7 +62,9 @@ def open_recording(
         return _raw_capture(path, options, change)
     attachments = read_recorded(path).attachments
     if STATION not in attachments:
-        raise UsageError(f"{path} holds no station file; it is no session of gse, or its head is damaged")
+        raise UsageError(
+            f"{path} has no station file: it is not a session of gse, or its head is damaged; give one by --station"
+        )
     frozen = sealed(parse_station(attachments[STATION], "the session's station.yaml"))
     station, text = change((frozen, attachments[STATION]))
     has_protocol = PROTOCOL in attachments and station.protocol == frozen.protocol
@@ -80,7 +82,7 @@ def open_recording(
 def _raw_capture(path: Path, options: ReplayOptions, change: Callable[[StationText], StationText]) -> Recording:
     if options.start_utc is None:
         raise UsageError(
-            f"{path} is no session; expected a session.mcap, or a raw serial capture with the UTC of its first "
+            f"{path} is not a session; expected a session.mcap, or a raw serial capture with the UTC of its first "
             "panorama, for example --start-utc 2026-03-20T18:30:00Z"
         )
     station, text = change((parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT))

@@ -34,12 +34,12 @@ from gse.truth.iers_tables import GivenTables
 
 FIRST_WITHIN_S = 1.0
 StationText = tuple[Station, str]
-_NO_STATION = "the session holds no station file: it is judged on the built-in station; give its own with --station"
+_NO_STATION = "the session has no station file, so the built-in station is used; give the right one with --station"
 
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What came out of a recording: the night, and this host's own identification times (not the recorded ones)."""
+    """Result of a replay: the session, and this host's own identification times (not the recorded ones)."""
 
     session: SessionData
     own_elapsed_us: "array[float]"
@@ -47,9 +47,9 @@ class Replay:
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """How a recording is played: pace, part, passes, and the instant at which a raw capture began.
+    """How a recording is replayed: speed, part, passes, and the start of a raw capture.
 
-    ``given_orientation`` takes the place of the Earth orientation that is frozen in a session.
+    ``given_orientation`` replaces the Earth orientation in the session.
     """
 
     speed: str = "max"
@@ -74,7 +74,7 @@ class ReplayOptions:
 
     @property
     def anchor_utc_ns(self) -> int:
-        """When the first panorama of a raw capture was; UsageError where its text is no instant."""
+        """UTC of the first panorama of a raw capture; UsageError where the text is not an instant."""
         try:
             return instant.from_text(self.start_utc or "")
         except ValueError as error:
@@ -90,10 +90,10 @@ def replay_session(
     stop: Callable[[], bool] = lambda: False,
     each: Callable[[list[FrameResult]], None] = lambda results: None,
 ) -> Replay:
-    """Replay a recording into a Night.
+    """Replay a recording into a SessionData.
 
-    The station file is the one frozen in the session, or the built-in one where there is none; ``station`` may exchange
-    or change it. CaptureError where the file is missing or foreign.
+    The station file is that of the session, or the built-in one where there is none; ``station`` may change or replace
+    it. CaptureError where the file is missing or foreign.
     """
     if not path.exists():
         raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
@@ -102,7 +102,7 @@ def replay_session(
     recorded = read_recorded(path) if is_session(path) else None
     if recorded is None and options.start_utc is None:
         raise UsageError(
-            f"{path} is no session; expected a session.mcap, or a raw serial capture with the UTC of its first "
+            f"{path} is not a session; expected a session.mcap, or a raw serial capture with the UTC of its first "
             "panorama, for example --start-utc 2026-03-20T18:30:00Z"
         )
     with SerialLink(options.url(path)) as link:
@@ -130,7 +130,7 @@ def _loop(
         earth_orientation=None if given else _frozen_orientation(attachments.get(EARTH_ORIENTATION)),
         given_orientation=given,
         anchor_utc_ns=None if recorded else options.anchor_utc_ns,
-        # A raw capture has no times of its own, and this host's do not follow from its bytes.
+        # A raw capture has no recorded times, and this host's own would make reports differ.
         recorded=recorded.timings if recorded else RecordedTimings(),
     )
     loop.session.clock_error_s = _stated_clock_error_s(attachments.get(STATED))
@@ -142,7 +142,7 @@ def _loop(
 
 
 def _stated_clock_error_s(text: str | None) -> float | None:
-    """What the operator stated when the session was recorded; nothing where that cannot be read."""
+    """Statements of the operator from the recording; empty where they cannot be read."""
     try:
         seconds = float(json.loads(text or "null")["clock_error_s"])
     except (ValueError, TypeError, KeyError, RecursionError):

@@ -1,7 +1,7 @@
-"""The station file frozen in a session, with the paths in it sealed.
+"""Station file of a session, with its paths sealed.
 
-A session may come from anybody: what its own station file names is no reason to open a file of this host. So a path in
-it is marked before anything can change the station, and what is still marked afterwards is refused.
+A session may come from anybody, so its own station file must not open files of this host. Paths in it are marked first;
+a path still marked after the operator's changes is refused.
 """
 
 from gse.catalog.readers import GAIA
@@ -23,18 +23,18 @@ def sealed(station: Station) -> Station:
 
 
 def unsealed(station: Station, *, has_protocol: bool, needs_catalog: bool = True) -> Station:
-    """The station without marks; UsageError where a file would be opened that only the session itself names.
+    """The station without marks; UsageError where only the session itself names a file that is needed.
 
     ``has_protocol``: the session holds the protocol's description itself.
     """
-    named = []
+    paths = []
     if needs_catalog and station.catalog.startswith(_SEAL):
-        named.append(f"the catalogue {station.catalog.removeprefix(_SEAL)}")
+        paths.append(f"the catalogue {station.catalog.removeprefix(_SEAL)}")
     if not has_protocol and station.protocol.startswith(_SEAL):
-        named.append(f"the protocol {station.protocol.removeprefix(_SEAL)}")
-    if named:
+        paths.append(f"the protocol {station.protocol.removeprefix(_SEAL)}")
+    if paths:
         raise UsageError(
-            f"the session's own station file names {' and '.join(named)}, and a session opens no file of this host; "
+            f"the session's own station file names {' and '.join(paths)}, and a session opens no file of this host; "
             "give a station file that names it: --station FILE"
         )
     return station.model_copy(update={"protocol": station.protocol.removeprefix(_SEAL)})

@@ -1,7 +1,8 @@
-"""The status file of a live session: how it goes, renewed each second, for whoever asks from another terminal.
+"""Status file of a live session, renewed each second, for other terminals.
 
-status.json in the session folder, schema gse.status/1. A thread of its own writes it, each time whole, so that a slow
-disk holds up nothing; the process that it names tells by its start time whether it still is the same one.
+status.json in the session folder, schema gse.status/1. A separate thread writes the complete file each time, so that a
+slow disk does not delay the session. The start time of its process tells it apart from a later process with the same
+number.
 """
 
 import json
@@ -29,7 +30,7 @@ _MOST_BYTES = 64 << 10
 
 
 class StatusFile:
-    """A listener of the station loop that keeps status.json up to date. A disk that refuses it is tried again."""
+    """A listener of the station loop that keeps status.json up to date; tries again after a disk error."""
 
     def __init__(self, folder: Path, station: Station) -> None:
         self._folder, self._url = folder, station.port.url
@@ -45,23 +46,23 @@ class StatusFile:
         self._thread.start()
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Take in one more frame."""
+        """Count a frame."""
         self._running.add(result)
         self._frames_lost = session.link.frames_lost
         if result.status is Status.IDENTIFIED:
             self._answered_ns = result.panorama.host_utc_ns
 
     def on_event(self, event: LinkEvent) -> None:
-        """Keep the state of the link."""
+        """Note the state of the link."""
         self._link = LINK_WORDS.get(event.kind, self._link)
 
     def enter(self, state: str) -> None:
-        """Go on to the next state: running, closing, reporting."""
+        """Enter the next state: running, closing, reporting."""
         self._state = state
         self._changed.set()
 
     def close(self, exit_code: int, verdict: str | None = None) -> None:
-        """Write the end of the session. Once is enough."""
+        """Write the end of the session; further calls do nothing."""
         if not self._closed:
             self._outcome = {"verdict": verdict, "exit_code": exit_code}
             self._state, self._closed = "ended", True
@@ -110,7 +111,7 @@ class StatusFile:
 
 
 def read_status(folder: Path) -> dict[str, Any] | None:
-    """The status of a session folder; None where there is none that can be read."""
+    """The status of a session folder; None where it is missing or unreadable."""
     try:
         with (folder / NAME).open("rb") as file:
             document = json.loads(file.read(_MOST_BYTES))
@@ -127,7 +128,7 @@ def is_running(status: dict[str, Any]) -> bool:
 
 
 def process_mark(pid: int) -> str | None:
-    """What tells a process from a later one with its number: boot and start time; None where there is none."""
+    """Boot and start time of a process, which a later process with its number does not share; None if it has ended."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
@@ -148,9 +149,9 @@ def session_folders(out: Path) -> list[Path]:
 
 
 def is_unfinished(folder: Path) -> bool:
-    """Whether a session of ``gse run`` was never reported and no process is at it.
+    """Whether a session of ``gse run`` has no report and no running process.
 
-    Simulated sessions and those of ``gse sensor`` have no status and are closed: nobody waits for a report of them.
+    Simulated sessions and those of ``gse sensor`` are closed and have no status: they need no report.
     """
     status = read_status(folder)
     if status is None and _is_closed(folder / "session.mcap"):
@@ -171,7 +172,7 @@ def _is_closed(session: Path) -> bool:
 
 
 def disk_free_bytes(path: Path) -> int:
-    """Free bytes of the disk that a path lies on."""
+    """Free bytes of the disk of a path."""
     status = os.statvfs(path)
     return status.f_bavail * status.f_frsize
 

@@ -1,4 +1,4 @@
-"""Telling the operator: each kind of event once, then counted."""
+"""Messages to the operator: the first event of each kind, then a count."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -8,17 +8,18 @@ from gse import instant
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 
-_CALM = {LinkKind.OPENED, LinkKind.WAITING, LinkKind.SYNCING, LinkKind.STREAMING}
-"""The ordinary course of things: told each time until the first repetition, never counted at the end."""
+_ROUTINE = {LinkKind.OPENED, LinkKind.WAITING, LinkKind.SYNCING, LinkKind.STREAMING}
+"""Routine events: announced once, left out of the repeat counts."""
 
 _EACH_TIME = {"RECORDER_REFUSED", "RECORDER_RECOVERED"}
-"""Data are at stake, and the recorder tells few of them."""
+"""Announced each time, because data may be lost; the recorder limits their number."""
 
 
 class Announcer:
-    """A sink of the station loop that says events in words: the first of each kind, and how many more came.
+    """A listener of the station loop that prints the first event of each kind, and the number of further ones at the
+    end.
 
-    A link that flaps all night gives two lines, not ten thousand.
+    A link that fails ten thousand times gives two lines.
     """
 
     def __init__(self, say: Callable[[str], None]) -> None:
@@ -26,17 +27,17 @@ class Announcer:
         self._seen: Counter[str] = Counter()
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Panoramas are not told."""
+        """Panoramas are not announced."""
 
     def on_event(self, event: LinkEvent) -> None:
-        """Say an event if it is the first of its kind."""
+        """Print an event if it is the first of its kind."""
         self._seen[event.kind] += 1
         if self._seen[event.kind] == 1 or event.kind in _EACH_TIME:
             self._say(f"{instant.to_text(event.utc_ns, 1)} {event.kind}: {event.text}")
 
     def conclude(self) -> None:
-        """Say how many more there were of each kind."""
-        told = _CALM | _EACH_TIME
-        more = [f"{kind} {count - 1} x" for kind, count in self._seen.items() if count > 1 and kind not in told]
+        """Print the number of further events of each kind."""
+        excluded = _ROUTINE | _EACH_TIME
+        more = [f"{kind} {count - 1} x" for kind, count in self._seen.items() if count > 1 and kind not in excluded]
         if more:
-            self._say(f"and again, not said each time: {', '.join(more)}")
+            self._say(f"repeated events: {', '.join(more)}")

@@ -7,8 +7,8 @@ from gse.constants import ARCSEC_PER_RAD
 from gse.station.results import AttitudeError
 
 
-def compare(measured: Attitude, true: Attitude) -> AttitudeError:
-    """How far the measured attitude lies from the true one.
+def attitude_error(measured: Attitude, true: Attitude) -> AttitudeError:
+    """The error of a measured attitude against the true one.
 
     E = measured true^T; the directions are taken on the tangent plane of the true boresight with the angle itself as
     length (arcs from the true boresight), the roll is the part of E about the boresight: no angle is subtracted from
@@ -16,7 +16,7 @@ def compare(measured: Attitude, true: Attitude) -> AttitudeError:
     "east" is that of the meridian RA = 0.
     """
     error = measured.icrs_to_sensor @ true.icrs_to_sensor.T
-    (e00, e01, _), (e10, e11, _), (x, y, z) = error.tolist()  # the last: the measured boresight, in the true frame
+    (e00, e01, _), (e10, e11, _), (x, y, z) = error.tolist()  # last column: the measured boresight, in the true frame
     axis_x, axis_y, (bx, by, bz) = true.icrs_to_sensor.tolist()
     across = math.hypot(x, y)
     arc = math.atan2(across, z) / across if across else 1.0

@@ -7,7 +7,7 @@ from drivers.chunk import LinkEvent
 
 
 class StationKind(StrEnum):
-    """What the station found in the data, or did with them."""
+    """Events of the processing, of truth and of the host."""
 
     SENSOR_RESET = "SENSOR_RESET"
     SEQUENCE_CHAOS = "SEQUENCE_CHAOS"

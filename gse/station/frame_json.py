@@ -1,4 +1,4 @@
-"""A frame as JSON, schema gse.frame/1."""
+"""The result of a panorama as JSON, schema gse.frame/1."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The observer: panoramas in, everything the station can say about them out."""
+"""Frame processor: panoramas in, results out."""
 
 import math
 import time
@@ -15,7 +15,7 @@ from gse.identifier import Identification, Identifier, Reason, Unidentified
 from gse.identifier.robust import RobustIdentifier
 from gse.mount import Mount
 from gse.panorama import MAX_OBJECTS, Panorama
-from gse.station.attitude_error import compare
+from gse.station.attitude_error import attitude_error
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.results import AnswerCheck, FrameResult, Matches, Status
 from gse.truth import SiderealTruth
@@ -50,10 +50,10 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class FrameProcessor:
-    """What stands ready for panoramas: camera, identifier under test, reference identifier, sidereal truth for a mount.
+    """Processes panoramas with camera, identifier under test, reference identifier, and sidereal truth for a mount.
 
-    There is no ``truth`` for instants before the Earth orientation table, and no ``mount`` while it is being fitted:
-    then nothing is compared. ``paper_mean`` takes the boresight as [S] does, instead of Wahba's.
+    ``truth`` is None without an Earth orientation for the date, ``mount`` is None until it is fitted: then results have
+    no attitude error. ``paper_mean`` takes the boresight of the LAPAN paper instead of Wahba's.
     """
 
     camera: Camera
@@ -66,10 +66,10 @@ class FrameProcessor:
     paper_mean: bool = False
 
     def identify(self, panoramas: Sequence[Panorama]) -> list[Answer | str]:
-        """What depends on a panorama alone: its answer, or why the sensor itself spoiled it.
+        """The part that depends on one panorama alone: its answer, or the fault of the sensor in words.
 
-        Step by step for all of them: a search that follows itself still has its tables and its branches in the
-        processor's caches, and takes little more than half of the time.
+        Each step runs for all panoramas before the next step: tables and code then stay in the processor's caches,
+        which almost halves the time.
         """
         faults = [self._fault(panorama) for panorama in panoramas]
         sound = [panorama for panorama, fault in zip(panoramas, faults, strict=True) if not fault]
@@ -77,9 +77,9 @@ class FrameProcessor:
         return [fault or next(answers) for fault in faults]
 
     def conclude(self, panorama: Panorama, answer: Answer | str, elapsed_us: float | None) -> FrameResult:
-        """Correct, compare with the truth, and name what is no star: for panoramas in their order.
+        """Correct, compare with truth, and classify non-stellar objects; panoramas must come in their order.
 
-        ``elapsed_us`` is the identification time that the result is given.
+        ``elapsed_us`` becomes the identification time of the result.
         """
         if isinstance(answer, str):
             return FrameResult(panorama, Status.SENSOR_FAULT, answer, self.identifier.name)
@@ -101,7 +101,7 @@ class FrameProcessor:
             matches=Matches(found.objects, found.stars, residuals_arcsec, self.identifier.catalog.name),
             elapsed_us=elapsed_us,
             attitude_geometric=geometric,
-            attitude_error=compare(geometric, true) if geometric and true else None,
+            attitude_error=attitude_error(geometric, true) if geometric and true else None,
             attitude_true=true,
             answer_check=answer.answer_check,
             zero_point_mag=self._zero_point_mag(panorama, found),
@@ -135,7 +135,7 @@ class FrameProcessor:
     def _answer(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> tuple[Identification | Unidentified, Attitude | None, float]:
-        """The answer under test, its attitude, and how long these took in microseconds."""
+        """The answer under test, its attitude, and the time for both in microseconds."""
         started_ns = time.perf_counter_ns()
         answer = self.identifier.identify(directions_sensor, brightness)
         attitude = None
@@ -148,7 +148,7 @@ class FrameProcessor:
         if faults:
             return f"the sensor reports {' and '.join(faults)}"
         if panorama.problems:
-            return f"the sensor sent what it should not: {panorama.problems[0]}"
+            return f"the sensor sent an impossible value: {panorama.problems[0]}"
         if len(panorama.brightness) > MAX_OBJECTS:
             return f"{len(panorama.brightness)} objects came, at most {MAX_OBJECTS} were expected"
         if len(panorama.brightness) and panorama.brightness[0] > self.index_max:
@@ -156,15 +156,17 @@ class FrameProcessor:
         return ""
 
     def _attitude(self, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64]) -> Attitude:
-        """Wahba's attitude, or the mean about the sensor centre of [S] where the station file says so."""
+        """Wahba's attitude, or the mean about the sensor centre of the LAPAN paper if the station file asks for it."""
         attitude = solve_attitude(directions_sensor, stars_icrs, CENTROID_SIGMA_PX * self.camera.pixel_rad)
         return paper_mean(attitude, directions_sensor, stars_icrs) if self.paper_mean else attitude
 
     def _corrected(
         self, utc_ns: int, answer: Identification, attitude: Attitude, directions_sensor: NDArray[np.float64]
     ) -> tuple[Attitude | None, NDArray[np.float64]]:
-        """The attitude from apparent places and un-refracted directions (DESIGN decision 5), None without truth, and
-        what it leaves of each star (M, 2) in arcsec."""
+        """The attitude from apparent places and un-refracted directions, None without truth.
+
+        The array is the residual of each star (M, 2) in arcsec.
+        """
         measured_sensor, stars_icrs = self._pairs(answer, directions_sensor)
         geometric = None
         if self.truth is not None:
@@ -176,7 +178,7 @@ class FrameProcessor:
         return geometric, (measured_sensor - expected_sensor)[:, :2] * ARCSEC_PER_RAD
 
     def _zero_point_mag(self, panorama: Panorama, answer: Identification) -> float:
-        """Magnitude of a star of index value 1, by the matched stars; clouds lower it."""
+        """Magnitude of a star with index value 1, from the matched stars; clouds lower it."""
         brightness = np.maximum(panorama.brightness.take(answer.objects), 1.0)
         magnitude = self.identifier.catalog.magnitude.take(answer.stars)
         return float(np.median(magnitude + 2.5 * np.log10(brightness)))
@@ -185,7 +187,7 @@ class FrameProcessor:
         self, answer: Identification, directions_sensor: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Identified directions (M, 3) and their stars (M, 3)."""
-        # Thrice as fast as by an index in brackets.
+        # Three times as fast as indexing with brackets.
         return directions_sensor.take(answer.objects, axis=0), self.identifier.catalog.icrs.take(answer.stars, axis=0)
 
     def _check(

@@ -1,4 +1,4 @@
-"""The frames of a session as columns: a whole night in some 100 MB."""
+"""Table of results: the frames of a session as columns, 14 h in some 100 MB."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +10,11 @@ STATUSES = tuple(Status)
 ANSWER_CHECKS = tuple(AnswerCheck)
 _NAN = float("nan")
 _ROOM_ROWS = 1 << 19
-"""14 h at 10 Hz; twice as many are taken when they are full."""
+"""14 h at 10 Hz; the capacity doubles when it is full."""
 _FRAMES_AT_ONCE = 64
 """Frames whose matches become columns together: one by one takes eight times as long."""
 MOST_MATCHES = 250_000
-"""Of a longer night every second, fourth, ... frame keeps its matches: 5 MB, and enough for maps and fits."""
+"""In a longer session only every second, fourth, ... frame keeps its matches: 5 MB are enough for maps and fits."""
 
 FRAME = np.dtype(
     [
@@ -46,9 +46,9 @@ FRAME = np.dtype(
         ("cross_y_arcsec", "f8"),
     ]
 )
-"""One row per panorama; NaN where there is nothing; status and answer_check are places in STATUSES
-and ANSWER_CHECKS. ``zero_point_mag`` is the median of catalogue magnitude + 2.5 log10(index value) of the matched
-stars: the same sensor under clear sky keeps it, and a cloud of one magnitude lowers it by one."""
+"""One row per panorama; NaN where a value is missing; status and answer_check are places in STATUSES and ANSWER_CHECKS.
+``zero_point_mag`` is the median of catalogue magnitude + 2.5 log10(index value) of the matched stars: the same sensor
+under clear sky keeps it, and a cloud of one magnitude lowers it by one."""
 
 MATCH = np.dtype(
     [
@@ -65,7 +65,7 @@ its star in the mission catalogue."""
 
 
 class _Rows:
-    """Rows of one dtype in room that is reserved ahead: memory that was never written to takes none."""
+    """Rows of one dtype in memory that is reserved ahead; unused pages take no physical memory."""
 
     def __init__(self, dtype: np.dtype[np.void]) -> None:
         self._room = np.zeros(_ROOM_ROWS, dtype=dtype)
@@ -89,7 +89,7 @@ class _Rows:
         return self._used
 
     def array(self) -> NDArray[np.void]:
-        """All rows so far: a view, nothing is held twice."""
+        """All rows so far, as a view without a copy."""
         return self._room[: self._used]
 
 
@@ -148,7 +148,7 @@ class FrameTable:
                 self._take_in_matches()
 
     def _take_in_matches(self) -> None:
-        """Make columns of the matches that wait, and thin all of them out where they have become too many."""
+        """Make columns of the waiting matches; drop every second frame's matches when there are too many."""
         if not self._waiting:
             return
         frames, xy_px, matches = zip(*self._waiting, strict=True)
@@ -162,9 +162,9 @@ class FrameTable:
         self._matches.extend(rows)
         if len(self._matches) > MOST_MATCHES:
             self._match_stride *= 2
-            kept = self._matches.array()
+            stored = self._matches.array()
             self._matches = _Rows(MATCH)
-            self._matches.extend(kept[kept["frame"] % self._match_stride == 0])
+            self._matches.extend(stored[stored["frame"] % self._match_stride == 0])
 
     @property
     def columns(self) -> NDArray[np.void]:
@@ -173,7 +173,7 @@ class FrameTable:
 
     @property
     def matches(self) -> NDArray[np.void]:
-        """One row per identified object, dtype MATCH; of a long night not those of every frame."""
+        """One row per identified object, dtype MATCH; in a long session not from every frame."""
         self._take_in_matches()
         return self._matches.array()
 

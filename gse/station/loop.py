@@ -72,22 +72,23 @@ MOST_AT_ONCE = 64
 
 
 class Listener(Protocol):
-    """Something that is told of each result and event as they come: a view, a stream of JSON, a calibration."""
+    """Receiver of each result and event of a session: a view, a stream of JSON, a calibration."""
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """One more panorama."""
+        """Receive the result of a panorama."""
         ...
 
     def on_event(self, event: LinkEvent) -> None:
-        """One more event."""
+        """Receive an event."""
         ...
 
 
 class StationLoop:
-    """Chunks of a link become a Night; what comes out on the way goes to the sinks.
+    """Turns chunks of a link into a SessionData; listeners get each result and event.
 
-    ``given_orientation`` are tables of the IERS that stand before the installed ones, where no ``earth_orientation`` is
-    frozen. ``recorded`` timings are given to frames of a replay; without them each frame has this host's own time.
+    ``given_orientation`` are tables of the IERS that replace the installed ones, unless the session has its own
+    ``earth_orientation``. ``recorded`` are the identification times of a replayed session; without them each frame has
+    this host's own time.
     """
 
     def __init__(
@@ -148,7 +149,7 @@ class StationLoop:
         return self.session
 
     def _drain(self, link: SerialLink) -> list[FrameResult]:
-        """What a live port still gave before it was closed: it is recorded, so it counts."""
+        """Process the bytes that a live port gave until it was closed: they are recorded, so they count."""
         results: list[FrameResult] = []
         if link.is_live:
             link.close()
@@ -157,14 +158,14 @@ class StationLoop:
         return results
 
     def take(self, items: Sequence[Chunk | LinkEvent]) -> list[FrameResult]:
-        """Decode and identify what these complete."""
+        """Decode the items and identify the panoramas that are complete."""
         news: list[Panorama | LinkEvent] = []
         for item in items:
             news += self._port_event(item) if isinstance(item, LinkEvent) else self._decoded(item)
         return self._identify(news)
 
     def _port_event(self, event: LinkEvent) -> list[LinkEvent]:
-        """The event, after what the silence before it meant, as it was told live, and before what it means itself."""
+        """The changes of state by the silence before the event, the event, and the changes of state by it."""
         silence = self._monitor.pass_time(event.utc_ns, event.mono_ns)
         return [*silence, event, *self._monitor.port_event(event)]
 
@@ -173,10 +174,10 @@ class StationLoop:
         frames, discards = counters.frames, dict(counters.discarded_bytes_by_reason)
         received = self.reception.receive(chunk)
         new = {reason: count - discards.get(reason, 0) for reason, count in counters.discarded_bytes_by_reason.items()}
-        return [*self._monitor.received(chunk, counters.frames - frames, new), *self._kept(received)]
+        return [*self._monitor.received(chunk, counters.frames - frames, new), *self._for_identification(received)]
 
-    def _kept(self, received: list[Received]) -> list[Panorama | LinkEvent]:
-        """What is to be judged and told; what the sensor said of itself is kept."""
+    def _for_identification(self, received: list[Received]) -> list[Panorama | LinkEvent]:
+        """Panoramas and events for identification, in order; STATUS and ATTITUDE messages are stored."""
         news: list[Panorama | LinkEvent] = []
         for item in received:
             if isinstance(item, Panorama | LinkEvent):
@@ -188,19 +189,19 @@ class StationLoop:
         return news
 
     def pass_time(self, utc_ns: int, mono_ns: int) -> None:
-        """Tell the link's state that nothing came until now."""
+        """Update the state of the link: no bytes came until now."""
         self._log_all(self._monitor.pass_time(utc_ns, mono_ns))
 
     def finish(self) -> list[FrameResult]:
-        """Account for what is left when the stream has ended."""
-        results = self._identify(self._kept(self.reception.finish()))
+        """Process the bytes left in the decoder at the end of the stream."""
+        results = self._identify(self._for_identification(self.reception.finish()))
         self.session.raw_sha256 = self.reception.raw_sha256
         return results
 
     def on_event(self, event: LinkEvent) -> None:
-        """An event of the link or of the reception."""
-        event = self._event_log.named(event)
-        if self._event_log.keeps(event):
+        """Store an event and pass it to the listeners."""
+        event = self._event_log.bounded(event)
+        if self._event_log.accepts(event):
             self.session.events.append(event)
         else:
             self.session.events_not_kept += 1
@@ -215,11 +216,11 @@ class StationLoop:
             self.on_event(event)
 
     def read_clock(self, reading: ClockReading) -> None:
-        """One more reading of the host clock's health."""
+        """Store a reading of the host clock."""
         self.session.clock.append(reading)
 
     def _identify(self, news: list[Panorama | LinkEvent]) -> list[FrameResult]:
-        """Identify the panoramas, many at once where many wait, and tell everything in its order."""
+        """Identify the panoramas, many at once where many wait; results and events come out in their order."""
         results = []
         for begin in range(0, len(news), MOST_AT_ONCE):
             part = news[begin : begin + MOST_AT_ONCE]
@@ -232,11 +233,11 @@ class StationLoop:
         return results
 
     def observe(self, panorama: Panorama) -> FrameResult:
-        """Judge one panorama and keep the result."""
+        """Process one panorama and store the result."""
         return self._identify([panorama])[0]
 
     def _conclude(self, panorama: Panorama, answer: Answer | str) -> FrameResult:
-        """Compare an answer with the truth, keep the result and show it."""
+        """Compare an answer with truth, store the result and pass it to the listeners."""
         if not self._truth_sought:
             self._seek_truth(panorama)
         if self._first_seconds is not None:
@@ -252,14 +253,14 @@ class StationLoop:
         return result
 
     def _elapsed_us(self, panorama: Panorama, answer: Answer | str) -> float | None:
-        """The recorded identification time in a replay, else this host's own."""
+        """The recorded identification time in a replay, otherwise this host's own."""
         own = None if isinstance(answer, str) else answer.elapsed_us
         if own is not None:
             self.own_elapsed_us.append(own)
         return own if self._recorded is None else self._recorded.take(panorama.time_us)
 
     def _align(self, first_seconds: FirstSeconds, panorama: Panorama) -> None:
-        """Fit the mount once the first seconds are over; the frames that it was fitted on are not judged by it."""
+        """Fit the mount after the first seconds; the frames of the fit are not compared with it."""
         alignment = first_seconds.alignment(panorama.utc_ns)
         if alignment is None:
             return
@@ -279,9 +280,9 @@ class StationLoop:
             return False
 
     def _seek_truth(self, panorama: Panorama) -> None:
-        """The Earth orientation of the session: frozen in it, or from disk around the first panorama.
+        """Find the Earth orientation: that of the session, or from disk for the date of the first panorama.
 
-        Where a step of the clock left its reach it is sought anew, and there is none where nothing is known.
+        After a clock step beyond its reach it is sought again; there is none for an unknown date.
         """
         self._truth_sought = True
         try:

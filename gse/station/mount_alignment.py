@@ -1,4 +1,4 @@
-"""The mount fitted on a session: on its first seconds while it runs, or on a whole recording."""
+"""Mount fit: on the first seconds of a running session, or on a whole recording."""
 
 from array import array
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from gse.station.session_data import SessionData
 from gse.truth import Alignment, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations, time_blocks
 
 MIN_FRAMES = 10
-"""Fewer identified frames than this fit no mount in a running session: it goes on until it has them."""
+"""Fewest identified frames for a fit in a running session; the fit waits until it has them."""
 
 MINUTE_NS = 60 * NS_PER_S
 
@@ -33,7 +33,7 @@ class MeasuredMounts:
         return len(self._utc_ns)
 
     def add(self, result: FrameResult, truth: SiderealTruth) -> None:
-        """One more frame; one without an answer, or with a false one, adds nothing."""
+        """Add a frame; one without an answer, or with a false one, is ignored."""
         if result.attitude_geometric is None or result.answer_check is AnswerCheck.FALSE:
             return
         utc_ns = result.panorama.utc_ns
@@ -49,7 +49,7 @@ class MeasuredMounts:
             self.add(result, self._truth)
 
     def on_event(self, event: object) -> None:
-        """Events say nothing of the mount."""
+        """Events are ignored."""
 
     @property
     def utc_ns(self) -> NDArray[np.int64]:
@@ -62,12 +62,12 @@ class MeasuredMounts:
         return np.array(self._rotations, dtype=np.float64).reshape(-1, 3, 3)
 
     def fit(self, session: SessionData) -> Alignment:
-        """The mount of all frames, which are those of a session; UsageError where there is none."""
+        """Fit the mount to all frames of the session; UsageError without a frame."""
         return fit_mount(self.utc_ns, self.horizon_to_sensor, persistent_arcsec2=persistent_arcsec2(session))
 
 
 def persistent_arcsec2(session: SessionData) -> NDArray[np.float64]:
-    """Covariance (3, 3) of the mean attitude of a session's frames, of what its stars keep for more than 20 s."""
+    """Covariance (3, 3) of a session's mean attitude, from the part of the residuals that lasts over 20 s."""
     frames, matches = session.frames.columns, session.frames.matches
     matches = matches[frames["answer_check"][matches["frame"]] != ANSWER_CHECKS.index(AnswerCheck.FALSE)]
     if len(matches) == 0:
@@ -91,11 +91,11 @@ class FirstSeconds:
         self._measured = MeasuredMounts()
 
     def add(self, result: FrameResult, truth: SiderealTruth) -> None:
-        """One more frame of the first seconds."""
+        """Add a frame of the first seconds."""
         self._measured.add(result, truth)
 
     def alignment(self, utc_ns: int) -> Alignment | None:
-        """The mount, once a frame comes that is later than the first seconds and enough others were identified."""
+        """The mount, once the first seconds are over and enough frames were identified; None before."""
         if self._begun_ns is None:
             self._begun_ns = utc_ns
         if utc_ns - self._begun_ns < self._duration_ns or len(self._measured) < MIN_FRAMES:
@@ -104,10 +104,10 @@ class FirstSeconds:
 
 
 @dataclass(frozen=True, slots=True)
-class CrossJudged:
-    """A fit on all frames, and how well fits on one half of the minutes tell the other half.
+class CrossValidation:
+    """Two-fold cross-validation of the mount fit: even minutes against the fit to the odd ones, and vice versa.
 
-    ``repeatability_arcsec`` is what the two halves' fits differ by, along columns, rows and about the boresight;
+    ``repeatability_arcsec`` is the difference of the two halves' fits, along columns, rows and about the boresight;
     ``mean_abs_arcsec`` and ``rms_arcsec`` are of frames against the mount fitted on the other half, in the same order.
     """
 
@@ -117,8 +117,8 @@ class CrossJudged:
     rms_arcsec: tuple[float, float, float]
 
 
-def cross_judged(measured: MeasuredMounts, session: SessionData) -> CrossJudged:
-    """Fit on even minutes, judge on odd ones and the other way round; UsageError with less than one frame in each.
+def cross_validated(measured: MeasuredMounts, session: SessionData) -> CrossValidation:
+    """Fit on even minutes and validate on odd ones, and vice versa; UsageError with less than one frame in each.
 
     A recording shorter than six minutes is cut into six parts instead of minutes.
     """
@@ -135,7 +135,7 @@ def cross_judged(measured: MeasuredMounts, session: SessionData) -> CrossJudged:
     for half, fitted in ((odd, mounts[0]), (~odd, mounts[1])):
         residual[half] = small_rotations(rotations[half], fitted) * ARCSEC_PER_RAD
     apart = small_rotations(mounts[1][None], mounts[0])[0] * ARCSEC_PER_RAD
-    return CrossJudged(
+    return CrossValidation(
         measured.fit(session),
         _boresight_first(np.abs(apart)),
         _boresight_first(np.abs(residual).mean(axis=0)),

@@ -1,7 +1,7 @@
-"""Objects that are no stars: hot pixels, planets, the Moon.
+"""Non-stellar objects: hot pixels, planets, the Moon.
 
-[S] section 2.2 names hot pixels and planets as what fails the second level. A hot pixel stays on its pixel while the
-sky moves; a planet or the Moon stands where the ephemeris has it; any other unidentified object is unknown.
+According to the LAPAN paper, section 2.2, hot pixels and planets fail the second level. A hot pixel stays on its pixel
+while the sky moves; a planet or the Moon is at its place in the ephemeris; any other unidentified object is unknown.
 """
 
 from collections import OrderedDict
@@ -43,7 +43,7 @@ _EPHEMERIS_NS = 600 * NS_PER_S
 
 
 class NonStellarObjects:
-    """Names the objects that no star stands for; it remembers the frames before."""
+    """Classifies unidentified objects, from this frame and the frames before."""
 
     def __init__(self, camera: Camera, site: Site, known_hot_pixels: tuple[tuple[int, int], ...] = ()) -> None:
         self._camera = camera
@@ -82,7 +82,7 @@ class NonStellarObjects:
         return tuple(zip(rest.tolist(), kinds, strict=True))
 
     def _look(self, xy_px: NDArray[np.float64], icrs: NDArray[np.float64]) -> None:
-        """Find more hot pixels among objects (N, 2) behind which the sky is ``icrs`` (N, 3)."""
+        """Find more hot pixels among objects (N, 2), with the sky ``icrs`` (N, 3) behind them."""
         new = self._sightings.stay(xy_px, icrs) & ~self._are_hot(xy_px)
         self._hot_px = np.concatenate([self._hot_px, xy_px[new]])[:MAX_HOT]
 
@@ -93,7 +93,7 @@ class NonStellarObjects:
         return np.asarray(apart_px <= SAME_PIXEL_PX, dtype=np.bool_)
 
     def _bodies_px(self, utc_ns: int, attitude: Attitude) -> list[tuple[str, NDArray[np.float64], float]]:
-        """Planets and Moon before the camera: name, place, and how near an object must stand to be one."""
+        """Planets and Moon in the field: name, place, and the largest distance of an object."""
         if self._cell != utc_ns // _EPHEMERIS_NS:
             self._cell = utc_ns // _EPHEMERIS_NS
             self._bodies_icrs = bodies_icrs(self._site, self._cell * _EPHEMERIS_NS + _EPHEMERIS_NS // 2)
@@ -127,7 +127,7 @@ class _Sightings:
         self._icrs = np.zeros((MAX_REMEMBERED, 3))
 
     def stay(self, xy_px: NDArray[np.float64], icrs: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """One more frame: which objects (N, 2), behind which the sky is ``icrs`` (N, 3), have stayed on their pixel."""
+        """Add a frame: which objects (N, 2), with the sky ``icrs`` (N, 3) behind them, have stayed on their pixel."""
         self._frame += 1
         rows = np.array([self._row(place) for place in map(tuple, xy_px.tolist())], dtype=np.int64)
         self._count[rows] += 1
@@ -158,7 +158,7 @@ class _Sightings:
         return abs(x - x_px) <= SAME_PIXEL_PX and abs(y - y_px) <= SAME_PIXEL_PX
 
     def _begun(self, column: int, line: int, x_px: float, y_px: float) -> tuple[int, int]:
-        """The key of a pixel that is remembered from now on, in the place of the one seen longest ago."""
+        """The key of a new pixel, which replaces the one seen longest ago."""
         if (column, line) in self._rows:
             row = self._rows[column, line][0]
         elif len(self._rows) < MAX_REMEMBERED:

@@ -78,7 +78,7 @@ BITS_PER_BYTE = 10
 
 LONGEST_EXPOSURE_S = 3600.0
 HOTTEST_C = 1e6
-"""Beyond these a number of the sensor is none."""
+"""Larger numbers of the sensor are invalid."""
 
 CLOCK_STEP_NS = 5_000_000
 """UTC that moves this much against the monotonic clock between two frames was stepped, not slewed."""
@@ -99,7 +99,7 @@ Received = Panorama | StatusMessage | AttitudeMessage | Ack | Nak | LinkEvent
 
 
 class Reception:
-    """Bytes in, panoramas out; every byte is counted, and what the wire tells besides becomes events.
+    """Bytes in, panoramas and events out; every byte is counted.
 
     A frame is stamped with the host time of its first byte: mid-exposure is half an exposure and one byte earlier.
     With ``anchor_utc_ns`` the host times mean nothing (a raw capture): the first panorama is given that instant, the
@@ -124,11 +124,11 @@ class Reception:
 
     @property
     def raw_sha256(self) -> str:
-        """Hash of all bytes received."""
+        """SHA-256 of all bytes received."""
         return self._sha256.hexdigest()
 
     def receive(self, chunk: Chunk) -> list[Received]:
-        """What these bytes complete."""
+        """Panoramas, events and other messages that the chunk completes."""
         utc_ns = _an_instant(chunk.utc_ns)
         self._stamps.append((self.counters.bytes_in, chunk.utc_ns, chunk.mono_ns))
         self.counters.bytes_in += len(chunk.data)
@@ -139,7 +139,7 @@ class Reception:
         return received
 
     def finish(self) -> list[Received]:
-        """What is left when the stream has ended."""
+        """Messages from the bytes left at the end of the stream."""
         return self._take(self._decoder.finish())
 
     def _take(self, pieces: list[Frame | Discard]) -> list[Received]:
@@ -187,7 +187,7 @@ class Reception:
         return received
 
     def _arrival(self, frame: Frame, message: Message, mono_ns: int) -> Arrival:
-        """What the sequence number says; only panoramas' time tags tell a restart: a STATUS may carry a later one."""
+        """Classify the sequence number. Only time tags of panoramas show a restart: a STATUS may carry a later one."""
         elapsed_s = None
         if self._anchor_utc_ns is None and self._frame_mono_ns is not None:
             elapsed_s = (mono_ns - self._frame_mono_ns) / NS_PER_S
@@ -205,7 +205,7 @@ class Reception:
         return arrival
 
     def _forget_before(self, start: int) -> None:
-        """Drop the stamps of what was decided on: what is left is at most that of one frame or discard."""
+        """Drop the stamps of decoded bytes; the rest belongs to one frame or discard at most."""
         while len(self._stamps) > 1 and self._stamps[1][0] <= start:
             self._stamps.popleft()
 
@@ -226,7 +226,7 @@ class Reception:
         return [ClockStep(*stamp, StationKind.CLOCK_STEP, text, step_ns, utc_kept)]
 
     def _panorama(self, message: PanoramaMessage, frame: Frame, host_utc_ns: int, mono_ns: int) -> Panorama:
-        # What is no number of these (NaN, infinity, an age) is told in the panorama's problems.
+        # Invalid numbers (NaN, infinity, an age) are listed in the panorama's problems.
         exposure_s = message.exposure_s if 0 <= message.exposure_s <= LONGEST_EXPOSURE_S else math.nan
         temperature_c = message.temperature_c if abs(message.temperature_c) <= HOTTEST_C else math.nan
         utc_ns = min(max(self._utc_of(message, exposure_s, host_utc_ns, mono_ns), 0), LAST_NS)

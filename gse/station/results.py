@@ -1,4 +1,4 @@
-"""What the station finds out about each panorama, and what it counts on the way."""
+"""Result types: one result per panorama; byte and frame counters of the link."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ from gse.panorama import Panorama
 
 
 class Status(StrEnum):
-    """What became of a panorama; ``status`` in gse.frame/1."""
+    """Outcome of a panorama; ``status`` in gse.frame/1."""
 
     IDENTIFIED = "IDENTIFIED"
     TOO_FEW = "TOO_FEW"
@@ -33,7 +33,7 @@ class AnswerCheck(StrEnum):
 
 
 class Verdict(StrEnum):
-    """The word on a session."""
+    """Verdict on a session."""
 
     PASS = "PASS"
     FAIL = "FAIL"
@@ -41,7 +41,7 @@ class Verdict(StrEnum):
 
 
 class Subject(StrEnum):
-    """Whose answers are on trial."""
+    """Source of the answers under test."""
 
     ONBOARD = "onboard"
     """The identifier under test: the onboard-equivalent one, run here."""
@@ -51,7 +51,7 @@ class Subject(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """One object that is a star: its row in the panorama, the star's name, and how far it lies from its place.
+    """An identified object: its row in the panorama, the star's name, and the residual.
 
     The residual is measured minus expected direction, along columns and rows, both freed of refraction and aberration
     where site and time are known.
@@ -64,7 +64,7 @@ class Match:
 
     @property
     def residual_arcsec(self) -> float:
-        """Length of the residual."""
+        """Length of the residual in arcsec."""
         return math.hypot(self.residual_x_arcsec, self.residual_y_arcsec)
 
 
@@ -110,12 +110,12 @@ class AttitudeError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameResult:
-    """All that is known of one panorama; one line of gse.frame/1.
+    """Result of one panorama; one line of gse.frame/1.
 
     ``attitude`` is what the sensor would answer: from catalogue places in ICRS, uncorrected for aberration and
     refraction. ``attitude_geometric`` is the same with these corrections, ``attitude_true`` where the mount looked
-    (geometric direction, ICRS axes), and ``attitude_error`` is between these two. ``others`` names objects that are no
-    stars: (object, "hot pixel" | "Jupiter" | "unknown" ...).
+    (geometric direction, ICRS axes), and ``attitude_error`` is between these two. ``others`` classifies non-stellar
+    objects: (object, "hot pixel" | "Jupiter" | "unknown" ...).
     """
 
     panorama: Panorama
@@ -136,7 +136,7 @@ class FrameResult:
 
 @dataclass(slots=True)
 class LinkCounters:
-    """Where every received byte and every expected frame went."""
+    """Counters of all received bytes and all expected frames."""
 
     bytes_in: int = 0
     bytes_framed: int = 0

@@ -1,4 +1,4 @@
-"""All that a session gave: the input of statistics, verdict, report and views."""
+"""Data of a session: the input of statistics, verdict, report and views."""
 
 from dataclasses import dataclass, field
 
@@ -14,13 +14,13 @@ from protocols import AttitudeMessage, StatusMessage
 
 @dataclass(slots=True)
 class SessionData:
-    """One session, whole, in the order in which it happened.
+    """One complete session, in the order of time.
 
     ``sensor_attitudes`` are the sensor's own answers (ATTITUDE frames) with the UTC given to them; ``raw_sha256`` is
     the hash of all received bytes; ``catalog`` describes the mission catalogue in use; ``versions`` the packages that
     numbers depend on. ``events_not_kept`` are those of a flood, which are only counted. A ``truncated`` session lost
     its end. ``alignment`` is the mount that was fitted on the session itself, ``clock_error_s`` a bound of the host
-    clock's error that the operator states, ``excluded`` what the operator leaves out of the figures.
+    clock's error that the operator states, ``excluded`` the times that the operator excludes from the statistics.
     """
 
     station: Station

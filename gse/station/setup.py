@@ -1,4 +1,4 @@
-"""The equipment of a session: everything that is prepared before the first byte comes."""
+"""Setup of a session: station file, catalogue, tables and compiled identifiers, ready before the first panorama."""
 
 import functools
 import hashlib
@@ -12,8 +12,10 @@ from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, stars_searched
 from gse.config.station import Station
 from gse.identifier import Identification, Identifier, make_identifier
+from gse.identifier.hypotheses import search
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
 from gse.instant import to_julian_year
+from gse.jit import is_on_disk
 from gse.panorama import MAX_OBJECTS
 from gse.release_memory import give_back
 from protocols import Protocol, load_protocol, parse_protocol
@@ -37,7 +39,7 @@ class Setup:
     reference: RobustIdentifier | None
 
     def catalog_facts(self) -> dict[str, object]:
-        """What the report says of the catalogue under test."""
+        """The catalogue under test, as the report shows it."""
         catalog = self.identifier.catalog
         return {
             "source": catalog.source,
@@ -53,10 +55,10 @@ class Setup:
 def set_up(
     station: Station, station_text: str, *, utc_ns: int | None = None, protocol_text: str | None = None
 ) -> Setup:
-    """Load catalogue, tables and wire format, and compile what is compiled, so that the first panorama is not late.
+    """Load catalogue, tables and wire format, and compile the identifiers, so that the first panorama is not late.
 
-    ``utc_ns`` is when the night begins: stars stand where their proper motion, where it is known, has brought them by
-    then. ``protocol_text`` is the frozen description of a recorded session, instead of the station's protocol.
+    ``utc_ns`` is the start of the session: the date to which known proper motions are applied. ``protocol_text`` is the
+    frozen description of a recorded session, instead of the station's protocol.
     """
     if protocol_text is None:
         protocol = load_protocol(station.protocol)
@@ -74,8 +76,13 @@ def set_up(
     return setup
 
 
+def is_compiled() -> bool:
+    """Whether an earlier run on this computer compiled the identifiers; ``set_up`` takes about a minute otherwise."""
+    return is_on_disk(search)
+
+
 def clear_caches() -> None:
-    """Let go of what is kept for the next session of this process: its memory serves the report of this one."""
+    """Drop cached catalogues and tables, so that their memory is free for the report."""
     _reference.cache_clear()
     _catalog.cache_clear()
     give_back()
@@ -88,24 +95,24 @@ def versions() -> dict[str, str]:
 
 @functools.lru_cache(maxsize=4)
 def _catalog(source: str, epoch_jyear: float | None, stars: int) -> StarCatalog:
-    """The stars that the identifiers look at and no more: the whole catalogue takes 20 MB."""
+    """The brightest stars, as many as the identifiers use: the whole catalogue takes 20 MB."""
     catalog = load_catalog(source, stars=stars)
     return catalog if epoch_jyear is None else catalog.at_epoch(epoch_jyear)
 
 
 @functools.lru_cache(maxsize=4)
 def _reference(camera: Camera, catalog: StarCatalog) -> RobustIdentifier:
-    """The reference identifier, kept for the next session of this process: its tables take a second."""
+    """The reference identifier, cached for the next session of this process: its tables take a second."""
     return RobustIdentifier(camera, catalog)
 
 
 def _epoch_jyear(utc_ns: int) -> float:
-    """The Julian year to a tenth: a table made tonight serves tomorrow, and no bright star moves 0.2 arcsec more."""
+    """The Julian year to a tenth: tables serve the next days too; no bright star moves by 0.2 arcsec more."""
     return round(to_julian_year(utc_ns), 1)
 
 
 def _warm_up(setup: Setup) -> None:
-    """Identify a panorama of the catalogue's own stars: what is compiled or loaded on the way is ready then."""
+    """Identify a panorama of catalogue stars once: that compiles and loads all code that a session needs."""
     camera = setup.camera
     icrs_to_sensor = Attitude.from_angles(*_WARM_UP_RA_DE_DEG, 0.0).icrs_to_sensor
     stars_icrs = setup.identifier.catalog.icrs

@@ -1,4 +1,4 @@
-"""The layout of the screen: which view stands where, over which stretch of time."""
+"""Layout of the screen: place and time range of each view."""
 
 import numpy as np
 import rerun as rr
@@ -10,13 +10,13 @@ from gse.view.picture import RESIDUAL_SCALE
 from gse.view.series import TIMELINE
 
 LIVE_WINDOW_S = 600.0
-"""A live view shows the last ten minutes, and follows."""
+"""A live view shows the last ten minutes."""
 
 
 def layout(
     station: Station, *, window_s: float | None = None, boresight_icrs: NDArray[np.float64] | None = None
 ) -> rrb.Blueprint:
-    """All views of a station over the last ``window_s`` seconds, or over everything (None), at the newest data."""
+    """All views of a station over the last ``window_s`` seconds, or over the whole session (None)."""
     ranges = _time_ranges(window_s)
     axis = rrb.TimeAxis(view_range=_time_range(window_s))
     graphs = rrb.Vertical(
@@ -82,7 +82,7 @@ def _graph(path: str, name: str, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
 
 
 def _log_view() -> rrb.TextLogView:
-    """Level and text; the time of day stands in the text, where it is not cut off."""
+    """Level and text; the text begins with the time of day, which has no column of its own."""
     columns = rrb.TextLogColumns(
         timeline_columns=[rrb.encodings.TimelineColumn(timeline=TIMELINE, visible=False)],
         text_log_columns=[
@@ -116,7 +116,7 @@ def _scatter_view(station: Station, ranges: rrb.VisibleTimeRanges) -> rrb.Spatia
 
 
 def _sky_view(ranges: rrb.VisibleTimeRanges, boresight_icrs: NDArray[np.float64] | None) -> rrb.Spatial3DView:
-    """The sky from within the sphere, as one sees it, looking along the boresight."""
+    """The sky seen from inside the sphere, along the boresight."""
     eye = None
     if boresight_icrs is not None:
         eye = rrb.EyeControls3D(

@@ -1,8 +1,8 @@
-"""The live view: rerun, fed from a thread of its own behind a queue that drops.
+"""Live view in rerun, fed by a separate thread behind a bounded queue.
 
-Nothing here can hold up the measurement: ``on_result`` puts a frame on a bounded queue or counts it as dropped. rerun's
-data go to a server in this process, bound to 127.0.0.1, from which viewers fetch them; so a viewer that is absent,
-frozen or killed blocks nobody. (A client connection to a viewer does block, after some 36,000 frames.)
+The view cannot delay the measurement: ``on_result`` puts a frame on a bounded queue or counts it as dropped. rerun's
+data go to a server in this process, bound to 127.0.0.1, from which viewers fetch them; an absent, frozen or killed
+viewer delays nothing. (A client connection to a viewer does block, after some 36,000 frames.)
 """
 
 import logging
@@ -44,11 +44,11 @@ BATCH_EVERY_S = 0.1
 """Frames go to rerun in batches: columns cost a tenth of single log calls."""
 
 MEMORY_LIMIT = "256MB"
-"""What rerun's server keeps for viewers that come late; older data are dropped."""
+"""Data that rerun's server keeps for later viewers; older data are dropped."""
 
 _CLOSE_WITHIN_S = 5.0
 _SHOW_VERDICT_S = 4.0
-"""A page that was opened has this long to fetch the end of the session; it keeps what it has afterwards."""
+"""Time for an open page to fetch the end of the session, which it shows afterwards."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +70,9 @@ _Item = _Shown | LinkEvent | _Concluded
 class LiveView:
     """A view of a running session; a context manager.
 
-    ``mode`` is where it is looked at: ``web`` (``url`` says where), ``native`` (rerun's own window), or ``none``: then
-    only ``save_rrd`` is written. Viewers get the data from rerun's server on ``grpc_port``; ``bind`` is the address of
-    this server and of the web page.
+    ``mode`` is ``web`` (a page at ``url``), ``native`` (rerun's own window), or ``none``: then only ``save_rrd`` is
+    written. Viewers get the data from rerun's server on ``grpc_port``; ``bind`` is the address of this server and of
+    the web page.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class LiveView:
             open_native_viewer(f"rerun+http://{bind}:{self.grpc_port}/proxy")
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Show a frame, and link and clock of the night as they are now; dropped and counted when the view lags."""
+        """Show a result with the present link counters and clock; dropped and counted when the queue is full."""
         readings = tuple(session.clock[self._readings :])
         self._readings += len(readings)
         self._put(_Shown(result, replace(session.link), readings))
@@ -127,7 +127,7 @@ class LiveView:
         self._put(event)
 
     def conclude(self, verdict: str, reasons: Sequence[str]) -> None:
-        """Show the verdict, at the end."""
+        """Show the verdict at the end."""
         self._put(_Concluded(verdict, tuple(reasons)))
 
     def _put(self, item: _Item) -> None:
@@ -137,7 +137,7 @@ class LiveView:
             self.dropped += 1
 
     def close(self) -> None:
-        """Show what is still queued, for at most some seconds, and end."""
+        """Show the queued items, for at most some seconds, and end."""
         self._closing.set()
         self._thread.join(_CLOSE_WITHIN_S + _SHOW_VERDICT_S)
         if self._page is not None:
@@ -153,21 +153,21 @@ class LiveView:
 
     def _run(self, station: Station, catalog: StarCatalog | None) -> None:
         try:
-            self._tell(station, catalog)
+            self._feed(station, catalog)
         except Exception as error:
-            # Whatever goes wrong in a view must not reach the session, which goes on without it.
+            # An error in the view must not end the session.
             _LOG.warning("the live view has ended (%s: %s); the session goes on", type(error).__name__, error)
 
-    def _tell(self, station: Station, catalog: StarCatalog | None) -> None:
-        teller = _Announcer(Scene(self._stream, station, catalog, live=True))
+    def _feed(self, station: Station, catalog: StarCatalog | None) -> None:
+        feed = _SceneFeed(Scene(self._stream, station, catalog, live=True))
         while True:
             last = self._closing.is_set()
             while batch := self._take():
-                teller.tell(batch, self.dropped)
+                feed.add(batch, self.dropped)
             if last:
                 break
             self._closing.wait(BATCH_EVERY_S)
-        teller.finish()
+        feed.finish()
         self._stream.flush()
         if self._page is not None and self._page.opened:
             time.sleep(_SHOW_VERDICT_S)
@@ -183,8 +183,8 @@ class LiveView:
         return batch
 
 
-class _Announcer:
-    """Tells a scene what came off the queue, in order."""
+class _SceneFeed:
+    """Adds queued items to a scene, in order."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -193,7 +193,7 @@ class _Announcer:
         self._dropped = 0
         self._panel_utc_ns = 0
 
-    def tell(self, batch: Sequence[_Item], dropped: int) -> None:
+    def add(self, batch: Sequence[_Item], dropped: int) -> None:
         frames: list[FrameResult] = []
         clock: list[ClockReading] = []
         for item in batch:

@@ -1,4 +1,4 @@
-"""The web page of a view: rerun's viewer, served so that no request leaves the machine.
+"""Web page of a view: rerun's viewer, without requests to other machines.
 
 rerun's own page loads fonts from afar and calls home. Here a page of our own starts the same viewer, and a
 Content-Security-Policy lets it talk to this server and to rerun's data server only. A request whose Host is no name of
@@ -54,7 +54,7 @@ class ViewerPage:
 
     @property
     def opened(self) -> bool:
-        """Whether anybody has asked for the page."""
+        """Whether the page was requested."""
         return self._handler.opened
 
     def close(self) -> None:
@@ -121,7 +121,7 @@ class _Handler(BaseHTTPRequestHandler):
             return None
         host = found[1]
         names = {*_LOCAL, self.bind, f"[{self.bind}]", socket.gethostname()}
-        # Bound to all addresses, it may be asked by any of them, but by no name, which somebody else can make.
+        # A server on all addresses accepts each address as its name, but no host name, which an attacker could choose.
         is_address = self.bind in _ANY and _ADDRESS.fullmatch(host) is not None
         return host if host in names or is_address else None
 
@@ -133,7 +133,7 @@ class _Handler(BaseHTTPRequestHandler):
         )
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002
-        """A page that is opened is no news."""
+        """Requests are not logged."""
 
 
 def wait_for_interrupt() -> None:

@@ -1,4 +1,4 @@
-"""The panorama as a picture: its objects on the detector, as rerun columns."""
+"""Picture of the panorama: its objects on the detector, as rerun columns."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from gse.station.results import FrameResult
 from gse.view.series import times
 
 RESIDUAL_SCALE = 100
-"""Residual arrows are drawn this many times as long as they are."""
+"""Scale of the residual arrows."""
 
 _KINDS = {"named": SKY_BLUE, "stars": SKY_BLUE, "unidentified": ORANGE, "hot": VERMILLION, "planets": PINK}
 """Kinds of objects, with their colours."""
@@ -27,7 +27,7 @@ _RADIUS_SHARE = (0.004, 0.012)
 """Radius of the dimmest and brightest object, as a share of the detector's width."""
 
 _ANONYMOUS = ("Gaia", "HIP", "HR", "HD", "BSC")
-"""A star whose name begins so is named on hover only: 30 catalogue numbers would cover the picture."""
+"""Prefix of stars with a name on hover only: 30 catalogue numbers would cover the picture."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class Picture:
     def begin(self, stream: rr.RecordingStream) -> None:
         """The frame of the detector, its principal point, and how each kind of object looks.
 
-        What has a name is labelled, catalogue numbers show on hover.
+        Objects with names are labelled, catalogue numbers show on hover.
         """
         right, bottom = self.camera.columns - 0.5, self.camera.rows - 0.5
         outline = [[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom], [-0.5, -0.5]]
@@ -91,7 +91,7 @@ class Picture:
 
 
 def _objects(frame: FrameResult) -> tuple[list[str], list[str]]:
-    """What each object of a frame is: its kind, and its label (a star's name, a planet's, or what else it is)."""
+    """Kind and label of each object of a frame: name of a star or planet, or its class."""
     count = len(frame.panorama.brightness)
     kinds, labels = ["unidentified"] * count, [UNKNOWN] * count
     for row, name in frame.others:

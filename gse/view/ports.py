@@ -6,7 +6,7 @@ from gse.errors import UsageError
 
 
 def free_port(bind: str) -> int:
-    """A TCP port that is free now on an IPv4 address of this machine; UsageError where the address is none.
+    """A free TCP port on an IPv4 address of this machine; UsageError for another address.
 
     rerun only prints an error when its port is taken.
     """

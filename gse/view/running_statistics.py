@@ -1,4 +1,4 @@
-"""Figures that grow with the frames: what the status line and the live verdict panel show."""
+"""Running statistics for the status line and the live verdict panel."""
 
 import math
 from collections import Counter, deque
@@ -34,7 +34,7 @@ LINK_COLOURS = {
 }
 
 _NO_ANSWER_S = 2.0
-"""Single frames without an answer are counted; so long without one is told at once."""
+"""Time without an answer after which the status line shows a warning."""
 
 _RATE_WINDOW = 50
 """Frames over which the rate is taken."""
@@ -55,7 +55,7 @@ class Moments:
     _steps_squared: float = 0.0
 
     def add(self, value: float) -> None:
-        """Take in one more value."""
+        """Add a value."""
         self.n += 1
         step = value - self.mean
         self.mean += step / self.n
@@ -78,7 +78,7 @@ class Moments:
 
 @dataclass(slots=True)
 class Running:
-    """What is known so far of a session that goes on."""
+    """Statistics of a running session."""
 
     limits: Limits
     frames: int = 0
@@ -94,7 +94,7 @@ class Running:
     _recent_utc_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_RATE_WINDOW))
 
     def add(self, frame: FrameResult) -> None:
-        """Take in one more frame."""
+        """Add a frame."""
         self.frames += 1
         self.by_status[frame.status.value] += 1
         self.false_answers += frame.answer_check == "false"
@@ -112,7 +112,7 @@ class Running:
         self.inside += self.is_inside(found)
 
     def is_inside(self, found: AttitudeError) -> bool:
-        """Whether an attitude error keeps both limits."""
+        """Whether an attitude error is inside both limits."""
         return (
             abs(found.d_ra_cosde_arcsec) <= self.limits.d_ra_cosde_arcsec
             and abs(found.d_de_arcsec) <= self.limits.d_de_arcsec
@@ -125,7 +125,7 @@ class Running:
 
     @property
     def silence(self) -> str:
-        """What to say of the last frames where none of them was identified: clouds, a lamp, the Sun; else nothing."""
+        """A warning if none of the last frames was identified (clouds, a lamp, the Sun); otherwise empty."""
         since_s = (self.utc_ns - (self._answered_utc_ns or self.utc_ns)) / NS_PER_S
         return f"NO ANSWER for {since_s:.0f} s, {self.objects} objects" if since_s >= _NO_ANSWER_S else ""
 

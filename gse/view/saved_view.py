@@ -1,4 +1,4 @@
-"""A whole night in rerun: the same scene as a live one, but complete, and with its verdict from the start."""
+"""Saved view of a session in rerun: the scene of the live view, complete and with the verdict."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ BATCH_FRAMES = 1000
 
 
 class SavedView:
-    """A sink that writes a recording for rerun (.rrd): every frame of a session.
+    """A listener that writes every frame of a session to a recording for rerun (.rrd).
 
     ``finish`` ends it. UsageError where the file cannot be written.
     """
@@ -31,19 +31,19 @@ class SavedView:
         self._frames: list[FrameResult] = []
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Take in one more frame."""
+        """Add a frame."""
         self._frames.append(result)
         if len(self._frames) >= BATCH_FRAMES:
             self._send_objects()
 
     def on_event(self, event: LinkEvent) -> None:
-        """Take in one more event."""
+        """Add an event."""
         self._scene.event(event)
 
     def finish(self, session: SessionData, verdict: str, reasons: Sequence[str]) -> None:
-        """Write all that is in the night's columns, the clock, and the verdict, and close the file.
+        """Write the columns of the session, the clock and the verdict, and close the file.
 
-        ``night`` has the very frames that were shown.
+        ``session`` has the same frames that were added.
         """
         self._send_objects()
         if len(session.frames):
@@ -63,7 +63,7 @@ class SavedView:
 
 
 def rrd_file_sink(path: Path) -> object:
-    """A sink that writes a new file; UsageError where it cannot be written: rerun itself only prints an error."""
+    """A sink of rerun that writes a new file; UsageError where it cannot be written (rerun itself only prints it)."""
     try:
         path.touch(exist_ok=False)
     except FileExistsError:

@@ -1,4 +1,4 @@
-"""What rerun is told of a session: the same for a live one and for a saved night."""
+"""Scene of a session in rerun, for the live view and the saved view."""
 
 from collections.abc import Sequence
 
@@ -37,7 +37,7 @@ _GOOD_EVENTS = {
 
 
 class Scene:
-    """A rerun recording that grows with a session. Not for two threads at once."""
+    """A rerun recording that grows with a session; not thread-safe."""
 
     def __init__(
         self, stream: rr.RecordingStream, station: Station, catalog: StarCatalog | None, *, live: bool
@@ -95,7 +95,7 @@ class Scene:
             send_outages(self._stream, frames_ns[outages], self._station.limits)
 
     def flush(self) -> None:
-        """Show what scatter and sky track still hold back."""
+        """Show the rest of scatter and sky track."""
         if not self._track:
             return
         columns = np.concatenate(self._track)
@@ -105,7 +105,7 @@ class Scene:
         send_scatter(self._stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
 
     def _log_change(self, frame: FrameResult) -> None:
-        """A cloud gives ten unidentified frames a second: only the first and the last are news."""
+        """A cloud gives ten unidentified frames a second: only the first and the last are logged."""
         if frame.status != self._status:
             text = f"frame {frame.panorama.frame_no}: {frame.status.value} {frame.detail}".rstrip()
             level = "INFO" if frame.status is Status.IDENTIFIED else "WARN"
@@ -115,7 +115,7 @@ class Scene:
     def _lay_out(self, columns: NDArray[np.void]) -> None:
         """Send the layout anew when the boresight is first known, and when a live view has got its ten minutes.
 
-        Each time the user's own arrangement is lost, so it happens just then.
+        Only then, because the user's own arrangement is lost each time.
         """
         known = np.flatnonzero(np.isfinite(columns["ra_deg"]))
         aims = self._boresight_icrs is None and len(known) > 0

@@ -1,4 +1,4 @@
-"""A picture of a recording, by rerun's viewer without a window."""
+"""Screenshot of a recording, by rerun's viewer without a window."""
 
 import contextlib
 import subprocess
@@ -16,13 +16,13 @@ _START_TRIES = 150
 _LOAD_TRIES = 300
 _TRY_EVERY_S = 0.2
 _SETTLE_S = 3.0
-"""From the last byte loaded to the last label drawn; the viewer does not tell."""
+"""Time from the last byte loaded to the last label drawn, which the viewer does not report."""
 
 _HINT = "it needs Vulkan, for example Debian's mesa-vulkan-drivers"
 
 
 def save_screenshot(recording: Path, picture: Path, size: str = "1920x1080") -> None:
-    """Write a PNG of the views of a recording (.rrd); GseError where there is no viewer to draw it."""
+    """Write a PNG of the views of a recording (.rrd); GseError if the viewer cannot draw it."""
     if picture.suffix.lower() != ".png":
         raise UsageError(f"the screenshot {picture} is written as PNG; name it .png")
     if picture.exists():
@@ -65,7 +65,7 @@ def _connect(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
 def _wait_until_loaded(client: ViewerClient) -> None:
     pause = threading.Event()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the state is experimental and says so
+        warnings.simplefilter("ignore")  # rerun warns that this is experimental
         for _ in range(_LOAD_TRIES):
             state = client.get_state()
             if state.recordings and not state.loading:

@@ -16,7 +16,7 @@ EDGE = 1.4
 """Points outside the limits are drawn at this many limits at most: one false answer is off by degrees."""
 
 OUTAGE_NS = 3 * NS_PER_S
-"""After so long without a frame no line is drawn from the one before to the next."""
+"""Longest time without a frame over which a line is drawn."""
 
 _DECIMALS = 3
 """Milliarcseconds, microseconds: rerun's tooltips print every digit there is."""

@@ -1,4 +1,4 @@
-"""Where the sensor looked: the track of its boresight on the celestial sphere, and the scatter of dRA* and dDE."""
+"""Sky views: the track of the boresight on the celestial sphere, and the scatter of dRA* and dDE."""
 
 import math
 
@@ -59,7 +59,7 @@ def send_sky(stream: rr.RecordingStream, columns: NDArray[np.void], camera: Came
 def grouped(utc_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Frames (N,) in stretches of TRACK_ROW_NS: the last frame of each, and how many there are in each.
 
-    Tracks and scatter get one row for such a stretch: a row for each frame would be slow to draw over a whole night.
+    Tracks and scatter get one row for each stretch: a row for each frame would be slow to draw over a long session.
     """
     stretch = (utc_ns - utc_ns[0]) // TRACK_ROW_NS
     ends = np.flatnonzero(np.append(np.diff(stretch) != 0, True))

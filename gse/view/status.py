@@ -1,4 +1,4 @@
-"""The status line: how a running session does, for a terminal without a viewer."""
+"""Status line of a running session in the terminal."""
 
 import math
 import shutil
@@ -27,9 +27,9 @@ _NO_LINK = "no link"
 
 
 class StatusLine:
-    """A sink and a context manager: one line that is renewed each second, or plain lines where that is no terminal.
+    """A listener and context manager: one line, renewed each second; plain lines if stderr is not a terminal.
 
-    It is written to stderr. ``folder`` is where the session is recorded: its free disk is shown.
+    It is written to stderr. ``folder`` is the session folder: the free space of its disk is shown.
     """
 
     def __init__(self, station: Station, folder: Path | None = None, console: Console | None = None) -> None:
@@ -37,26 +37,26 @@ class StatusLine:
         self._is_terminal = self._console.is_terminal
         self._folder = folder
         self._running = Running(station.limits)
-        self._night: SessionData | None = None
+        self._session: SessionData | None = None
         self._link = _NO_LINK
         self._due_ns = 0
         self._closed = False
-        self._teller = Announcer(lambda text: self._console.print(text, soft_wrap=True, markup=False))
+        self._announcer = Announcer(lambda text: self._console.print(text, soft_wrap=True, markup=False))
         self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=1, transient=True)
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Take in one more frame."""
+        """Add a frame."""
         self._running.add(result)
-        self._night = session
+        self._session = session
         if not self._is_terminal and self._running.utc_ns >= self._due_ns:
             self._due_ns = self._running.utc_ns + PLAIN_EVERY_NS
-            # Not by rich, which needs a millisecond: a replay of a night writes thousands of them.
+            # Without rich, which needs a millisecond: a replay of a long session writes thousands of lines.
             print(self.line().plain, file=self._console.file, flush=True)
 
     def on_event(self, event: LinkEvent) -> None:
-        """Tell what happens, each kind once; the state of the link stays in the line."""
+        """Announce the event, each kind once; the state of the link stays in the line."""
         self._link = LINK_WORDS.get(event.kind, self._link)
-        self._teller.on_event(event)
+        self._announcer.on_event(event)
 
     def line(self) -> Text:
         """The line as it is now."""
@@ -77,7 +77,7 @@ class StatusLine:
         return Text.assemble(*parts)
 
     def _lost(self) -> str:
-        lost = self._night.link.frames_lost if self._night else 0
+        lost = self._session.link.frames_lost if self._session else 0
         return f"  {lost} lost" if lost else ""
 
     def _misses_availability(self) -> bool:
@@ -92,10 +92,10 @@ class StatusLine:
         return abs(moments.mean) > limit
 
     def _clock(self) -> str:
-        return clock_health(self._night.clock[-1]) if self._night and self._night.clock else "not read"
+        return clock_health(self._session.clock[-1]) if self._session and self._session.clock else "not read"
 
     def _clock_is_bad(self) -> bool:
-        return bool(self._night and self._night.clock and not self._night.clock[-1].synchronised)
+        return bool(self._session and self._session.clock and not self._session.clock[-1].synchronised)
 
     def _disk(self) -> str:
         if self._folder is None:
@@ -116,11 +116,11 @@ class StatusLine:
         self.close()
 
     def close(self) -> None:
-        """Take the line away, and say how often events came again. Once is enough."""
+        """Remove the line and print the number of repeated events; further calls do nothing."""
         self._live.stop()
         if not self._closed:
             self._closed = True
-            self._teller.conclude()
+            self._announcer.conclude()
 
 
 def _rate(running: Running) -> str:

@@ -1,4 +1,4 @@
-"""The words of the verdict panel."""
+"""Text of the verdict panel."""
 
 import math
 
@@ -10,7 +10,7 @@ _MARKS = {"PASS": "✔", "FAIL": "✘", "INCONCLUSIVE": "?"}
 
 
 def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | None = None, dropped: int = 0) -> str:
-    """Markdown on a session that goes on; ``dropped`` counts frames that the view could not keep up with."""
+    """Markdown on a running session; ``dropped`` counts frames that the slow view did not show."""
     limits, last = running.limits, running.last
     share = running.inside / running.d_ra.n if running.d_ra.n else math.nan
     lines = [
@@ -38,13 +38,13 @@ def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | N
 
 
 def verdict_at_end(verdict: str, reasons: list[str], so_far: str) -> str:
-    """Markdown of the verdict, its reasons, and the figures that stood before."""
+    """Markdown of the verdict, its reasons, and the last statistics."""
     body = so_far.split("\n", 1)[1] if "\n" in so_far else so_far
     return "\n".join([f"# {_MARKS.get(verdict, '')} {verdict}", *(f"- {reason}" for reason in reasons), "", body])
 
 
 def headline(running: Running, lost: int) -> str:
-    """How a session that goes on stands, in a few words; ``lost`` counts frames that never came."""
+    """State of a running session in a few words; ``lost`` counts frames that never came."""
     if not running.frames:
         return "Waiting for frames"
     if running.silence:
@@ -52,9 +52,9 @@ def headline(running: Running, lost: int) -> str:
     if not running.d_ra.n:
         return "Running: nothing compared yet"
     limits = running.limits
-    kept = abs(running.d_ra.mean) <= limits.d_ra_cosde_arcsec and abs(running.d_de.mean) <= limits.d_de_arcsec
+    inside = abs(running.d_ra.mean) <= limits.d_ra_cosde_arcsec and abs(running.d_de.mean) <= limits.d_de_arcsec
     available = running.identified * running.frames / (running.frames + lost)
-    good = kept and available >= limits.availability and not running.false_answers
+    good = inside and available >= limits.availability and not running.false_answers
     return "Running: inside the limits" if good else "Running: OUTSIDE the limits"
 
 

@@ -20,12 +20,12 @@ def rerun_program() -> Path:
 
 
 def quiet_environment() -> dict[str, str]:
-    """An environment in which rerun sends no usage data: it sends none where CI is set."""
+    """An environment without usage data from rerun: it sends none where CI is set."""
     return {**os.environ, "CI": "1", "RUST_LOG": "error"}
 
 
 def open_native_viewer(url: str) -> subprocess.Popen[bytes]:
-    """Open rerun's own window on a server or a recording; it stays open when we end. UsageError without a screen."""
+    """Open rerun's own window on a server or a recording; it outlives this process. UsageError without a screen."""
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise UsageError("there is no screen for a window here (no DISPLAY, no WAYLAND_DISPLAY); use the web view")
     return subprocess.Popen(

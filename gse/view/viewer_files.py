@@ -16,7 +16,7 @@ _MAX_FILE_BYTES = 200_000_000
 _TRIES = 100
 _TRY_EVERY_S = 0.1
 _NO_DATA = "rerun+http://127.0.0.1:9/proxy"
-"""Told where to find data, the program starts no data server of its own."""
+"""With this address the program starts no data server of its own."""
 
 
 class ViewerFiles:

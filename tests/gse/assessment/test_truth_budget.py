@@ -13,7 +13,7 @@ from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.instant import from_text
 from gse.mount import Mount, MountUncertainty
 from gse.site import Site, SiteUncertainty
-from gse.station.attitude_error import compare
+from gse.station.attitude_error import attitude_error
 from gse.truth import Alignment, EarthOrientation, SiderealTruth
 
 NORMAL, RECTANGULAR, STUDENT = Distribution.NORMAL, Distribution.RECTANGULAR, Distribution.STUDENT
@@ -137,6 +137,6 @@ def test_the_budget_holds_the_error_of_sites_and_mounts_that_are_drawn():
         turned = replace(mount, azimuth_deg=mount.azimuth_deg + random.normal(0, 20 / 1.96) / 3600)
         late_ns = round(random.uniform(-0.5, 0.5) * 1e9)
         true = SiderealTruth(site, TABLE).attitude_true(START_NS + late_ns, turned)
-        error = compare(true, SiderealTruth(facts.site, TABLE).attitude_true(START_NS, mount))
+        error = attitude_error(true, SiderealTruth(facts.site, TABLE).attitude_true(START_NS, mount))
         inside.append(abs(error.d_ra_cosde_arcsec) <= axes["d_ra_cosde"].expanded_arcsec)
     assert 0.91 <= np.mean(inside) <= 0.985

@@ -13,7 +13,7 @@ from drivers.chunk import Chunk
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, Message
 from drivers.session_file.verification import verify
-from drivers.session_file.written_bytes import BLOCK_BYTES, KEPT_BYTES
+from drivers.session_file.written_bytes import BLOCK_BYTES, TAIL_BYTES
 from gse.recording.recorder import Recorder
 
 COUNT, SIZE = 1000, 216
@@ -82,7 +82,7 @@ def test_a_file_changed_during_the_run_is_told_and_saved_beside_it(
 def test_what_is_older_than_memory_and_damaged_is_counted_as_lost(tmp_path: Path) -> None:
     path = tmp_path / "session.mcap"
     recorder = Recorder(path, live=False)
-    for number in range(2 * KEPT_BYTES // BLOCK_BYTES + 20):
+    for number in range(2 * TAIL_BYTES // BLOCK_BYTES + 20):
         recorder.rx(Chunk(number, number, random.Random(number).randbytes(BLOCK_BYTES)))
     flip(path)
     recorder.close()

@@ -43,9 +43,7 @@ def test_the_station_finds_what_the_scenario_says(name: str, setup: Setup) -> No
     scenario = load_scenario(name)
     station = parse_station(scenario.station_text())
     assert station.sensor == setup.station.sensor
-    session = night_of(
-        f"sim://?scenario={name}&rate_hz={RATES_HZ.get(name, 6.5)}", replace(setup, station=station)
-    )
+    session = night_of(f"sim://?scenario={name}&rate_hz={RATES_HZ.get(name, 6.5)}", replace(setup, station=station))
     assessment = judge(session)
     share = assessment.statistics.onboard.available.value
     assert assessment.verdict.value == scenario.find.verdict, assessment.reasons

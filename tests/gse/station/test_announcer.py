@@ -17,7 +17,7 @@ def test_each_kind_of_event_is_said_once_and_then_counted() -> None:
         "1970-01-01T00:00:00.0Z CLOCK_STEP: the clock stepped",
     ]
     teller.conclude()
-    assert said[3:] == ["and again, not said each time: LOST 4 x"]
+    assert said[3:] == ["repeated events: LOST 4 x"]
 
 
 def test_a_second_full_disk_is_said_like_the_first() -> None:

@@ -11,7 +11,7 @@ from gse.errors import ConfigError, UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount
 from gse.panorama import Panorama
-from gse.station.mount_alignment import FirstSeconds, MeasuredMounts, cross_judged, persistent_arcsec2
+from gse.station.mount_alignment import FirstSeconds, MeasuredMounts, cross_validated, persistent_arcsec2
 from gse.station.results import AnswerCheck, FrameResult, Matches, Status
 from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations
@@ -117,7 +117,7 @@ def test_a_fit_is_judged_on_the_other_half_of_the_minutes():
     measured = MeasuredMounts()
     for result in frames(MOUNTS[1], 600):
         measured.add(result, TRUTH)
-    judged = cross_judged(measured, SESSION)
+    judged = cross_validated(measured, SESSION)
     assert judged.alignment.n > 590
     assert judged.rms_arcsec == pytest.approx((3.0, 3.0, 30.0), rel=0.15)
     assert max(judged.repeatability_arcsec[:2]) < 1
@@ -129,7 +129,7 @@ def test_a_mount_that_moved_between_the_minutes_shows_in_the_repeatability():
     for one, two in zip(frames(MOUNTS[1], 720), frames(moved, 720), strict=True):
         odd = (one.panorama.utc_ns - START_NS) // (60 * NS_PER_S) % 2 == 1
         measured.add(two if odd else one, TRUTH)
-    assert np.hypot(*cross_judged(measured, SESSION).repeatability_arcsec[:2]) == pytest.approx(20, abs=1)
+    assert np.hypot(*cross_validated(measured, SESSION).repeatability_arcsec[:2]) == pytest.approx(20, abs=1)
 
 
 def test_one_frame_cannot_be_judged_on_others():
@@ -137,7 +137,7 @@ def test_one_frame_cannot_be_judged_on_others():
     for result in frames(MOUNTS[1], 1):
         measured.add(result, TRUTH)
     with pytest.raises(UsageError, match="1 frames were identified"):
-        cross_judged(measured, SESSION)
+        cross_validated(measured, SESSION)
 
 
 def test_a_fitted_mount_goes_into_the_station_file_and_leaves_the_rest_alone():
