@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from skies.astropy_night import START_NS, STATION_TEXT, AstropyNight
+from skies.astropy_night import STATION_TEXT, AstropyNight
 
 from drivers.chunk import Chunk
 from drivers.clock import ClockReading
 from gse.config.station import parse_station
-from gse.instant import NS_PER_S
+from gse.instant import NS_PER_S, from_text
 from gse.station.loop import StationLoop
 from gse.station.session_data import SessionData
 from gse.station.setup import set_up
@@ -21,6 +21,9 @@ TEXT = (
     + "protocol: panorama-v1-subpixel\nlimits: {identification_ms: 60000, false_share: 0.05, availability: 0.9}\n"
 )
 """What is tested needs no long session, and no machine that is idle."""
+
+START_NS = from_text("2026-03-20T15:00:00Z")
+"""Late in the evening at the site."""
 
 EXPOSURE_S = 0.1
 _BYTE_NS = 10 * NS_PER_S // 115_200
@@ -53,7 +56,7 @@ class InjectedClocks:
 class Sky:
     """The frames of a minute or some more, made once for all sessions: true seconds and objects."""
 
-    def __init__(self, duration_s: float = 60.0, rate_hz: float = 5.0) -> None:
+    def __init__(self, duration_s: float = 80.0, rate_hz: float = 5.0) -> None:
         self.setup = set_up(parse_station(TEXT), TEXT, utc_ns=START_NS)
         instants = START_NS + np.arange(round(duration_s * rate_hz)) * round(NS_PER_S / rate_hz)
         night = AstropyNight(self.setup.identifier.catalog.icrs)
