@@ -1,7 +1,7 @@
 """A sensor and a host whose clocks a test makes: frames of astropy's sky as bytes, stamped by the host's two clocks."""
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -70,10 +70,13 @@ class Sky:
         clocks: InjectedClocks,
         *,
         blind_s: tuple[float, float] = (0.0, 0.0),
-        blind_px: np.ndarray | None = None,
+        blind_px: Sequence[np.ndarray] | None = None,
         own: bool = False,
     ) -> SessionData:
-        """The session of the sensor and host with these clocks; ``blind_px`` is seen in a stretch of true time."""
+        """The session of the sensor and host with these clocks.
+
+        ``blind_px`` are seen, by frame, in a stretch of true time.
+        """
         loop = StationLoop(self.setup)
         for true_s, synchronised in clocks.readings:
             error_s = 0.001 if synchronised else 16.0
@@ -88,14 +91,14 @@ class Sky:
         return loop.session
 
     def chunks(
-        self, clocks: InjectedClocks, blind_s: tuple[float, float], blind_px: np.ndarray | None, own: bool
+        self, clocks: InjectedClocks, blind_s: tuple[float, float], blind_px: Sequence[np.ndarray] | None, own: bool
     ) -> Iterator[Chunk]:
         """What the host reads."""
         sequences = map(clocks.sequence, itertools.count())
         for number, (true_s, seen_px) in enumerate(self.frames):
             if clocks.asleep_s[0] <= true_s < clocks.asleep_s[1]:
                 continue
-            xy_px = blind_px if blind_px is not None and blind_s[0] <= true_s < blind_s[1] else seen_px
+            xy_px = blind_px[number] if blind_px is not None and blind_s[0] <= true_s < blind_s[1] else seen_px
             data = b"".join(
                 self.setup.protocol.encode(message, sequence=next(sequences) % 65536)
                 for message in messages(clocks, number, true_s, xy_px, own)
