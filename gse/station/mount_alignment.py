@@ -69,7 +69,7 @@ class MeasuredMounts:
 def persistent_arcsec2(session: SessionData) -> NDArray[np.float64]:
     """Covariance (3, 3) of the mean attitude of a session's frames, of what its stars keep for more than 20 s."""
     frames, matches = session.frames.columns, session.frames.matches
-    matches = matches[frames["judge"][matches["frame"]] != ANSWER_CHECKS.index(AnswerCheck.FALSE)]
+    matches = matches[frames["answer_check"][matches["frame"]] != ANSWER_CHECKS.index(AnswerCheck.FALSE)]
     if len(matches) == 0:
         return np.zeros((3, 3))
     xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
