@@ -69,14 +69,18 @@ class SequenceTracker:
         time_us: int | None = None,
         restarted: bool = False,
         elapsed_s: float | None = None,
+        copy: bool = True,
     ) -> Arrival:
         """What this frame is, counted.
 
         ``time_us`` is the sensor's clock where the message carries it; leave it out for stored data, which is older
         than what came before. ``restarted`` is the sensor's own word that its clock was reset. ``elapsed_s`` is the
-        host's time since the frame before, where it is known; else the sensor's clock bounds what can be lost.
+        host's time since the frame before, where it is known; else the sensor's clock bounds what can be lost. ``copy``
+        is false where its bytes are known to be others than those of the frame that had its number before.
         """
         arrival = self._judge(sequence, time_us, restarted)
+        if arrival is Arrival.DUPLICATE and not copy:
+            arrival = Arrival.CHAOS
         if arrival is Arrival.DUPLICATE:
             self.duplicates += 1
             return arrival

@@ -1,7 +1,7 @@
 """Which frames of a session count, decided once for statistics, false answers and plots.
 
-A false star identification counts whatever the time of its frame. Other frames are left out only where sky, link or
-clock is the reason.
+An answer that is missing or false counts whatever the time of its frame: stars are identified without it. Errors are
+left out where link or clock made the time uncertain, whole frames only where sky or operator are the reason.
 """
 
 from dataclasses import dataclass
@@ -19,18 +19,22 @@ from gse.station.session_data import SessionData
 OUTLIER_ARCSEC = 1800.0
 """An answer this far from the median of all is not noise: half a degree."""
 
+_UNCERTAIN_TIME = (Cause.CLOCK_STEP, Cause.BACKLOG)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CountedFrames:
     """Masks (M,) over the rows of the frame table, and the stretches that are left out.
 
-    ``answered`` frames have an answer under test; ``false`` ones a wrong one; ``excluded`` ones are left out but for
-    false answers; ``used`` ones enter the statistics of accuracy.
+    ``answered`` frames have an answer under test; ``false`` ones a wrong one; ``excluded`` ones are left out of the
+    statistics of accuracy, which ``used`` ones enter. ``expected`` frames must have an answer: an uncertain time
+    excuses none that is missing or false.
     """
 
     answered: NDArray[np.bool_]
     false: NDArray[np.bool_]
     excluded: NDArray[np.bool_]
+    expected: NDArray[np.bool_]
     used: NDArray[np.bool_]
     exclusions: tuple[Exclusion, ...]
 
@@ -51,7 +55,8 @@ def counted_frames(session: SessionData) -> CountedFrames:
     answered = np.asarray(frames["status"] == STATUSES.index(Status.IDENTIFIED))
     false = false_answers(frames, mask, stretches)
     used = answered & ~false & ~mask & np.isfinite(frames["d_de_arcsec"])
-    return CountedFrames(answered, false, mask, used, stretches)
+    excused = [item for item in stretches if item.cause not in _UNCERTAIN_TIME]
+    return CountedFrames(answered, false, mask, ~excluded(frames["utc_ns"], excused), used, stretches)
 
 
 def false_answers(
@@ -90,7 +95,7 @@ def explained_arcsec(frames: NDArray[np.void], stretches: tuple[Exclusion, ...])
     """How far (M,) from the median an answer may lie: half a degree, and what the uncertain time of a stretch makes."""
     time_error_s = np.zeros(len(frames))
     for item in stretches:
-        if item.cause in (Cause.CLOCK_STEP, Cause.BACKLOG):
+        if item.cause in _UNCERTAIN_TIME:
             inside = excluded(frames["utc_ns"], [item])
             time_error_s[inside] = np.maximum(time_error_s[inside], item.time_error_s)
     return np.asarray(OUTLIER_ARCSEC + EARTH_RATE_ARCSEC_PER_S * time_error_s)

@@ -82,7 +82,7 @@ class SubjectStatistics:
 class Statistics:
     """All statistics of a session.
 
-    ``frames_expected`` are those received and not excluded, and those that the sequence numbers miss. ``onboard`` is
+    ``frames_expected`` are those received and not excused, and those that the sequence numbers miss. ``onboard`` is
     always there, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two. ``spatial``
     are the errors of single stars along columns and rows, None of too few stars.
     """
@@ -108,10 +108,14 @@ class Statistics:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Answers:
-    """One subject's answers as columns (M,) in the order of the frame table, whatever their source."""
+    """One subject's answers as columns (M,) in the order of the frame table, whatever their source.
+
+    ``timed`` frames have a certain time.
+    """
 
     columns: dict[str, NDArray[np.float64]]
     expected: NDArray[np.bool_]
+    timed: NDArray[np.bool_]
     answered: NDArray[np.bool_]
     false: NDArray[np.bool_]
     used: NDArray[np.bool_]
@@ -122,7 +126,7 @@ def statistics(session: SessionData) -> Statistics:
     """The statistics of a session, without what its events, its sky and its operator exclude."""
     frames = session.frames.columns
     counted = counted_frames(session)
-    status, check = frames["status"][~counted.excluded], frames["answer_check"][~counted.excluded]
+    status, check = frames["status"][counted.expected], frames["answer_check"][counted.expected]
     limit_ms = session.station.limits.identification_ms
     field_rad = session.station.sensor.camera().diagonal_rad / 2
     lost = session.link.frames_lost
@@ -155,7 +159,13 @@ def _onboard(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
     columns = {f"{axis}_arcsec": frames[f"{axis}_arcsec"] for axis in AXES}
     columns |= {name: frames[name] for name in ("ra_deg", "de_deg")}
     return _Answers(
-        columns, ~counted.excluded, counted.answered, counted.false, counted.used, frames["elapsed_us"] / 1e3
+        columns,
+        counted.expected,
+        ~counted.excluded,
+        counted.answered,
+        counted.false,
+        counted.used,
+        frames["elapsed_us"] / 1e3,
     )
 
 
@@ -168,7 +178,7 @@ def _sensor(own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames
         x, y = own.cross_x_arcsec, own.cross_y_arcsec
         separation_arcsec = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
         false = own.acquired & (separation_arcsec > explained_arcsec(frames, counted.exclusions))
-    return _Answers(columns, ~counted.excluded, own.acquired, false, known & ~false, own.latency_ms)
+    return _Answers(columns, counted.expected, ~counted.excluded, own.acquired, false, known & ~false, own.latency_ms)
 
 
 def _subject(
@@ -188,7 +198,7 @@ def _subject(
     axes = {axis: axis_statistics(used_ns, errors[axis]) for axis in AXES}
     good = answers.answered & ~answers.false
     counts = answers.expected | answers.false
-    kept_ns = frames["utc_ns"][answers.expected]
+    kept_ns = frames["utc_ns"][answers.timed]
     de_true_deg = frames["de_true_deg"][used]
     timed = answers.time_ms[np.isfinite(answers.time_ms)]
     return SubjectStatistics(
@@ -203,10 +213,10 @@ def _subject(
         earth_rate=_earth_rate(de_true_deg, axes["d_ra_cosde"]),
         time_ms=percentiles(timed),
         slow=_share(timed > limit_ms),
-        acquisition_s=_acquisition_s(kept_ns, good[answers.expected]),
-        outage_s=_outage_s(kept_ns, good[answers.expected]),
+        acquisition_s=_acquisition_s(kept_ns, good[answers.timed]),
+        outage_s=_outage_s(kept_ns, good[answers.timed]),
         thermal=_thermal(used_ns, errors, frames["temperature_c"][used]),
-        first_fixes_s=first_fixes_s(kept_ns, frames["frame_no"][answers.expected], good[answers.expected]),
+        first_fixes_s=first_fixes_s(kept_ns, frames["frame_no"][answers.timed], good[answers.timed]),
     )
 
 

@@ -1,4 +1,4 @@
-"""Faults of the sensor's time tags: tags that stand still, tags that leap."""
+"""Faults of the sensor's time tags: tags that stand still, leap, or run fast or slow for a while."""
 
 from collections.abc import Iterator, Sequence
 
@@ -13,13 +13,16 @@ LEAP_S = 0.5
 """A tag that is ahead of the host by this much more than in the frame before, though no frame is missing, has leapt."""
 
 _FEWEST_STUCK = 3
+_RATE_FRAMES = 40
+_RATE_OFF = 0.05
+"""A share that no oscillator is off by; arrivals jitter by less, in the median of as many frames."""
 
 
 def time_tag_faults(frames: NDArray[np.void], events: Sequence[LinkEvent]) -> tuple[str, ...]:
     """A line for each kind of fault in frames (rows of FRAME, in order of arrival); nothing without host times."""
     if len(frames) < 3 or not (frames["host_utc_ns"] > 0).all():
         return ()
-    return (*_stuck(frames), *_leaps(frames, events))
+    return (*_stuck(frames), *_leaps(frames, events), *_rate(frames))
 
 
 def _stuck(frames: NDArray[np.void]) -> Iterator[str]:
@@ -44,3 +47,16 @@ def _leaps(frames: NDArray[np.void], events: Sequence[LinkEvent]) -> Iterator[st
         when = to_text(int(frames["host_utc_ns"][first + 1]), 1)
         more = f", and {len(rows) - 1} times more" if len(rows) > 1 else ""
         yield f"sensor time tag: it leapt by {ahead_s[first]:+.2f} s at {when}{more}"
+
+
+def _rate(frames: NDArray[np.void]) -> Iterator[str]:
+    """The stretch of frames in which tags were fastest or slowest against the host's clock, if by far too much."""
+    tags_s: NDArray[np.float64] = np.diff(frames["time_us"].astype(np.float64)) / 1e6
+    host_s: NDArray[np.float64] = np.diff(frames["host_utc_ns"] - frames["host_utc_ns"][0]).astype(np.float64) / 1e9
+    regular = np.flatnonzero((tags_s > 0) & (host_s > np.median(host_s) / 2))
+    blocks = [regular[begin : begin + _RATE_FRAMES] for begin in range(0, len(regular), _RATE_FRAMES)]
+    off = np.array([np.median(tags_s[rows] / host_s[rows]) - 1 for rows in blocks if len(rows) == _RATE_FRAMES])
+    if len(off) and np.abs(off).max() > _RATE_OFF:
+        worst = int(np.abs(off).argmax())
+        when = to_text(int(frames["host_utc_ns"][blocks[worst][0]]), 1)
+        yield f"sensor time tag: it ran {abs(off[worst]):.0%} {'fast' if off[worst] > 0 else 'slow'} from {when}"

@@ -95,7 +95,7 @@ def _late_starts(frames: NDArray[np.void], stepped: list[int]) -> Iterator[Exclu
         offset_ns = utc_ns - time_ns[first]
         settled = int(np.argmax(offset_ns - offset_ns.min() <= _LATE_NS))
         fall_ns = offset_ns[:settled] - offset_ns[settled]
-        late = (fall_ns > _LATE_NS) & np.logical_and.accumulate(at_once[first[:settled]])
+        late = (fall_ns > _LATE_NS) & _burst(at_once[first])[:settled]
         if late.any():
             reason = (
                 f"read up to {fall_ns[late].max() / NS_PER_S:.2f} s late: these frames waited in a buffer before the "
@@ -107,18 +107,19 @@ def _late_starts(frames: NDArray[np.void], stepped: list[int]) -> Iterator[Exclu
 
 
 def _read_at_once(host_utc_ns: NDArray[np.int64], time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which frames (M,) were read right before the next, far faster than frames usually come and than they were taken.
-
-    The last frame out of a buffer is followed by one that comes in its time, and counts by the frame before it.
-    """
+    """Which frames (M,) were read right after the one before: far faster than frames usually come, or were taken."""
     at_once = np.zeros(len(host_utc_ns), dtype=bool)
     gaps_ns = np.diff(host_utc_ns)
     if len(gaps_ns):
         usual_ns = np.minimum(np.median(gaps_ns), np.diff(time_ns))
-        together = (gaps_ns >= 0) & (gaps_ns < _AT_ONCE * usual_ns)
-        at_once[:-1] = together
-        at_once[1:] |= together
+        at_once[1:] = (gaps_ns >= 0) & (gaps_ns < _AT_ONCE * usual_ns)
     return at_once
+
+
+def _burst(at_once: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which frames (M,) of a stretch were read in one go with its first."""
+    follows = np.logical_and.accumulate(at_once[1:])
+    return np.concatenate([follows[:1], follows]) if len(follows) else np.zeros(len(at_once), dtype=bool)
 
 
 def _around_step(event: ClockStep) -> Iterator[Exclusion]:

@@ -72,6 +72,7 @@ from protocols import (
     SequenceTracker,
     StatusMessage,
 )
+from protocols.sequence import RECENT
 
 BITS_PER_BYTE = 10
 """8N1: a start bit, eight data bits, a stop bit."""
@@ -119,6 +120,7 @@ class Reception:
         self._anchor_utc_ns = anchor_utc_ns
         self._anchor_time_us: int | None = None
         self._latest_utc_ns = 0
+        self._latest: deque[bytes] = deque(maxlen=RECENT)
         self._before: tuple[int, int, int | None] | None = None
         self._frame_mono_ns: int | None = None
 
@@ -170,10 +172,7 @@ class Reception:
             return received
         utc_ns = host_utc_ns if self._anchor_utc_ns is None else max(self._anchor_utc_ns, self._latest_utc_ns)
         if arrival is Arrival.CHAOS:
-            text = (
-                f"frame {frame.sequence} on the wire follows frame {before}: more than can have been sent in the time "
-                "between; its sequence number makes no sense, and no frames count as lost"
-            )
+            text = _chaos_in_words(frame.sequence, before)
             received.append(LinkEvent(utc_ns, mono_ns, StationKind.SEQUENCE_CHAOS, text))
         if arrival is Arrival.RESET:
             self._clock.reset()
@@ -191,18 +190,26 @@ class Reception:
         elapsed_s = None
         if self._anchor_utc_ns is None and self._frame_mono_ns is not None:
             elapsed_s = (mono_ns - self._frame_mono_ns) / NS_PER_S
-        self._frame_mono_ns = mono_ns
+        copy = self._is_copy(frame)
         if isinstance(message, PanoramaMessage) and "stored" not in self._protocol.flags_of(frame):
             restarted = "clock reset" in message.flags
             arrival = self._sequence.accept(
-                frame.sequence, time_us=message.time_us, restarted=restarted, elapsed_s=elapsed_s
+                frame.sequence, time_us=message.time_us, restarted=restarted, elapsed_s=elapsed_s, copy=copy
             )
         else:
-            arrival = self._sequence.accept(frame.sequence, elapsed_s=elapsed_s)
+            arrival = self._sequence.accept(frame.sequence, elapsed_s=elapsed_s, copy=copy)
+        if arrival is not Arrival.DUPLICATE:
+            self._frame_mono_ns = mono_ns
         self.counters.duplicates = self._sequence.duplicates
         self.counters.frames_lost = self._sequence.lost
         self.counters.sensor_resets = self._sequence.resets
         return arrival
+
+    def _is_copy(self, frame: Frame) -> bool:
+        """Whether the same bytes came among the latest frames: what bears a number again need not be a copy."""
+        found = frame.payload in self._latest
+        self._latest.append(frame.payload)
+        return found
 
     def _forget_before(self, start: int) -> None:
         """Drop the stamps of decoded bytes; the rest belongs to one frame or discard at most."""
@@ -276,6 +283,15 @@ def _went_with_utc(before: tuple[int, int, int | None], now: tuple[int, int, int
         return False
     tag_ns = now[2] - before[2]
     return abs(tag_ns - (now[0] - before[0])) < abs(tag_ns - (now[1] - before[1]))
+
+
+def _chaos_in_words(sequence: int, before: int | None) -> str:
+    if sequence == before:
+        return f"frame {sequence} on the wire follows another frame {before}: its sequence number stands still"
+    return (
+        f"frame {sequence} on the wire follows frame {before}: more than can have been sent in the time between; its "
+        "sequence number makes no sense, and no frames count as lost"
+    )
 
 
 def _step_in_words(step_ns: int, utc_kept: bool) -> str:

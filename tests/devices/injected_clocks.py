@@ -1,16 +1,16 @@
 """A sensor and a host whose clocks a test makes: frames of astropy's sky as bytes, stamped by the host's two clocks."""
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from skies.astropy_night import START_NS, STATION_TEXT, AstropyNight
+from skies.astropy_night import STATION_TEXT, AstropyNight
 
 from drivers.chunk import Chunk
 from drivers.clock import ClockReading
 from gse.config.station import parse_station
-from gse.instant import NS_PER_S
+from gse.instant import NS_PER_S, from_text
 from gse.station.loop import StationLoop
 from gse.station.session_data import SessionData
 from gse.station.setup import set_up
@@ -21,6 +21,9 @@ TEXT = (
     + "protocol: panorama-v1-subpixel\nlimits: {identification_ms: 60000, false_share: 0.05, availability: 0.9}\n"
 )
 """What is tested needs no long session, and no machine that is idle."""
+
+START_NS = from_text("2026-03-20T15:00:00Z")
+"""Late in the evening at the site."""
 
 EXPOSURE_S = 0.1
 _BYTE_NS = 10 * NS_PER_S // 115_200
@@ -53,7 +56,7 @@ class InjectedClocks:
 class Sky:
     """The frames of a minute or some more, made once for all sessions: true seconds and objects."""
 
-    def __init__(self, duration_s: float = 60.0, rate_hz: float = 5.0) -> None:
+    def __init__(self, duration_s: float = 80.0, rate_hz: float = 5.0) -> None:
         self.setup = set_up(parse_station(TEXT), TEXT, utc_ns=START_NS)
         instants = START_NS + np.arange(round(duration_s * rate_hz)) * round(NS_PER_S / rate_hz)
         night = AstropyNight(self.setup.identifier.catalog.icrs)
@@ -67,10 +70,13 @@ class Sky:
         clocks: InjectedClocks,
         *,
         blind_s: tuple[float, float] = (0.0, 0.0),
-        blind_px: np.ndarray | None = None,
+        blind_px: Sequence[np.ndarray] | None = None,
         own: bool = False,
     ) -> SessionData:
-        """The session of the sensor and host with these clocks; ``blind_px`` is seen in a stretch of true time."""
+        """The session of the sensor and host with these clocks.
+
+        ``blind_px`` are seen, by frame, in a stretch of true time.
+        """
         loop = StationLoop(self.setup)
         for true_s, synchronised in clocks.readings:
             error_s = 0.001 if synchronised else 16.0
@@ -85,14 +91,14 @@ class Sky:
         return loop.session
 
     def chunks(
-        self, clocks: InjectedClocks, blind_s: tuple[float, float], blind_px: np.ndarray | None, own: bool
+        self, clocks: InjectedClocks, blind_s: tuple[float, float], blind_px: Sequence[np.ndarray] | None, own: bool
     ) -> Iterator[Chunk]:
         """What the host reads."""
         sequences = map(clocks.sequence, itertools.count())
         for number, (true_s, seen_px) in enumerate(self.frames):
             if clocks.asleep_s[0] <= true_s < clocks.asleep_s[1]:
                 continue
-            xy_px = blind_px if blind_px is not None and blind_s[0] <= true_s < blind_s[1] else seen_px
+            xy_px = blind_px[number] if blind_px is not None and blind_s[0] <= true_s < blind_s[1] else seen_px
             data = b"".join(
                 self.setup.protocol.encode(message, sequence=next(sequences) % 65536)
                 for message in messages(clocks, number, true_s, xy_px, own)

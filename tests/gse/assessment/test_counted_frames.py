@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from devices.injected_clocks import InjectedClocks, Sky
 from skies.known_nights import START_NS, STATION, frame, session
 
 from gse.assessment.counted_frames import counted_frames
@@ -101,6 +102,94 @@ def test_a_time_tag_that_stands_still_is_a_finding():
 
 def test_the_time_tags_of_a_sound_session_are_no_finding():
     assert time_tag_faults(session(600).frames.columns, ()) == ()
+
+
+# A sensor whose clock or counter misbehaves just while its answers are wrong
+
+
+@pytest.fixture(scope="module")
+def sky():
+    return Sky()
+
+
+def until_14_s(bad, good=lambda value: value, *, change=14):
+    return lambda value: bad(value) if value < change else good(value)
+
+
+def in_bunches(true_s):
+    return true_s // 1 + 1
+
+
+MISBEHAVIOURS = {
+    "sound clocks": InjectedClocks(),
+    "stuck tags": InjectedClocks(tag_s=until_14_s(lambda t: 0.0)),
+    "tags 20 % fast": InjectedClocks(tag_s=until_14_s(lambda t: 1.2 * t, lambda t: t + 2.8)),
+    "tags 20 % slow": InjectedClocks(tag_s=until_14_s(lambda t: 0.8 * t, lambda t: t - 2.8)),
+    "a leap ahead": InjectedClocks(tag_s=until_14_s(lambda t: t, lambda t: t + 3)),
+    "a leap back": InjectedClocks(tag_s=until_14_s(lambda t: t, lambda t: t - 3)),
+    "a leap ahead, read in bunches": InjectedClocks(
+        tag_s=until_14_s(lambda t: t, lambda t: t + 3), read_s=until_14_s(in_bunches)
+    ),
+    "a long leap, read in bunches": InjectedClocks(
+        tag_s=until_14_s(lambda t: t, lambda t: t + 15.9), read_s=until_14_s(in_bunches)
+    ),
+    "a real backlog": InjectedClocks(read_s=until_14_s(lambda t: 14.0)),
+    "a clock step at its end": InjectedClocks(utc_s=until_14_s(lambda t: t, lambda t: t + 3)),
+    "a clock an hour ahead": InjectedClocks(utc_s=until_14_s(lambda t: t + 3600)),
+    "frame_no stands still": InjectedClocks(frame_no=until_14_s(lambda n: 7, change=70)),
+    "sequence chaos": InjectedClocks(sequence=until_14_s(lambda n: n * 7919, change=70)),
+    "sequence stands still": InjectedClocks(sequence=until_14_s(lambda n: 5, change=70)),
+    "sequence and tags stand still": InjectedClocks(
+        sequence=until_14_s(lambda n: 5, change=70), tag_s=until_14_s(lambda t: 0.0)
+    ),
+    "nothing moves but the stars": InjectedClocks(
+        sequence=until_14_s(lambda n: 5, change=70),
+        tag_s=until_14_s(lambda t: 0.0),
+        frame_no=until_14_s(lambda n: 5, change=70),
+    ),
+}
+
+
+@pytest.mark.parametrize("clocks", MISBEHAVIOURS.values(), ids=MISBEHAVIOURS.keys())
+def test_no_clock_or_counter_hides_that_stars_were_wrong(sky, clocks):
+    rng = np.random.default_rng(7)
+    wrong_px = [np.clip(xy_px[:4] + rng.normal(0, 40, (4, 2)), 1, 1000) for _, xy_px in sky.frames]
+    session = sky.session(clocks, blind_s=(0.0, 14.0), blind_px=wrong_px)
+    assessment = judge(session)
+    assert assessment.verdict is not Verdict.PASS
+    available = assessment.statistics.onboard.available
+    assert available.of == 400
+    assert available.of - available.count in (70, 71, 72)
+
+
+@pytest.mark.parametrize("name", [name for name in MISBEHAVIOURS if name != "nothing moves but the stars"])
+def test_no_clock_or_counter_hides_that_panoramas_were_empty(sky, name):
+    session = sky.session(MISBEHAVIOURS[name], blind_s=(0.0, 14.0), blind_px=[np.empty((0, 2))] * len(sky.frames))
+    assert judge(session).verdict is not Verdict.PASS
+
+
+@pytest.mark.parametrize("name", ["stuck tags", "tags 20 % fast", "tags 20 % slow", "a leap ahead"])
+def test_a_time_tag_that_misbehaves_is_a_finding_though_stars_are_right(sky, name):
+    session = sky.session(MISBEHAVIOURS[name])
+    assert any(line.startswith("sensor time tag: it ") for line in judge(session).findings)
+
+
+def test_frames_of_a_real_backlog_count_though_their_times_do_not(sky):
+    assessment = judge(sky.session(MISBEHAVIOURS["a real backlog"]))
+    assert assessment.verdict is Verdict.PASS, assessment.reasons
+    assert assessment.statistics.onboard.available.count == 400
+    assert assessment.statistics.counted.used.sum() == pytest.approx(330, abs=1)
+    assert assessment.findings == ()
+
+
+@pytest.mark.parametrize("change_s", [20.0, 40.0])
+def test_a_restart_with_a_fast_clock_hides_no_wrong_stars(sky, change_s):
+    clocks = InjectedClocks(tag_s=until_14_s(lambda t: t, lambda t: 1.2 * (t - change_s), change=change_s))
+    blind_px = [sky.elsewhere_px] * len(sky.frames)
+    assessment = judge(sky.session(clocks, blind_s=(change_s, change_s + 14.0), blind_px=blind_px))
+    assert assessment.statistics.exclusions == ()
+    assert assessment.verdict is not Verdict.PASS
+    assert any("sensor time tag: it ran 20% fast" in line for line in assessment.findings)
 
 
 # Clock steps

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from devices.injected_clocks import InjectedClocks, Sky
-from skies.astropy_night import START_NS
+from devices.injected_clocks import START_NS, InjectedClocks, Sky
 
 from gse.assessment.statistics import statistics
 from gse.assessment.verdict import judge
@@ -62,7 +61,7 @@ def test_a_clock_that_goes_far_off_and_comes_back_costs_its_own_frames_and_no_ot
     counted_s = counted_and_right(sky, session)
     assert not ((counted_s > 20) & (counted_s < 40)).any()
     assert (counted_s < 14.9).sum() == 75
-    assert (counted_s > 45.1).sum() == 74
+    assert (counted_s > 45.1).sum() == 174
 
 
 @pytest.mark.parametrize("off_s", EXCURSIONS.values(), ids=EXCURSIONS.keys())
@@ -70,7 +69,7 @@ def test_what_a_clock_far_off_spoils_is_neither_passed_nor_held_against_the_sens
     assessment = judge(sky.session(InjectedClocks(utc_s=lambda t: t + (off_s if 20 <= t < 40 else 0.0))))
     assert assessment.verdict is Verdict.PASS, assessment.reasons
     assert assessment.statistics.onboard.axes["d_ra_cosde"].max_abs_arcsec < 5
-    assert assessment.statistics.duration_s < 61
+    assert assessment.statistics.duration_s < 81
     assert any(line.startswith("clock step") for line in assessment.findings)
     assert not abs(assessment.statistics.clock.sensor_drift_ppm) > 100
 
@@ -81,7 +80,7 @@ def test_a_clock_that_is_set_right_in_the_session_gives_truth_from_then_on(sky, 
     assert judge(session).verdict is Verdict.PASS
     counted_s = counted_and_right(sky, session)
     assert counted_s.min() > 10
-    assert len(counted_s) >= 5 * 45 - 1
+    assert len(counted_s) >= 5 * 65 - 1
 
 
 def test_minutes_of_a_wrong_clock_are_too_many_to_pass(sky):
@@ -110,7 +109,7 @@ def test_a_second_that_ntp_repeats_is_told_and_moves_no_frame(sky):
     session = sky.session(InjectedClocks(mono_s=elapsed_s, tag_s=elapsed_s))
     assert steps_of(session) == ["the host's UTC clock stepped by -1.000 s"]
     counted_s = counted_and_right(sky, session)
-    assert len(counted_s) > 5 * 48
+    assert len(counted_s) > 5 * 68
     assert {item.cause for item, _ in statistics(session).exclusions} == {Cause.CLOCK_STEP}
 
 
@@ -168,25 +167,25 @@ def test_a_host_that_was_suspended_is_told_as_such_and_its_utc_is_right(sky):
     assert assessment.statistics.clock.error_bound_s == pytest.approx(0.001)
     counted_s = counted_and_right(sky, session)
     assert (counted_s < 19.9).sum() == 100
-    assert (counted_s > 45.1).sum() == 74
+    assert (counted_s > 45.1).sum() == 174
 
 
 def test_a_monotonic_clock_that_counts_the_suspension_shows_only_silence(sky):
     session = suspended(sky, slept_s=0.0)
     assert steps_of(session) == []
     assert "STALE" in [event.kind for event in session.events]
-    assert len(counted_and_right(sky, session)) == 5 * 45
+    assert len(counted_and_right(sky, session)) == 5 * 65
 
 
 def test_a_monotonic_clock_that_leaps_moves_no_frame(sky):
     session = sky.session(InjectedClocks(mono_s=lambda t: t + (600.0 if t >= 30 else 0.0)))
     assert steps_of(session) == ["the host's monotonic clock leapt by +600.000 s; UTC and the sensor's clock did not"]
-    assert len(counted_and_right(sky, session)) >= 5 * 49
+    assert len(counted_and_right(sky, session)) >= 5 * 69
 
 
 def test_a_monotonic_clock_that_begins_anew_moves_no_frame(sky):
     session = sky.session(InjectedClocks(mono_s=lambda t: t - (900.0 if t >= 30 else 0.0)))
-    assert len(counted_and_right(sky, session)) >= 5 * 49
+    assert len(counted_and_right(sky, session)) >= 5 * 69
 
 
 # Which rows are before a step
