@@ -78,7 +78,7 @@ def _bias(session: SessionData, stats: Statistics) -> Iterator[str]:
     error = math.hypot(ra.bias_error_arcsec, de.bias_error_arcsec) / 2  # 95 % to 1 sigma
     if not size > max(least, _SIGMAS * error):
         return
-    where = f"{ra.bias_arcsec:+.1f} arcsec east and {de.bias_arcsec:+.1f} north of where the mount should look"
+    where = f"{_shift(ra.bias_arcsec)} east and {_shift(de.bias_arcsec)} north of where the mount should look"
     de_rad = math.radians(float(np.nanmedian(session.frames.columns["de_true_deg"])))
     about_pole = ra.bias_arcsec / math.cos(de_rad)  # keeps position angles, so that it turns the roll the other way
     no_turn = abs(de.bias_arcsec) > max(_SIGMAS * de.bias_error_arcsec, 0.1 * size)
@@ -91,6 +91,10 @@ def _bias(session: SessionData, stats: Statistics) -> Iterator[str]:
         f"{abs(about_pole) / EARTH_RATE_ARCSEC_PER_S:.2f} s {'slow' if about_pole > 0 else 'fast'}; only a clock that "
         "is measured otherwise tells the two apart"
     )
+
+
+def _shift(arcsec: float) -> str:
+    return f"{arcsec:+.1f} arcsec" if abs(arcsec) < 3600 else f"{arcsec / 3600:+.3f} deg"
 
 
 def _drift(session: SessionData, stats: Statistics) -> Iterator[str]:

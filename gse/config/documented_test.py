@@ -56,7 +56,8 @@ class DocumentedTest(_Section):
     instruments: Annotated[tuple[Instrument, ...], Field(max_length=_MOST)] = ()
     requirements: Annotated[dict[Text, Requirement], Field(max_length=_MOST)] = {}
     """By the name of the row of the verdict."""
-    deviations: Annotated[tuple[Text, ...], Field(max_length=_MOST)] = ()
+    deviations: Annotated[tuple[Text, ...], Field(max_length=_MOST)] | None = None
+    """An empty list states that there are none."""
 
     @field_validator("requirements", mode="before")
     @classmethod

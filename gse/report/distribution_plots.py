@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
 from gse.report.decimation import sample
-from gse.report.plot_data import PlotData, edge_of
+from gse.report.plot_data import PlotData, edge_of, unit_of
 from gse.report.spectrum import power_density
 
 _MAX_POINTS = 3000
@@ -25,6 +25,8 @@ def draw_scatter(figure: Figure, drawn: PlotData) -> None:
     limits = drawn.session.station.limits
     x, y = drawn.used("d_ra_cosde_arcsec"), drawn.used("d_de_arcsec")
     box = (limits.d_ra_cosde_arcsec, limits.d_de_arcsec)
+    scale, unit = unit_of(max(edge_of(x, box[0]), edge_of(y, box[1])))
+    x, y, box = x * scale, y * scale, (box[0] * scale, box[1] * scale)
     style: dict[str, Any] = {"fill": False, "edgecolor": hex_of(VERMILLION), "zorder": 3}
     wide.add_patch(Rectangle((-box[0], -box[1]), 2 * box[0], 2 * box[1], **style))
     _points(wide, x, y)
@@ -40,8 +42,8 @@ def draw_scatter(figure: Figure, drawn: PlotData) -> None:
         axes.set_aspect("equal")
         axes.axhline(0, color=hex_of(GREY), linewidth=0.5)
         axes.axvline(0, color=hex_of(GREY), linewidth=0.5)
-        axes.set_xlabel("dRA* (arcsec)")
-        axes.set_ylabel("dDE (arcsec)")
+        axes.set_xlabel(f"dRA* ({unit})")
+        axes.set_ylabel(f"dDE ({unit})")
 
 
 def _points(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
@@ -54,7 +56,7 @@ def _rings(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
     for n in (1, 3):
         axes.add_patch(Ellipse(mean, 2 * n * std[0], 2 * n * std[1], fill=False, edgecolor=hex_of(GREEN), zorder=2))
     axes.plot(*mean, marker="+", color=hex_of(GREEN), markersize=8)
-    half = 4.5 * max(*std, 1e-3)
+    half = 4.5 * max(*std, 1e-6)
     axes.set_xlim(mean[0] - half, mean[0] + half)
     axes.set_ylim(mean[1] - half, mean[1] + half)
 
@@ -63,7 +65,9 @@ def draw_histogram(figure: Figure, drawn: PlotData) -> None:
     """Histograms of both errors with the normal curve of the same mean and standard deviation."""
     for axes, (name, label, colour) in zip(figure.subplots(1, 2), _AXES, strict=True):
         values = drawn.used(name)
-        axes.set_xlabel(f"{label} (arcsec)")
+        scale, unit = unit_of(abs(float(values.mean())) if len(values) else 0.0)
+        values = values * scale
+        axes.set_xlabel(f"{label} ({unit})")
         axes.set_ylabel("frames")
         if len(values) < 2:
             continue
@@ -73,8 +77,9 @@ def draw_histogram(figure: Figure, drawn: PlotData) -> None:
         at = np.linspace(edges[0], edges[-1], 200)
         normal = np.exp(-0.5 * ((at - mean) / std) ** 2) / (std * math.sqrt(2 * math.pi))
         axes.plot(at, normal * len(values) * (edges[1] - edges[0]), color=hex_of(GREY))
+        digits = 4 if unit == "deg" else 2
         far = len(values) - len(inside)
-        axes.set_title(f"{label}: mean {mean:+.2f}, std {std:.2f} arcsec")
+        axes.set_title(f"{label}: mean {mean:+.{digits}f}, std {std:.{digits}f} {unit}")
         if far:
             axes.text(0.98, 0.95, f"{far} beyond 5 std", transform=axes.transAxes, ha="right", va="top", fontsize=7)
         axes.set_ylim(0, 1.15 * float(np.max(counts)))

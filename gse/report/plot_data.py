@@ -11,6 +11,7 @@ from gse.station.exclusions import Exclusion
 from gse.station.session_data import SessionData
 
 _EDGE_PERCENTILE = 99.5
+_ARCSEC_PER_DEG = 3600.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +43,11 @@ class PlotData:
         """A column of the good frames."""
         column: NDArray[Any] = self.frames[name][self.good]
         return column
+
+
+def unit_of(edge_arcsec: float) -> tuple[float, str]:
+    """The unit of an axis that reaches to this edge, and its size: degrees from one degree on."""
+    return (1 / 3600, "deg") if edge_arcsec >= _ARCSEC_PER_DEG else (1.0, "arcsec")
 
 
 def edge_of(values: NDArray[np.float64], limit: float) -> float:

@@ -13,7 +13,7 @@ from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION,
 from gse.instant import NS_PER_S
 from gse.report.decimation import extremes, sample
 from gse.report.paper import LIMIT_DEG
-from gse.report.plot_data import PlotData, edge_of
+from gse.report.plot_data import PlotData, edge_of, unit_of
 from gse.view.running_statistics import LINK_COLOURS, LINK_WORDS
 
 _MAX_MARKS = 400
@@ -26,8 +26,8 @@ def draw_errors(figure: Figure, drawn: PlotData) -> None:
     """dRA* and dDE with their limits, frames outside, frames without an answer, and stretches left out."""
     limits = drawn.session.station.limits
     top, bottom = figure.subplots(2, 1, sharex=True)
-    _error_panel(top, drawn, "d_ra_cosde_arcsec", "dRA* (arcsec)", limits.d_ra_cosde_arcsec)
-    _error_panel(bottom, drawn, "d_de_arcsec", "dDE (arcsec)", limits.d_de_arcsec)
+    _error_panel(top, drawn, "d_ra_cosde_arcsec", "dRA*", limits.d_ra_cosde_arcsec)
+    _error_panel(bottom, drawn, "d_de_arcsec", "dDE", limits.d_de_arcsec)
     top.set_title("dRA* = dRA cos DE, and dDE, against their limits")
     handles, labels = top.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5)
@@ -36,10 +36,13 @@ def draw_errors(figure: Figure, drawn: PlotData) -> None:
 
 def _error_panel(axes: Axes, drawn: PlotData, name: str, label: str, limit: float) -> None:
     values = np.where(drawn.good, drawn.frames[name], np.nan)
+    scale, unit = unit_of(edge_of(values, limit))
+    text: str | None = f"limit {limit:g} arcsec"
+    values, limit = values * scale, limit * scale
     edge = edge_of(values, limit)
     for sign in (1, -1):
-        text = f"limit {limit:g} arcsec" if sign > 0 else None
         axes.axhline(sign * limit, color=hex_of(VERMILLION), linewidth=1, label=text)
+        text = None
     line(axes, drawn, values, SKY_BLUE, "measured - true")
     outside = np.flatnonzero(np.abs(values) > limit)
     shown = outside[sample(len(outside), _MAX_MARKS)]
@@ -52,7 +55,7 @@ def _error_panel(axes: Axes, drawn: PlotData, name: str, label: str, limit: floa
     axes.plot(drawn.utc[missing], ground, marker="|", color=hex_of(ORANGE), label="no answer", **style)
     _shade(axes, drawn)
     axes.set_ylim(-1.05 * edge, 1.05 * edge)
-    axes.set_ylabel(label)
+    axes.set_ylabel(f"{label} ({unit})")
 
 
 def _shade(axes: Axes, drawn: PlotData) -> None:
