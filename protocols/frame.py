@@ -1,4 +1,4 @@
-"""What a stream of bytes is made of: frames, and discards with their reason."""
+"""Parts of a stream of bytes: frames, and discards with their reason."""
 
 from dataclasses import dataclass
 from typing import Literal

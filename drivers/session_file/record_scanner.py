@@ -242,7 +242,8 @@ class RecordScanner:
     def _messages(self, offset: int) -> tuple[list[Message], int]:
         """The messages from an offset of a block on, up to what is no whole message of a known channel, and its offset.
 
-        A night is a million of them: each is one look at the block. What is anything else is looked at with care.
+        A session has up to a million of them, so each takes one look at the block; all other records are checked
+        elsewhere.
         """
         messages: list[Message] = []
         if isinstance(self._window, FileWindow):

@@ -1,7 +1,7 @@
-"""The port replay://PATH: a recorded night instead of a sensor.
+"""The port replay://PATH: a recorded session instead of a sensor.
 
-Options, each once, after a question mark: ``speed`` (max, 1, or a factor), ``from`` and ``to`` (RFC 3339 UTC),
-``loop`` (passes), ``cut`` (most bytes per chunk), ``start_utc`` (for a raw capture), and those of drivers/faults.py:
+Options, each once, after a question mark: ``speed`` (max, 1, or a factor), ``from`` and ``to`` (RFC 3339 UTC), ``loop``
+(passes), ``cut`` (most bytes per chunk), ``start_utc`` (for a raw capture), and those of drivers/faults/options.py:
 ``faults``, ``seed``, ``frame_start``, ``ack_start``.
 """
 

@@ -181,7 +181,7 @@ def test_any_pyserial_url_will_do() -> None:
     ("url", "words"),
     [
         ("/dev/ttyNOWHERE", "there is no port /dev/ttyNOWHERE; .*ports? here"),
-        ("/etc/hostname", "is no serial port"),
+        ("/etc/hostname", "is not a serial port"),
         ("nonsense://x", "not known"),
         ("hwgrep://no such adapter", "no port matches"),
         ("socket://127.0.0.1:9", "cannot open"),
