@@ -116,7 +116,7 @@ def test_a_port_that_is_not_there_yet_can_be_waited_for(tmp_path: Path) -> None:
     path = tmp_path / "late"
     with SerialLink(str(path), wait_port=True) as link:
         assert kinds_of(link.receive(1)) == ["NO_PORT"]
-        with pytest.raises(PortError, match="is away"):
+        with pytest.raises(PortError, match="is not connected"):
             link.send(b"x")
         terminal = Terminal(path)
         terminal.write(b"here")
