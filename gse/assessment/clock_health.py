@@ -13,6 +13,8 @@ from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.assessment.theil_sen import theil_sen
 from gse.errors import UsageError
+from gse.instant import NS_PER_S
+from gse.station.clock_steps import clock_steps, clock_stretches, first_rows
 from gse.station.event_kinds import ClockStep
 
 _BLOCKS = 60
@@ -28,9 +30,10 @@ class ClockHealth:
     """What is known of time in a session.
 
     ``error_bound_s`` is inf where nothing bounds it: no reading, or one that was not synchronised, and nothing stated.
-    ``stated`` is true where the operator's bound took the kernel's place. ``steps`` are the texts of steps of the host
-    clock. ``sensor_drift_ppm`` is the sensor's clock against the host's, positive where it is slow, with the half-width
-    of its 95 % interval; NaN where the session is too short.
+    It is no less than a step that put right the clock of frames that count. ``stated`` is true where the operator's
+    bound took the kernel's place. ``steps`` are the texts of steps of the host clock. ``sensor_drift_ppm`` is the
+    sensor's clock against the host's, positive where it is slow, with the half-width of its 95 % interval; NaN where
+    the session is too short.
     """
 
     source: str
@@ -55,8 +58,9 @@ def clock_health(
     synchronised = bool(readings) and all(reading.synchronised for reading in readings)
     bound_s = max((abs(reading.offset_s) + reading.error_bound_s for reading in readings), default=math.inf)
     sources = dict.fromkeys(reading.source for reading in readings)
-    steps = [event for event in events if isinstance(event, ClockStep)]
-    drift_ppm, drift_error_ppm = _sensor_drift_ppm(frames, [event.utc_ns for event in steps])
+    steps = clock_steps(events)
+    bound_s = max(bound_s, _stepped_s(frames, steps))
+    drift_ppm, drift_error_ppm = _sensor_drift_ppm(frames, steps)
     return ClockHealth(
         source=", ".join(sources) or "not recorded",
         synchronised=synchronised,
@@ -70,11 +74,18 @@ def clock_health(
     )
 
 
-def _sensor_drift_ppm(frames: NDArray[np.void], steps_ns: list[int]) -> tuple[float, float]:
+def _stepped_s(frames: NDArray[np.void], steps: Sequence[ClockStep]) -> float:
+    """How far the clocks of frames that count were from the one that was set last."""
+    stretches = clock_stretches(frames["host_utc_ns"], steps)
+    judged = (item for item in stretches if item.until > item.first and not item.is_wrong)
+    return max((abs(item.offset_ns) for item in judged), default=0) / NS_PER_S
+
+
+def _sensor_drift_ppm(frames: NDArray[np.void], steps: Sequence[ClockStep]) -> tuple[float, float]:
     """Slope of the least (host - sensor) difference in the longest stretch without a reset or a step of a clock."""
     timestamped = frames["host_utc_ns"] > 0
     host_ns, time_us = frames["host_utc_ns"][timestamped], frames["time_us"][timestamped]
-    stretch = _longest_stretch(host_ns, time_us, steps_ns)
+    stretch = _longest_stretch(time_us, first_rows(host_ns, steps))
     host_ns, time_us = host_ns[stretch], time_us[stretch]
     if len(host_ns) < 2 * _BLOCKS:
         return _NAN, _NAN
@@ -89,12 +100,11 @@ def _sensor_drift_ppm(frames: NDArray[np.void], steps_ns: list[int]) -> tuple[fl
     return fit.slope * 1e6, (fit.high - fit.low) / 2 * 1e6
 
 
-def _longest_stretch(host_ns: NDArray[np.int64], time_us: NDArray[np.uint64], steps_ns: list[int]) -> slice:
-    if len(host_ns) == 0:
+def _longest_stretch(time_us: NDArray[np.uint64], stepped: list[int]) -> slice:
+    if len(time_us) == 0:
         return slice(0)
     resets = np.flatnonzero(time_us[1:] < time_us[:-1]) + 1
-    stepped = [int(np.argmax(host_ns >= step_ns)) for step_ns in steps_ns]
-    edges = sorted({0, len(host_ns), *resets.tolist(), *stepped})
+    edges = sorted({0, len(time_us), *resets.tolist(), *stepped})
     return slice(*max(itertools.pairwise(edges), key=lambda pair: pair[1] - pair[0]))
 
 

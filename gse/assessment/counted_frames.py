@@ -68,7 +68,8 @@ def false_answers(
     separation_arcsec = _from_median(frames, among)
     outlier = answered & (separation_arcsec > OUTLIER_ARCSEC)
     confirmed = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.CORRECT)
-    unexplained = outlier & _unexplained(frames, separation_arcsec, stretches)
+    within_arcsec = explained_arcsec(frames, stretches)
+    unexplained = outlier & (within_arcsec > OUTLIER_ARCSEC) & (separation_arcsec > within_arcsec)
     return np.asarray(checked_false | (outlier & ~confirmed) | unexplained)
 
 
@@ -85,13 +86,11 @@ def _from_median(frames: NDArray[np.void], among: NDArray[np.bool_]) -> NDArray[
     return np.nan_to_num(separation)
 
 
-def _unexplained(
-    frames: NDArray[np.void], separation_arcsec: NDArray[np.float64], stretches: tuple[Exclusion, ...]
-) -> NDArray[np.bool_]:
-    """Answers in stretches of an uncertain time that are further off than this time explains."""
-    mask = np.zeros(len(frames), dtype=bool)
+def explained_arcsec(frames: NDArray[np.void], stretches: tuple[Exclusion, ...]) -> NDArray[np.float64]:
+    """How far (M,) from the median an answer may lie: half a degree, and what the uncertain time of a stretch makes."""
+    time_error_s = np.zeros(len(frames))
     for item in stretches:
         if item.cause in (Cause.CLOCK_STEP, Cause.BACKLOG):
-            explained_arcsec = OUTLIER_ARCSEC + EARTH_RATE_ARCSEC_PER_S * item.time_error_s
-            mask |= excluded(frames["utc_ns"], [item]) & (separation_arcsec > explained_arcsec)
-    return mask
+            inside = excluded(frames["utc_ns"], [item])
+            time_error_s[inside] = np.maximum(time_error_s[inside], item.time_error_s)
+    return np.asarray(OUTLIER_ARCSEC + EARTH_RATE_ARCSEC_PER_S * time_error_s)

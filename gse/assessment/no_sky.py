@@ -36,7 +36,8 @@ _CLEAR_PERCENTILE = 90.0
 
 def no_sky(frames: NDArray[np.void], site: Site) -> tuple[Exclusion, ...]:
     """The stretches of frames (rows of FRAME, any order) without a sky; each with its reason in words."""
-    frames = frames[np.argsort(frames["utc_ns"], kind="stable")]
+    if (np.diff(frames["utc_ns"]) < 0).any():  # a step of the clock; a copy of a long session is 40 MB
+        frames = frames[np.argsort(frames["utc_ns"], kind="stable")]
     return tuple(_explained(frames, site))
 
 
@@ -53,7 +54,7 @@ def _blind_stretches(frames: NDArray[np.void]) -> Iterator[tuple[int, int]]:
     seen = (frames["status"] == STATUSES.index(Status.IDENTIFIED)) | (
         frames["answer_check"] != ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
     )
-    blind = np.flatnonzero(~seen & (frames["status"] != STATUSES.index(Status.SENSOR_FAULT)))
+    blind = np.flatnonzero(~seen)
     utc_ns = frames["utc_ns"]
     for part in np.split(blind, np.flatnonzero(np.diff(utc_ns[blind]) > _BRIDGED_NS) + 1):
         if len(part) and utc_ns[part[-1]] - utc_ns[part[0]] >= MIN_STRETCH_NS:
@@ -69,6 +70,8 @@ def _reason(frames: NDArray[np.void], first: int, last: int, site: Site) -> tupl
     if sun_deg > SUN_LIMIT_DEG:
         side = "above" if sun_deg >= 0 else "below"
         return Cause.NO_SKY, f"Sun {abs(sun_deg):.0f} deg {side} the horizon: no dark sky for {duration_s:.0f} s"
+    if (part["status"] == STATUSES.index(Status.SENSOR_FAULT)).any():
+        return None  # only daylight explains an overexposed detector
     most = int(np.percentile(part["objects"], _CLEAR_PERCENTILE))
     if most < _FEWEST_OBJECTS:
         objects = "no object at all" if most == 0 else f"at most {most} objects"

@@ -13,14 +13,18 @@ from numpy.typing import NDArray
 from gse.assessment.onboard_equivalence import ACQUIRED
 from gse.attitude import Attitude
 from gse.constants import ARCSEC_PER_RAD
-from gse.instant import NS_PER_S
+from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
 from gse.mount import Mount
 from gse.station.session_data import SessionData
 from gse.truth import SiderealTruth
+from gse.truth.orientation import FIRST_MJD
 from protocols import AttitudeMessage
 
 _GRID_NS = 60 * NS_PER_S
 """Aberration and refraction of the boresight change by 0.01 arcsec in this time."""
+
+_FIRST_NS = (FIRST_MJD - UNIX_EPOCH_MJD + 1) * NS_PER_DAY
+"""No truth before: a wrong clock may have stamped a frame so."""
 
 _NAN = float("nan")
 
@@ -89,6 +93,9 @@ def _errors(
     if session.alignment is not None:  # frames that the mount was fitted on are not compared, as for the other subject
         compared = np.isfinite(frames["ra_true_deg"])
         rows = rows[frames["utc_ns"][rows] >= frames["utc_ns"][compared].min()] if compared.any() else rows[:0]
+    rows = rows[frames["utc_ns"][rows] >= _FIRST_NS]
+    if not len(rows):
+        return errors
     truth = SiderealTruth(session.station.site, session.earth_orientation)
     true = _uncorrected_truth(truth, mount, frames["utc_ns"][rows])
     measured = rotations(*(columns[name][rows] for name in ("ra_deg", "de_deg", "roll_deg")))

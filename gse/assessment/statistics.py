@@ -12,19 +12,26 @@ from numpy.typing import NDArray
 
 from gse.assessment.axis_statistics import AxisStatistics, axis_statistics
 from gse.assessment.clock_health import ClockHealth, clock_health
-from gse.assessment.counted_frames import OUTLIER_ARCSEC, CountedFrames, counted_frames
+from gse.assessment.counted_frames import CountedFrames, counted_frames, explained_arcsec
 from gse.assessment.decision import Figure, Share, share_of
+from gse.assessment.first_fix import first_fixes_s
 from gse.assessment.onboard_equivalence import OnboardEquivalence, equivalence
 from gse.assessment.percentiles import Percentiles, percentiles
 from gse.assessment.sampling import effective_number
 from gse.assessment.sensor_answers import SensorAnswers, sensor_answers
+from gse.assessment.spatial_errors import SpatialErrors, spatial_errors
+from gse.assessment.thermal import ThermalError, thermal_error
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.station.clock_steps import instants_ns
 from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 
 AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y")
+_THERMAL_AXES = ("cross_x", "cross_y", "d_roll")
+_MOST_STAR_ERRORS = 20_000
+"""Of a longer session every second, third, ... frame enters the spatial errors: each costs 300 bytes in the fit."""
 _TURN_ARCSEC = 360 * 3600.0
 _MAX_DE_FOR_RA_DEG = 89.9
 _NAN = float("nan")
@@ -50,7 +57,8 @@ class SubjectStatistics:
     many ``star_fields`` of the sky. ``half_cone_95`` is the half-cone that holds 95 % of the boresights.
     ``time_ms`` is the identification time of this host for the onboard subject, and the processing time that the sensor
     states for its own answers; ``slow`` the share of frames over the limit of time. ``outage_s`` is the longest time
-    between good answers.
+    between good answers. ``thermal`` has an axis as key, None where the temperature tells nothing; ``first_fixes_s``
+    has an entry for each start of the sensor.
     """
 
     subject: Subject
@@ -66,6 +74,8 @@ class SubjectStatistics:
     slow: Share
     acquisition_s: float
     outage_s: float
+    thermal: dict[str, ThermalError | None]
+    first_fixes_s: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +83,8 @@ class Statistics:
     """All statistics of a session.
 
     ``frames_expected`` are those received and not excluded, and those that the sequence numbers miss. ``onboard`` is
-    always there, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two.
+    always there, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two. ``spatial``
+    are the errors of single stars along columns and rows, None of too few stars.
     """
 
     frames: int
@@ -85,6 +96,7 @@ class Statistics:
     arrival_ms: Percentiles
     clock: ClockHealth
     equivalence: OnboardEquivalence | None
+    spatial: tuple[SpatialErrors, SpatialErrors] | None
     exclusions: tuple[tuple[Exclusion, int], ...]
     counted: CountedFrames
 
@@ -119,11 +131,11 @@ def statistics(session: SessionData) -> Statistics:
     }
     own = sensor_answers(session)
     if own is not None:
-        answers = _sensor(own, counted)
+        answers = _sensor(own, frames, counted)
         subjects[Subject.SENSOR] = _subject(Subject.SENSOR, frames, answers, lost, limit_ms, field_rad)
     return Statistics(
         frames=len(frames),
-        duration_s=float(np.ptp(frames["utc_ns"])) / 1e9 if len(frames) else 0.0,
+        duration_s=float(np.ptp(instants_ns(frames, session.events))) / 1e9 if len(frames) else 0.0,
         frames_expected=len(status) + lost,
         statuses={name.value: int((status == place).sum()) for place, name in enumerate(STATUSES)},
         answer_checks={name.value: int((check == place).sum()) for place, name in enumerate(ANSWER_CHECKS)},
@@ -133,6 +145,7 @@ def statistics(session: SessionData) -> Statistics:
         equivalence=equivalence(
             frames, np.flatnonzero(~counted.excluded), [answer for _, answer in session.sensor_attitudes]
         ),
+        spatial=_spatial(session, counted),
         exclusions=tuple((item, int(excluded(frames["utc_ns"], (item,)).sum())) for item in counted.exclusions),
         counted=counted,
     )
@@ -146,14 +159,15 @@ def _onboard(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
     )
 
 
-def _sensor(own: SensorAnswers, counted: CountedFrames) -> _Answers:
+def _sensor(own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
     columns = {f"{axis}_arcsec": getattr(own, f"{axis}_arcsec") for axis in AXES}
     columns |= {"ra_deg": own.ra_deg, "de_deg": own.de_deg}
     known = own.acquired & np.isfinite(own.d_de_arcsec) & ~counted.excluded
     false = np.zeros(len(known), dtype=bool)
     if known.any():
         x, y = own.cross_x_arcsec, own.cross_y_arcsec
-        false = own.acquired & (np.hypot(x - np.median(x[known]), y - np.median(y[known])) > OUTLIER_ARCSEC)
+        separation_arcsec = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
+        false = own.acquired & (separation_arcsec > explained_arcsec(frames, counted.exclusions))
     return _Answers(columns, ~counted.excluded, own.acquired, false, known & ~false, own.latency_ms)
 
 
@@ -191,7 +205,29 @@ def _subject(
         slow=_share(timed > limit_ms),
         acquisition_s=_acquisition_s(kept_ns, good[answers.expected]),
         outage_s=_outage_s(kept_ns, good[answers.expected]),
+        thermal=_thermal(used_ns, errors, frames["temperature_c"][used]),
+        first_fixes_s=first_fixes_s(kept_ns, frames["frame_no"][answers.expected], good[answers.expected]),
     )
+
+
+def _thermal(
+    used_ns: NDArray[np.int64], errors: dict[str, NDArray[np.float64]], temperature_c: NDArray[np.float32]
+) -> dict[str, ThermalError | None]:
+    return {axis: thermal_error(used_ns, errors[axis], temperature_c.astype(np.float64)) for axis in _THERMAL_AXES}
+
+
+def _spatial(session: SessionData, counted: CountedFrames) -> tuple[SpatialErrors, SpatialErrors] | None:
+    """Of the counted frames; of a long session evenly spaced ones."""
+    matches, camera = session.frames.matches, session.station.sensor.camera()
+    rows = np.flatnonzero(counted.used[matches["frame"]]) if len(matches) else np.empty(0, dtype=np.int64)
+    if not len(rows):
+        return None
+    numbers = np.unique(matches["frame"][rows])
+    kept = numbers[:: -(-len(rows) // _MOST_STAR_ERRORS)]
+    rows = rows[np.isin(matches["frame"][rows], kept)]
+    part = matches[rows]
+    xy_px = np.column_stack([part["x_px"], part["y_px"]]).astype(np.float64)
+    return spatial_errors(part, camera.directions(xy_px), (camera.columns, camera.rows))
 
 
 def available_share(good: NDArray[np.bool_], *, missing: int) -> Share:

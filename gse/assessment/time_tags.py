@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
-from gse.instant import NS_PER_S, to_text
-from gse.station.event_kinds import ClockStep
+from gse.instant import to_text
+from gse.station.clock_steps import clock_steps, first_rows
 
 LEAP_S = 0.5
 """A tag that is ahead of the host by this much more than in the frame before, though no frame is missing, has leapt."""
@@ -36,9 +36,8 @@ def _leaps(frames: NDArray[np.void], events: Sequence[LinkEvent]) -> Iterator[st
     numbers = np.maximum(np.diff(frames["frame_no"].astype(np.int64)), 1)
     ahead_s: NDArray[np.float64] = tags_s - host_s
     leaps = (tags_s > 0) & (ahead_s > LEAP_S + 1.5 * np.median(tags_s) * numbers)
-    for event in events:
-        if isinstance(event, ClockStep):
-            leaps &= np.abs(frames["host_utc_ns"][1:] - event.utc_ns) > NS_PER_S
+    for row in first_rows(frames["host_utc_ns"], clock_steps(events)):
+        leaps[max(row - 1, 0) : row] = False
     rows = np.flatnonzero(leaps)
     if len(rows):
         first = int(rows[0])

@@ -25,6 +25,7 @@ from gse.assessment.star_terms import FieldOfStars, star_terms
 from gse.assessment.uncertainty import AXES, AxisUncertainty, Term, combined
 from gse.mount import Mount
 from gse.site import Site
+from gse.station.clock_steps import instants_ns
 from gse.station.session_data import SessionData
 from gse.truth import Alignment, EarthOrientation
 
@@ -92,7 +93,7 @@ def session_facts(
 ) -> SessionFacts:
     """The facts of a session; ``clock_error_s`` is the bound that clock_health found (inf: not known)."""
     frames, station = session.frames.columns, session.station
-    utc_ns = frames["utc_ns"]
+    utc_ns = instants_ns(frames, session.events)
     return SessionFacts(
         site=station.site,
         mount=session.alignment.mount if session.alignment else station.mount,

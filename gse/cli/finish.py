@@ -32,6 +32,7 @@ def conclude(
     from gse.assessment.verdict import judge
     from gse.release_memory import give_back
     from gse.report import summarise, write_report
+    from gse.report.provenance import provenance
     from gse.station.setup import clear_caches
 
     clear_caches()
@@ -42,7 +43,7 @@ def conclude(
     report = summarise(session, assessment)
     give_back()
     try:
-        write_report(session, assessment, folder)
+        write_report(session, assessment, folder, provenance(session.versions, _self_check()))
         (folder / "timing.json").write_text(json.dumps(_timing(own_elapsed_us), indent=2) + "\n")
     except (UsageError, OSError) as error:
         # The verdict is shown even if its file cannot be written.
@@ -85,6 +86,17 @@ def say_exit_code(found: list[Applied]) -> int:
     found = sorted(found, key=lambda item: _WEIGHTIEST_FIRST.index(item[0]))
     click.echo(f"exit code {found[0][0]}: {', '.join(f'{text} ({code})' for code, text in found)}", err=True)
     return found[0][0]
+
+
+def _self_check() -> dict[str, Any] | None:
+    """The last self-check of this installation as a report states it; None where it never ran."""
+    from gse.selfcheck.last_result import last_result
+
+    result = last_result()
+    if result is None:
+        return None
+    outcome = "agrees" if result.agrees else "DISAGREES"
+    return {"outcome": outcome, "utc": result.utc, "sha256": result.sha256, "source_sha256": result.source_sha256}
 
 
 def _timing(own_elapsed_us: "array[float]") -> dict[str, Any]:

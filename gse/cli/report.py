@@ -7,6 +7,7 @@ import click
 from gse.cli.finish import TRUNCATED, applied, conclude, say_exit_code, show_paths, show_report
 from gse.cli.options import clock_error_option, earth_orientation_option, leave_out_option, station_of
 from gse.station.exclusions import Exclusion
+from gse.station.session_data import SessionData
 from gse.truth.iers_tables import GivenTables
 
 
@@ -32,6 +33,12 @@ from gse.truth.iers_tables import GivenTables
     type=click.Path(path_type=Path, dir_okay=False),
     help="Also save the top of the report as a picture, .png",
 )
+@click.option(
+    "--verify",
+    "verified",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write nothing: tell whether this report.html belongs to the session and was changed since; exit code 0 or 1.",
+)
 @click.option("--json", "as_json", is_flag=True, help="The report as one JSON object on stdout.")
 @click.pass_context
 def command(
@@ -45,18 +52,21 @@ def command(
     excluded: tuple[Exclusion, ...],
     pdf: bool,
     screenshot: Path | None,
+    verified: Path | None,
     as_json: bool,
 ) -> None:
-    """Write report.html, report.json, frames.csv and junit.xml of a session FILE.
+    """Write report.html, report.json, frames.csv, junit.xml and provenance.json of a session FILE.
 
     The same session gives the same report, byte for byte. The exit code is the verdict's.
     """
     from gse.cli.progress import replay_with_progress
     from gse.report.printing import find_browser, print_to_pdf, save_picture
+    from gse.report.verification import read_page
     from gse.sessions.replay import ReplayOptions
 
     for wanted in (out, screenshot):
         _check_free(wanted)
+    page = read_page(verified) if verified else None
     browser = find_browser() if pdf or screenshot else None
     _say_if_running(path)
     replay = replay_with_progress(
@@ -64,10 +74,12 @@ def command(
         options=ReplayOptions(given_orientation=given_orientation),
         station=lambda recorded: station_of(station_path) if station_path else recorded,
     )
+    if page is not None:
+        ctx.exit(_verify(page, replay.session, clock_error_s, excluded))
     folder = _new_folder(out, path)
     report = conclude(replay.session, folder, replay.own_elapsed_us, clock_error_s, excluded)
     if browser and pdf:
-        click.echo(f"printed: {print_to_pdf(browser, folder / 'report.html')}", err=True)
+        click.echo(f"PDF: {print_to_pdf(browser, folder / 'report.html')}", err=True)
     if browser and screenshot:
         save_picture(browser, folder / "report.html", screenshot)
         click.echo(f"picture: {screenshot}", err=True)
@@ -75,6 +87,18 @@ def command(
     show_paths(folder)
     data_lost = TRUNCATED if replay.session.truncated else ""
     ctx.exit(say_exit_code(applied(report, folder, data_lost=data_lost)))
+
+
+def _verify(page: str, session: SessionData, clock_error_s: float | None, excluded: tuple[Exclusion, ...]) -> int:
+    """Say what a report is to a session; the exit code."""
+    from gse.assessment.verdict import judge
+    from gse.report.verification import Answer, verify
+
+    session.clock_error_s = clock_error_s if clock_error_s is not None else session.clock_error_s
+    session.excluded = excluded
+    found = verify(page, session, judge(session))
+    click.echo(f"the report {found.answer.value}\n  {found.detail}")
+    return 0 if found.answer is Answer.UNCHANGED else 1
 
 
 def _say_if_running(path: Path) -> None:

@@ -4,11 +4,10 @@ import difflib
 import math
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import yaml
 from pydantic import (
-    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -18,8 +17,9 @@ from pydantic import (
     with_config,
 )
 
-from drivers.outside_text import is_plain, plain_lines
+from drivers.outside_text import plain_lines
 from gse.camera import Camera
+from gse.config.documented_test import DocumentedTest, Text
 from gse.errors import ConfigError
 from gse.identifier_options import IdentifierOptions
 from gse.limits import Limits
@@ -30,16 +30,7 @@ from protocols.yaml_text import load_document
 MAX_FILE_BYTES = 100_000
 """A station file is a page of text; anything bigger is another file."""
 
-_SOURCE_KEYS = ("version", "sensor", "site", "mount", "port", "protocol", "identifier", "catalog", "limits")
-
-
-def _plain(text: str) -> str:
-    if not is_plain(text):
-        raise ValueError(f"{text!r:.60} holds a control character")
-    return text
-
-
-Text = Annotated[str, Field(max_length=500), AfterValidator(_plain)]
+_SOURCE_KEYS = ("version", "sensor", "site", "mount", "port", "protocol", "identifier", "catalog", "limits", "test")
 
 
 class _Section(BaseModel):
@@ -90,6 +81,7 @@ class Station(_Section):
     catalog: Text = "gaia"
     """``gaia`` (embedded), or the path of a Hipparcos (hip_main.dat, plain or .gz) or BSC5 (binary) file."""
     limits: Limits = Limits()
+    test: DocumentedTest = DocumentedTest()
 
     @field_validator("protocol")
     @classmethod
@@ -210,8 +202,13 @@ def _known_keys(path: list[str]) -> list[str]:
     """The keys of a section, or of a section in it."""
     known: Any = Station
     for part in path:
+        if get_origin(known) is dict:
+            known = get_args(known)[1]
+            continue
         hints = known.model_fields if isinstance(known, type) and issubclass(known, BaseModel) else None
         known = hints[part].annotation if hints else get_type_hints(known).get(part)
+        if get_origin(known) is tuple:
+            known = get_args(known)[0]
     if isinstance(known, type) and issubclass(known, BaseModel):
         return list(known.model_fields)
     return [field.name for field in fields(known)] if is_dataclass(known) else []

@@ -72,6 +72,8 @@ def read_recorded(path: Path) -> Recorded:
         if isinstance(record, Damage):
             recorded.damaged = True
         elif isinstance(record, Attachment) and record.name in _KNOWN:
+            if record.name == EARTH_ORIENTATION:  # sought anew where the clock was put right
+                recorded.attachments[record.name] = record.data.decode("utf-8", "replace")
             recorded.attachments.setdefault(record.name, record.data.decode("utf-8", "replace"))
         elif isinstance(record, Message) and record.topic == CLOCK and len(recorded.clock) < MOST_CLOCK_READINGS:
             recorded.clock += _clock_reading(record)

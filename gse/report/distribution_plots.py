@@ -1,6 +1,7 @@
 """Figures of the distribution of the errors: scatter, histogram, spectrum."""
 
 import math
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,7 +25,8 @@ def draw_scatter(figure: Figure, drawn: PlotData) -> None:
     limits = drawn.session.station.limits
     x, y = drawn.used("d_ra_cosde_arcsec"), drawn.used("d_de_arcsec")
     box = (limits.d_ra_cosde_arcsec, limits.d_de_arcsec)
-    wide.add_patch(Rectangle((-box[0], -box[1]), 2 * box[0], 2 * box[1], fill=False, edgecolor=hex_of(VERMILLION)))
+    style: dict[str, Any] = {"fill": False, "edgecolor": hex_of(VERMILLION), "zorder": 3}
+    wide.add_patch(Rectangle((-box[0], -box[1]), 2 * box[0], 2 * box[1], **style))
     _points(wide, x, y)
     edge = max(edge_of(x, box[0]), edge_of(y, box[1]))
     wide.set_xlim(-edge, edge)

@@ -1,23 +1,30 @@
 """report.html: one page, readable offline, printable."""
 
+import itertools
+import json
+from collections.abc import Callable
 from functools import partial
 from importlib import resources
 from typing import Any
 
 import jinja2
+from markupsafe import Markup, escape
 
 from drivers.outside_text import plain_lines
 from gse import instant
 from gse.assessment.verdict import Assessment
 from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_spectrum
+from gse.report.fingerprint import canonical, fingerprint
+from gse.report.metric_table import metric_table
 from gse.report.plot_data import PlotData
+from gse.report.provenance import Provenance
 from gse.report.sky_plots import draw_residual_map, draw_sky
 from gse.report.svg import svg_of
 from gse.report.terminal import quantity
 from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_timelines
 from gse.station.session_data import SessionData
 
-_FIGURES = (
+_PLOTS = (
     ("errors", 4.0, draw_errors),
     ("paper", 3.6, draw_paper),
     ("scatter", 3.6, draw_scatter),
@@ -49,31 +56,56 @@ _AXIS_COLUMNS = (
     ("max_abs_arcsec", "max |x|"),
     ("low_frequency_arcsec", "low freq."),
     ("nea_arcsec", "NEA"),
-    ("drift_arcsec_per_h", "drift (/h)"),
 )
 _MAX_EVENTS = 200
+_ARCSEC_PER_DEG = 3600.0
 
 
-def report_html(session: SessionData, assessment: Assessment, report: dict[str, Any]) -> str:
-    """The page of a night; the same night gives the same bytes."""
+def report_html(
+    session: SessionData, assessment: Assessment, report: dict[str, Any], made_by: Provenance | None = None
+) -> str:
+    """The page of a session; all but its last section, which says what it is ``made_by``, follows from the session."""
     drawn = PlotData.of(session, assessment.statistics.counted)
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters.update(quantity=quantity, number=_number)
+    environment.filters.update(quantity=_quantity, number=_number, angle=_angle, given=_given)
     template = environment.from_string(_resource("report.html.jinja"))
-    figures = {name: svg_of(name, height_in, partial(draw, drawn=drawn)) for name, height_in, draw in _FIGURES}
+    plots = {name: svg_of(name, height_in, partial(draw, drawn=drawn)) for name, height_in, draw in _PLOTS}
     return template.render(
         report=report,
+        fingerprint=canonical(fingerprint(report)),
         style=_resource("report.css"),
-        figures=figures,
+        caption=_numbered("Table", "caption"),
+        plot=_plot(plots),
         axis_names=_AXIS_NAMES,
         axis_columns=_AXIS_COLUMNS,
-        terms=assessment.budget.terms,
+        metric_tables={subject: metric_table(report["metrics"], subject) for subject in report["accuracy"]},
         events=[(instant.to_text(event.utc_ns, 0), event.kind, event.text) for event in session.events[:_MAX_EVENTS]],
         events_more=max(len(session.events) - _MAX_EVENTS, 0) + session.events_not_kept,
         station_text=plain_lines(session.station_text),
+        provenance_json=json.dumps(made_by, separators=(",", ":")),
+        provenance=[(key.replace("_", " "), _in_words(key, value)) for key, value in (made_by or {}).items()],
     )
+
+
+def _numbered(word: str, element: str) -> Callable[[str], Markup]:
+    """A function that gives a text its number, one more with each call."""
+    numbers = itertools.count(1)
+    return lambda text: Markup(f"<{element}>{word} {next(numbers)}. {escape(text)}</{element}>")
+
+
+def _plot(plots: dict[str, str]) -> Callable[[str, str], Markup]:
+    caption = _numbered("Figure", "figcaption")
+    return lambda name, text: Markup(f"<figure>{plots[name]}{caption(text)}</figure>")
+
+
+def _in_words(key: str, value: Any) -> str:
+    if value is None:
+        return "never run" if key == "self_check" else "unknown"
+    if isinstance(value, dict):
+        return ", ".join(f"{name.replace('_', ' ')} {item}" for name, item in value.items())
+    return str(value)
 
 
 def _resource(name: str) -> str:
@@ -83,3 +115,19 @@ def _resource(name: str) -> str:
 def _number(value: float | None, decimals: int = 2) -> str:
     """A number with a fixed count of decimals, a dash where it is unknown."""
     return "–" if value is None else f"{value:.{decimals}f}"
+
+
+def _quantity(value: float | None, unit: str) -> str:
+    return "–" if value is None else quantity(value, unit)
+
+
+def _angle(arcsec: float | None, decimals: int = 2) -> str:
+    """An angle in arcsec without its unit, with it in degrees from one degree on."""
+    if arcsec is None or abs(arcsec) < _ARCSEC_PER_DEG:
+        return _number(arcsec, decimals)
+    return f"{arcsec / _ARCSEC_PER_DEG:.3f}°"
+
+
+def _given(value: Any) -> str:
+    """What somebody stated, or that nobody did."""
+    return "missing" if value in (None, "", []) else str(value)

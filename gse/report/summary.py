@@ -16,6 +16,8 @@ from gse.assessment.guard_band import COVERAGE_FACTOR
 from gse.assessment.statistics import Statistics
 from gse.assessment.truth_budget import TruthUncertaintyBudget
 from gse.assessment.verdict import Assessment
+from gse.report.documented_test import documented_test, requirement_of
+from gse.report.metrics import metrics
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, Row, this_sensor
 from gse.station.session_data import SessionData
 
@@ -38,10 +40,12 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "findings": assessment.findings,
         "not_tested": assessment.not_tested,
         "decision": _decision(session),
-        "measurements": [_row(row) for row in assessment.rows],
+        "test": documented_test(session, assessment.rows),
+        "measurements": [_row(session, row) for row in assessment.rows],
         "accuracy": {
             name: {**subject.axes, "half_cone_95": subject.half_cone_95} for name, subject in stats.subjects.items()
         },
+        "metrics": list(metrics(stats)),
         "identification": _identification(stats),
         "timing": _timing(stats),
         "clock": stats.clock,
@@ -61,9 +65,9 @@ def _decision(session: SessionData) -> dict[str, Any]:
     return {"rule": rule, "confidence": 1 - RISK, "coverage_factor": COVERAGE_FACTOR, "text": DECISION_TEXT[rule]}
 
 
-def _row(row: DecisionRow) -> dict[str, Any]:
+def _row(session: SessionData, row: DecisionRow) -> dict[str, Any]:
     values = {field.name: getattr(row, field.name) for field in dataclasses.fields(row)}
-    return values | {"coverage_factor": COVERAGE_FACTOR}
+    return values | {"coverage_factor": COVERAGE_FACTOR, "requirement": requirement_of(session, row)}
 
 
 def _identification(stats: Statistics) -> dict[str, Any]:
@@ -148,7 +152,7 @@ def _session(session: SessionData) -> dict[str, Any]:
         "raw_sha256": session.raw_sha256,
         "station_sha256": hashlib.sha256(session.station_text.encode()).hexdigest(),
         "catalog": session.catalog,
-        "versions": session.versions,
+        "version": session.versions.get("gse-star-sensor"),
     }
 
 

@@ -19,6 +19,7 @@ _STYLE = {
     "font.family": ["DejaVu Sans"],
     "font.size": 8,
     "axes.grid": True,
+    "axes.axisbelow": True,
     "grid.color": "#dddddd",
     "grid.linewidth": 0.5,
     "axes.edgecolor": hex_of(GREY),

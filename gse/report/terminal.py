@@ -87,7 +87,7 @@ def facts(report: dict[str, Any]) -> list[str]:
 def quantity(value: float | None, unit: str) -> str:
     """A value with its unit, degrees where arcseconds make no sense; shares (no unit) with four decimals."""
     if value is None:
-        return "–"
+        return "-"
     if unit == "arcsec" and abs(value) >= 3600:
         return f"{value / 3600:.3f} deg"
     if unit:

@@ -20,8 +20,8 @@ MAX_REPORT_BYTES = 10_000_000
 MOST_DIFFERENCES = 20
 """Most differences listed for one recording."""
 
-_NOT_COMPARED = ("session.versions",)
-"""Versions of packages may differ, if the statistics are the same."""
+_NOT_COMPARED = ("session.version",)
+"""The version of the program may differ, if the statistics are the same."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,6 +33,7 @@ from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, is_compiled, set_up
+from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 from protocols import load_protocol
 
@@ -175,7 +176,7 @@ class _DerivedDataRecorder:
         self._first_ns: int | None = None
         self._last_ns = 0
         self._clock_due_ns = 0
-        self._orientation_kept = False
+        self._orientation_kept: EarthOrientation | None = None
 
     def is_over(self) -> bool:
         """Whether a signal asked for the end, or the duration is over."""
@@ -197,8 +198,8 @@ class _DerivedDataRecorder:
                 data = timing_json(result.panorama.time_us, result.elapsed_us)
                 self._recorder.derived(TIMING_TOPIC, result.panorama.host_utc_ns, data)
         orientation = self._loop.session.earth_orientation
-        if not self._orientation_kept and orientation is not None:
-            self._orientation_kept = True
+        if orientation is not None and orientation is not self._orientation_kept:
+            self._orientation_kept = orientation
             self._recorder.attach(EARTH_ORIENTATION, "application/json", orientation.to_json().encode())
         for event in self._recorder.news():
             self._recorder.event(event)
@@ -224,8 +225,8 @@ class _DerivedDataRecorder:
         reading = read_clock() if self._link.is_live else _simulated_clock(self._last_ns)
         if self._link.is_live and not self._link.backlog_bytes:
             self._loop.pass_time(reading.utc_ns, reading.mono_ns)
-        if reading.utc_ns >= self._clock_due_ns and (self._link.is_live or self._last_ns):
-            self._clock_due_ns = reading.utc_ns + CLOCK_EVERY_NS
+        if reading.mono_ns >= self._clock_due_ns and (self._link.is_live or self._last_ns):
+            self._clock_due_ns = reading.mono_ns + CLOCK_EVERY_NS
             self._loop.read_clock(reading)
             self._recorder.derived(CLOCK, reading.utc_ns, clock_json(reading))
 

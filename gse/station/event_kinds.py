@@ -24,6 +24,10 @@ class StationKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ClockStep(LinkEvent):
-    """A step of the host's UTC clock; ``step_ns`` is positive where the clock went forward."""
+    """A step of the host's UTC clock against its monotonic one; ``step_ns`` is positive where UTC went forward.
+
+    ``utc_kept`` where the sensor's clock went along with UTC: the monotonic clock stood still, or leapt.
+    """
 
     step_ns: int
+    utc_kept: bool = False

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from drivers.chunk import LinkEvent
 from gse.errors import UsageError
 from gse.instant import LAST_NS, NS_PER_S, from_text
+from gse.station.clock_steps import ClockStretch, clock_steps, clock_stretches, first_rows
 from gse.station.event_kinds import ClockStep
 
 AROUND_STEP_NS = 5 * NS_PER_S
@@ -57,31 +58,44 @@ def exclusions(events: Iterable[LinkEvent], frames: NDArray[np.void]) -> tuple[E
 
     ``frames`` are rows of FRAME.
     """
-    steps = [event for event in events if isinstance(event, ClockStep)]
-    return (*(_around_step(event) for event in steps), *_late_starts(frames, {event.utc_ns for event in steps}))
+    steps = clock_steps(events)
+    stretches = clock_stretches(frames["host_utc_ns"], steps)
+    return (
+        *(item for event in steps for item in _around_step(event)),
+        *(_wrong_clock(frames, item) for item in stretches if item.is_wrong and item.until > item.first),
+        *_late_starts(frames, first_rows(frames["host_utc_ns"], steps)),
+    )
 
 
-def _late_starts(frames: NDArray[np.void], steps_ns: set[int]) -> Iterator[Exclusion]:
+def _wrong_clock(frames: NDArray[np.void], stretch: ClockStretch) -> Exclusion:
+    """All frames of a clock that was far from the one that was set last."""
+    utc_ns = frames["utc_ns"][stretch.first : stretch.until]
+    offset_s = stretch.offset_ns / NS_PER_S
+    reason = f"the host's clock was {abs(offset_s):.0f} s {'ahead' if offset_s > 0 else 'behind'} of what it was set to"
+    return Exclusion(int(utc_ns.min()), int(utc_ns.max()) + 1, reason, Cause.CLOCK_STEP, abs(offset_s))
+
+
+def _late_starts(frames: NDArray[np.void], stepped: list[int]) -> Iterator[Exclusion]:
     """Frames that had waited in a buffer when the port was opened: their bytes were read long after they came.
 
     Until a frame comes that is read at once, nothing shows how late they are; then the offset of the sensor's clock,
     which is the least seen so far, falls. A sensor clock that leaps or runs fast makes the same fall. Only frames out
-    of a buffer are read faster than they are taken: the host's own stamps show it.
+    of a buffer are read faster than they are taken, one right after the other from the first: the host's own stamps
+    show it.
     """
     time_ns = frames["time_us"].astype(np.int64) * 1000
-    at_once = _read_at_once(frames["host_utc_ns"])
+    at_once = _read_at_once(frames["host_utc_ns"], time_ns)
     begins = np.flatnonzero((np.diff(time_ns) < 0) | (np.diff(time_ns) > _SETTLES_WITHIN_NS)) + 1
+    begins = np.union1d(begins, np.array(stepped, dtype=np.int64))
     for part in np.split(np.arange(len(frames)), begins):
         first = part[time_ns[part] - time_ns[part[0]] <= _SETTLES_WITHIN_NS] if len(part) else part
-        stepped = np.flatnonzero(np.isin(frames["host_utc_ns"][first], list(steps_ns)))
-        first = first[: stepped[0]] if len(stepped) else first
-        if len(first) == 0:
+        if len(first) == 0 or (stepped and first[0] >= stepped[0]):
             continue
         utc_ns = frames["utc_ns"][first]
         offset_ns = utc_ns - time_ns[first]
         settled = int(np.argmax(offset_ns - offset_ns.min() <= _LATE_NS))
         fall_ns = offset_ns[:settled] - offset_ns[settled]
-        late = (fall_ns > _LATE_NS) & at_once[first[:settled]]
+        late = (fall_ns > _LATE_NS) & np.logical_and.accumulate(at_once[first[:settled]])
         if late.any():
             reason = (
                 f"read up to {fall_ns[late].max() / NS_PER_S:.2f} s late: these frames waited in a buffer before the "
@@ -92,22 +106,30 @@ def _late_starts(frames: NDArray[np.void], steps_ns: set[int]) -> Iterator[Exclu
             yield Exclusion(int(waited_ns.min()), int(waited_ns.max()) + 1, reason, Cause.BACKLOG, late_s)
 
 
-def _read_at_once(host_utc_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which frames (M,) were read together with a neighbour, far faster than frames usually come."""
+def _read_at_once(host_utc_ns: NDArray[np.int64], time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which frames (M,) were read right before the next, far faster than frames usually come and than they were taken.
+
+    The last frame out of a buffer is followed by one that comes in its time, and counts by the frame before it.
+    """
     at_once = np.zeros(len(host_utc_ns), dtype=bool)
     gaps_ns = np.diff(host_utc_ns)
     if len(gaps_ns):
-        together = gaps_ns < _AT_ONCE * np.median(gaps_ns)
-        at_once[:-1] |= together
+        usual_ns = np.minimum(np.median(gaps_ns), np.diff(time_ns))
+        together = (gaps_ns >= 0) & (gaps_ns < _AT_ONCE * usual_ns)
+        at_once[:-1] = together
         at_once[1:] |= together
     return at_once
 
 
-def _around_step(event: ClockStep) -> Exclusion:
-    from_ns = event.utc_ns - max(event.step_ns, 0) - AROUND_STEP_NS
-    until_ns = event.utc_ns + max(-event.step_ns, 0) + AROUND_STEP_NS
-    from_ns, until_ns = max(from_ns, 0), min(until_ns, LAST_NS)
-    return Exclusion(from_ns, until_ns, event.text, Cause.CLOCK_STEP, abs(event.step_ns) / NS_PER_S)
+def _around_step(event: ClockStep) -> Iterator[Exclusion]:
+    """The seconds around a step as the old and as the new clock tell them: one stretch where they meet."""
+    step_ns = max(event.step_ns, 0) if event.utc_kept else event.step_ns
+    old_ns, new_ns = event.utc_ns - step_ns, event.utc_ns
+    apart = abs(step_ns) > 2 * AROUND_STEP_NS
+    for first_ns, last_ns in ((old_ns, old_ns), (new_ns, new_ns)) if apart else (sorted((old_ns, new_ns)),):
+        from_ns, until_ns = max(first_ns - AROUND_STEP_NS, 0), min(last_ns + AROUND_STEP_NS, LAST_NS)
+        if until_ns > from_ns:
+            yield Exclusion(from_ns, until_ns, event.text, Cause.CLOCK_STEP, abs(event.step_ns) / NS_PER_S)
 
 
 def parse_exclusion(text: str) -> Exclusion:

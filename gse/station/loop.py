@@ -51,7 +51,7 @@ from drivers.link_state import LinkMonitor
 from gse.errors import TruthError
 from gse.panorama import Panorama
 from gse.recording.session_format import RecordedTimings
-from gse.station.event_kinds import StationKind
+from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.event_log import EventLog
 from gse.station.frame_processor import Answer, FrameProcessor
 from gse.station.mount_alignment import FirstSeconds
@@ -108,6 +108,7 @@ class StationLoop:
         self.reception = Reception(setup.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
         self.session.link = self.reception.counters
         self.session.earth_orientation = earth_orientation
+        self._is_frozen = earth_orientation is not None
         self._given_orientation = given_orientation
         self.own_elapsed_us: array[float] = array("d")
         self._recorded = recorded
@@ -205,6 +206,8 @@ class StationLoop:
         else:
             self.session.events_not_kept += 1
         self.session.link.reconnects += event.kind == LinkKind.REOPENED
+        if isinstance(event, ClockStep):
+            self._truth_sought = self._truth_reaches(event.utc_ns)
         for listener in self.listeners:
             listener.on_event(event)
 
@@ -266,15 +269,26 @@ class StationLoop:
         self.session.alignment = alignment
         self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.ALIGNED, str(alignment)))
 
+    def _truth_reaches(self, utc_ns: int) -> bool:
+        """Whether the Earth orientation at hand is good for an instant to which the clock was set."""
+        try:
+            orientation = self.session.earth_orientation
+            return (
+                self._frame_processor.truth is not None and orientation is not None and not orientation.warning(utc_ns)
+            )
+        except TruthError:
+            return False
+
     def _seek_truth(self, panorama: Panorama) -> None:
-        """Find the Earth orientation: that of the session, or from disk for the date of the first panorama."""
+        """Find the Earth orientation: that of the session, or from disk for the date of the first panorama.
+
+        After a clock step beyond its reach it is sought again; there is none for an unknown date.
+        """
         self._truth_sought = True
         try:
-            orientation = self.session.earth_orientation or EarthOrientation.from_disk(
-                panorama.utc_ns, given=self._given_orientation
-            )
-            warning = orientation.warning(panorama.utc_ns)
+            orientation, warning = self._orientation(panorama.utc_ns)
         except TruthError as error:
+            self._frame_processor = replace(self._frame_processor, truth=None)
             self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.NO_TRUTH, str(error)))
             return
         if warning:
@@ -282,3 +296,12 @@ class StationLoop:
         self.session.earth_orientation = orientation
         truth = SiderealTruth(self.session.station.site, orientation)
         self._frame_processor = replace(self._frame_processor, truth=truth)
+
+    def _orientation(self, utc_ns: int) -> tuple[EarthOrientation, str | None]:
+        """The Earth orientation for an instant, and a warning where it does not reach it."""
+        at_hand = self.session.earth_orientation
+        if at_hand is not None and (self._is_frozen or not at_hand.warning(utc_ns)):
+            return at_hand, at_hand.warning(utc_ns)
+        found = EarthOrientation.from_disk(utc_ns, given=self._given_orientation)
+        warning = found.warning(utc_ns)
+        return (at_hand if at_hand is not None and warning else found), warning

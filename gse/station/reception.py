@@ -29,7 +29,9 @@ tag plus this offset is the time of the frame.
 
 **Steps of UTC.** The differences are taken on the host's monotonic clock, and the offset UTC - monotonic is added last.
 Where that offset moves by 5 ms or more between two frames, the UTC clock was stepped, not slewed: an event CLOCK_STEP.
-Frames around it are left out of the statistics, see ``gse.station.exclusions``.
+Frames around it are left out of the statistics, see ``gse.station.exclusions``. Where the sensor's clock went along
+with UTC, by a second or more, UTC was right: a host that is suspended stops its monotonic clock. Then the differences
+begin anew.
 
 **Sequence numbers** tell duplicates (dropped, counted), gaps (frames lost) and restarts. A restart is also told by a
 time tag of a panorama that jumps back, or by the sensor's own flag. Then the sensor clock is forgotten and learned anew
@@ -81,11 +83,17 @@ HOTTEST_C = 1e6
 CLOCK_STEP_NS = 5_000_000
 """UTC that moves this much against the monotonic clock between two frames was stepped, not slewed."""
 
+SHORTEST_SUSPENSION_NS = NS_PER_S
+"""Steps that are smaller are always those of UTC: time tags and arrivals do not tell."""
+
 LONGEST_PAUSE_NS = 366 * 86_400 * NS_PER_S
 """A sensor clock that is this far ahead of the panorama before is out of order: no capture pauses for a year."""
 
+_TAGGED = PanoramaMessage | StatusMessage | AttitudeMessage
+"""Messages with the sensor's time: it tells a step of UTC from a host that was suspended."""
+
 _Stamp = tuple[int, int, int]
-"""Offset of a chunk in the stream, UTC and monotonic time at which it was read."""
+"""Offset of a chunk in the stream, UTC and monotonic time at which it was read, as they came."""
 
 Received = Panorama | StatusMessage | AttitudeMessage | Ack | Nak | LinkEvent
 
@@ -111,7 +119,7 @@ class Reception:
         self._anchor_utc_ns = anchor_utc_ns
         self._anchor_time_us: int | None = None
         self._latest_utc_ns = 0
-        self._utc_minus_mono_ns: int | None = None
+        self._before: tuple[int, int, int | None] | None = None
         self._frame_mono_ns: int | None = None
 
     @property
@@ -121,8 +129,8 @@ class Reception:
 
     def receive(self, chunk: Chunk) -> list[Received]:
         """Panoramas, events and other messages that the chunk completes."""
-        utc_ns = min(max(chunk.utc_ns, 0), LAST_NS)
-        self._stamps.append((self.counters.bytes_in, utc_ns, min(max(chunk.mono_ns, 0), LAST_NS)))
+        utc_ns = _an_instant(chunk.utc_ns)
+        self._stamps.append((self.counters.bytes_in, chunk.utc_ns, chunk.mono_ns))
         self.counters.bytes_in += len(chunk.data)
         self._sha256.update(chunk.data)
         self.last_host_utc_ns = utc_ns
@@ -152,9 +160,10 @@ class Reception:
 
     def _take_frame(self, frame: Frame) -> list[Received]:
         self._forget_before(frame.start)
-        _, host_utc_ns, mono_ns = self._stamps[0]
-        received: list[Received] = list(self._clock_step(host_utc_ns, mono_ns))
+        _, stamped_utc_ns, stamped_mono_ns = self._stamps[0]
         message = self._protocol.decode(frame)
+        received: list[Received] = list(self._clock_step(stamped_utc_ns, stamped_mono_ns, message))
+        host_utc_ns, mono_ns = _an_instant(stamped_utc_ns), _an_instant(stamped_mono_ns)
         before = self._sequence.last
         arrival = self._arrival(frame, message, mono_ns)
         if arrival is Arrival.DUPLICATE:
@@ -200,13 +209,21 @@ class Reception:
         while len(self._stamps) > 1 and self._stamps[1][0] <= start:
             self._stamps.popleft()
 
-    def _clock_step(self, utc_ns: int, mono_ns: int) -> list[LinkEvent]:
-        before, now = self._utc_minus_mono_ns, utc_ns - mono_ns
-        self._utc_minus_mono_ns = now
-        if self._anchor_utc_ns is not None or before is None or abs(now - before) < CLOCK_STEP_NS:
+    def _clock_step(self, utc_ns: int, mono_ns: int, message: Message) -> list[LinkEvent]:
+        """The step since the frame before, by the stamps as they came: stamps that no clock has may stand still."""
+        tag_ns = message.time_us * 1000 if isinstance(message, _TAGGED) else None
+        before, self._before = self._before, (utc_ns, mono_ns, tag_ns)
+        if before is None or self._anchor_utc_ns is not None:
             return []
-        text = f"the host's UTC clock stepped by {(now - before) / NS_PER_S:+.3f} s"
-        return [ClockStep(utc_ns, mono_ns, StationKind.CLOCK_STEP, text, now - before)]
+        step_ns = utc_ns - mono_ns - (before[0] - before[1])
+        if abs(step_ns) < CLOCK_STEP_NS:
+            return []
+        utc_kept = abs(step_ns) >= SHORTEST_SUSPENSION_NS and _went_with_utc(before, (utc_ns, mono_ns, tag_ns))
+        if utc_kept:
+            self._clock.reset()
+        text = _step_in_words(step_ns, utc_kept)
+        stamp = _an_instant(utc_ns), _an_instant(mono_ns)
+        return [ClockStep(*stamp, StationKind.CLOCK_STEP, text, step_ns, utc_kept)]
 
     def _panorama(self, message: PanoramaMessage, frame: Frame, host_utc_ns: int, mono_ns: int) -> Panorama:
         # Invalid numbers (NaN, infinity, an age) are listed in the panorama's problems.
@@ -246,3 +263,28 @@ class Reception:
                 return utc_ns
         self._anchor_utc_ns, self._anchor_time_us = latest_ns, time_us
         return latest_ns
+
+
+def _an_instant(stamp_ns: int) -> int:
+    """A stamp within what an instant can be."""
+    return min(max(stamp_ns, 0), LAST_NS)
+
+
+def _went_with_utc(before: tuple[int, int, int | None], now: tuple[int, int, int | None]) -> bool:
+    """Whether the sensor's clock went on as UTC did, not as the monotonic clock; stamps and tags of two frames."""
+    if before[2] is None or now[2] is None or now[2] < before[2]:
+        return False
+    tag_ns = now[2] - before[2]
+    return abs(tag_ns - (now[0] - before[0])) < abs(tag_ns - (now[1] - before[1]))
+
+
+def _step_in_words(step_ns: int, utc_kept: bool) -> str:
+    step_s = step_ns / NS_PER_S
+    if not utc_kept:
+        return f"the host's UTC clock stepped by {step_s:+.3f} s"
+    if step_ns > 0:
+        return (
+            f"the host was suspended: its monotonic clock stood still for {step_s:.3f} s, in which UTC and "
+            "the sensor's clock went on"
+        )
+    return f"the host's monotonic clock leapt by {-step_s:+.3f} s; UTC and the sensor's clock did not"

@@ -109,7 +109,7 @@ def synthetic_night(count, **options):
     session.earth_orientation = EarthOrientation.from_disk(START_NS)
     session.raw_sha256 = "0" * 64
     session.catalog = {"source": "Gaia DR3", "stars": 4200, "sha256": "1" * 64}
-    session.versions = {"gse": "0.1.0", "numpy": "2"}
+    session.versions = {"gse-star-sensor": "0.1.0", "numpy": "2"}
     return session
 
 

@@ -68,8 +68,8 @@ def test_calibrate_finds_a_lens_that_is_one_percent_longer_and_replay_then_passe
     assert report["before"]["rms_px"] > 0
     assert sum(cell[2] for row in report["residual_map_px"] for cell in row) > 400
     replayed = gse("replay", session, "--station", written, "--out", tmp_path / "replayed", "--json")
-    assert json.loads(replayed.out)["verdict"] == "PASS"
-    assert replayed.code == 0
+    rows = {row["name"]: row["outcome"] for row in json.loads(replayed.out)["measurements"]}
+    assert rows["mean |dRA*|"] == rows["mean |dDE|"] == "PASS"  # 45 frames decide nothing of availability
 
 
 def test_calibrate_names_the_hot_pixels(gse, folder):
@@ -130,8 +130,8 @@ def test_what_is_left_out_and_a_stated_clock_stand_in_the_report(gse, folder, tm
     stretch = f"{first}/2100-01-01T00:00:00Z=dew on the lens"
     done = gse("replay", session, "--leave-out", stretch, "--clock-error", "0.1s", "--json", "--out", tmp_path / "b")
     report = json.loads(done.out)
-    assert report["left_out"][0]["reason"] == "dew on the lens"
-    assert report["left_out"][0]["frames"] == 45
+    assert report["exclusions"][0]["reason"] == "dew on the lens"
+    assert report["exclusions"][0]["frames"] == 45
     assert report["clock"]["stated"] is True
     assert report["verdict"] == "INCONCLUSIVE"
 
@@ -164,7 +164,7 @@ def test_a_raw_capture_gives_the_same_report_each_time_without_times_of_this_hos
         gse("replay", *given, "--out", tmp_path / name)
     one, two = (next((tmp_path / name).glob("*/report.json")).read_text() for name in "ab")
     assert one == two
-    assert json.loads(one)["identification"]["time_ms"]["n"] == 0
+    assert json.loads(one)["identification"]["subjects"]["onboard"]["time_ms"]["n"] == 0
     assert json.loads(next((tmp_path / "a").glob("*/timing.json")).read_text())["frames"] == 45
     aligned = json.loads(gse("align", *given, "--json").out)
     assert aligned["altitude_deg"] == pytest.approx(45, abs=0.01)

@@ -27,6 +27,7 @@ from gse.station.results import NO_MATCHES, Status
 from gse.station.session_data import SessionData
 
 FRAMES = 800
+MADE_BY = {"schema": "gse.provenance/1", "host": "<b>here</b>", "packages": {"numpy": "2"}, "self_check": None}
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,7 @@ def report(session, assessment):
 
 @pytest.fixture(scope="module")
 def page(session, assessment, report) -> str:
-    return report_html(session, assessment, report)
+    return report_html(session, assessment, report, MADE_BY)
 
 
 def failing() -> SessionData:
@@ -99,8 +100,8 @@ def test_table_4_1_stands_beside_the_papers_figures(report, session) -> None:
 
 def test_the_same_night_gives_the_same_bytes_and_another_does_not(page, report, tmp_path: Path) -> None:
     again = synthetic_night(FRAMES)
-    paths = write_report(again, judge(again), tmp_path)
-    assert set(paths) == {"report.json", "report.html", "frames.csv", "junit.xml"}
+    paths = write_report(again, judge(again), tmp_path, MADE_BY)
+    assert set(paths) == {"report.json", "report.html", "frames.csv", "junit.xml", "provenance.json"}
     assert paths["report.html"].read_text(encoding="utf-8") == page
     assert json.loads(paths["report.json"].read_text()) == report
     other = synthetic_night(FRAMES, seed=2)
@@ -114,7 +115,7 @@ def test_a_troubled_night_is_told_from_its_verdict_down() -> None:
     session.events.append(step)
     assessment = judge(session)
     report = summarise(session, assessment)
-    text = report_html(session, assessment, report)
+    text = report_html(session, assessment, report, MADE_BY)
     body = text[text.index("<body>") :]
     assert report["verdict"] == "FAIL"
     assert report["exclusions"][0]["frames"] > 50

@@ -84,7 +84,7 @@ def test_false_answers_are_not_drawn_as_errors() -> None:
     session = synthetic_night(0)
     for number, frame in enumerate(synthetic_frames(100, trouble=False)):
         if number == 50:
-            frame = _with(frame, AttitudeError(4e5, 0.0, 0.0, 4e5, 0.0), frame.answer_check)
+            frame = _with(frame, AttitudeError(4e5, 0.0, 0.0, 4e5, 0.0), AnswerCheck.UNKNOWN)
         if number == 60:
             frame = _with(frame, frame.attitude_error, AnswerCheck.FALSE)
         session.frames.append(frame)
@@ -133,6 +133,7 @@ def test_a_hundred_thousand_points_make_a_small_figure() -> None:
         np.tile(drawn.utc, 330),
         np.tile(drawn.good, 330),
         np.tile(drawn.unidentified, 330),
+        drawn.exclusions,
     )
     big.frames["utc_ns"] = drawn.frames["utc_ns"][0] + np.arange(len(big.frames)) * 100_000_000
     svg = svg_of("errors", 4.0, lambda figure: draw_errors(figure, big))

@@ -23,7 +23,7 @@ def test_a_session_of_0_1_0_replays_with_the_frames_and_bytes_that_it_had(name: 
     found = {
         "frames": len(frames),
         "identified": int((frames["status"] == STATUSES.index(Status.IDENTIFIED)).sum()),
-        "correct": int((frames["judge"] == ANSWER_CHECKS.index(AnswerCheck.CORRECT)).sum()),
+        "correct": int((frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.CORRECT)).sum()),
         **{count: getattr(session.link, count) for count in COUNTED},
         "raw_sha256": session.raw_sha256,
     }

@@ -99,8 +99,8 @@ def test_no_answer_is_absent_where_the_reference_identifier_has_one(reference, p
 @pytest.mark.parametrize("wrong_deg", [0.0, 10.0])
 def test_nothing_is_said_of_an_answer_where_the_reference_identifier_has_none(reference, panorama, wrong_deg):
     answers = Turned(reference, wrong_deg)
-    assert result(answers, None, panorama).answer_check is AnswerCheck.NONE
-    assert result(answers, Silent(reference.catalog), panorama).answer_check is AnswerCheck.NONE
+    assert result(answers, None, panorama).answer_check is AnswerCheck.UNKNOWN
+    assert result(answers, Silent(reference.catalog), panorama).answer_check is AnswerCheck.UNKNOWN
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pytest
 from gse.errors import TruthError
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD, from_text
 from gse.truth import EarthOrientation
+from gse.truth.iers_tables import installed_leap_seconds
 
 ARCSEC = math.pi / 180 / 3600
 NOW_NS = from_text("2026-03-20T18:30:00Z")
@@ -20,6 +21,7 @@ TABLE = EarthOrientation(
     (0.30, 0.50, 0.10, 0.20),
     (1e-5, 3e-5, 2e-5, 1e-3),
     ("measured", "measured", "predicted", "predicted"),
+    installed_leap_seconds(),
 )
 """2023-02-25 to 28."""
 
@@ -39,7 +41,7 @@ def utc_ns(mjd):
         (59_999.0, -0.10, 0.10, 0.30, 3e-5 + 1e-3, "past the end"),
         (60_013.0, -0.24, 0.10, 0.20, 1e-3 + 1e-2, "past the end"),
         (60_103.5, -0.24, 0.10, 0.20, 1e-3 + 0.1005, "past the end"),
-        (62_000.0, -0.24, 0.10, 0.20, 0.9, "past the end"),
+        (62_000.0, -0.24, 0.10, 0.20, 0.9 + 0.24, "past the end"),
     ],
 )
 def test_values_are_linear_between_days_and_held_past_the_ends(mjd, ut1, x, y, error, kind):

@@ -1,0 +1,214 @@
+"""Two machines' worth of clocks: the host's UTC and monotonic clocks and the sensor's, each wrong in its own way."""
+
+import numpy as np
+import pytest
+from devices.injected_clocks import InjectedClocks, Sky
+from skies.astropy_night import START_NS
+
+from gse.assessment.statistics import statistics
+from gse.assessment.verdict import judge
+from gse.instant import LAST_NS, NS_PER_S, from_text
+from gse.station.clock_steps import clock_steps, first_rows, wrong_by_ns
+from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.exclusions import Cause
+from gse.station.results import Verdict
+
+YEAR_S = 365.25 * 86_400
+SINCE_1970_S = START_NS / NS_PER_S
+RIGHT_NS = 3_000_000
+"""A frame's time is good to this."""
+
+
+@pytest.fixture(scope="module")
+def sky():
+    return Sky()
+
+
+def steps_of(session):
+    return [event.text for event in session.events if event.kind == StationKind.CLOCK_STEP]
+
+
+def true_ns(sky, session):
+    """When each frame was taken, by its number."""
+    taken = np.array([START_NS + round(true_s * NS_PER_S) for true_s, _ in sky.frames])
+    return taken[session.frames.columns["frame_no"]]
+
+
+def counted_and_right(sky, session):
+    """The times of the frames that count, in seconds of the session; each has the right UTC."""
+    counted = statistics(session).counted
+    true = true_ns(sky, session)
+    assert np.abs(session.frames.columns["utc_ns"] - true)[counted.used].max() < RIGHT_NS
+    return (true[counted.used] - START_NS) / NS_PER_S
+
+
+def test_right_clocks_leave_nothing_out(sky):
+    session = sky.session(InjectedClocks())
+    assert judge(session).verdict is Verdict.PASS
+    assert len(counted_and_right(sky, session)) == len(sky.frames)
+    assert steps_of(session) == []
+
+
+EXCURSIONS = {"2038": 12 * YEAR_S, "an hour": 3600.0, "before 1972": -SINCE_1970_S, "before 1970": -426 * YEAR_S}
+EXCURSIONS["past 2262"] = 300 * YEAR_S
+
+
+@pytest.mark.parametrize("off_s", EXCURSIONS.values(), ids=EXCURSIONS.keys())
+def test_a_clock_that_goes_far_off_and_comes_back_costs_its_own_frames_and_no_others(sky, off_s):
+    session = sky.session(InjectedClocks(utc_s=lambda t: t + (off_s if 20 <= t < 40 else 0.0)), own=True)
+    judge(session)
+    assert len(steps_of(session)) == 2
+    assert abs(float(steps_of(session)[0].split()[-2]) - off_s) < 0.01
+    counted_s = counted_and_right(sky, session)
+    assert not ((counted_s > 20) & (counted_s < 40)).any()
+    assert (counted_s < 14.9).sum() == 75
+    assert (counted_s > 45.1).sum() == 74
+
+
+@pytest.mark.parametrize("off_s", EXCURSIONS.values(), ids=EXCURSIONS.keys())
+def test_what_a_clock_far_off_spoils_is_neither_passed_nor_held_against_the_sensor(sky, off_s):
+    assessment = judge(sky.session(InjectedClocks(utc_s=lambda t: t + (off_s if 20 <= t < 40 else 0.0))))
+    assert assessment.verdict is Verdict.PASS, assessment.reasons
+    assert assessment.statistics.onboard.axes["d_ra_cosde"].max_abs_arcsec < 5
+    assert assessment.statistics.duration_s < 61
+    assert any(line.startswith("clock step") for line in assessment.findings)
+    assert not abs(assessment.statistics.clock.sensor_drift_ppm) > 100
+
+
+@pytest.mark.parametrize("off_s", EXCURSIONS.values(), ids=EXCURSIONS.keys())
+def test_a_clock_that_is_set_right_in_the_session_gives_truth_from_then_on(sky, off_s):
+    session = sky.session(InjectedClocks(utc_s=lambda t: t + (off_s if t < 10 else 0.0)))
+    assert judge(session).verdict is Verdict.PASS
+    counted_s = counted_and_right(sky, session)
+    assert counted_s.min() > 10
+    assert len(counted_s) >= 5 * 45 - 1
+
+
+def test_minutes_of_a_wrong_clock_are_too_many_to_pass(sky):
+    long = Sky(duration_s=400.0, rate_hz=1.0)
+    assessment = judge(long.session(InjectedClocks(utc_s=lambda t: t + (3600.0 if 20 <= t < 120 else 0.0))))
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert any("left out for steps of the host's clock" in reason for reason in assessment.reasons)
+
+
+def test_a_small_step_that_put_the_clock_right_bounds_how_well_it_was_known(sky):
+    stats = statistics(sky.session(InjectedClocks(utc_s=lambda t: t - (2.0 if t < 20 else 0.0))))
+    assert stats.clock.error_bound_s == pytest.approx(2.0)
+
+
+# Leap seconds
+
+
+def leap_second_step(text, step_s=-1.0):
+    return ClockStep(from_text(text), 0, StationKind.CLOCK_STEP, "", round(step_s * NS_PER_S))
+
+
+def test_a_second_that_ntp_repeats_is_told_and_moves_no_frame(sky):
+    def elapsed_s(true_s):
+        return true_s + (1.0 if true_s >= 30 else 0.0)
+
+    session = sky.session(InjectedClocks(mono_s=elapsed_s, tag_s=elapsed_s))
+    assert steps_of(session) == ["the host's UTC clock stepped by -1.000 s"]
+    counted_s = counted_and_right(sky, session)
+    assert len(counted_s) > 5 * 48
+    assert {item.cause for item, _ in statistics(session).exclusions} == {Cause.CLOCK_STEP}
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong_s"),
+    [
+        ("2017-01-01T00:00:00Z", 0),
+        ("2015-06-30T23:59:59Z", 0),
+        ("2017-01-01T00:00:09Z", 1),
+        ("2017-02-01T00:00:00Z", 1),
+    ],
+)
+def test_a_leap_second_puts_no_clock_right(text, wrong_s):
+    assert wrong_by_ns(leap_second_step(text)) == -wrong_s * NS_PER_S
+
+
+def test_two_seconds_at_new_year_are_no_leap_second():
+    assert wrong_by_ns(leap_second_step("2017-01-01T00:00:00Z", -2.0)) == -2 * NS_PER_S
+
+
+def test_a_smear_is_no_step_but_a_drift_that_is_told(sky):
+    assessment = judge(sky.session(InjectedClocks(utc_s=lambda t: t * (1 - 5e-4))))
+    assert assessment.statistics.clock.steps == ()
+    assert assessment.statistics.clock.sensor_drift_ppm == pytest.approx(-500, abs=2)
+    assert any("sensor clock drift: it runs 500 ppm fast" in line for line in assessment.findings)
+
+
+def test_a_smear_under_which_the_kernel_lost_its_source_is_no_sound_clock(sky):
+    session = sky.session(InjectedClocks(utc_s=lambda t: t * (1 - 5e-4), readings=((0.0, True), (30.0, False))))
+    assessment = judge(session)
+    assert not assessment.statistics.clock.synchronised
+    assert assessment.statistics.clock.error_bound_s == float("inf")
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+
+
+# A laptop that is closed and opened
+
+
+def suspended(sky, step_s=0.0, *, slept_s=15.0):
+    return sky.session(
+        InjectedClocks(
+            mono_s=lambda t: t - (slept_s if t >= 40 else 0.0),
+            utc_s=lambda t: t + (step_s if t >= 40 else 0.0),
+            asleep_s=(25.0, 40.0),
+        )
+    )
+
+
+def test_a_host_that_was_suspended_is_told_as_such_and_its_utc_is_right(sky):
+    session = suspended(sky)
+    (text,) = steps_of(session)
+    assert text.startswith("the host was suspended: its monotonic clock stood still for 15.000 s")
+    assessment = judge(session)
+    assert assessment.verdict is Verdict.PASS
+    assert assessment.statistics.clock.error_bound_s == pytest.approx(0.001)
+    counted_s = counted_and_right(sky, session)
+    assert (counted_s < 19.9).sum() == 100
+    assert (counted_s > 45.1).sum() == 74
+
+
+def test_a_monotonic_clock_that_counts_the_suspension_shows_only_silence(sky):
+    session = suspended(sky, slept_s=0.0)
+    assert steps_of(session) == []
+    assert "STALE" in [event.kind for event in session.events]
+    assert len(counted_and_right(sky, session)) == 5 * 45
+
+
+def test_a_monotonic_clock_that_leaps_moves_no_frame(sky):
+    session = sky.session(InjectedClocks(mono_s=lambda t: t + (600.0 if t >= 30 else 0.0)))
+    assert steps_of(session) == ["the host's monotonic clock leapt by +600.000 s; UTC and the sensor's clock did not"]
+    assert len(counted_and_right(sky, session)) >= 5 * 49
+
+
+def test_a_monotonic_clock_that_begins_anew_moves_no_frame(sky):
+    session = sky.session(InjectedClocks(mono_s=lambda t: t - (900.0 if t >= 30 else 0.0)))
+    assert len(counted_and_right(sky, session)) >= 5 * 49
+
+
+# Which rows are before a step
+
+
+def step(utc_s, step_s):
+    return ClockStep(round(utc_s * NS_PER_S), 0, StationKind.CLOCK_STEP, "", round(step_s * NS_PER_S))
+
+
+@pytest.mark.parametrize(
+    ("host_s", "steps", "rows"),
+    [
+        ([10, 11, 12, 100, 101], [step(100, 87)], [3]),
+        ([10, 11, 12, 3, 4], [step(3, -10)], [3]),
+        ([10, 11, 12, 11.5, 12.5], [step(11.5, -1.5)], [3]),
+        ([10, 11, 12, 100, 101, 14, 15], [step(100, 87), step(14, -88)], [3, 5]),
+        ([10, 11, 12], [step(13, -1)], [3]),
+        ([], [step(13, -1)], [0]),
+        ([10, 11], [step(LAST_NS / NS_PER_S, 1e10)], [2]),
+    ],
+)
+def test_the_first_row_after_a_step_is_found_where_utc_repeats(host_s, steps, rows):
+    host_ns = np.array([round(second * NS_PER_S) for second in host_s], dtype=np.int64)
+    assert first_rows(host_ns, steps) == rows
+    assert len(clock_steps(steps)) == len(steps)
