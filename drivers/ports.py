@@ -184,7 +184,7 @@ def _check(url: str) -> None:
 
 
 def _intruders(device: str) -> list[str]:
-    # A plain open still gets in beside our lock, and takes bytes away. A pty is held by whoever made it.
+    # Our lock does not prevent a plain open, which would take bytes away. A pty is held by its maker.
     return [] if os.path.realpath(device).startswith("/dev/pts/") else holders(device)
 
 

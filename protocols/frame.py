@@ -34,7 +34,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Discard:
-    """Bytes from offset ``start`` on that are no frame, and why."""
+    """Bytes from offset ``start`` on that are not a frame, and the reason."""
 
     start: int
     data: bytes

@@ -66,7 +66,7 @@ class Attachment:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """Bytes of a session file that are no whole, true record."""
+    """Bytes of a session file that are not an intact record."""
 
     file: str
     offset: int

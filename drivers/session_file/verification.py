@@ -58,7 +58,7 @@ class SessionCheck:
 
     @property
     def damaged_bytes(self) -> int:
-        """Bytes of the files that are no whole record."""
+        """Bytes of the files outside intact records."""
         return sum(file.damaged_bytes for file in self.files)
 
 

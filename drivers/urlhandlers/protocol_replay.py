@@ -48,7 +48,7 @@ def _pass(url: MockUrl) -> Iterator[Item]:
         return session_items(path, utc_option("from", url.options.get("from")), utc_option("to", url.options.get("to")))
     if start_utc_ns is None:
         raise CaptureError(
-            f"{path} is no session; as a raw serial capture it needs the UTC of its start, "
+            f"{path} is not a session; as a raw serial capture it needs the UTC of its start, "
             "for example --start-utc 2026-03-20T18:30:00Z"
         )
     return raw_items(path, start_utc_ns)
