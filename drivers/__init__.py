@@ -1,5 +1,5 @@
 """The serial side of the station: ports, session files, and the mock ports that stand in for a sensor.
 
-Chunks of bytes with their UTC go in and out; what the bytes mean is left to ``protocols``. Imports neither gse nor
-protocols. Only ``drivers.link`` and ``drivers.clock`` read the host clock.
+Chunks of bytes with their UTC go in and out; ``protocols`` decodes them. Imports neither gse nor protocols. Only
+``drivers.link`` and ``drivers.clock`` read the host clock.
 """

@@ -1,4 +1,4 @@
-"""Bytes as they came from a port, with the instant at which they came."""
+"""Received bytes with the time of their reception, and events of the link."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Some bytes of a port and when they were read.
+    """Bytes of a port and the time at which they were read.
 
     ``utc_ns`` is UTC in nanoseconds since 1970-01-01 (leap seconds not counted), ``mono_ns`` the
     monotonic clock of the same host: the two together show a step of the UTC clock.

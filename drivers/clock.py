@@ -1,4 +1,4 @@
-"""The health of the host clock, as the kernel tells it."""
+"""Health of the host clock, from the kernel."""
 
 import ctypes
 import sys
@@ -10,10 +10,10 @@ _NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class ClockReading:
-    """What the kernel says of the host clock at an instant.
+    """State of the host clock at an instant, from the kernel.
 
-    ``source`` names what disciplines it (``kernel PLL``, ``simulated``, ``unsynchronised``, ...); ``offset_s`` is the
-    kernel's current estimate, ``error_bound_s`` its bound on the error.
+    ``source`` is its time source (``kernel PLL``, ``simulated``, ``unsynchronised``, ...); ``offset_s`` is the kernel's
+    current estimate, ``error_bound_s`` its bound on the error.
     """
 
     utc_ns: int
@@ -59,7 +59,7 @@ class _Timex(ctypes.Structure):
 _STA_PLL, _STA_PPSFREQ, _STA_PPSTIME, _STA_FLL, _STA_UNSYNC, _STA_NANO = 0x1, 0x2, 0x4, 0x8, 0x40, 0x2000
 _TIME_ERROR = 5
 _UNKNOWN_S = 16.0
-"""What the kernel itself says when it knows nothing (NTP_PHASE_LIMIT)."""
+"""The kernel's own bound without synchronisation (NTP_PHASE_LIMIT)."""
 
 
 def read_clock() -> ClockReading:

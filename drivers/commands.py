@@ -1,7 +1,7 @@
 """Commands to the sensor: send, wait for the answer, repeat.
 
-What a command or an answer looks like is the protocol's affair; here are only the sending, the waiting and the
-repetition, in the time of the link: the host's for a live port, the data's for a simulated one.
+The formats of command and answer belong to the protocol. Times are those of the link: the host's for a live port, the
+data's for a simulated one.
 """
 
 from collections.abc import Callable, Mapping
@@ -30,10 +30,10 @@ def send_command(
 ) -> Answer:
     """The sensor's answer to a command.
 
-    ``make_frame`` gives the frame for a sequence number, each repetition takes the next one. ``deliver`` gets
-    everything that comes meanwhile, so that nothing is taken from whoever else reads; ``answer_to`` says whether the
-    answer to what was sent so far was among it: sequence numbers, and the link's monotonic time at which each went out,
-    before which no answer to it can have come. CommandError where no answer comes.
+    ``make_frame`` gives the frame for a sequence number; each repetition takes the next one. ``deliver`` gets
+    everything that is received meanwhile. ``answer_to`` returns the answer if it was among it, else None; its argument
+    maps each sequence number sent so far to the monotonic time of sending, before which no answer can have come.
+    CommandError without an answer.
     """
     sent_ns: dict[int, int] = {}
     for attempt in range(1 + REPEATS):
@@ -44,14 +44,14 @@ def send_command(
             return answer
     raise CommandError(
         f"the sensor on {link.url} did not answer, asked {1 + REPEATS} times and waited {ANSWER_S} s each time; "
-        "is it powered, is its transmit line connected, do baud rate and protocol match?"
+        "check its power, its transmit line, the baud rate and the protocol"
     )
 
 
 def receive_until(
     link: SerialLink, found: Callable[[], Answer | None], deliver: Callable[[Item], None], timeout_s: float
 ) -> Answer | None:
-    """Receive until something is found, for so many seconds of the link's time; None where it is not found."""
+    """Receive until ``found`` returns an answer, at most ``timeout_s`` of the link's time; None without one."""
     until_ns = link.mono_ns() + round(timeout_s * 1e9)
     answer = found()
     while answer is None and link.mono_ns() < until_ns and not link.at_end:

@@ -1,8 +1,8 @@
-"""The link to the sensor: any pyserial URL in, time-stamped chunks out.
+"""Link to the sensor: any pyserial URL in, time-stamped chunks out.
 
-Here, and only here, received bytes meet the host clock. A live port is read by a thread of its own, which hands every
-chunk to the recorder before anybody else sees it; when the port goes away, the thread waits for it all night. Ports
-that carry recorded time (drivers/stamped.py) are read synchronously and bring their stamps along.
+Here, and only here, received bytes meet the host clock. A separate thread reads a live port and passes every chunk to
+the recorder first; when the port disappears, the thread waits for it until the session ends. Ports with recorded time
+(drivers/mock/timestamped_port.py) are read synchronously and supply the time stamps.
 """
 
 import contextlib
@@ -23,11 +23,11 @@ from drivers.reconnect import PortFinder
 from drivers.session_file.records import Message, MessageWriter
 
 BACKLOG_BYTES = 4 << 20
-"""Received and not yet fetched: more than 40 s at 921600 baud, so the station hangs."""
+"""Received and not yet fetched, more than 40 s at 921600 baud: the station is too slow."""
 ITEMS_AT_ONCE = 256
 MOST_ITEMS = 500_000
 MOST_BACKLOG_BYTES = 128 << 20
-"""Received and not yet fetched, more than an hour at 115200 baud: what comes then is recorded and not handed on."""
+"""Received and not yet fetched, more than an hour at 115200 baud: further bytes are only recorded."""
 SOCKET_BYTES = 65536
 
 # What pyserial raises on a port that goes away: close() from another thread gives TypeError, ioctls termios.error.
@@ -36,18 +36,18 @@ _HANG_UPS = (OSError, TypeError, termios.error)
 
 class _NoRecording(MessageWriter):
     def write(self, message: Message) -> None:
-        """Nobody records."""
+        """Does nothing."""
 
     def rx(self, chunk: Chunk) -> None:
-        """Not even a message is made of it."""
+        """Does nothing, without making a message."""
 
 
 class SerialLink:
     """A port by its pyserial URL, as a context manager.
 
-    ``receive`` gives chunks and events in the order in which they happened. Everything received is recorded. An event
-    BACKLOG tells when the station falls behind, BACKLOG_FULL when it hangs: what comes from then on until it has caught
-    up is in the recording alone.
+    ``receive`` gives chunks and events in the order in which they happened. Everything received is recorded. The event
+    BACKLOG means that the station falls behind, BACKLOG_FULL that further bytes are in the recording only until it has
+    caught up.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class SerialLink:
         wait_port: bool = False,
         list_ports: Callable[[], list[PortInfo]] = ports_here,
     ) -> None:
-        """Open the port; PortError says why not. With ``wait_port`` a port that is not there is waited for."""
+        """Open the port; PortError with the reason if that fails. With ``wait_port`` a missing port is waited for."""
         self.url = url
         self._recorder = recorder or _NoRecording()
         self._stamped: TimestampedPort | None = None
@@ -84,12 +84,12 @@ class SerialLink:
 
     @property
     def at_end(self) -> bool:
-        """Whether a recording or a simulation is over and everything was received; never for a live port."""
+        """Whether a recording or simulation was received completely; always False for a live port."""
         return self._stamped is not None and self._stamped.at_end
 
     @property
     def backlog_bytes(self) -> int:
-        """Bytes received from a live port that nobody fetched yet."""
+        """Bytes received from a live port and not yet fetched."""
         return self._live.backlog_bytes if self._live else 0
 
     def mono_ns(self) -> int:
@@ -97,7 +97,7 @@ class SerialLink:
         return _now()[1] if self._stamped is None else self._stamped.stamp()[1]
 
     def receive(self, timeout_s: float) -> list[Item]:
-        """What has come, waiting at most ``timeout_s`` for the first of it."""
+        """Received chunks and events; waits at most ``timeout_s`` for the first."""
         if self._live:
             return self._live.fetch(timeout_s)
         assert self._stamped is not None
@@ -115,7 +115,7 @@ class SerialLink:
             elif item.data:
                 self._recorder.rx(item)
             elif item.mono_ns < until_ns:
-                # A simulated sensor that is silent lets its time pass by empty chunks.
+                # A silent simulated sensor sends empty chunks to let its time pass.
                 continue
             else:
                 break
@@ -123,7 +123,7 @@ class SerialLink:
         return items
 
     def send(self, data: bytes) -> Chunk:
-        """Send a command; the chunk as recorded. PortError when it does not go out."""
+        """Send a command; returns the chunk as recorded. PortError if it cannot be sent."""
         if self._live:
             return self._live.send(data)
         assert self._stamped is not None
@@ -133,7 +133,7 @@ class SerialLink:
         return chunk
 
     def close(self) -> None:
-        """Stop receiving; what came is still there to fetch."""
+        """Stop receiving; received items can still be fetched."""
         if self._live:
             self._live.close()
         elif isinstance(self._stamped, TimestampedSerial):
@@ -153,7 +153,7 @@ def _now() -> tuple[int, int]:
 
 
 class _Receiver:
-    """The thread that reads a live port, and finds it again."""
+    """Thread that reads a live port and reopens it after a loss."""
 
     def __init__(
         self, url: str, finder: PortFinder, recorder: MessageWriter, port: serial.Serial | None, absent: str = ""
@@ -190,7 +190,9 @@ class _Receiver:
     def send(self, data: bytes) -> Chunk:
         port = self._port
         if port is None:
-            raise PortError(f"cannot send: {self._url} is away; plug it in again, the link comes back by itself")
+            raise PortError(
+                f"cannot send: {self._url} is not connected; plug it in again, it is reopened automatically"
+            )
         chunk = Chunk(*_now(), data)
         self._recorder.tx(chunk)
         try:
@@ -217,8 +219,8 @@ class _Receiver:
             try:
                 data = _read(self._port)
             except Exception as error:
-                # pyserial raises OSError, TypeError, termios.error, each handler its own besides: whatever it is, the
-                # port is of no use any more, and the night goes on with the next one.
+                # pyserial raises OSError, TypeError, termios.error, and each handler its own errors: after any of them
+                # the port is closed and reopened.
                 if not self._stop.is_set():
                     self._lose(error)
             else:
@@ -227,7 +229,7 @@ class _Receiver:
         self._take_rest()
 
     def _take_rest(self) -> None:
-        """What has come by the end belongs to the record."""
+        """Read the bytes that came until the end."""
         with contextlib.suppress(*_HANG_UPS):
             if self._port is not None and self._port.in_waiting:
                 self._take(_read(self._port))
@@ -278,10 +280,10 @@ class _Receiver:
 
 
 def _read(port: serial.Serial) -> bytes:
-    """What has come, or what comes first within the port's timeout; asking for more loses it all at a hang-up."""
+    """The waiting bytes, or the first one within the port's timeout; a request for more would lose all at a hang-up."""
     if not str(port.port).startswith("socket://"):
         return port.read(port.in_waiting or 1)
-    # A socket says of what waits only that there is some.
+    # A socket does not know the number of waiting bytes.
     first = port.read(1)
     if not first:
         return first
@@ -293,7 +295,7 @@ def _read(port: serial.Serial) -> bytes:
 
 
 def _close(port: serial.Serial) -> None:
-    # A device that is gone may refuse even this.
+    # Closing a device that is gone may fail.
     with contextlib.suppress(*_HANG_UPS):
         port.close()
 

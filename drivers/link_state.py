@@ -1,4 +1,4 @@
-"""The state of the link, from what comes over it.
+"""State of the link, from its events and bytes.
 
     NO_PORT     there is no port
     WAITING     the port is open, nothing has come
@@ -7,8 +7,8 @@
     STALE       frames came, now nothing does
 
 The states depend on the stamps of the data alone: how chunks are cut, and how often ``pass_time`` is called, changes
-neither the changes of state nor their times. A state that is left in silence is left at the instant at which the
-silence had lasted long enough, whenever that is found out.
+neither the changes of state nor their times. A state that ends by silence ends when the silence has lasted SILENCE_S,
+even if that is noticed later.
 """
 
 from collections.abc import Mapping
@@ -16,22 +16,22 @@ from collections.abc import Mapping
 from drivers.chunk import Chunk, LinkEvent, LinkKind
 
 UNKNOWN = ""
-"""Before anything is known: a simulated port says nothing when it opens."""
+"""The state before the first event or byte: a simulated port has no event OPENED."""
 
 SILENCE_S = 3.0
 """The slowest sensor known exposes for 2 s."""
 SAMPLE_BYTES = 4096
 FEW_VALUES = 16
-"""A line read much too fast shows a handful of byte values, a frame of any protocol many more."""
+"""A line read with a much too high baud rate gives few byte values, a frame of any protocol many more."""
 _NS = 1_000_000_000
 _NO_START = {"no sync", "truncated"}
 
 
 class LinkMonitor:
-    """Feed it every event of the link, and every chunk with the counts of what it completed.
+    """State machine, fed with every event of the link, and every chunk with the counts of its frames and discards.
 
-    Each call returns the changes of state that it brings, as events with their times, and besides once per silence
-    ``SILENT``, once per stretch of unreadable bytes ``NO_FRAMES`` with what is probably wrong.
+    Each call returns the changes of state as events with their times; also ``SILENT`` once per silence, and
+    ``NO_FRAMES`` with the probable cause once per stretch of unreadable bytes.
     """
 
     def __init__(self, baudrate: int, silence_s: float = SILENCE_S) -> None:
@@ -49,7 +49,7 @@ class LinkMonitor:
         self._reasons: set[str] = set()
 
     def port_event(self, event: LinkEvent) -> list[LinkEvent]:
-        """An event of the port: it came, or went."""
+        """Process an event of the port: opened or lost."""
         changes = self.pass_time(event.utc_ns, event.mono_ns)
         if event.kind in (LinkKind.LOST, LinkKind.NO_PORT):
             changes += self._change(LinkKind.NO_PORT, event.mono_ns, event.text)
@@ -58,7 +58,7 @@ class LinkMonitor:
         return changes
 
     def received(self, chunk: Chunk, frames: int, discards: Mapping[str, int]) -> list[LinkEvent]:
-        """A chunk, the number of valid frames that it completed, and by reason the bytes that it had discarded."""
+        """Process a chunk, the number of valid frames that it completed, and its discarded bytes by reason."""
         changes = self.pass_time(chunk.utc_ns, chunk.mono_ns)
         self._bytes_ns = chunk.mono_ns
         if self.state not in (LinkKind.SYNCING, LinkKind.STREAMING):
@@ -67,17 +67,17 @@ class LinkMonitor:
             changes += self._change(LinkKind.STREAMING, chunk.mono_ns, "valid frames come")
             self._begin(chunk.mono_ns)
         elif self.state == LinkKind.SYNCING or chunk.mono_ns > self._since_ns:
-            # What comes at the very instant of a frame may or may not have been in the frame's own chunk.
+            # Bytes with the time of a frame may belong to the frame's own chunk.
             self._unframed_bytes += len(chunk.data)
             self._sample += chunk.data[: SAMPLE_BYTES - len(self._sample)]
             self._reasons.update(reason for reason, count in discards.items() if count)
         return changes
 
     def pass_time(self, utc_ns: int, mono_ns: int) -> list[LinkEvent]:
-        """What the time that has passed without anything new means."""
+        """Changes of state by the time without bytes."""
         self._utc_minus_mono_ns = utc_ns - mono_ns
         if mono_ns < self._now_ns:
-            # The host was booted anew: what was measured by its old clock begins anew as well.
+            # The host was restarted, and its monotonic clock with it: the intervals start again.
             self._bytes_ns = self._since_ns = mono_ns
         self._now_ns = mono_ns
         changes: list[LinkEvent] = []
@@ -93,7 +93,7 @@ class LinkMonitor:
             return self._change(LinkKind.STALE, due_ns, self._nothing_comes())
         self._silence_reported = True
         if self.state == LinkKind.WAITING:
-            text = f"the port is open, but no bytes for {self._silence_s:g} s: is the sensor powered, and started?"
+            text = f"the port is open, but no bytes for {self._silence_s:g} s: check the sensor, send START"
             return [self._event(LinkKind.SILENT, due_ns, text)]
         if self.state == LinkKind.SYNCING:
             return [self._event(LinkKind.NO_FRAMES, due_ns, self._why_no_frames())]
@@ -103,7 +103,7 @@ class LinkMonitor:
         return []
 
     def _begin(self, mono_ns: int) -> None:
-        """Measure anew: since the port was opened, since bytes come, since the last frame."""
+        """Restart the intervals: since the port was opened, since bytes come, since the last frame."""
         self._since_ns = mono_ns
         self._silence_reported = False
         self._sample.clear()

@@ -1,4 +1,4 @@
-"""Text from outside, made fit to be shown on a terminal, in a page, in a table.
+"""Sanitised text from outside, for a terminal, a page or a table.
 
 Whatever a sensor, a file or a server says goes through here before it is shown: a control character (ESC, C1, a change
 of writing direction) or a lone surrogate becomes its escape.

@@ -1,4 +1,4 @@
-"""The serial ports of this computer: which there are, who holds them, why one does not open."""
+"""Serial ports of this computer: list, processes that hold them, opening with clear errors."""
 
 import contextlib
 import errno
@@ -27,7 +27,7 @@ serial.protocol_handler_packages.append("drivers.urlhandlers")
 
 @dataclass(frozen=True, slots=True)
 class PortInfo:
-    """One serial port: its device, what it says of itself, and the USB identity where it has one."""
+    """One serial port: its device, its description, and its USB identity if it has one."""
 
     device: str
     description: str
@@ -51,7 +51,7 @@ def ports_here() -> list[PortInfo]:
 
 
 def holders(device: str) -> list[str]:
-    """Other processes that have a device open, as ``name (pid N)``; those that /proc lets us see."""
+    """Other processes that have a device open, as ``name (pid N)``; only those visible in /proc."""
     target = os.path.realpath(device)
     found = []
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda path: int(path.name)):
@@ -81,7 +81,7 @@ def is_mock(url: str) -> bool:
 
 
 def is_awaitable(url: str, error: PortError) -> bool:
-    """Whether a port that did not open may open later: not a mock, and not a URL that nobody understands."""
+    """Whether a port that did not open may open later: not a mock, and not an invalid URL."""
     return not is_mock(url) and not isinstance(error, UrlError)
 
 
@@ -96,7 +96,7 @@ def is_device(url: str) -> bool:
 
 
 def open_port(url: str, baudrate: int) -> serial.Serial:
-    """Open a port by its pyserial URL; PortError says why it does not open and what to do."""
+    """Open a port by its pyserial URL; PortError with reason and advice if that fails."""
     _check(url)
     try:
         port = _made(url, baudrate)
@@ -152,7 +152,7 @@ def _quiet(read_loop: Callable[[], None]) -> Callable[[], None]:
 
 
 def _keep_alive(connection: object) -> None:
-    """Have the kernel find out when the other end of a network port is gone without a word, within half a minute."""
+    """Enable TCP keep-alive, so that a dead network port is noticed within half a minute."""
     if not isinstance(connection, socket.socket):
         return
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -166,12 +166,12 @@ def _asked(url: str) -> str:
     """The URL as pyserial needs it."""
     if not url.lower().startswith("rfc2217://") or "ign_set_control" in url:
         return url
-    # Servers whose port has no modem lines never answer what pyserial says of them, and it would wait.
+    # Servers without modem lines never answer pyserial's request about them, and it would wait.
     return url + ("&" if "?" in url else "?") + "ign_set_control"
 
 
 def _check(url: str) -> None:
-    """What pyserial itself has no good words for."""
+    """Refuse URLs for which pyserial has no clear error."""
     if not url:
         raise UrlError("the port has no name; expected for example /dev/ttyUSB0, hwgrep://FT232 or sim://")
     if url.lower().startswith(_ON_THE_NET):
@@ -184,12 +184,12 @@ def _check(url: str) -> None:
 
 
 def _intruders(device: str) -> list[str]:
-    # A plain open still gets in beside our lock, and takes bytes away. A pty is held by whoever made it.
+    # Our lock does not prevent a plain open, which would take bytes away. A pty is held by its maker.
     return [] if os.path.realpath(device).startswith("/dev/pts/") else holders(device)
 
 
 def explain(url: str, error: Exception) -> str:
-    """Why a port did not open, and what to do, in one or two lines."""
+    """Reason and advice for a port that did not open, in one or two lines."""
     number = getattr(error, "errno", None)
     if is_device(url) and not os.path.exists(url):
         return f"there is no port {url}; {_known(ports_here())}"
@@ -203,9 +203,9 @@ def explain(url: str, error: Exception) -> str:
     if url.lower().startswith("hwgrep://"):
         return f"no port matches {url}; {_known(ports_here())}"
     if isinstance(error, ValueError):
-        return f"{url} is no port that can be opened: {error}"
+        return f"{url} is not a port that can be opened: {error}"
     if is_device(url) and not number:
-        return f"{url} is no serial port: {error}"
+        return f"{url} is not a serial port: {error}"
     return f"cannot open {url}: {error}"
 
 
@@ -216,7 +216,7 @@ def _busy(url: str, names: list[str]) -> str:
 
 def _known(ports: Iterable[PortInfo]) -> str:
     text = ", ".join(f"{port.device} ({port.description})" for port in ports)
-    return f"ports here: {text}" if text else "there are no serial ports here: is the adapter plugged in?"
+    return f"ports here: {text}" if text else "there are no serial ports here: plug in the adapter"
 
 
 def _group(device: str) -> str:

@@ -1,4 +1,4 @@
-"""Finding a port again after it went away: under its name, or its USB adapter under another."""
+"""Reopening of a lost port: under its name, or its USB adapter under another name."""
 
 import os
 import threading
@@ -18,14 +18,14 @@ WATCH_S = 0.1
 
 
 class PortFinder:
-    """Opens one port again and again, all night, with growing pauses that end at once when the port appears."""
+    """Tries to open one port until it succeeds, with growing pauses that end at once when the port appears."""
 
     def __init__(self, url: str, baudrate: int, list_ports: Callable[[], list[PortInfo]]) -> None:
         self._url, self._baudrate, self._list_ports = url, baudrate, list_ports
         self._adapter: PortInfo | None = None
 
     def remember(self, port: serial.Serial) -> None:
-        """Learn which USB adapter this is, where it says so."""
+        """Note the USB identity of the port, if it has one."""
         device = os.path.realpath(str(port.port))
         known = (info for info in self._list_ports() if os.path.realpath(info.device) == device)
         self._adapter = next((info for info in known if info.serial_number), self._adapter)
@@ -39,14 +39,14 @@ class PortFinder:
                 try:
                     return url, open_port(url, self._baudrate)
                 except PortError:
-                    # Not there, not ready, or busy: whoever waits all night tries again.
+                    # Missing, not ready, or busy: try again.
                     pass
             self._pause(pause_s, stop, is_absent=url is None)
             pause_s = min(2 * pause_s, LONGEST_PAUSE_S if is_device(self._url) else LONGEST_BLIND_PAUSE_S)
         return None
 
     def _where(self) -> str | None:
-        """The URL to try: that of the adapter wherever it is now, else the one we were given, None when not there."""
+        """The URL to try: the present one of the adapter, else the original one; None while the port is missing."""
         if not is_device(self._url):
             return self._url
         if self._adapter is not None:

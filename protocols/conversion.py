@@ -15,7 +15,7 @@ Count = Any  # a Python int or float, or an array of ints, as numpy gives it
 Value = Any  # int, float, str, frozenset[str] or tuple[int, ...], as the field's Kind says
 
 LARGEST_TIME_US = 2**53
-"""A sensor clock of 285 years is no clock; beyond it nanoseconds no longer fit 64 bits."""
+"""Longest valid sensor time, 285 years; beyond it nanoseconds do not fit 64 bits."""
 
 LARGEST_FLOAT = 1e18
 """Beyond it a float on the wire is garbage; also what keeps scaled values finite."""
@@ -98,7 +98,7 @@ class FieldCodec:
         return values
 
     def problem_of(self, count: Count) -> str | None:
-        """What is out of order with this count, in words; None if nothing is."""
+        """The problem with this count, in words; None without one."""
         low, high = self._field.minimum, self._field.maximum
         if self.is_float and not abs(count) <= LARGEST_FLOAT:
             return f"{self.name} is {count}: no number of ordinary size"
@@ -111,7 +111,7 @@ class FieldCodec:
         return None
 
     def problem_among(self, counts: NDArray[Any]) -> str | None:
-        """What is out of order with one of many counts (N,); None if nothing is."""
+        """The problem with one of many counts (N,); None without one."""
         low, high = self._bounds
         for count in counts.tolist():
             if not low <= count <= high:  # as NaN is not

@@ -1,4 +1,4 @@
-"""A protocol description as it stands in its YAML file: keys, types and bounds.
+"""Protocol description, the content of its YAML file: keys, types and bounds.
 
 What a description means (dtypes, offsets, standard names) is checked by protocols/layout.py; docs/protocols.md is the
 reference of the keys.

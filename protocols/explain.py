@@ -1,4 +1,4 @@
-"""Says of discarded bytes what a frame would have needed instead."""
+"""Explanation of discarded bytes: the expected frame against the received bytes."""
 
 from protocols.frame import Discard
 from protocols.layout import FrameLayout

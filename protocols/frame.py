@@ -1,4 +1,4 @@
-"""What a stream of bytes is made of: frames, and discards with their reason."""
+"""Parts of a stream of bytes: frames, and discards with their reason."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -34,7 +34,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Discard:
-    """Bytes from offset ``start`` on that are no frame, and why."""
+    """Bytes from offset ``start`` on that are not a frame, and the reason."""
 
     start: int
     data: bytes

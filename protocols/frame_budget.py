@@ -1,4 +1,4 @@
-"""How many frames can have been sent in a time: the bound of what a jump of sequence numbers may count as lost."""
+"""Largest number of frames sent in a time: the bound of the losses that a jump of sequence numbers may count."""
 
 from collections import deque
 from statistics import median

@@ -34,12 +34,12 @@ class FrameDecoder:
         return self._scanner.refused
 
     def feed(self, data: bytes) -> list[Frame | Discard]:
-        """What these bytes complete."""
+        """Frames and discards that these bytes complete."""
         self.bytes_in += len(data)
         return self._count(self._scanner.feed(data))
 
     def finish(self) -> list[Frame | Discard]:
-        """What is left when the stream has ended; afterwards nothing is pending."""
+        """Frames and discards of the last bytes, at the end of the stream; afterwards nothing is pending."""
         return self._count(self._scanner.finish())
 
     def _count(self, found: list[Frame | Discard]) -> list[Frame | Discard]:

@@ -14,7 +14,7 @@ _CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
 
 @dataclass(frozen=True, slots=True)
 class HeaderLayout:
-    """Where the numbers of the header stand.
+    """Layout of the header's numbers.
 
     ``names`` are the fields in the order of ``packed``; the length field says payload bytes = factor * count + zero.
     """

@@ -1,4 +1,4 @@
-"""The messages of a star sensor, in px, s and degC: what frames mean once the wire is left behind.
+"""Messages of a star sensor in px, s and degC, independent of the wire format.
 
     sensor to station                        station to sensor
     PANORAMA    PanoramaMessage              PING          Ping
@@ -8,8 +8,8 @@
     NAK         Nak                          SET_EXPOSURE  SetExposure
     any other   Other
 
-A frame whose checksum is right is a valid frame, whatever it says: what the sensor should not have said stands in
-``problems``, one line each. A number that the protocol does not carry is NaN or 0, a word is empty.
+A frame with a correct checksum is a valid frame; invalid values in it are listed in ``problems``, one line each. A
+number that the protocol does not carry is NaN or 0, a word is empty.
 """
 
 import math
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """What all messages have: the values that are out of order, in words for the operator."""
+    """Common part of all messages: invalid values, in words for the operator."""
 
     problems: tuple[str, ...] = field(default=(), kw_only=True)
 

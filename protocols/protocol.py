@@ -1,4 +1,4 @@
-"""A protocol: what a description has become, ready to decode and encode."""
+"""Compiled protocol, ready to decode and encode."""
 
 import reprlib
 from importlib import resources
@@ -65,7 +65,7 @@ class Protocol:
         return frozenset(names.get(bit, f"bit {bit}") for bit in bits)
 
     def decode(self, frame: Frame) -> Message:
-        """The message of a frame of this protocol's own decoder; what is odd about it stands in its ``problems``."""
+        """The message of a frame of this protocol's own decoder; invalid values are listed in its ``problems``."""
         return self._codecs[frame.type].decode(frame.payload)
 
     def encode(self, message: Message, sequence: int, flags: int = 0) -> bytes:
@@ -80,7 +80,7 @@ class Protocol:
         return self.encode_payload(name, codec.encode(message), sequence, flags)
 
     def encode_payload(self, type_name: str, payload: bytes, sequence: int, flags: int = 0) -> bytes:
-        """The bytes on the wire of a payload, whatever it says."""
+        """The bytes on the wire of a payload, without a check of its content."""
         layout, frames = self._codecs[type_name].layout, self.frame_layout
         if len(payload) != layout.size:
             raise EncodeError(f"{type_name} has {layout.size} bytes of payload, not {len(payload)}")
@@ -119,7 +119,9 @@ def load_protocol(name_or_path: str) -> Protocol:
         return parse_protocol(_built_in_text(name_or_path), f"{name_or_path}.yaml")
     path = Path(name_or_path)
     if path.exists() and not path.is_file():
-        raise DescriptionError(f"{name_or_path} is no file: expected a built-in protocol or the path of a description")
+        raise DescriptionError(
+            f"{name_or_path} is not a file: expected a built-in protocol or the path of a description"
+        )
     try:
         with path.open("rb") as file:
             text = file.read(MAX_TEXT + 1).decode("utf-8")
@@ -129,7 +131,7 @@ def load_protocol(name_or_path: str) -> Protocol:
             f"nor a description that can be read: {error.strerror}"
         ) from error
     except UnicodeDecodeError as error:
-        raise DescriptionError(f"{name_or_path}: no protocol description: it is not UTF-8 text") from error
+        raise DescriptionError(f"{name_or_path}: not a protocol description: it is not UTF-8 text") from error
     return parse_protocol(text, name_or_path)
 
 

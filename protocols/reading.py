@@ -80,7 +80,7 @@ def read_document(text: str, source_name: str) -> tuple[dict[str, Any], Source]:
     """The YAML mapping of a text; DescriptionError where it is none, too large, or gives a key twice."""
     source = Source(source_name)
     if len(text) > MAX_TEXT:
-        raise source.error(f"longer than {MAX_TEXT} characters: this is no protocol description")
+        raise source.error(f"longer than {MAX_TEXT} characters: this is not a protocol description")
     try:
         root, document = load_document(text)
     except yaml.YAMLError as error:

@@ -83,7 +83,7 @@ def _layout(field: FieldDescription, role: Role, description: Description) -> Fi
 def _check_spare(field: FieldDescription, source: Source, path: Path) -> None:
     for key in ("unit", "scale", "min", "max", "bits", "values"):
         if getattr(field, key) is not None:
-            raise source.error(f"a {SPARE} field has none: nobody looks at it", (*path, key))
+            raise source.error(f"a {SPARE} field has none: its value is not used", (*path, key))
 
 
 def _check_field(field: FieldDescription, role: Role, source: Source, path: Path) -> None:

@@ -17,7 +17,7 @@ LONGEST_GAP_S = 600.0
 
 
 class Arrival(Enum):
-    """What a sequence number says of the frame that carries it."""
+    """Class of a frame by its sequence number."""
 
     NEXT = "next"
     """One after the frame before, or the first of all."""
@@ -34,7 +34,7 @@ class Arrival(Enum):
 
 
 class SequenceTracker:
-    """Counts what the sequence numbers of one direction tell; all message types share one counter.
+    """Classifies and counts the sequence numbers of one direction; all message types share one counter.
 
     ``modulus`` is where the number wraps; 0 stands for a protocol without sequence numbers, where every frame is NEXT
     unless its clock jumps back.

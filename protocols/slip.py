@@ -63,7 +63,7 @@ class SlipScanner:
         """Nothing: a packet is complete before it is looked at."""
 
     def feed(self, data: bytes) -> list[Frame | Discard]:
-        """What these bytes complete."""
+        """Frames and discards that these bytes complete."""
         self._buffer += data
         out: list[Frame | Discard] = []
         at = 0
@@ -80,7 +80,7 @@ class SlipScanner:
         return out
 
     def finish(self) -> list[Frame | Discard]:
-        """What is left at the end of the stream: a packet without its END is truncated."""
+        """Frames and discards at the end of the stream: a packet without its END is truncated."""
         out: list[Frame | Discard] = []
         at = self._discard(out, 0, max(0, self._ends - 1), NO_SYNC)
         known = not self._overlong and (self._synced or self._ends > 0)

@@ -45,7 +45,7 @@ class SyncWordScanner:
         return Discard(self._start, bytes(self._buffer), self._reason) if is_known else None
 
     def feed(self, data: bytes) -> list[Frame | Discard]:
-        """What these bytes complete."""
+        """Frames and discards that these bytes complete."""
         self._buffer += data
         out: list[Frame | Discard] = []
         at = self._take(out, final=False)
@@ -53,7 +53,7 @@ class SyncWordScanner:
         return out
 
     def finish(self) -> list[Frame | Discard]:
-        """What is left at the end of the stream: an incomplete frame is truncated."""
+        """Frames and discards at the end of the stream: an incomplete frame is truncated."""
         out: list[Frame | Discard] = []
         at = self._take(out, final=True)
         tail = max(self._scan, len(self._buffer) - self._begun_sync_word())

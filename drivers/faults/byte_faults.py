@@ -20,7 +20,7 @@ class ByteFaults:
         ]
 
     def edit(self, offset: int, data: bytes) -> tuple[bytes, list[str]]:
-        """The bytes from ``offset`` of the source on, with their faults, and what was done to them."""
+        """The bytes from ``offset`` of the source on with their faults, and a description of each fault."""
         edits = [
             (place, kind, random) for kind, places, random in self._kinds for place in places.before(offset + len(data))
         ]

@@ -8,7 +8,7 @@ from drivers.chunk import Chunk
 from drivers.faults.options import FRAME_KINDS, Faults
 
 MAX_HELD_BYTES = 4096
-"""A frame is no longer; what seems to be is a stream without frame starts, and passes."""
+"""Longest frame; a longer one is a stream without frame starts and is passed on."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,7 +98,7 @@ def _framed(items: Iterator[Item], faults: Faults) -> Iterator[list[_Part]]:
 
 
 class _Outages:
-    """The port goes and comes back; what the sensor sends meanwhile nobody hears."""
+    """Outages of the port; bytes that the sensor sends meanwhile are lost."""
 
     def __init__(self, faults: Faults) -> None:
         self._waiting = list(faults.outages)
@@ -107,7 +107,7 @@ class _Outages:
         self._back: LinkEvent | None = None
 
     def pass_on(self, part: _Part) -> Iterator[_Part]:
-        """What is heard when this is sent."""
+        """The part of a piece that is received."""
         if isinstance(part, LinkEvent):
             yield part
             return

@@ -1,4 +1,4 @@
-"""Seeded faults for the mock ports: what cables, adapters and sensors do on a bad night.
+"""Seeded faults for the mock ports: those of cables, adapters and sensors.
 
     faults=flip:1e-4,drop_frame:0.01,disconnect:12.5s/3s
 

@@ -66,7 +66,7 @@ class Pace:
         return timeout_s is None or left_s <= timeout_s
 
     def stop(self) -> None:
-        """Wake whoever waits."""
+        """Wake a waiting read."""
         self._stop.set()
 
 

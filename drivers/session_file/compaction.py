@@ -14,7 +14,7 @@ from drivers.session_file.reader import one_file
 from drivers.session_file.records import PROFILE, RX, TX, Attachment, Damage, Message, Record, checksum
 
 CHUNK_BYTES = 64 << 10
-"""Unpacked; some 15 s of a night at 10 Hz, the most that a damaged place can cost. Larger ones pack no better."""
+"""Unpacked size: some 15 s at 10 Hz, the most that a damaged place can cost. Larger chunks pack no better."""
 
 
 def compact(path: Path) -> bool:

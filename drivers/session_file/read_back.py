@@ -1,6 +1,6 @@
-"""Whether a closed session file is what was written, and what can be saved where it is not.
+"""Comparison of a closed session file with the bytes written to it, and recovery where they differ.
 
-Raw data is never rewritten: what memory still holds goes, with all that is whole in the file, to a file beside it.
+Raw data is never rewritten: the intact records of the file and the bytes still in memory go to a file beside it.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ from drivers.session_file.written_bytes import BLOCK_BYTES, WrittenBytes
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """What is wrong with a file, in words; the file of what was saved, and the port's bytes that are in neither."""
+    """Description of the damage, the recovered file, and the number of the port's bytes in neither file."""
 
     text: str
     recovered: Path | None
@@ -49,7 +49,7 @@ def read_back(path: Path, written: WrittenBytes, port_bytes: int) -> Difference 
 
 
 def _recover(path: Path, written: WrittenBytes) -> tuple[Path, int]:
-    """A new session of all that file and memory hold whole, and the port's bytes in it."""
+    """A new session of all intact records in file and memory, and the number of the port's bytes in it."""
     beside = path.with_name(f"{path.stem}.recovered{path.suffix}")
     mended = path.with_name(f".{path.name}.mended")
     try:
@@ -74,7 +74,7 @@ def _port_bytes(path: Path) -> int:
 
 
 def _forget_cache(path: Path) -> None:
-    """Have the kernel read from the disk what it may still hold in memory, where it can."""
+    """Drop the kernel's cache of the file, where possible, so that it is read from the disk."""
     with contextlib.suppress(OSError):
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         try:

@@ -71,7 +71,7 @@ _BROKEN = (
 
 
 class _NotBelievedError(Exception):
-    """This is no whole, true record."""
+    """Not an intact record."""
 
 
 class RecordScanner:
@@ -105,7 +105,7 @@ class RecordScanner:
         return inside
 
     def check_ours(self) -> None:
-        """CaptureError where the file is no session of this station."""
+        """CaptureError where the file is not a session of this station."""
         if self._window.size == 0:
             raise CaptureError(f"{self._file} is empty: no session")
         if self._window.get(0, len(MAGIC)) == MAGIC:
@@ -118,7 +118,7 @@ class RecordScanner:
         # The head may be damaged: one message that proves true makes it ours.
         if not self._has_message(min(FOREIGN_AFTER, self._window.size)):
             raise CaptureError(
-                f"{self._file} is no session of this station (MCAP with profile {PROFILE!r} expected); "
+                f"{self._file} is not a session of this station (MCAP with profile {PROFILE!r} expected); "
                 "for a raw serial capture give the UTC of its start: --start-utc"
             )
 
@@ -240,9 +240,11 @@ class RecordScanner:
         return []
 
     def _messages(self, offset: int) -> tuple[list[Message], int]:
-        """The messages from an offset of a block on, up to what is no whole message of a known channel, and its offset.
+        """The messages from an offset of a block on, up to the first that is not an intact message of a known channel,
+        and its offset.
 
-        A night is a million of them: each is one look at the block. What is anything else is looked at with care.
+        A session has up to a million of them, so each takes one look at the block; all other records are checked
+        elsewhere.
         """
         messages: list[Message] = []
         if isinstance(self._window, FileWindow):

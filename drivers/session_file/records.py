@@ -1,4 +1,4 @@
-"""What a session file holds: messages, attachments, and damage where there is some.
+"""Records of a session file: messages, attachments, damage.
 
 A message stands in MCAP as (channel, sequence u32, log_time u64, publish_time u64, data). Here log_time is UTC and
 publish_time the monotonic clock, both in nanoseconds, and ``sequence`` (free for the publisher's use) carries the
@@ -40,18 +40,18 @@ class Message:
     data: bytes
 
     def chunk(self) -> Chunk:
-        """The message of /serial/rx or /serial/tx as the chunk it was."""
+        """The chunk of a message of /serial/rx or /serial/tx."""
         return Chunk(self.utc_ns, self.mono_ns, self.data)
 
     def event(self) -> LinkEvent:
-        """The message of /events as the event it was; an unreadable one says so."""
+        """The event of a message of /events; of kind UNREADABLE where it cannot be read."""
         try:
             document = json.loads(self.data)
             kind, text = str(document["kind"]), plain_line(str(document["text"]))
         except (ValueError, KeyError, TypeError, RecursionError):
             kind, text = "", ""
         if not _KIND.fullmatch(kind):
-            return LinkEvent(self.utc_ns, self.mono_ns, LinkKind.UNREADABLE, f"{self.data[:40]!r} is no event")
+            return LinkEvent(self.utc_ns, self.mono_ns, LinkKind.UNREADABLE, f"{self.data[:40]!r} is not an event")
         return LinkEvent(self.utc_ns, self.mono_ns, kind, text)
 
 
@@ -66,7 +66,7 @@ class Attachment:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """Bytes of a session file that are no whole, true record."""
+    """Bytes of a session file that are not an intact record."""
 
     file: str
     offset: int
@@ -95,7 +95,7 @@ def event_message(event: LinkEvent) -> Message:
 
 
 class MessageWriter:
-    """Whoever writes messages: what comes and goes and happens becomes one."""
+    """Writer of messages: received bytes, sent bytes, events and derived results."""
 
     def write(self, message: Message) -> None:
         """Any message."""
@@ -110,7 +110,7 @@ class MessageWriter:
         self.write(Message(TX, chunk.utc_ns, chunk.mono_ns, chunk.data))
 
     def event(self, event: LinkEvent) -> None:
-        """Something that happened."""
+        """Write an event."""
         self.write(event_message(event))
 
     def derived(self, topic: str, utc_ns: int, json_bytes: bytes) -> None:

@@ -1,4 +1,4 @@
-"""A file that keeps what a full or failing disk refuses, and tries again.
+"""File that keeps unwritten bytes after a disk error and writes them later.
 
 MCAP's own writer forgets a record when the write below it fails. So it writes into a spool, which never fails;
 ``flush`` hands the bytes to the kernel, and what the kernel refuses stays for the next flush, in order.
@@ -48,7 +48,7 @@ class RetryingFile:
         os.fsync(self._fd)
 
     def vanished(self) -> bool:
-        """Whether the file was deleted or replaced under our feet: writing still succeeds then, into nothing."""
+        """Whether the file was deleted or replaced: writing still succeeds then, but without effect."""
         try:
             there, here = os.stat(self.path), os.fstat(self._fd)
         except OSError:

@@ -17,7 +17,7 @@ _FOOTER_BYTES_IN_CRC = 9 + 16
 
 @dataclass(slots=True)
 class FileCheck:
-    """What was found in one file of a session; the first damaged places and attachments are listed, all are counted.
+    """Result for one file of a session; the first damaged places and attachments are listed, all are counted.
 
     ``closed``: it has its proper end. ``checksums`` is False where the whole-file checksums of a closed file do not
     agree although no record was found damaged: then an index or a length was, and no data.
@@ -46,7 +46,7 @@ class FileCheck:
 
 @dataclass(frozen=True, slots=True)
 class SessionCheck:
-    """What was found in a session: its files, and the names of files that are missing."""
+    """Result for a session: its files, and the names of missing files."""
 
     files: tuple[FileCheck, ...]
     missing: tuple[str, ...]
@@ -58,7 +58,7 @@ class SessionCheck:
 
     @property
     def damaged_bytes(self) -> int:
-        """Bytes of the files that are no whole record."""
+        """Bytes of the files outside intact records."""
         return sum(file.damaged_bytes for file in self.files)
 
 

@@ -1,7 +1,7 @@
 """Session files: chunks to MCAP.
 
 Unchunked, and handed to the kernel after every message: what was written stays when the process is killed. Reading is
-``read_capture`` of drivers/capture_reader.py.
+``read_capture`` of drivers/session_file/reader.py.
 """
 
 from pathlib import Path
@@ -91,11 +91,11 @@ class CaptureWriter(MessageWriter):
         return self._spool.pending
 
     def vanished(self) -> bool:
-        """Whether somebody deleted the file or its folder."""
+        """Whether the file or its folder was deleted."""
         return self._spool.vanished()
 
     def restore_if_vanished(self) -> bool:
-        """Write the file again where somebody deleted it or its folder; True when that was necessary."""
+        """Write the file again if it or its folder was deleted; True when that was necessary."""
         if not self._spool.vanished():
             return False
         self._spool.restore()

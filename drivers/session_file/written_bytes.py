@@ -1,7 +1,7 @@
-"""What was written to a file, as the writer remembers it: a checksum of each block, and the last bytes themselves.
+"""Memory of the bytes written to a file: a checksum of each block, and the last bytes themselves.
 
-Another program, a bad sector or a stick that lies can change a file behind our back while it grows. What stands there
-in the end is compared with this.
+Another program, a bad sector or a faulty stick can change a file while it grows. The closed file is compared with this
+memory.
 """
 
 import zlib
@@ -24,7 +24,7 @@ class WrittenBytes:
         self._tail = bytearray()
 
     def add(self, data: bytes) -> None:
-        """These bytes were written at the end."""
+        """Add bytes written at the end of the file."""
         self._tail += data
         if len(self._tail) > 2 * TAIL_BYTES:
             del self._tail[:-TAIL_BYTES]
@@ -51,5 +51,5 @@ class WrittenBytes:
         return found
 
     def tail(self) -> tuple[int, bytes]:
-        """The end that memory still holds, and its offset."""
+        """Offset and bytes of the end of the file that is still in memory."""
         return self.size - len(self._tail), bytes(self._tail)

@@ -1,7 +1,7 @@
-"""The port replay://PATH: a recorded night instead of a sensor.
+"""The port replay://PATH: a recorded session instead of a sensor.
 
-Options, each once, after a question mark: ``speed`` (max, 1, or a factor), ``from`` and ``to`` (RFC 3339 UTC),
-``loop`` (passes), ``cut`` (most bytes per chunk), ``start_utc`` (for a raw capture), and those of drivers/faults.py:
+Options, each once, after a question mark: ``speed`` (max, 1, or a factor), ``from`` and ``to`` (RFC 3339 UTC), ``loop``
+(passes), ``cut`` (most bytes per chunk), ``start_utc`` (for a raw capture), and those of drivers/faults/options.py:
 ``faults``, ``seed``, ``frame_start``, ``ack_start``.
 """
 
@@ -48,7 +48,7 @@ def _pass(url: MockUrl) -> Iterator[Item]:
         return session_items(path, utc_option("from", url.options.get("from")), utc_option("to", url.options.get("to")))
     if start_utc_ns is None:
         raise CaptureError(
-            f"{path} is no session; as a raw serial capture it needs the UTC of its start, "
+            f"{path} is not a session; as a raw serial capture it needs the UTC of its start, "
             "for example --start-utc 2026-03-20T18:30:00Z"
         )
     return raw_items(path, start_utc_ns)

@@ -1,9 +1,9 @@
 """The port sim://: a simulated sensor.
 
-The simulation itself needs catalogue and camera, which the drivers do not know. Whoever has it registers a factory
+The simulation itself needs catalogue and camera, which the drivers do not know. The owner of both registers a factory
 here, once, at start-up; the options of the URL go to it as they are, but those that are the port's own: ``speed``,
-``cut``, ``faults``, ``frame_start``, ``ack_start`` (drivers/faults.py). ``seed`` serves both. A fault ``reset`` is the
-sensor's own affair and goes to it as ``reset_s``: what it sees after its restart is the sky of then.
+``cut``, ``faults``, ``frame_start``, ``ack_start`` (drivers/faults/options.py). ``seed`` serves both. A fault ``reset``
+is the sensor's own affair and goes to it as ``reset_s``: what it sees after its restart is the sky of then.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ OWN_OPTIONS = ("speed", "cut", "faults", "frame_start", "ack_start")
 
 
 class SimulatedDevice(Protocol):
-    """What stands behind the port."""
+    """Simulated device behind the port."""
 
     def next_chunk(self) -> Chunk | None:
         """The next bytes that the sensor sends, None when the scenario is over."""
@@ -36,7 +36,7 @@ _factories: list[Factory] = []
 
 
 def register(factory: Factory) -> None:
-    """Say who makes simulated sensors; the last one registered counts."""
+    """Set the factory of simulated sensors; the last one counts."""
     _factories[:] = [factory]
 
 

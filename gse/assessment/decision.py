@@ -15,7 +15,7 @@ from enum import StrEnum
 
 from scipy.special import betaincinv, ndtr
 
-from gse.assessment.guard_band import COVERAGE_FACTOR, guard
+from gse.assessment.guard_band import COVERAGE_FACTOR, exceeds, further_share, guard, keeps
 from gse.assessment.sampling import MIN_FRAMES, Bounds
 from gse.limits import Decision
 from gse.station.results import Subject
@@ -102,7 +102,7 @@ def judge_figure(
     """The row of a figure that must not exceed its limit."""
     above = guard(figure.bounds.upper - figure.value, truth_uncertainty)
     below = guard(figure.value - figure.bounds.lower, truth_uncertainty)
-    outcome = _outcome(figure.value, above, below, limit, decision)
+    outcome = _outcome(figure, limit, truth_uncertainty, decision)
     risk = RISK if decision is Decision.GUARDED else _risk(figure.value, above, limit)
     label = f"{subject} {name}"
     if figure.frames == 0 or math.isnan(limit):
@@ -134,12 +134,13 @@ def judge_figure(
     )
 
 
-def _outcome(value: float, above: float, below: float, limit: float, decision: Decision) -> Outcome:
-    if decision is Decision.SIMPLE and math.isfinite(value):
-        return Outcome.PASS if value <= limit else Outcome.FAIL
-    if value + above <= limit:
+def _outcome(figure: Figure, limit: float, truth_uncertainty: float, decision: Decision) -> Outcome:
+    if decision is Decision.SIMPLE and math.isfinite(figure.value):
+        return Outcome.PASS if figure.value <= limit else Outcome.FAIL
+    if keeps(figure.value, figure.bounds.upper, limit, truth_uncertainty):
         return Outcome.PASS
-    return Outcome.FAIL if value - below > limit else Outcome.INCONCLUSIVE  # NaN is neither
+    is_over = exceeds(figure.value, figure.bounds.lower, limit, truth_uncertainty)
+    return Outcome.FAIL if is_over else Outcome.INCONCLUSIVE
 
 
 def _risk(value: float, above: float, limit: float) -> float:
@@ -167,9 +168,8 @@ def minutes_more(figure: Figure, limit: float, truth_uncertainty: float) -> floa
 
     The sampling part of U falls with the square root of the length.
     """
-    room2 = (limit - figure.value) ** 2 - (COVERAGE_FACTOR * truth_uncertainty) ** 2
     sampling = figure.bounds.upper - figure.value if figure.value <= limit else figure.value - figure.bounds.lower
-    return figure.duration_s / 60 * max(sampling**2 / room2 - 1, 0.0) if room2 > 0 else math.inf
+    return figure.duration_s / 60 * further_share(limit - figure.value, sampling, truth_uncertainty)
 
 
 def _minutes(minutes: float) -> str:

@@ -15,6 +15,16 @@ def guard(sampling: float, truth_standard: float) -> float:
     return math.hypot(sampling, COVERAGE_FACTOR * truth_standard)
 
 
+def further_share(distance: float, sampling: float, truth_standard: float) -> float:
+    """How much longer a session must be for a decision, as a share of its length; infinite where truth prevents it.
+
+    ``distance`` lies between figure and limit, ``sampling`` between figure and one-sided 95 % bound: it falls with the
+    square root of the length. 0 where the figure is decided; NaN where ``sampling`` is.
+    """
+    room2 = distance**2 - (COVERAGE_FACTOR * truth_standard) ** 2
+    return max(sampling**2 / room2 - 1, 0.0) if room2 > 0 else math.inf
+
+
 def keeps(value: float, upper: float, limit: float, truth_standard: float = 0.0) -> bool:
     """Whether a figure with this one-sided 95 % upper bound is within a limit beyond doubt; False for NaN."""
     return value + guard(upper - value, truth_standard) <= limit

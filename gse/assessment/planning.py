@@ -91,17 +91,6 @@ def false_answer_frames(limit: float) -> int:
     return math.ceil(math.log(_RISK) / math.log1p(-limit))
 
 
-def further_share(value: float, upper: float, limit: float, *, truth_arcsec: float) -> float | None:
-    """How much longer a session must go on to keep a limit, in its own length, if the figure stays; None: never.
-
-    0 where it keeps the limit already. The sampling uncertainty goes as one over the root of the length.
-    """
-    if math.isnan(upper) or value + COVERAGE_FACTOR * truth_arcsec >= limit:
-        return None
-    allowed = math.sqrt((limit - value) ** 2 - (COVERAGE_FACTOR * truth_arcsec) ** 2)
-    return max(((upper - value) / allowed) ** 2 - 1, 0.0)
-
-
 def simulated_errors(expected: Expected, n: int, sessions: int, generator: np.random.Generator) -> NDArray[np.float64]:
     """Errors (sessions, n) of what is expected: an autoregressive process of first order about the bias."""
     noise = generator.standard_normal((n, sessions))

@@ -11,13 +11,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from gse.assessment.decision import Outcome, Row, Share, judge_share, share_of
-from gse.assessment.guard_band import COVERAGE_FACTOR
+from gse.assessment.guard_band import COVERAGE_FACTOR, further_share
 from gse.assessment.planning import (
     Expected,
     accuracy_frames,
     availability_frames,
     false_answer_frames,
-    further_share,
 )
 from gse.assessment.statistics import SubjectStatistics
 from gse.assessment.verdict import SLOW_SHARE, Assessment
@@ -170,11 +169,7 @@ def _figure_times(row: Row) -> float:
     if math.isnan(row.uncertainty):
         return math.nan
     sampling = math.sqrt(max(row.uncertainty**2 - (COVERAGE_FACTOR * row.truth_uncertainty) ** 2, 0.0))
-    below = row.limit - abs(
-        row.limit - row.value
-    )  # a figure over its limit is as far from its decision as one under it
-    times = further_share(below, below + sampling, row.limit, truth_arcsec=row.truth_uncertainty)
-    return NEVER if times is None else times
+    return further_share(row.limit - row.value, sampling, row.truth_uncertainty)
 
 
 def _share_times(row: Row, share: Share, limit: float, *, at_least: bool) -> float:

@@ -116,7 +116,7 @@ def test_a_port_that_is_not_there_yet_can_be_waited_for(tmp_path: Path) -> None:
     path = tmp_path / "late"
     with SerialLink(str(path), wait_port=True) as link:
         assert kinds_of(link.receive(1)) == ["NO_PORT"]
-        with pytest.raises(PortError, match="is away"):
+        with pytest.raises(PortError, match="is not connected"):
             link.send(b"x")
         terminal = Terminal(path)
         terminal.write(b"here")
@@ -181,7 +181,7 @@ def test_any_pyserial_url_will_do() -> None:
     ("url", "words"),
     [
         ("/dev/ttyNOWHERE", "there is no port /dev/ttyNOWHERE; .*ports? here"),
-        ("/etc/hostname", "is no serial port"),
+        ("/etc/hostname", "is not a serial port"),
         ("nonsense://x", "not known"),
         ("hwgrep://no such adapter", "no port matches"),
         ("socket://127.0.0.1:9", "cannot open"),

@@ -153,7 +153,7 @@ def test_a_footer_alone_with_a_damaged_magic_is_refused_in_words(tmp_path: Path)
     content[:-37] = bytes(len(content) - 37)  # all but the footer
     content[-1] ^= 1
     path.write_bytes(content)
-    with pytest.raises(CaptureError, match="is no session"):
+    with pytest.raises(CaptureError, match="is not a session"):
         read_capture(path)
 
 

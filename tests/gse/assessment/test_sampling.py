@@ -8,13 +8,12 @@ import scipy.stats
 
 from gse.assessment.autocorrelation import MixedStudent, cosines, mean_error
 from gse.assessment.axis_statistics import axis_statistics
-from gse.assessment.guard_band import exceeds, guard, keeps
+from gse.assessment.guard_band import exceeds, further_share, guard, keeps
 from gse.assessment.planning import (
     Expected,
     accuracy_frames,
     availability_frames,
     false_answer_frames,
-    further_share,
     simulated_errors,
 )
 from gse.assessment.sampling import effective_number, error_bounds, mean_bounds, root_mean_square_bounds
@@ -256,6 +255,7 @@ def test_shares_are_planned_by_their_exact_bounds():
 
 
 def test_twice_the_margin_takes_a_quarter_of_the_time():
-    assert further_share(40.0, 60.0, 50.0, truth_arcsec=0.0) == pytest.approx(3.0)
-    assert further_share(40.0, 45.0, 50.0, truth_arcsec=0.0) == 0.0
-    assert further_share(40.0, 45.0, 50.0, truth_arcsec=7.0) is None
+    assert further_share(10.0, 20.0, 0.0) == pytest.approx(3.0)
+    assert further_share(-10.0, 20.0, 0.0) == pytest.approx(3.0)
+    assert further_share(10.0, 5.0, 0.0) == 0.0
+    assert further_share(10.0, 5.0, 7.0) == math.inf

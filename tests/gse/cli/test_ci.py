@@ -95,7 +95,7 @@ def test_a_file_that_is_no_session_is_an_error_of_its_own(folder: Path, tmp_path
 
 
 def test_a_folder_without_sessions_is_told_so(tmp_path: Path) -> None:
-    for folder, words in ((tmp_path, "no session"), (tmp_path / "nowhere", "no folder")):
+    for folder, words in ((tmp_path, "no session"), (tmp_path / "nowhere", "is not a folder")):
         result = ci(folder)
         assert isinstance(result.exception, UsageError)
         assert words in str(result.exception)

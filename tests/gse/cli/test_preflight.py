@@ -48,7 +48,7 @@ def test_a_simulated_night_is_ready(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("sent", "outcome", "words"),
-    [(b"", "WARN", "nothing comes"), (b"noise" * 20, "FAIL", "100 bytes"), (None, "OK", "valid frames come")],
+    [(b"", "WARN", "no bytes came"), (b"noise" * 20, "FAIL", "100 bytes"), (None, "OK", "valid frames come")],
 )
 def test_the_port_is_listened_to(
     tmp_path: Path, terminal: tuple[int, str], sent: bytes | None, outcome: str, words: str

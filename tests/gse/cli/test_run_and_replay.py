@@ -113,7 +113,7 @@ def test_a_session_without_its_station_file_says_what_it_is_judged_on(gse: Gse, 
             if isinstance(record, Message):
                 writer.write(record)
     done = gse("replay", tmp_path / "bare.mcap", "--out", tmp_path / "out")
-    assert "note: station file: the session has no station file, so the built-in station is used" in done.out
+    assert "station file: the session has no station file, so the built-in station is used" in done.out
 
 
 def test_a_replay_in_steps_waits_for_enter_after_each_panorama_until_it_is_told_to_go_on(
