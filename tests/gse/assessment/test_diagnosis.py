@@ -55,8 +55,7 @@ def radial_matches(scale, cubic):
     offset = xy - camera.principal_point_px
     s2 = (offset**2).sum(axis=1) / 512**2
     arcsec = math.degrees(camera.pixel_rad) * 3600
-    # The air compresses the field by 0.027 %, aberration changes it by some 0.01 %.
-    residual = offset * (scale - 2.2e-4 + cubic * s2)[:, None] * arcsec
+    residual = offset * (scale + cubic * s2)[:, None] * arcsec
     return [(*place, *error) for place, error in zip(xy.tolist(), residual.tolist(), strict=True)]
 
 
