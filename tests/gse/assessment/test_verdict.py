@@ -15,7 +15,8 @@ from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
-from gse.mount import Mount
+from gse.mount import Mount, MountUncertainty
+from gse.site import SiteUncertainty
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.results import AnswerCheck, AttitudeError, Status, Subject, Verdict
 from gse.station.session_data import SessionData
@@ -148,7 +149,13 @@ def test_an_error_that_truth_may_explain_does_not_fail():
 
 
 def test_ut1_past_the_end_of_the_table_is_inconclusive_by_name_under_a_tight_limit():
-    made = session(station=limited(d_ra_cosde_arcsec=20.0))
+    surveyed = limited(d_ra_cosde_arcsec=14.0).model_copy(
+        update={
+            "site": replace(STATION.site, uncertainty=SiteUncertainty(vertical_arcsec=0.1)),
+            "mount": replace(STATION.mount, uncertainty=MountUncertainty(azimuth_arcsec=0.1, altitude_arcsec=0.1)),
+        }
+    )
+    made = session(station=surveyed)
     made.earth_orientation = EarthOrientation.from_disk(from_text("2031-01-01T00:00:00Z"))
     assessment = judge(made)
     assert assessment.verdict is Verdict.INCONCLUSIVE

@@ -103,7 +103,7 @@ def test_the_report_command_gives_the_report_of_the_run_beside_the_session(gse: 
 def test_a_folder_that_is_there_is_not_written_into(gse: Gse, session: Path, tmp_path: Path) -> None:
     done = gse("report", session / "session.mcap", "--out", tmp_path)
     assert done.code == 2
-    assert "nothing is overwritten; choose another name" in done.err
+    assert "exists already; choose another name" in done.err
 
 
 def test_the_report_is_printed_where_there_is_a_browser(gse: Gse, session: Path, tmp_path: Path) -> None:
