@@ -3,35 +3,51 @@
 import csv
 import io
 from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse import instant
+from gse.assessment.sensor_answers import SensorAnswers
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
 
 _ROWS_AT_ONCE = 1024
-_DECIMALS = {"_deg": 7, "_arcsec": 3, "_us": 1, "_s": 6, "_c": 2, "_mag": 3}
+_DECIMALS = {"_deg": 7, "_arcsec": 3, "_us": 1, "_s": 6, "_ms": 3, "_c": 2, "_mag": 3}
+_COMMON = ("host_utc_ns", "time_us", "frame_no", "sequence", "objects", "hot_pixels", "exposure_s", "temperature_c")
+"""Columns of the panorama itself; the true direction stands behind them, all others are of the onboard subject."""
+
+_TRUE = ("ra_true_deg", "de_true_deg", "roll_true_deg")
+_SENSOR = tuple(field.name for field in fields(SensorAnswers))
 
 
-def frames_csv(frames: NDArray[np.void]) -> Iterator[str]:
-    """The columns of FRAME as text, UTC first; empty where there is nothing. It comes in parts: a night has 60 MB."""
-    names = [name for name in FRAME.names or () if name != "utc_ns"]
-    yield ",".join(["utc", *names]) + "\n"
+def frames_csv(frames: NDArray[np.void], own: SensorAnswers | None = None) -> Iterator[str]:
+    """Rows of FRAME as text, UTC first; cells of unknown values are empty. It comes in parts: a session has 60 MB.
+
+    Columns of answers begin with their subject: ``onboard_``, or ``sensor_`` where the sensor sent answers of its own.
+    """
+    onboard = [name for name in FRAME.names or () if name not in (*_COMMON, *_TRUE, "utc_ns")]
+    sensor = _SENSOR if own is not None else ()
+    head = [*_COMMON, *_TRUE, *(f"onboard_{name}" for name in onboard), *(f"sensor_{name}" for name in sensor)]
+    yield ",".join(["utc", *head]) + "\n"
     for first in range(0, len(frames), _ROWS_AT_ONCE):
-        part = frames[first : first + _ROWS_AT_ONCE]
-        columns = [[instant.to_text(utc_ns) for utc_ns in part["utc_ns"].tolist()]]
-        columns += [_texts(name, part[name]) for name in names]
+        rows = slice(first, first + _ROWS_AT_ONCE)
+        columns = [[instant.to_text(utc_ns) for utc_ns in frames["utc_ns"][rows].tolist()]]
+        columns += [_texts(name, frames[name][rows]) for name in (*_COMMON, *_TRUE, *onboard)]
+        columns += [_texts(name, getattr(own, name)[rows]) for name in sensor]
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows(zip(*columns, strict=True))
         yield text.getvalue()
 
 
-def _texts(name: str, values: NDArray[np.void]) -> list[str]:
+def _texts(name: str, values: NDArray[Any]) -> list[str]:
     if name == "status":
         return [STATUSES[place].value for place in values.tolist()]
     if name == "answer_check":
         return [ANSWER_CHECKS[place].value for place in values.tolist()]
+    if values.dtype.kind == "b":
+        return [str(int(value)) for value in values.tolist()]
     if values.dtype.kind != "f":
         return [str(value) for value in values.tolist()]
     if name == "false_match_probability":

@@ -172,10 +172,15 @@ def test_the_table_of_frames_has_a_line_for_each_and_empty_cells_where_nothing_i
     rows = list(csv.DictReader(io.StringIO("".join(frames_csv(session.frames.columns)))))
     assert len(rows) == FRAMES
     assert rows[0]["utc"] == "2026-03-20T18:30:00.000000Z"
-    assert rows[0]["status"] == "IDENTIFIED"
-    assert rows[49]["status"] == "NO_MATCH"
-    assert rows[49]["d_de_arcsec"] == rows[49]["ra_deg"] == rows[49]["false_match_probability"] == ""
-    assert float(rows[3]["d_de_arcsec"]) == pytest.approx(session.frames.columns["d_de_arcsec"][3], abs=0.0006)
+    assert rows[0]["onboard_status"] == "IDENTIFIED"
+    assert rows[49]["onboard_status"] == "NO_MATCH"
+    assert (
+        rows[49]["onboard_d_de_arcsec"]
+        == rows[49]["onboard_ra_deg"]
+        == rows[49]["onboard_false_match_probability"]
+        == ""
+    )
+    assert float(rows[3]["onboard_d_de_arcsec"]) == pytest.approx(session.frames.columns["d_de_arcsec"][3], abs=0.0006)
 
 
 def test_without_a_terminal_the_verdict_is_plain_text_with_its_reason(report) -> None:
