@@ -67,7 +67,7 @@ def accuracy_frames(expected: Expected, limit_arcsec: float, *, truth_arcsec: fl
 
 
 def _independent_values(expected: Expected, limit_arcsec: float, truth_arcsec: float) -> float:
-    """Independent values that a session needs: between the longest simulated one that fails and the shortest that passes."""
+    """Independent values that a session needs: between the longest failing length and the shortest passing one."""
     failing, passing, n_eff = _LEAST_N_EFF / _MOST_STRETCH, math.inf, _FIRST_N_EFF
     for _ in range(_MAX_STEPS):
         most = _MOST_STRETCH if n_eff < MAX_SIMULATED else _LAST_STRETCH
