@@ -81,7 +81,8 @@ def test_stars_stand_on_their_pixels_and_in_the_field(session, tables) -> None:
     assert stars["star"][0].as_py() == session.stars.name(int(matches["star"][0]))
     camera = session.station.sensor.camera()
     pixel_arcsec = np.degrees(1 / camera.focal_length_px) * 3600
-    near = np.hypot(stars["field_x_deg"].to_numpy(), stars["field_y_deg"].to_numpy()) < 5  # deg: beyond, a pixel is smaller than at the boresight
+    # further out a pixel is smaller than at the boresight
+    near = np.hypot(stars["field_x_deg"].to_numpy(), stars["field_y_deg"].to_numpy()) < 5
     expected_px = matches["x_px"] - matches["residual_x_arcsec"] / pixel_arcsec
     phase = expected_px - np.round(expected_px)
     off = np.abs(stars["phase_x_px"].to_numpy() - phase)
