@@ -110,6 +110,7 @@ class StationLoop:
         subject = Subject.ONBOARD if setup.protocol.slots else Subject.SENSOR
         self.session = SessionData(station, setup.station_text, setup.protocol.name, subject=subject)
         self.session.catalog = setup.catalog_facts()
+        self.session.stars = setup.identifier.catalog.listed
         self.session.versions = versions()
         self.reception = Reception(setup.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
         self.session.link = self.reception.counters
