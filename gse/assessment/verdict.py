@@ -78,7 +78,7 @@ def judge(session: SessionData) -> Assessment:
     )
     obstacles = tuple(_obstacles(session, stats, rows))
     verdict = _verdict(rows, obstacles)
-    found = findings(session, stats)
+    found = findings(session, stats) if Subject.ONBOARD in stats.subjects else ()
     reasons = [row.reason for row in rows if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE)]
     reasons += obstacles
     if verdict is not Verdict.PASS:
@@ -265,6 +265,8 @@ def _not_tested(stats: Statistics, rows: tuple[Row, ...], relative: bool) -> Ite
     yield from (row.reason for row in rows if row.outcome is Outcome.NOT_TESTED)
     if Subject.SENSOR not in stats.subjects:
         yield "sensor: it sent no answers of its own (no ATTITUDE frames)"
+    if Subject.ONBOARD not in stats.subjects:
+        yield "onboard: no panoramas came, so there was nothing to identify and nothing to check the answers by"
     if relative:
         yield "absolute pointing, site and clock: the mount was fitted on the same sky"
 

@@ -95,6 +95,7 @@ def _timing(stats: Statistics) -> dict[str, Any]:
         name: {
             "acquisition_s": subject.acquisition_s,
             "outage_s": subject.outage_s,
+            "arrival_ms": subject.arrival_ms,
             "earth_rate": subject.earth_rate,
         }
         for name, subject in stats.subjects.items()
