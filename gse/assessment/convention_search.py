@@ -46,6 +46,10 @@ _SOME_QUATERNIONS = np.array([[0.18, 0.37, 0.55, 0.73], [0.81, -0.29, 0.11, 0.5]
 _SAME_READING = 1e-9
 _FRAMES: tuple[ReferenceFrame, ...] = ("ICRS", "date")
 """J2000 lies 0.02 arcsec from ICRS: no sensor shows the difference."""
+_SCALARS: tuple[Literal["last", "first"], ...] = ("last", "first")
+_UNITS: tuple[Literal["deg", "h"], ...] = ("deg", "h")
+_SENSES: tuple[Literal["east", "west"], ...] = ("east", "west")
+_ZEROS: tuple[Literal[0, 90, 180, 270], ...] = (0, 90, 180, 270)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +69,7 @@ class Evidence:
     @property
     def is_quaternion(self) -> bool:
         """Whether quaternions were sent."""
-        return self.sent.shape[1] == 4
+        return len(self.sent.T) == 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,9 +109,8 @@ class ConventionSearch:
             return bool(np.abs(_readings(one) - _readings(stated)).max() < _SAME_READING)
         if one.ra_unit != stated.ra_unit:
             return False
-        return not self.roll_sent or (
-            one.roll_through == stated.roll_through and one.roll_zero_deg == stated.roll_zero_deg
-        )
+        same_roll = one.roll_through == stated.roll_through and one.roll_zero_deg == stated.roll_zero_deg
+        return bool(same_roll or not self.roll_sent)
 
 
 def search_convention(evidence: Evidence) -> ConventionSearch | None:
@@ -136,39 +139,40 @@ def _candidates(evidence: Evidence) -> Iterator[AttitudeConvention]:
     if evidence.is_quaternion:
         yield from _quaternion_candidates(evidence)
         return
-    rolls = itertools.product(("east", "west"), (0, 90, 180, 270))
-    if np.isnan(evidence.sent[:, 2]).any():
-        rolls = itertools.product(("east",), (0,))
-    for (through, zero_deg), frame, unit in itertools.product(list(rolls), _FRAMES, ("deg", "h")):
-        yield AttitudeConvention(frame=frame, ra_unit=unit, roll_through=through, roll_zero_deg=zero_deg)
+    roll_sent = not np.isnan(evidence.sent[:, 2]).any()
+    for frame, unit in itertools.product(_FRAMES, _UNITS):
+        for through, zero_deg in itertools.product(_SENSES, _ZEROS) if roll_sent else ((_SENSES[0], _ZEROS[0]),):
+            yield AttitudeConvention(frame=frame, ra_unit=unit, roll_through=through, roll_zero_deg=zero_deg)
 
 
 def _quaternion_candidates(evidence: Evidence) -> Iterator[AttitudeConvention]:
-    """Of 4,608 conventions those that leave less than 2 deg in a few answers, and the one that leaves least."""
-    axes = proper_axes()
-    words, matrices = list(axes), np.array(list(axes.values()))
+    """Of 4,608 conventions those that leave less than 2 deg in a few answers, else the one that leaves least."""
     some = np.unique(np.linspace(0, len(evidence.utc_ns) - 1, _SCREENED).astype(int))
-    best, best_cos = AttitudeConvention(), -2.0
-    for frame, scalar, conjugate in itertools.product(_FRAMES, ("last", "first"), (False, True)):
-        stated = from_quaternions(evidence.sent[some], scalar=scalar, conjugate=conjugate)
-        to_frame = icrs_to_frame(frame, evidence.utc_ns[some]) @ evidence.true[some].transpose(0, 2, 1)
-        turned = np.einsum("kab,qbc,kcd->kqad", stated, matrices, to_frame)
-        trace = np.einsum("pda,kqda->kpq", matrices.transpose(0, 2, 1), turned.transpose(0, 1, 3, 2))
-        cosine = ((trace - 1) / 2).min(axis=0)
-        for body, reference in np.argwhere(cosine > _SCREENED_WITHIN_COS).tolist():
-            yield AttitudeConvention(
-                scalar=scalar, conjugate=conjugate, frame=frame,
-                body_axes=words[body], reference_axes=words[reference],
-            )  # fmt: skip
-        body, reference = np.unravel_index(int(cosine.argmax()), cosine.shape)
-        if cosine[body, reference] > best_cos:
-            best_cos = float(cosine[body, reference])
-            best = AttitudeConvention(
-                scalar=scalar, conjugate=conjugate, frame=frame,
-                body_axes=words[int(body)], reference_axes=words[int(reference)],
-            )  # fmt: skip
-    if best_cos <= _SCREENED_WITHIN_COS:
-        yield best
+    best: tuple[float, AttitudeConvention] = (-2.0, AttitudeConvention())
+    for frame, scalar, conjugate in itertools.product(_FRAMES, _SCALARS, (False, True)):
+        base = AttitudeConvention(scalar=scalar, conjugate=conjugate, frame=frame)
+        cosine = _cosines(evidence, some, base)
+        for place in np.argwhere(cosine > _SCREENED_WITHIN_COS).tolist():
+            yield _with_axes(base, place)
+        if cosine.max() > best[0]:
+            best = float(cosine.max()), _with_axes(base, list(divmod(int(cosine.argmax()), cosine.shape[1])))
+    if best[0] <= _SCREENED_WITHIN_COS:
+        yield best[1]
+
+
+def _cosines(evidence: Evidence, some: NDArray[np.int64], base: AttitudeConvention) -> NDArray[np.float64]:
+    """Cosine (24, 24) of the greatest turn against the truth, by body axes and by reference axes, in some answers."""
+    matrices = np.array(list(proper_axes().values()))
+    stated = from_quaternions(evidence.sent[some], scalar=base.scalar, conjugate=base.conjugate)
+    to_frame = icrs_to_frame(base.frame, evidence.utc_ns[some]) @ evidence.true[some].transpose(0, 2, 1)
+    turned = np.einsum("kab,qbc,kcd->kqad", stated, matrices, to_frame)
+    trace = np.einsum("pad,kqad->kpq", matrices, turned)
+    return np.asarray(((trace - 1) / 2).min(axis=0))
+
+
+def _with_axes(base: AttitudeConvention, place: list[int]) -> AttitudeConvention:
+    words = list(proper_axes())
+    return replace(base, body_axes=words[place[0]], reference_axes=words[place[1]])
 
 
 def _fit(evidence: Evidence, convention: AttitudeConvention) -> Fit:

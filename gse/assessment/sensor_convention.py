@@ -1,6 +1,7 @@
 """The convention of a session's own answers: what is stated in the station file against what its sky shows."""
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from gse.assessment.convention_search import ConventionSearch, Evidence, search_convention
 from gse.assessment.sensor_answers import own_truth, paired_answers
 from gse.attitude_convention import AttitudeConvention, from_angles
+from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
@@ -94,22 +96,24 @@ def is_wrong(search: ConventionSearch | None, stated: AttitudeConvention) -> boo
     return search is not None and bool(search.fits) and not search.includes(stated)
 
 
-def convention_finding(search: ConventionSearch | None, stated: AttitudeConvention) -> str | None:
-    """One line where the stated convention is not the one that fits, or its word on aberration is not."""
+def convention_finding(search: ConventionSearch | None, stated: AttitudeConvention) -> Iterator[Finding]:
+    """Where the stated convention is not the one that fits, or its word on aberration is not."""
     if search is None or not search.fits:
-        return None
+        return
     if not search.includes(stated):
-        return (
-            f"sensor convention: its answers follow another one than the station file states: "
-            f"{words_of(search)}; state it as sensor.attitude (gse conventions shows how)"
+        yield Finding(
+            "sensor convention",
+            f"its answers follow another one than the station file states: {words_of(search)}",
+            next_step="gse conventions shows what to state as sensor.attitude",
         )
-    if search.aberration not in ("not told", stated.aberration):
-        return (
-            f"sensor convention: aberration is {search.aberration} in its answers, the station file states "
-            f"{stated.aberration}: {search.aberration_arcsec:.1f} arcsec here; a body frame that is turned by as much "
-            "looks alike"
+    elif search.aberration not in ("not told", stated.aberration):
+        yield Finding(
+            "sensor aberration",
+            f"it is {search.aberration} in its answers, the station file states {stated.aberration}: "
+            f"{search.aberration_arcsec:.1f} arcsec here",
+            equals=("a body frame that is turned by as much",),
+            next_step="state sensor.attitude.aberration as it is",
         )
-    return None
 
 
 def words_of(search: ConventionSearch) -> str:
