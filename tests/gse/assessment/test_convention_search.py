@@ -13,6 +13,7 @@ from gse.assessment.verdict import judge
 from gse.attitude_convention import (
     AttitudeConvention,
     from_quaternions,
+    read_angles,
     state_angles,
     state_quaternions,
     to_quaternions,
