@@ -13,7 +13,6 @@ from gse.assessment.verdict import judge
 from gse.attitude_convention import (
     AttitudeConvention,
     from_quaternions,
-    read_angles,
     state_angles,
     state_quaternions,
     to_quaternions,
@@ -75,17 +74,6 @@ def test_answers_of_no_convention_get_the_nearest_and_how_far_it_is_off():
     found = search_convention(sent(AttitudeConvention(), state_angles, body_arcsec=(3600, 0, 0)))
     assert found.fits == ()
     assert 2000 < found.nearest.size_arcsec < 3700  # a degree, less what precession makes up for
-
-
-def test_a_roll_of_half_a_turn_does_not_tell_its_sense():
-    upside_down = OwnAnswerTruth(TRUTH, STATION.mount).expected(UTC_NS)  # at the zenith image up is south
-    evidence = sent(AttitudeConvention(), state_angles)
-    turn = upside_down @ LEFT_IN.transpose(0, 2, 1)
-    noisy = turn @ read_angles(evidence.sent, AttitudeConvention())
-    found = search_convention(
-        Evidence(UTC_NS, state_angles(noisy, AttitudeConvention()), upside_down, upside_down, 1.0)
-    )
-    assert {fit.convention.roll_through for fit in found.fits} == {"east", "west"}
 
 
 def test_answers_that_stand_still_have_no_convention():
