@@ -1,7 +1,7 @@
 """Durations on the command line: 90, 90s, 5m, 1h30m."""
 
 import re
-from typing import Any
+from collections.abc import Callable
 
 import click
 
@@ -9,24 +9,22 @@ _PARTS = re.compile(r"(?:(\d+(?:\.\d*)?) ?h)? ?(?:(\d+(?:\.\d*)?) ?m(?:in)?)? ?(
 _LONGEST_S = 30 * 86_400.0
 
 
-class Duration(click.ParamType):
-    """Seconds of a text such as 90, 90s, 5m or 1h30m."""
+def duration_option(*, least_s: float) -> Callable[[click.Context, click.Parameter, str | None], float | None]:
+    """A callback of an option: seconds of a text such as 90, 90s, 5m or 1h30m; click's own error otherwise."""
 
-    name = "duration"
-
-    def __init__(self, *, least_s: float) -> None:
-        self._least_s = least_s
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Seconds; click's own error otherwise."""
-        found = _PARTS.fullmatch(str(value).strip().lower())
+    def read(ctx: click.Context, param: click.Parameter, text: str | None) -> float | None:
+        if text is None:
+            return None
+        found = _PARTS.fullmatch(text.strip().lower())
         hours, minutes, seconds = found.groups() if found else (None, None, None)
         total_s = 3600 * float(hours or 0) + 60 * float(minutes or 0) + float(seconds or 0)
-        if not self._least_s <= total_s <= _LONGEST_S:
-            self.fail(
-                f"{str(value)!r:.60} does not work; expected a time from {self._least_s:g} s to 30 days, "
+        if not least_s <= total_s <= _LONGEST_S:
+            raise click.BadParameter(
+                f"{text!r:.60} does not work; expected a time from {least_s:g} s to 30 days, "
                 "for example 90, 90s, 5m or 1h30m",
-                param,
                 ctx,
+                param,
             )
         return total_s
+
+    return read

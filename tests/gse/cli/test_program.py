@@ -11,8 +11,16 @@ import click
 import pytest
 
 from gse.cli import cli, main
-from gse.cli.durations import Duration
+from gse.cli.durations import duration_option
 from gse.errors import GseError
+
+ANY = click.Option(["--duration"])
+
+
+def read_duration(text: str) -> float | None:
+    """Of a text on the command line."""
+    return duration_option(least_s=0.1)(click.Context(cli), ANY, text)
+
 
 GSE = str(Path(sys.executable).with_name("gse"))
 
@@ -67,13 +75,13 @@ def test_a_mistyped_command_is_answered_with_the_nearest(capsys, given: str, mea
     [("90", 90), ("90s", 90), ("0.5", 0.5), ("5m", 300), ("5 min", 300), ("1h30m", 5400), ("2H", 7200)],
 )
 def test_a_duration_is_read_in_seconds_minutes_and_hours(text: str, seconds: float) -> None:
-    assert Duration(least_s=0.1).convert(text, None, None) == seconds
+    assert read_duration(text) == seconds
 
 
 @pytest.mark.parametrize("text", ["", "0", "-5", "5x", "m", "1e3", "nan", "99999h", "5m3h"])
 def test_what_is_not_a_duration_is_answered_with_examples(text: str) -> None:
     with pytest.raises(click.BadParameter, match="1h30m"):
-        Duration(least_s=0.1).convert(text, None, None)
+        read_duration(text)
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
