@@ -251,6 +251,7 @@ class Reception:
             host_utc_ns=host_utc_ns if self._anchor_utc_ns is None else 0,
             sequence=frame.sequence,
             problems=message.problems,
+            wire_rows=brightest_first,
         )
 
     def _utc_of(self, message: PanoramaMessage, exposure_s: float, utc_ns: int, mono_ns: int) -> int:

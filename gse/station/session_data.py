@@ -1,10 +1,12 @@
 """Data of a session: the input of statistics, verdict, report and views."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.config.station import Station
+from gse.external.identifier import ExternalCounts
 from gse.station.exclusions import Exclusion
 from gse.station.frame_table import FrameTable
 from gse.station.results import LinkCounters
@@ -21,6 +23,7 @@ class SessionData:
     numbers depend on. ``events_not_kept`` are those of a flood, which are only counted. A ``truncated`` session lost
     its end. ``alignment`` is the mount that was fitted on the session itself, ``clock_error_s`` a bound of the host
     clock's error that the operator states, ``excluded`` the times that the operator excludes from the statistics.
+    ``external`` is the identity of an external identifier (gse.identifier/1), ``external_counts`` counts what it gave.
     """
 
     station: Station
@@ -41,3 +44,5 @@ class SessionData:
     alignment: Alignment | None = None
     clock_error_s: float | None = None
     excluded: tuple[Exclusion, ...] = ()
+    external: dict[str, Any] | None = None
+    external_counts: ExternalCounts = field(default_factory=ExternalCounts)
