@@ -12,6 +12,7 @@ from gse.attitude import Attitude
 from gse.external.identifier import Given
 from gse.identifier.result import Identification
 from gse.panorama import Panorama
+from protocols import AttitudeMessage
 
 
 class Status(StrEnum):
@@ -50,6 +51,16 @@ class Subject(StrEnum):
     """The identifier under test: the onboard-equivalent one, run here."""
     SENSOR = "sensor"
     """The answers that the sensor itself sends."""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnAnswer:
+    """An ATTITUDE message: when its first byte was read, and the UTC of its exposure where no panorama gives it."""
+
+    message: AttitudeMessage
+    host_utc_ns: int
+    utc_ns: int | None
+    sequence: int = 0
 
 
 @dataclass(frozen=True, slots=True)
