@@ -50,6 +50,24 @@ FRAME = np.dtype(
 ``zero_point_mag`` is the median of catalogue magnitude + 2.5 log10(index value) of the matched stars: the same sensor
 under clear sky keeps it, and a cloud of one magnitude lowers it by one."""
 
+ONBOARD_COLUMNS = (
+    "status",
+    "answer_check",
+    "matched",
+    "false_match_probability",
+    "zero_point_mag",
+    "elapsed_us",
+    "ra_deg",
+    "de_deg",
+    "roll_deg",
+    "d_ra_cosde_arcsec",
+    "d_de_arcsec",
+    "d_roll_arcsec",
+    "cross_x_arcsec",
+    "cross_y_arcsec",
+)
+"""Columns of FRAME that are of the identifier under test; the others are of the panorama, its sky, or truth."""
+
 MATCH = np.dtype(
     [
         ("frame", "u4"),

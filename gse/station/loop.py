@@ -104,6 +104,7 @@ class StationLoop:
         self.setup = setup
         self.session = SessionData(station, setup.station_text, setup.protocol.name)
         self.session.catalog = setup.catalog_facts()
+        self.session.stars = setup.identifier.catalog.listed
         self.session.versions = versions()
         self.reception = Reception(setup.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
         self.session.link = self.reception.counters

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
+from gse.catalog.stars import ListedStars
 from gse.config.station import Station
 from gse.station.exclusions import Exclusion
 from gse.station.frame_table import FrameTable
@@ -19,8 +20,9 @@ class SessionData:
     ``sensor_attitudes`` are the sensor's own answers (ATTITUDE frames) with the UTC given to them; ``raw_sha256`` is
     the hash of all received bytes; ``catalog`` describes the mission catalogue in use; ``versions`` the packages that
     numbers depend on. ``events_not_kept`` are those of a flood, which are only counted. A ``truncated`` session lost
-    its end. ``alignment`` is the mount that was fitted on the session itself, ``clock_error_s`` a bound of the host
-    clock's error that the operator states, ``excluded`` the times that the operator excludes from the statistics.
+    its end. ``stars`` are those of the mission catalogue: matches name its rows. ``alignment`` is the mount that was
+    fitted on the session itself, ``clock_error_s`` a bound of the host clock's error that the operator states,
+    ``excluded`` the times that the operator excludes from the statistics.
     """
 
     station: Station
@@ -36,6 +38,7 @@ class SessionData:
     raw_sha256: str = ""
     catalog: dict[str, object] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
+    stars: ListedStars | None = None
     truncated: bool = False
     earth_orientation: EarthOrientation | None = None
     alignment: Alignment | None = None
