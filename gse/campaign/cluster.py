@@ -54,7 +54,9 @@ def _connected(scheduler: str) -> Iterator[Client]:
     try:
         client = Client(scheduler, set_as_default=False)
     except (OSError, ValueError, RuntimeError) as error:
-        raise UsageError(f"no Dask scheduler answers at {scheduler} ({error}); start one with 'dask scheduler'") from error
+        raise UsageError(
+            f"no Dask scheduler answers at {scheduler} ({error}); start one with 'dask scheduler'"
+        ) from error
     with client:
         yield client
 
@@ -66,12 +68,18 @@ def _check_software(client: Client, scheduler: str) -> None:
         client.wait_for_workers(1, timeout=dask.config.get("distributed.comm.timeouts.connect", "30s"))
         found = client.run(software_sha256)
     except TimeoutError as error:
-        raise CampaignError(f"the scheduler at {scheduler} has no workers; start some with 'dask worker {scheduler} --nthreads 1'") from error
+        raise CampaignError(
+            f"the scheduler at {scheduler} has no workers; start some with 'dask worker {scheduler} --nthreads 1'"
+        ) from error
     except Exception as error:
-        raise UsageError(f"the workers of {scheduler} cannot run this program ({error}); install the same gse there") from error
+        raise UsageError(
+            f"the workers of {scheduler} cannot run this program ({error}); install the same gse there"
+        ) from error
     others = sorted(worker for worker, software in found.items() if software != own)
     if others:
-        raise UsageError(f"{', '.join(others[:3])} of {scheduler} run another version of gse or its packages; install the same everywhere")
+        raise UsageError(
+            f"{', '.join(others[:3])} of {scheduler} run another gse, or other packages; install the same everywhere"
+        )
 
 
 def _quiet() -> None:

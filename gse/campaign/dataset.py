@@ -32,8 +32,8 @@ SCHEMA = f"gse.dataset/{SCHEMA_VERSION}"
 MARK = "dataset.json"
 SESSIONS, FRAMES, STARS = TABLES = ("sessions", "frames", "stars")
 REPORT_COLUMN = "report_json"
-UNKNOWN = "__HIVE_DEFAULT_PARTITION__"
-"""Name of the partition of what is not known, as Hive and all readers of its layout have it: they read null."""
+UNKNOWN = "unknown"
+"""Sensor and night of a session that could not be read: pandas does not read Hive's own name for null."""
 
 INDEX = "index/sessions.parquet"
 _SOURCES = "index/sources.parquet"
@@ -72,7 +72,9 @@ class DataSet:
             mark = read_whole(fs, f"{root}/{MARK}", _MOST_MARK_BYTES)
             if mark is None:
                 if not create:
-                    raise UsageError(f"there is no data set in {url}; 'gse campaign judge SOURCES --to {url}' makes one")
+                    raise UsageError(
+                        f"there is no data set in {url}; 'gse campaign judge SOURCES --to {url}' makes one"
+                    )
                 if fs.exists(root) and fs.ls(root, detail=False):
                     raise UsageError(f"{url} holds other files; name a new or empty folder for the data set")
                 mark = json.dumps({"schema": SCHEMA}).encode() + b"\n"
@@ -146,12 +148,14 @@ class DataSet:
         """Write the index anew, with what is known of ``sources`` beside what was known before."""
         known = {(row["url"], row["key"]): row for row in (*self.sources(), *sources)}
         if known:
-            put_whole(self.fs, self.root, _SOURCES, parquet_of(pa.Table.from_pylist([known[each] for each in sorted(known)])))
+            rows = pa.Table.from_pylist([known[each] for each in sorted(known)])
+            put_whole(self.fs, self.root, _SOURCES, parquet_of(rows))
         if self.committed():
             put_whole(self.fs, self.root, INDEX, parquet_of(self.sessions()))
 
     def _row(self, place: Committed, columns: Sequence[str] | None) -> pa.Table | None:
-        rows = self.read(place.path(SESSIONS), None if columns is None else [name for name in columns if name not in _PLACE])
+        in_file = None if columns is None else [name for name in columns if name not in _PLACE]
+        rows = self.read(place.path(SESSIONS), in_file)
         return None if rows is None else with_place(rows, place)
 
     def _index_of(self, path: str, columns: Sequence[str] | None = None) -> pa.Table | None:
@@ -165,8 +169,7 @@ def with_place(rows: pa.Table, place: Committed) -> pa.Table:
     """The row of a session with its sensor and night, and without report.json."""
     rows = rows.drop_columns([name for name in (REPORT_COLUMN,) if name in rows.column_names])
     for name, value in (("night", place.night), ("sensor", place.sensor)):
-        known = [None if value == UNKNOWN else value] * len(rows)
-        rows = rows.add_column(0, pa.field(name, pa.string()), pa.array(known, pa.string()))
+        rows = rows.add_column(0, pa.field(name, pa.string()), pa.array([value] * len(rows), pa.string()))
     if "key" not in rows.column_names:
         rows = rows.append_column("key", pa.array([place.key] * len(rows), pa.string()))
     return rows
@@ -195,6 +198,6 @@ def _check_version(mark: bytes, url: str) -> None:
         schema = "unreadable"
     if schema != SCHEMA:
         raise UsageError(
-            f"{url} is a data set of another version ({str(schema):.40}, this program writes {SCHEMA}); "
+            f"{url} is a data set of another version ({schema!s:.40}, this program writes {SCHEMA}); "
             "judge into a new folder: the sessions are unchanged"
         )

@@ -76,8 +76,10 @@ def run_campaign(
 
 def _run(campaign: Campaign, client: Client) -> Iterator[Judged]:
     futures = {
-        # A key of this run's own: results of an earlier run, or of another campaign on the same scheduler, are not ours.
-        client.submit(judge_source, source, campaign.job, key=f"judge-{campaign.job.name}-{number}", retries=RETRIES, pure=False): source
+        # A key of this run's own: another campaign on the same scheduler may have the same source.
+        client.submit(
+            judge_source, source, campaign.job, key=f"judge-{campaign.job.name}-{number}", retries=RETRIES, pure=False
+        ): source
         for number, source in enumerate(campaign.todo)
     }
     waiting = as_completed(futures, loop=client.loop)
@@ -120,7 +122,13 @@ def _known(dataset: DataSet, station_sha256: str) -> dict[tuple[str, str], dict[
 def _source_rows(campaign: Campaign, outcomes: Iterable[Judged]) -> list[dict[str, Any]]:
     common = {"station_sha256": campaign.job.station_sha256, "software_sha256": software_sha256()}
     return [
-        {"url": one.source.url, "state": one.source.state, "session_sha256": one.session_sha256, "key": one.key, **common}
+        {
+            "url": one.source.url,
+            "state": one.source.state,
+            "session_sha256": one.session_sha256,
+            "key": one.key,
+            **common,
+        }
         for one in outcomes
         if one.key
     ]

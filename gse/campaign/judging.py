@@ -11,11 +11,9 @@ import json
 import os
 import tempfile
 import traceback
-from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 
@@ -82,7 +80,9 @@ def judge_source(source: Source, job: Job) -> Judged:
         return Judged(source, error=str(error), is_disk_full=error.is_full)
     finally:
         give_back()
-    return Judged(source, key.text, found, result.verdict, result.place.sensor, result.place.night, result.error, is_new=True)
+    return Judged(
+        source, key.text, found, result.verdict, result.place.sensor, result.place.night, result.error, is_new=True
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ def _judged(path: Path, key: ResultKey, job: Job, source: Source) -> _Result:
         where = f"{Path(place.filename).name}:{place.lineno}"
         return _failed(key, source, f"internal error: {type(error).__name__}: {error} at {where}; please report it")
     return _Result(
-        Committed(session.station.sensor.name or UNKNOWN, _night(tables.sessions), key.text),
+        Committed(session.station.sensor.name, _night(tables.sessions), key.text),
         {STARS: tables.stars, FRAMES: tables.frames, SESSIONS: _with_report(tables.sessions, report)},
         assessment.verdict.value,
         "",

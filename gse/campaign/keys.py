@@ -38,4 +38,3 @@ def software_sha256() -> str:
     """Of the program's files and the versions of the packages that the numbers of a report depend on."""
     packages = "\n".join(f"{name} {version}" for name, version in sorted(versions().items()))
     return hashlib.sha256(f"{source_sha256()}\n{packages}".encode()).hexdigest()
-

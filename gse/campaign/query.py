@@ -16,16 +16,23 @@ _SCHEMAS = {FRAMES: frames_schema, STARS: stars_schema}
 _ROWS_AT_ONCE = 10_000
 
 
-def ask(dataset: DataSet, sql: str) -> duckdb.DuckDBPyRelation:
-    """The answer to a question to the tables sessions, frames, stars and reports; UsageError where DuckDB refuses it."""
+def ask(dataset: DataSet, sql: str, form: str, file: TextIO) -> None:
+    """Write the answer to a question to sessions, frames, stars and reports; UsageError where DuckDB refuses it.
+
+    ``form`` is text (DuckDB's own table of the first rows), csv with a head, or json with one object per line.
+    """
     connection = connect(dataset)
     try:
-        answer = connection.sql(sql)
+        if form == "text":
+            answer = connection.sql(sql)
+            file.write(f"{'done' if answer is None else answer}\n")
+            return
+        connection.execute(sql)
+        names = [column[0] for column in connection.description or ()]
+        write = _write_csv if form == "csv" else _write_json
+        write(names, _rows(connection), file)
     except duckdb.Error as error:
         raise UsageError(f"DuckDB: {error}") from error
-    if answer is None:
-        raise UsageError("the statement has no answer; expected a question such as: select sensor, verdict from sessions")
-    return answer
 
 
 def connect(dataset: DataSet) -> duckdb.DuckDBPyConnection:
@@ -53,7 +60,7 @@ def _add(connection: duckdb.DuckDBPyConnection, dataset: DataSet, table: str) ->
         connection.register(table, _SCHEMAS[table]().empty_table())
         return
     files = _quoted(dataset, f"{table}/*/*/*.parquet")
-    rows = f"read_parquet('{files}', hive_partitioning = true)"
+    rows = f"read_parquet('{files}', hive_partitioning = true, hive_types_autocast = false)"
     connection.execute(f"create view {table} as select * from {rows} where key in (select key from {SESSIONS})")
 
 
@@ -62,28 +69,17 @@ def _quoted(dataset: DataSet, path: str) -> str:
     return f"{root}/{path}".replace("'", "''")
 
 
-def write_text(answer: duckdb.DuckDBPyRelation, file: TextIO) -> None:
-    """For a person: a table of the first rows, as DuckDB shows it."""
-    file.write(f"{answer}\n")
-
-
-def write_csv(answer: duckdb.DuckDBPyRelation, file: TextIO) -> None:
-    """All rows, with a head."""
+def _write_csv(names: list[str], rows: Iterator[tuple[Any, ...]], file: TextIO) -> None:
     writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(answer.columns)
-    for row in _rows(answer):
-        writer.writerow(row)
+    writer.writerow(names)
+    writer.writerows(rows)
 
 
-def write_json(answer: duckdb.DuckDBPyRelation, file: TextIO) -> None:
-    """One object per row and line."""
-    for row in _rows(answer):
-        file.write(json.dumps(dict(zip(answer.columns, row, strict=True)), default=str) + "\n")
+def _write_json(names: list[str], rows: Iterator[tuple[Any, ...]], file: TextIO) -> None:
+    for row in rows:
+        file.write(json.dumps(dict(zip(names, row, strict=True)), default=str) + "\n")
 
 
-def _rows(answer: duckdb.DuckDBPyRelation) -> Iterator[tuple[Any, ...]]:
-    try:
-        while rows := answer.fetchmany(_ROWS_AT_ONCE):
-            yield from rows
-    except duckdb.Error as error:
-        raise UsageError(f"DuckDB: {error}") from error
+def _rows(connection: duckdb.DuckDBPyConnection) -> Iterator[tuple[Any, ...]]:
+    while rows := connection.fetchmany(_ROWS_AT_ONCE):
+        yield from rows

@@ -31,7 +31,7 @@ PARTS = ".parts"
 """Folder of unfinished files, beside the tables, so that a reader of a table never meets one."""
 
 _RENAMES = ("file", "local", "sftp", "ssh")
-_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _REFUSED = ("AuthenticationException", "BadHostKeyException", "NoCredentialsError", "PartialCredentialsError")
 _REFUSED_TEXTS = ("not found in known_hosts", "InvalidAccessKeyId", "SignatureDoesNotMatch", "AccessDenied")
 _LIBRARIES = ("paramiko", "botocore", "aiobotocore", "aiohttp", "s3fs")
@@ -56,7 +56,9 @@ def open_storage(url: str) -> tuple[Any, str]:
         # A cached file system would keep a connection that is gone.
         fs, path = url_to_fs(url, use_listings_cache=False) if protocol == "s3" else url_to_fs(url)
     except ImportError as error:
-        raise UsageError(f"{url} needs a package that is not installed ({error}); pip install 'gse-star-sensor[campaign]'") from error
+        raise UsageError(
+            f"{url} needs a package that is not installed ({error}); pip install 'gse-star-sensor[campaign]'"
+        ) from error
     except Exception as error:
         raise explained(error, url) from error
     return fs, str(path).rstrip("/")
@@ -66,15 +68,15 @@ def protocol_of(url: str) -> str:
     """file, sftp, ssh or s3; UsageError for anything else that fsspec knows."""
     protocol = url.split("://", 1)[0] if "://" in url else "file"
     if protocol not in PROTOCOLS or "::" in url:
-        raise UsageError(f"{url}: storage {protocol} is not used here; expected a path or one of {', '.join(f'{name}://' for name in PROTOCOLS)}")
+        raise UsageError(f"{url}: {protocol} is no storage of campaigns; expected a path, sftp:// or s3://")
     return protocol
 
 
 def with_patience(url: str, act: Callable[[Any, str], _T]) -> _T:
-    """What ``act`` returns of a URL's file system and path, tried again with new connections while the storage fails."""
+    """What ``act`` returns of a URL's file system and path; tried again, newly connected, while the storage fails."""
     asked = tenacity.Retrying(
         stop=tenacity.stop_after_delay(PATIENCE_S),
-        wait=tenacity.wait_exponential_jitter(initial=0.2, max=10.0),
+        wait=tenacity.wait_random_exponential(multiplier=0.5, max=10.0),
         retry=tenacity.retry_if_exception(_may_pass),
         before_sleep=lambda state: _forget_connections(url),
         reraise=True,
@@ -136,7 +138,9 @@ def explained(error: Exception, url: str) -> StorageError:
     if isinstance(error, FileNotFoundError):
         return StorageError(f"there is no {url}")
     if _is_refused(error):
-        return StorageError(f"{url} refused the credentials, or access ({told:.200}); docs/campaigns.md says where they are read from")
+        return StorageError(
+            f"{url} refused the credentials, or access ({told:.200}); docs/campaigns.md says where they are read from"
+        )
     return StorageError(f"{url} cannot be reached: {told:.300}")
 
 

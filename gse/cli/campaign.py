@@ -5,7 +5,6 @@ import json
 import os
 import sys
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,8 +30,8 @@ def require_packages() -> None:
             importlib.import_module(name)
         except ImportError as error:
             raise UsageError(
-                f"campaigns need packages that are not installed ({error.name or name}); install them, in the folder of "
-                "gse, with: .venv/bin/pip install '.[campaign]'"
+                f"campaigns need packages that are not installed ({error.name or name}); install them, in the folder "
+                "of gse, with: .venv/bin/pip install '.[campaign]'"
             ) from error
 
 
@@ -47,10 +46,25 @@ def command() -> None:
 
 @command.command("judge")
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCES...")
-@click.option("--to", "dataset_url", required=True, metavar="DATASET", help="Folder or URL of the data set; made where there is none.")
-@click.option("--scheduler", help="Address of a Dask scheduler, e.g. tcp://127.0.0.1:8786; default: workers on this machine.")
-@click.option("--workers", type=click.IntRange(1, 256), help="Number of worker processes on this machine; default: its cores.")
-@click.option("--station", "station_path", type=click.Path(path_type=Path), help="Station file for all sessions, instead of their own.")
+@click.option(
+    "--to",
+    "dataset_url",
+    required=True,
+    metavar="DATASET",
+    help="Folder or URL of the data set; made where there is none.",
+)
+@click.option(
+    "--scheduler", help="Address of a Dask scheduler, e.g. tcp://127.0.0.1:8786; default: workers on this machine."
+)
+@click.option(
+    "--workers", type=click.IntRange(1, 256), help="Number of worker processes on this machine; default: its cores."
+)
+@click.option(
+    "--station",
+    "station_path",
+    type=click.Path(path_type=Path),
+    help="Station file for all sessions, instead of their own.",
+)
 @click.option("--rehash", is_flag=True, help="Read sources whose size and time of change are as before, too.")
 @click.option("--json", "as_json", is_flag=True, help="The outcome as one JSON object on stdout.")
 @click.pass_context
@@ -69,7 +83,7 @@ def judge_command(
 
     What is in DATASET already, from the same session, station file and software, is not judged again: the same command
     goes on after a run that ended early. A session that cannot be judged is a row with its error. Exit code 0, or 3
-    where a session has an error.
+    where a session has an error or is damaged.
     """
     require_packages()
     from gse.campaign.cluster import cluster
@@ -97,24 +111,30 @@ def judge_command(
         outcomes = list(campaign.unchanged)
     document = _document(dataset, outcomes)
     click.echo(json.dumps(document) if as_json else "\n".join(_lines(document)))
-    ctx.exit(EXIT_DATA_LOST if document["errors"] else 0)
+    ctx.exit(EXIT_DATA_LOST if document["errors"] or document["damaged"] else 0)
 
 
 @command.command("query")
 @click.argument("dataset_url", metavar="DATASET")
 @click.argument("sql", metavar="SQL")
-@click.option("--format", "form", type=click.Choice(("text", "csv", "json")), default="text", show_default=True, help="Form of the answer; json has one object per line.")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(("text", "csv", "json")),
+    default="text",
+    show_default=True,
+    help="Form of the answer; json has one object per line.",
+)
 def query_command(*, dataset_url: str, sql: str, form: str) -> None:
     """Ask DATASET a question in SQL, by DuckDB. Tables: sessions, frames, stars, and reports (report_json).
 
     For example: gse campaign query DATASET "select sensor, verdict, count(*) from sessions group by all"
     """
     require_packages()
-    from gse.campaign import query
     from gse.campaign.dataset import DataSet
+    from gse.campaign.query import ask
 
-    write: dict[str, Callable[..., None]] = {"text": query.write_text, "csv": query.write_csv, "json": query.write_json}
-    write[form](query.ask(DataSet.at(_absolute(dataset_url)), sql), sys.stdout)
+    ask(DataSet.at(_absolute(dataset_url)), sql, form, sys.stdout)
 
 
 class _Bar:
@@ -126,7 +146,9 @@ class _Bar:
 
         self._console = Console(stderr=True)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        self._progress = Progress(*columns, console=self._console, transient=True, disable=not self._console.is_terminal)
+        self._progress = Progress(
+            *columns, console=self._console, transient=True, disable=not self._console.is_terminal
+        )
         self._task = self._progress.add_task("judging", total=total)
         self._errors = 0
 
@@ -152,11 +174,13 @@ class _Bar:
 
 def _document(dataset: "DataSet", outcomes: list["Judged"]) -> dict[str, Any]:
     """What became of the sources of this run, whether they were judged now or before."""
+    from gse.campaign.dataset import UNKNOWN
+
     keys: dict[str, list[str]] = {}
     for one in outcomes:
         if one.key:
             keys.setdefault(one.key, []).append(one.source.url)
-    rows = dataset.sessions(("key", "sensor", "verdict", "error")).to_pylist() if keys else []
+    rows = dataset.sessions(("key", "sensor", "verdict", "truncated", "error")).to_pylist() if keys else []
     rows = [row for row in rows if row["key"] in keys]
     return {
         "schema": SCHEMA,
@@ -165,7 +189,8 @@ def _document(dataset: "DataSet", outcomes: list["Judged"]) -> dict[str, Any]:
         "sessions": len(keys),
         "judged": len({one.key for one in outcomes if one.is_new}),
         "verdicts": dict(sorted(Counter(row["verdict"] for row in rows if row["verdict"]).items())),
-        "sensors": dict(sorted(Counter(row["sensor"] for row in rows if row["sensor"]).items())),
+        "sensors": dict(sorted(Counter(row["sensor"] for row in rows if row["sensor"] != UNKNOWN).items())),
+        "damaged": sorted(keys[row["key"]][0] for row in rows if row["truncated"]),
         "twice": [sorted(urls) for urls in keys.values() if len(urls) > 1],
         "errors": [{"source": keys[row["key"]][0], "error": row["error"], "kept": True} for row in rows if row["error"]]
         + [{"source": one.source.url, "error": one.error, "kept": False} for one in outcomes if not one.key],
@@ -174,13 +199,18 @@ def _document(dataset: "DataSet", outcomes: list["Judged"]) -> dict[str, Any]:
 
 def _lines(document: dict[str, Any]) -> list[str]:
     known = document["sessions"] - document["judged"]
-    lines = [f"{document['sessions']} sessions in {document['dataset']}: {document['judged']} judged now, {known} before"]
+    lines = [
+        f"{document['sessions']} sessions in {document['dataset']}: {document['judged']} judged now, {known} before"
+    ]
     if document["verdicts"]:
         lines.append("verdicts: " + ", ".join(f"{count} {word}" for word, count in document["verdicts"].items()))
     if len(document["sensors"]) > 1:
         counts = ", ".join(f"{name} ({count})" for name, count in document["sensors"].items())
         lines.append(f"{len(document['sensors'])} sensors are among them, kept apart in data set and report: {counts}")
-    lines += _some([f"one session under {len(urls)} names, counted once: {', '.join(urls)}" for urls in document["twice"]])
+    lines += _some(
+        [f"one session under {len(urls)} names, counted once: {', '.join(urls)}" for urls in document["twice"]]
+    )
+    lines += _some([f"damaged, judged as far as it goes: {url}" for url in document["damaged"]])
     lines += _some([_error_line(one) for one in document["errors"]])
     return lines
 
