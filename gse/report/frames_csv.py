@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gse import instant
 from gse.assessment.sensor_answers import SensorAnswers
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, STATUSES
+from gse.station.results import Subject
 
 _ROWS_AT_ONCE = 1024
 _DECIMALS = {"_deg": 7, "_arcsec": 3, "_us": 1, "_s": 6, "_ms": 3, "_c": 2, "_mag": 3}
@@ -21,13 +22,15 @@ _COMMON = tuple(name for name in FRAME.names or () if name not in (*ONBOARD_COLU
 _SENSOR = tuple(field.name for field in fields(SensorAnswers))
 
 
-def frames_csv(frames: NDArray[np.void], own: SensorAnswers | None = None) -> Iterator[str]:
+def frames_csv(
+    frames: NDArray[np.void], own: SensorAnswers | None = None, subject: Subject = Subject.ONBOARD
+) -> Iterator[str]:
     """Rows of FRAME as text, UTC first; cells of unknown values are empty. It comes in parts: a session has 60 MB.
 
-    Columns of answers begin with their subject: ``onboard_``, or ``sensor_`` where the sensor sent answers of its own.
+    Columns of answers begin with their ``subject``; those that came beside panoramas with ``sensor_``.
     """
     sensor = _SENSOR if own is not None else ()
-    head = [*_COMMON, *(f"onboard_{name}" for name in ONBOARD_COLUMNS), *(f"sensor_{name}" for name in sensor)]
+    head = [*_COMMON, *(f"{subject}_{name}" for name in ONBOARD_COLUMNS), *(f"sensor_{name}" for name in sensor)]
     yield ",".join(["utc", *head]) + "\n"
     for first in range(0, len(frames), _ROWS_AT_ONCE):
         rows = slice(first, first + _ROWS_AT_ONCE)
