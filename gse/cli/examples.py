@@ -33,6 +33,13 @@ EXAMPLES = {
     "plan": ("gse plan --noise 10arcsec --tau 3s --rate 10Hz", "gse plan session.mcap"),
     "selfcheck": ("gse selfcheck", "gse selfcheck --json"),
     "ci": ("gse ci replays", "gse ci replays --update"),
+    "campaign": (
+        "gse campaign judge 'nights/*' --to dataset",
+        'gse campaign query dataset "select night, verdict from sessions"',
+    ),
+    "why": ("gse why sessions/20260320T183000Z-ST-1", "gse why session.mcap --bundle case.zip"),
+    "conventions": ("gse conventions session.mcap", "gse conventions session.mcap --json"),
+    "note": ('gse note "clouds from the west"', 'gse note "dew on the lens" sessions/20260320T183000Z-ST-1'),
     "completion": ("gse completion bash >> ~/.bashrc", "gse completion fish > ~/.config/fish/completions/gse.fish"),
 }
 
