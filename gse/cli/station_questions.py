@@ -11,7 +11,7 @@ from gse.config.draft import Draft
 
 _BUILT_IN = Draft()
 _LATITUDE, _LONGITUDE = click.FloatRange(-90, 90), click.FloatRange(-180, 360)
-_OPTIONS: tuple[tuple[str, click.ParamType, str], ...] = (
+_OPTIONS: tuple[tuple[str, "click.ParamType[Any]", str], ...] = (
     ("name", click.STRING, "Name of the sensor."),
     ("rows", click.IntRange(16, 16384), "Rows of the detector."),
     ("columns", click.IntRange(16, 16384), "Columns of the detector."),
