@@ -129,7 +129,7 @@ def statistics(session: SessionData) -> Statistics:
     status, check = frames["status"][counted.expected], frames["answer_check"][counted.expected]
     limit_ms = session.station.limits.identification_ms
     field_rad = session.station.sensor.camera().diagonal_rad / 2
-    lost = session.link.frames_lost
+    lost = session.link.frames_lost + session.link.frames_repeated
     subjects = {
         Subject.ONBOARD: _subject(Subject.ONBOARD, frames, _onboard(frames, counted), lost, limit_ms, field_rad)
     }

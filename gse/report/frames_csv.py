@@ -11,14 +11,37 @@ from numpy.typing import NDArray
 
 from gse import instant
 from gse.assessment.sensor_answers import SensorAnswers
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
+from gse.station.frame_table import ANSWER_CHECKS, FRAME, SKY_CONDITIONS, STATUSES
 
 _ROWS_AT_ONCE = 1024
-_DECIMALS = {"_deg": 7, "_arcsec": 3, "_us": 1, "_s": 6, "_ms": 3, "_c": 2, "_mag": 3}
+_DECIMALS = {
+    "_altitude_deg": 2,
+    "_separation_deg": 2,
+    "_deg": 7,
+    "_arcsec": 3,
+    "_us": 1,
+    "_s": 6,
+    "_ms": 3,
+    "_c": 2,
+    "_mag": 3,
+    "transparency": 3,
+    "_expected": 0,
+}
 _COMMON = ("host_utc_ns", "time_us", "frame_no", "sequence", "objects", "hot_pixels", "exposure_s", "temperature_c")
-"""Columns of the panorama itself; the true direction stands behind them, all others are of the onboard subject."""
+"""Columns of the panorama itself; the true direction and the sky stand behind them, all others are of the onboard
+subject."""
 
 _TRUE = ("ra_true_deg", "de_true_deg", "roll_true_deg")
+_SKY = (
+    "sky_condition",
+    "transparency",
+    "stars_seen",
+    "stars_expected",
+    "sun_altitude_deg",
+    "sun_separation_deg",
+    "moon_altitude_deg",
+    "moon_separation_deg",
+)
 _SENSOR = tuple(field.name for field in fields(SensorAnswers))
 
 
@@ -27,14 +50,14 @@ def frames_csv(frames: NDArray[np.void], own: SensorAnswers | None = None) -> It
 
     Columns of answers begin with their subject: ``onboard_``, or ``sensor_`` where the sensor sent answers of its own.
     """
-    onboard = [name for name in FRAME.names or () if name not in (*_COMMON, *_TRUE, "utc_ns")]
+    onboard = [name for name in FRAME.names or () if name not in (*_COMMON, *_TRUE, *_SKY, "utc_ns")]
     sensor = _SENSOR if own is not None else ()
-    head = [*_COMMON, *_TRUE, *(f"onboard_{name}" for name in onboard), *(f"sensor_{name}" for name in sensor)]
+    head = [*_COMMON, *_TRUE, *_SKY, *(f"onboard_{name}" for name in onboard), *(f"sensor_{name}" for name in sensor)]
     yield ",".join(["utc", *head]) + "\n"
     for first in range(0, len(frames), _ROWS_AT_ONCE):
         rows = slice(first, first + _ROWS_AT_ONCE)
         columns = [[instant.to_text(utc_ns) for utc_ns in frames["utc_ns"][rows].tolist()]]
-        columns += [_texts(name, frames[name][rows]) for name in (*_COMMON, *_TRUE, *onboard)]
+        columns += [_texts(name, frames[name][rows]) for name in (*_COMMON, *_TRUE, *_SKY, *onboard)]
         columns += [_texts(name, getattr(own, name)[rows]) for name in sensor]
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows(zip(*columns, strict=True))
@@ -46,6 +69,8 @@ def _texts(name: str, values: NDArray[Any]) -> list[str]:
         return [STATUSES[place].value for place in values.tolist()]
     if name == "answer_check":
         return [ANSWER_CHECKS[place].value for place in values.tolist()]
+    if name == "sky_condition":
+        return [SKY_CONDITIONS[place].value for place in values.tolist()]
     if values.dtype.kind == "b":
         return [str(int(value)) for value in values.tolist()]
     if values.dtype.kind != "f":

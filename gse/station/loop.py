@@ -60,6 +60,7 @@ from gse.station.reception import Received, Reception
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
+from gse.station.sky_watch import SkyWatch
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.truth.iers_tables import GivenTables
 from protocols import AttitudeMessage, StatusMessage
@@ -129,6 +130,7 @@ class StationLoop:
         self._monitor = LinkMonitor(station.port.baudrate)
         self._truth_sought = False
         self._event_log = EventLog()
+        self._sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
 
     def run(
         self,
@@ -195,6 +197,7 @@ class StationLoop:
     def finish(self) -> list[FrameResult]:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self._for_identification(self.reception.finish()))
+        self._log_all(self._sky.finish(self.session.frames.columns))
         self.session.raw_sha256 = self.reception.raw_sha256
         return results
 
@@ -244,6 +247,7 @@ class StationLoop:
             self._align(self._first_seconds, panorama)
         result = self._frame_processor.conclude(panorama, answer, self._elapsed_us(panorama, answer))
         self.session.frames.append(result)
+        self._log_all(self._sky.take(self.session.frames.columns))
         if isinstance(answer, Answer) and answer.is_mirrored:
             self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.MIRRORED, result.detail))
         if self._first_seconds is not None and self._frame_processor.truth is not None:
