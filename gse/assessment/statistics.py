@@ -57,8 +57,9 @@ class SubjectStatistics:
     many ``star_fields`` of the sky. ``half_cone_95`` is the half-cone that holds 95 % of the boresights.
     ``time_ms`` is the identification time of this host for the onboard subject, and the processing time that the sensor
     states for its own answers; ``slow`` the share of frames over the limit of time. ``outage_s`` is the longest time
-    between good answers. ``thermal`` has an axis as key, None where the temperature tells nothing; ``first_fixes_s``
-    has an entry for each start of the sensor.
+    between good answers. ``arrival_ms`` is from mid-exposure to the arrival of its frame at the host: of the panorama
+    for the onboard subject, of ATTITUDE for the sensor. ``thermal`` has an axis as key, None where the temperature
+    tells nothing; ``first_fixes_s`` has an entry for each start of the sensor.
     """
 
     subject: Subject
@@ -72,6 +73,7 @@ class SubjectStatistics:
     earth_rate: EarthRate
     time_ms: Percentiles
     slow: Share
+    arrival_ms: Percentiles
     acquisition_s: float
     outage_s: float
     thermal: dict[str, ThermalError | None]
@@ -83,7 +85,8 @@ class Statistics:
     """All statistics of a session.
 
     ``frames_expected`` are those received and not excused, and those that the sequence numbers miss. ``onboard`` is
-    always there, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two. ``spatial``
+    there where panoramas came, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two.
+    ``own`` are the sensor's answers beside panoramas. ``spatial``
     are the errors of single stars along columns and rows, None of too few stars.
     """
 
@@ -99,11 +102,12 @@ class Statistics:
     spatial: tuple[SpatialErrors, SpatialErrors] | None
     exclusions: tuple[tuple[Exclusion, int], ...]
     counted: CountedFrames
+    own: SensorAnswers | None = None
 
     @property
     def onboard(self) -> SubjectStatistics:
-        """The statistics of the identifier under test."""
-        return self.subjects[Subject.ONBOARD]
+        """The statistics of the frame table: the identifier under test, or a sensor that sends no panoramas."""
+        return self.subjects.get(Subject.ONBOARD) or self.subjects[Subject.SENSOR]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,6 +124,7 @@ class _Answers:
     false: NDArray[np.bool_]
     used: NDArray[np.bool_]
     time_ms: NDArray[np.float64]
+    arrival_ms: NDArray[np.float64]
 
 
 def statistics(session: SessionData) -> Statistics:
@@ -130,10 +135,9 @@ def statistics(session: SessionData) -> Statistics:
     limit_ms = session.station.limits.identification_ms
     field_rad = session.station.sensor.camera().diagonal_rad / 2
     lost = session.link.frames_lost + session.link.frames_repeated
-    subjects = {
-        Subject.ONBOARD: _subject(Subject.ONBOARD, frames, _onboard(frames, counted), lost, limit_ms, field_rad)
-    }
-    own = sensor_answers(session)
+    answers = _of_frames(frames, counted)
+    subjects = {session.subject: _subject(session.subject, frames, answers, lost, limit_ms, field_rad)}
+    own = sensor_answers(session) if session.subject is Subject.ONBOARD else None
     if own is not None:
         answers = _sensor(own, frames, counted)
         subjects[Subject.SENSOR] = _subject(Subject.SENSOR, frames, answers, lost, limit_ms, field_rad)
@@ -144,18 +148,17 @@ def statistics(session: SessionData) -> Statistics:
         statuses={name.value: int((status == place).sum()) for place, name in enumerate(STATUSES)},
         answer_checks={name.value: int((check == place).sum()) for place, name in enumerate(ANSWER_CHECKS)},
         subjects=subjects,
-        arrival_ms=percentiles((frames["host_utc_ns"] - frames["utc_ns"])[frames["host_utc_ns"] > 0] / 1e6),
+        arrival_ms=subjects[session.subject].arrival_ms,
         clock=clock_health(session.clock, session.events, frames, stated_error_s=session.clock_error_s),
-        equivalence=equivalence(
-            frames, np.flatnonzero(~counted.excluded), [answer for _, answer in session.sensor_attitudes]
-        ),
+        equivalence=equivalence(frames, counted.excluded, own.matched, own) if own is not None else None,
         spatial=_spatial(session, counted),
         exclusions=tuple((item, int(excluded(frames["utc_ns"], (item,)).sum())) for item in counted.exclusions),
         counted=counted,
+        own=own,
     )
 
 
-def _onboard(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
+def _of_frames(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
     columns = {f"{axis}_arcsec": frames[f"{axis}_arcsec"] for axis in AXES}
     columns |= {name: frames[name] for name in ("ra_deg", "de_deg")}
     return _Answers(
@@ -166,6 +169,7 @@ def _onboard(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
         counted.false,
         counted.used,
         frames["elapsed_us"] / 1e3,
+        np.where(frames["host_utc_ns"] > 0, (frames["host_utc_ns"] - frames["utc_ns"]) / 1e6, np.nan),
     )
 
 
@@ -178,7 +182,8 @@ def _sensor(own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames
         x, y = own.cross_x_arcsec, own.cross_y_arcsec
         separation_arcsec = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
         false = own.acquired & (separation_arcsec > explained_arcsec(frames, counted.exclusions))
-    return _Answers(columns, counted.expected, ~counted.excluded, own.acquired, false, known & ~false, own.latency_ms)
+    masks = counted.expected, ~counted.excluded, own.acquired, false, known & ~false
+    return _Answers(columns, *masks, own.latency_ms, own.arrival_ms)
 
 
 def _subject(
@@ -213,6 +218,7 @@ def _subject(
         earth_rate=_earth_rate(de_true_deg, axes["d_ra_cosde"]),
         time_ms=percentiles(timed),
         slow=_share(timed > limit_ms),
+        arrival_ms=percentiles(answers.arrival_ms[np.isfinite(answers.arrival_ms)]),
         acquisition_s=_acquisition_s(kept_ns, good[answers.timed]),
         outage_s=_outage_s(kept_ns, good[answers.timed]),
         thermal=_thermal(used_ns, errors, frames["temperature_c"][used]),

@@ -59,6 +59,24 @@ class StarCatalog:
         """How many stars have no known proper motion."""
         return len(self) if self.motion_rad_yr is None else int((~self.motion_rad_yr.any(axis=1)).sum())
 
+    @property
+    def listed(self) -> "ListedStars":
+        """What results are told of the stars by: all but the places."""
+        return ListedStars(self.designation, self.ids, self.magnitude)
+
+    def name(self, row: int) -> str:
+        """Name of the star in a row: the IAU's, else its number in the catalogue."""
+        return star_name(self.designation, int(self.ids[row]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ListedStars:
+    """The stars of a catalogue without their places, in its rows: ``ids`` and ``magnitude`` (N,)."""
+
+    designation: Designation
+    ids: NDArray[np.int64]
+    magnitude: NDArray[np.float64]
+
     def name(self, row: int) -> str:
         """Name of the star in a row: the IAU's, else its number in the catalogue."""
         return star_name(self.designation, int(self.ids[row]))

@@ -43,7 +43,9 @@ def draw_sky_condition(figure: Figure, drawn: PlotData) -> None:
 def _shade(panels: tuple[Axes, ...], drawn: PlotData) -> list[SkyCondition]:
     """Colour the stretches that are not clear; which conditions they have."""
     codes, utc = drawn.frames["sky_condition"], drawn.utc
-    begins = np.concatenate([[0], np.flatnonzero(np.diff(codes)) + 1])[: len(codes)]
+    if not len(codes):
+        return []
+    begins = np.concatenate([[0], np.flatnonzero(np.diff(codes)) + 1])
     shown: list[SkyCondition] = []
     for begin, end in list(zip(begins, [*begins[1:], len(codes) - 1], strict=True))[:_MOST_STRETCHES]:
         condition = SKY_CONDITIONS[int(codes[begin])]

@@ -38,7 +38,8 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "simulated": assessment.simulated,
         "relative": assessment.relative,
         "reasons": assessment.reasons,
-        "findings": assessment.findings,
+        "findings": [str(finding) for finding in assessment.findings],
+        "diagnosis": assessment.findings,
         "not_tested": assessment.not_tested,
         "decision": _decision(session),
         "test": documented_test(session, assessment.rows),
@@ -96,6 +97,7 @@ def _timing(stats: Statistics) -> dict[str, Any]:
         name: {
             "acquisition_s": subject.acquisition_s,
             "outage_s": subject.outage_s,
+            "arrival_ms": subject.arrival_ms,
             "earth_rate": subject.earth_rate,
         }
         for name, subject in stats.subjects.items()

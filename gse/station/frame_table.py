@@ -57,13 +57,30 @@ FRAME = np.dtype(
     ]
 )
 """One row per panorama; NaN where a value is missing; status, answer_check and sky_condition are places in STATUSES,
-ANSWER_CHECKS and SKY_CONDITIONS.
-``zero_point_mag`` is the median of catalogue magnitude + 2.5 log10(index value) of the matched stars: the same sensor
-under clear sky keeps it, and a cloud of one magnitude lowers it by one. ``stars_seen``
+ANSWER_CHECKS and SKY_CONDITIONS. ``zero_point_mag`` is the median of catalogue magnitude + 2.5 log10(index value) of
+the named stars: the same sensor under clear sky keeps it, and a cloud of one magnitude lowers it by one. ``stars_seen``
 are those that were named, by the reference identifier where the one under test has no answer; ``limiting_mag`` is the
 magnitude of the faintest of them. The columns behind it are of the sky, the same for the frames of 5 s:
 ``transparency`` is the share of the starlight of the session's clearest part, ``stars_expected`` the number of
 catalogue stars in the field, at most as many as a panorama holds; separations are from the boresight."""
+
+ONBOARD_COLUMNS = (
+    "status",
+    "answer_check",
+    "matched",
+    "false_match_probability",
+    "zero_point_mag",
+    "elapsed_us",
+    "ra_deg",
+    "de_deg",
+    "roll_deg",
+    "d_ra_cosde_arcsec",
+    "d_de_arcsec",
+    "d_roll_arcsec",
+    "cross_x_arcsec",
+    "cross_y_arcsec",
+)
+"""Columns of FRAME that are of the identifier under test; the others are of the panorama, its sky, or truth."""
 
 MATCH = np.dtype(
     [

@@ -56,20 +56,25 @@ from gse.station.event_log import EventLog
 from gse.station.frame_processor import Answer, FrameProcessor
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
+from gse.station.own_answer_results import OwnAnswerProcessor
 from gse.station.reception import Received, Reception
-from gse.station.results import FrameResult
+from gse.station.results import FrameResult, OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
 from gse.station.sky_watch import SkyWatch
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.truth.iers_tables import GivenTables
-from protocols import AttitudeMessage, StatusMessage
+from protocols import StatusMessage
 
 RECEIVE_TIMEOUT_S = 0.2
 MOST_STATUSES = 50_000
 """One a second for 14 h; those that follow are decoded and dropped."""
 MOST_AT_ONCE = 64
 """Panoramas that are identified before the first of them is shown, where so many wait."""
+
+
+_News = Panorama | OwnAnswer | LinkEvent
+"""What has a place in the order of a session."""
 
 
 class Listener(Protocol):
@@ -103,8 +108,10 @@ class StationLoop:
     ) -> None:
         station = setup.station
         self.setup = setup
-        self.session = SessionData(station, setup.station_text, setup.protocol.name)
+        subject = Subject.ONBOARD if setup.protocol.slots else Subject.SENSOR
+        self.session = SessionData(station, setup.station_text, setup.protocol.name, subject=subject)
         self.session.catalog = setup.catalog_facts()
+        self.session.stars = setup.identifier.catalog.listed
         self.session.versions = versions()
         self.reception = Reception(setup.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
         self.session.link = self.reception.counters
@@ -127,6 +134,7 @@ class StationLoop:
             mount=mount,
             paper_mean=station.identifier.attitude == "paper-mean",
         )
+        self._own_answers = OwnAnswerProcessor(station.sensor.attitude)
         self._monitor = LinkMonitor(station.port.baudrate)
         self._truth_sought = False
         self._event_log = EventLog()
@@ -161,7 +169,7 @@ class StationLoop:
 
     def take(self, items: Sequence[Chunk | LinkEvent]) -> list[FrameResult]:
         """Decode the items and identify the panoramas that are complete."""
-        news: list[Panorama | LinkEvent] = []
+        news: list[_News] = []
         for item in items:
             news += self._port_event(item) if isinstance(item, LinkEvent) else self._decoded(item)
         return self._identify(news)
@@ -171,23 +179,24 @@ class StationLoop:
         silence = self._monitor.pass_time(event.utc_ns, event.mono_ns)
         return [*silence, event, *self._monitor.port_event(event)]
 
-    def _decoded(self, chunk: Chunk) -> list[Panorama | LinkEvent]:
+    def _decoded(self, chunk: Chunk) -> list[_News]:
         counters = self.reception.counters
         frames, discards = counters.frames, dict(counters.discarded_bytes_by_reason)
         received = self.reception.receive(chunk)
         new = {reason: count - discards.get(reason, 0) for reason, count in counters.discarded_bytes_by_reason.items()}
         return [*self._monitor.received(chunk, counters.frames - frames, new), *self._for_identification(received)]
 
-    def _for_identification(self, received: list[Received]) -> list[Panorama | LinkEvent]:
-        """Panoramas and events for identification, in order; STATUS and ATTITUDE messages are stored."""
-        news: list[Panorama | LinkEvent] = []
+    def _for_identification(self, received: list[Received]) -> list[_News]:
+        """Panoramas, events and answers without a panorama, in order; STATUS and ATTITUDE messages are stored."""
+        news: list[_News] = []
         for item in received:
             if isinstance(item, Panorama | LinkEvent):
                 news.append(item)
             elif isinstance(item, StatusMessage) and len(self.session.statuses) < MOST_STATUSES:
                 self.session.statuses.append((self.reception.last_host_utc_ns, item))
-            elif isinstance(item, AttitudeMessage):
-                self.session.sensor_attitudes.append((self.reception.last_host_utc_ns, item))
+            elif isinstance(item, OwnAnswer):
+                self.session.sensor_attitudes.append(item.host_utc_ns, item.message)
+                news += [item] if item.utc_ns is not None else []
         return news
 
     def pass_time(self, utc_ns: int, mono_ns: int) -> None:
@@ -222,7 +231,7 @@ class StationLoop:
         """Store a reading of the host clock."""
         self.session.clock.append(reading)
 
-    def _identify(self, news: list[Panorama | LinkEvent]) -> list[FrameResult]:
+    def _identify(self, news: list[_News]) -> list[FrameResult]:
         """Identify the panoramas, many at once where many wait; results and events come out in their order."""
         results = []
         for begin in range(0, len(news), MOST_AT_ONCE):
@@ -231,6 +240,8 @@ class StationLoop:
             for item in part:
                 if isinstance(item, Panorama):
                     results.append(self._conclude(item, next(answers)))
+                elif isinstance(item, OwnAnswer):
+                    results.append(self._conclude_own(item))
                 else:
                     self.on_event(item)
         return results
@@ -246,8 +257,7 @@ class StationLoop:
         if self._first_seconds is not None:
             self._align(self._first_seconds, panorama)
         result = self._frame_processor.conclude(panorama, answer, self._elapsed_us(panorama, answer))
-        self.session.frames.append(result)
-        self._log_all(self._sky.take(self.session.frames.columns))
+        self._store(result)
         if isinstance(answer, Answer) and answer.is_mirrored:
             self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.MIRRORED, result.detail))
         if self._first_seconds is not None and self._frame_processor.truth is not None:
@@ -255,6 +265,28 @@ class StationLoop:
         for listener in self.listeners:
             listener.on_result(result, self.session)
         return result
+
+    def _conclude_own(self, answer: OwnAnswer) -> FrameResult:
+        """Compare an answer of a sensor that sends no panoramas with truth; store the result and pass it on."""
+        panorama = self._own_answers.panorama(answer)
+        if not self._truth_sought:
+            self._seek_truth(panorama)
+        if self._first_seconds is not None:
+            self._align(self._first_seconds, panorama)
+        truth, mount = self._frame_processor.truth, self._frame_processor.mount
+        result = self._own_answers.result(panorama, answer.message, truth, mount)
+        self._sky.sees_objects = False
+        self._store(result)
+        if self._first_seconds is not None and truth is not None:
+            self._first_seconds.add(result, truth)
+        for listener in self.listeners:
+            listener.on_result(result, self.session)
+        return result
+
+    def _store(self, result: FrameResult) -> None:
+        """Store a result; events of the sky come with the frame that ends their seconds."""
+        self.session.frames.append(result)
+        self._log_all(self._sky.take(self.session.frames.columns))
 
     def _elapsed_us(self, panorama: Panorama, answer: Answer | str) -> float | None:
         """The recorded identification time in a replay, otherwise this host's own."""

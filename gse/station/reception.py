@@ -56,7 +56,7 @@ from drivers.chunk import Chunk, LinkEvent
 from gse.instant import LAST_NS, NS_PER_S
 from gse.panorama import Panorama
 from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.results import LinkCounters
+from gse.station.results import LinkCounters, OwnAnswer
 from gse.station.sensor_clock import SensorClock
 from protocols import (
     Ack,
@@ -99,7 +99,7 @@ _TAGGED = PanoramaMessage | StatusMessage | AttitudeMessage
 _Stamp = tuple[int, int, int]
 """Offset of a chunk in the stream, UTC and monotonic time at which it was read, as they came."""
 
-Received = Panorama | StatusMessage | AttitudeMessage | Ack | Nak | LinkEvent
+Received = Panorama | OwnAnswer | StatusMessage | Ack | Nak | LinkEvent
 
 
 class Reception:
@@ -186,18 +186,21 @@ class Reception:
         if isinstance(message, PanoramaMessage):
             self._repeats = 0
             received.append(self._panorama(message, frame, host_utc_ns, mono_ns))
-        elif isinstance(message, StatusMessage | AttitudeMessage | Ack | Nak):
+        elif isinstance(message, AttitudeMessage):
+            received.append(self._own_answer(message, frame, host_utc_ns, mono_ns))
+        elif isinstance(message, StatusMessage | Ack | Nak):
             received.append(message)
         return received
 
     def _arrival(self, frame: Frame, message: Message, mono_ns: int) -> Arrival:
-        """Classify the sequence number. Only time tags of panoramas show a restart: a STATUS may carry a later one."""
+        """Classify the sequence number. Only time tags of exposures show a restart: a STATUS may carry a later one."""
         elapsed_s = None
         if self._anchor_utc_ns is None and self._frame_mono_ns is not None:
             elapsed_s = (mono_ns - self._frame_mono_ns) / NS_PER_S
         copy = self._is_copy(frame)
-        if isinstance(message, PanoramaMessage) and "stored" not in self._protocol.flags_of(frame):
-            restarted = "clock reset" in message.flags
+        of_exposure = PanoramaMessage if self._protocol.slots else AttitudeMessage
+        if isinstance(message, of_exposure) and "stored" not in self._protocol.flags_of(frame):
+            restarted = isinstance(message, PanoramaMessage) and "clock reset" in message.flags
             arrival = self._sequence.accept(
                 frame.sequence, time_us=message.time_us, restarted=restarted, elapsed_s=elapsed_s, copy=copy
             )
@@ -271,11 +274,26 @@ class Reception:
             temperature_c=temperature_c,
             flags=message.flags,
             host_utc_ns=host_utc_ns if self._anchor_utc_ns is None else 0,
-            sequence=frame.sequence,
+            sequence=max(frame.sequence, 0),  # a frame without a number has -1
             problems=message.problems,
         )
 
-    def _utc_of(self, message: PanoramaMessage, exposure_s: float, utc_ns: int, mono_ns: int) -> int:
+    def _own_answer(self, message: AttitudeMessage, frame: Frame, host_utc_ns: int, mono_ns: int) -> OwnAnswer:
+        """The UTC of its exposure is that of its panorama; a sensor without panoramas is given one by its time tag.
+
+        Its answer comes later than the exposure by the time that it states for its processing.
+        """
+        utc_ns = None
+        if not self._protocol.slots:
+            processing_s = message.latency_s if 0 <= message.latency_s <= LONGEST_EXPOSURE_S else 0.0
+            utc_ns = self._utc_of(message, 2 * processing_s, host_utc_ns, mono_ns)
+            utc_ns = min(max(utc_ns, 0), LAST_NS)
+            self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
+        host_utc_ns = host_utc_ns if self._anchor_utc_ns is None else 0
+        return OwnAnswer(message, host_utc_ns, utc_ns, max(frame.sequence, 0))
+
+    def _utc_of(self, message: PanoramaMessage | AttitudeMessage, exposure_s: float, utc_ns: int, mono_ns: int) -> int:
+        """UTC of a time tag that came half of ``exposure_s`` and a byte before its frame was read."""
         if self._anchor_utc_ns is None:
             # A panorama whose exposure is out of order is placed where its first byte came.
             half_ns = 0 if math.isnan(exposure_s) else round(exposure_s * NS_PER_S / 2)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gse.attitude import Attitude
 from gse.identifier.result import Identification
 from gse.panorama import Panorama
+from protocols import AttitudeMessage
 
 
 class Status(StrEnum):
@@ -57,6 +58,16 @@ class Subject(StrEnum):
     """The identifier under test: the onboard-equivalent one, run here."""
     SENSOR = "sensor"
     """The answers that the sensor itself sends."""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnAnswer:
+    """An ATTITUDE message: when its first byte was read, and the UTC of its exposure where no panorama gives it."""
+
+    message: AttitudeMessage
+    host_utc_ns: int
+    utc_ns: int | None
+    sequence: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,12 +52,14 @@ class SkyWatch:
 
     The frames of WINDOW_NS are taken together, so that the events are the same however the bytes come. An event says
     what was known at its time. ``finish`` looks at the whole session again: only then is its clearest part known.
+    A sensor that sends its own answers and no panoramas does not show the sky: ``sees_objects`` is then False.
     """
 
     def __init__(self, site: Site, camera: Camera, catalog: StarCatalog, mount: Mount | None) -> None:
         self._site, self._camera, self._catalog = site, camera, catalog
         self._field_radius_deg = math.degrees(camera.diagonal_rad) / 2
         self._horizon_to_sensor = None if mount is None else horizon_to_sensor(mount)
+        self.sees_objects = True
         self._first, self._begun_ns = 0, -1
         self._windows: list[tuple[int, int, SkyEvidence]] = []
         self._clear = ClearSky()
@@ -81,7 +83,7 @@ class SkyWatch:
         events = list(self._close_window(frames, len(frames))) if len(frames) > self._first else []
         clear, condition = clear_sky([found for _, _, found in self._windows]), SkyCondition.UNKNOWN
         for first, until, found in self._windows:
-            condition = condition_of(found, clear, condition)
+            condition = self._judged(found, clear, condition)
             rows = frames[first:until]
             rows["sky_condition"] = SKY_CONDITIONS.index(condition)
             rows["transparency"] = 10 ** (-0.4 * min(max(faded_mag(found, clear), 0.0), 20.0))
@@ -111,10 +113,13 @@ class SkyWatch:
         if is_day != bool(self._is_day):
             yield LinkEvent(utc_ns, 0, StationKind.DAYLIGHT if is_day else StationKind.DARK_NIGHT, str(found.lights))
         self._is_day = is_day
-        condition = condition_of(found, self._clear, self._condition)
+        condition = self._judged(found, self._clear, self._condition)
         if condition is not self._condition and condition in _KINDS:
             yield LinkEvent(utc_ns, 0, _KINDS[condition], words_of(condition, found, self._clear))
         self._condition = condition
+
+    def _judged(self, found: SkyEvidence, clear: ClearSky, before: SkyCondition) -> SkyCondition:
+        return condition_of(found, clear, before) if self.sees_objects else SkyCondition.UNKNOWN
 
     def _expectation(self, rows: NDArray[np.void]) -> tuple[Lights, float]:
         """Where Sun and Moon stand in the middle of a window, and how many catalogue stars are in the field."""
