@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from gse.cli.options import station_of
 from gse.config.station import BUILT_IN_TEXT, parse_station, read_station
 from gse.errors import ConfigError
 
@@ -34,10 +35,11 @@ def init(path: Path) -> None:
 @click.argument("path", type=click.Path(path_type=Path))
 def check(path: Path) -> None:
     """Check the station file PATH. Each error is shown with file, line and key; the exit code is then 2."""
+    from gse.station.setup import check_external
     from protocols import load_protocol
 
-    station, _ = read_station(path)
-    load_protocol(station.protocol)
+    station, _ = station_of(path)
+    check_external(station, load_protocol(station.protocol))
     camera = station.sensor.camera()
     click.echo(
         f"{path} is good: {station.sensor.name}, {camera.columns} x {camera.rows} px, "

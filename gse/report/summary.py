@@ -59,8 +59,25 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "exclusions": [_exclusion(item, count) for item, count in stats.exclusions],
         "session": _session(session),
     }
+    if session.external is not None:
+        report["external_identifier"] = _external(session, session.external)
     plain: dict[str, Any] = _plain(report)
     return plain
+
+
+def _external(session: SessionData, identity: dict[str, Any]) -> dict[str, Any]:
+    """``time_of`` says whose clock gave the identification times: the identifier's own, or this host's."""
+    counts = session.external_counts
+    own = "the identifier's own clock"
+    time_of = (
+        own if counts.own_times == counts.answers else "this host" if not counts.own_times else f"{own}, and this host"
+    )
+    return {
+        **{key: value for key, value in identity.items() if key != "schema"},
+        "answers": counts.answers,
+        "failures": dict(sorted(counts.failures.items())),
+        "time_of": time_of,
+    }
 
 
 def _decision(session: SessionData) -> dict[str, Any]:
@@ -160,7 +177,7 @@ def _session(session: SessionData) -> dict[str, Any]:
         "site": dataclasses.asdict(station.site),
         "mount": dataclasses.asdict(session.alignment.mount if session.alignment else station.mount),
         "protocol": session.protocol_name,
-        "identifier": dataclasses.asdict(station.identifier),
+        "identifier": station.identifier.facts(),
         "first_utc": instant.to_text(int(utc_ns.min())) if len(utc_ns) else None,
         "last_utc": instant.to_text(int(utc_ns.max())) if len(utc_ns) else None,
         "duration_s": float(utc_ns.max() - utc_ns.min()) / instant.NS_PER_S if len(utc_ns) else None,

@@ -158,7 +158,8 @@ class FrameTable:
                 result.identification.false_match_probability if result.identification else _NAN,
                 result.light.zero_point_mag,
                 _NAN if result.elapsed_us is None else result.elapsed_us,
-                *_angles(result.attitude),
+                *_angles(result.attitude)[:2],
+                result.attitude.roll_deg if result.attitude and result.has_roll else _NAN,
                 *_angles(result.attitude_true),
                 *(
                     (

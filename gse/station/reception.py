@@ -276,6 +276,7 @@ class Reception:
             host_utc_ns=host_utc_ns if self._anchor_utc_ns is None else 0,
             sequence=max(frame.sequence, 0),  # a frame without a number has -1
             problems=message.problems,
+            wire_rows=brightest_first,
         )
 
     def _own_answer(self, message: AttitudeMessage, frame: Frame, host_utc_ns: int, mono_ns: int) -> OwnAnswer:

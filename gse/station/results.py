@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.attitude import Attitude
+from gse.external.identifier import Given
 from gse.identifier.result import Identification
 from gse.panorama import Panorama
 from protocols import AttitudeMessage
@@ -22,6 +23,8 @@ class Status(StrEnum):
     NO_MATCH = "NO_MATCH"
     AMBIGUOUS = "AMBIGUOUS"
     SENSOR_FAULT = "SENSOR_FAULT"
+    IDENTIFIER_FAULT = "IDENTIFIER_FAULT"
+    """An external identifier crashed, hung or gave nonsense."""
 
 
 class AnswerCheck(StrEnum):
@@ -151,7 +154,8 @@ class FrameResult:
     ``attitude`` is what the sensor would answer: from catalogue places in ICRS, uncorrected for aberration and
     refraction. ``attitude_geometric`` is the same with these corrections, ``attitude_true`` where the mount looked
     (geometric direction, ICRS axes), and ``attitude_error`` is between these two. ``others`` classifies non-stellar
-    objects: (object, "hot pixel" | "Jupiter" | "unknown" ...).
+    objects: (object, "hot pixel" | "Jupiter" | "unknown" ...). ``given`` is what an external identifier gave; an answer
+    of RA and DE alone ``has_roll`` False, and its roll means nothing.
     """
 
     panorama: Panorama
@@ -168,6 +172,8 @@ class FrameResult:
     answer_check: AnswerCheck = AnswerCheck.UNKNOWN
     others: tuple[tuple[int, str], ...] = ()
     light: Starlight = NO_STARLIGHT
+    has_roll: bool = True
+    given: Given | None = None
 
 
 @dataclass(slots=True)
