@@ -19,7 +19,8 @@ from gse.panorama import MAX_OBJECTS, Panorama
 from gse.station import external_result
 from gse.station.attitude_error import attitude_error
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import AnswerCheck, FrameResult, Matches, Status
+from gse.station.results import NO_STARLIGHT, AnswerCheck, FrameResult, Matches, Starlight, Status
+from gse.station.starlight import starlight
 from gse.truth import SiderealTruth
 
 CENTROID_SIGMA_PX = 0.3
@@ -36,7 +37,7 @@ class Answer:
     """The answer of the identifier under test to one panorama, its attitude, and the reference identifier's check.
 
     ``elapsed_us`` is the time from objects to RA and DE: this host's, or an external identifier's own. ``given`` is
-    what an external identifier gave.
+    what an external identifier gave, ``light`` what the named stars show of the sky.
     """
 
     directions_sensor: NDArray[np.float64]
@@ -45,6 +46,7 @@ class Answer:
     answer_check: AnswerCheck
     elapsed_us: float | None
     given: Given | None = None
+    light: Starlight = NO_STARLIGHT
 
     @property
     def is_mirrored(self) -> bool:
@@ -93,7 +95,13 @@ class FrameProcessor:
         if isinstance(found, Unidentified) or attitude is None:
             status, detail = _explain(found)
             return FrameResult(
-                panorama, status, detail, self.identifier.name, elapsed_us=elapsed_us, answer_check=answer.answer_check
+                panorama,
+                status,
+                detail,
+                self.identifier.name,
+                elapsed_us=elapsed_us,
+                answer_check=answer.answer_check,
+                light=answer.light,
             )
         geometric, residuals_arcsec = self._corrected(panorama.utc_ns, found, attitude, answer.directions_sensor)
         true = self.truth.attitude_true(panorama.utc_ns, self.mount) if self.truth and self.mount else None
@@ -110,7 +118,7 @@ class FrameProcessor:
             attitude_error=attitude_error(geometric, true) if geometric and true else None,
             attitude_true=true,
             answer_check=answer.answer_check,
-            zero_point_mag=self._zero_point_mag(panorama, found),
+            light=answer.light,
             others=self.non_stellar.name(
                 panorama,
                 answer.directions_sensor,
@@ -141,9 +149,10 @@ class FrameProcessor:
                 self._check(attitude, of_one, true_stars),
                 round(shared_us + elapsed_us, 1) if one is None and elapsed_us is not None else elapsed_us,
                 one,
+                self._light(brightness, answer, true_stars),
             )
-            for of_one, (answer, attitude, elapsed_us), true_stars, one in zip(
-                directions_sensor, found, true_stars, given, strict=True
+            for (of_one, brightness), (answer, attitude, elapsed_us), true_stars, one in zip(
+                objects, found, true_stars, given, strict=True
             )
         ]
 
@@ -196,7 +205,7 @@ class FrameProcessor:
             attitude_error=error if has_roll or error is None else replace(error, d_roll_arcsec=math.nan),
             attitude_true=true,
             answer_check=answer.answer_check,
-            zero_point_mag=self._zero_point_mag(panorama, found) if len(stars) else math.nan,
+            light=answer.light,
             has_roll=has_roll,
             given=given,
         )
@@ -247,11 +256,18 @@ class FrameProcessor:
         expected_sensor = stars_icrs @ (geometric or attitude).icrs_to_sensor.T
         return geometric, (measured_sensor - expected_sensor)[:, :2] * ARCSEC_PER_RAD
 
-    def _zero_point_mag(self, panorama: Panorama, answer: Identification) -> float:
-        """Magnitude of a star with index value 1, from the matched stars; clouds lower it."""
-        brightness = np.maximum(panorama.brightness.take(answer.objects), 1.0)
-        magnitude = self.identifier.catalog.magnitude.take(answer.stars)
-        return float(np.median(magnitude + 2.5 * np.log10(brightness)))
+    def _light(
+        self,
+        brightness: NDArray[np.float64],
+        answer: Identification | Unidentified,
+        true_stars: Identification | Unidentified | None,
+    ) -> Starlight:
+        """What the stars show of the sky: those of the answer, or of the reference identifier where there is none."""
+        if isinstance(answer, Identification) and len(answer.stars):
+            return starlight(brightness, answer, self.identifier.catalog)
+        if isinstance(true_stars, Identification) and self.reference is not None:
+            return starlight(brightness, true_stars, self.reference.catalog)
+        return NO_STARLIGHT
 
     def _pairs(
         self, answer: Identification, directions_sensor: NDArray[np.float64]

@@ -63,6 +63,7 @@ from gse.station.reception import Received, Reception
 from gse.station.results import FrameResult, OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
+from gse.station.sky_watch import SkyWatch
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.truth.iers_tables import GivenTables
 from protocols import StatusMessage
@@ -139,6 +140,7 @@ class StationLoop:
         self._monitor = LinkMonitor(station.port.baudrate)
         self._truth_sought = False
         self._event_log = EventLog()
+        self._sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
 
     def run(
         self,
@@ -215,6 +217,7 @@ class StationLoop:
     def finish(self) -> list[FrameResult]:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self._for_identification(self.reception.finish()))
+        self._log_all(self._sky.finish(self.session.frames.columns))
         self.session.raw_sha256 = self.reception.raw_sha256
         return results
 
@@ -265,7 +268,7 @@ class StationLoop:
         if self._first_seconds is not None:
             self._align(self._first_seconds, panorama)
         result = self._frame_processor.conclude(panorama, answer, self._elapsed_us(panorama, answer))
-        self.session.frames.append(result)
+        self._store(result)
         if answer_given := (answer.given if isinstance(answer, Answer) else None):
             self._count_given(panorama, answer_given)
         if isinstance(answer, Answer) and answer.is_mirrored:
@@ -292,12 +295,18 @@ class StationLoop:
             self._align(self._first_seconds, panorama)
         truth, mount = self._frame_processor.truth, self._frame_processor.mount
         result = self._own_answers.result(panorama, answer.message, truth, mount)
-        self.session.frames.append(result)
+        self._sky.sees_objects = False
+        self._store(result)
         if self._first_seconds is not None and truth is not None:
             self._first_seconds.add(result, truth)
         for listener in self.listeners:
             listener.on_result(result, self.session)
         return result
+
+    def _store(self, result: FrameResult) -> None:
+        """Store a result; events of the sky come with the frame that ends their seconds."""
+        self.session.frames.append(result)
+        self._log_all(self._sky.take(self.session.frames.columns))
 
     def _elapsed_us(self, panorama: Panorama, answer: Answer | str) -> float | None:
         """The recorded identification time in a replay, otherwise this host's own."""
