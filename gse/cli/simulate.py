@@ -56,6 +56,7 @@ def command(
     from gse.config.station import parse_station
     from gse.sessions.live import new_session_folder
     from gse.simulator.device import scenario_of
+    from gse.simulator.outlook import outlook
     from gse.simulator.recording import record_simulation
     from gse.simulator.scenario import load_scenario, scenario_names
     from gse.truth import EarthOrientation
@@ -80,3 +81,4 @@ def command(
     size = record_simulation(path, station.model_copy(update={"port": port}), text, orientation.to_json())
     click.echo(path)
     click.echo(f"{size} bytes of {scenario}: {described.text}", err=True)
+    click.echo(outlook(described.device_for(station), described), err=True)
