@@ -13,6 +13,7 @@ from gse import instant
 from gse.assessment.decision import DECISION_TEXT, RISK
 from gse.assessment.decision import Row as DecisionRow
 from gse.assessment.guard_band import COVERAGE_FACTOR
+from gse.assessment.sky_summary import SkyStretch, sky_summary
 from gse.assessment.statistics import Statistics
 from gse.assessment.truth_budget import TruthUncertaintyBudget
 from gse.assessment.verdict import Assessment
@@ -54,6 +55,7 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "link": {**dataclasses.asdict(session.link), "truncated": session.truncated},
         "truth_budget": _budget(assessment.budget),
         "table_4_1": _table_4_1(session, stats),
+        "sky": _sky(session),
         "exclusions": [_exclusion(item, count) for item, count in stats.exclusions],
         "session": _session(session),
     }
@@ -141,6 +143,20 @@ def _table_row(row: Row) -> dict[str, Any]:
         "mean_d_de_arcmin": row.d_de_deg * ARCMIN_PER_DEG,
         "time": row.time,
     }
+
+
+def _sky(session: SessionData) -> dict[str, Any] | None:
+    summary = sky_summary(session.frames.columns)
+    if summary is None:
+        return None
+    values = {field.name: getattr(summary, field.name) for field in dataclasses.fields(summary)}
+    return values | {"stretches": [_stretch(item) for item in summary.stretches]}
+
+
+def _stretch(item: SkyStretch) -> dict[str, Any]:
+    values = {field.name: getattr(item, field.name) for field in dataclasses.fields(item)}
+    begin, end = instant.to_text(values.pop("from_ns")), instant.to_text(values.pop("until_ns"))
+    return {"from": begin, "until": end, **values}
 
 
 def _exclusion(item: Any, count: int) -> dict[str, Any]:

@@ -76,9 +76,7 @@ def test_an_installed_entry_point_answers_with_its_config(installed):
 def test_an_entry_point_that_cannot_be_loaded_is_refused_before_a_session(installed):
     with pytest.raises(UsageError, match="AttributeError: module 'made_solver' has no attribute 'gone'"):
         running("gone")
-    with pytest.raises(
-        UsageError, match=r"none is not installed; known in gse\.identifiers: broken, cedar-solve"
-    ):
+    with pytest.raises(UsageError, match=r"none is not installed; known in gse\.identifiers: broken, cedar-solve"):
         running("none")
 
 
