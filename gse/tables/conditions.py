@@ -18,7 +18,7 @@ from gse.site import Site
 from gse.station.frame_table import FRAME
 from gse.station.results import LinkCounters
 from gse.station.session_data import SessionData
-from gse.tables.frames import frame_column
+from gse.tables.frames import plain_name
 from gse.tables.records import COUNT, FLAG, NUMBER, TEXT, Column, column, columns_of, records
 from gse.tables.units import joined
 
@@ -57,7 +57,7 @@ def conditions(session: SessionData | None, stats: Statistics | None) -> Iterato
     station = session.station if session else None
     for name in FRAME.names or ():
         if name not in _NO_CONDITIONS:
-            yield from _range(frame_column(name), session.frames.columns[name] if session else np.zeros(0))
+            yield from _range(plain_name(name), session.frames.columns[name] if session else np.zeros(0))
     yield records(ExcludedStretch, _stretches(stats) if stats else None, "exclusions")
     yield from _link(session)
     yield from columns_of(Site, station.site if station else None, "site")
