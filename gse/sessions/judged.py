@@ -1,0 +1,121 @@
+"""Judged sessions: from kept results where session, station file and software are the same, else derived and kept."""
+
+import hashlib
+import json
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.mock.playback import is_session
+from drivers.session_file.reader import find_segments, session_file
+from gse.assessment.verdict import Assessment, judge
+from gse.catalog.readers import GAIA
+from gse.installation import source_sha256
+from gse.recording.session_format import read_attachments
+from gse.sessions.kept_results import KeptResultsError, keep, kept, results_folder
+from gse.sessions.replay import Replay, StationInForce, StationText, station_in_force
+from gse.sessions.status_file import is_running, read_status
+from gse.station.session_data import SessionData
+from gse.station.setup import versions
+from gse.tables import ResultKey
+from protocols import built_in_names
+
+Change = Callable[[StationText], StationText]
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A session and its assessment; ``own_elapsed_us`` are this host's identification times, none of kept results."""
+
+    session: SessionData
+    assessment: Assessment
+    own_elapsed_us: "array[float]"
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where results of a session are kept, and what they follow from."""
+
+    folder: Path
+    key: ResultKey
+    force: StationInForce
+
+
+def judged_session(
+    path: Path, *, station: Change, derive: Callable[[], Replay], tell: Callable[[str], None], anew: bool = False
+) -> Judged:
+    """The session of a recording and its assessment, from kept results, or from ``derive`` and then kept.
+
+    ``station`` changes the recorded station, as ``derive`` does. ``tell`` gets a line about the results that are used,
+    or why they are not. ``anew`` uses none. Results of a recording that has no station of its own, of one that is
+    still written, or of a station file that names files besides itself are not kept: such a file may change.
+    """
+    place = _place(path, station)
+    session = _kept(place, tell) if place and not anew else None
+    if session is not None:
+        return Judged(session, judge(session), array("d"))
+    replay = derive()
+    assessment = judge(replay.session)
+    if place:
+        _keep(replay.session, assessment, place, tell)
+    return Judged(replay.session, assessment, replay.own_elapsed_us)
+
+
+def _kept(place: _Place, tell: Callable[[str], None]) -> SessionData | None:
+    try:
+        session = kept(place.key, place.folder, place.force.station, place.force.text)
+    except KeptResultsError as error:
+        tell(f"{error}; derived anew")
+        return None
+    if session is not None:
+        tell(f"results kept in {place.folder} are used")
+    elif place.folder.is_dir():
+        tell("derived anew: the session, its station file or gse changed since results were kept")
+    return session
+
+
+def _keep(session: SessionData, assessment: Assessment, place: _Place, tell: Callable[[str], None]) -> None:
+    try:
+        keep(session, assessment, place.key, place.folder)
+    except OSError as error:
+        tell(f"results cannot be kept in {place.folder}: {error.strerror or error}")
+
+
+def keep_live(session: SessionData, assessment: Assessment, session_path: Path, tell: Callable[[str], None]) -> None:
+    """Keep the results of a session that has just ended."""
+    place = _place(session_path, lambda recorded: recorded)
+    if place:
+        _keep(session, assessment, place, tell)
+
+
+def _place(path: Path, station: Change) -> _Place | None:
+    if not is_session(path):
+        return None
+    first = session_file(path)
+    status = read_status(first.parent)
+    if status is not None and is_running(status):
+        return None
+    force = station_in_force(read_attachments(path), station)
+    if not _follows_from_text(force):
+        return None
+    return _Place(results_folder(first), result_key(first, force.text), force)
+
+
+def _follows_from_text(force: StationInForce) -> bool:
+    """Whether the station file says all: no catalogue, protocol or program in a file of its own."""
+    has_protocol = force.protocol_text is not None or force.station.protocol in built_in_names()
+    return has_protocol and force.station.catalog == GAIA
+
+
+def result_key(first: Path, station_text: str) -> ResultKey:
+    """The key of the results of a session file, with its segments, under a station file and this software."""
+    hashes = [_sha256(segment) for segment in find_segments(first)[0]]
+    session = hashes[0] if len(hashes) == 1 else hashlib.sha256("\n".join(hashes).encode()).hexdigest()
+    software = json.dumps({**versions(), "source": source_sha256()}, sort_keys=True)
+    return ResultKey(session, *(hashlib.sha256(text.encode()).hexdigest() for text in (station_text, software)))
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
