@@ -20,6 +20,7 @@ from gse.assessment.diagnosis import findings
 from gse.assessment.guard_band import COVERAGE_FACTOR
 from gse.assessment.statistics import Statistics, SubjectStatistics, figure_of, statistics
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
+from gse.finding import Finding
 from gse.limits import Limits
 from gse.station.exclusions import Cause, excluded
 from gse.station.results import Subject, Verdict
@@ -54,7 +55,7 @@ class Assessment:
     rows: tuple[Row, ...]
     statistics: Statistics
     budget: TruthUncertaintyBudget
-    findings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     not_tested: tuple[str, ...]
     relative: bool
     simulated: bool
@@ -81,7 +82,7 @@ def judge(session: SessionData) -> Assessment:
     reasons = [row.reason for row in rows if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE)]
     reasons += obstacles
     if verdict is not Verdict.PASS:
-        reasons += [*_complaints(session, budget), *found]
+        reasons += [*_complaints(session, budget), *map(str, found)]
     if relative:
         reasons.append(_relative_to(session))
     return Assessment(

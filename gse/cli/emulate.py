@@ -85,11 +85,19 @@ def command(
 
 
 def _endpoint(tcp_address: str | None) -> "Endpoint":
-    from gse.simulator.endpoints import PtyEndpoint, TcpEndpoint
+    from gse.simulator.endpoints import TcpEndpoint
 
     if tcp_address is None:
-        return PtyEndpoint()
+        return _pty_endpoint()
     host, _, port = tcp_address.rpartition(":")
     if not host or not port.isdecimal() or int(port) > _LAST_PORT:
         raise UsageError(f"--tcp {tcp_address} is not an address; expected for example 127.0.0.1:4000")
     return TcpEndpoint(host.strip("[]"), int(port))
+
+
+def _pty_endpoint() -> "Endpoint":
+    try:
+        from gse.simulator.pty_endpoint import PtyEndpoint
+    except ImportError as error:
+        raise UsageError("this system has no pseudo-terminals; give an address, e.g. --tcp 127.0.0.1:4000") from error
+    return PtyEndpoint()

@@ -134,9 +134,11 @@ def _beside(station: Station, path: Path) -> Station:
 
 
 def _clock_error_s(text: str | None) -> float | None:
+    if text is None:
+        return None
     from gse.assessment.clock_health import stated_error_s
 
-    return None if text is None else stated_error_s(text)
+    return stated_error_s(text)
 
 
 def _earth_orientation(texts: tuple[str, ...]) -> "GivenTables | None":

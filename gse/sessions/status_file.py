@@ -8,6 +8,7 @@ number.
 import json
 import math
 import os
+import shutil
 import threading
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ SCHEMA = "gse.status/1"
 NAME = "status.json"
 EVERY_S = 1.0
 _CLOSE_WITHIN_S = 2.0
+_RENEWED_WITHIN_S = 10.0
 _MOST_BYTES = 64 << 10
 
 
@@ -122,13 +124,29 @@ def read_status(folder: Path) -> dict[str, Any] | None:
 
 
 def is_running(status: dict[str, Any]) -> bool:
-    """Whether the process that wrote a status still runs; another process with its number does not count."""
-    mark = process_mark(status["pid"])
-    return status["state"] != "ended" and mark is not None and mark == status["process"]
+    """Whether the process that wrote a status still runs; another process with its number does not count.
+
+    Where the system does not say when a process started, a status that is renewed counts as running.
+    """
+    if status["state"] == "ended":
+        return False
+    if status["process"] is None:
+        return _age_s(status) < _RENEWED_WITHIN_S
+    return bool(process_mark(status["pid"]) == status["process"])
+
+
+def _age_s(status: dict[str, Any]) -> float:
+    try:
+        return (read_clock().utc_ns - instant.from_text(str(status["utc"]))) / instant.NS_PER_S
+    except (KeyError, ValueError):
+        return math.inf
 
 
 def process_mark(pid: int) -> str | None:
-    """Boot and start time of a process, which a later process with its number does not share; None if it has ended."""
+    """Boot and start time of a process, which a later process with its number does not share.
+
+    None if it has ended, and on systems without /proc.
+    """
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
@@ -173,8 +191,7 @@ def _is_closed(session: Path) -> bool:
 
 def disk_free_bytes(path: Path) -> int:
     """Free bytes of the disk of a path."""
-    status = os.statvfs(path)
-    return status.f_bavail * status.f_frsize
+    return shutil.disk_usage(path).free
 
 
 def _number(value: float) -> float | None:
