@@ -1,7 +1,6 @@
 """Judged sessions: from kept results where session, station file and software are the same, else derived and kept."""
 
 import hashlib
-import json
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,14 +10,13 @@ from drivers.mock.playback import is_session
 from drivers.session_file.reader import find_segments, session_file
 from gse.assessment.verdict import Assessment, judge
 from gse.catalog.readers import GAIA
-from gse.installation import source_sha256
 from gse.recording.session_format import read_attachments
 from gse.sessions.kept_results import KeptResultsError, keep, kept, results_folder
 from gse.sessions.replay import Replay, StationInForce, StationText, station_in_force
 from gse.sessions.status_file import is_running, read_status
 from gse.station.session_data import SessionData
-from gse.station.setup import versions
-from gse.tables import ResultKey
+from gse.station.setup import clear_caches
+from gse.tables.key import ResultKey, session_sha256, software_sha256
 from protocols import built_in_names
 
 Change = Callable[[StationText], StationText]
@@ -56,6 +54,7 @@ def judged_session(
     if session is not None:
         return Judged(session, judge(session), array("d"))
     replay = derive()
+    clear_caches()
     assessment = judge(replay.session)
     if place:
         _keep(replay.session, assessment, place, tell)
@@ -82,24 +81,24 @@ def _keep(session: SessionData, assessment: Assessment, place: _Place, tell: Cal
         tell(f"results cannot be kept in {place.folder}: {error.strerror or error}")
 
 
-def keep_live(session: SessionData, assessment: Assessment, session_path: Path, tell: Callable[[str], None]) -> None:
-    """Keep the results of a session that has just ended."""
-    place = _place(session_path, lambda recorded: recorded)
+def keep_live(session: SessionData, assessment: Assessment, path: Path, tell: Callable[[str], None]) -> None:
+    """Keep the results of the session file at ``path``, which was closed just now."""
+    place = _place_of(path, lambda recorded: recorded)
     if place:
         _keep(session, assessment, place, tell)
 
 
 def _place(path: Path, station: Change) -> _Place | None:
-    if not is_session(path):
+    if not path.exists() or not is_session(path) or (path.is_file() and path.stat().st_size == 0):
         return None
+    status = read_status(session_file(path).parent)
+    return None if status is not None and is_running(status) else _place_of(path, station)
+
+
+def _place_of(path: Path, station: Change) -> _Place | None:
     first = session_file(path)
-    status = read_status(first.parent)
-    if status is not None and is_running(status):
-        return None
     force = station_in_force(read_attachments(path), station)
-    if not _follows_from_text(force):
-        return None
-    return _Place(results_folder(first), result_key(first, force.text), force)
+    return _Place(results_folder(first), result_key(first, force.text), force) if _follows_from_text(force) else None
 
 
 def _follows_from_text(force: StationInForce) -> bool:
@@ -110,12 +109,5 @@ def _follows_from_text(force: StationInForce) -> bool:
 
 def result_key(first: Path, station_text: str) -> ResultKey:
     """The key of the results of a session file, with its segments, under a station file and this software."""
-    hashes = [_sha256(segment) for segment in find_segments(first)[0]]
-    session = hashes[0] if len(hashes) == 1 else hashlib.sha256("\n".join(hashes).encode()).hexdigest()
-    software = json.dumps({**versions(), "source": source_sha256()}, sort_keys=True)
-    return ResultKey(session, *(hashlib.sha256(text.encode()).hexdigest() for text in (station_text, software)))
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    station = hashlib.sha256(station_text.encode()).hexdigest()
+    return ResultKey(session_sha256(find_segments(first)[0]), station, software_sha256())

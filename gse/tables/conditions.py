@@ -106,6 +106,7 @@ def _mount(session: SessionData | None) -> Iterator[Column]:
     mount = fit.mount if fit else session.station.mount if session else None
     yield from columns_of(Mount, mount, "mount")
     yield column("mount_fit_frames", pa.int64(), fit.n if fit else None)
-    sigmas_arcsec = fit.sigma_azimuth_altitude_roll_arcsec if fit else (None, None, None)
+    is_known = fit is not None and bool(np.isfinite(fit.covariance_arcsec2).all())
+    sigmas_arcsec = fit.sigma_azimuth_altitude_roll_arcsec if fit and is_known else (None, None, None)
     for angle, sigma_arcsec in zip(("azimuth", "altitude", "roll"), sigmas_arcsec, strict=True):
         yield column(f"mount_fit_sigma_{angle}_arcsec", NUMBER, sigma_arcsec)
