@@ -13,6 +13,7 @@ from gse.catalog.readers import GAIA
 from gse.recording.session_format import read_attachments
 from gse.sessions.kept_results import KeptResultsError, keep, kept, results_folder
 from gse.sessions.replay import Replay, StationInForce, StationText, station_in_force
+from gse.sessions.sealed_station import names_program
 from gse.sessions.status_file import is_running, read_status
 from gse.station.session_data import SessionData
 from gse.station.setup import clear_caches
@@ -103,8 +104,10 @@ def _place_of(path: Path, station: Change) -> _Place | None:
 
 def _follows_from_text(force: StationInForce) -> bool:
     """Whether the station file says all: no catalogue, protocol or program in a file of its own."""
-    has_protocol = force.protocol_text is not None or force.station.protocol in built_in_names()
-    return has_protocol and force.station.catalog == GAIA
+    station = force.station
+    has_protocol = force.protocol_text is not None or station.protocol in built_in_names()
+    runs_program = station.identifier.algorithm == "external" and not names_program(station)
+    return has_protocol and station.catalog == GAIA and not runs_program
 
 
 def result_key(first: Path, station_text: str) -> ResultKey:

@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.catalog.names import Designation
+from gse.external.identifier import ExternalCounts
 from gse.station.event_kinds import ClockStep
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
@@ -34,6 +35,8 @@ class KeptContext(BaseModel):
     earth_orientation: str | None
     alignment: Alignment | None
     clock_error_s: float | None
+    external: dict[str, Any] | None
+    external_counts: ExternalCounts
 
     @classmethod
     def of(cls, session: SessionData) -> "KeptContext":
