@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gse.assessment.convention_search import ConventionSearch
 from gse.assessment.sensor_answers import SensorAnswers
 from gse.assessment.sensor_convention import convention_finding, is_wrong
-from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.finding import Finding
 from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.session_data import SessionData
@@ -18,7 +18,8 @@ _STANDSTILL_S = 2.0
 _FEWEST_ALIKE = 5
 """So many answers in a row that are the same to the last digit, for so long: the sky has turned by 30 arcsec."""
 _SIGMAS = 5.0
-_LEAST_ARCSEC = 1.5
+_PIXEL_SIGMAS = 4.0
+"""Stars that stay on their rows keep the error of whole pixels there for the whole session."""
 _BLOCKS = 20
 _FEWEST = 40
 
@@ -78,7 +79,9 @@ def _offset(session: SessionData, own: SensorAnswers) -> Iterator[Finding]:
         return
     ra, ra_error = _typical(frames, both, own.d_ra_cosde_arcsec[both] - frames["d_ra_cosde_arcsec"][both])
     de, de_error = _typical(frames, both, own.d_de_arcsec[both] - frames["d_de_arcsec"][both])
-    if math.hypot(ra, de) <= max(_LEAST_ARCSEC, _SIGMAS * math.hypot(ra_error, de_error)):
+    pixels_arcsec = session.station.sensor.camera().pixel_rad * ARCSEC_PER_RAD / math.sqrt(12)
+    of_fix = pixels_arcsec / math.sqrt(max(float(np.median(frames["matched"][both])), 1.0))
+    if math.hypot(ra, de) <= max(_PIXEL_SIGMAS * of_fix, _SIGMAS * math.hypot(ra_error, de_error)):
         return
     where = f"{_angle(ra)} east and {_angle(de)} north of those that follow from its own panoramas"
     cos_de = math.cos(math.radians(float(np.nanmedian(frames["de_true_deg"][both]))))
