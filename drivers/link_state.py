@@ -28,7 +28,7 @@ _NO_START = {"no sync", "truncated"}
 
 
 class LinkMonitor:
-    """State machine, fed with every event of the link, and every chunk with its count of frames and reasons of discards.
+    """State machine, fed with every event of the link, and every chunk with its frames and reasons of discards.
 
     Each call returns the changes of state as events with their times; also ``SILENT`` once per silence, and
     ``NO_FRAMES`` with the probable cause once per stretch of unreadable bytes.
