@@ -222,7 +222,7 @@ def injected(name, site, mount, duration_s, rng, sigmas):
     base = Truth(site, mount, at_s=duration_s * rng.uniform(0.2, 0.8), wave_period_s=period_s)
     size = great(rng)
     if name == "vibration":
-        return change(base, sigmas / 6 * 2.8)  # as much as the stars' own noise makes of a boresight
+        return change(base, 8.0)  # three times what the stars' own noise makes of a boresight
     seed = int(rng.integers(1 << 30))
     found = fine_causes(
         model_of(*made(change(base, size), site, mount, duration_s, np.random.default_rng(seed)), site, mount)

@@ -7,7 +7,7 @@ cause is believed only where slow noise does not explain it as well. The mean is
 zero, and what single stars keep (gse.star_influence) added; the field is one with the stars' own scatter. Columns are
 fitted by expectation maximisation over the spectra. A model's score is twice its logarithm of likelihood less PENALTY
 for each column and the logarithm of the number of places that were searched (as in the Bayesian information criterion
-of Schwarz 1978 for a thousand values: with the frame rate the penalty would grow, and with it what is missed).
+of Schwarz 1978 for 150 values: with the frame rate the penalty would grow, and with it what is missed).
 """
 
 import functools
@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from gse.assessment.autocorrelation import exponential_spectrum
 
-PENALTY = 7.0
+PENALTY = 5.0
 _TIMES = np.geomspace(0.3, 600.0, 16)
 """Lengths of the session in correlation times."""
-_STRENGTHS = np.array([0.3, 1.0, 3.0, 10.0, 100.0, 1e4, 1e6])
+_STRENGTHS = np.array([0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4, 1e5, 1e6])
 _WHITE_PRIOR = 0.5
 _ROUNDS = 12
 _SETTLED = 1e-3

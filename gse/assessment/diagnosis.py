@@ -113,6 +113,11 @@ def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
         ),
         (StationKind.NO_STATION, "station file", "give the right one: gse report SESSION --station FILE"),
         (StationKind.SEQUENCE_CHAOS, "sequence numbers", "see what the link brings: gse decode SESSION --explain"),
+        (
+            StationKind.FROZEN,
+            "frozen sensor",
+            "switch the sensor off and on: it sends the same panorama again and again",
+        ),
     )
     for kind, cause, following in known:
         if kind in kinds and cause not in named:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from gse.assessment.competing_models import PENALTY, Columns, Fitted, Observed, fitted, white_precision
 from gse.assessment.error_series import ErrorSeries
@@ -22,8 +23,8 @@ from gse.site import Site
 from gse.star_influence import boresight_shifts
 from gse.truth import horizon_to_sensor
 
-WORTH = 12.0
-"""A cause must be better than none by this much beyond its penalty: 4.4 standard errors of one column."""
+FALSE_ALARM = 3e-5
+"""Chance that noise explains a cause as well, for each place that was searched; of some twenty causes that compete."""
 EQUAL_WITHIN = 9.0
 """Three standard errors."""
 _MOST_CAUSES = 3
@@ -64,8 +65,13 @@ class Hypothesis:
 
     @property
     def cost(self) -> float:
-        """What it must be better by."""
+        """What it must be better by than a rival without columns."""
         return PENALTY * self.columns.count + 2 * math.log(self.searched)
+
+    @property
+    def is_worth(self) -> float:
+        """By how much twice the log likelihood must grow: what noise does with the chance of FALSE_ALARM."""
+        return float(chdtri(self.columns.count, FALSE_ALARM / self.searched))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,7 +176,7 @@ def fine_causes(model: SessionModel) -> tuple[Named, ...]:
         tried += [*_steps(model, observed, base, named), *_sinusoids(model, observed, base, named)]
         gains = [(_score(observed, [*named, one]) - base.twice_log_likelihood, one) for one in tried]
         gain, best = max(gains, key=lambda item: item[0])
-        if gain < WORTH or not _outlasts_stars(model, observed, named, best):
+        if gain + best.cost < best.is_worth or not _outlasts_stars(model, observed, named, best):
             break
         named = [*_without_idle(observed, named, best), best]
     return tuple(_named(observed, named, one, fixed) for one in named)
@@ -211,7 +217,8 @@ def _without_idle(observed: Observed, named: list[Hypothesis], best: Hypothesis)
     kept = list(named)
     for one in named:
         others = [other for other in kept if other is not one]
-        if _score(observed, [*others, best, one]) - _score(observed, [*others, best]) - best.cost < WORTH:
+        gain = _fit(observed, [*kept, best]).twice_log_likelihood - _fit(observed, [*others, best]).twice_log_likelihood
+        if gain < one.is_worth:
             kept = others
     return kept
 
@@ -347,7 +354,7 @@ def _waves(model: SessionModel, period_s: float, searched: int) -> Iterator[Hypo
     phase = 2 * math.pi * model.series.time_s / period_s
     waves = np.sin(phase), np.cos(phase)
     weights = _weights(_course(model, waves))
-    for kind, axes in (("sinusoid", (0, 1, 2)), ("columns", (0,)), ("rows", (1,))):
+    for kind, axes in (("sinusoid", (0, 1)), ("columns", (0,)), ("rows", (1,))):
         each = [np.outer(wave, np.eye(3)[axis]) for axis in axes for wave in waves]
         yield Hypothesis("thermal sinusoid", kind, model.columns(*each), weights, searched, period_s)
 

@@ -15,8 +15,8 @@ from gse.assessment.error_series import ErrorSeries
 from gse.assessment.field_patterns import FieldOfErrors
 from gse.star_influence import boresight_shifts
 
-LEAST_RATIO = 1.5
-"""Of the variances: the share that a fit takes of the residuals is known less well than that."""
+LEAST_RATIO = 4.0
+"""Of the variances, so that the scatter is twice what stars explain: seeing makes a part of it too."""
 _LEAST_SIGMAS = 5.0
 _BLOCK_S, _MIN_BLOCKS = 20.0, 8
 _FRAMES_OF_BLOCK = 12

@@ -42,6 +42,7 @@ link hands them to the recorder before the loop sees them.
 from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import groupby
 from typing import Protocol
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
@@ -49,6 +50,8 @@ from drivers.clock import ClockReading
 from drivers.link import SerialLink
 from drivers.link_state import LinkMonitor
 from gse.errors import TruthError
+from gse.external.answers import Failure
+from gse.external.identifier import Given
 from gse.panorama import Panorama
 from gse.recording.session_format import RecordedTimings
 from gse.station.event_kinds import ClockStep, StationKind
@@ -61,6 +64,7 @@ from gse.station.reception import Received, Reception
 from gse.station.results import FrameResult, OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
+from gse.station.sky_watch import SkyWatch
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.truth.iers_tables import GivenTables
 from protocols import StatusMessage
@@ -137,6 +141,7 @@ class StationLoop:
         self._monitor = LinkMonitor(station.port.baudrate)
         self._truth_sought = False
         self._event_log = EventLog()
+        self._sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
 
     def run(
         self,
@@ -150,11 +155,20 @@ class StationLoop:
 
         ``first`` is what was received already, ``each`` gets the results of every round.
         """
-        each(self.take(first))
-        while not link.at_end and not stop():
-            each(self.take(link.receive(RECEIVE_TIMEOUT_S)))
-        each(self._drain(link) + self.finish())
+        try:
+            each(self.take(first))
+            while not link.at_end and not stop():
+                each(self.take(link.receive(RECEIVE_TIMEOUT_S)))
+            each(self._drain(link) + self.finish())
+        finally:
+            self._close_external()
         return self.session
+
+    def _close_external(self) -> None:
+        """End an external identifier; what it said of itself belongs to the session."""
+        if self.setup.external is not None:
+            self.setup.external.close()
+            self.session.external = self.setup.external.identity
 
     def _drain(self, link: SerialLink) -> list[FrameResult]:
         """Process the bytes that a live port gave until it was closed: they are recorded, so they count."""
@@ -204,6 +218,7 @@ class StationLoop:
     def finish(self) -> list[FrameResult]:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self._for_identification(self.reception.finish()))
+        self._log_all(self._sky.finish(self.session.frames.columns))
         self.session.raw_sha256 = self.reception.raw_sha256
         return results
 
@@ -234,34 +249,62 @@ class StationLoop:
         for begin in range(0, len(news), MOST_AT_ONCE):
             part = news[begin : begin + MOST_AT_ONCE]
             answers = iter(self._frame_processor.identify([item for item in part if isinstance(item, Panorama)]))
-            for item in part:
-                if isinstance(item, Panorama):
-                    results.append(self._conclude(item, next(answers)))
-                elif isinstance(item, OwnAnswer):
-                    results.append(self._conclude_own(item))
-                else:
-                    self.on_event(item)
+            for kind, items in groupby(part, type):
+                if kind is Panorama:
+                    results += self._conclude([(item, next(answers)) for item in items if isinstance(item, Panorama)])
+                    continue
+                for item in items:
+                    if isinstance(item, OwnAnswer):
+                        results.append(self._conclude_own(item))
+                    elif isinstance(item, LinkEvent):
+                        self.on_event(item)
         return results
 
     def observe(self, panorama: Panorama) -> FrameResult:
         """Process one panorama and store the result."""
         return self._identify([panorama])[0]
 
-    def _conclude(self, panorama: Panorama, answer: Answer | str) -> FrameResult:
-        """Compare an answer with truth, store the result and pass it to the listeners."""
-        if not self._truth_sought:
-            self._seek_truth(panorama)
-        if self._first_seconds is not None:
-            self._align(self._first_seconds, panorama)
-        result = self._frame_processor.conclude(panorama, answer, self._elapsed_us(panorama, answer))
-        self.session.frames.append(result)
-        if isinstance(answer, Answer) and answer.is_mirrored:
-            self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.MIRRORED, result.detail))
-        if self._first_seconds is not None and self._frame_processor.truth is not None:
-            self._first_seconds.add(result, self._frame_processor.truth)
-        for listener in self.listeners:
-            listener.on_result(result, self.session)
-        return result
+    def _conclude(self, answered: list[tuple[Panorama, Answer | str]]) -> list[FrameResult]:
+        """Compare answers that follow each other with truth, store the results and pass them to the listeners.
+
+        One by one while the mount is not fitted: the next panorama may bring it.
+        """
+        results: list[FrameResult] = []
+        while answered:
+            panorama, _ = answered[0]
+            if not self._truth_sought:
+                self._seek_truth(panorama)
+            if self._first_seconds is not None:
+                self._align(self._first_seconds, panorama)
+            count = len(answered) if self._first_seconds is None else 1
+            results += self._conclude_some(answered[:count])
+            answered = answered[count:]
+        return results
+
+    def _conclude_some(self, answered: list[tuple[Panorama, Answer | str]]) -> list[FrameResult]:
+        panoramas, answers = zip(*answered, strict=True)
+        elapsed_us = [self._elapsed_us(panorama, answer) for panorama, answer in answered]
+        results = self._frame_processor.conclude(panoramas, answers, elapsed_us)
+        first = len(self.session.frames)
+        self.session.frames.extend(results)
+        for row, (answer, result) in enumerate(zip(answers, results, strict=True), first):
+            self._log_all(self._sky.take(self.session.frames.columns[: row + 1]))
+            if given := (answer.given if isinstance(answer, Answer) else None):
+                self._count_given(result.panorama, given)
+            if isinstance(answer, Answer) and answer.is_mirrored:
+                self.on_event(LinkEvent(result.panorama.utc_ns, 0, StationKind.MIRRORED, result.detail))
+            if self._first_seconds is not None and self._frame_processor.truth is not None:
+                self._first_seconds.add(result, self._frame_processor.truth)
+            for listener in self.listeners:
+                listener.on_result(result, self.session)
+        return results
+
+    def _count_given(self, panorama: Panorama, given: Given) -> None:
+        """Count what an external identifier gave; its failures are events."""
+        self.session.external_counts.count(given)
+        if isinstance(given.answer, Failure):
+            text = f"{given.answer.kind} at frame {panorama.frame_no}: {given.answer.detail}"
+            self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.IDENTIFIER_FAULT, text))
 
     def _conclude_own(self, answer: OwnAnswer) -> FrameResult:
         """Compare an answer of a sensor that sends no panoramas with truth; store the result and pass it on."""
@@ -272,7 +315,9 @@ class StationLoop:
             self._align(self._first_seconds, panorama)
         truth, mount = self._frame_processor.truth, self._frame_processor.mount
         result = self._own_answers.result(panorama, answer.message, truth, mount)
+        self._sky.sees_objects = False
         self.session.frames.append(result)
+        self._log_all(self._sky.take(self.session.frames.columns))
         if self._first_seconds is not None and truth is not None:
             self._first_seconds.add(result, truth)
         for listener in self.listeners:
