@@ -216,7 +216,7 @@ CAUSES = {
 
 
 def injected(name, site, mount, duration_s, rng, sigmas):
-    """A truth with one cause at so many standard errors, as the finding of a great one gives them; None if not found."""
+    """A truth with one cause at so many standard errors, as the finding of a great one has them, or None."""
     _, change, great = CAUSES[name]
     period_s = max(duration_s / rng.uniform(1.5, 12), 60.0)
     base = Truth(site, mount, at_s=duration_s * rng.uniform(0.2, 0.8), wave_period_s=period_s)

@@ -116,7 +116,7 @@ def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
         (
             StationKind.FROZEN,
             "frozen sensor",
-            "switch the sensor off and on: it sends the same panorama again and again",
+            "switch the sensor off and on: it repeats one panorama",
         ),
     )
     for kind, cause, following in known:
