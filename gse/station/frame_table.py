@@ -1,6 +1,7 @@
 """Table of results: the frames of a session as columns, 14 h in some 100 MB."""
 
 from collections.abc import Iterator, Sequence
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +131,14 @@ class FrameTable:
         self._matches = _Rows(MATCH)
         self._match_stride = 1
         self._waiting: list[tuple[int, NDArray[np.float64], Matches]] = []
+
+    @classmethod
+    def of(cls, frames: NDArray[np.void], matches: NDArray[np.void]) -> Self:
+        """A table with these rows of FRAME and MATCH."""
+        table = cls()
+        table._frames.extend(frames)
+        table._matches.extend(matches)
+        return table
 
     def __len__(self) -> int:
         return len(self._frames)
