@@ -1,5 +1,7 @@
 """A sensor before a star simulator: truth without a turning Earth."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -50,7 +52,8 @@ def session(inertial, *, count=320, rate=0.0, off_arcsec=0.0, own=False):
         if own:
             answer = np.array([ra_deg, de_deg, 25.0]) + random.normal(0, 2 / 3600, 3)
             messages.append(AttitudeMessage(number * 250_000 + 10**6, *answer, number, 20, "acquired", 0.03))
-        data = b"".join(setup.protocol.encode(message, 2 * number + place) for place, message in enumerate(messages))
+        numbers = itertools.count(number * len(messages))
+        data = b"".join(setup.protocol.encode(message, next(numbers)) for message in messages)
         loop.take([Chunk(utc_ns + BYTE_NS, utc_ns + BYTE_NS - DAY_NS + NS_PER_S, data)])
     loop.finish()
     return loop.session
