@@ -1,0 +1,229 @@
+"""The error atlas of one session: residuals of its stars by pixel phase, by place in the field, and focal length.
+
+A least-squares fit of a polynomial of the field and of harmonics of the pixel phase to all residuals, along columns and
+rows each, as in gse.assessment.spatial_errors; the covariance of the coefficients is clustered by star, since all
+residuals of a star share its catalogue place. The radial part of the polynomial's first degree is the focal length.
+
+A sensor that sends whole pixels has the error of rounding: -(1/pi) sin(2 pi phase), smoothed by the noise of a star of
+s px to exp(-2 pi^2 s^2) of it. That is subtracted before the pixel phase is judged, with s from the scatter of the
+residuals and SMOOTHING_UNCERTAINTY of it as uncertainty.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, ndtri
+
+DEGREE = 3
+HARMONICS = 2
+MIN_STARS = 20
+MIN_RESIDUALS = 200
+CELLS = 8
+"""The map of the field has so many cells along each axis."""
+PHASE_BINS = 20
+SMOOTHING_UNCERTAINTY = 0.06
+"""Of the smoothed rounding error, standard: s differs from star to star; measured on simulated sessions."""
+_TINY = 1e-300
+_TERMS = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseError:
+    """Pixel phase error along one axis: first harmonic in px as (sin, cos) with its covariance, of the rounding freed.
+
+    ``curve`` and ``curve_error`` (PHASE_BINS,) are means of the residuals in px, over the phase from -0.5 to 0.5.
+    """
+
+    harmonic_px: tuple[float, float]
+    covariance_px2: tuple[float, float, float]
+    rounding_px: float
+    curve_px: NDArray[np.float64]
+    curve_error_px: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class SessionAtlas:
+    """The atlas of a session; ``field_arcsec`` (CELLS, CELLS, 2) has the mean residual of each cell, NaN where none is.
+
+    ``field_error_arcsec`` (CELLS, CELLS) is its standard error, stars as the sample; ``field_sigmas`` says how
+    significant the polynomial of the field is, the focal length left out. ``scale`` is the relative error of the focal
+    length and its standard error: a positive one asks for a longer one.
+    """
+
+    residuals: int
+    stars: int
+    phase: tuple[PhaseError, PhaseError]
+    field_arcsec: NDArray[np.float64]
+    field_error_arcsec: NDArray[np.float64]
+    field_sigmas: float
+    scale: float
+    scale_error: float
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """Residuals of a session as columns (N,): arcsec, pixels, phase in px, numbers of the stars.
+
+    ``size_px`` is the detector's (columns, rows), ``pixel_arcsec`` the angle of a pixel in its middle.
+    """
+
+    x_arcsec: NDArray[np.float64]
+    y_arcsec: NDArray[np.float64]
+    x_px: NDArray[np.float64]
+    y_px: NDArray[np.float64]
+    phase_x_px: NDArray[np.float64]
+    phase_y_px: NDArray[np.float64]
+    star: NDArray[np.int64]
+    size_px: tuple[int, int]
+    pixel_arcsec: float
+
+    @property
+    def whole_pixels(self) -> bool:
+        """Whether the sensor sends whole pixels."""
+        return bool(np.all(self.x_px == np.round(self.x_px)) and np.all(self.y_px == np.round(self.y_px)))
+
+
+def session_atlas(of: Residuals) -> SessionAtlas | None:
+    """The atlas of a session; None of too few stars."""
+    _, star = np.unique(of.star, return_inverse=True)
+    stars = int(star.max()) + 1 if len(star) else 0
+    if stars < MIN_STARS or len(star) < MIN_RESIDUALS:
+        return None
+    x, y = (2 * px / size - 1 for px, size in zip((of.x_px, of.y_px), of.size_px, strict=True))
+    field = np.column_stack([x**i * y**j for i, j in _TERMS])
+    fits = [
+        _Fit.of(field, phase, residual, star)
+        for phase, residual in ((of.phase_x_px, of.x_arcsec), (of.phase_y_px, of.y_arcsec))
+    ]
+    phases = tuple(
+        _phase_error(fit, phase, of) for fit, phase in zip(fits, (of.phase_x_px, of.phase_y_px), strict=True)
+    )
+    scale, scale_error = _scale(fits, of)
+    cells, errors = _map(x, y, fits, star, stars)
+    return SessionAtlas(
+        len(star), stars, (phases[0], phases[1]), cells, errors, _field_sigmas(fits), scale, scale_error
+    )
+
+
+def sigmas_of(chi2: float, freedom: int) -> float:
+    """Significance as that of a normal deviate, two-sided, of a sum of squares; 0 where it says nothing."""
+    if not chi2 > 0 or freedom < 1:
+        return 0.0
+    chance = max(float(chdtrc(freedom, chi2)), _TINY)
+    return max(-float(ndtri(chance / 2)), 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """Coefficients of field and phase of one axis with their clustered covariance, and residuals freed of each."""
+
+    field: NDArray[np.float64]
+    field_covariance: NDArray[np.float64]
+    phase: NDArray[np.float64]
+    phase_covariance: NDArray[np.float64]
+    without_phase: NDArray[np.float64]
+    without_field: NDArray[np.float64]
+    left: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls,
+        field: NDArray[np.float64],
+        phase_px: NDArray[np.float64],
+        residual: NDArray[np.float64],
+        star: NDArray[np.int64],
+    ) -> "_Fit":
+        angle = 2 * math.pi * phase_px
+        waves = np.column_stack([wave(k * angle) for k in range(1, HARMONICS + 1) for wave in (np.sin, np.cos)])
+        basis = np.hstack([field, waves])
+        inverse = np.linalg.pinv(basis.T @ basis)
+        fit = inverse @ (basis.T @ residual)
+        left = residual - basis @ fit
+        scores = np.stack([np.bincount(star, weights=part * left) for part in basis.T], axis=1)
+        stars, of_field = len(scores), field.shape[1]
+        few = stars / max(stars - basis.shape[1], 1)
+        covariance = few * inverse @ (scores.T @ scores) @ inverse
+        return cls(
+            fit[:of_field],
+            covariance[:of_field, :of_field],
+            fit[of_field:],
+            covariance[of_field:, of_field:],
+            residual - waves @ fit[of_field:],
+            residual - field @ fit[:of_field],
+            left,
+        )
+
+
+def _phase_error(fit: _Fit, phase_px: NDArray[np.float64], of: Residuals) -> PhaseError:
+    scale = of.pixel_arcsec
+    rounding = _rounding_px(float((fit.left**2).mean()) / scale**2, fit, scale) if of.whole_pixels else 0.0
+    covariance = fit.phase_covariance[:2, :2] / scale**2
+    bins = np.clip(((phase_px + 0.5) * PHASE_BINS).astype(np.int64), 0, PHASE_BINS - 1)
+    count = np.maximum(np.bincount(bins, minlength=PHASE_BINS), 1)
+    curve = np.bincount(bins, weights=fit.without_field, minlength=PHASE_BINS) / count
+    spread = math.sqrt(float((fit.left**2).mean()))
+    return PhaseError(
+        (float(fit.phase[0]) / scale - rounding, float(fit.phase[1]) / scale),
+        (
+            float(covariance[0, 0]) + (SMOOTHING_UNCERTAINTY * rounding) ** 2,
+            float(covariance[0, 1]),
+            float(covariance[1, 1]),
+        ),
+        rounding,
+        curve / scale,
+        spread / np.sqrt(count) / scale,
+    )
+
+
+def _rounding_px(left_px2: float, fit: _Fit, scale: float) -> float:
+    """First harmonic of the error of rounding, with the scatter of a star about its pixel of ``left_px2`` in all."""
+    waves_px2 = float(fit.phase @ fit.phase) / 2 / scale**2
+    smoothing_px2 = max(left_px2 + waves_px2 - 1 / 12, 0.0)
+    return -math.exp(-2 * math.pi**2 * smoothing_px2) / math.pi
+
+
+def _scale(fits: list[_Fit], of: Residuals) -> tuple[float, float]:
+    """Relative error of the focal length: the trace of the linear part of the residuals' field."""
+    parts = []
+    for fit, term, size in zip(fits, ((1, 0), (0, 1)), of.size_px, strict=True):
+        at = _TERMS.index(term)
+        per = size / 2 * of.pixel_arcsec
+        parts.append((fit.field[at] / per, math.sqrt(max(fit.field_covariance[at, at], 0.0)) / per))
+    return float(parts[0][0] + parts[1][0]) / 2, float(math.hypot(parts[0][1], parts[1][1])) / 2
+
+
+def _field_sigmas(fits: list[_Fit]) -> float:
+    """Of the polynomial's second and third degree along both axes."""
+    wanted = [at for at, (i, j) in enumerate(_TERMS) if i + j >= 2]
+    chi2 = 0.0
+    for fit in fits:
+        part = fit.field[wanted]
+        chi2 += float(part @ np.linalg.pinv(fit.field_covariance[np.ix_(wanted, wanted)]) @ part)
+    return sigmas_of(chi2, 2 * len(wanted))
+
+
+def _map(
+    x: NDArray[np.float64], y: NDArray[np.float64], fits: list[_Fit], star: NDArray[np.int64], stars: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean residual of each cell, and its standard error: each star's mean in the cell is one value."""
+    column, row = (np.clip(((at + 1) / 2 * CELLS).astype(np.int64), 0, CELLS - 1) for at in (x, y))
+    cell = row * CELLS + column
+    pair, place = np.unique(cell * stars + star, return_inverse=True)
+    of_pair = np.bincount(place)
+    means = np.stack([np.bincount(place, weights=fit.without_phase) / of_pair for fit in fits], axis=1)
+    cells = pair // stars
+    weight = np.bincount(cells, weights=of_pair, minlength=CELLS**2)
+    known = weight > 0
+    mean = np.full((CELLS**2, 2), np.nan)
+    error = np.full(CELLS**2, np.nan)
+    for axis in (0, 1):
+        total = np.bincount(cells, weights=of_pair * means[:, axis], minlength=CELLS**2)
+        mean[known, axis] = total[known] / weight[known]
+    apart2 = ((means - mean[cells]) ** 2).sum(axis=1) / 2
+    squares = np.bincount(cells, weights=of_pair**2 * apart2, minlength=CELLS**2)
+    several = np.bincount(cells, minlength=CELLS**2)
+    enough = several > 2
+    error[enough] = np.sqrt(squares[enough]) / weight[enough] * np.sqrt(several[enough] / (several[enough] - 1))
+    return mean.reshape(CELLS, CELLS, 2), error.reshape(CELLS, CELLS)
