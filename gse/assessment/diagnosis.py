@@ -71,6 +71,7 @@ def _events(session: SessionData) -> Iterator[str]:
         (StationKind.MIRRORED, "mirrored image"),
         (StationKind.NO_STATION, "station file"),
         (StationKind.SEQUENCE_CHAOS, "sequence numbers"),
+        (StationKind.FROZEN, "frozen sensor"),
     )
     for kind, words in named:
         if kind in kinds:

@@ -25,7 +25,7 @@ from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.station.clock_steps import instants_ns
 from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.results import Subject
+from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
 
 AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y")
@@ -134,7 +134,7 @@ def statistics(session: SessionData) -> Statistics:
     status, check = frames["status"][counted.expected], frames["answer_check"][counted.expected]
     limit_ms = session.station.limits.identification_ms
     field_rad = session.station.sensor.camera().diagonal_rad / 2
-    lost = session.link.frames_lost
+    lost = session.link.frames_lost + session.link.frames_repeated
     answers = _of_frames(frames, counted)
     subjects = {session.subject: _subject(session.subject, frames, answers, lost, limit_ms, field_rad)}
     own = sensor_answers(session) if session.subject is Subject.ONBOARD else None
@@ -145,7 +145,7 @@ def statistics(session: SessionData) -> Statistics:
         frames=len(frames),
         duration_s=float(np.ptp(instants_ns(frames, session.events))) / 1e9 if len(frames) else 0.0,
         frames_expected=len(status) + lost,
-        statuses={name.value: int((status == place).sum()) for place, name in enumerate(STATUSES)},
+        statuses=_statuses(status),
         answer_checks={name.value: int((check == place).sum()) for place, name in enumerate(ANSWER_CHECKS)},
         subjects=subjects,
         arrival_ms=subjects[session.subject].arrival_ms,
@@ -156,6 +156,14 @@ def statistics(session: SessionData) -> Statistics:
         counted=counted,
         own=own,
     )
+
+
+def _statuses(status: NDArray[np.uint8]) -> dict[str, int]:
+    """Frames (M,) by status; the fault of an external identifier only where there is one."""
+    counts = {name.value: int((status == place).sum()) for place, name in enumerate(STATUSES)}
+    if not counts[Status.IDENTIFIER_FAULT]:
+        del counts[Status.IDENTIFIER_FAULT]
+    return counts
 
 
 def _of_frames(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
@@ -200,7 +208,7 @@ def _subject(
     used_ns = frames["utc_ns"][used]
     errors = {axis: answers.columns[f"{axis}_arcsec"][used] for axis in AXES}
     errors["d_roll"] = about_circular_mean(errors["d_roll"])
-    axes = {axis: axis_statistics(used_ns, errors[axis]) for axis in AXES}
+    axes = {axis: _axis(used_ns, errors[axis]) for axis in AXES}
     good = answers.answered & ~answers.false
     counts = answers.expected | answers.false
     kept_ns = frames["utc_ns"][answers.timed]
@@ -226,10 +234,24 @@ def _subject(
     )
 
 
+def _axis(used_ns: NDArray[np.int64], errors_arcsec: NDArray[np.float64]) -> AxisStatistics:
+    """Of the frames that have the angle: an answer of RA and DE alone has no roll."""
+    known = np.isfinite(errors_arcsec)
+    return (
+        axis_statistics(used_ns, errors_arcsec)
+        if known.all()
+        else axis_statistics(used_ns[known], errors_arcsec[known])
+    )
+
+
 def _thermal(
     used_ns: NDArray[np.int64], errors: dict[str, NDArray[np.float64]], temperature_c: NDArray[np.float32]
 ) -> dict[str, ThermalError | None]:
-    return {axis: thermal_error(used_ns, errors[axis], temperature_c.astype(np.float64)) for axis in _THERMAL_AXES}
+    known = {axis: np.isfinite(errors[axis]) for axis in _THERMAL_AXES}
+    return {
+        axis: thermal_error(used_ns[rows], errors[axis][rows], temperature_c[rows].astype(np.float64))
+        for axis, rows in known.items()
+    }
 
 
 def _spatial(session: SessionData, counted: CountedFrames) -> tuple[SpatialErrors, SpatialErrors] | None:
@@ -261,6 +283,11 @@ def _share(happened: NDArray[np.bool_]) -> Share:
 
 def about_circular_mean(angles_arcsec: NDArray[np.float64]) -> NDArray[np.float64]:
     """The same angles (M,), each within half a turn of their circular mean: +-180 deg do not average to nothing."""
+    known = np.isfinite(angles_arcsec)
+    if not known.all():
+        angles_arcsec = angles_arcsec.copy()
+        angles_arcsec[known] = about_circular_mean(angles_arcsec[known])
+        return angles_arcsec
     if not len(angles_arcsec):
         return angles_arcsec
     phase = angles_arcsec * (2 * math.pi / _TURN_ARCSEC)

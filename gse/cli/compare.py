@@ -9,7 +9,7 @@ import click
 
 from gse.assessment.session_comparison import Row, SessionComparison, session_comparison
 from gse.cli import EXIT_FAIL
-from gse.cli.options import ALGORITHMS, change_to, start_utc_option
+from gse.cli.options import IDENTIFIER, change_to, start_utc_option
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     "--identifier",
     "identifiers",
     multiple=True,
-    type=click.Choice(ALGORITHMS),
+    type=IDENTIFIER,
     help="Identifier of the second session; given twice: of the first and the second.",
 )
 @click.option(

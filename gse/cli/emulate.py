@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gse.cli.durations import duration_option
 from gse.cli.options import station_of, station_option
 from gse.errors import UsageError
 
@@ -36,7 +37,13 @@ _LAST_PORT = 65535
     show_default=True,
     help="Simulate lists of stars, or whole images and their extraction (slower).",
 )
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="End after this many seconds.")
+@click.option(
+    "--duration",
+    "duration_s",
+    metavar="TIME",
+    callback=duration_option(least_s=0.1),
+    help="End after this time: 90, 90s, 5m, 1h30m.",
+)
 def command(
     *,
     use_pty: bool,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_INTERRUPTED, was_interrupted
-from gse.cli.options import ALGORITHMS, station_of, station_option
+from gse.cli.options import IDENTIFIER, station_of, station_option
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class _Finite(click.FloatRange):
     "--identifier",
     "identifiers",
     multiple=True,
-    type=click.Choice(ALGORITHMS),
+    type=IDENTIFIER,
     help="Identifier to test; repeatable.  [default: robust]",
 )
 @click.option("--preset", type=click.Choice(("pivot-paper", "lapan")), help="Use the settings of a paper.")

@@ -10,6 +10,7 @@ import click
 from drivers.errors import DriverError
 from gse.cli import EXIT_DATA_LOST, EXIT_INTERRUPTED, exit_code_of, unexpected
 from gse.cli.detach import Detachment, detach
+from gse.cli.durations import duration_option
 from gse.cli.finish import Applied, applied, conclude, say_exit_code, show_paths, show_report
 from gse.cli.live_outputs import LiveOutputs, ViewMode
 from gse.cli.options import (
@@ -48,7 +49,13 @@ _MOST_LISTED = 3
     "--port", "url", help="Port or pyserial URL, instead of the station file's: /dev/ttyUSB0, sim://?speed=10"
 )
 @identifier_option
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="Stop after this many seconds.")
+@click.option(
+    "--duration",
+    "duration_s",
+    metavar="TIME",
+    callback=duration_option(least_s=0.1),
+    help="Stop after this time: 90, 90s, 5m, 1h30m.",
+)
 @view_option
 @bind_option
 @save_rrd_option

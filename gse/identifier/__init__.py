@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gse.camera import Camera
 from gse.catalog import StarCatalog, brightest_per_field, mission_catalog
+from gse.errors import UsageError
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier_options import IdentifierOptions
 
@@ -41,6 +42,8 @@ def make_identifier(options: IdentifierOptions, camera: Camera, source: StarCata
         from gse.identifier.robust import RobustIdentifier
 
         return RobustIdentifier(camera, source)
+    if options.algorithm == "external":
+        raise UsageError("an external identifier works in a session or on panoramas; name a built-in one here")
     mission = mission_catalog(source, camera, options.catalog_stars)
     if options.algorithm == "neighbour":
         from gse.identifier.neighbour import NeighbourIdentifier

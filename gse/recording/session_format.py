@@ -18,13 +18,20 @@ PROTOCOL = "protocol.yaml"
 EARTH_ORIENTATION = "earth_orientation.json"
 STATED = "stated.json"
 """Statements of the operator for the session: {"clock_error_s": 0.1}."""
+IDENTIFIER = "identifier.json"
+"""What an external identifier is: name, version and hashes, schema gse.identifier/1."""
 TIMING_TOPIC = "/gse/timing"
+ANSWER_TOPIC = "/gse/answer"
+"""What an external identifier gave for each panorama; its stderr is on LOG_TOPIC."""
+LOG_TOPIC = "/gse/identifier/stderr"
 MOST_KINDS = 100
 """Most different kinds of events; this station has some forty."""
 OTHER = "OTHER"
 MOST_CLOCK_READINGS = 50_000
 """One a minute for a month."""
-_KNOWN = (STATION, PROTOCOL, EARTH_ORIENTATION, STATED)
+_KNOWN = (STATION, PROTOCOL, EARTH_ORIENTATION, STATED, IDENTIFIER)
+_RENEWED = (EARTH_ORIENTATION, IDENTIFIER)
+"""Attached again where they change: the clock was put right; a program said its version with its first answer."""
 _SEARCH_AHEAD = 1000
 """Most missing timings between two frames; further ones end the search."""
 
@@ -72,7 +79,7 @@ def read_recorded(path: Path) -> Recorded:
         if isinstance(record, Damage):
             recorded.damaged = True
         elif isinstance(record, Attachment) and record.name in _KNOWN:
-            if record.name == EARTH_ORIENTATION:  # sought anew where the clock was put right
+            if record.name in _RENEWED:
                 recorded.attachments[record.name] = record.data.decode("utf-8", "replace")
             recorded.attachments.setdefault(record.name, record.data.decode("utf-8", "replace"))
         elif isinstance(record, Message) and record.topic == CLOCK and len(recorded.clock) < MOST_CLOCK_READINGS:

@@ -11,11 +11,24 @@ from numpy.typing import NDArray
 
 from gse import instant
 from gse.assessment.sensor_answers import SensorAnswers
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, STATUSES
+from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
 from gse.station.results import Subject
 
 _ROWS_AT_ONCE = 1024
-_DECIMALS = {"_deg": 7, "_arcsec": 3, "_us": 1, "_s": 6, "_ms": 3, "_c": 2, "_mag": 3}
+_DECIMALS = {
+    "_altitude_deg": 2,
+    "_separation_deg": 2,
+    "_deg": 7,
+    "_arcsec": 3,
+    "_us": 1,
+    "_s": 6,
+    "_ms": 3,
+    "_c": 2,
+    "_mag": 3,
+    "transparency": 3,
+    "_expected": 0,
+}
+"""By the end of a column's name; the first that fits counts."""
 _COMMON = tuple(name for name in FRAME.names or () if name not in (*ONBOARD_COLUMNS, "utc_ns"))
 """Columns of the panorama itself, its sky and truth."""
 
@@ -47,6 +60,8 @@ def _texts(name: str, values: NDArray[Any]) -> list[str]:
         return [STATUSES[place].value for place in values.tolist()]
     if name == "answer_check":
         return [ANSWER_CHECKS[place].value for place in values.tolist()]
+    if name == "sky_condition":
+        return [SKY_CONDITIONS[place].value for place in values.tolist()]
     if values.dtype.kind == "b":
         return [str(int(value)) for value in values.tolist()]
     if values.dtype.kind != "f":

@@ -14,8 +14,10 @@ from drivers.mock.urls import replay_url
 from gse import instant
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station
 from gse.errors import TruthError, UsageError
+from gse.external.recorded import RecordedAnswers, read_identity
 from gse.recording.session_format import (
     EARTH_ORIENTATION,
+    IDENTIFIER,
     PROTOCOL,
     STATED,
     STATION,
@@ -23,7 +25,7 @@ from gse.recording.session_format import (
     RecordedTimings,
     read_recorded,
 )
-from gse.sessions.sealed_station import sealed, unsealed
+from gse.sessions.sealed_station import names_program, sealed, unsealed
 from gse.station.event_kinds import StationKind
 from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
@@ -107,7 +109,7 @@ def replay_session(
         )
     with SerialLink(options.url(path)) as link:
         first = link.receive(FIRST_WITHIN_S)
-        loop = _loop(recorded, options, station, first[0].utc_ns if first else None)
+        loop = _loop(path, recorded, options, station, first[0].utc_ns if first else None)
         loop.listeners = make_listeners(loop, None)
         session = loop.run(link, first, stop=stop, each=each)
     if recorded is not None:
@@ -116,7 +118,11 @@ def replay_session(
 
 
 def _loop(
-    recorded: Recorded | None, options: ReplayOptions, change: Callable[[StationText], StationText], utc_ns: int | None
+    path: Path,
+    recorded: Recorded | None,
+    options: ReplayOptions,
+    change: Callable[[StationText], StationText],
+    utc_ns: int | None,
 ) -> StationLoop:
     attachments, given = recorded.attachments if recorded else {}, options.given_orientation
     text = attachments.get(STATION, BUILT_IN_TEXT)
@@ -124,7 +130,8 @@ def _loop(
     station, text = change((frozen, text))
     protocol_text = attachments.get(PROTOCOL) if station.protocol == frozen.protocol else None
     station = unsealed(station, has_protocol=protocol_text is not None)
-    setup = set_up(station, text, utc_ns=utc_ns, protocol_text=protocol_text)
+    answers = RecordedAnswers(path, read_identity(attachments.get(IDENTIFIER))) if names_program(station) else None
+    setup = set_up(station, text, utc_ns=utc_ns, protocol_text=protocol_text, recorded_answers=answers)
     loop = StationLoop(
         setup,
         earth_orientation=None if given else _frozen_orientation(attachments.get(EARTH_ORIENTATION)),

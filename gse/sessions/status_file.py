@@ -57,6 +57,7 @@ class StatusFile:
     def on_event(self, event: LinkEvent) -> None:
         """Note the state of the link."""
         self._link = LINK_WORDS.get(event.kind, self._link)
+        self._running.add_event(event)
 
     def enter(self, state: str) -> None:
         """Enter the next state: running, closing, reporting."""
@@ -105,6 +106,7 @@ class StatusFile:
             "frames_per_s": _number(running.frames_per_s),
             "identified": _number(running.identified),
             "last_answer_utc": instant.to_text(self._answered_ns, 1) if self._answered_ns else None,
+            "sky": running.sky or None,
             "so_far": headline(running, self._frames_lost),
             "session_bytes": session.stat().st_size if session.exists() else 0,
             "disk_free_bytes": disk_free_bytes(self._folder),

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 from gse.attitude import Attitude, paper_mean, solve_attitude
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
+from gse.external.identifier import ExternalIdentifier, Given
 from gse.identifier import Identification, Identifier, Reason, Unidentified
 from gse.identifier.robust import RobustIdentifier
 from gse.mount import Mount
 from gse.panorama import MAX_OBJECTS, Panorama
+from gse.station import external_result
 from gse.station.attitude_error import attitude_error
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import AnswerCheck, FrameResult, Matches, Status
+from gse.station.results import NO_STARLIGHT, AnswerCheck, FrameResult, Matches, Starlight, Status
+from gse.station.starlight import starlight
 from gse.truth import SiderealTruth
 
 CENTROID_SIGMA_PX = 0.3
@@ -33,14 +36,17 @@ FAULT_FLAGS = frozenset({"detector fault", "memory fault"})
 class Answer:
     """The answer of the identifier under test to one panorama, its attitude, and the reference identifier's check.
 
-    ``elapsed_us`` is this host's time from objects to RA and DE.
+    ``elapsed_us`` is the time from objects to RA and DE: this host's, or an external identifier's own. ``given`` is
+    what an external identifier gave, ``light`` what the named stars show of the sky.
     """
 
     directions_sensor: NDArray[np.float64]
     identification: Identification | Unidentified
     attitude: Attitude | None
     answer_check: AnswerCheck
-    elapsed_us: float
+    elapsed_us: float | None
+    given: Given | None = None
+    light: Starlight = NO_STARLIGHT
 
     @property
     def is_mirrored(self) -> bool:
@@ -58,7 +64,7 @@ class FrameProcessor:
 
     camera: Camera
     index_max: int
-    identifier: Identifier
+    identifier: Identifier | ExternalIdentifier
     reference: RobustIdentifier | None
     non_stellar: NonStellarObjects
     truth: SiderealTruth | None
@@ -83,11 +89,19 @@ class FrameProcessor:
         """
         if isinstance(answer, str):
             return FrameResult(panorama, Status.SENSOR_FAULT, answer, self.identifier.name)
+        if answer.given is not None:
+            return self._conclude_external(panorama, answer, answer.given, elapsed_us)
         found, attitude = answer.identification, answer.attitude
         if isinstance(found, Unidentified) or attitude is None:
             status, detail = _explain(found)
             return FrameResult(
-                panorama, status, detail, self.identifier.name, elapsed_us=elapsed_us, answer_check=answer.answer_check
+                panorama,
+                status,
+                detail,
+                self.identifier.name,
+                elapsed_us=elapsed_us,
+                answer_check=answer.answer_check,
+                light=answer.light,
             )
         geometric, residuals_arcsec = self._corrected(panorama.utc_ns, found, attitude, answer.directions_sensor)
         true = self.truth.attitude_true(panorama.utc_ns, self.mount) if self.truth and self.mount else None
@@ -104,7 +118,7 @@ class FrameProcessor:
             attitude_error=attitude_error(geometric, true) if geometric and true else None,
             attitude_true=true,
             answer_check=answer.answer_check,
-            zero_point_mag=self._zero_point_mag(panorama, found),
+            light=answer.light,
             others=self.non_stellar.name(
                 panorama,
                 answer.directions_sensor,
@@ -121,21 +135,86 @@ class FrameProcessor:
         directions_sensor = np.split(whole, ends[:-1])
         shared_us = (time.perf_counter_ns() - started_ns) / 1000 / len(panoramas)
         objects = [(of_one, panorama.brightness) for of_one, panorama in zip(directions_sensor, panoramas, strict=True)]
-        found = [self._answer(*of_one) for of_one in objects]
+        given = self._given(panoramas)
+        found = [
+            self._answer(*of_one) if one is None else self._taken(one, panorama)
+            for of_one, one, panorama in zip(objects, given, panoramas, strict=True)
+        ]
         true_stars = self.reference.identify_many(objects) if self.reference else [None] * len(objects)
         return [
             Answer(
-                of_one, answer, attitude, self._check(attitude, of_one, true_stars), round(shared_us + elapsed_us, 1)
+                of_one,
+                answer,
+                attitude,
+                self._check(attitude, of_one, true_stars),
+                round(shared_us + elapsed_us, 1) if one is None and elapsed_us is not None else elapsed_us,
+                one,
+                self._light(brightness, answer, true_stars),
             )
-            for of_one, (answer, attitude, elapsed_us), true_stars in zip(
-                directions_sensor, found, true_stars, strict=True
+            for (of_one, brightness), (answer, attitude, elapsed_us), true_stars, one in zip(
+                objects, found, true_stars, given, strict=True
             )
         ]
 
+    def _given(self, panoramas: Sequence[Panorama]) -> Sequence[Given | None]:
+        """What an external identifier under test gives for the panoramas; Nones where it is a built-in one."""
+        if isinstance(self.identifier, ExternalIdentifier):
+            return self.identifier.source.answers(panoramas)
+        return [None] * len(panoramas)
+
+    def _taken(
+        self, given: Given, panorama: Panorama
+    ) -> tuple[Identification | Unidentified, Attitude | None, float | None]:
+        assert isinstance(self.identifier, ExternalIdentifier)
+        answer, attitude = external_result.identification_of(given, panorama, self.identifier)
+        return answer, attitude, None if given.elapsed_us is None else round(given.elapsed_us, 1)
+
+    def _conclude_external(
+        self, panorama: Panorama, answer: Answer, given: Given, elapsed_us: float | None
+    ) -> FrameResult:
+        """As ``conclude``, with the RA, DE and roll that were answered."""
+        name, found, attitude = self.identifier.name, answer.identification, answer.attitude
+        if isinstance(found, Unidentified) or attitude is None:
+            status, detail = external_result.status_of(given)
+            check = answer.answer_check
+            return FrameResult(panorama, status, detail, name, elapsed_us=elapsed_us, answer_check=check, given=given)
+        utc_ns, directions_sensor = panorama.utc_ns, answer.directions_sensor
+        true = self.truth.attitude_true(utc_ns, self.mount) if self.truth and self.mount else None
+        has_roll = external_result.has_roll(given)
+        if not has_roll and true is not None:
+            attitude = external_result.with_roll(attitude, true.roll_deg)
+        geometric = None
+        if self.truth is not None:
+            stars_sensor = directions_sensor.take(found.objects, axis=0)
+            seen = stars_sensor if len(stars_sensor) > 1 else directions_sensor
+            geometric = external_result.geometric_of(attitude, seen, self.truth, utc_ns)
+        error = attitude_error(geometric, true) if geometric and true else None
+        stars = external_result.matches_of(
+            found, self.identifier.catalog, geometric or attitude, directions_sensor, self.truth, utc_ns
+        )
+        return FrameResult(
+            panorama,
+            Status.IDENTIFIED,
+            "",
+            name,
+            identification=found,
+            attitude=attitude,
+            matches=stars,
+            elapsed_us=elapsed_us,
+            attitude_geometric=geometric,
+            attitude_error=error if has_roll or error is None else replace(error, d_roll_arcsec=math.nan),
+            attitude_true=true,
+            answer_check=answer.answer_check,
+            light=answer.light,
+            has_roll=has_roll,
+            given=given,
+        )
+
     def _answer(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
-    ) -> tuple[Identification | Unidentified, Attitude | None, float]:
+    ) -> tuple[Identification | Unidentified, Attitude | None, float | None]:
         """The answer under test, its attitude, and the time for both in microseconds."""
+        assert not isinstance(self.identifier, ExternalIdentifier)
         started_ns = time.perf_counter_ns()
         answer = self.identifier.identify(directions_sensor, brightness)
         attitude = None
@@ -177,11 +256,18 @@ class FrameProcessor:
         expected_sensor = stars_icrs @ (geometric or attitude).icrs_to_sensor.T
         return geometric, (measured_sensor - expected_sensor)[:, :2] * ARCSEC_PER_RAD
 
-    def _zero_point_mag(self, panorama: Panorama, answer: Identification) -> float:
-        """Magnitude of a star with index value 1, from the matched stars; clouds lower it."""
-        brightness = np.maximum(panorama.brightness.take(answer.objects), 1.0)
-        magnitude = self.identifier.catalog.magnitude.take(answer.stars)
-        return float(np.median(magnitude + 2.5 * np.log10(brightness)))
+    def _light(
+        self,
+        brightness: NDArray[np.float64],
+        answer: Identification | Unidentified,
+        true_stars: Identification | Unidentified | None,
+    ) -> Starlight:
+        """What the stars show of the sky: those of the answer, or of the reference identifier where there is none."""
+        if isinstance(answer, Identification) and len(answer.stars):
+            return starlight(brightness, answer, self.identifier.catalog)
+        if isinstance(true_stars, Identification) and self.reference is not None:
+            return starlight(brightness, true_stars, self.reference.catalog)
+        return NO_STARLIGHT
 
     def _pairs(
         self, answer: Identification, directions_sensor: NDArray[np.float64]

@@ -4,10 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.attitude import Attitude
-from gse.station.results import AnswerCheck, FrameResult, Matches, Status
+from gse.station.results import AnswerCheck, FrameResult, Matches, SkyCondition, Status
 
 STATUSES = tuple(Status)
 ANSWER_CHECKS = tuple(AnswerCheck)
+SKY_CONDITIONS = tuple(SkyCondition)
 _NAN = float("nan")
 _ROOM_ROWS = 1 << 19
 """14 h at 10 Hz; the capacity doubles when it is full."""
@@ -44,11 +45,24 @@ FRAME = np.dtype(
         ("d_roll_arcsec", "f8"),
         ("cross_x_arcsec", "f8"),
         ("cross_y_arcsec", "f8"),
+        ("stars_seen", "u1"),
+        ("limiting_mag", "f4"),
+        ("sky_condition", "u1"),
+        ("transparency", "f4"),
+        ("stars_expected", "f4"),
+        ("sun_altitude_deg", "f4"),
+        ("sun_separation_deg", "f4"),
+        ("moon_altitude_deg", "f4"),
+        ("moon_separation_deg", "f4"),
     ]
 )
-"""One row per panorama; NaN where a value is missing; status and answer_check are places in STATUSES and ANSWER_CHECKS.
-``zero_point_mag`` is the median of catalogue magnitude + 2.5 log10(index value) of the matched stars: the same sensor
-under clear sky keeps it, and a cloud of one magnitude lowers it by one."""
+"""One row per panorama; NaN where a value is missing; status, answer_check and sky_condition are places in STATUSES,
+ANSWER_CHECKS and SKY_CONDITIONS. ``zero_point_mag`` is the median of catalogue magnitude + 2.5 log10(index value) of
+the named stars: the same sensor under clear sky keeps it, and a cloud of one magnitude lowers it by one. ``stars_seen``
+are those that were named, by the reference identifier where the one under test has no answer; ``limiting_mag`` is the
+magnitude of the faintest of them. The columns behind it are of the sky, the same for the frames of 5 s:
+``transparency`` is the share of the starlight of the session's clearest part, ``stars_expected`` the number of
+catalogue stars in the field, at most as many as a panorama holds; separations are from the boresight."""
 
 ONBOARD_COLUMNS = (
     "status",
@@ -142,9 +156,10 @@ class FrameTable:
                 panorama.exposure_s,
                 panorama.temperature_c,
                 result.identification.false_match_probability if result.identification else _NAN,
-                result.zero_point_mag,
+                result.light.zero_point_mag,
                 _NAN if result.elapsed_us is None else result.elapsed_us,
-                *_angles(result.attitude),
+                *_angles(result.attitude)[:2],
+                result.attitude.roll_deg if result.attitude and result.has_roll else _NAN,
                 *_angles(result.attitude_true),
                 *(
                     (
@@ -157,6 +172,10 @@ class FrameTable:
                     if error
                     else (_NAN,) * 5
                 ),
+                min(result.light.stars, 255),
+                result.light.limiting_mag,
+                0,
+                *(_NAN,) * 6,
             )
         )
         if row % self._match_stride == 0 and len(result.matches):

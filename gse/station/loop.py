@@ -49,6 +49,8 @@ from drivers.clock import ClockReading
 from drivers.link import SerialLink
 from drivers.link_state import LinkMonitor
 from gse.errors import TruthError
+from gse.external.answers import Failure
+from gse.external.identifier import Given
 from gse.panorama import Panorama
 from gse.recording.session_format import RecordedTimings
 from gse.station.event_kinds import ClockStep, StationKind
@@ -61,6 +63,7 @@ from gse.station.reception import Received, Reception
 from gse.station.results import FrameResult, OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
+from gse.station.sky_watch import SkyWatch
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.truth.iers_tables import GivenTables
 from protocols import StatusMessage
@@ -137,6 +140,7 @@ class StationLoop:
         self._monitor = LinkMonitor(station.port.baudrate)
         self._truth_sought = False
         self._event_log = EventLog()
+        self._sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
 
     def run(
         self,
@@ -150,11 +154,20 @@ class StationLoop:
 
         ``first`` is what was received already, ``each`` gets the results of every round.
         """
-        each(self.take(first))
-        while not link.at_end and not stop():
-            each(self.take(link.receive(RECEIVE_TIMEOUT_S)))
-        each(self._drain(link) + self.finish())
+        try:
+            each(self.take(first))
+            while not link.at_end and not stop():
+                each(self.take(link.receive(RECEIVE_TIMEOUT_S)))
+            each(self._drain(link) + self.finish())
+        finally:
+            self._close_external()
         return self.session
+
+    def _close_external(self) -> None:
+        """End an external identifier; what it said of itself belongs to the session."""
+        if self.setup.external is not None:
+            self.setup.external.close()
+            self.session.external = self.setup.external.identity
 
     def _drain(self, link: SerialLink) -> list[FrameResult]:
         """Process the bytes that a live port gave until it was closed: they are recorded, so they count."""
@@ -204,6 +217,7 @@ class StationLoop:
     def finish(self) -> list[FrameResult]:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self._for_identification(self.reception.finish()))
+        self._log_all(self._sky.finish(self.session.frames.columns))
         self.session.raw_sha256 = self.reception.raw_sha256
         return results
 
@@ -254,7 +268,9 @@ class StationLoop:
         if self._first_seconds is not None:
             self._align(self._first_seconds, panorama)
         result = self._frame_processor.conclude(panorama, answer, self._elapsed_us(panorama, answer))
-        self.session.frames.append(result)
+        self._store(result)
+        if answer_given := (answer.given if isinstance(answer, Answer) else None):
+            self._count_given(panorama, answer_given)
         if isinstance(answer, Answer) and answer.is_mirrored:
             self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.MIRRORED, result.detail))
         if self._first_seconds is not None and self._frame_processor.truth is not None:
@@ -262,6 +278,13 @@ class StationLoop:
         for listener in self.listeners:
             listener.on_result(result, self.session)
         return result
+
+    def _count_given(self, panorama: Panorama, given: Given) -> None:
+        """Count what an external identifier gave; its failures are events."""
+        self.session.external_counts.count(given)
+        if isinstance(given.answer, Failure):
+            text = f"{given.answer.kind} at frame {panorama.frame_no}: {given.answer.detail}"
+            self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.IDENTIFIER_FAULT, text))
 
     def _conclude_own(self, answer: OwnAnswer) -> FrameResult:
         """Compare an answer of a sensor that sends no panoramas with truth; store the result and pass it on."""
@@ -272,12 +295,18 @@ class StationLoop:
             self._align(self._first_seconds, panorama)
         truth, mount = self._frame_processor.truth, self._frame_processor.mount
         result = self._own_answers.result(panorama, answer.message, truth, mount)
-        self.session.frames.append(result)
+        self._sky.sees_objects = False
+        self._store(result)
         if self._first_seconds is not None and truth is not None:
             self._first_seconds.add(result, truth)
         for listener in self.listeners:
             listener.on_result(result, self.session)
         return result
+
+    def _store(self, result: FrameResult) -> None:
+        """Store a result; events of the sky come with the frame that ends their seconds."""
+        self.session.frames.append(result)
+        self._log_all(self._sky.take(self.session.frames.columns))
 
     def _elapsed_us(self, panorama: Panorama, answer: Answer | str) -> float | None:
         """The recorded identification time in a replay, otherwise this host's own."""

@@ -87,6 +87,9 @@ CLOCK_STEP_NS = 5_000_000
 SHORTEST_SUSPENSION_NS = NS_PER_S
 """Steps that are smaller are always those of UTC: time tags and arrivals do not tell."""
 
+FROZEN_AFTER = 3
+"""Copies of one panorama with no other between them: no line makes so many."""
+
 LONGEST_PAUSE_NS = 366 * 86_400 * NS_PER_S
 """A sensor clock that is this far ahead of the panorama before is out of order: no capture pauses for a year."""
 
@@ -123,6 +126,7 @@ class Reception:
         self._latest: deque[bytes] = deque(maxlen=RECENT)
         self._before: tuple[int, int, int | None] | None = None
         self._frame_mono_ns: int | None = None
+        self._repeats = 0
 
     @property
     def raw_sha256(self) -> str:
@@ -169,7 +173,7 @@ class Reception:
         before = self._sequence.last
         arrival = self._arrival(frame, message, mono_ns)
         if arrival is Arrival.DUPLICATE:
-            return received
+            return received + self._repeated(message, frame.sequence, host_utc_ns, mono_ns)
         utc_ns = host_utc_ns if self._anchor_utc_ns is None else max(self._anchor_utc_ns, self._latest_utc_ns)
         if arrival is Arrival.CHAOS:
             text = _chaos_in_words(frame.sequence, before)
@@ -180,6 +184,7 @@ class Reception:
             text = f"the sensor started anew: frame {frame.sequence} on the wire, its clock or counter jumped back"
             received.append(LinkEvent(utc_ns, mono_ns, StationKind.SENSOR_RESET, text))
         if isinstance(message, PanoramaMessage):
+            self._repeats = 0
             received.append(self._panorama(message, frame, host_utc_ns, mono_ns))
         elif isinstance(message, AttitudeMessage):
             received.append(self._own_answer(message, frame, host_utc_ns, mono_ns))
@@ -207,6 +212,23 @@ class Reception:
         self.counters.frames_lost = self._sequence.lost
         self.counters.sensor_resets = self._sequence.resets
         return arrival
+
+    def _repeated(self, message: Message, sequence: int, host_utc_ns: int, mono_ns: int) -> list[Received]:
+        """Count a panorama that came before; an event where nothing else comes any more.
+
+        A line that doubles frames goes on with new ones. The copies of a frozen sensor stand where new panoramas are
+        expected, so they count as missing.
+        """
+        if not isinstance(message, PanoramaMessage) or sequence != self._sequence.last:
+            return []
+        self._repeats += 1
+        if self._repeats < FROZEN_AFTER:
+            return []
+        self.counters.frames_repeated += FROZEN_AFTER if self._repeats == FROZEN_AFTER else 1
+        if self._repeats > FROZEN_AFTER:
+            return []
+        text = f"the sensor repeats panorama {message.frame_no}, byte for byte, instead of new ones: it is frozen"
+        return [LinkEvent(host_utc_ns, mono_ns, StationKind.FROZEN, text)]
 
     def _is_copy(self, frame: Frame) -> bool:
         """Whether the same bytes came among the latest frames: what bears a number again need not be a copy."""
@@ -254,6 +276,7 @@ class Reception:
             host_utc_ns=host_utc_ns if self._anchor_utc_ns is None else 0,
             sequence=max(frame.sequence, 0),  # a frame without a number has -1
             problems=message.problems,
+            wire_rows=brightest_first,
         )
 
     def _own_answer(self, message: AttitudeMessage, frame: Frame, host_utc_ns: int, mono_ns: int) -> OwnAnswer:

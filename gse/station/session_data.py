@@ -1,11 +1,13 @@
 """Data of a session: the input of statistics, verdict, report and views."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse.catalog.stars import ListedStars
 from gse.config.station import Station
+from gse.external.identifier import ExternalCounts
 from gse.station.attitude_table import AttitudeTable
 from gse.station.exclusions import Exclusion
 from gse.station.frame_table import FrameTable
@@ -25,6 +27,7 @@ class SessionData:
     A ``truncated`` session lost its end. ``stars`` are those of the mission catalogue: matches name its rows.
     ``alignment`` is the mount that was fitted on the session itself, ``clock_error_s`` a bound of the host clock's
     error that the operator states, ``excluded`` the times that the operator excludes from the statistics.
+    ``external`` is the identity of an external identifier (gse.identifier/1), ``external_counts`` counts what it gave.
     """
 
     station: Station
@@ -47,3 +50,5 @@ class SessionData:
     alignment: Alignment | None = None
     clock_error_s: float | None = None
     excluded: tuple[Exclusion, ...] = ()
+    external: dict[str, Any] | None = None
+    external_counts: ExternalCounts = field(default_factory=ExternalCounts)

@@ -9,6 +9,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from gse import instant
+from gse.assessment.sky_summary import sky_summary
 from gse.assessment.statistics import Statistics
 from gse.camera import Camera
 from gse.identifier_options import IdentifierOptions
@@ -26,7 +27,7 @@ _NO_CONDITIONS = (
     *("utc_ns", "host_utc_ns", "time_us", "frame_no", "sequence", "status", "answer_check"),
     *("false_match_probability", "elapsed_us", "ra_deg", "de_deg", "roll_deg"),
     *("ra_true_deg", "de_true_deg", "roll_true_deg", "d_ra_cosde_arcsec", "d_de_arcsec", "d_roll_arcsec"),
-    *("cross_x_arcsec", "cross_y_arcsec"),
+    *("cross_x_arcsec", "cross_y_arcsec", "sky_condition"),
 )
 """Columns of FRAME that say nothing of the circumstances of a frame; a new column is taken for one that does."""
 _RANGE = (("min", 0), ("median", 50), ("max", 100))
@@ -58,6 +59,7 @@ def conditions(session: SessionData | None, stats: Statistics | None) -> Iterato
     for name in FRAME.names or ():
         if name not in _NO_CONDITIONS:
             yield from _range(frame_column(name), session.frames.columns[name] if session else np.zeros(0))
+    yield column("sky_condition", TEXT, _sky_condition(session) if session else None)
     yield records(ExcludedStretch, _stretches(stats) if stats else None, "exclusions")
     yield from _link(session)
     yield from columns_of(Site, station.site if station else None, "site")
@@ -67,6 +69,12 @@ def conditions(session: SessionData | None, stats: Statistics | None) -> Iterato
     yield from columns_of(Limits, station.limits if station else None, "limit")
     for name, kind in (("source", TEXT), ("stars", COUNT), ("sha256_of_ids", TEXT), ("epoch_jyear", NUMBER)):
         yield column(f"catalog_{name}", kind, session.catalog.get(name) if session else None)
+
+
+def _sky_condition(session: SessionData) -> str | None:
+    """The condition of the sky in most frames."""
+    summary = sky_summary(session.frames.columns)
+    return summary.condition.value if summary else None
 
 
 def _range(name: str, values: NDArray[np.generic]) -> Iterator[Column]:

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import CountedFrames
 from gse.assessment.sensor_answers import SensorAnswers
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, STATUSES
+from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
 from gse.tables.records import UTC
 from gse.tables.units import field, schema
 
-WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS}
+WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS, "sky_condition": SKY_CONDITIONS}
 _WORD = pa.dictionary(pa.int8(), pa.string())
 _COUNTED = {"expected": "expected", "excluded": "excluded", "onboard_false": "false", "onboard_used": "used"}
 """Columns, and the masks of CountedFrames that they hold."""

@@ -330,3 +330,15 @@ def test_what_is_counted_is_decided_once():
     assert stats.onboard.axes["d_de"].n == counted.used.sum() == 600
     assert stats.onboard.false_answers.count == counted.false.sum() == 1
     assert STATION.limits.availability <= stats.onboard.available.value
+
+
+# A frozen sensor
+
+
+def test_the_copies_of_a_frozen_sensor_are_missing_answers():
+    made = session(600)
+    made.link.frames_repeated = 140
+    assessment = judge(made)
+    assert assessment.statistics.onboard.available.of == 740
+    assert assessment.statistics.onboard.available.count == 600
+    assert assessment.verdict is not Verdict.PASS
