@@ -4,17 +4,18 @@ A least-squares fit of a polynomial of the field and of harmonics of the pixel p
 rows each, as in gse.assessment.spatial_errors; the covariance of the coefficients is clustered by star, since all
 residuals of a star share its catalogue place. The radial part of the polynomial's first degree is the focal length.
 
-A sensor that sends whole pixels has the error of rounding: -(1/pi) sin(2 pi phase), smoothed by the noise of a star of
-s px to exp(-2 pi^2 s^2) of it. That is subtracted before the pixel phase is judged, with s from the scatter of the
-residuals and SMOOTHING_UNCERTAINTY of it as uncertainty.
+A sensor that sends whole pixels has the error of rounding beside its own: gse.campaign.rounding tells them apart.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtri
+
+from gse.campaign.own_share import left_out
+from gse.campaign.rounding import Harmonics, without_rounding
 
 DEGREE = 3
 HARMONICS = 2
@@ -23,22 +24,20 @@ MIN_RESIDUALS = 200
 CELLS = 8
 """The map of the field has so many cells along each axis."""
 PHASE_BINS = 20
-SMOOTHING_UNCERTAINTY = 0.06
-"""Of the smoothed rounding error, standard: s differs from star to star; measured on simulated sessions."""
 _TINY = 1e-300
 _TERMS = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
 
 
 @dataclass(frozen=True, slots=True)
 class PhaseError:
-    """Pixel phase error along one axis: first harmonic in px as (sin, cos) with its covariance, of the rounding freed.
+    """Pixel phase error along one axis: first harmonic (sin, cos) in px with its covariance (2, 2), free of rounding.
 
-    ``curve`` and ``curve_error`` (PHASE_BINS,) are means of the residuals in px, over the phase from -0.5 to 0.5.
+    ``curve_px`` and ``curve_error_px`` (PHASE_BINS,) are means of the residuals, rounding included, over the phase from
+    -0.5 to 0.5.
     """
 
-    harmonic_px: tuple[float, float]
-    covariance_px2: tuple[float, float, float]
-    rounding_px: float
+    harmonic_px: NDArray[np.float64]
+    covariance_px2: NDArray[np.float64]
     curve_px: NDArray[np.float64]
     curve_error_px: NDArray[np.float64]
 
@@ -49,7 +48,7 @@ class SessionAtlas:
 
     ``field_error_arcsec`` (CELLS, CELLS) is its standard error, stars as the sample; ``field_sigmas`` says how
     significant the polynomial of the field is, the focal length left out. ``scale`` is the relative error of the focal
-    length and its standard error: a positive one asks for a longer one.
+    length and its standard error: a positive one asks for a longer one. ``left_arcsec`` (N, 2) are the residuals without what was fitted.
     """
 
     residuals: int
@@ -60,50 +59,71 @@ class SessionAtlas:
     field_sigmas: float
     scale: float
     scale_error: float
+    left_arcsec: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """Residuals of a session as columns (N,): arcsec, pixels, phase in px, numbers of the stars.
+    """Residuals of a session as columns: of the places (N, 2) along columns and rows, and numbers of stars and frames.
 
     ``size_px`` is the detector's (columns, rows), ``pixel_arcsec`` the angle of a pixel in its middle.
     """
 
-    x_arcsec: NDArray[np.float64]
-    y_arcsec: NDArray[np.float64]
-    x_px: NDArray[np.float64]
-    y_px: NDArray[np.float64]
-    phase_x_px: NDArray[np.float64]
-    phase_y_px: NDArray[np.float64]
+    residuals_arcsec: NDArray[np.float64]
+    xy_px: NDArray[np.float64]
+    phase_px: NDArray[np.float64]
+    field_deg: NDArray[np.float64]
     star: NDArray[np.int64]
+    frame: NDArray[np.int64]
     size_px: tuple[int, int]
     pixel_arcsec: float
 
     @property
     def whole_pixels(self) -> bool:
         """Whether the sensor sends whole pixels."""
-        return bool(np.all(self.x_px == np.round(self.x_px)) and np.all(self.y_px == np.round(self.y_px)))
+        return bool(np.all(self.xy_px == np.round(self.xy_px)))
+
+    def without_own_share(self) -> "Residuals":
+        """The stars as if each had been left out of the fit of its frame; without those that are most of it."""
+        freed, useful = left_out(self.residuals_arcsec, self.field_deg, self.frame)
+        phase = self.phase_px + (self.residuals_arcsec - freed) / self.pixel_arcsec
+        columns = {
+            "residuals_arcsec": freed[useful],
+            "xy_px": self.xy_px[useful],
+            "phase_px": (phase - np.floor(phase + 0.5))[useful],
+            "field_deg": self.field_deg[useful],
+            "star": self.star[useful],
+            "frame": self.frame[useful],
+        }
+        return replace(self, **columns)
 
 
 def session_atlas(of: Residuals) -> SessionAtlas | None:
-    """The atlas of a session; None of too few stars."""
+    """The atlas of a session, of residuals without their own share; None of too few stars."""
     _, star = np.unique(of.star, return_inverse=True)
     stars = int(star.max()) + 1 if len(star) else 0
     if stars < MIN_STARS or len(star) < MIN_RESIDUALS:
         return None
-    x, y = (2 * px / size - 1 for px, size in zip((of.x_px, of.y_px), of.size_px, strict=True))
+    x, y = (2 * px / size - 1 for px, size in zip(of.xy_px.T, of.size_px, strict=True))
     field = np.column_stack([x**i * y**j for i, j in _TERMS])
     fits = [
         _Fit.of(field, phase, residual, star)
-        for phase, residual in ((of.phase_x_px, of.x_arcsec), (of.phase_y_px, of.y_arcsec))
+        for phase, residual in zip(of.phase_px.T, of.residuals_arcsec.T, strict=True)
     ]
-    phases = tuple(
-        _phase_error(fit, phase, of) for fit, phase in zip(fits, (of.phase_x_px, of.phase_y_px), strict=True)
-    )
+    per_frame = len(star) / len(np.unique(of.frame))
+    phases = [_phase_error(fit, phase, of, per_frame) for fit, phase in zip(fits, of.phase_px.T, strict=True)]
     scale, scale_error = _scale(fits, of)
     cells, errors = _map(x, y, fits, star, stars)
     return SessionAtlas(
-        len(star), stars, (phases[0], phases[1]), cells, errors, _field_sigmas(fits), scale, scale_error
+        len(star),
+        stars,
+        (phases[0], phases[1]),
+        cells,
+        errors,
+        _field_sigmas(fits),
+        scale,
+        scale_error,
+        np.column_stack([fit.left for fit in fits]),
     )
 
 
@@ -156,32 +176,19 @@ class _Fit:
         )
 
 
-def _phase_error(fit: _Fit, phase_px: NDArray[np.float64], of: Residuals) -> PhaseError:
+def _phase_error(fit: _Fit, phase_px: NDArray[np.float64], of: Residuals, per_frame: float) -> PhaseError:
     scale = of.pixel_arcsec
-    rounding = _rounding_px(float((fit.left**2).mean()) / scale**2, fit, scale) if of.whole_pixels else 0.0
-    covariance = fit.phase_covariance[:2, :2] / scale**2
+    harmonics = Harmonics(fit.phase / scale, fit.phase_covariance / scale**2)
+    if of.whole_pixels:
+        squares = float((fit.without_field**2).mean()) / scale**2
+        found = without_rounding(harmonics, squares, per_frame)
+    else:
+        found = Harmonics(harmonics.values[:2], harmonics.covariance[:2, :2])
     bins = np.clip(((phase_px + 0.5) * PHASE_BINS).astype(np.int64), 0, PHASE_BINS - 1)
     count = np.maximum(np.bincount(bins, minlength=PHASE_BINS), 1)
     curve = np.bincount(bins, weights=fit.without_field, minlength=PHASE_BINS) / count
     spread = math.sqrt(float((fit.left**2).mean()))
-    return PhaseError(
-        (float(fit.phase[0]) / scale - rounding, float(fit.phase[1]) / scale),
-        (
-            float(covariance[0, 0]) + (SMOOTHING_UNCERTAINTY * rounding) ** 2,
-            float(covariance[0, 1]),
-            float(covariance[1, 1]),
-        ),
-        rounding,
-        curve / scale,
-        spread / np.sqrt(count) / scale,
-    )
-
-
-def _rounding_px(left_px2: float, fit: _Fit, scale: float) -> float:
-    """First harmonic of the error of rounding, with the scatter of a star about its pixel of ``left_px2`` in all."""
-    waves_px2 = float(fit.phase @ fit.phase) / 2 / scale**2
-    smoothing_px2 = max(left_px2 + waves_px2 - 1 / 12, 0.0)
-    return -math.exp(-2 * math.pi**2 * smoothing_px2) / math.pi
+    return PhaseError(found.values, found.covariance, curve / scale, spread / np.sqrt(count) / scale)
 
 
 def _scale(fits: list[_Fit], of: Residuals) -> tuple[float, float]:
