@@ -48,7 +48,8 @@ class SessionAtlas:
 
     ``field_error_arcsec`` (CELLS, CELLS) is its standard error, stars as the sample; ``field_sigmas`` says how
     significant the polynomial of the field is, the focal length left out. ``scale`` is the relative error of the focal
-    length and its standard error: a positive one asks for a longer one. ``left_arcsec`` (N, 2) are the residuals without what was fitted.
+    length and its standard error: a positive one asks for a longer one. ``left_arcsec`` (N, 2) are the residuals
+    without what was fitted.
     """
 
     residuals: int
@@ -83,19 +84,28 @@ class Residuals:
         """Whether the sensor sends whole pixels."""
         return bool(np.all(self.xy_px == np.round(self.xy_px)))
 
-    def without_own_share(self) -> "Residuals":
-        """The stars as if each had been left out of the fit of its frame; without those that are most of it."""
+    def without_own_share(self) -> tuple["Residuals", NDArray[np.bool_]]:
+        """The stars as if each had been left out of the fit of its frame, and which (N,) they are.
+
+        Those that are most of their frame's fit are dropped.
+        """
         freed, useful = left_out(self.residuals_arcsec, self.field_deg, self.frame)
         phase = self.phase_px + (self.residuals_arcsec - freed) / self.pixel_arcsec
-        columns = {
-            "residuals_arcsec": freed[useful],
-            "xy_px": self.xy_px[useful],
-            "phase_px": (phase - np.floor(phase + 0.5))[useful],
-            "field_deg": self.field_deg[useful],
-            "star": self.star[useful],
-            "frame": self.frame[useful],
-        }
-        return replace(self, **columns)
+        whole = replace(self, residuals_arcsec=freed, phase_px=phase - np.floor(phase + 0.5))
+        return whole.some(useful), useful
+
+    def some(self, mask: NDArray[np.bool_]) -> "Residuals":
+        """Those of a mask (N,)."""
+        return Residuals(
+            self.residuals_arcsec[mask],
+            self.xy_px[mask],
+            self.phase_px[mask],
+            self.field_deg[mask],
+            self.star[mask],
+            self.frame[mask],
+            self.size_px,
+            self.pixel_arcsec,
+        )
 
 
 def session_atlas(of: Residuals) -> SessionAtlas | None:

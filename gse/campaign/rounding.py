@@ -44,7 +44,8 @@ def without_rounding(found: Harmonics, mean_square_px2: float, stars_per_frame: 
 
     start = [0.0, 0.0, math.sqrt(max(mean_square_px2 - 1 / 12, 2 * _LEAST_NOISE_PX**2))]
     best = least_squares(misfit, start, bounds=([-1, -1, _LEAST_NOISE_PX], [1, 1, 3]))
-    covariance = np.linalg.pinv(best.jac.T @ best.jac)
+    jacobian = np.asarray(best.jac)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian)
     freedom = len(best.fun) - 3
     stretched = max(2 * best.cost / freedom, 1.0)  # a model that does not fit says less
     return Harmonics(best.x[:2], covariance[:2, :2] * stretched)

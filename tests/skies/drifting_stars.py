@@ -1,4 +1,4 @@
-"""Residuals of stars that drift over a detector at rest, with known errors: pixel phase, blends, focal length, rounding.
+"""Residuals of stars that drift over a resting detector, with known errors: pixel phase, blends, scale, rounding.
 
 No identifier and no station: places of the catalogue, a camera, and a small-angle fit of each frame's attitude.
 """
@@ -100,9 +100,7 @@ def drifting_stars(
 def _fitted(measured, true):
     """Residuals along columns and rows after the rotation that fits best."""
     x, y, z = true.T
-    rows = np.concatenate(
-        [np.column_stack([np.zeros_like(x), z, -y]), np.column_stack([-z, np.zeros_like(x), x])]
-    )
+    rows = np.concatenate([np.column_stack([np.zeros_like(x), z, -y]), np.column_stack([-z, np.zeros_like(x), x])])
     apart = (measured - true)[:, :2].T.ravel()
     turn, *_ = np.linalg.lstsq(rows, apart, rcond=None)
     return (apart - rows @ turn).reshape(2, -1).T
