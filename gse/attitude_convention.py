@@ -1,5 +1,6 @@
 """The convention of a sensor's own answers: how its angles or its quaternion are to be read."""
 
+import functools
 import itertools
 from dataclasses import dataclass
 from typing import Literal
@@ -54,6 +55,7 @@ def axes_matrix(axes: str, key: str = "axes") -> NDArray[np.float64]:
     return rows
 
 
+@functools.cache
 def proper_axes() -> dict[str, NDArray[np.float64]]:
     """The 24 right-handed ways to name three signed axes, with their matrices (3, 3)."""
     found = {}

@@ -5,13 +5,14 @@ Accuracy is taken over the frames that were answered, not falsely, and that are 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.axis_statistics import AxisStatistics, axis_statistics
 from gse.assessment.clock_health import ClockHealth, clock_health
+from gse.assessment.convention_search import ConventionSearch
 from gse.assessment.counted_frames import CountedFrames, counted_frames, explained_arcsec
 from gse.assessment.decision import Figure, Share, share_of
 from gse.assessment.first_fix import first_fixes_s
@@ -19,6 +20,7 @@ from gse.assessment.onboard_equivalence import OnboardEquivalence, equivalence
 from gse.assessment.percentiles import Percentiles, percentiles
 from gse.assessment.sampling import effective_number
 from gse.assessment.sensor_answers import SensorAnswers, sensor_answers
+from gse.assessment.sensor_convention import is_wrong, session_convention
 from gse.assessment.spatial_errors import SpatialErrors, spatial_errors
 from gse.assessment.thermal import ThermalError, thermal_error
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
@@ -86,7 +88,8 @@ class Statistics:
 
     ``frames_expected`` are those received and not excused, and those that the sequence numbers miss. ``onboard`` is
     there where panoramas came, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two.
-    ``own`` are the sensor's answers beside panoramas. ``spatial``
+    ``own`` are the sensor's answers beside panoramas, ``convention`` what its answers show of their convention: where
+    another one is stated, no error of theirs is computed. ``spatial``
     are the errors of single stars along columns and rows, None of too few stars.
     """
 
@@ -103,6 +106,7 @@ class Statistics:
     exclusions: tuple[tuple[Exclusion, int], ...]
     counted: CountedFrames
     own: SensorAnswers | None = None
+    convention: ConventionSearch | None = None
 
     @property
     def onboard(self) -> SubjectStatistics:
@@ -135,11 +139,16 @@ def statistics(session: SessionData) -> Statistics:
     limit_ms = session.station.limits.identification_ms
     field_rad = session.station.sensor.camera().diagonal_rad / 2
     lost = session.link.frames_lost + session.link.frames_repeated
+    convention = session_convention(session) if len(session.sensor_attitudes) else None
+    unreadable = is_wrong(convention, session.station.sensor.attitude)
     answers = _of_frames(frames, counted)
+    if session.subject is Subject.SENSOR and unreadable:
+        answers = _uncompared(answers)
     subjects = {session.subject: _subject(session.subject, frames, answers, lost, limit_ms, field_rad)}
     own = sensor_answers(session) if session.subject is Subject.ONBOARD else None
     if own is not None:
         answers = _sensor(own, frames, counted)
+        answers = _uncompared(answers) if unreadable else answers
         subjects[Subject.SENSOR] = _subject(Subject.SENSOR, frames, answers, lost, limit_ms, field_rad)
     return Statistics(
         frames=len(frames),
@@ -155,6 +164,7 @@ def statistics(session: SessionData) -> Statistics:
         exclusions=tuple((item, int(excluded(frames["utc_ns"], (item,)).sum())) for item in counted.exclusions),
         counted=counted,
         own=own,
+        convention=convention,
     )
 
 
@@ -192,6 +202,12 @@ def _sensor(own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames
         false = own.acquired & (separation_arcsec > explained_arcsec(frames, counted.exclusions))
     masks = counted.expected, ~counted.excluded, own.acquired, false, known & ~false
     return _Answers(columns, *masks, own.latency_ms, own.arrival_ms)
+
+
+def _uncompared(answers: _Answers) -> _Answers:
+    """Answers of which the convention is not known: there are no errors, and none is called false."""
+    nothing = np.zeros(len(answers.used), dtype=bool)
+    return replace(answers, false=nothing, used=nothing)
 
 
 def _subject(

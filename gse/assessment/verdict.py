@@ -18,6 +18,8 @@ import numpy as np
 from gse.assessment.decision import Outcome, Row, judge_figure, judge_share
 from gse.assessment.diagnosis import findings
 from gse.assessment.guard_band import COVERAGE_FACTOR
+from gse.assessment.sensor_convention import is_wrong
+from gse.assessment.sensor_findings import sensor_findings
 from gse.assessment.statistics import Statistics, SubjectStatistics, figure_of, statistics
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
 from gse.finding import Finding
@@ -79,6 +81,7 @@ def judge(session: SessionData) -> Assessment:
     obstacles = tuple(_obstacles(session, stats, rows))
     verdict = _verdict(rows, obstacles)
     found = findings(session, stats) if Subject.ONBOARD in stats.subjects else ()
+    found += sensor_findings(session, stats.own, stats.convention)
     reasons = [row.reason for row in rows if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE)]
     reasons += obstacles
     if verdict is not Verdict.PASS:
@@ -202,6 +205,8 @@ def _obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) -
     yield from _much_excluded(session, stats)
     yield from _little_sky(session, stats)
     yield from _other_mount(session)
+    if is_wrong(stats.convention, session.station.sensor.attitude):
+        yield "sensor: its answers follow another convention than the station file states, so they were not compared"
 
 
 _CORE = ("mean |dRA*|", "95 % of |dRA*|", "mean |dDE|", "95 % of |dDE|", "availability", "false answers")

@@ -74,6 +74,9 @@ clock_error_option: Callable[[Any], Any] = click.option(
     callback=lambda ctx, param, value: _clock_error_s(value),
     help="Upper bound of the error of the host clock, if you measured it yourself, e.g. 0.1s",
 )
+anew_option: Callable[[Any], Any] = click.option(
+    "--anew", is_flag=True, help="Derive all from the bytes, without results that an earlier run kept."
+)
 leave_out_option: Callable[[Any], Any] = click.option(
     "--leave-out",
     "excluded",

@@ -11,7 +11,7 @@ from drivers.errors import DriverError
 from gse.cli import EXIT_DATA_LOST, EXIT_INTERRUPTED, exit_code_of, unexpected
 from gse.cli.detach import Detachment, detach
 from gse.cli.durations import duration_option
-from gse.cli.finish import Applied, applied, conclude, say_exit_code, show_paths, show_report
+from gse.cli.finish import Applied, applied, conclude, judge_as_stated, say_exit_code, show_paths, show_report
 from gse.cli.live_outputs import LiveOutputs, ViewMode
 from gse.cli.options import (
     bind_option,
@@ -175,7 +175,12 @@ class _Session:
             self._status.enter("reporting")
         _say(f"judging and reporting in {live.folder}")
         with ending.interruptible():
-            return conclude(live.session, live.folder, live.own_elapsed_us, clock_error_s)
+            assessment = judge_as_stated(live.session, clock_error_s)
+            report = conclude(live.session, assessment, live.folder, live.own_elapsed_us)
+        from gse.sessions.judged import keep_live
+
+        keep_live(live.session, assessment, live.folder, _say)
+        return report
 
     def finish(self, report: dict[str, Any] | None, found: list[Applied]) -> int:
         """Print the paths and the exit code."""

@@ -24,7 +24,7 @@ from gse.config.documented_test import DocumentedTest, Text
 from gse.errors import ConfigError
 from gse.identifier_options import IdentifierOptions
 from gse.limits import Limits
-from gse.mount import Mount, MountUncertainty
+from gse.mount import InertialDirection, InertialUncertainty, Mount, MountUncertainty
 from gse.site import Site, SiteUncertainty
 from protocols.yaml_text import load_document
 
@@ -38,7 +38,17 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-for _values in (AttitudeConvention, Site, SiteUncertainty, Mount, MountUncertainty, IdentifierOptions, Limits):
+for _values in (
+    AttitudeConvention,
+    Site,
+    SiteUncertainty,
+    InertialDirection,
+    InertialUncertainty,
+    Mount,
+    MountUncertainty,
+    IdentifierOptions,
+    Limits,
+):
     with_config(ConfigDict(extra="forbid"))(_values)  # an unknown key is an error in these sections too
 
 

@@ -38,6 +38,8 @@ def make_identifier(options: IdentifierOptions, camera: Camera, source: StarCata
 
     The algorithms are imported here, one at a time: with their compiled parts they take a second.
     """
+    if source.is_flight and options.algorithm != "neighbour":  # all others take the order of brightness for granted
+        source = source.rows(np.argsort(source.magnitude, kind="stable"))
     if options.algorithm == "robust":
         from gse.identifier.robust import RobustIdentifier
 
@@ -49,7 +51,9 @@ def make_identifier(options: IdentifierOptions, camera: Camera, source: StarCata
         from gse.identifier.neighbour import NeighbourIdentifier
 
         return NeighbourIdentifier(mission, camera, options)
-    brightest = brightest_per_field(mission, 2 * math.sqrt(camera.solid_angle_sr / math.pi))
+    brightest = mission
+    if not mission.is_flight:
+        brightest = brightest_per_field(mission, 2 * math.sqrt(camera.solid_angle_sr / math.pi))
     if options.algorithm == "pivot":
         from gse.identifier.pivot import PivotIdentifier
 

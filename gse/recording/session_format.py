@@ -78,16 +78,31 @@ def read_recorded(path: Path) -> Recorded:
     for record in capture:
         if isinstance(record, Damage):
             recorded.damaged = True
-        elif isinstance(record, Attachment) and record.name in _KNOWN:
-            if record.name in _RENEWED:
-                recorded.attachments[record.name] = record.data.decode("utf-8", "replace")
-            recorded.attachments.setdefault(record.name, record.data.decode("utf-8", "replace"))
+        elif isinstance(record, Attachment):
+            _attach(recorded.attachments, record)
         elif isinstance(record, Message) and record.topic == CLOCK and len(recorded.clock) < MOST_CLOCK_READINGS:
             recorded.clock += _clock_reading(record)
         elif isinstance(record, Message) and record.topic == TIMING_TOPIC:
             _add_timing(recorded.timings, record)
     recorded.damaged |= capture.truncated
     return recorded
+
+
+def read_attachments(path: Path) -> dict[str, str]:
+    """The attachments alone, without unpacking the data of a closed session; CaptureError as ``read_recorded``."""
+    attachments: dict[str, str] = {}
+    for record in read_capture(path, from_utc_ns=LAST_NS, only=()):
+        if isinstance(record, Attachment):
+            _attach(attachments, record)
+    return attachments
+
+
+def _attach(attachments: dict[str, str], record: Attachment) -> None:
+    if record.name not in _KNOWN:
+        return
+    if record.name in _RENEWED:
+        attachments[record.name] = record.data.decode("utf-8", "replace")
+    attachments.setdefault(record.name, record.data.decode("utf-8", "replace"))
 
 
 def timing_json(time_us: int, elapsed_us: float) -> bytes:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from gse.assessment.statistics import Statistics, statistics
 from gse.calibration.session_fit import PanoramaSample, calibrate_session
 from gse.config.station import parse_station
+from gse.installation import source_sha256
 from gse.selfcheck.expected import expected_arcsec, noise_arcsec
-from gse.selfcheck.installation import source_sha256
 from gse.selfcheck.known_errors import KNOWN_ERRORS, KnownError
 from gse.selfcheck.made_session import (
     FOCAL_LENGTH_PX,

@@ -1,6 +1,7 @@
 """Table of the sensor's own answers: the ATTITUDE messages of a session as columns, 8 h at 10 Hz in 26 MB."""
 
 import math
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,14 @@ class AttitudeTable:
     def __init__(self) -> None:
         self._room = np.zeros(_ROOM_ROWS, dtype=OWN_ANSWER)
         self._used = 0
+
+    @classmethod
+    def of(cls, rows: NDArray[np.void]) -> Self:
+        """A table with these rows of OWN_ANSWER."""
+        table = cls()
+        if len(rows):
+            table._room, table._used = rows, len(rows)
+        return table
 
     def __len__(self) -> int:
         return self._used

@@ -2,13 +2,13 @@
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude, paper_mean, solve_attitude
+from gse.attitude import Attitude, paper_mean, solve_attitudes
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
 from gse.external.identifier import ExternalIdentifier, Given
@@ -17,9 +17,9 @@ from gse.identifier.robust import RobustIdentifier
 from gse.mount import Mount
 from gse.panorama import MAX_OBJECTS, Panorama
 from gse.station import external_result
-from gse.station.attitude_error import attitude_error
+from gse.station.attitude_error import attitude_error, attitude_errors
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import NO_STARLIGHT, AnswerCheck, FrameResult, Matches, Starlight, Status
+from gse.station.results import NO_STARLIGHT, AnswerCheck, AttitudeError, FrameResult, Matches, Starlight, Status
 from gse.station.starlight import starlight
 from gse.truth import SiderealTruth
 
@@ -30,6 +30,9 @@ SAME_BORESIGHT_RAD = math.radians(0.05)
 """The answer under test is correct when its boresight is within this of the reference identifier's."""
 
 FAULT_FLAGS = frozenset({"detector fault", "memory fault"})
+
+Compared = tuple[NDArray[np.float64], Attitude | None, Attitude | None, AttitudeError | None]
+"""Residuals (M, 2) in arcsec, geometric attitude, true attitude, and the error of the one against the other."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,11 +85,28 @@ class FrameProcessor:
         answers = iter(self._answers(sound) if sound else ())
         return [fault or next(answers) for fault in faults]
 
-    def conclude(self, panorama: Panorama, answer: Answer | str, elapsed_us: float | None) -> FrameResult:
+    def conclude(
+        self, panoramas: Sequence[Panorama], answers: Sequence[Answer | str], elapsed_us: Sequence[float | None]
+    ) -> list[FrameResult]:
         """Correct, compare with truth, and classify non-stellar objects; panoramas must come in their order.
 
-        ``elapsed_us`` becomes the identification time of the result.
+        ``elapsed_us`` are the identification times of the results.
         """
+        named = [
+            (panorama, answer.directions_sensor, answer.identification, answer.attitude)
+            for panorama, answer in zip(panoramas, answers, strict=True)
+            if isinstance(answer, Answer) and answer.given is None
+            if isinstance(answer.identification, Identification) and answer.attitude is not None
+        ]
+        compared = iter(self._compared(*zip(*named, strict=True)) if named else ())
+        return [
+            self._result(panorama, answer, us, compared)
+            for panorama, answer, us in zip(panoramas, answers, elapsed_us, strict=True)
+        ]
+
+    def _result(
+        self, panorama: Panorama, answer: Answer | str, elapsed_us: float | None, compared: Iterator[Compared]
+    ) -> FrameResult:
         if isinstance(answer, str):
             return FrameResult(panorama, Status.SENSOR_FAULT, answer, self.identifier.name)
         if answer.given is not None:
@@ -103,8 +123,7 @@ class FrameProcessor:
                 answer_check=answer.answer_check,
                 light=answer.light,
             )
-        geometric, residuals_arcsec = self._corrected(panorama.utc_ns, found, attitude, answer.directions_sensor)
-        true = self.truth.attitude_true(panorama.utc_ns, self.mount) if self.truth and self.mount else None
+        residuals_arcsec, geometric, true, error = next(compared)
         return FrameResult(
             panorama,
             Status.IDENTIFIED,
@@ -115,7 +134,7 @@ class FrameProcessor:
             matches=Matches(found.objects, found.stars, residuals_arcsec, self.identifier.catalog.name),
             elapsed_us=elapsed_us,
             attitude_geometric=geometric,
-            attitude_error=attitude_error(geometric, true) if geometric and true else None,
+            attitude_error=error,
             attitude_true=true,
             answer_check=answer.answer_check,
             light=answer.light,
@@ -140,19 +159,22 @@ class FrameProcessor:
             self._answer(*of_one) if one is None else self._taken(one, panorama)
             for of_one, one, panorama in zip(objects, given, panoramas, strict=True)
         ]
-        true_stars = self.reference.identify_many(objects) if self.reference else [None] * len(objects)
+        true_stars: Sequence[Identification | Unidentified | None] = [None] * len(objects)
+        if self.reference is not None:
+            true_stars = self.reference.identify_many(objects)
+        checks = self._checks([attitude for _, attitude, _ in found], directions_sensor, true_stars)
         return [
             Answer(
                 of_one,
                 answer,
                 attitude,
-                self._check(attitude, of_one, true_stars),
+                check,
                 round(shared_us + elapsed_us, 1) if one is None and elapsed_us is not None else elapsed_us,
                 one,
-                self._light(brightness, answer, true_stars),
+                self._light(brightness, answer, stars),
             )
-            for (of_one, brightness), (answer, attitude, elapsed_us), true_stars, one in zip(
-                objects, found, true_stars, given, strict=True
+            for (of_one, brightness), (answer, attitude, elapsed_us), check, stars, one in zip(
+                objects, found, checks, true_stars, given, strict=True
             )
         ]
 
@@ -236,25 +258,52 @@ class FrameProcessor:
 
     def _attitude(self, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64]) -> Attitude:
         """Wahba's attitude, or the mean about the sensor centre of the LAPAN paper if the station file asks for it."""
-        attitude = solve_attitude(directions_sensor, stars_icrs, CENTROID_SIGMA_PX * self.camera.pixel_rad)
-        return paper_mean(attitude, directions_sensor, stars_icrs) if self.paper_mean else attitude
+        return self._attitudes(directions_sensor, stars_icrs, np.array([len(stars_icrs)]))[0]
 
-    def _corrected(
-        self, utc_ns: int, answer: Identification, attitude: Attitude, directions_sensor: NDArray[np.float64]
-    ) -> tuple[Attitude | None, NDArray[np.float64]]:
-        """The attitude from apparent places and un-refracted directions, None without truth.
+    def _attitudes(
+        self, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64], ends: NDArray[np.int64]
+    ) -> list[Attitude]:
+        sigma_rad = CENTROID_SIGMA_PX * self.camera.pixel_rad
+        attitudes = solve_attitudes(directions_sensor, stars_icrs, ends, sigma_rad)
+        if not self.paper_mean:
+            return attitudes
+        pairs = zip(np.split(directions_sensor, ends[:-1]), np.split(stars_icrs, ends[:-1]), strict=True)
+        return [paper_mean(attitude, *pair) for attitude, pair in zip(attitudes, pairs, strict=True)]
 
-        The array is the residual of each star (M, 2) in arcsec.
+    def _compared(
+        self,
+        panoramas: Sequence[Panorama],
+        directions_sensor: Sequence[NDArray[np.float64]],
+        found: Sequence[Identification],
+        attitudes: Sequence[Attitude],
+    ) -> list[Compared]:
+        """Residuals, and attitudes from apparent places and un-refracted directions, against the true ones.
+
+        The stars of all panoramas are rows of the same columns: ``frame_of`` (M,) names the panorama of each.
         """
-        measured_sensor, stars_icrs = self._pairs(answer, directions_sensor)
-        geometric = None
+        counts = [len(answer.stars) for answer in found]
+        ends, frame_of = np.cumsum(counts), np.repeat(np.arange(len(found)), counts)
+        objects = [of_one.take(answer.objects, axis=0) for of_one, answer in zip(directions_sensor, found, strict=True)]
+        measured_sensor = np.concatenate(objects)
+        stars_icrs = self.identifier.catalog.icrs.take(np.concatenate([answer.stars for answer in found]), axis=0)
+        geometric: Sequence[Attitude | None] = [None] * len(found)
+        true: Sequence[Attitude | None] = geometric
+        errors: Sequence[AttitudeError | None] = [None] * len(found)
+        rotations = np.array([attitude.icrs_to_sensor for attitude in attitudes])
         if self.truth is not None:
-            zenith_sensor = attitude.icrs_to_sensor @ self.truth.icrs_to_horizon(utc_ns)[2]
-            measured_sensor = self.truth.unrefracted(measured_sensor, zenith_sensor)
-            stars_icrs = self.truth.apparent(stars_icrs, utc_ns)
-            geometric = self._attitude(measured_sensor, stars_icrs)
-        expected_sensor = stars_icrs @ (geometric or attitude).icrs_to_sensor.T
-        return geometric, (measured_sensor - expected_sensor)[:, :2] * ARCSEC_PER_RAD
+            utc_ns = np.array([panorama.utc_ns for panorama in panoramas])
+            icrs_to_horizon = self.truth.icrs_to_horizon_at(utc_ns)
+            zenith_sensor = np.einsum("kij,kj->ki", rotations, icrs_to_horizon[:, 2])
+            measured_sensor = self.truth.unrefracted(measured_sensor, zenith_sensor[frame_of])
+            stars_icrs = self.truth.apparent_at(stars_icrs, utc_ns, icrs_to_horizon, frame_of)
+            geometric = solved = self._attitudes(measured_sensor, stars_icrs, ends)
+            rotations = np.array([attitude.icrs_to_sensor for attitude in solved])
+            if self.mount is not None:
+                true = looking = self.truth.attitudes_true(icrs_to_horizon, self.mount)
+                errors = attitude_errors(solved, looking)
+        expected_sensor = np.einsum("mij,mj->mi", rotations[frame_of], stars_icrs)
+        residuals_arcsec = (measured_sensor - expected_sensor)[:, :2] * ARCSEC_PER_RAD
+        return list(zip(np.split(residuals_arcsec, ends[:-1]), geometric, true, errors, strict=True))
 
     def _light(
         self,
@@ -276,20 +325,28 @@ class FrameProcessor:
         # Three times as fast as indexing with brackets.
         return directions_sensor.take(answer.objects, axis=0), self.identifier.catalog.icrs.take(answer.stars, axis=0)
 
-    def _check(
+    def _checks(
         self,
-        attitude: Attitude | None,
-        directions_sensor: NDArray[np.float64],
-        true_stars: Identification | Unidentified | None,
-    ) -> AnswerCheck:
-        if self.reference is None or not isinstance(true_stars, Identification):
-            return AnswerCheck.UNKNOWN
-        if attitude is None:
-            return AnswerCheck.ABSENT
-        measured_sensor = directions_sensor.take(true_stars.objects, axis=0)
-        true = solve_attitude(measured_sensor, self.reference.catalog.icrs.take(true_stars.stars, axis=0), 1e-4)
-        separation_rad = math.dist(attitude.boresight_icrs, true.boresight_icrs)
-        return AnswerCheck.CORRECT if separation_rad < SAME_BORESIGHT_RAD else AnswerCheck.FALSE
+        attitudes: Sequence[Attitude | None],
+        directions_sensor: Sequence[NDArray[np.float64]],
+        true_stars: Sequence[Identification | Unidentified | None],
+    ) -> list[AnswerCheck]:
+        """The check of each answer's attitude by the stars that the reference identifier found."""
+        checks = [AnswerCheck.UNKNOWN] * len(attitudes)
+        known = [(k, stars) for k, stars in enumerate(true_stars) if isinstance(stars, Identification)]
+        if self.reference is None or not known:
+            return checks
+        measured = np.concatenate([directions_sensor[k].take(stars.objects, axis=0) for k, stars in known])
+        stars_icrs = self.reference.catalog.icrs.take(np.concatenate([stars.stars for _, stars in known]), axis=0)
+        true = solve_attitudes(measured, stars_icrs, np.cumsum([len(stars.stars) for _, stars in known]), 1e-4)
+        for (k, _), looking in zip(known, true, strict=True):
+            attitude = attitudes[k]
+            if attitude is None:
+                checks[k] = AnswerCheck.ABSENT
+            else:
+                separation_rad = math.dist(attitude.boresight_icrs, looking.boresight_icrs)
+                checks[k] = AnswerCheck.CORRECT if separation_rad < SAME_BORESIGHT_RAD else AnswerCheck.FALSE
+        return checks
 
 
 _STATUS = {

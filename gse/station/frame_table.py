@@ -1,9 +1,12 @@
 """Table of results: the frames of a session as columns, 14 h in some 100 MB."""
 
+from collections.abc import Iterator, Sequence
+from typing import Self
+
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude
+from gse.attitude import Attitude, angles_deg
 from gse.station.results import AnswerCheck, FrameResult, Matches, SkyCondition, Status
 
 STATUSES = tuple(Status)
@@ -103,12 +106,7 @@ class _Rows:
         self._room = np.zeros(_ROOM_ROWS, dtype=dtype)
         self._used = 0
 
-    def append(self, row: tuple[float, ...]) -> None:
-        self._make_room(1)
-        self._room[self._used] = row
-        self._used += 1
-
-    def extend(self, rows: NDArray[np.void]) -> None:
+    def extend(self, rows: NDArray[np.void] | list[tuple[float, ...]]) -> None:
         self._make_room(len(rows))
         self._room[self._used : self._used + len(rows)] = rows
         self._used += len(rows)
@@ -134,55 +132,33 @@ class FrameTable:
         self._match_stride = 1
         self._waiting: list[tuple[int, NDArray[np.float64], Matches]] = []
 
+    @classmethod
+    def of(cls, frames: NDArray[np.void], matches: NDArray[np.void]) -> Self:
+        """A table with these rows of FRAME and MATCH."""
+        table = cls()
+        table._frames.extend(frames)
+        table._matches.extend(matches)
+        return table
+
     def __len__(self) -> int:
         return len(self._frames)
 
     def append(self, result: FrameResult) -> None:
         """Add one frame."""
-        row = len(self._frames)
-        panorama, error = result.panorama, result.attitude_error
-        self._frames.append(
-            (
-                panorama.utc_ns,
-                panorama.host_utc_ns,
-                panorama.time_us,
-                panorama.frame_no,
-                panorama.sequence,
-                STATUSES.index(result.status),
-                ANSWER_CHECKS.index(result.answer_check),
-                min(len(panorama.brightness), 255),
-                min(len(result.matches), 255),
-                [kind for _, kind in result.others].count("hot pixel"),
-                panorama.exposure_s,
-                panorama.temperature_c,
-                result.identification.false_match_probability if result.identification else _NAN,
-                result.light.zero_point_mag,
-                _NAN if result.elapsed_us is None else result.elapsed_us,
-                *_angles(result.attitude)[:2],
-                result.attitude.roll_deg if result.attitude and result.has_roll else _NAN,
-                *_angles(result.attitude_true),
-                *(
-                    (
-                        error.d_ra_cosde_arcsec,
-                        error.d_de_arcsec,
-                        error.d_roll_arcsec,
-                        error.cross_x_arcsec,
-                        error.cross_y_arcsec,
-                    )
-                    if error
-                    else (_NAN,) * 5
-                ),
-                min(result.light.stars, 255),
-                result.light.limiting_mag,
-                0,
-                *(_NAN,) * 6,
-            )
-        )
-        if row % self._match_stride == 0 and len(result.matches):
-            matches = result.matches
-            self._waiting.append((row, panorama.xy_px.take(matches.objects, axis=0), matches))
-            if len(self._waiting) == _FRAMES_AT_ONCE:
-                self._take_in_matches()
+        self.extend([result])
+
+    def extend(self, results: Sequence[FrameResult]) -> None:
+        """Add frames."""
+        first = len(self._frames)
+        answered = _angles([result.attitude for result in results])
+        true = _angles([result.attitude_true for result in results])
+        self._frames.extend([_row(*columns) for columns in zip(results, answered, true, strict=True)])
+        for row, result in enumerate(results, first):
+            if row % self._match_stride == 0 and len(result.matches):
+                matches = result.matches
+                self._waiting.append((row, result.panorama.xy_px.take(matches.objects, axis=0), matches))
+                if len(self._waiting) == _FRAMES_AT_ONCE:
+                    self._take_in_matches()
 
     def _take_in_matches(self) -> None:
         """Make columns of the waiting matches; drop every second frame's matches when there are too many."""
@@ -215,7 +191,51 @@ class FrameTable:
         return self._matches.array()
 
 
-def _angles(attitude: Attitude | None) -> tuple[float, float, float]:
-    if attitude is None:
-        return _NAN, _NAN, _NAN
-    return attitude.ra_deg, attitude.de_deg, attitude.roll_deg
+_Angles = tuple[float, float, float]
+_NO_ANGLES = _NAN, _NAN, _NAN
+
+
+def _row(result: FrameResult, angles_deg: _Angles, angles_true_deg: _Angles) -> tuple[float, ...]:
+    """The row of FRAME."""
+    panorama, error = result.panorama, result.attitude_error
+    return (
+        panorama.utc_ns,
+        panorama.host_utc_ns,
+        panorama.time_us,
+        panorama.frame_no,
+        panorama.sequence,
+        STATUSES.index(result.status),
+        ANSWER_CHECKS.index(result.answer_check),
+        min(len(panorama.brightness), 255),
+        min(len(result.matches), 255),
+        [kind for _, kind in result.others].count("hot pixel"),
+        panorama.exposure_s,
+        panorama.temperature_c,
+        result.identification.false_match_probability if result.identification else _NAN,
+        result.light.zero_point_mag,
+        _NAN if result.elapsed_us is None else result.elapsed_us,
+        *angles_deg[:2],
+        angles_deg[2] if result.has_roll else _NAN,
+        *angles_true_deg,
+        *(
+            (
+                error.d_ra_cosde_arcsec,
+                error.d_de_arcsec,
+                error.d_roll_arcsec,
+                error.cross_x_arcsec,
+                error.cross_y_arcsec,
+            )
+            if error
+            else (_NAN,) * 5
+        ),
+        min(result.light.stars, 255),
+        result.light.limiting_mag,
+        0,
+        *(_NAN,) * 6,
+    )
+
+
+def _angles(attitudes: list[Attitude | None]) -> Iterator[_Angles]:
+    """RA, DE and roll of each."""
+    angles = iter(angles_deg([attitude for attitude in attitudes if attitude is not None]).tolist())
+    return (_NO_ANGLES if attitude is None else next(angles) for attitude in attitudes)

@@ -42,6 +42,7 @@ link hands them to the recorder before the loop sees them.
 from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import groupby
 from typing import Protocol
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
@@ -248,36 +249,55 @@ class StationLoop:
         for begin in range(0, len(news), MOST_AT_ONCE):
             part = news[begin : begin + MOST_AT_ONCE]
             answers = iter(self._frame_processor.identify([item for item in part if isinstance(item, Panorama)]))
-            for item in part:
-                if isinstance(item, Panorama):
-                    results.append(self._conclude(item, next(answers)))
-                elif isinstance(item, OwnAnswer):
-                    results.append(self._conclude_own(item))
-                else:
-                    self.on_event(item)
+            for kind, items in groupby(part, type):
+                if kind is Panorama:
+                    results += self._conclude([(item, next(answers)) for item in items if isinstance(item, Panorama)])
+                    continue
+                for item in items:
+                    if isinstance(item, OwnAnswer):
+                        results.append(self._conclude_own(item))
+                    elif isinstance(item, LinkEvent):
+                        self.on_event(item)
         return results
 
     def observe(self, panorama: Panorama) -> FrameResult:
         """Process one panorama and store the result."""
         return self._identify([panorama])[0]
 
-    def _conclude(self, panorama: Panorama, answer: Answer | str) -> FrameResult:
-        """Compare an answer with truth, store the result and pass it to the listeners."""
-        if not self._truth_sought:
-            self._seek_truth(panorama)
-        if self._first_seconds is not None:
-            self._align(self._first_seconds, panorama)
-        result = self._frame_processor.conclude(panorama, answer, self._elapsed_us(panorama, answer))
-        self._store(result)
-        if answer_given := (answer.given if isinstance(answer, Answer) else None):
-            self._count_given(panorama, answer_given)
-        if isinstance(answer, Answer) and answer.is_mirrored:
-            self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.MIRRORED, result.detail))
-        if self._first_seconds is not None and self._frame_processor.truth is not None:
-            self._first_seconds.add(result, self._frame_processor.truth)
-        for listener in self.listeners:
-            listener.on_result(result, self.session)
-        return result
+    def _conclude(self, answered: list[tuple[Panorama, Answer | str]]) -> list[FrameResult]:
+        """Compare answers that follow each other with truth, store the results and pass them to the listeners.
+
+        One by one while the mount is not fitted: the next panorama may bring it.
+        """
+        results: list[FrameResult] = []
+        while answered:
+            panorama, _ = answered[0]
+            if not self._truth_sought:
+                self._seek_truth(panorama)
+            if self._first_seconds is not None:
+                self._align(self._first_seconds, panorama)
+            count = len(answered) if self._first_seconds is None else 1
+            results += self._conclude_some(answered[:count])
+            answered = answered[count:]
+        return results
+
+    def _conclude_some(self, answered: list[tuple[Panorama, Answer | str]]) -> list[FrameResult]:
+        panoramas, answers = zip(*answered, strict=True)
+        elapsed_us = [self._elapsed_us(panorama, answer) for panorama, answer in answered]
+        results = self._frame_processor.conclude(panoramas, answers, elapsed_us)
+        first = len(self.session.frames)
+        self.session.frames.extend(results)
+        for row, (answer, result) in enumerate(zip(answers, results, strict=True), first):
+            self._log_all(self._sky.take(self.session.frames.columns[: row + 1]))
+            if given := (answer.given if isinstance(answer, Answer) else None):
+                self._count_given(result.panorama, given)
+            if isinstance(answer, Answer) and answer.is_mirrored:
+                self.on_event(LinkEvent(result.panorama.utc_ns, 0, StationKind.MIRRORED, result.detail))
+            if self._first_seconds is not None and self._frame_processor.truth is not None:
+                self._first_seconds.add(result, self._frame_processor.truth)
+            for listener in self.listeners:
+                listener.on_result(result, self.session)
+        return results
 
     def _count_given(self, panorama: Panorama, given: Given) -> None:
         """Count what an external identifier gave; its failures are events."""
@@ -296,17 +316,13 @@ class StationLoop:
         truth, mount = self._frame_processor.truth, self._frame_processor.mount
         result = self._own_answers.result(panorama, answer.message, truth, mount)
         self._sky.sees_objects = False
-        self._store(result)
+        self.session.frames.append(result)
+        self._log_all(self._sky.take(self.session.frames.columns))
         if self._first_seconds is not None and truth is not None:
             self._first_seconds.add(result, truth)
         for listener in self.listeners:
             listener.on_result(result, self.session)
         return result
-
-    def _store(self, result: FrameResult) -> None:
-        """Store a result; events of the sky come with the frame that ends their seconds."""
-        self.session.frames.append(result)
-        self._log_all(self._sky.take(self.session.frames.columns))
 
     def _elapsed_us(self, panorama: Panorama, answer: Answer | str) -> float | None:
         """The recorded identification time in a replay, otherwise this host's own."""

@@ -19,7 +19,7 @@ from gse.site import Site
 from gse.station.frame_table import FRAME
 from gse.station.results import LinkCounters
 from gse.station.session_data import SessionData
-from gse.tables.frames import frame_column
+from gse.tables.frames import plain_name
 from gse.tables.records import COUNT, FLAG, NUMBER, TEXT, Column, column, columns_of, records
 from gse.tables.units import joined
 
@@ -58,7 +58,7 @@ def conditions(session: SessionData | None, stats: Statistics | None) -> Iterato
     station = session.station if session else None
     for name in FRAME.names or ():
         if name not in _NO_CONDITIONS:
-            yield from _range(frame_column(name), session.frames.columns[name] if session else np.zeros(0))
+            yield from _range(plain_name(name), session.frames.columns[name] if session else np.zeros(0))
     yield column("sky_condition", TEXT, _sky_condition(session) if session else None)
     yield records(ExcludedStretch, _stretches(stats) if stats else None, "exclusions")
     yield from _link(session)
@@ -114,6 +114,7 @@ def _mount(session: SessionData | None) -> Iterator[Column]:
     mount = fit.mount if fit else session.station.mount if session else None
     yield from columns_of(Mount, mount, "mount")
     yield column("mount_fit_frames", pa.int64(), fit.n if fit else None)
-    sigmas_arcsec = fit.sigma_azimuth_altitude_roll_arcsec if fit else (None, None, None)
+    is_known = fit is not None and bool(np.isfinite(fit.covariance_arcsec2).all())
+    sigmas_arcsec = fit.sigma_azimuth_altitude_roll_arcsec if fit and is_known else (None, None, None)
     for angle, sigma_arcsec in zip(("azimuth", "altitude", "roll"), sigmas_arcsec, strict=True):
         yield column(f"mount_fit_sigma_{angle}_arcsec", NUMBER, sigma_arcsec)

@@ -13,7 +13,7 @@ from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import Subject
 from gse.tables.records import COUNT, Column, column, columns_of, records
 
-_BY_KEY = ("statuses", "answer_checks", "subjects", "spatial", "exclusions", "counted", "own")
+_BY_KEY = ("statuses", "answer_checks", "subjects", "spatial", "exclusions", "counted", "own", "arrival_ms")
 """Fields of Statistics that are no plain values: they have columns of their own."""
 _STAR_AXES = ("cross_x", "cross_y")
 
@@ -22,8 +22,8 @@ def figures(stats: Statistics | None) -> Iterator[Column]:
     """The columns of all statistics; null without any."""
     yield from columns_of(Statistics, stats, without=_BY_KEY)
     for stem, words, counts in (
-        ("onboard_status", STATUSES, stats.statuses if stats else {}),
-        ("onboard_answer_check", ANSWER_CHECKS, stats.answer_checks if stats else {}),
+        ("status", STATUSES, stats.statuses if stats else {}),
+        ("answer_check", ANSWER_CHECKS, stats.answer_checks if stats else {}),
     ):
         for word in words:
             yield column(f"{stem}_{word.value.lower()}", COUNT, counts.get(word.value))

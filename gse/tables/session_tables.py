@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import pyarrow as pa
 
-from gse.assessment.sensor_answers import sensor_answers
 from gse.assessment.verdict import Assessment
 from gse.station.session_data import SessionData
 from gse.tables.frames import frames_table
@@ -26,9 +25,8 @@ def session_tables(
     session: SessionData, assessment: Assessment, key: ResultKey, *, source: str | None = None
 ) -> SessionTables:
     """The tables of a judged session; ``source`` says where it came from, ``key`` what its results follow from."""
-    counted = assessment.statistics.counted
     return SessionTables(
         sessions_table(session, assessment, key, source=source),
-        frames_table(session.frames.columns, counted, sensor_answers(session), key.text),
+        frames_table(session, assessment.statistics, key.text),
         stars_table(session, key.text),
     )

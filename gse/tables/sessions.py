@@ -17,7 +17,7 @@ from gse.station.session_data import SessionData
 from gse.tables.conditions import conditions
 from gse.tables.figures import figures, truth_figures
 from gse.tables.key import ResultKey
-from gse.tables.records import FLAG, TEXT, UTC, WORDS, Column, column, columns_of, records
+from gse.tables.records import TEXT, UTC, WORDS, Column, column, columns_of, records
 from gse.tables.units import schema
 
 _NS_PER_DEG = instant.NS_PER_DAY // 360
@@ -97,9 +97,5 @@ def _serial(session: SessionData) -> str | None:
 
 
 def _verdict(assessment: Assessment | None) -> Iterator[Column]:
-    yield column("verdict", TEXT, assessment.verdict.value if assessment else None)
-    for name in ("relative", "simulated"):
-        yield column(name, FLAG, getattr(assessment, name) if assessment else None)
-    for name in ("reasons", "findings", "not_tested"):
-        yield column(name, WORDS, list(getattr(assessment, name)) if assessment else None)
+    yield from columns_of(Assessment, assessment, without=("rows", "statistics", "budget"))
     yield records(Row, assessment.rows if assessment else None, "measurements")

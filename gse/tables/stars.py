@@ -13,7 +13,7 @@ from gse.catalog.stars import ListedStars
 from gse.constants import ARCSEC_PER_RAD
 from gse.station.frame_table import MATCH
 from gse.station.session_data import SessionData
-from gse.tables.frames import KEY, arrow_column, same_key
+from gse.tables.frames import KEY, arrow_column, same_key, table_of
 from gse.tables.records import UTC
 from gse.tables.units import field, schema
 
@@ -57,7 +57,7 @@ def stars_table(session: SessionData, key: str) -> pa.Table:
         **{name: arrow_column(name, matches[name]) for name in _OF_MATCH},
         **_places(matches, session.station.sensor.camera()),
     }
-    return pa.table([arrays[name] for name in stars_schema().names], schema=stars_schema())
+    return table_of(arrays, stars_schema(), len(matches))
 
 
 def _names(rows: NDArray[np.int32], stars: ListedStars | None) -> dict[str, pa.Array]:

@@ -12,9 +12,9 @@ from skies.synthetic_night import small_catalog, synthetic_night
 
 from gse.assessment.verdict import judge
 from gse.instant import from_text
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, MATCH, STATUSES
+from gse.station.frame_table import FRAME, MATCH, ONBOARD_COLUMNS
 from gse.tables import ResultKey, failed_session, frames_schema, session_tables, sessions_schema, stars_schema
-from gse.tables.frames import frame_column
+from gse.tables.frames import WORDS, plain_name
 from gse.tables.sessions import night_of
 from gse.tables.units import joined, unit_of
 
@@ -59,10 +59,9 @@ def test_no_two_columns_have_one_name() -> None:
 def test_each_column_of_the_frame_table_is_a_column_with_its_values(session, tables) -> None:
     frames = session.frames.columns
     for name in FRAME.names or ():
-        column = tables.frames[frame_column(name)]
-        if name in ("status", "answer_check"):
-            words = STATUSES if name == "status" else ANSWER_CHECKS
-            assert column.to_pylist() == [words[place].value for place in frames[name].tolist()]
+        column = tables.frames[f"onboard_{name}" if name in ONBOARD_COLUMNS else plain_name(name)]
+        if name in WORDS:
+            assert column.to_pylist() == [WORDS[name][place].value for place in frames[name].tolist()]
         elif name.endswith("utc_ns"):
             np.testing.assert_array_equal(column.cast(pa.int64()).to_numpy(), frames[name])
         else:
