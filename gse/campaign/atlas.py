@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, ndtri
+from scipy.special import chdtrc, fdtrc, ndtri
 
 from gse.campaign.own_share import left_out
 from gse.campaign.rounding import Harmonics, without_rounding
@@ -44,12 +44,12 @@ class PhaseError:
 
 @dataclass(frozen=True, slots=True)
 class SessionAtlas:
-    """The atlas of a session; ``field_arcsec`` (CELLS, CELLS, 2) has the mean residual of each cell, NaN where none is.
+    """The atlas of a session; ``field_arcsec`` (CELLS, CELLS, 2) has the mean residual of each cell, NaN of none.
 
-    ``field_error_arcsec`` (CELLS, CELLS) is its standard error, stars as the sample; ``field_sigmas`` says how
-    significant the polynomial of the field is, the focal length left out. ``scale`` is the relative error of the focal
-    length and its standard error: a positive one asks for a longer one. ``left_arcsec`` (N, 2) are the residuals
-    without what was fitted.
+    ``field_error_arcsec`` (CELLS, CELLS) is its standard error, stars as the sample, ``field_stars`` of them;
+    ``field_sigmas`` says how significant the polynomial of the field is, the focal length left out. ``scale`` is the
+    relative error of the focal length and its standard error: a positive one asks for a longer one. ``fitted_arcsec``
+    (N, 2) is what was fitted to the residuals.
     """
 
     residuals: int
@@ -57,10 +57,11 @@ class SessionAtlas:
     phase: tuple[PhaseError, PhaseError]
     field_arcsec: NDArray[np.float64]
     field_error_arcsec: NDArray[np.float64]
+    field_stars: NDArray[np.int64]
     field_sigmas: float
     scale: float
     scale_error: float
-    left_arcsec: NDArray[np.float64]
+    fitted_arcsec: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,17 +124,18 @@ def session_atlas(of: Residuals) -> SessionAtlas | None:
     per_frame = len(star) / len(np.unique(of.frame))
     phases = [_phase_error(fit, phase, of, per_frame) for fit, phase in zip(fits, of.phase_px.T, strict=True)]
     scale, scale_error = _scale(fits, of)
-    cells, errors = _map(x, y, fits, star, stars)
+    cells, errors, cell_stars = _map(x, y, fits, star, stars)
     return SessionAtlas(
         len(star),
         stars,
         (phases[0], phases[1]),
         cells,
         errors,
+        cell_stars,
         _field_sigmas(fits),
         scale,
         scale_error,
-        np.column_stack([fit.left for fit in fits]),
+        of.residuals_arcsec - np.column_stack([fit.left for fit in fits]),
     )
 
 
@@ -141,8 +143,18 @@ def sigmas_of(chi2: float, freedom: int) -> float:
     """Significance as that of a normal deviate, two-sided, of a sum of squares; 0 where it says nothing."""
     if not chi2 > 0 or freedom < 1:
         return 0.0
-    chance = max(float(chdtrc(freedom, chi2)), _TINY)
-    return max(-float(ndtri(chance / 2)), 0.0)
+    return _as_sigmas(float(chdtrc(freedom, chi2)))
+
+
+def sigmas_of_place(chi2: float, independent: float) -> float:
+    """Significance of a mean in two axes whose variance is known from ``independent`` values: Hotelling's test."""
+    if not chi2 > 0 or independent < 2:
+        return 0.0
+    return _as_sigmas(float(fdtrc(2, 2 * (independent - 1), chi2 / 2)))
+
+
+def _as_sigmas(chance: float) -> float:
+    return max(-float(ndtri(max(chance, _TINY) / 2)), 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,8 +202,7 @@ def _phase_error(fit: _Fit, phase_px: NDArray[np.float64], of: Residuals, per_fr
     scale = of.pixel_arcsec
     harmonics = Harmonics(fit.phase / scale, fit.phase_covariance / scale**2)
     if of.whole_pixels:
-        squares = float((fit.without_field**2).mean()) / scale**2
-        found = without_rounding(harmonics, squares, per_frame)
+        found = without_rounding(harmonics, float((fit.without_field**2).mean()) / scale**2, per_frame)
     else:
         found = Harmonics(harmonics.values[:2], harmonics.covariance[:2, :2])
     bins = np.clip(((phase_px + 0.5) * PHASE_BINS).astype(np.int64), 0, PHASE_BINS - 1)
@@ -223,8 +234,8 @@ def _field_sigmas(fits: list[_Fit]) -> float:
 
 def _map(
     x: NDArray[np.float64], y: NDArray[np.float64], fits: list[_Fit], star: NDArray[np.int64], stars: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean residual of each cell, and its standard error: each star's mean in the cell is one value."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Mean residual of each cell, its standard error and its stars: each star's mean in the cell is one value."""
     column, row = (np.clip(((at + 1) / 2 * CELLS).astype(np.int64), 0, CELLS - 1) for at in (x, y))
     cell = row * CELLS + column
     pair, place = np.unique(cell * stars + star, return_inverse=True)
@@ -243,4 +254,4 @@ def _map(
     several = np.bincount(cells, minlength=CELLS**2)
     enough = several > 2
     error[enough] = np.sqrt(squares[enough]) / weight[enough] * np.sqrt(several[enough] / (several[enough] - 1))
-    return mean.reshape(CELLS, CELLS, 2), error.reshape(CELLS, CELLS)
+    return mean.reshape(CELLS, CELLS, 2), error.reshape(CELLS, CELLS), several.reshape(CELLS, CELLS)

@@ -34,7 +34,7 @@ def campaign_html(report: dict[str, Any]) -> str:
 def _plots(place: int, sensor: dict[str, Any]) -> dict[str, str]:
     wanted = {}
     if sensor["rows"]:
-        wanted["rows"] = (0.34 * len(sensor["rows"]) + 0.6, draw_rows)
+        wanted["rows"] = (0.2 * len(sensor["rows"]) + 0.7, draw_rows)
     if sensor["trends"]:
         wanted["trends"] = (trends_height_in(sensor), draw_trends)
     if sensor["atlas"]:

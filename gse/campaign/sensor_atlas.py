@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.campaign.atlas import CELLS, PHASE_BINS, Residuals, SessionAtlas, session_atlas, sigmas_of
+from gse.campaign.atlas import CELLS, Residuals, SessionAtlas, session_atlas, sigmas_of, sigmas_of_place
 from gse.campaign.dataset import FRAMES, STARS, Committed, DataSet
 from gse.campaign.nights import Session
 from gse.campaign.star_places import NamedStar, StarOffsets, named_stars, star_offsets, to_sky
@@ -117,7 +117,9 @@ def _of_session(dataset: DataSet, session: Session) -> Iterator[tuple[str, Sessi
     utc_ns = stars["utc"].cast("int64").to_numpy()[useful]
     boresight_deg = np.column_stack([frames[name].to_numpy() for name in _BORESIGHT])[freed.frame]
     known = np.isfinite(boresight_deg).all(axis=1)
-    sky = to_sky(atlas.left_arcsec[known], freed.field_deg[known], boresight_deg[known])
+    # Those of the fitted attitude: star_offsets frees them of the shares of other stars itself.
+    left_arcsec = of.residuals_arcsec[useful] - atlas.fitted_arcsec
+    sky = to_sky(left_arcsec[known], freed.field_deg[known], boresight_deg[known])
     rows, first = np.unique(of.star, return_index=True)
     texts = stars["star"].take(first).to_pylist()
     yield (
@@ -174,8 +176,8 @@ def _field(atlases: list[SessionAtlas]) -> tuple[NDArray[np.float64], NDArray[np
                     [np.full(2, atlas.field_error_arcsec[row, column]) for atlas in known],
                 )
                 field[row, column] = mean
-                sigmas[row, column] = sigmas_of(float(((mean / error) ** 2).sum()), 2) if error.min() > 0 else np.nan
+                several = (
+                    len(known) if len(known) >= MIN_NIGHTS else sum(int(a.field_stars[row, column]) for a in known)
+                )
+                sigmas[row, column] = sigmas_of_place(float(((mean / error) ** 2).sum()), several)
     return field, sigmas
-
-
-__all__ = ["PHASE_BINS", "Harmonic", "SensorAtlas", "sensor_atlas"]

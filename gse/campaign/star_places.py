@@ -3,7 +3,7 @@
 Residuals are turned to east and north at each star. The fit of a frame's attitude takes part of the error of each of
 its stars over to the others, so that offsets of stars and shifts of frames are solved together, by turns. The errors of
 a star's offset are those of means over a minute, in which pixel phases average, and what stars without fault show
-beside: the robust scatter of all offsets.
+beside: the robust scatter of all offsets, tails included.
 """
 
 import math
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.campaign.atlas import sigmas_of
+from gse.campaign.atlas import sigmas_of_place
 
 SIGMAS = 5.0
 """From here on a star is named."""
@@ -20,7 +20,8 @@ MIN_BLOCKS = 5
 BLOCK_NS = 60_000_000_000
 _TURNS = 60
 _SETTLED_ARCSEC = 0.01
-_MAD_TO_SIGMA = 1.4826
+_SHARES = ((50.0, 1.4826), (90.0, 0.6080))
+"""Percentiles of the absolute value of a normal deviate, and what makes a standard deviation of each."""
 _ROBUST_STARS = 10
 
 
@@ -28,7 +29,7 @@ _ROBUST_STARS = 10
 class StarOffsets:
     """Offsets of stars from their catalogue places as columns (S,), arcsec: measured minus expected.
 
-    ``variance_arcsec2`` is that of each offset along one axis, from the star's own minutes.
+    ``variance_arcsec2`` is that of each offset along one axis, from the star's own ``minutes``.
     """
 
     star: NDArray[np.int64]
@@ -36,6 +37,7 @@ class StarOffsets:
     north_arcsec: NDArray[np.float64]
     variance_arcsec2: NDArray[np.float64]
     residuals: NDArray[np.int64]
+    minutes: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +90,8 @@ def star_offsets(
         if moved < _SETTLED_ARCSEC:
             break
     left = sky_arcsec - offsets[of_star] - shifts[of_frame]
-    return StarOffsets(names, offsets[:, 0], offsets[:, 1], _variance(left, of_star, utc_ns, len(names)), count)
+    variance, minutes = _variance(left, of_star, utc_ns, len(names))
+    return StarOffsets(names, offsets[:, 0], offsets[:, 1], variance, count, minutes)
 
 
 def named_stars(sessions: list[StarOffsets]) -> list[NamedStar]:
@@ -97,7 +100,7 @@ def named_stars(sessions: list[StarOffsets]) -> list[NamedStar]:
         return []
     columns = {
         name: np.concatenate([getattr(of, name) for of in sessions])
-        for name in ("star", "east_arcsec", "north_arcsec", "variance_arcsec2", "residuals")
+        for name in ("star", "east_arcsec", "north_arcsec", "variance_arcsec2", "residuals", "minutes")
     }
     usable = np.isfinite(columns["variance_arcsec2"])
     columns = {name: values[usable] for name, values in columns.items()}
@@ -113,6 +116,7 @@ def named_stars(sessions: list[StarOffsets]) -> list[NamedStar]:
     variance = variance + _floor_arcsec2(offsets, variance)
     chi2 = (offsets**2).sum(axis=1) / variance
     nights = np.bincount(place)
+    minutes = np.bincount(place, weights=columns["minutes"]) - nights + 1
     order = np.argsort(-chi2, kind="stable")
     return [
         NamedStar(
@@ -120,7 +124,7 @@ def named_stars(sessions: list[StarOffsets]) -> list[NamedStar]:
             float(offsets[row, 0]),
             float(offsets[row, 1]),
             math.sqrt(variance[row]),
-            sigmas_of(float(chi2[row]), 2),
+            sigmas_of_place(float(chi2[row]), float(minutes[row])),
             int(nights[row]),
             int(weight[row]),
         )
@@ -129,8 +133,8 @@ def named_stars(sessions: list[StarOffsets]) -> list[NamedStar]:
 
 
 def _floor_arcsec2(offsets: NDArray[np.float64], variance: NDArray[np.float64]) -> float:
-    """What offsets scatter beyond their own errors, by the median, so that the few faulty stars do not count."""
-    scatter = _MAD_TO_SIGMA * float(np.median(np.abs(offsets)))
+    """What offsets scatter beyond their own errors, by percentiles, so that a few faulty stars do not count."""
+    scatter = max(factor * float(np.percentile(np.abs(offsets), percent)) for percent, factor in _SHARES)
     return max(scatter**2 - float(np.median(variance)), 0.0)
 
 
@@ -141,8 +145,8 @@ def _means(values: NDArray[np.float64], place: NDArray[np.int64], count: NDArray
 
 def _variance(
     left: NDArray[np.float64], of_star: NDArray[np.int64], utc_ns: NDArray[np.int64], stars: int
-) -> NDArray[np.float64]:
-    """Of each star's mean along one axis, from its means over minutes; NaN of too few minutes."""
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Of each star's mean along one axis, from its means over minutes, NaN of too few; and the number of minutes."""
     minute = utc_ns // BLOCK_NS
     minute -= minute.min() if len(minute) else 0
     pair, place = np.unique(of_star * (int(minute.max()) + 1 if len(minute) else 1) + minute, return_inverse=True)
@@ -154,4 +158,4 @@ def _variance(
     enough = blocks >= MIN_BLOCKS
     variance = np.full(stars, np.nan)
     variance[enough] = squares[enough] / total[enough] ** 2 * blocks[enough] / (blocks[enough] - 1)
-    return np.asarray(variance)
+    return variance, blocks
