@@ -1,12 +1,23 @@
 """Star catalogue of the station."""
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.catalog.names import Designation, star_name
+
+
+class Neighbours(NamedTuple):
+    """The neighbours that a flight catalogue lists: those of star i are rows ``star[first[i]:first[i + 1]]``.
+
+    ``urad`` are their distances in whole microradians, nearest first; ``first`` is (N + 1,).
+    """
+
+    first: NDArray[np.int64]
+    star: NDArray[np.int32]
+    urad: NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +38,10 @@ class StarCatalog:
     motion_rad_yr: NDArray[np.float64] | None = None
     rest_epoch_jyear: float | None = None
     """When the stars without proper motion stood where they stand here; None: at ``epoch_jyear``."""
+    is_flight: bool = False
+    """A flight catalogue is the mission catalogue itself: in its own order, nothing is chosen from it."""
+    neighbours: Neighbours | None = None
+    """The neighbours that a flight catalogue lists."""
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -40,6 +55,7 @@ class StarCatalog:
             icrs=self.icrs[selection],
             magnitude=self.magnitude[selection],
             motion_rad_yr=motion,
+            neighbours=None,
         )
 
     def at_epoch(self, jyear: float) -> Self:

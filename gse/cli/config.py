@@ -14,6 +14,9 @@ from gse.config.draft import draft_text
 from gse.config.station import BUILT_IN_TEXT, parse_station, read_station
 from gse.errors import ConfigError
 
+_FEW_STARS = 100
+"""Enough to see that a catalogue can be read; of a file all lines are looked at."""
+
 
 @click.group("config")
 def command() -> None:
@@ -45,11 +48,13 @@ def init(path: Path, *, yes: bool, **given: Any) -> None:
 @click.argument("path", type=click.Path(path_type=Path))
 def check(path: Path) -> None:
     """Check the station file PATH. Each error is shown with file, line and key; the exit code is then 2."""
+    from gse.catalog import load_catalog
     from gse.station.setup import check_external
     from protocols import load_protocol
 
     station, _ = station_of(path)
     check_external(station, load_protocol(station.protocol))
+    load_catalog(station.catalog, stars=_FEW_STARS)
     camera = station.sensor.camera()
     click.echo(
         f"{path} is good: {station.sensor.name}, {camera.columns} x {camera.rows} px, "

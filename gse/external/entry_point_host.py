@@ -40,11 +40,11 @@ def main() -> int:
 def _loaded(target: str) -> tuple[Callable[..., Callable[[Answer], Answer]], dict[str, str]]:
     module_name, _, name = target.partition(":")
     module = importlib.import_module(module_name)
-    make = module
+    make: Any = module
     for part in name.split("."):
         make = getattr(make, part)
-    about = {"file": str(module.__file__), "version": str(getattr(make, "version", getattr(module, "__version__", "")))}
-    return make, about  # type: ignore[return-value]
+    version = getattr(module, "version", getattr(module, "__version__", ""))
+    return make, {"file": str(getattr(module, "program", module.__file__)), "version": str(version)}
 
 
 def _timed(identify: Callable[[Answer], Answer], panorama: Answer) -> Answer:

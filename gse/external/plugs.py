@@ -28,6 +28,8 @@ from gse.panorama import Panorama
 ENTRY_POINTS = "gse.identifiers"
 MOST_AHEAD = 64
 """Panoramas sent before the first answer is awaited."""
+_OWN = {"tetra3rs": "gse.external.tetra3rs_solver:make", "cedar-solve": "gse.external.cedar_solver:make"}
+"""Adapters of solvers from PyPI; the solvers themselves are installed by those who use them."""
 _HELLO = b'"gse.identifier/1"'
 _CHECK_S = 30.0
 """Time in which a library or an entry point must load."""
@@ -147,11 +149,11 @@ class EntryPointPlug(CommandPlug):
     """A Python entry point of the group gse.identifiers, in a process of its own."""
 
     def __init__(self, name: str, directory: Path, config: Path | None, sensor: SensorDescription) -> None:
-        found = {point.name: point for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
+        found = _OWN | {point.name: point.value for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
         if name not in found:
-            known = ", ".join(sorted(found)) or "none is installed"
+            known = ", ".join(sorted(found))
             raise UsageError(f"identifier.entry_point: {name} is not installed; known in {ENTRY_POINTS}: {known}")
-        self._command = _host("entry_point_host.py", found[name].value, config, json.dumps(sys.path))
+        self._command = _host("entry_point_host.py", found[name], config, json.dumps(sys.path))
         self._directory, self._sensor = directory, sensor
         source = _check(self._command, directory, f"identifier.entry_point: {name}")
         self.identity = Identity("entry point", name, "not stated", _sha256(Path(source["file"])), None)

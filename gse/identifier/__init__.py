@@ -5,6 +5,7 @@ time nor where the sensor should look.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -32,12 +33,20 @@ class Identifier(Protocol):
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
         ...
 
+    def identify_many(
+        self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
+    ) -> Sequence[Identification | Unidentified]:
+        """The answers to many panoramas, each as for ``identify``."""
+        ...
+
 
 def make_identifier(options: IdentifierOptions, camera: Camera, source: StarCatalog) -> Identifier:
     """The identifier that the options name, with its mission catalogue chosen from ``source`` for the camera.
 
     The algorithms are imported here, one at a time: with their compiled parts they take a second.
     """
+    if source.is_flight and options.algorithm != "neighbour":  # all others take the order of brightness for granted
+        source = source.rows(np.argsort(source.magnitude, kind="stable"))
     if options.algorithm == "robust":
         from gse.identifier.robust import RobustIdentifier
 
@@ -49,7 +58,9 @@ def make_identifier(options: IdentifierOptions, camera: Camera, source: StarCata
         from gse.identifier.neighbour import NeighbourIdentifier
 
         return NeighbourIdentifier(mission, camera, options)
-    brightest = brightest_per_field(mission, 2 * math.sqrt(camera.solid_angle_sr / math.pi))
+    brightest = mission
+    if not mission.is_flight:
+        brightest = brightest_per_field(mission, 2 * math.sqrt(camera.solid_angle_sr / math.pi))
     if options.algorithm == "pivot":
         from gse.identifier.pivot import PivotIdentifier
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.camera import Camera
-from gse.catalog import StarCatalog
+from gse.catalog import Neighbours, StarCatalog
 from gse.errors import CatalogError
 from gse.identifier.table_cache import cache_file, cached_columns
 
@@ -61,8 +61,10 @@ def pair_table(catalog: StarCatalog, widest_rad: float, cache: Path | None = Non
     """The table of all pairs up to ``widest_rad``, from the cache directory where it is there.
 
     ``cache`` defaults to the user's cache directory. A damaged file there is replaced, and without a writable
-    directory the table is made anew each time.
+    directory the table is made anew each time. A flight catalogue that lists its neighbours has its own table.
     """
+    if catalog.neighbours is not None:
+        return listed_pairs(catalog.neighbours)
     return PairTable(
         *cached_columns(
             cache_path(catalog, widest_rad, cache),
@@ -71,6 +73,21 @@ def pair_table(catalog: StarCatalog, widest_rad: float, cache: Path | None = Non
             len(PairTable._fields),
         )
     )
+
+
+def listed_pairs(neighbours: Neighbours) -> PairTable:
+    """The table of the neighbours that a flight catalogue lists; a pair counts once."""
+    star = np.repeat(np.arange(len(neighbours.first) - 1, dtype=np.int32), np.diff(neighbours.first))
+    keys = np.column_stack([np.minimum(star, neighbours.star), np.maximum(star, neighbours.star)])
+    _, once = np.unique(keys, axis=0, return_index=True)
+    order = once[np.lexsort((keys[once, 1], keys[once, 0], neighbours.urad[once]))]
+    brighter, dimmer = keys[order].T.astype(np.int32, order="C")
+    return PairTable(neighbours.urad[order], brighter, dimmer, neighbours.first, neighbours.star, neighbours.urad)
+
+
+def listed_neighbours(table: PairTable) -> Neighbours:
+    """The neighbours of a table, as a flight catalogue lists them."""
+    return Neighbours(table.first, table.neighbour, table.neighbour_urad)
 
 
 def cache_path(catalog: StarCatalog, widest_rad: float, cache: Path | None = None) -> Path:

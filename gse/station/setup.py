@@ -10,6 +10,7 @@ import numpy as np
 from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, stars_searched
+from gse.catalog.readers import GAIA
 from gse.config.station import Station
 from gse.external.identifier import AnswerSource, ExternalIdentifier, RunningIdentifier
 from gse.external.panoramas import SensorDescription, WireUnit
@@ -95,7 +96,9 @@ def set_up(
         identifier: Identifier | ExternalIdentifier = ExternalIdentifier(catalog, answers)
     else:
         identifier = make_identifier(station.identifier, camera, catalog)
-    reference = None if station.identifier.algorithm == "robust" else _reference(camera, catalog)
+    # A flight catalogue is the sensor's alone: too short for the reference identifier, and perhaps wrong.
+    whole = _catalog(GAIA, epoch_jyear, stars) if catalog.is_flight else catalog
+    reference = None if station.identifier.algorithm == "robust" else _reference(camera, whole)
     setup = Setup(station, station_text, protocol, camera, identifier, reference)
     _warm_up(setup)
     give_back()
