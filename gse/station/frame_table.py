@@ -1,5 +1,7 @@
 """Table of results: the frames of a session as columns, 14 h in some 100 MB."""
 
+import copy
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -165,6 +167,14 @@ class FrameTable:
             stored = self._matches.array()
             self._matches = _Rows(MATCH)
             self._matches.extend(stored[stored["frame"] % self._match_stride == 0])
+
+    def snapshot(self) -> "FrameTable":
+        """A table of the rows so far, for reading on another thread; it shares them, and rows never change."""
+        self._take_in_matches()
+        taken = copy.copy(self)
+        taken._frames, taken._matches = copy.copy(self._frames), copy.copy(self._matches)
+        taken._waiting = []
+        return taken
 
     @property
     def columns(self) -> NDArray[np.void]:
