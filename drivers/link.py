@@ -7,7 +7,6 @@ the recorder first; when the port disappears, the thread waits for it until the 
 
 import contextlib
 import queue
-import termios
 import threading
 import time
 from collections.abc import Callable
@@ -31,7 +30,11 @@ MOST_BACKLOG_BYTES = 128 << 20
 SOCKET_BYTES = 65536
 
 # What pyserial raises on a port that goes away: close() from another thread gives TypeError, ioctls termios.error.
-_HANG_UPS = (OSError, TypeError, termios.error)
+try:
+    from termios import error as _ioctl_error
+except ImportError:  # Windows
+    _ioctl_error = OSError  # type: ignore[assignment, misc]
+_HANG_UPS = (OSError, TypeError, _ioctl_error)
 
 
 class _NoRecording(MessageWriter):

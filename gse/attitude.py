@@ -6,6 +6,7 @@ polynomial of QUEST, because these stay exact for turns of 180 deg and for stars
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -52,23 +53,25 @@ class Attitude:
     @property
     def ra_deg(self) -> float:
         """Right ascension of the boresight, 0 <= RA < 360."""
-        x, y, _ = self.icrs_to_sensor[2].tolist()
-        return math.degrees(math.atan2(y, x)) % 360.0
+        return float(angles_deg([self])[0, 0])
 
     @property
     def de_deg(self) -> float:
         """Declination of the boresight."""
-        x, y, z = self.icrs_to_sensor[2].tolist()
-        return math.degrees(math.atan2(z, math.hypot(x, y)))
+        return float(angles_deg([self])[0, 1])
 
     @property
     def roll_deg(self) -> float:
         """Position angle of image up (towards row 0) at the boresight, from north through east, 0 <= roll < 360."""
-        _, (up_x, up_y, up_z), (x, y, z) = (-self.icrs_to_sensor).tolist()
-        ra = math.atan2(-y, -x)
-        east = -math.sin(ra) * up_x + math.cos(ra) * up_y
-        north = math.hypot(x, y) * up_z + z * (math.cos(ra) * up_x + math.sin(ra) * up_y)
-        return math.degrees(math.atan2(east, north)) % 360.0
+        return float(angles_deg([self])[0, 2])
+
+
+def angles_deg(attitudes: Sequence[Attitude]) -> NDArray[np.float64]:
+    """RA, DE and roll (K, 3) of attitudes, as ``Attitude`` gives them one by one."""
+    rotations = np.array([attitude.icrs_to_sensor for attitude in attitudes], dtype=np.float64).reshape(-1, 3, 3)
+    angles = np.empty((len(rotations), 3))
+    _angles(rotations, angles)
+    return angles
 
 
 def solve_attitude(
@@ -94,6 +97,17 @@ def solve_attitude(
     if not _solve(measured, stars, weights, attitude):
         raise ValueError("the directions are parallel or not finite: they do not fix an attitude")
     return Attitude(attitude[0], attitude[1])
+
+
+def solve_attitudes(
+    directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64], ends: NDArray[np.int64], sigma_rad: float
+) -> list[Attitude]:
+    """``solve_attitude`` for K panoramas: panorama k has the rows from ``ends[k - 1]`` (or 0) to ``ends[k]``."""
+    measured, stars = _rows_of_three(directions_sensor), _rows_of_three(stars_icrs)
+    attitudes = np.empty((len(ends), 2, 3, 3))
+    if _solve_each(measured, stars, ends, sigma_rad**-2.0, attitudes) < len(ends):
+        raise ValueError("the directions are parallel or not finite: they do not fix an attitude")
+    return [Attitude(rotation, covariance_rad2) for rotation, covariance_rad2 in attitudes]
 
 
 def paper_mean(attitude: Attitude, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64]) -> Attitude:
@@ -130,6 +144,20 @@ def _rows_of_three(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @compiled
+def _angles(rotations: NDArray[np.float64], angles: NDArray[np.float64]) -> None:
+    """Put RA, DE and roll of rotations (K, 3, 3), in degrees, into ``angles`` (K, 3)."""
+    for k in range(len(rotations)):
+        up_x, up_y, up_z = -rotations[k, 1, 0], -rotations[k, 1, 1], -rotations[k, 1, 2]
+        x, y, z = rotations[k, 2, 0], rotations[k, 2, 1], rotations[k, 2, 2]
+        ra, level = math.atan2(y, x), math.hypot(x, y)
+        east = -math.sin(ra) * up_x + math.cos(ra) * up_y
+        north = level * up_z - z * (math.cos(ra) * up_x + math.sin(ra) * up_y)
+        angles[k, 0] = math.degrees(ra) % 360.0
+        angles[k, 1] = math.degrees(math.atan2(z, level))
+        angles[k, 2] = math.degrees(math.atan2(east, north)) % 360.0
+
+
+@compiled
 def _solve(
     measured: NDArray[np.float64],
     stars: NDArray[np.float64],
@@ -138,6 +166,24 @@ def _solve(
 ) -> bool:
     """Put rotation and covariance, (2, 3, 3), into ``attitude``; False where the directions do not fix one."""
     return davenport(measured, stars, weights, attitude[0]) and attitude_covariance(measured, weights, attitude[1])
+
+
+@compiled
+def _solve_each(
+    measured: NDArray[np.float64],
+    stars: NDArray[np.float64],
+    ends: NDArray[np.int64],
+    weight: float,
+    attitudes: NDArray[np.float64],
+) -> int:
+    """Put an attitude (2, 3, 3) for each part of the rows into ``attitudes``; how many parts fixed one."""
+    begin = 0
+    for k in range(len(ends)):
+        weights = np.full(ends[k] - begin, weight)
+        if not _solve(measured[begin : ends[k]], stars[begin : ends[k]], weights, attitudes[k]):
+            return k
+        begin = ends[k]
+    return len(ends)
 
 
 @compiled

@@ -6,6 +6,7 @@ GseError                exit code 70 unless a subclass says otherwise
         CatalogError    2: a star catalogue file
         TableError      2: a panorama table or another input file
         TruthError      2: no truth for this instant or site
+    CampaignError       3: a campaign that is not finished; what it committed is whole
 """
 
 
@@ -35,3 +36,9 @@ class TableError(UsageError):
 
 class TruthError(UsageError):
     """There is no sidereal truth for this instant or site."""
+
+
+class CampaignError(GseError):
+    """A campaign that could not be finished; what it committed is whole, and the same command goes on."""
+
+    exit_code = 3

@@ -1,11 +1,11 @@
 """The options of the identifier under test."""
 
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any, Literal
 
-from annotated_types import Interval
+from annotated_types import Interval, Len
 
-Algorithm = Literal["neighbour", "pivot", "match-group", "robust"]
+Algorithm = Literal["neighbour", "pivot", "match-group", "robust", "external"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,3 +21,25 @@ class IdentifierOptions:
     """How many further objects may be the alpha star, after the brightest."""
     selection: Literal["first-fit", "best-vote"] = "first-fit"
     attitude: Literal["wahba", "paper-mean"] = "wahba"
+    command: Annotated[tuple[str, ...], Len(1, 100)] | None = None
+    """Of ``external``: a program and its arguments, a child process."""
+    library: str | None = None
+    """Of ``external``: a shared library with the function ``symbol``."""
+    symbol: str = "identify"
+    entry_point: str | None = None
+    """Of ``external``: a Python entry point of the group gse.identifiers."""
+    config: str | None = None
+    """Of ``external``: a file for the library or entry point, its catalogue for example."""
+    directory: str | None = None
+    """Of ``external``: where the child runs; the folder of the station file without it."""
+    timeout_ms: Annotated[float, Interval(gt=0, le=600_000)] = 200.0
+    """Of ``external``: the time for one panorama."""
+
+    def facts(self) -> dict[str, Any]:
+        """The options that the algorithm knows, for the report: nothing of the host's folders."""
+        unknown = ("directory",) if self.algorithm == "external" else PLUG_KEYS
+        return {key: value for key, value in asdict(self).items() if key not in unknown}
+
+
+PLUG_KEYS = ("command", "library", "symbol", "entry_point", "config", "directory", "timeout_ms")
+"""The options of an external identifier alone."""

@@ -5,8 +5,23 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core.caching import FunctionCache
+from numba.core.runtime import rtsys
 
 _Function = TypeVar("_Function", bound=Callable[..., object])
+
+
+class _CodeOnDisk(FunctionCache):  # type: ignore[misc]
+    """numba's cache on disk, read without its compiler: machine code needs the runtime only.
+
+    numba fills the tables of its compiler (0.2 s) before it reads; it does so again when it has to compile. The key of
+    each piece of code holds the processor and its features, so code of another processor is never run.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The machine code for a signature, None where it is not on disk."""
+        rtsys.initialize(target_context)
+        return self._load_overload(sig, target_context)
 
 
 def compiled(function: _Function) -> _Function:
@@ -16,8 +31,11 @@ def compiled(function: _Function) -> _Function:
     answer on every machine. One function or constant of another module that changes does not renew what was kept of
     its callers: remove ``__pycache__/*.nb?`` then.
     """
-    machine_code: _Function = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
-    return machine_code
+    machine_code: Any = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
+    if hasattr(machine_code, "_cache"):  # not where NUMBA_DISABLE_JIT is set
+        machine_code._cache = _CodeOnDisk(function)
+    typed: _Function = machine_code
+    return typed
 
 
 def is_on_disk(function: Any) -> bool:

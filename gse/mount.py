@@ -6,6 +6,8 @@ from typing import Annotated
 
 from annotated_types import Interval
 
+from gse.instant import from_text
+
 _ALIGN = re.compile(r"first (\d+(?:\.\d+)?) s")
 
 
@@ -16,6 +18,48 @@ class MountUncertainty:
     azimuth_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
     altitude_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
     roll_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InertialUncertainty:
+    """How well a shown direction is known: half-widths of intervals that hold the truth with 95 %."""
+
+    across_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
+    roll_arcsec: Annotated[float, Interval(ge=0, le=648_000)] = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InertialDirection:
+    """The direction among the catalogue's stars that a star simulator or a screen shows, in ICRS.
+
+    ``roll_deg`` is the position angle of image up, from north through east. Where a rate is stated the angles are those
+    of the instant ``at``; ValueError without it.
+    """
+
+    ra_deg: Annotated[float, Interval(ge=-360, le=360)]
+    de_deg: Annotated[float, Interval(ge=-90, le=90)]
+    roll_deg: Annotated[float, Interval(ge=-360, le=360)] = 0.0
+    ra_rate_arcsec_per_s: Annotated[float, Interval(ge=-36_000, le=36_000)] = 0.0
+    de_rate_arcsec_per_s: Annotated[float, Interval(ge=-36_000, le=36_000)] = 0.0
+    roll_rate_arcsec_per_s: Annotated[float, Interval(ge=-36_000, le=36_000)] = 0.0
+    at: str | None = None
+    uncertainty: InertialUncertainty = InertialUncertainty()
+
+    def __post_init__(self) -> None:
+        if self.at is not None:
+            from_text(self.at)
+        elif any(self.rates_arcsec_per_s):
+            raise ValueError("a rate without the instant of the angles; expected for example at: 2026-03-20T18:30:00Z")
+
+    @property
+    def rates_arcsec_per_s(self) -> tuple[float, float, float]:
+        """Rates of RA, DE and roll."""
+        return self.ra_rate_arcsec_per_s, self.de_rate_arcsec_per_s, self.roll_rate_arcsec_per_s
+
+    @property
+    def at_utc_ns(self) -> int:
+        """The instant of the angles; 0 where they are those of all times."""
+        return from_text(self.at) if self.at is not None else 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,11 +76,15 @@ class Mount:
     altitude_deg: Annotated[float, Interval(ge=-90, le=90)] = 90.0
     roll_deg: Annotated[float, Interval(ge=-360, le=360)] = 0.0
     align: str | None = None
+    inertial: InertialDirection | None = None
+    """Fixed to the stars instead of to the Earth: before a star simulator or a screen."""
     stated: bool = True
     """Whether a station file gave the angles, or they are the defaults beside ``align``."""
     uncertainty: MountUncertainty = MountUncertainty()
 
     def __post_init__(self) -> None:
+        if self.inertial is not None and self.align is not None:
+            raise ValueError("inertial and align exclude each other: expected the direction that is shown, or a fit")
         if self.align is not None and not _ALIGN.fullmatch(self.align):
             raise ValueError(f"align is {self.align!r:.60}; expected for example: align: first 60 s")
 

@@ -17,6 +17,7 @@ class Panorama:
     sensor's scale; ``flags`` are the fault bits of the sensor by name (``overexposed``, ``detector fault``, ...).
     ``time_us`` is the sensor's own clock, ``host_utc_ns`` the host's when the frame's first byte was read, 0 if
     unknown, ``sequence`` the frame's number on the wire, ``problems`` what the sensor should not have sent, in words.
+    ``wire_rows`` (N,) is the place of each object on the wire, None where that is its place here.
     """
 
     utc_ns: int
@@ -30,3 +31,4 @@ class Panorama:
     problems: tuple[str, ...] = ()
     temperature_c: float = float("nan")
     flags: frozenset[str] = field(default_factory=frozenset)
+    wire_rows: NDArray[np.int64] | None = None

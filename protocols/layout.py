@@ -8,10 +8,11 @@ import numpy as np
 from protocols.checksum import CHECKSUMS, Checksum
 from protocols.description import ChecksumDescription, Description, MessageDescription
 from protocols.header import HeaderLayout, compile_header
+from protocols.messages import AttitudeMessage
 from protocols.placement import Placed, place
 from protocols.reading import Path, Source
 from protocols.record import FieldLayout, compile_record, order_of
-from protocols.vocabulary import FORMS, Form, Role
+from protocols.vocabulary import FORMS, QUATERNION, Form, Role
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +161,8 @@ def _compile_message(name: str, message: MessageDescription, description: Descri
     size = _size(message, source, name)
     fields, dtype = compile_record([p for p in placed if p.field], roles, size, description, source)
     _check_required(roles, fields, source, (*path, "fields"))
+    if form and form.message is AttitudeMessage:
+        _check_direction(fields, source, (*path, "fields"))
     return MessageLayout(
         name=name,
         code=message.code,
@@ -193,3 +196,10 @@ def _check_required(roles: Mapping[str, Role], fields: Sequence[FieldLayout], so
     for name, role in roles.items():
         if role.required and all(field.name != name for field in fields):
             raise source.error(f"{name} is missing", path)
+
+
+def _check_direction(fields: Sequence[FieldLayout], source: Source, path: Path) -> None:
+    """An ATTITUDE has RA and DE, or a whole quaternion."""
+    names = {field.name for field in fields}
+    if not names.issuperset(("ra", "de")) and not names.issuperset(QUATERNION):
+        raise source.error(f"no direction: expected ra and de, or {', '.join(QUATERNION)}", path)

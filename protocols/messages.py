@@ -79,16 +79,24 @@ class StatusMessage(Message):
 
 @dataclass(frozen=True, slots=True)
 class AttitudeMessage(Message):
-    """The sensor's own solution for the exposure ``frame_no``; ``state`` is ``lost`` or ``acquired``."""
+    """The sensor's own solution for the exposure ``frame_no``; ``state`` is ``lost`` or ``acquired``.
+
+    Its direction comes as angles, or as a quaternion whose four numbers ``q1`` to ``q4`` are in the order of the wire:
+    which of them is the scalar, and between which axes it turns, is the sensor's convention.
+    """
 
     time_us: int
-    ra_deg: float
-    de_deg: float
+    ra_deg: float = math.nan
+    de_deg: float = math.nan
     roll_deg: float = math.nan
     frame_no: int = 0
     matched: int = 0
     state: str = ""
     latency_s: float = math.nan
+    q1: float = math.nan
+    q2: float = math.nan
+    q3: float = math.nan
+    q4: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,6 +54,13 @@ class Protocol:
         layout = self._codecs["PANORAMA"].layout if "PANORAMA" in self._codecs else None
         return layout.slots.repeat if layout and layout.slots else 0
 
+    @property
+    def object_units(self) -> dict[str, tuple[float, float]]:
+        """Factor and zero of the counts of an object's y, x and index; empty if there are no panoramas."""
+        layout = self._codecs["PANORAMA"].layout if "PANORAMA" in self._codecs else None
+        fields = layout.slots.fields if layout and layout.slots else ()
+        return {field.name: (float(field.factor), float(field.zero)) for field in fields}
+
     def is_from_sensor(self, type_name: str) -> bool:
         """Whether messages of this type go from sensor to station."""
         return self._codecs[type_name].layout.from_sensor

@@ -64,6 +64,10 @@ _DEGREES = {
     "arcsec": Unit(Fraction(1, 3600)),
     "rad": Unit(Fraction("57.29577951308232")),
 }
+_RIGHT_ASCENSION = {**_DEGREES, "h": Unit(Fraction(15))}
+
+QUATERNION = ("q1", "q2", "q3", "q4")
+"""The numbers of a quaternion, in the order of the wire."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,12 +128,13 @@ FORMS: Mapping[str, Form] = {
         {
             "time": _TIME,
             "frame_no": Role("frame_no"),
-            "ra": Role("ra_deg", Kind.NUMBER, _DEGREES, required=True),
-            "de": Role("de_deg", Kind.NUMBER, _DEGREES, required=True),
+            "ra": Role("ra_deg", Kind.NUMBER, _RIGHT_ASCENSION),
+            "de": Role("de_deg", Kind.NUMBER, _DEGREES),
             "roll": Role("roll_deg", Kind.NUMBER, _DEGREES),
             "matched": Role("matched"),
             "state": Role("state", Kind.WORD),
             "latency": Role("latency_s", Kind.NUMBER, _SECONDS),
+            **{name: Role(name, Kind.NUMBER) for name in QUATERNION},
         },
     ),
     "ACK": Form(Ack, {"command": Role("command", Kind.COMMAND, required=True), "sequence": Role("sequence")}),

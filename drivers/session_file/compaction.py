@@ -10,6 +10,7 @@ from pathlib import Path
 from mcap.writer import CompressionType, Writer
 
 from drivers.errors import CaptureError
+from drivers.host_files import sync_folder
 from drivers.session_file.reader import one_file
 from drivers.session_file.records import PROFILE, RX, TX, Attachment, Damage, Message, Record, checksum
 
@@ -32,7 +33,7 @@ def compact(path: Path) -> bool:
             return False
         os.replace(beside, path)
         replaced = True
-        _sync_folder(path.parent)
+        sync_folder(path.parent)
     except OSError as error:
         raise CaptureError(f"cannot compress {path}: {error.strerror}; it stays as it is, whole") from error
     finally:
@@ -88,11 +89,3 @@ def _ordered(path: Path) -> Iterator[Record]:
     # A chunk is written when it is full, so an attachment that came amid messages stands before them in the new file.
     yield from (record for record in one_file(path) if isinstance(record, Attachment))
     yield from (record for record in one_file(path) if isinstance(record, Message))
-
-
-def _sync_folder(folder: Path) -> None:
-    fd = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)

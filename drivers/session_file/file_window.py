@@ -5,6 +5,7 @@ from pathlib import Path
 from types import TracebackType
 
 from drivers.errors import CaptureError
+from drivers.host_files import READ, read_at
 
 WINDOW_BYTES = 1 << 20
 
@@ -30,7 +31,7 @@ class FileWindow:
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            self._fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+            self._fd = os.open(path, READ)
         except OSError as error:
             raise CaptureError(f"cannot read {path}: {error.strerror}") from error
         self.size = os.fstat(self._fd).st_size
@@ -62,7 +63,7 @@ class FileWindow:
 
     def _read(self, offset: int, size: int) -> bytes:
         try:
-            return os.pread(self._fd, size, offset)
+            return read_at(self._fd, size, offset)
         except OSError as error:
             raise CaptureError(f"cannot read {self._path} at byte {offset}: {error.strerror}") from error
 

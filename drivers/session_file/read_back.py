@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import CaptureError
+from drivers.host_files import READ
 from drivers.session_file.compaction import write_compact
 from drivers.session_file.file_window import FileWindow
 from drivers.session_file.reader import one_file
@@ -75,8 +76,10 @@ def _port_bytes(path: Path) -> int:
 
 def _forget_cache(path: Path) -> None:
     """Drop the kernel's cache of the file, where possible, so that it is read from the disk."""
+    if not hasattr(os, "posix_fadvise"):
+        return
     with contextlib.suppress(OSError):
-        fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        fd = os.open(path, READ)
         try:
             os.posix_fadvise(fd, 0, 0, os.POSIX_FADV_DONTNEED)
         finally:

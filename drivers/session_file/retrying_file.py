@@ -7,6 +7,7 @@ MCAP's own writer forgets a record when the write below it fails. So it writes i
 import os
 from pathlib import Path
 
+from drivers.host_files import CREATE, read_at
 from drivers.session_file.written_bytes import WrittenBytes
 
 COPY_BYTES = 1 << 20
@@ -18,7 +19,7 @@ class RetryingFile:
     def __init__(self, path: Path) -> None:
         """Create the file; FileExistsError where there is one already: nothing is ever overwritten."""
         self.path = path
-        self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self._fd = os.open(path, CREATE, 0o644)
         self._pending = bytearray()
         self.written = WrittenBytes()
 
@@ -58,10 +59,10 @@ class RetryingFile:
     def restore(self) -> None:
         """Write a vanished file again, whole, from the open descriptor; OSError where that is not possible."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        fd = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        fd = os.open(self.path, CREATE, 0o644)
         try:
             offset = 0
-            while block := os.pread(self._fd, COPY_BYTES, offset):
+            while block := read_at(self._fd, COPY_BYTES, offset):
                 while block:
                     count = os.write(fd, block)
                     offset, block = offset + count, block[count:]

@@ -61,14 +61,16 @@ class MixedStudent:
 
     def half_width(self, probability: float) -> float:
         """The error that is not exceeded, sign counted, with this probability above 0.5."""
-        error = float(self.scales.min()) * float(stdtrit(self.freedom, probability))
-        for _ in range(_MAX_STEPS):  # Newton's steps from below stay below: the distribution is concave above zero
+        least = float(self.scales.min()) * float(stdtrit(self.freedom, probability))
+        error = least * self.standard / float(self.scales.min())
+        # The distribution is concave above zero: Newton's steps from above end below, and from below they stay there.
+        for _ in range(_MAX_STEPS):
             place = error / self.scales
             missing = probability - float(self.weights @ stdtr(self.freedom, place))
             density = (1 + place**2 / self.freedom) ** (-(self.freedom + 1) / 2) / self.scales
             step = missing / (_peak(self.freedom) * float(self.weights @ density))
-            error += step
-            if step < _ACCURACY * error:
+            error = max(error + step, least)
+            if abs(step) < _ACCURACY * error:
                 break
         return error
 

@@ -13,7 +13,7 @@ from gse.assessment.no_sky import no_sky
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.station.exclusions import Cause, Exclusion, excluded, exclusions
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.results import AnswerCheck, Status
+from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 
 OUTLIER_ARCSEC = 1800.0
@@ -48,7 +48,7 @@ def counted_frames(session: SessionData) -> CountedFrames:
     frames = session.frames.columns
     stretches = (
         *exclusions(session.events, frames),
-        *no_sky(frames, session.station.site),
+        *_no_sky(session, frames),
         *session.excluded,
     )
     mask = excluded(frames["utc_ns"], stretches)
@@ -57,6 +57,14 @@ def counted_frames(session: SessionData) -> CountedFrames:
     used = answered & ~false & ~mask & np.isfinite(frames["d_de_arcsec"])
     excused = [item for item in stretches if item.cause not in _UNCERTAIN_TIME]
     return CountedFrames(answered, false, mask, ~excluded(frames["utc_ns"], excused), used, stretches)
+
+
+def _no_sky(session: SessionData, frames: NDArray[np.void]) -> tuple[Exclusion, ...]:
+    """A sensor that sends no panoramas shows no objects either: then only the Sun tells that there was no sky."""
+    found = no_sky(frames, session.station.site)
+    if session.subject is Subject.ONBOARD:
+        return found
+    return tuple(item for item in found if item.cause is not Cause.NO_OBJECTS)
 
 
 def false_answers(

@@ -9,13 +9,16 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.assessment.counted_frames import CountedFrames
+from gse.assessment.gross_causes import RawAttitudes, gross_cause
 from gse.assessment.statistics import Statistics
 from gse.assessment.time_tags import time_tag_faults
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.finding import Finding
 from gse.station.event_kinds import StationKind
-from gse.station.frame_table import STATUSES
-from gse.station.results import Status
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
 
 _SIGMAS = 4.0
@@ -35,16 +38,30 @@ _MAX_MATCHES = 50_000
 _CELLS = 32
 
 
-def findings(session: SessionData, stats: Statistics) -> tuple[str, ...]:
-    """One line for each thing that the errors of a night look like."""
-    return (
+def findings(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
+    """The causes of what a session shows, a gross one alone: under it all others are guesses."""
+    gross = gross_finding(session, stats.counted)
+    lines = (
         *_events(session),
         *_nothing_identified(session),
-        *_bias(session, stats),
-        *_drift(session, stats),
-        *_optics(session),
+        *(() if gross else _bias(session, stats)),
+        *(() if gross else _drift(session, stats)),
+        *(() if gross else _optics(session)),
         *_unlike(stats),
     )
+    return (*((gross,) if gross else ()), *(Finding(*line.split(": ", 1)) for line in lines))
+
+
+def gross_finding(session: SessionData, counted: CountedFrames) -> Finding | None:
+    """The mistake of the set-up, against the stated angles of the mount, whether or not a fit replaced them."""
+    mount, orientation = session.station.mount, session.earth_orientation
+    frames = session.frames.columns
+    checked_false = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
+    rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded)
+    if orientation is None or not mount.stated or not len(rows):
+        return None
+    raw = RawAttitudes.of(frames[rows], session.station.sensor.camera())
+    return gross_cause(raw, session.station.site, mount, orientation)
 
 
 def _events(session: SessionData) -> Iterator[str]:
@@ -54,6 +71,7 @@ def _events(session: SessionData) -> Iterator[str]:
         (StationKind.MIRRORED, "mirrored image"),
         (StationKind.NO_STATION, "station file"),
         (StationKind.SEQUENCE_CHAOS, "sequence numbers"),
+        (StationKind.FROZEN, "frozen sensor"),
     )
     for kind, words in named:
         if kind in kinds:

@@ -15,10 +15,8 @@ from gse.site import Site
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status
+from gse.station.sky_condition import FEWEST_EXPECTED, FEWEST_OBJECTS, SUN_LIMIT_DEG
 from gse.truth.solar_system import sun_altitude_deg
-
-SUN_LIMIT_DEG = -12.0
-"""Nautical twilight: above it the sky is too bright for the stars of a panorama."""
 
 FADED_MAG = 1.0
 """Stars that are fainter by this much than in the clear part of the session are behind cloud."""
@@ -28,8 +26,8 @@ _BRIDGED_NS = 3 * NS_PER_S
 """Single answers through a gap in the cloud do not end a stretch."""
 
 _BESIDE_NS = 60 * NS_PER_S
-_FEWEST_OBJECTS = 3
-"""Fewer objects than this are no panorama of a clear sky: no identifier can work on them."""
+MISSING_SHARE = 0.5
+"""Of the share of the expected stars that the clear part of the session shows: a cloud hides the others."""
 
 _CLEAR_PERCENTILE = 90.0
 
@@ -57,7 +55,7 @@ def _blind_stretches(frames: NDArray[np.void]) -> Iterator[tuple[int, int]]:
     blind = np.flatnonzero(~seen)
     utc_ns = frames["utc_ns"]
     for part in np.split(blind, np.flatnonzero(np.diff(utc_ns[blind]) > _BRIDGED_NS) + 1):
-        if len(part) and utc_ns[part[-1]] - utc_ns[part[0]] >= MIN_STRETCH_NS:
+        if len(part) and utc_ns[part[-1]] - utc_ns[part[0]] + _exposure_ns(frames[part[-1]]) >= MIN_STRETCH_NS:
             yield int(part[0]), int(part[-1])
 
 
@@ -65,7 +63,7 @@ def _reason(frames: NDArray[np.void], first: int, last: int, site: Site) -> tupl
     """Why there was no sky from one row to another; None where no evidence shows it."""
     part = frames[first : last + 1]
     middle_ns = int(part["utc_ns"][len(part) // 2])
-    duration_s = float(part["utc_ns"][-1] - part["utc_ns"][0]) / NS_PER_S
+    duration_s = float(part["utc_ns"][-1] - part["utc_ns"][0] + _exposure_ns(part[-1])) / NS_PER_S
     sun_deg = sun_altitude_deg(site, middle_ns)
     if sun_deg > SUN_LIMIT_DEG:
         side = "above" if sun_deg >= 0 else "below"
@@ -73,24 +71,53 @@ def _reason(frames: NDArray[np.void], first: int, last: int, site: Site) -> tupl
     if (part["status"] == STATUSES.index(Status.SENSOR_FAULT)).any():
         return None  # only daylight explains an overexposed detector
     most = int(np.percentile(part["objects"], _CLEAR_PERCENTILE))
-    if most < _FEWEST_OBJECTS:
+    if most < FEWEST_OBJECTS:
         objects = "no object at all" if most == 0 else f"at most {most} objects"
-        return Cause.NO_OBJECTS, f"{objects} for {duration_s:.0f} s: lens cap, cover or overcast"
+        expected = float(np.median(part["stars_expected"]))
+        stars = f", {expected:.0f} stars are expected" if expected >= 0 else ""
+        return Cause.NO_OBJECTS, f"{objects} for {duration_s:.0f} s{stars}: lens cap, cover or overcast"
     faded_mag = _faded_mag(frames, first, last)
     if faded_mag >= FADED_MAG:
         return Cause.NO_SKY, f"stars {faded_mag:.1f} mag too faint: cloud for {duration_s:.0f} s"
+    if _missing(frames, first, last):
+        return Cause.NO_SKY, f"less than half of the stars just before or after: cloud for {duration_s:.0f} s"
     return None
 
 
-def _faded_mag(frames: NDArray[np.void], first: int, last: int) -> float:
-    """How much fainter than in the clear the stars were just before or after a stretch; 0 where none were seen."""
-    zero_point = frames["zero_point_mag"]
-    known = np.isfinite(zero_point)
-    if not known.any():
-        return 0.0
+def _exposure_ns(frame: np.void) -> int:
+    """A frame of 60 s shows the sky of a minute."""
+    exposure_s = float(frame["exposure_s"])
+    return round(exposure_s * NS_PER_S) if exposure_s > 0 else 0
+
+
+def _beside(frames: NDArray[np.void], first: int, last: int) -> NDArray[np.bool_]:
+    """Which frames are in a stretch or near it."""
     utc_ns = frames["utc_ns"]
-    beside = known & ((utc_ns >= utc_ns[first] - _BESIDE_NS) & (utc_ns <= utc_ns[last] + _BESIDE_NS))
+    return np.asarray((utc_ns >= utc_ns[first] - _BESIDE_NS) & (utc_ns <= utc_ns[last] + _BESIDE_NS))
+
+
+def _faded_mag(frames: NDArray[np.void], first: int, last: int) -> float:
+    """How much fainter than in the clear the stars were just before or after a stretch; 0 where none were seen.
+
+    Brightness is that of an exposure of 1 s, under a dark sky: the light of twilight is added to that of the stars.
+    """
+    exposure_s = frames["exposure_s"]
+    zero_point = frames["zero_point_mag"] - 2.5 * np.log10(np.where(exposure_s > 0, exposure_s, 1.0))
+    known = np.isfinite(zero_point) & ~(frames["sun_altitude_deg"] > SUN_LIMIT_DEG)
+    beside = known & _beside(frames, first, last)
     if not beside.any():
         return 0.0
     clear = np.percentile(zero_point[known], _CLEAR_PERCENTILE)
     return float(clear - zero_point[beside].min())
+
+
+def _missing(frames: NDArray[np.void], first: int, last: int) -> bool:
+    """Whether most of the stars were missing just before or after a stretch, with a dark sky and enough of them."""
+    expected = frames["stars_expected"]
+    known = (frames["stars_seen"] > 0) & (expected >= FEWEST_EXPECTED) & ~(frames["sun_altitude_deg"] > SUN_LIMIT_DEG)
+    beside = known & _beside(frames, first, last)
+    if not beside.any():
+        return False
+    share = frames["stars_seen"] / expected
+    least = np.percentile(share[beside], 100 - _CLEAR_PERCENTILE)
+    return bool(least < MISSING_SHARE * np.percentile(share[known], _CLEAR_PERCENTILE))

@@ -3,19 +3,17 @@
 Same stars, same direction: where firmware and its rebuilding do the same, both agree to what the wire carries.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.percentiles import Percentiles, percentiles
+from gse.assessment.sensor_answers import SensorAnswers
 from gse.constants import ARCSEC_PER_RAD
 from gse.station.frame_table import STATUSES
 from gse.station.results import Status
-from protocols import AttitudeMessage
 
-ACQUIRED = "acquired"
 SAME_WITHIN_ARCSEC = 1.0
 """The wire carries 0.0036 arcsec; single precision on board makes some 0.1."""
 
@@ -46,35 +44,30 @@ class OnboardEquivalence:
 
 
 def equivalence(
-    frames: NDArray[np.void], kept: NDArray[np.int64], answers: Sequence[AttitudeMessage]
+    frames: NDArray[np.void], excluded: NDArray[np.bool_], matched: NDArray[np.int64], own: SensorAnswers
 ) -> OnboardEquivalence | None:
-    """Compare the sensor's answers with rows ``kept`` of frames (dtype FRAME); None where it sent none for them."""
-    if not answers:
+    """Compare the sensor's answers with those here, without ``excluded`` frames (M,); None where there are none.
+
+    ``matched`` (M,) is how many stars the sensor says it identified.
+    """
+    rows = np.flatnonzero(own.sent & ~excluded)
+    if not len(rows):
         return None
-    keys = zip(frames["frame_no"][kept].tolist(), frames["time_us"][kept].tolist(), strict=True)
-    places = {key: row for row, key in zip(kept.tolist(), keys, strict=True)}
-    paired = [(places[key], answer) for answer in answers if (key := (answer.frame_no, answer.time_us)) in places]
-    if not paired:
-        return None
-    here = frames[[row for row, _ in paired]]
+    here, acquired = frames[rows], own.acquired[rows]
     identified = here["status"] == STATUSES.index(Status.IDENTIFIED)
-    acquired = np.array([answer.state == ACQUIRED for _, answer in paired])
     both = identified & acquired
-    ra, de, roll = (
-        np.array([getattr(answer, name) for _, answer in paired]) for name in ("ra_deg", "de_deg", "roll_deg")
-    )
-    apart = np.linalg.norm(_unit(ra, de) - _unit(here["ra_deg"], here["de_deg"]), axis=1) * ARCSEC_PER_RAD
-    turned = np.abs((roll - here["roll_deg"] + 180) % 360 - 180) * 3600
-    matched = np.array([answer.matched for _, answer in paired])
+    sensor, station = _unit(own.ra_deg[rows], own.de_deg[rows]), _unit(here["ra_deg"], here["de_deg"])
+    apart = np.linalg.norm(sensor - station, axis=1) * ARCSEC_PER_RAD
+    turned = np.abs((own.roll_deg[rows] - here["roll_deg"] + 180) % 360 - 180) * 3600
     return OnboardEquivalence(
-        answers=len(paired),
+        answers=len(rows),
         both=int(both.sum()),
         only_sensor=int((acquired & ~identified).sum()),
         only_station=int((identified & ~acquired).sum()),
-        same_number=int((both & (matched == here["matched"])).sum()),
+        same_number=int((both & (matched[rows] == here["matched"])).sum()),
         separation_arcsec=percentiles(apart[both]),
         roll_arcsec=percentiles(turned[both]),
-        latency_ms=percentiles(np.array([answer.latency_s for _, answer in paired]) * 1e3),
+        latency_ms=percentiles(own.latency_ms[rows]),
     )
 
 

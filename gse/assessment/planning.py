@@ -6,6 +6,7 @@ judged by the functions of the verdict; beyond MAX_SIMULATED independent values 
 root of the length. The generator starts from a constant: the same question has the same answer.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -61,16 +62,25 @@ def accuracy_frames(expected: Expected, limit_arcsec: float, *, truth_arcsec: fl
     """
     if max(_true_statistics(expected)) + COVERAGE_FACTOR * truth_arcsec >= limit_arcsec:
         return None
-    n_eff = _FIRST_N_EFF
-    for _ in range(_MAX_STEPS):
-        simulated = float(np.clip(n_eff, _LEAST_N_EFF, MAX_SIMULATED))
-        most = _MOST_STRETCH if simulated < MAX_SIMULATED else _LAST_STRETCH
-        needed = simulated * _stretch(_simulate(expected, simulated), expected, limit_arcsec, truth_arcsec, most=most)
-        close = abs(math.log(needed / simulated)) < _CLOSE
-        n_eff = needed
-        if close or min(needed, simulated) >= MAX_SIMULATED or max(needed, simulated) <= _LEAST_N_EFF:
-            break
+    n_eff = _independent_values(expected, limit_arcsec, truth_arcsec)
     return max(math.ceil(n_eff * expected.frames_per_value), MIN_FRAMES)
+
+
+def _independent_values(expected: Expected, limit_arcsec: float, truth_arcsec: float) -> float:
+    """Independent values that a session needs: between the longest failing length and the shortest passing one."""
+    failing, passing, n_eff = _LEAST_N_EFF / _MOST_STRETCH, math.inf, _FIRST_N_EFF
+    for _ in range(_MAX_STEPS):
+        most = _MOST_STRETCH if n_eff < MAX_SIMULATED else _LAST_STRETCH
+        needed = n_eff * _stretch(_simulate(expected, n_eff), expected, limit_arcsec, truth_arcsec, most=most)
+        failing, passing = (n_eff, passing) if needed > n_eff else (failing, n_eff)
+        beyond = max(needed, n_eff) <= _LEAST_N_EFF or needed > n_eff >= MAX_SIMULATED
+        if beyond or abs(math.log(needed / n_eff)) < _CLOSE:
+            return needed
+        if math.log(passing / failing) < _CLOSE:
+            break
+        inside = failing < needed < passing
+        n_eff = float(np.clip(needed if inside else math.sqrt(failing * passing), _LEAST_N_EFF, MAX_SIMULATED))
+    return passing
 
 
 def availability_frames(expected: float, limit: float, *, frames_per_value: float = 1.0) -> int | None:
@@ -110,10 +120,18 @@ class _Simulated:
 
 
 def _simulate(expected: Expected, n_eff: float) -> _Simulated:
+    noise = expected.noise_arcsec or 1.0
     coarse = min(expected.frames_per_value, _PER_INDEPENDENT)
-    alike = Expected(expected.bias_arcsec, expected.noise_arcsec, coarse, 1.0)
-    n = max(round(n_eff * coarse), MIN_FRAMES)
-    sessions = simulated_errors(alike, n, SESSIONS, np.random.default_rng(_SEED))
+    unit = _simulate_unit(expected.bias_arcsec / noise, expected.noise_arcsec > 0, coarse, n_eff)
+    return _Simulated(noise * unit.values, noise * unit.guards)
+
+
+@functools.lru_cache(maxsize=64)
+def _simulate_unit(bias: float, noisy: bool, frames_per_value: float, n_eff: float) -> _Simulated:
+    """With noise of 1: axes that differ in scale only share their sessions."""
+    expected = Expected(bias, float(noisy), frames_per_value, 1.0)
+    n = max(round(n_eff * frames_per_value), MIN_FRAMES)
+    sessions = simulated_errors(expected, n, SESSIONS, np.random.default_rng(_SEED))
     values, guards = [], []
     for errors in sessions:
         bounds, absolute = error_bounds(errors), np.abs(errors)

@@ -5,13 +5,14 @@ Accuracy is taken over the frames that were answered, not falsely, and that are 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.axis_statistics import AxisStatistics, axis_statistics
 from gse.assessment.clock_health import ClockHealth, clock_health
+from gse.assessment.convention_search import ConventionSearch
 from gse.assessment.counted_frames import CountedFrames, counted_frames, explained_arcsec
 from gse.assessment.decision import Figure, Share, share_of
 from gse.assessment.first_fix import first_fixes_s
@@ -19,13 +20,14 @@ from gse.assessment.onboard_equivalence import OnboardEquivalence, equivalence
 from gse.assessment.percentiles import Percentiles, percentiles
 from gse.assessment.sampling import effective_number
 from gse.assessment.sensor_answers import SensorAnswers, sensor_answers
+from gse.assessment.sensor_convention import is_wrong, session_convention
 from gse.assessment.spatial_errors import SpatialErrors, spatial_errors
 from gse.assessment.thermal import ThermalError, thermal_error
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.station.clock_steps import instants_ns
 from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.results import Subject
+from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
 
 AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y")
@@ -57,8 +59,9 @@ class SubjectStatistics:
     many ``star_fields`` of the sky. ``half_cone_95`` is the half-cone that holds 95 % of the boresights.
     ``time_ms`` is the identification time of this host for the onboard subject, and the processing time that the sensor
     states for its own answers; ``slow`` the share of frames over the limit of time. ``outage_s`` is the longest time
-    between good answers. ``thermal`` has an axis as key, None where the temperature tells nothing; ``first_fixes_s``
-    has an entry for each start of the sensor.
+    between good answers. ``arrival_ms`` is from mid-exposure to the arrival of its frame at the host: of the panorama
+    for the onboard subject, of ATTITUDE for the sensor. ``thermal`` has an axis as key, None where the temperature
+    tells nothing; ``first_fixes_s`` has an entry for each start of the sensor.
     """
 
     subject: Subject
@@ -72,6 +75,7 @@ class SubjectStatistics:
     earth_rate: EarthRate
     time_ms: Percentiles
     slow: Share
+    arrival_ms: Percentiles
     acquisition_s: float
     outage_s: float
     thermal: dict[str, ThermalError | None]
@@ -83,7 +87,9 @@ class Statistics:
     """All statistics of a session.
 
     ``frames_expected`` are those received and not excused, and those that the sequence numbers miss. ``onboard`` is
-    always there, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two. ``spatial``
+    there where panoramas came, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two.
+    ``own`` are the sensor's answers beside panoramas, ``convention`` what its answers show of their convention: where
+    another one is stated, no error of theirs is computed. ``spatial``
     are the errors of single stars along columns and rows, None of too few stars.
     """
 
@@ -99,11 +105,13 @@ class Statistics:
     spatial: tuple[SpatialErrors, SpatialErrors] | None
     exclusions: tuple[tuple[Exclusion, int], ...]
     counted: CountedFrames
+    own: SensorAnswers | None = None
+    convention: ConventionSearch | None = None
 
     @property
     def onboard(self) -> SubjectStatistics:
-        """The statistics of the identifier under test."""
-        return self.subjects[Subject.ONBOARD]
+        """The statistics of the frame table: the identifier under test, or a sensor that sends no panoramas."""
+        return self.subjects.get(Subject.ONBOARD) or self.subjects[Subject.SENSOR]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,6 +128,7 @@ class _Answers:
     false: NDArray[np.bool_]
     used: NDArray[np.bool_]
     time_ms: NDArray[np.float64]
+    arrival_ms: NDArray[np.float64]
 
 
 def statistics(session: SessionData) -> Statistics:
@@ -129,33 +138,45 @@ def statistics(session: SessionData) -> Statistics:
     status, check = frames["status"][counted.expected], frames["answer_check"][counted.expected]
     limit_ms = session.station.limits.identification_ms
     field_rad = session.station.sensor.camera().diagonal_rad / 2
-    lost = session.link.frames_lost
-    subjects = {
-        Subject.ONBOARD: _subject(Subject.ONBOARD, frames, _onboard(frames, counted), lost, limit_ms, field_rad)
-    }
-    own = sensor_answers(session)
+    lost = session.link.frames_lost + session.link.frames_repeated
+    convention = session_convention(session) if len(session.sensor_attitudes) else None
+    unreadable = is_wrong(convention, session.station.sensor.attitude)
+    answers = _of_frames(frames, counted)
+    if session.subject is Subject.SENSOR and unreadable:
+        answers = _uncompared(answers)
+    subjects = {session.subject: _subject(session.subject, frames, answers, lost, limit_ms, field_rad)}
+    own = sensor_answers(session) if session.subject is Subject.ONBOARD else None
     if own is not None:
         answers = _sensor(own, frames, counted)
+        answers = _uncompared(answers) if unreadable else answers
         subjects[Subject.SENSOR] = _subject(Subject.SENSOR, frames, answers, lost, limit_ms, field_rad)
     return Statistics(
         frames=len(frames),
         duration_s=float(np.ptp(instants_ns(frames, session.events))) / 1e9 if len(frames) else 0.0,
         frames_expected=len(status) + lost,
-        statuses={name.value: int((status == place).sum()) for place, name in enumerate(STATUSES)},
+        statuses=_statuses(status),
         answer_checks={name.value: int((check == place).sum()) for place, name in enumerate(ANSWER_CHECKS)},
         subjects=subjects,
-        arrival_ms=percentiles((frames["host_utc_ns"] - frames["utc_ns"])[frames["host_utc_ns"] > 0] / 1e6),
+        arrival_ms=subjects[session.subject].arrival_ms,
         clock=clock_health(session.clock, session.events, frames, stated_error_s=session.clock_error_s),
-        equivalence=equivalence(
-            frames, np.flatnonzero(~counted.excluded), [answer for _, answer in session.sensor_attitudes]
-        ),
+        equivalence=equivalence(frames, counted.excluded, own.matched, own) if own is not None else None,
         spatial=_spatial(session, counted),
         exclusions=tuple((item, int(excluded(frames["utc_ns"], (item,)).sum())) for item in counted.exclusions),
         counted=counted,
+        own=own,
+        convention=convention,
     )
 
 
-def _onboard(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
+def _statuses(status: NDArray[np.uint8]) -> dict[str, int]:
+    """Frames (M,) by status; the fault of an external identifier only where there is one."""
+    counts = {name.value: int((status == place).sum()) for place, name in enumerate(STATUSES)}
+    if not counts[Status.IDENTIFIER_FAULT]:
+        del counts[Status.IDENTIFIER_FAULT]
+    return counts
+
+
+def _of_frames(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
     columns = {f"{axis}_arcsec": frames[f"{axis}_arcsec"] for axis in AXES}
     columns |= {name: frames[name] for name in ("ra_deg", "de_deg")}
     return _Answers(
@@ -166,6 +187,7 @@ def _onboard(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
         counted.false,
         counted.used,
         frames["elapsed_us"] / 1e3,
+        np.where(frames["host_utc_ns"] > 0, (frames["host_utc_ns"] - frames["utc_ns"]) / 1e6, np.nan),
     )
 
 
@@ -178,7 +200,14 @@ def _sensor(own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames
         x, y = own.cross_x_arcsec, own.cross_y_arcsec
         separation_arcsec = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
         false = own.acquired & (separation_arcsec > explained_arcsec(frames, counted.exclusions))
-    return _Answers(columns, counted.expected, ~counted.excluded, own.acquired, false, known & ~false, own.latency_ms)
+    masks = counted.expected, ~counted.excluded, own.acquired, false, known & ~false
+    return _Answers(columns, *masks, own.latency_ms, own.arrival_ms)
+
+
+def _uncompared(answers: _Answers) -> _Answers:
+    """Answers of which the convention is not known: there are no errors, and none is called false."""
+    nothing = np.zeros(len(answers.used), dtype=bool)
+    return replace(answers, false=nothing, used=nothing)
 
 
 def _subject(
@@ -195,7 +224,7 @@ def _subject(
     used_ns = frames["utc_ns"][used]
     errors = {axis: answers.columns[f"{axis}_arcsec"][used] for axis in AXES}
     errors["d_roll"] = about_circular_mean(errors["d_roll"])
-    axes = {axis: axis_statistics(used_ns, errors[axis]) for axis in AXES}
+    axes = {axis: _axis(used_ns, errors[axis]) for axis in AXES}
     good = answers.answered & ~answers.false
     counts = answers.expected | answers.false
     kept_ns = frames["utc_ns"][answers.timed]
@@ -213,6 +242,7 @@ def _subject(
         earth_rate=_earth_rate(de_true_deg, axes["d_ra_cosde"]),
         time_ms=percentiles(timed),
         slow=_share(timed > limit_ms),
+        arrival_ms=percentiles(answers.arrival_ms[np.isfinite(answers.arrival_ms)]),
         acquisition_s=_acquisition_s(kept_ns, good[answers.timed]),
         outage_s=_outage_s(kept_ns, good[answers.timed]),
         thermal=_thermal(used_ns, errors, frames["temperature_c"][used]),
@@ -220,10 +250,24 @@ def _subject(
     )
 
 
+def _axis(used_ns: NDArray[np.int64], errors_arcsec: NDArray[np.float64]) -> AxisStatistics:
+    """Of the frames that have the angle: an answer of RA and DE alone has no roll."""
+    known = np.isfinite(errors_arcsec)
+    return (
+        axis_statistics(used_ns, errors_arcsec)
+        if known.all()
+        else axis_statistics(used_ns[known], errors_arcsec[known])
+    )
+
+
 def _thermal(
     used_ns: NDArray[np.int64], errors: dict[str, NDArray[np.float64]], temperature_c: NDArray[np.float32]
 ) -> dict[str, ThermalError | None]:
-    return {axis: thermal_error(used_ns, errors[axis], temperature_c.astype(np.float64)) for axis in _THERMAL_AXES}
+    known = {axis: np.isfinite(errors[axis]) for axis in _THERMAL_AXES}
+    return {
+        axis: thermal_error(used_ns[rows], errors[axis][rows], temperature_c[rows].astype(np.float64))
+        for axis, rows in known.items()
+    }
 
 
 def _spatial(session: SessionData, counted: CountedFrames) -> tuple[SpatialErrors, SpatialErrors] | None:
@@ -255,6 +299,11 @@ def _share(happened: NDArray[np.bool_]) -> Share:
 
 def about_circular_mean(angles_arcsec: NDArray[np.float64]) -> NDArray[np.float64]:
     """The same angles (M,), each within half a turn of their circular mean: +-180 deg do not average to nothing."""
+    known = np.isfinite(angles_arcsec)
+    if not known.all():
+        angles_arcsec = angles_arcsec.copy()
+        angles_arcsec[known] = about_circular_mean(angles_arcsec[known])
+        return angles_arcsec
     if not len(angles_arcsec):
         return angles_arcsec
     phase = angles_arcsec * (2 * math.pi / _TURN_ARCSEC)

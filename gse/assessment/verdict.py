@@ -18,8 +18,11 @@ import numpy as np
 from gse.assessment.decision import Outcome, Row, judge_figure, judge_share
 from gse.assessment.diagnosis import findings
 from gse.assessment.guard_band import COVERAGE_FACTOR
+from gse.assessment.sensor_convention import is_wrong
+from gse.assessment.sensor_findings import sensor_findings
 from gse.assessment.statistics import Statistics, SubjectStatistics, figure_of, statistics
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
+from gse.finding import Finding
 from gse.limits import Limits
 from gse.station.exclusions import Cause, excluded
 from gse.station.results import Subject, Verdict
@@ -54,7 +57,7 @@ class Assessment:
     rows: tuple[Row, ...]
     statistics: Statistics
     budget: TruthUncertaintyBudget
-    findings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     not_tested: tuple[str, ...]
     relative: bool
     simulated: bool
@@ -77,11 +80,12 @@ def judge(session: SessionData) -> Assessment:
     )
     obstacles = tuple(_obstacles(session, stats, rows))
     verdict = _verdict(rows, obstacles)
-    found = findings(session, stats)
+    found = findings(session, stats) if Subject.ONBOARD in stats.subjects else ()
+    found += sensor_findings(session, stats.own, stats.convention)
     reasons = [row.reason for row in rows if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE)]
     reasons += obstacles
     if verdict is not Verdict.PASS:
-        reasons += [*_complaints(session, budget), *found]
+        reasons += [*_complaints(session, budget), *map(str, found)]
     if relative:
         reasons.append(_relative_to(session))
     return Assessment(
@@ -201,6 +205,8 @@ def _obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) -
     yield from _much_excluded(session, stats)
     yield from _little_sky(session, stats)
     yield from _other_mount(session)
+    if is_wrong(stats.convention, session.station.sensor.attitude):
+        yield "sensor: its answers follow another convention than the station file states, so they were not compared"
 
 
 _CORE = ("mean |dRA*|", "95 % of |dRA*|", "mean |dDE|", "95 % of |dDE|", "availability", "false answers")
@@ -264,6 +270,8 @@ def _not_tested(stats: Statistics, rows: tuple[Row, ...], relative: bool) -> Ite
     yield from (row.reason for row in rows if row.outcome is Outcome.NOT_TESTED)
     if Subject.SENSOR not in stats.subjects:
         yield "sensor: it sent no answers of its own (no ATTITUDE frames)"
+    if Subject.ONBOARD not in stats.subjects:
+        yield "onboard: no panoramas came, so there was nothing to identify and nothing to check the answers by"
     if relative:
         yield "absolute pointing, site and clock: the mount was fitted on the same sky"
 

@@ -5,9 +5,10 @@ May import no room above itself: a catalogue does not know who searches in it.
 
 from gse.catalog.mission import brightest_per_field, merge_doubles, mission_catalog, stars_for_field, stars_searched
 from gse.catalog.readers import load_catalog
-from gse.catalog.stars import StarCatalog
+from gse.catalog.stars import Neighbours, StarCatalog
 
 __all__ = [
+    "Neighbours",
     "StarCatalog",
     "brightest_per_field",
     "load_catalog",

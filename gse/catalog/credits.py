@@ -29,6 +29,7 @@ _CREDITS: dict[Designation, Credit] = {
         "Hoffleit D., Warren W. H. Jr, 1991, The Bright Star Catalogue, 5th Revised Edition (CDS V/50).",
         "free; Astronomical Data Center, NSSDC/ADC",
     ),
+    "flight": Credit("a flight catalogue of the operator's own", "that of its source"),
 }
 
 

@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from gse.camera import Camera
 from gse.catalog.stars import StarCatalog
@@ -43,7 +42,9 @@ def stars_searched(camera: Camera, stars: int | Literal["auto"] = "auto") -> int
 
 
 def mission_catalog(source: StarCatalog, camera: Camera, stars: int | Literal["auto"] = "auto") -> StarCatalog:
-    """The brightest ``stars`` as the camera sees them: stars closer than 2 px are one."""
+    """The brightest ``stars`` as the camera sees them: stars closer than 2 px are one. A flight catalogue as it is."""
+    if source.is_flight:
+        return source
     searched = source.rows(slice(0, stars_searched(camera, stars)))
     wanted = stars_for_field(camera) if stars == "auto" else stars
     return merge_doubles(searched, MERGED_WITHIN_PX * camera.pixel_rad).rows(slice(0, wanted))
@@ -54,6 +55,8 @@ def brightest_per_field(
 ) -> StarCatalog:
     """The union of the brightest stars of each circular field of this diameter, anywhere in the sky (pivot paper,
     section 3)."""
+    from scipy.spatial import cKDTree
+
     radius = 2 * math.sin(field_rad / 4)
     tree = cKDTree(catalog.icrs)
     chosen: set[int] = set()
@@ -69,7 +72,7 @@ def merge_doubles(catalog: StarCatalog, within_rad: float) -> StarCatalog:
     two images of like brightness make one peak between them: a centroid lies there, and so does the brightest pixel;
     where one star outshines the other the weighted place is the bright star's own.
     """
-    pairs = cKDTree(catalog.icrs).query_pairs(2 * math.sin(within_rad / 2), output_type="ndarray")
+    pairs = _close_pairs(catalog.icrs, 2 * math.sin(within_rad / 2))
     leader = _leaders(len(catalog), pairs)
     flux = 10 ** (-0.4 * catalog.magnitude)
     icrs, total = np.zeros_like(catalog.icrs), np.zeros(len(catalog))
@@ -82,6 +85,25 @@ def merge_doubles(catalog: StarCatalog, within_rad: float) -> StarCatalog:
     kept = np.flatnonzero(leader == np.arange(len(catalog)))
     order = kept[np.argsort(magnitude[kept], kind="stable")]
     return replace(catalog, icrs=merged_icrs, magnitude=magnitude).rows(order)
+
+
+def _close_pairs(icrs: NDArray[np.float64], within: float) -> NDArray[np.int64]:
+    """Rows (P, 2) of the stars no farther apart than ``within``, the brighter first.
+
+    Along z each star is compared with the next ones, as far as that alone is not too far: a few dozen for the doubles
+    of a catalogue, where scipy's tree would take a quarter of a second to import.
+    """
+    order = np.argsort(icrs[:, 2])
+    sorted_icrs = icrs[order]
+    ends = np.searchsorted(sorted_icrs[:, 2], sorted_icrs[:, 2] + within, side="right")
+    found = [np.empty((0, 2), dtype=np.int64)]
+    lower = np.arange(len(icrs))
+    step = 1
+    while len(lower := lower[lower + step < ends[lower]]):
+        close = lower[((sorted_icrs[lower] - sorted_icrs[lower + step]) ** 2).sum(axis=1) <= within**2]
+        found.append(np.column_stack([order[close], order[close + step]]))
+        step += 1
+    return np.sort(np.concatenate(found), axis=1)
 
 
 def _leaders(size: int, pairs: NDArray[np.int64]) -> NDArray[np.int64]:

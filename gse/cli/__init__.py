@@ -3,6 +3,7 @@
 May import every room; no room may import it.
 """
 
+import difflib
 import errno
 import importlib
 import os
@@ -16,6 +17,7 @@ import click
 
 from drivers.errors import CaptureError, CommandError, DriverError, UrlError
 from drivers.outside_text import plain_lines
+from gse.cli.examples import epilog
 from gse.errors import GseError
 from protocols.errors import ProtocolError
 
@@ -44,6 +46,7 @@ _COMMANDS = {
     "calibrate": "fit focal length, principal point, distortion, mirror and hot pixels",
     "align": "fit the direction of the mount",
     "compare": "compare two sessions, or one session under two identifiers",
+    "conventions": "name the convention of the sensor's own answers",
     "session": "show, verify, recover, trim or export a session",
     "decode": "list the frames and the discarded bytes of a session or raw capture",
     "config": "write, check or show a station file",
@@ -53,7 +56,9 @@ _COMMANDS = {
     "sensor": "send a command to the sensor",
     "plan": "show how long a session must be for a verdict",
     "selfcheck": "check the installation with sessions of known errors",
+    "campaign": "judge many sessions on a cluster; report on them, ask them questions",
     "ci": "replay a folder of sessions and compare their reports",
+    "completion": "print the script that completes commands in a shell",
 }
 
 
@@ -69,7 +74,17 @@ class _Commands(click.Group):
         module = importlib.import_module(f"gse.cli.{cmd_name}")
         command = module.command
         assert isinstance(command, click.Command)
+        command.epilog = epilog(cmd_name)
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and args[0] not in _COMMANDS and not args[0].startswith("-"):
+            near = difflib.get_close_matches(args[0], _COMMANDS, n=1)
+            hint = f"Did you mean 'gse {near[0]}'?" if near else "'gse --help' lists the commands."
+            raise click.UsageError(f"No such command {args[0]!r:.60}. {hint}", ctx)
+        return super().resolve_command(ctx, args)
 
     def make_context(self, *args: Any, **kwargs: Any) -> click.Context:
         with _quiet_on_a_closed_pipe():

@@ -9,7 +9,7 @@ import click
 from gse.calibration.camera_fit import Calibration
 from gse.calibration.session_fit import PanoramaSample, SessionCalibration, calibrate_session
 from gse.cli.new_files import write_new
-from gse.cli.options import change_to, fit_options
+from gse.cli.options import change_to, fit_options, with_identifier
 from gse.config.edit import with_values
 from gse.errors import TruthError
 from gse.truth import EarthOrientation, SiderealTruth
@@ -51,8 +51,11 @@ def command(
     for panorama in recording.panoramas():
         sample.add(panorama)
     first_ns = sample.panoramas[0].utc_ns if sample.panoramas else None
-    setup = set_up(recording.station, recording.station_text, utc_ns=first_ns, protocol_text=recording.protocol.text)
-    result = calibrate_session(sample, setup.camera, setup.identifier, _truth(recording, first_ns))
+    station, text = recording.station, recording.station_text
+    if station.identifier.algorithm == "external":
+        station, text = with_identifier(station, text, "robust")
+    setup = set_up(station, text, utc_ns=first_ns, protocol_text=recording.protocol.text)
+    result = calibrate_session(sample, setup.camera, setup.built_in, _truth(recording, first_ns))
     if write_path is not None:
         write_new(write_path, with_values(recording.station_text, "sensor", _sensor_values(result)))
     click.echo(json.dumps(calibration_report(result)) if as_json else "\n".join(_lines(result)))

@@ -4,25 +4,29 @@ import json
 import math
 import time
 from collections.abc import Callable
+from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 import click
 
 from gse.camera import Camera
+from gse.cli.new_files import write_new
 from gse.cli.options import json_option, station_of, station_option
 from gse.config.station import Station
+from gse.errors import UsageError
 
 if TYPE_CHECKING:
     from gse.catalog import StarCatalog
 
 Facts = dict[str, Any]
+NEW_FILE = click.Path(path_type=Path, dir_okay=False)
 Result = TypeVar("Result")
 
 
 @click.group("catalog")
 def command() -> None:
-    """Show the star catalogue in use."""
+    """Show the star catalogue in use, or write it."""
 
 
 @command.command()
@@ -39,6 +43,57 @@ def info(station_path: Path | None, as_json: bool) -> None:
         click.echo(section)
         for name, value in (facts or {"none": "the identifier makes its own tables"}).items():
             click.echo(f"  {name:<22} {_text(value)}")
+
+
+@command.command()
+@station_option
+@click.option(
+    "--flight", "table_path", type=NEW_FILE, help="Write the table of the LAPAN paper, figure 2-5, to this new file."
+)
+@click.option(
+    "--list", "list_path", type=NEW_FILE, help="Write a plain list (id, RA, DE, magnitude, epoch) to this new file."
+)
+@click.option(
+    "--epoch",
+    "epoch_jyear",
+    type=click.FloatRange(1900, 2200),
+    help="Julian year of the places.  [default: the catalogue's own]",
+)
+def export(
+    station_path: Path | None, table_path: Path | None, list_path: Path | None, epoch_jyear: float | None
+) -> None:
+    """Write the mission catalogue of a station as a flight catalogue (CSV).
+
+    The table has each star with its neighbours in the field and their distances in whole microradians. Both forms can
+    be the `catalog` of a station file: they are used as they are.
+    """
+    from gse.catalog.flight import write_list, write_table
+    from gse.identifier.tables import field_diameter_rad, listed_neighbours, pair_table
+
+    if table_path is None and list_path is None:
+        raise UsageError("nothing to write; expected --flight FILE, --list FILE, or both")
+    stars, camera = _mission_stars(station_of(station_path)[0], epoch_jyear)
+    if list_path is not None:
+        _write(list_path, lambda out: write_list(stars, out))
+    if table_path is not None:
+        neighbours = listed_neighbours(pair_table(stars, field_diameter_rad(camera)))
+        _write(table_path, lambda out: write_table(stars, neighbours, out))
+
+
+def _mission_stars(station: Station, epoch_jyear: float | None) -> tuple["StarCatalog", Camera]:
+    from gse.catalog import load_catalog
+    from gse.identifier import make_identifier
+
+    source, camera = load_catalog(station.catalog), station.sensor.camera()
+    if epoch_jyear is not None:
+        source = source.at_epoch(epoch_jyear)
+    return make_identifier(station.identifier, camera, source).catalog, camera
+
+
+def _write(path: Path, write: Callable[[TextIO], None]) -> None:
+    text = StringIO()
+    write(text)
+    write_new(path, text.getvalue())
 
 
 def _sections(station: Station) -> dict[str, Facts | None]:

@@ -9,7 +9,7 @@ import click
 
 from gse.assessment.session_comparison import Row, SessionComparison, session_comparison
 from gse.cli import EXIT_FAIL
-from gse.cli.options import ALGORITHMS, change_to, start_utc_option
+from gse.cli.options import IDENTIFIER, anew_option, change_to, start_utc_option
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     "--identifier",
     "identifiers",
     multiple=True,
-    type=click.Choice(ALGORITHMS),
+    type=IDENTIFIER,
     help="Identifier of the second session; given twice: of the first and the second.",
 )
 @click.option(
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 )
 @click.option("--bias-is-regression", is_flag=True, help="A bias that changed, either way, is a regression too.")
 @start_utc_option
+@anew_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.compare/1.")
 @click.pass_context
 def command(
@@ -63,6 +64,7 @@ def command(
     allowed_share: float,
     bias_is_regression: bool,
     start_utc: str | None,
+    anew: bool,
     as_json: bool,
 ) -> None:
     """Compare the statistics of session A and session B, or of A under two identifiers or two station files.
@@ -73,7 +75,7 @@ def command(
     if second is None and not identifiers and not stations:
         raise UsageError("a comparison needs two sides; give a second session, or --identifier, or --station")
     sessions = [
-        _session(path, _of(identifiers, place), _of(stations, place), start_utc)
+        _session(path, _of(identifiers, place), _of(stations, place), start_utc, anew=anew)
         for place, path in enumerate((first, second or first))
     ]
     result = session_comparison(
@@ -92,11 +94,14 @@ def _of(options: tuple[Any, ...], place: int) -> Any:
     return options[place] if len(options) == 2 else options[0] if options and place == 1 else None
 
 
-def _session(path: Path, identifier: str | None, station_path: Path | None, start_utc: str | None) -> "SessionData":
-    from gse.sessions.replay import ReplayOptions, replay_session
+def _session(
+    path: Path, identifier: str | None, station_path: Path | None, start_utc: str | None, *, anew: bool
+) -> "SessionData":
+    from gse.cli.progress import judged_with_progress
+    from gse.sessions.replay import ReplayOptions
 
     change = change_to(station_path, identifier)
-    return replay_session(path, options=ReplayOptions(start_utc=start_utc), station=change).session
+    return judged_with_progress(path, options=ReplayOptions(start_utc=start_utc), station=change, anew=anew).session
 
 
 def compare_report(result: SessionComparison) -> dict[str, Any]:

@@ -1,12 +1,21 @@
 """``gse config``: write, check or show a station file."""
 
 import json
+import shlex
+import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
+from gse.cli.options import station_of
+from gse.cli.station_questions import asked, draft_options, unasked
+from gse.config.draft import draft_text
 from gse.config.station import BUILT_IN_TEXT, parse_station, read_station
 from gse.errors import ConfigError
+
+_FEW_STARS = 100
+"""Enough to see that a catalogue can be read; of a file all lines are looked at."""
 
 
 @click.group("config")
@@ -16,28 +25,36 @@ def command() -> None:
 
 @command.command()
 @click.argument("path", type=click.Path(path_type=Path), default=Path("station.yaml"))
-def init(path: Path) -> None:
-    """Write the built-in station to PATH (default: station.yaml). An existing file is not changed."""
+@draft_options
+@click.option("--yes", is_flag=True, help="Ask nothing: what is not given as an option is as in the built-in station.")
+def init(path: Path, *, yes: bool, **given: Any) -> None:
+    """Write a commented station file to PATH (default: station.yaml).
+
+    On a terminal it asks for site, sensor, mount and port, and shows the serial ports that it finds. An existing file
+    is not changed.
+    """
+    if path.exists():
+        raise ConfigError(f"{path} exists already; choose another name")
+    text = draft_text(unasked(given) if yes or not sys.stdin.isatty() else asked(given))
     try:
         with path.open("x", encoding="utf-8") as file:
-            file.write(BUILT_IN_TEXT)
-    except FileExistsError:
-        raise ConfigError(f"{path} exists already; choose another name") from None
+            file.write(text)
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}") from error
-    click.echo(
-        f"{path} written. Next: set sensor, site, mount and port in it, then run: gse config check {path}", err=True
-    )
+    click.echo(f"{path} written and checked. Next: gse preflight --station {shlex.quote(str(path))}", err=True)
 
 
 @command.command()
 @click.argument("path", type=click.Path(path_type=Path))
 def check(path: Path) -> None:
     """Check the station file PATH. Each error is shown with file, line and key; the exit code is then 2."""
+    from gse.catalog import load_catalog
+    from gse.station.setup import check_external
     from protocols import load_protocol
 
-    station, _ = read_station(path)
-    load_protocol(station.protocol)
+    station, _ = station_of(path)
+    check_external(station, load_protocol(station.protocol))
+    load_catalog(station.catalog, stars=_FEW_STARS)
     camera = station.sensor.camera()
     click.echo(
         f"{path} is good: {station.sensor.name}, {camera.columns} x {camera.rows} px, "

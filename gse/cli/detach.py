@@ -11,6 +11,9 @@ from pathlib import Path
 
 import click
 
+from drivers.host_files import APPEND, READ
+from gse.errors import UsageError
+
 LOG_NAME = "run.log"
 
 
@@ -22,8 +25,8 @@ class Detachment:
 
     def into(self, folder: Path) -> None:
         """Write stdout and stderr to the log of this session, and let the starting process exit."""
-        log = os.open(folder / LOG_NAME, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
-        nothing = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+        log = os.open(folder / LOG_NAME, APPEND, 0o644)
+        nothing = os.open(os.devnull, READ)
         for source, fd in ((nothing, 0), (log, 1), (log, 2)):
             os.dup2(source, fd)
         os.close(log)
@@ -38,6 +41,8 @@ def detach() -> Detachment:
     To be called before threads are started: a fork copies only the calling thread. Ports are opened with O_NOCTTY, so
     that none of them becomes the terminal of the new process.
     """
+    if not hasattr(os, "fork"):
+        raise UsageError("--detach needs a POSIX system; leave it out and keep the window of the session open")
     read_fd, write_fd = os.pipe()
     pid = os.fork()
     if pid == 0:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gse.cli.durations import duration_option
 from gse.cli.options import station_of, station_option
 from gse.errors import UsageError
 
@@ -36,7 +37,13 @@ _LAST_PORT = 65535
     show_default=True,
     help="Simulate lists of stars, or whole images and their extraction (slower).",
 )
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="End after this many seconds.")
+@click.option(
+    "--duration",
+    "duration_s",
+    metavar="TIME",
+    callback=duration_option(least_s=0.1),
+    help="End after this time: 90, 90s, 5m, 1h30m.",
+)
 def command(
     *,
     use_pty: bool,
@@ -85,11 +92,19 @@ def command(
 
 
 def _endpoint(tcp_address: str | None) -> "Endpoint":
-    from gse.simulator.endpoints import PtyEndpoint, TcpEndpoint
+    from gse.simulator.endpoints import TcpEndpoint
 
     if tcp_address is None:
-        return PtyEndpoint()
+        return _pty_endpoint()
     host, _, port = tcp_address.rpartition(":")
     if not host or not port.isdecimal() or int(port) > _LAST_PORT:
         raise UsageError(f"--tcp {tcp_address} is not an address; expected for example 127.0.0.1:4000")
     return TcpEndpoint(host.strip("[]"), int(port))
+
+
+def _pty_endpoint() -> "Endpoint":
+    try:
+        from gse.simulator.pty_endpoint import PtyEndpoint
+    except ImportError as error:
+        raise UsageError("this system has no pseudo-terminals; give an address, e.g. --tcp 127.0.0.1:4000") from error
+    return PtyEndpoint()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_INTERRUPTED, was_interrupted
-from gse.cli.options import ALGORITHMS, station_of, station_option
+from gse.cli.options import IDENTIFIER, station_of, station_option
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class _Finite(click.FloatRange):
     "--identifier",
     "identifiers",
     multiple=True,
-    type=click.Choice(ALGORITHMS),
+    type=IDENTIFIER,
     help="Identifier to test; repeatable.  [default: robust]",
 )
 @click.option("--preset", type=click.Choice(("pivot-paper", "lapan")), help="Use the settings of a paper.")
@@ -196,34 +196,50 @@ def _run(plan: "Plan", workers: int) -> tuple[list["Outcome"], bool]:
 
 
 def table(document: dict[str, Any]) -> list[str]:
-    """The report for a person; shares in %, with their intervals."""
+    """The report for a person, within 80 columns: shares with their intervals, then frames and times."""
     from gse.evaluation.plan import KINDS
 
-    fewest = document["fewest_stars"]
-    head = f"{'identifier':12}{'arcsec':>7}{'mag':>6}{'false':>6}{'miss':>6}{'frames':>8}"
-    head += "".join(f"{kind + ' %':>21}" for kind in KINDS)
-    lines = [head + f"{'few':>7}{'median':>9}{'p95':>9}{'max ms':>9}"]
+    shares = [_CELL_HEAD + "".join(f"{kind + ' %':>20}" for kind in KINDS[:2]) + f"{KINDS[2] + ' %':>7}"]
+    rest = [_CELL_HEAD + f"{'frames':>9}{'few':>5}{KINDS[3] + ' %':>9}{'median':>8}{'p95':>8}{'max ms':>8}"]
     for cell in document["cells"]:
-        line = f"{cell['identifier']:12}{cell['noise_arcsec']:7g}{cell['magnitude_noise']:6g}"
-        line += f"{cell['false_objects']:6d}{cell['missing_share']:6g}{cell['frames_counted']:8d}"
-        line += "".join(f"{_share(cell['rates'][kind]):>21}" for kind in KINDS)
-        line += f"{sum(cell['excluded'].values()):7d}"
-        lines.append(line + "".join(f"{_ms(cell['cpu_ms'][name]):>9}" for name in ("median", "p95", "max")))
-    lines += [
-        "",
-        f"shares of the frames with at least {fewest} real stars, with 95 % bounds; few: number of frames with fewer",
-    ]
+        about, rates, cpu_ms = _cell(cell), cell["rates"], cell["cpu_ms"]
+        intervals = "".join(f"{_interval(rates[kind]):>20}" for kind in KINDS[:2])
+        shares.append(f"{about}{intervals}{_percent(rates[KINDS[2]], 7)}")
+        few = sum(cell["excluded"].values())
+        line = f"{about}{cell['frames_counted']:9d}{few:5d}{_percent(rates[KINDS[3]], 9)}"
+        rest.append(line + f"{_ms(cpu_ms['median']):>8}{_ms(cpu_ms['p95']):>8}{_ms(cpu_ms['max']):>8}")
     few_false = sum(cell["excluded"]["false"] for cell in document["cells"])
-    lines.append(f"false answers in frames with fewer stars: {few_false}; times: CPU time of one call, all frames")
-    return lines
+    return [
+        *shares,
+        "",
+        *rest,
+        "",
+        f"shares of the frames with at least {document['fewest_stars']} real stars, with 95 % bounds",
+        f"few: frames with fewer stars; false answers in them: {few_false}",
+        "times: CPU time of one call, all frames",
+    ]
 
 
-def _share(rate: dict[str, Any]) -> str:
+_CELL_HEAD = f"{'identifier':11}{'arcsec':>7}{'mag':>4}{'false':>6}{'miss':>5}"
+
+
+def _cell(cell: dict[str, Any]) -> str:
+    return (
+        f"{cell['identifier']:11.11}{cell['noise_arcsec']:7g}{cell['magnitude_noise']:4g}"
+        f"{cell['false_objects']:6d}{cell['missing_share']:5g}"
+    )
+
+
+def _interval(rate: dict[str, Any]) -> str:
     if rate["share"] is None:
         return "-"
     low, high = rate["interval"]
     return f"{100 * rate['share']:.2f} [{100 * low:.1f} {100 * high:.1f}]"
 
 
+def _percent(rate: dict[str, Any], width: int) -> str:
+    return f"{'-':>{width}}" if rate["share"] is None else f"{100 * rate['share']:{width}.2f}"
+
+
 def _ms(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
+    return "-" if value is None else f"{value:.3f}" if value < 100 else f"{value:.0f}"

@@ -3,7 +3,7 @@
 import json
 from array import array
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -13,6 +13,9 @@ from gse.errors import UsageError
 from gse.station.exclusions import Exclusion
 from gse.station.session_data import SessionData
 
+if TYPE_CHECKING:
+    from gse.assessment.verdict import Assessment
+
 Applied = tuple[int, str]
 """An exit code that applies, and its reason."""
 
@@ -21,25 +24,28 @@ _WEIGHTIEST_FIRST = (EXIT_INTERNAL, EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE
 """Lost data before the verdict, because the verdict then covers only a part of the session."""
 
 
-def conclude(
-    session: SessionData,
-    folder: Path,
-    own_elapsed_us: "array[float]",
-    clock_error_s: float | None,
-    excluded: tuple[Exclusion, ...] = (),
-) -> dict[str, Any]:
-    """Judge a session, write its report and this host's own times into a folder; returns the report."""
+def judge_as_stated(
+    session: SessionData, clock_error_s: float | None, excluded: tuple[Exclusion, ...] = ()
+) -> "Assessment":
+    """Judge a session with the clock error and the excluded times that the operator states."""
     from gse.assessment.verdict import judge
-    from gse.release_memory import give_back
-    from gse.report import summarise, write_report
-    from gse.report.provenance import provenance
     from gse.station.setup import clear_caches
 
     clear_caches()
     if clock_error_s is not None:
         session.clock_error_s = clock_error_s
     session.excluded = excluded
-    assessment = judge(session)
+    return judge(session)
+
+
+def conclude(
+    session: SessionData, assessment: "Assessment", folder: Path, own_elapsed_us: "array[float]"
+) -> dict[str, Any]:
+    """Write the report of a judged session and this host's own times into a folder; returns the report."""
+    from gse.release_memory import give_back
+    from gse.report import summarise, write_report
+    from gse.report.provenance import provenance
+
     report = summarise(session, assessment)
     give_back()
     try:

@@ -80,7 +80,7 @@ class LiveOutputs:
         """The requested listeners and the status line."""
         from gse.sessions.forecast import Forecast
 
-        self._forecast = Forecast()
+        self._forecast = Forecast(loop.sky.fill)
         listeners: list[Listener] = [JsonFrames()] if self._json_frames else []
         listeners.append(self._forecast)
         listeners.append(self._open_status(loop, folder))

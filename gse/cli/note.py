@@ -15,18 +15,11 @@ _LOOK_EVERY_S = 0.1
 
 @click.command("note")
 @click.argument("text")
-@click.option(
-    "--session",
-    "path",
-    type=click.Path(path_type=Path),
-    default=Path("sessions"),
-    show_default=True,
-    help="The session's folder, or the --out that it was started with.",
-)
+@click.argument("path", metavar="[FOLDER]", type=click.Path(path_type=Path), default=Path("sessions"))
 def command(*, text: str, path: Path) -> None:
-    """Record TEXT as a note in the running session, with its time; report and plots show it.
+    """Record TEXT as a note in the running session, with its time; the report shows it.
 
-    Examples: gse note "clouds from the west"; gse note --session /data/sessions "lamp on"
+    FOLDER is the session's, or the --out that it was started with.
     """
     from gse.sessions.note_files import leave_note
     from gse.sessions.status_file import is_running

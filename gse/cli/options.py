@@ -1,28 +1,56 @@
 """Options shared by several commands."""
 
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
 from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station, read_station
-from gse.identifier_options import Algorithm
+from gse.errors import UsageError
+from gse.identifier_options import PLUG_KEYS, Algorithm
 
 if TYPE_CHECKING:
     from gse.sessions.replay import StationText
     from gse.station.exclusions import Exclusion
     from gse.truth.iers_tables import GivenTables
 
-ALGORITHMS = get_args(Algorithm)
+ALGORITHMS = tuple(name for name in get_args(Algorithm) if name != "external")
+
+_PLUGS = ("command:", "library:", "entry-point:")
+
+
+class IdentifierName(click.types.StringParamType):
+    """A built-in identifier, or an external one by its plug."""
+
+    name = "identifier"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """As the help shows it."""
+        return f"[{'|'.join(ALGORITHMS)}|command:PROGRAM ARGS|library:FILE|entry-point:NAME]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The text itself, where it names an identifier."""
+        text = str(value)
+        if text in ALGORITHMS or text == "external":
+            return text
+        try:
+            plug_values(text)
+        except UsageError as error:
+            self.fail(str(error), param, ctx)
+        return text
+
+
+IDENTIFIER = IdentifierName()
 
 station_option: Callable[[Any], Any] = click.option(
     "--station", "station_path", type=click.Path(path_type=Path), help="Station file; default: the built-in station."
 )
 identifier_option: Callable[[Any], Any] = click.option(
-    "--identifier", type=click.Choice(ALGORITHMS), help="Identifier under test; default: that of the station file."
+    "--identifier", type=IDENTIFIER, help="Identifier under test; default: that of the station file."
 )
 start_utc_option: Callable[[Any], Any] = click.option(
     "--start-utc", help="UTC of the first panorama of a raw capture, e.g. 2026-03-20T18:30:00Z."
@@ -48,6 +76,9 @@ clock_error_option: Callable[[Any], Any] = click.option(
     "clock_error_s",
     callback=lambda ctx, param, value: _clock_error_s(value),
     help="Upper bound of the error of the host clock, if you measured it yourself, e.g. 0.1s",
+)
+anew_option: Callable[[Any], Any] = click.option(
+    "--anew", is_flag=True, help="Derive all from the bytes, without results that an earlier run kept."
 )
 leave_out_option: Callable[[Any], Any] = click.option(
     "--leave-out",
@@ -117,29 +148,65 @@ def station_of(path: Path | None) -> tuple[Station, str]:
     return _beside(station, path), text
 
 
-def with_identifier(station: Station, text: str, algorithm: str | None) -> tuple[Station, str]:
-    """The station with another identifier under test, and its text for the session file."""
-    if algorithm is None or algorithm == station.identifier.algorithm:
+def with_identifier(station: Station, text: str, name: str | None) -> tuple[Station, str]:
+    """The station with another identifier under test, and its text for the session file.
+
+    An external one is named by its plug: ``command:./onboard --flight``, ``library:./libonboard.so,symbol=identify``,
+    ``entry-point:tetra3rs``; further options of the plug follow after commas. Paths are those of the working directory.
+    """
+    if name is None or name == station.identifier.algorithm:
         return station, text
-    text = with_values(text, "identifier", {"algorithm": algorithm})
-    identifier = replace(station.identifier, algorithm=cast(Algorithm, algorithm))
-    return station.model_copy(update={"identifier": identifier}), text
+    if name == "external":
+        raise UsageError("--identifier external names no program; expected one of command:, library:, entry-point:")
+    values = {"algorithm": name} if name in ALGORITHMS else plug_values(name)
+    text = with_values(text, "identifier", values, drop=PLUG_KEYS)
+    return station.model_copy(update={"identifier": parse_station(text).identifier}), text
+
+
+def plug_values(text: str) -> dict[str, object]:
+    """The section ``identifier`` of an external one that is named by its plug; UsageError."""
+    plug = next((prefix for prefix in _PLUGS if text.startswith(prefix)), None)
+    if plug is None:
+        known = ", ".join((*ALGORITHMS, *(f"{prefix}..." for prefix in _PLUGS)))
+        raise UsageError(f"there is no identifier {text!r:.60}; known are {known}")
+    rest = text.removeprefix(plug)
+    try:
+        words = shlex.split(rest) if plug == "command:" else rest.split(",")
+    except ValueError as error:
+        raise UsageError(f"{text!r:.60}: {error}") from error
+    if not words or not words[0]:
+        raise UsageError(f"{plug} names no program; expected for example command:./onboard or library:./libonboard.so")
+    values: dict[str, object] = {"algorithm": "external", "directory": str(Path.cwd())}
+    if plug == "command:":
+        return values | {"command": words}
+    values["library" if plug == "library:" else "entry_point"] = words[0]
+    for word in words[1:]:
+        key, _, value = word.partition("=")
+        if key not in ("symbol", "config"):
+            raise UsageError(f"{text!r:.60}: unknown option {key!r:.30}; known are symbol=NAME and config=FILE")
+        values[key] = value
+    return values
 
 
 def _beside(station: Station, path: Path) -> Station:
     """Paths in a station file are relative to the file, not to the working directory."""
-    changes = {}
+    changes: dict[str, object] = {}
     if station.catalog != "gaia":
         changes["catalog"] = str(path.parent / station.catalog)
     if station.protocol.endswith((".yaml", ".yml")):
         changes["protocol"] = str(path.parent / station.protocol)
+    if station.identifier.algorithm == "external":
+        folder = (path.parent / (station.identifier.directory or ".")).absolute()
+        changes["identifier"] = replace(station.identifier, directory=str(folder))
     return station.model_copy(update=changes) if changes else station
 
 
 def _clock_error_s(text: str | None) -> float | None:
+    if text is None:
+        return None
     from gse.assessment.clock_health import stated_error_s
 
-    return None if text is None else stated_error_s(text)
+    return stated_error_s(text)
 
 
 def _earth_orientation(texts: tuple[str, ...]) -> "GivenTables | None":

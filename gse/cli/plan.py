@@ -152,11 +152,10 @@ def _or(given: float | None, default: float) -> float:
 
 def _of_session(path: Path, *, as_json: bool) -> int:
     from gse.assessment.session_plan import minutes_left, plan_like, rows_left
-    from gse.assessment.verdict import judge
-    from gse.cli.progress import replay_with_progress
+    from gse.cli.progress import judged_with_progress
 
-    session = replay_with_progress(path).session
-    assessment = judge(session)
+    judged = judged_with_progress(path)
+    session, assessment = judged.session, judged.assessment
     subject = max(assessment.statistics.subjects)  # the sensor's own answers where it sends them
     plan = plan_like(assessment, subject, session.station.limits)
     left_min = minutes_left(assessment)

@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
@@ -12,6 +14,9 @@ from drivers.session_file.records import RX
 from gse.sessions.replay import Replay, ReplayOptions, StationText, replay_session
 from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
+
+if TYPE_CHECKING:
+    from gse.sessions.judged import Judged
 
 ListenerMaker = Callable[[StationLoop, Path | None], Sequence[Listener]]
 
@@ -40,6 +45,34 @@ def replay_with_progress(
             progress.update(task, completed=loops[0].session.link.bytes_in)
 
         return replay_session(path, options=options, station=station, make_listeners=listeners_of, each=each)
+
+
+def judged_with_progress(
+    path: Path,
+    *,
+    options: ReplayOptions | None = None,
+    station: Callable[[StationText], StationText] = lambda recorded: recorded,
+    anew: bool = False,
+) -> "Judged":
+    """A session and its assessment, from kept results or, with progress, derived; stderr says which.
+
+    With options the session is another one: then results are neither used nor kept.
+    """
+    from gse.assessment.verdict import judge
+    from gse.sessions.judged import Judged, judged_session
+
+    def derive() -> Replay:
+        return replay_with_progress(path, options=options, station=station)
+
+    if options not in (None, ReplayOptions()):
+        replay = derive()
+        return Judged(replay.session, judge(replay.session), replay.own_elapsed_us)
+    return judged_session(path, station=station, derive=derive, tell=say, anew=anew)
+
+
+def say(text: str) -> None:
+    """A line on stderr."""
+    click.echo(f"gse: {text}", err=True)
 
 
 def _bytes_of(path: Path) -> int:

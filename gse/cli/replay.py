@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from gse.cli.finish import TRUNCATED, applied, conclude, say_exit_code, show_paths, show_report
+from gse.cli.finish import TRUNCATED, applied, conclude, judge_as_stated, say_exit_code, show_paths, show_report
 from gse.cli.live_outputs import LiveOutputs, ViewMode
 from gse.cli.options import (
     bind_option,
@@ -97,7 +97,8 @@ def command(
         frames = replay.session.frames.columns
         first_ns = int(frames["utc_ns"][0]) if len(frames) else 0
         folder = new_session_folder(out, f"{replay.session.station.sensor.name}-replay", first_ns)
-        report = conclude(replay.session, folder, replay.own_elapsed_us, clock_error_s, excluded)
+        assessment = judge_as_stated(replay.session, clock_error_s, excluded)
+        report = conclude(replay.session, assessment, folder, replay.own_elapsed_us)
         live_outputs.conclude(report)
     show_report(report, as_json=as_json, json_frames=json_frames)
     show_paths(folder)

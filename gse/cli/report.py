@@ -1,14 +1,18 @@
 """``gse report``: the report of a session."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from gse.cli.finish import TRUNCATED, applied, conclude, say_exit_code, show_paths, show_report
-from gse.cli.options import clock_error_option, earth_orientation_option, leave_out_option, station_of
+from gse.cli.finish import TRUNCATED, applied, conclude, judge_as_stated, say_exit_code, show_paths, show_report
+from gse.cli.options import anew_option, change_to, clock_error_option, earth_orientation_option, leave_out_option
 from gse.station.exclusions import Exclusion
 from gse.station.session_data import SessionData
 from gse.truth.iers_tables import GivenTables
+
+if TYPE_CHECKING:
+    from gse.assessment.verdict import Assessment
 
 
 @click.command("report")
@@ -27,6 +31,7 @@ from gse.truth.iers_tables import GivenTables
 @clock_error_option
 @earth_orientation_option
 @leave_out_option
+@anew_option
 @click.option("--pdf", is_flag=True, help="Also print report.html to report.pdf, by Chromium or Chrome.")
 @click.option(
     "--screenshot",
@@ -50,6 +55,7 @@ def command(
     clock_error_s: float | None,
     given_orientation: GivenTables | None,
     excluded: tuple[Exclusion, ...],
+    anew: bool,
     pdf: bool,
     screenshot: Path | None,
     verified: Path | None,
@@ -57,9 +63,10 @@ def command(
 ) -> None:
     """Write report.html, report.json, frames.csv, junit.xml and provenance.json of a session FILE.
 
-    The same session gives the same report, byte for byte. The exit code is the verdict's.
+    The same session gives the same report, byte for byte. Results that an earlier run kept beside FILE are used where
+    session, station file and gse are the same. The exit code is the verdict's.
     """
-    from gse.cli.progress import replay_with_progress
+    from gse.cli.progress import judged_with_progress
     from gse.report.printing import find_browser, print_to_pdf, save_picture
     from gse.report.verification import read_page
     from gse.sessions.replay import ReplayOptions
@@ -69,15 +76,19 @@ def command(
     page = read_page(verified) if verified else None
     browser = find_browser() if pdf or screenshot else None
     _say_if_running(path)
-    replay = replay_with_progress(
+    judged = judged_with_progress(
         path,
         options=ReplayOptions(given_orientation=given_orientation),
-        station=lambda recorded: station_of(station_path) if station_path else recorded,
+        station=change_to(station_path),
+        anew=anew or page is not None,
     )
+    session, assessment = judged.session, judged.assessment
+    if clock_error_s is not None or excluded:
+        assessment = judge_as_stated(session, clock_error_s, excluded)
     if page is not None:
-        ctx.exit(_verify(page, replay.session, clock_error_s, excluded))
+        ctx.exit(_verify(page, session, assessment))
     folder = _new_folder(out, path)
-    report = conclude(replay.session, folder, replay.own_elapsed_us, clock_error_s, excluded)
+    report = conclude(session, assessment, folder, judged.own_elapsed_us)
     if browser and pdf:
         click.echo(f"PDF: {print_to_pdf(browser, folder / 'report.html')}", err=True)
     if browser and screenshot:
@@ -85,18 +96,15 @@ def command(
         click.echo(f"picture: {screenshot}", err=True)
     show_report(report, as_json=as_json, json_frames=False)
     show_paths(folder)
-    data_lost = TRUNCATED if replay.session.truncated else ""
+    data_lost = TRUNCATED if session.truncated else ""
     ctx.exit(say_exit_code(applied(report, folder, data_lost=data_lost)))
 
 
-def _verify(page: str, session: SessionData, clock_error_s: float | None, excluded: tuple[Exclusion, ...]) -> int:
+def _verify(page: str, session: SessionData, assessment: "Assessment") -> int:
     """Say what a report is to a session; the exit code."""
-    from gse.assessment.verdict import judge
     from gse.report.verification import Answer, verify
 
-    session.clock_error_s = clock_error_s if clock_error_s is not None else session.clock_error_s
-    session.excluded = excluded
-    found = verify(page, session, judge(session))
+    found = verify(page, session, assessment)
     click.echo(f"the report {found.answer.value}\n  {found.detail}")
     return 0 if found.answer is Answer.UNCHANGED else 1
 

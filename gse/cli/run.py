@@ -10,7 +10,8 @@ import click
 from drivers.errors import DriverError
 from gse.cli import EXIT_DATA_LOST, EXIT_INTERRUPTED, exit_code_of, unexpected
 from gse.cli.detach import Detachment, detach
-from gse.cli.finish import Applied, applied, conclude, say_exit_code, show_paths, show_report
+from gse.cli.durations import duration_option
+from gse.cli.finish import Applied, applied, conclude, judge_as_stated, say_exit_code, show_paths, show_report
 from gse.cli.live_outputs import LiveOutputs, ViewMode
 from gse.cli.options import (
     bind_option,
@@ -51,7 +52,13 @@ _MOST_LISTED = 3
     "--port", "url", help="Port or pyserial URL, instead of the station file's: /dev/ttyUSB0, sim://?speed=10"
 )
 @identifier_option
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0.1), help="Stop after this many seconds.")
+@click.option(
+    "--duration",
+    "duration_s",
+    metavar="TIME",
+    callback=duration_option(least_s=0.1),
+    help="Stop after this time: 90, 90s, 5m, 1h30m.",
+)
 @view_option
 @bind_option
 @http_port_option
@@ -188,7 +195,12 @@ class _Session:
             self._status.enter("reporting")
         _say(f"judging and reporting in {live.folder}")
         with ending.interruptible():
-            return conclude(live.session, live.folder, live.own_elapsed_us, clock_error_s)
+            assessment = judge_as_stated(live.session, clock_error_s)
+            report = conclude(live.session, assessment, live.folder, live.own_elapsed_us)
+        from gse.sessions.judged import keep_live
+
+        keep_live(live.session, assessment, live.folder, _say)
+        return report
 
     def finish(self, report: dict[str, Any] | None, found: list[Applied]) -> int:
         """Print the paths and the exit code."""

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from gse.cli import EXIT_DATA_LOST
 from gse.cli.options import out_option, station_of, station_option
 
 
@@ -77,6 +78,9 @@ def command(
     orientation = EarthOrientation.from_disk(described.start_utc_ns)
     if path is None:
         path = new_session_folder(out, f"{station.sensor.name}-{scenario}", described.start_utc_ns) / "session.mcap"
-    size = record_simulation(path, station.model_copy(update={"port": port}), text, orientation.to_json())
+    recording = record_simulation(path, station.model_copy(update={"port": port}), text, orientation.to_json())
     click.echo(path)
-    click.echo(f"{size} bytes of {scenario}: {described.text}", err=True)
+    click.echo(f"{recording.bytes_sent} bytes of {scenario}: {described.text}", err=True)
+    if recording.damage:
+        click.echo(f"gse: {recording.damage}", err=True)
+        raise click.exceptions.Exit(EXIT_DATA_LOST)

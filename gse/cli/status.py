@@ -53,6 +53,8 @@ def newest_session(path: Path) -> tuple[Path, dict[str, Any]]:
 def _stop(folder: Path, status: dict[str, Any], *, running: bool) -> None:
     if not running:
         raise UsageError(f"{folder} has ended; see: gse status {folder}")
+    if os.name == "nt":
+        raise UsageError(f"Windows cannot ask a process to end; press Ctrl-C in the window of {folder}")
     os.kill(status["pid"], signal.SIGTERM)
     click.echo(f"{folder} was asked to end: it is closed, judged and reported; see: gse status {folder}")
 

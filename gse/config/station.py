@@ -18,12 +18,13 @@ from pydantic import (
 )
 
 from drivers.outside_text import plain_lines
+from gse.attitude_convention import AttitudeConvention
 from gse.camera import Camera
 from gse.config.documented_test import DocumentedTest, Text
 from gse.errors import ConfigError
 from gse.identifier_options import IdentifierOptions
 from gse.limits import Limits
-from gse.mount import Mount, MountUncertainty
+from gse.mount import InertialDirection, InertialUncertainty, Mount, MountUncertainty
 from gse.site import Site, SiteUncertainty
 from protocols.yaml_text import load_document
 
@@ -37,7 +38,17 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-for _values in (Site, SiteUncertainty, Mount, MountUncertainty, IdentifierOptions, Limits):
+for _values in (
+    AttitudeConvention,
+    Site,
+    SiteUncertainty,
+    InertialDirection,
+    InertialUncertainty,
+    Mount,
+    MountUncertainty,
+    IdentifierOptions,
+    Limits,
+):
     with_config(ConfigDict(extra="forbid"))(_values)  # an unknown key is an error in these sections too
 
 
@@ -54,6 +65,8 @@ class Sensor(_Section):
     index_max: Annotated[int, Field(ge=1, le=65535)] = 4096
     hot_pixels: tuple[tuple[int, int], ...] = ()
     """Known hot pixels (x, y)."""
+    attitude: AttitudeConvention = AttitudeConvention()
+    """The convention of the sensor's own answers (ATTITUDE frames)."""
 
     def camera(self) -> Camera:
         """The camera model of this sensor."""

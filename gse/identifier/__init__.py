@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gse.camera import Camera
 from gse.catalog import StarCatalog, brightest_per_field, mission_catalog
+from gse.errors import UsageError
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier_options import IdentifierOptions
 
@@ -37,16 +38,22 @@ def make_identifier(options: IdentifierOptions, camera: Camera, source: StarCata
 
     The algorithms are imported here, one at a time: with their compiled parts they take a second.
     """
+    if source.is_flight and options.algorithm != "neighbour":  # all others take the order of brightness for granted
+        source = source.rows(np.argsort(source.magnitude, kind="stable"))
     if options.algorithm == "robust":
         from gse.identifier.robust import RobustIdentifier
 
         return RobustIdentifier(camera, source)
+    if options.algorithm == "external":
+        raise UsageError("an external identifier works in a session or on panoramas; name a built-in one here")
     mission = mission_catalog(source, camera, options.catalog_stars)
     if options.algorithm == "neighbour":
         from gse.identifier.neighbour import NeighbourIdentifier
 
         return NeighbourIdentifier(mission, camera, options)
-    brightest = brightest_per_field(mission, 2 * math.sqrt(camera.solid_angle_sr / math.pi))
+    brightest = mission
+    if not mission.is_flight:
+        brightest = brightest_per_field(mission, 2 * math.sqrt(camera.solid_angle_sr / math.pi))
     if options.algorithm == "pivot":
         from gse.identifier.pivot import PivotIdentifier
 

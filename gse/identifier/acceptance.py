@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtrc
 
 from gse.attitude import davenport
 from gse.catalog import StarCatalog
@@ -43,7 +42,11 @@ class RandomSky:
 @functools.lru_cache(maxsize=1024)
 def _more_than(successes: int, trials: int, probability: float) -> float:
     """The probability of more successes than these; the same few are needed all session long."""
-    return float(bdtrc(successes, trials, probability))
+    each = (
+        math.comb(trials, count) * probability**count * (1 - probability) ** (trials - count)
+        for count in range(successes + 1, trials + 1)
+    )
+    return math.fsum(each)
 
 
 def accepted(

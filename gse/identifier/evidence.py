@@ -94,7 +94,10 @@ def _log_evidence(tables: SkyTables, objects: Objects, attempt: Attempt, noise: 
     lower_bound = value - _LEAST_COMPLETENESS * matched
     if lower_bound > 2.0 * LOG_STRONG:
         return lower_bound
-    least_limit = -np.inf if math.isnan(noise.zero_point) else noise.zero_point + objects.magnitude.max()
+    least_limit = -np.inf
+    if not math.isnan(noise.zero_point):
+        for magnitude in objects.magnitude:
+            least_limit = max(least_limit, noise.zero_point + magnitude)
     return value + _log_completeness(
         star_magnitude, object_of, len(objects.uv), _BLUR * noise.magnitude_sigma, least_limit
     )

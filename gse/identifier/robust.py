@@ -63,7 +63,7 @@ from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_UNAMBI
 from gse.identifier.hypotheses import search, search_both, search_many
 from gse.identifier.input_checks import refusal
 from gse.identifier.result import Identification, Reason, Unidentified
-from gse.identifier.robust_tables import build_tables
+from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
 from gse.identifier.tracking import follow
 from gse.identifier.verify import Noise, outside_field
@@ -136,7 +136,7 @@ class RobustIdentifier:
         count = stars_looked_at(camera, field_of_view_deg) if stars == "auto" else stars
         self.catalog = merge_doubles(catalog.rows(slice(0, count)), MERGED_WITHIN_PX * pixel)
         self._field = field
-        self._sky = tuple(build_tables(self.catalog.icrs, self.catalog.magnitude, field))
+        self._sky = tuple(sky_tables(self.catalog.icrs, self.catalog.magnitude, field))
         smallest, steps = (_SMALLEST_SIGMA_PX, _SIGMA_STEPS) if sigma_px is None else (sigma_px, 1)
         zero_point = math.nan if known.zero_point is None else known.zero_point
         tracking_px = _TRACKING_SIGMA_PX if sigma_px is None else sigma_px

@@ -4,12 +4,13 @@ Rows of the tables are stars brightest first, doubles already merged to what the
 """
 
 import math
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from gse.identifier.table_cache import Columns, cache_file, cached_columns
 from gse.jit import compiled
 
 MAX_FIELD_STARS = 96
@@ -36,6 +37,10 @@ _NEAR_RAD = math.radians(200 / 3600)
 
 _NEAR_BITS = 1 << 22
 """Half a megabyte, which fits the second-level cache."""
+
+_KINDS = (np.uint16, np.int32, np.int32, np.int32, np.int32, np.uint8)
+_COLUMNS = len(_KINDS)
+"""The columns that are kept on disk: pairs, pair_start, ring_start, cell_start, cell_stars, near_star."""
 
 _TURN = 65_536
 """Position angles are kept in 1/65,536 turn (20 arcsec)."""
@@ -68,21 +73,52 @@ class SkyTables(NamedTuple):
     ring_rad: float
 
 
-def build_tables(icrs: NDArray[np.float64], magnitude: NDArray[np.float64], field: NDArray[np.float64]) -> SkyTables:
-    """The tables of stars, brightest first, for a field as ``SkyTables`` describes it."""
-    radius_rad, solid_angle_sr = field_radius_rad(field), float(field[5])
-    pairs, pair_start, bucket_rad = _pair_table(icrs, 2 * radius_rad, solid_angle_sr)
+def sky_tables(
+    icrs: NDArray[np.float64], magnitude: NDArray[np.float64], field: NDArray[np.float64], cache: Path | None = None
+) -> SkyTables:
+    """The tables of stars, brightest first, for a field as ``SkyTables`` describes it.
+
+    They come from the cache directory (the user's without ``cache``) where they are there.
+    """
+    radius_rad, pair_stars = field_radius_rad(field), _pair_stars(len(icrs), float(field[5]))
+    reach_rad = _pair_reach_rad(2 * radius_rad, pair_stars)
+
+    def made() -> Columns:
+        return *_pair_table(icrs[:pair_stars], reach_rad), *_cells(icrs, radius_rad), near_map(icrs[:pair_stars])
+
+    columns = cached_columns(
+        cache_file("sky", (field, icrs), cache), made, lambda found: _fit(found, pair_stars, len(icrs)), _COLUMNS
+    )
+    pairs, pair_start, ring_start, cell_start, cell_stars, near_star = columns
     return SkyTables(
         icrs,
         magnitude,
         field,
         pairs,
         pair_start,
-        *_cells(icrs, radius_rad),
-        near_map(icrs[: _pair_stars(len(icrs), solid_angle_sr)]),
-        _pair_stars(len(icrs), solid_angle_sr),
-        bucket_rad,
+        ring_start,
+        cell_start,
+        cell_stars,
+        near_star,
+        pair_stars,
+        reach_rad / _BUCKETS,
         radius_rad / 3,
+    )
+
+
+def _fit(columns: Columns, pair_stars: int, stars: int) -> bool:
+    """Whether every row number of the tables exists: the compiled searches do not look again."""
+    pairs, pair_start, ring_start, cell_start, cell_stars, near_star = columns
+    return (
+        all(column.dtype == kind for column, kind in zip(columns, _KINDS, strict=True))
+        and pairs.shape == (pair_start[-1], 4)
+        and len(pair_start) == _BUCKETS + 1
+        and len(cell_start) == ring_start[-1] + 1
+        and len(cell_stars) == cell_start[-1]
+        and len(near_star) == _NEAR_BITS // 8
+        and all(start[0] == 0 and (np.diff(start) >= 0).all() for start in (pair_start, ring_start, cell_start))
+        and int(pairs[:, :2].max(initial=0)) < max(pair_stars, 1)
+        and 0 <= cell_stars.min(initial=0) <= cell_stars.max(initial=0) < max(stars, 1)
     )
 
 
@@ -121,16 +157,18 @@ def _pair_stars(stars: int, solid_angle_sr: float) -> int:
     return min(stars, _MAX_PAIR_STARS, round(_PAIR_STARS_PER_FIELD * 4 * math.pi / solid_angle_sr))
 
 
-def _pair_table(
-    icrs: NDArray[np.float64], diameter_rad: float, solid_angle_sr: float
-) -> tuple[NDArray[np.uint16], NDArray[np.int32], float]:
-    count = _pair_stars(len(icrs), solid_angle_sr)
-    stars = np.ascontiguousarray(icrs[:count])
-    mean_pairs = count**2 / 4
-    reach = min(diameter_rad, math.acos(max(-1.0, 1 - _MAX_PAIRS / max(mean_pairs, 1.0))))
-    found = cKDTree(stars).query_pairs(2 * math.sin(reach / 2), output_type="ndarray")
+def _pair_reach_rad(diameter_rad: float, pair_stars: int) -> float:
+    mean_pairs = pair_stars**2 / 4
+    return min(diameter_rad, math.acos(max(-1.0, 1 - _MAX_PAIRS / max(mean_pairs, 1.0))))
+
+
+def _pair_table(icrs: NDArray[np.float64], reach_rad: float) -> tuple[NDArray[np.uint16], NDArray[np.int32]]:
+    from scipy.spatial import cKDTree  # a quarter of a second, which a run with cached tables need not wait
+
+    stars = np.ascontiguousarray(icrs)
+    found = cKDTree(stars).query_pairs(2 * math.sin(reach_rad / 2), output_type="ndarray")
     found.sort(axis=1)
-    bucket_rad = reach / _BUCKETS
+    bucket_rad = reach_rad / _BUCKETS
     bucket = np.empty(len(found), dtype=np.int32)
     pairs = np.empty((len(found), 4), dtype=np.uint16)
     for part in _slices(len(found), _PAIRS_AT_ONCE):
@@ -142,7 +180,7 @@ def _pair_table(
     pairs = pairs[order]
     start = np.zeros(_BUCKETS + 1, dtype=np.int32)
     np.cumsum(np.bincount(bucket, minlength=_BUCKETS), out=start[1:])
-    return pairs, start, bucket_rad
+    return pairs, start
 
 
 def _turn(at: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -160,6 +198,8 @@ def _cells(
     icrs: NDArray[np.float64], radius_rad: float
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
     """Rings of declination cut into cells of about a third of the field's radius, and the stars around each."""
+    from scipy.spatial import cKDTree
+
     height = radius_rad / 3
     rings = math.ceil(math.pi / height)
     middle = (np.arange(rings) + 0.5) * height

@@ -1,33 +1,23 @@
 """The onboard table: every pair of catalogue stars that fits into the field, in whole microradians."""
 
-import hashlib
 import math
-import os
-import tempfile
-import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from platformdirs import user_cache_dir
-from scipy.spatial import cKDTree
 
 from gse.camera import Camera
-from gse.catalog import StarCatalog
+from gse.catalog import Neighbours, StarCatalog
 from gse.errors import CatalogError
+from gse.identifier.table_cache import cache_file, cached_columns
 
 MICRORADIANS = 1e6
 MOST_PAIRS = 20_000_000
 """At 32 bytes a pair this bounds a table to 640 MB; the built-in station's has 0.28 million."""
 
-_FORMAT = b"pair table 1"
-_TABLES_KEPT = 8
 _SAMPLED_STARS = 200
 """Stars whose neighbours are counted to estimate the size of a table before memory is taken for it."""
-
-_DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError, RuntimeError)
-"""All that reading a damaged or foreign .npz file raises."""
 
 
 class PairTable(NamedTuple):
@@ -71,24 +61,44 @@ def pair_table(catalog: StarCatalog, widest_rad: float, cache: Path | None = Non
     """The table of all pairs up to ``widest_rad``, from the cache directory where it is there.
 
     ``cache`` defaults to the user's cache directory. A damaged file there is replaced, and without a writable
-    directory the table is made anew each time.
+    directory the table is made anew each time. A flight catalogue that lists its neighbours has its own table.
     """
-    path = cache_path(catalog, widest_rad, cache)
-    table = _read(path, len(catalog))
-    if table is None:
-        table = build_pair_table(catalog, widest_rad)
-        _write(path, table)
-    return table
+    if catalog.neighbours is not None:
+        return listed_pairs(catalog.neighbours)
+    return PairTable(
+        *cached_columns(
+            cache_path(catalog, widest_rad, cache),
+            lambda: build_pair_table(catalog, widest_rad),
+            lambda columns: _fits(PairTable(*columns), len(catalog)),
+            len(PairTable._fields),
+        )
+    )
+
+
+def listed_pairs(neighbours: Neighbours) -> PairTable:
+    """The table of the neighbours that a flight catalogue lists; a pair counts once."""
+    star = np.repeat(np.arange(len(neighbours.first) - 1, dtype=np.int32), np.diff(neighbours.first))
+    keys = np.column_stack([np.minimum(star, neighbours.star), np.maximum(star, neighbours.star)])
+    _, once = np.unique(keys, axis=0, return_index=True)
+    order = once[np.lexsort((keys[once, 1], keys[once, 0], neighbours.urad[once]))]
+    brighter, dimmer = keys[order].T.astype(np.int32, order="C")
+    return PairTable(neighbours.urad[order], brighter, dimmer, neighbours.first, neighbours.star, neighbours.urad)
+
+
+def listed_neighbours(table: PairTable) -> Neighbours:
+    """The neighbours of a table, as a flight catalogue lists them."""
+    return Neighbours(table.first, table.neighbour, table.neighbour_urad)
 
 
 def cache_path(catalog: StarCatalog, widest_rad: float, cache: Path | None = None) -> Path:
     """Where the table of these stars is kept."""
-    folder = Path(user_cache_dir("gse")) if cache is None else cache
-    return folder / f"pairs-{_key(catalog, widest_rad)}.npz"
+    return cache_file("pairs", (widest_rad, catalog.icrs), cache)
 
 
 def build_pair_table(catalog: StarCatalog, widest_rad: float) -> PairTable:
     """The table of all pairs up to ``widest_rad``, made anew."""
+    from scipy.spatial import cKDTree  # a quarter of a second, which a run with cached tables need not wait
+
     tree = cKDTree(catalog.icrs)
     reach = 2 * math.sin(min(widest_rad, math.pi) / 2)
     sample = catalog.icrs[:: max(1, len(catalog) // _SAMPLED_STARS)]
@@ -109,22 +119,6 @@ def build_pair_table(catalog: StarCatalog, widest_rad: float) -> PairTable:
     return PairTable(urad, brighter, dimmer, first, neighbour[by_star], np.tile(urad, 2)[by_star])
 
 
-def _key(catalog: StarCatalog, widest_rad: float) -> str:
-    digest = hashlib.sha256(_FORMAT)
-    digest.update(np.float64(widest_rad).tobytes())
-    digest.update(np.ascontiguousarray(catalog.icrs, dtype="<f8").tobytes())
-    return digest.hexdigest()[:32]
-
-
-def _read(path: Path, stars: int) -> PairTable | None:
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            table = PairTable(*(stored[name] for name in PairTable._fields))
-    except _DAMAGE:
-        return None
-    return table if _fits(table, stars) else None
-
-
 def _fits(table: PairTable, stars: int) -> bool:
     """Whether every row number of the table exists: the compiled searches do not look again."""
     pairs = len(table.distance_urad)
@@ -136,26 +130,3 @@ def _fits(table: PairTable, stars: int) -> bool:
     rows = np.concatenate([table.brighter, table.dimmer, table.neighbour])
     ordered = table.first[0] == 0 and table.first[-1] == 2 * pairs and bool((np.diff(table.first) >= 0).all())
     return ordered and (pairs == 0 or bool(rows.min() >= 0 and rows.max() < stars))
-
-
-def _write(path: Path, table: PairTable) -> None:
-    """Put a table into the cache, whole or not at all; a cache that cannot be written is not an error."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                np.savez(file, **table._asdict())
-            os.replace(name, path)
-        except OSError:
-            os.unlink(name)
-            raise
-        _remove_oldest(path.parent)
-    except OSError:
-        return
-
-
-def _remove_oldest(folder: Path) -> None:
-    tables = sorted(folder.glob("pairs-*.npz"), key=lambda path: path.stat().st_mtime_ns)
-    for path in tables[:-_TABLES_KEPT]:
-        path.unlink()

@@ -125,7 +125,8 @@ def _insert(candidates: NDArray[np.int64], count: int, new: tuple[int, int, int,
     else:
         count += 1
     while place > 0 and candidates[place - 1, 0] < new[0]:
-        candidates[place] = candidates[place - 1]
+        for column in range(4):  # a row at once would bring numba's texts of its errors along: two seconds to compile
+            candidates[place, column] = candidates[place - 1, column]
         place -= 1
     candidates[place, 0], candidates[place, 1], candidates[place, 2], candidates[place, 3] = new
     return count

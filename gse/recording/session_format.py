@@ -18,13 +18,20 @@ PROTOCOL = "protocol.yaml"
 EARTH_ORIENTATION = "earth_orientation.json"
 STATED = "stated.json"
 """Statements of the operator for the session: {"clock_error_s": 0.1}."""
+IDENTIFIER = "identifier.json"
+"""What an external identifier is: name, version and hashes, schema gse.identifier/1."""
 TIMING_TOPIC = "/gse/timing"
+ANSWER_TOPIC = "/gse/answer"
+"""What an external identifier gave for each panorama; its stderr is on LOG_TOPIC."""
+LOG_TOPIC = "/gse/identifier/stderr"
 MOST_KINDS = 100
 """Most different kinds of events; this station has some forty."""
 OTHER = "OTHER"
 MOST_CLOCK_READINGS = 50_000
 """One a minute for a month."""
-_KNOWN = (STATION, PROTOCOL, EARTH_ORIENTATION, STATED)
+_KNOWN = (STATION, PROTOCOL, EARTH_ORIENTATION, STATED, IDENTIFIER)
+_RENEWED = (EARTH_ORIENTATION, IDENTIFIER)
+"""Attached again where they change: the clock was put right; a program said its version with its first answer."""
 _SEARCH_AHEAD = 1000
 """Most missing timings between two frames; further ones end the search."""
 
@@ -71,16 +78,31 @@ def read_recorded(path: Path) -> Recorded:
     for record in capture:
         if isinstance(record, Damage):
             recorded.damaged = True
-        elif isinstance(record, Attachment) and record.name in _KNOWN:
-            if record.name == EARTH_ORIENTATION:  # sought anew where the clock was put right
-                recorded.attachments[record.name] = record.data.decode("utf-8", "replace")
-            recorded.attachments.setdefault(record.name, record.data.decode("utf-8", "replace"))
+        elif isinstance(record, Attachment):
+            _attach(recorded.attachments, record)
         elif isinstance(record, Message) and record.topic == CLOCK and len(recorded.clock) < MOST_CLOCK_READINGS:
             recorded.clock += _clock_reading(record)
         elif isinstance(record, Message) and record.topic == TIMING_TOPIC:
             _add_timing(recorded.timings, record)
     recorded.damaged |= capture.truncated
     return recorded
+
+
+def read_attachments(path: Path) -> dict[str, str]:
+    """The attachments alone, without unpacking the data of a closed session; CaptureError as ``read_recorded``."""
+    attachments: dict[str, str] = {}
+    for record in read_capture(path, from_utc_ns=LAST_NS, only=()):
+        if isinstance(record, Attachment):
+            _attach(attachments, record)
+    return attachments
+
+
+def _attach(attachments: dict[str, str], record: Attachment) -> None:
+    if record.name not in _KNOWN:
+        return
+    if record.name in _RENEWED:
+        attachments[record.name] = record.data.decode("utf-8", "replace")
+    attachments.setdefault(record.name, record.data.decode("utf-8", "replace"))
 
 
 def timing_json(time_us: int, elapsed_us: float) -> bytes:

@@ -4,7 +4,6 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from gse.assessment.sensor_answers import sensor_answers
 from gse.assessment.verdict import Assessment
 from gse.errors import UsageError
 from gse.report.fingerprint import report_sha256
@@ -31,7 +30,7 @@ def write_report(
     made_by = provenance(session.versions, None) if made_by is None else made_by
     texts: dict[str, Iterable[str]] = {
         "report.html": [report_html(session, assessment, report, made_by)],
-        "frames.csv": frames_csv(session.frames.columns, sensor_answers(session)),
+        "frames.csv": frames_csv(session.frames.columns, assessment.statistics.own, session.subject),
         "junit.xml": [junit_xml(report)],
         "provenance.json": [json.dumps(made_by | {"report_sha256": report_sha256(report)}, indent=2) + "\n"],
         "report.json": [json.dumps(report, indent=2, allow_nan=False) + "\n"],

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from gse.assessment.axis_statistics import AxisStatistics
-from gse.assessment.percentiles import Percentiles
 from gse.assessment.spatial_errors import Part, SpatialErrors
 from gse.assessment.statistics import Statistics, SubjectStatistics
 from gse.assessment.thermal import ThermalError
@@ -49,7 +48,7 @@ def _of_subject(subject: SubjectStatistics, stats: Statistics) -> Iterator[Metri
         yield _nea(which, axis, of_axis)
         yield _drift(which, axis, of_axis, stats.duration_s)
         yield _thermal(which, axis, subject.thermal[axis])
-    yield from _latency(subject, stats.arrival_ms)
+    yield from _latency(subject)
     yield _first_fix(subject)
 
 
@@ -130,10 +129,9 @@ def _thermal(subject: Subject, axis: str, found: ThermalError | None) -> Metric:
     )
 
 
-def _latency(subject: SubjectStatistics, arrival_ms: Percentiles) -> Iterator[Metric]:
-    onboard = subject.subject is Subject.ONBOARD
-    of = arrival_ms if onboard else subject.time_ms
-    note = "from mid-exposure to the arrival at the host" if onboard else "processing time as the sensor states it"
+def _latency(subject: SubjectStatistics) -> Iterator[Metric]:
+    of, frame = subject.arrival_ms, "panorama" if subject.subject is Subject.ONBOARD else "ATTITUDE"
+    note = f"from mid-exposure to the arrival of {frame} at the host"
     for name, value in (("latency, median", of.p50), ("latency, 95 % of the frames", of.p95)):
         yield Metric(subject.subject, name, "measurement date error", "temporal", None, "ms", value, note=note)
 

@@ -13,6 +13,7 @@ from markupsafe import Markup, escape
 from drivers.outside_text import plain_lines
 from gse import instant
 from gse.assessment.verdict import Assessment
+from gse.report.condition_plots import draw_sky_condition
 from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_spectrum
 from gse.report.fingerprint import canonical, fingerprint
 from gse.report.metric_table import metric_table
@@ -31,6 +32,7 @@ _PLOTS = (
     ("histogram", 2.4, draw_histogram),
     ("spectrum", 2.6, draw_spectrum),
     ("sky", 3.2, draw_sky),
+    ("sky_condition", 3.2, draw_sky_condition),
     ("residuals", 4.6, draw_residual_map),
     ("identification", 2.4, draw_identification_time),
     ("timelines", 4.4, draw_timelines),

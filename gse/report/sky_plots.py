@@ -66,7 +66,7 @@ class _Places:
 
 
 def _outline(frame: np.void, camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    attitude = Attitude.from_angles(frame["ra_deg"], frame["de_deg"], frame["roll_deg"])
+    attitude = Attitude.from_angles(frame["ra_deg"], frame["de_deg"], np.nan_to_num(frame["roll_deg"]))
     x, y, z = field_outline_icrs(attitude, camera).T
     ra_deg = np.degrees(np.arctan2(y, x))
     # The outline begins near the boresight's own right ascension, not a turn away.

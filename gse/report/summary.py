@@ -13,6 +13,7 @@ from gse import instant
 from gse.assessment.decision import DECISION_TEXT, RISK
 from gse.assessment.decision import Row as DecisionRow
 from gse.assessment.guard_band import COVERAGE_FACTOR
+from gse.assessment.sky_summary import SkyStretch, sky_summary
 from gse.assessment.statistics import Statistics
 from gse.assessment.truth_budget import TruthUncertaintyBudget
 from gse.assessment.verdict import Assessment
@@ -37,7 +38,8 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "simulated": assessment.simulated,
         "relative": assessment.relative,
         "reasons": assessment.reasons,
-        "findings": assessment.findings,
+        "findings": [str(finding) for finding in assessment.findings],
+        "diagnosis": assessment.findings,
         "not_tested": assessment.not_tested,
         "decision": _decision(session),
         "test": documented_test(session, assessment.rows),
@@ -53,11 +55,29 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "link": {**dataclasses.asdict(session.link), "truncated": session.truncated},
         "truth_budget": _budget(assessment.budget),
         "table_4_1": _table_4_1(session, stats),
+        "sky": _sky(session),
         "exclusions": [_exclusion(item, count) for item, count in stats.exclusions],
         "session": _session(session),
     }
+    if session.external is not None:
+        report["external_identifier"] = _external(session, session.external)
     plain: dict[str, Any] = _plain(report)
     return plain
+
+
+def _external(session: SessionData, identity: dict[str, Any]) -> dict[str, Any]:
+    """``time_of`` says whose clock gave the identification times: the identifier's own, or this host's."""
+    counts = session.external_counts
+    own = "the identifier's own clock"
+    time_of = (
+        own if counts.own_times == counts.answers else "this host" if not counts.own_times else f"{own}, and this host"
+    )
+    return {
+        **{key: value for key, value in identity.items() if key != "schema"},
+        "answers": counts.answers,
+        "failures": dict(sorted(counts.failures.items())),
+        "time_of": time_of,
+    }
 
 
 def _decision(session: SessionData) -> dict[str, Any]:
@@ -94,6 +114,7 @@ def _timing(stats: Statistics) -> dict[str, Any]:
         name: {
             "acquisition_s": subject.acquisition_s,
             "outage_s": subject.outage_s,
+            "arrival_ms": subject.arrival_ms,
             "earth_rate": subject.earth_rate,
         }
         for name, subject in stats.subjects.items()
@@ -124,6 +145,20 @@ def _table_row(row: Row) -> dict[str, Any]:
     }
 
 
+def _sky(session: SessionData) -> dict[str, Any] | None:
+    summary = sky_summary(session.frames.columns)
+    if summary is None:
+        return None
+    values = {field.name: getattr(summary, field.name) for field in dataclasses.fields(summary)}
+    return values | {"stretches": [_stretch(item) for item in summary.stretches]}
+
+
+def _stretch(item: SkyStretch) -> dict[str, Any]:
+    values = {field.name: getattr(item, field.name) for field in dataclasses.fields(item)}
+    begin, end = instant.to_text(values.pop("from_ns")), instant.to_text(values.pop("until_ns"))
+    return {"from": begin, "until": end, **values}
+
+
 def _exclusion(item: Any, count: int) -> dict[str, Any]:
     return {
         "from": instant.to_text(item.from_ns),
@@ -142,7 +177,7 @@ def _session(session: SessionData) -> dict[str, Any]:
         "site": dataclasses.asdict(station.site),
         "mount": dataclasses.asdict(session.alignment.mount if session.alignment else station.mount),
         "protocol": session.protocol_name,
-        "identifier": dataclasses.asdict(station.identifier),
+        "identifier": station.identifier.facts(),
         "first_utc": instant.to_text(int(utc_ns.min())) if len(utc_ns) else None,
         "last_utc": instant.to_text(int(utc_ns.max())) if len(utc_ns) else None,
         "duration_s": float(utc_ns.max() - utc_ns.min()) / instant.NS_PER_S if len(utc_ns) else None,

@@ -71,17 +71,29 @@ def table_4_1_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
 def facts(report: dict[str, Any]) -> list[str]:
     """Frames, link, and what truth leaves open, a line each."""
     found, link, budget = report["identification"], report["link"], report["truth_budget"]
+    missing = link["frames_lost"] + link["frames_repeated"]
     lines = [
-        f"frames: {found['frames_expected'] - link['frames_lost']} of {found['frames_expected']} expected, "
+        f"frames: {found['frames_expected'] - missing} of {found['frames_expected']} expected, "
         f"{found['statuses'].get('IDENTIFIED', 0)} identified",
         f"link: {link['bytes_in']} bytes, {link['bytes_discarded']} discarded, {link['frames_lost']} frames lost, "
         f"{link['duplicates']} duplicates, {link['reconnects']} reconnects",
         f"truth: known to {_amount(budget['ra_arcsec'])} in dRA* and {_amount(budget['de_arcsec'])} in dDE (95 %)",
     ]
+    lines += sky_lines(report["sky"])
     lines += [f"excluded: {item['frames']} frames, {item['cause']}: {item['reason']}" for item in report["exclusions"]]
     lines += [f"not tested: {line}" for line in report["not_tested"]]
     lines += [f"note: {finding}" for finding in report["findings"] if finding not in report["reasons"]]
     return [*lines, "the session lost its end"] if link["truncated"] else lines
+
+
+def sky_lines(sky: dict[str, Any] | None) -> list[str]:
+    """What the sky was like, in a line; none of a session without frames."""
+    if sky is None:
+        return []
+    shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in sky["shares"].items())
+    depth = "" if sky["limiting_mag"] is None else f"; stars to magnitude {sky['limiting_mag']:.1f}"
+    seen = "" if sky["seen_share"] is None else f", {100 * sky['seen_share']:.0f} % of the expected ones"
+    return [f"sky: {shares}{depth}{seen}"]
 
 
 def quantity(value: float | None, unit: str) -> str:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from gse.assessment.statistics import Statistics, statistics
 from gse.calibration.session_fit import PanoramaSample, calibrate_session
 from gse.config.station import parse_station
+from gse.installation import source_sha256
 from gse.selfcheck.expected import expected_arcsec, noise_arcsec
-from gse.selfcheck.installation import source_sha256
 from gse.selfcheck.known_errors import KNOWN_ERRORS, KnownError
 from gse.selfcheck.made_session import (
     FOCAL_LENGTH_PX,
@@ -171,5 +171,5 @@ def _noise(sky: MadeSky, watched: _Watched) -> Iterator[_Compared]:
 def _focal_percent(watched: _Watched) -> float:
     setup, orientation = watched.loop.setup, watched.loop.session.earth_orientation
     truth = None if orientation is None else SiderealTruth(SITE, orientation)
-    fitted = calibrate_session(watched.sample, setup.camera, setup.identifier, truth).calibration.camera
+    fitted = calibrate_session(watched.sample, setup.camera, setup.built_in, truth).calibration.camera
     return 100 * (fitted.focal_length_px / FOCAL_LENGTH_PX - 1)

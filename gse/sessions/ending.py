@@ -11,12 +11,15 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any, Self
 
-REASONS = {
-    signal.SIGINT: "Ctrl-C (SIGINT)",
-    signal.SIGTERM: "SIGTERM",
-    signal.SIGHUP: "the hang-up of its terminal (SIGHUP)",
-    signal.SIGQUIT: "Ctrl-\\ (SIGQUIT)",
+_NAMED = {
+    "SIGINT": "Ctrl-C (SIGINT)",
+    "SIGTERM": "SIGTERM",
+    "SIGHUP": "the hang-up of its terminal (SIGHUP)",
+    "SIGQUIT": "Ctrl-\\ (SIGQUIT)",
+    "SIGBREAK": "Ctrl-Break (SIGBREAK)",
 }
+REASONS = {signal.Signals[name]: text for name, text in _NAMED.items() if hasattr(signal, name)}
+"""Of the signals that this system has."""
 SAME_PRESS_S = 1.0
 """A second Ctrl-C within this time is ignored: a double keystroke, or terminal and shell both sent one."""
 
@@ -52,10 +55,11 @@ class Ending:
 
     def __enter__(self) -> Self:
         for number in REASONS:
-            if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            if number.name != "SIGHUP" or signal.getsignal(number) is not signal.SIG_IGN:
                 self._before[number] = signal.signal(number, self._on_signal)
         # With `stty tostop` a word from the background would stop the process.
-        self._before[signal.SIGTTOU] = signal.signal(signal.SIGTTOU, signal.SIG_IGN)
+        if hasattr(signal, "SIGTTOU"):
+            self._before[signal.SIGTTOU] = signal.signal(signal.SIGTTOU, signal.SIG_IGN)
         return self
 
     def __exit__(

@@ -5,12 +5,17 @@ snapshot, made by the loop in a millisecond. Between two questions the thread pa
 one took: one per cent of one processor at most, however long the session is.
 """
 
+import copy
 import math
 import queue
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
 from gse.assessment.session_plan import NEVER, minutes_left, rows_left
@@ -27,9 +32,13 @@ _MOST_NAMED = 2
 
 
 class Forecast:
-    """A listener that knows how long a session still has to be; ``text`` is a line, empty before the first answer."""
+    """A listener that knows how long a session still has to be; ``text`` is a line, empty before the first answer.
 
-    def __init__(self) -> None:
+    ``fill_sky`` fills the sky columns of a snapshot's frames (rows of FRAME), which the loop itself does at the end.
+    """
+
+    def __init__(self, fill_sky: Callable[[NDArray[np.void]], None] = lambda frames: None) -> None:
+        self._fill_sky = fill_sky
         self.text = ""
         self._wanted = threading.Event()
         self._wanted.set()
@@ -42,7 +51,9 @@ class Forecast:
         """Hand a snapshot to the thread where it wants one."""
         if self._wanted.is_set() and len(session.frames) >= _FEWEST_FRAMES:
             self._wanted.clear()
-            self._snapshots.put(snapshot(session))
+            taken = snapshot(session)
+            self._fill_sky(taken.frames.columns)
+            self._snapshots.put(taken)
 
     def on_event(self, event: LinkEvent) -> None:
         """Events are in the snapshots."""
@@ -63,7 +74,7 @@ class Forecast:
 
 
 def snapshot(session: SessionData) -> SessionData:
-    """The session so far, which later results and events do not change; the rows of its frames are shared."""
+    """The session so far, which later results and events do not change."""
     return replace(
         session,
         frames=session.frames.snapshot(),
@@ -71,7 +82,8 @@ def snapshot(session: SessionData) -> SessionData:
         events=list(session.events),
         clock=list(session.clock),
         statuses=list(session.statuses),
-        sensor_attitudes=list(session.sensor_attitudes),
+        sensor_attitudes=copy.copy(session.sensor_attitudes),
+        external_counts=copy.deepcopy(session.external_counts),
     )
 
 

@@ -15,9 +15,13 @@ from drivers.session_file.records import CLOCK
 from gse import instant
 from gse.config.station import Station
 from gse.errors import UsageError
+from gse.external.recorded import recorded_json
 from gse.recording.recorder import CLOSE_S, Recorder
 from gse.recording.session_format import (
+    ANSWER_TOPIC,
     EARTH_ORIENTATION,
+    IDENTIFIER,
+    LOG_TOPIC,
     PROTOCOL,
     STATED,
     STATION,
@@ -33,7 +37,7 @@ from gse.station.loop import Listener, StationLoop
 from gse.station.notes import Notes
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
-from gse.station.setup import Setup, is_compiled, set_up
+from gse.station.setup import Setup, check_external, is_compiled, set_up
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 from protocols import load_protocol
@@ -110,10 +114,11 @@ def run_live(
 ) -> LiveSession:
     """Run until the port is at its end (simulated), ``duration_s`` of the data's time have passed, or a signal.
 
-    Recording begins with the first byte, before the tables are loaded. DriverError where the port cannot be opened:
-    then nothing is left behind.
+    Recording begins with the first byte, before the tables are loaded. DriverError where the port cannot be opened,
+    UsageError where an external identifier cannot be started: then nothing is left behind.
     """
     protocol = load_protocol(station.protocol)
+    check_external(station, protocol)
     folder = new_session_folder(out, station.sensor.name, read_clock().utc_ns)
     recorder = Recorder(folder / "session.mcap", live=not station.port.url.startswith(MOCK_PORTS))
     try:
@@ -179,6 +184,7 @@ class _DerivedDataRecorder:
         self._last_ns = 0
         self._clock_due_ns = 0
         self._orientation_kept: EarthOrientation | None = None
+        self._identity_kept: dict[str, object] | None = None
 
     def is_over(self) -> bool:
         """Whether a signal asked for the end, or the duration is over."""
@@ -199,6 +205,10 @@ class _DerivedDataRecorder:
             if result.elapsed_us is not None:
                 data = timing_json(result.panorama.time_us, result.elapsed_us)
                 self._recorder.derived(TIMING_TOPIC, result.panorama.host_utc_ns, data)
+            if result.given is not None:
+                data = recorded_json(result.panorama, result.given)
+                self._recorder.derived(ANSWER_TOPIC, result.panorama.host_utc_ns, data)
+        self._keep_identity()
         orientation = self._loop.session.earth_orientation
         if orientation is not None and orientation is not self._orientation_kept:
             self._orientation_kept = orientation
@@ -213,6 +223,17 @@ class _DerivedDataRecorder:
                 self._event(StationKind.NOTE, text)
         self._read_clock()
 
+    def _keep_identity(self) -> None:
+        """What an external identifier is, and what it wrote to stderr."""
+        external = self._loop.setup.external
+        if external is None:
+            return
+        if external.identity != self._identity_kept:
+            self._identity_kept = external.identity
+            self._recorder.attach(IDENTIFIER, "application/json", json.dumps(self._identity_kept).encode())
+        if log := external.take_log():
+            self._recorder.derived(LOG_TOPIC, self._last_ns, log)
+
     def _event(self, kind: str, text: str) -> None:
         """An event of this host, now; in a simulated session at the time of its data."""
         utc_ns = read_clock().utc_ns if self._link.is_live else self._last_ns
@@ -222,6 +243,7 @@ class _DerivedDataRecorder:
 
     def close(self) -> None:
         """Record the end of the session; silence up to this instant counts as part of it."""
+        self._keep_identity()
         if self._link.is_live:
             self._event(StationKind.CLOSED, f"the session was ended by {self._operator.ending.reason or '--duration'}")
 

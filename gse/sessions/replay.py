@@ -2,7 +2,7 @@
 
 import json
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,8 +14,10 @@ from drivers.mock.urls import replay_url
 from gse import instant
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station
 from gse.errors import TruthError, UsageError
+from gse.external.recorded import RecordedAnswers, read_identity
 from gse.recording.session_format import (
     EARTH_ORIENTATION,
+    IDENTIFIER,
     PROTOCOL,
     STATED,
     STATION,
@@ -23,7 +25,7 @@ from gse.recording.session_format import (
     RecordedTimings,
     read_recorded,
 )
-from gse.sessions.sealed_station import sealed, unsealed
+from gse.sessions.sealed_station import names_program, sealed, unsealed
 from gse.station.event_kinds import StationKind
 from gse.station.loop import Listener, StationLoop
 from gse.station.results import FrameResult
@@ -107,7 +109,7 @@ def replay_session(
         )
     with SerialLink(options.url(path)) as link:
         first = link.receive(FIRST_WITHIN_S)
-        loop = _loop(recorded, options, station, first[0].utc_ns if first else None)
+        loop = _loop(path, recorded, options, station, first[0].utc_ns if first else None)
         loop.listeners = make_listeners(loop, None)
         session = loop.run(link, first, stop=stop, each=each)
     if recorded is not None:
@@ -115,16 +117,39 @@ def replay_session(
     return Replay(session, loop.own_elapsed_us)
 
 
-def _loop(
-    recorded: Recorded | None, options: ReplayOptions, change: Callable[[StationText], StationText], utc_ns: int | None
-) -> StationLoop:
-    attachments, given = recorded.attachments if recorded else {}, options.given_orientation
+@dataclass(frozen=True, slots=True)
+class StationInForce:
+    """The station of a replay with its text, and the protocol's description where that is the session's own."""
+
+    station: Station
+    text: str
+    protocol_text: str | None
+
+
+def station_in_force(attachments: Mapping[str, str], change: Callable[[StationText], StationText]) -> StationInForce:
+    """The session's own station, or the built-in one, after ``change``; UsageError where only the session names a file
+    that is needed."""
     text = attachments.get(STATION, BUILT_IN_TEXT)
     frozen = sealed(parse_station(text, "the session's station.yaml"))
     station, text = change((frozen, text))
     protocol_text = attachments.get(PROTOCOL) if station.protocol == frozen.protocol else None
-    station = unsealed(station, has_protocol=protocol_text is not None)
-    setup = set_up(station, text, utc_ns=utc_ns, protocol_text=protocol_text)
+    return StationInForce(unsealed(station, has_protocol=protocol_text is not None), text, protocol_text)
+
+
+def _loop(
+    path: Path,
+    recorded: Recorded | None,
+    options: ReplayOptions,
+    change: Callable[[StationText], StationText],
+    utc_ns: int | None,
+) -> StationLoop:
+    attachments, given = recorded.attachments if recorded else {}, options.given_orientation
+    force = station_in_force(attachments, change)
+    program = read_identity(attachments.get(IDENTIFIER))
+    answers = RecordedAnswers(path, program) if names_program(force.station) else None
+    setup = set_up(
+        force.station, force.text, utc_ns=utc_ns, protocol_text=force.protocol_text, recorded_answers=answers
+    )
     loop = StationLoop(
         setup,
         earth_orientation=None if given else _frozen_orientation(attachments.get(EARTH_ORIENTATION)),
@@ -134,7 +159,7 @@ def _loop(
         recorded=recorded.timings if recorded else RecordedTimings(),
     )
     loop.session.clock_error_s = _stated_clock_error_s(attachments.get(STATED))
-    if recorded and STATION not in attachments and text == BUILT_IN_TEXT:
+    if recorded and STATION not in attachments and force.text == BUILT_IN_TEXT:
         loop.on_event(LinkEvent(utc_ns or 0, 0, StationKind.NO_STATION, _NO_STATION))
     for reading in recorded.clock if recorded else ():
         loop.read_clock(reading)

@@ -1,8 +1,11 @@
 """Station file of a session, with its paths sealed.
 
-A session may come from anybody, so its own station file must not open files of this host. Paths in it are marked first;
-a path still marked after the operator's changes is refused.
+A session may come from anybody, so its own station file must not open files of this host, nor start a program. Paths
+and programs in it are marked first. A path still marked after the operator's changes is refused; of a program still
+marked the recorded answers are judged.
 """
+
+from dataclasses import replace
 
 from gse.catalog.readers import GAIA
 from gse.config.station import Station
@@ -14,12 +17,19 @@ _SEAL = "session://"
 
 def sealed(station: Station) -> Station:
     """The station with its catalogue and protocol marked where they are paths."""
-    changes = {}
+    changes: dict[str, object] = {}
     if station.catalog != GAIA:
         changes["catalog"] = _SEAL + station.catalog
     if station.protocol not in built_in_names():
         changes["protocol"] = _SEAL + station.protocol
+    if station.identifier.algorithm == "external":
+        changes["identifier"] = replace(station.identifier, directory=_SEAL)
     return station.model_copy(update=changes) if changes else station
+
+
+def names_program(station: Station) -> bool:
+    """Whether only the session itself names the external identifier."""
+    return station.identifier.algorithm == "external" and station.identifier.directory == _SEAL
 
 
 def unsealed(station: Station, *, has_protocol: bool, needs_catalog: bool = True) -> Station:

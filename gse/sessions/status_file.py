@@ -8,6 +8,7 @@ number.
 import json
 import math
 import os
+import shutil
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -29,6 +30,7 @@ SCHEMA = "gse.status/1"
 NAME = "status.json"
 EVERY_S = 1.0
 _CLOSE_WITHIN_S = 2.0
+_RENEWED_WITHIN_S = 10.0
 _MOST_BYTES = 64 << 10
 
 
@@ -64,6 +66,7 @@ class StatusFile:
     def on_event(self, event: LinkEvent) -> None:
         """Note the state of the link."""
         self._link = LINK_WORDS.get(event.kind, self._link)
+        self._running.add_event(event)
 
     def link_up(self, *, page: str | None, forecast: Callable[[], str]) -> None:
         """The address of the live page, None without one, and the line on the time to a verdict."""
@@ -118,6 +121,7 @@ class StatusFile:
             "frames_per_s": _number(running.frames_per_s),
             "identified": _number(running.identified),
             "last_answer_utc": instant.to_text(self._answered_ns, 1) if self._answered_ns else None,
+            "sky": running.sky or None,
             "so_far": headline(running, self._frames_lost),
             "forecast": self._forecast() or None,
             "page": self._page,
@@ -139,13 +143,29 @@ def read_status(folder: Path) -> dict[str, Any] | None:
 
 
 def is_running(status: dict[str, Any]) -> bool:
-    """Whether the process that wrote a status still runs; another process with its number does not count."""
-    mark = process_mark(status["pid"])
-    return status["state"] != "ended" and mark is not None and mark == status["process"]
+    """Whether the process that wrote a status still runs; another process with its number does not count.
+
+    Where the system does not say when a process started, a status that is renewed counts as running.
+    """
+    if status["state"] == "ended":
+        return False
+    if status["process"] is None:
+        return _age_s(status) < _RENEWED_WITHIN_S
+    return bool(process_mark(status["pid"]) == status["process"])
+
+
+def _age_s(status: dict[str, Any]) -> float:
+    try:
+        return (read_clock().utc_ns - instant.from_text(str(status["utc"]))) / instant.NS_PER_S
+    except (KeyError, ValueError):
+        return math.inf
 
 
 def process_mark(pid: int) -> str | None:
-    """Boot and start time of a process, which a later process with its number does not share; None if it has ended."""
+    """Boot and start time of a process, which a later process with its number does not share.
+
+    None if it has ended, and on systems without /proc.
+    """
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
@@ -190,8 +210,7 @@ def _is_closed(session: Path) -> bool:
 
 def disk_free_bytes(path: Path) -> int:
     """Free bytes of the disk of a path."""
-    status = os.statvfs(path)
-    return status.f_bavail * status.f_frsize
+    return shutil.disk_usage(path).free
 
 
 def _number(value: float) -> float | None:

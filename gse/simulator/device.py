@@ -11,6 +11,7 @@ from gse.config.station import Station
 from gse.errors import GseError
 from gse.instant import NS_PER_S
 from gse.simulator.firmware import BITS_PER_BYTE, Detector, SensorFirmware, Transmission
+from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.panorama import PanoramaSource
 from gse.simulator.scenario import DEFAULT, Scenario, check_start, load_scenario
 from protocols import load_protocol
@@ -127,8 +128,10 @@ def firmware_of(
         raise UrlError(f"sim://: standby={standby} does not work: expected yes or no")
     device = scenario.device_for(station)
     protocol = load_protocol(device.protocol)
-    if not protocol.slots:
-        raise UrlError(f"sim://: the protocol {protocol.name} has no PANORAMA, so there is nothing to simulate")
+    answers = scenario.attitude.sends or not protocol.slots
+    if answers and "ATTITUDE" not in protocol.types:
+        wanted = "ATTITUDE, which the scenario sends" if protocol.slots else "PANORAMA: there is nothing to simulate"
+        raise UrlError(f"sim://: the protocol {protocol.name} has no {wanted}")
     return SensorFirmware(
         protocol,
         detector,
@@ -138,6 +141,7 @@ def firmware_of(
         exposure_s=scenario.exposure_s,
         period_s=None if standby == "yes" else 1 / scenario.rate_hz,
         baudrate=device.port.baudrate,
+        own_answers=OwnAnswers(device, scenario, _generators(options)[3], start_ns) if answers else None,
     )
 
 
@@ -154,8 +158,8 @@ def _sensor(station: Station, scenario: Scenario, options: dict[str, str]) -> Si
 
 
 def _generators(options: dict[str, str]) -> list[np.random.Generator]:
-    """Noise of the sky, of the sensor's computer and of the host, each its own."""
-    return np.random.default_rng(_whole(options, "seed", DEFAULT_SEED, 0, 10**18 - 1)).spawn(3)
+    """Noise of the sky, of the sensor's computer, of the host and of the sensor's own answers, each its own."""
+    return np.random.default_rng(_whole(options, "seed", DEFAULT_SEED, 0, 10**18 - 1)).spawn(4)
 
 
 def detector_of(station: Station, scenario: Scenario, options: dict[str, str]) -> Detector:

@@ -1,23 +1,15 @@
-"""Endpoints of an emulated sensor: a pseudo-terminal, or a TCP port for one client.
+"""Endpoints of an emulated sensor: the interface, with a TCP port for one client.
 
-Neither waits for a reader: a sensor goes on sending without a station, and unread bytes are lost.
+No endpoint waits for a reader: a sensor goes on sending without a station, and unread bytes are lost.
 """
 
-import fcntl
-import os
-import pty
 import select
 import socket
-import struct
-import termios
-import tty
 from typing import Protocol
 
 from gse.errors import UsageError
 
-_READ_BYTES = 4096
-_UNREAD_LIMIT_BYTES = 3072
-"""More pending bytes mean that nothing reads the terminal; the limit of the kernel is 4095."""
+READ_BYTES = 4096
 
 
 class Endpoint(Protocol):
@@ -33,36 +25,6 @@ class Endpoint(Protocol):
 
     def close(self) -> None:
         """Unplug."""
-
-
-class PtyEndpoint:
-    """A pseudo-terminal; ``address`` is the device that the station opens."""
-
-    def __init__(self) -> None:
-        self._sensor, self._station = pty.openpty()
-        tty.setraw(self._station)
-        os.set_blocking(self._sensor, False)
-        self.address = os.ttyname(self._station)
-
-    def wait(self, timeout_s: float) -> bytes:
-        """Bytes from the station, none when none came within the time."""
-        readable, _, _ = select.select([self._sensor], [], [], timeout_s)
-        return os.read(self._sensor, _READ_BYTES) if readable else b""
-
-    def send(self, data: bytes) -> None:
-        """Bytes to the station; unread ones are dropped, so that a later client gets current data."""
-        unread = struct.unpack("i", fcntl.ioctl(self._station, termios.FIONREAD, b"\0\0\0\0"))[0]
-        if unread + len(data) > _UNREAD_LIMIT_BYTES:
-            termios.tcflush(self._station, termios.TCIFLUSH)
-        try:
-            os.write(self._sensor, data)
-        except BlockingIOError:
-            return
-
-    def close(self) -> None:
-        """Remove the device."""
-        os.close(self._sensor)
-        os.close(self._station)
 
 
 class TcpEndpoint:
@@ -89,7 +51,7 @@ class TcpEndpoint:
         if not readable or self._client is None:
             return b""
         try:
-            data = self._client.recv(_READ_BYTES)
+            data = self._client.recv(READ_BYTES)
         except OSError:
             data = b""
         if not data:

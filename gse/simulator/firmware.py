@@ -7,6 +7,7 @@ to wait longer than a period is not sent, and its number is missing.
 
 import contextlib
 import math
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol as Interface
@@ -14,10 +15,12 @@ from typing import Protocol as Interface
 import numpy as np
 
 from gse.instant import NS_PER_S
+from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.scenario import Firmware as Traits
 from protocols import (
     Ack,
+    AttitudeMessage,
     Discard,
     EncodeError,
     Frame,
@@ -81,10 +84,16 @@ class SensorFirmware:
         exposure_s: float,
         period_s: float | None,
         baudrate: int,
+        own_answers: OwnAnswers | None = None,
     ) -> None:
-        """``period_s`` is that of the panoramas that come from power-on, None for a sensor that waits for START."""
+        """``period_s`` is that of the panoramas that come from power-on, None for a sensor that waits for START.
+
+        With ``own_answers`` each exposure is answered by the sensor itself too, or only so where the protocol has no
+        panoramas.
+        """
         self._protocol, self._detector, self._traits, self._random = protocol, detector, traits, random
         self._flags = _sayable_flags(protocol)
+        self._own_answers = own_answers
         self._first_exposure_s, self._first_period_s = exposure_s, period_s
         self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
         self._resets_ns = [start_ns + round(second * NS_PER_S) for second in sorted(traits.resets_s)]
@@ -102,11 +111,12 @@ class SensorFirmware:
         self._ready_ns = ready_ns
         self._decoder = FrameDecoder(self._protocol)
         self._refused_at = -1
+        self._processed: deque[tuple[int, AttitudeMessage]] = deque()
 
     @property
     def due_ns(self) -> int | None:
         """Instant of the next action; None while the sensor only waits for commands."""
-        dues = self._resets_ns[:1]
+        dues = [*self._resets_ns[:1], *(ready_ns for ready_ns, _ in list(self._processed)[:1])]
         if self._next_start_ns is not None:
             dues.append(self._next_start_ns + self._exposure_ns)
         return min(dues, default=None)
@@ -122,6 +132,9 @@ class SensorFirmware:
             boot_s = self._traits.boot_s * float(self._random.uniform(1, _SLOWEST_BOOT))
             self._power_on(due_ns, due_ns + round(boot_s * NS_PER_S))
             return []
+        if self._processed and due_ns == self._processed[0][0]:
+            ready_ns, message = self._processed.popleft()
+            return [self._send(message, ready_ns)]
         return self._expose()
 
     def command(self, data: bytes, utc_ns: int) -> list[Transmission]:
@@ -154,6 +167,12 @@ class SensorFirmware:
             self._next_start_ns = start_ns + max(round(self._period_s * NS_PER_S), exposure_ns)
             if self._line_free_ns > end_ns + round(self._period_s * NS_PER_S):
                 return []
+        if self._own_answers is not None:
+            answer = self._own_answers.message(middle_ns, self._clock_us(middle_ns), number)
+            self._processed.append((end_ns + self._own_answers.processing_ns, answer))
+        if not self._protocol.slots:
+            self._frames_sent += 1
+            return []
         temperature_c = self._temperature_c(middle_ns)
         seen = self._detector.expose(middle_ns, self._exposure_s, temperature_c)
         flags = seen.flags | ({CLOCK_RESET} if self._clock_was_reset else set())

@@ -3,9 +3,10 @@
 Written from the words of gse.config.Mount, not from gse.truth, so that the one can be tested by the other.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from gse.mount import Mount
 
@@ -15,8 +16,18 @@ def horizon_to_sensor(mount: Mount) -> NDArray[np.float64]:
     # Look at the northern horizon, upright: right is east, down is below, out is north.
     upright_north = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     # Turn the head to the right by the azimuth, tilt it up, roll the image top to the left.
-    to_the_right = Rotation.from_euler("z", mount.azimuth_deg, degrees=True).as_matrix()
-    tilt_up = Rotation.from_euler("x", -mount.altitude_deg, degrees=True).as_matrix()
-    roll_left = Rotation.from_euler("z", mount.roll_deg, degrees=True).as_matrix()
+    to_the_right = _about(2, mount.azimuth_deg)
+    tilt_up = _about(0, -mount.altitude_deg)
+    roll_left = _about(2, mount.roll_deg)
     rotation: NDArray[np.float64] = roll_left @ tilt_up @ upright_north @ to_the_right
     return rotation
+
+
+def _about(axis: int, angle_deg: float) -> NDArray[np.float64]:
+    """The matrix (3, 3) that turns vectors about an axis, anticlockwise seen from its end."""
+    one, other = (axis + 1) % 3, (axis + 2) % 3
+    cosine, sine = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    matrix = np.eye(3)
+    matrix[[one, other], [one, other]] = cosine
+    matrix[one, other], matrix[other, one] = -sine, sine
+    return matrix

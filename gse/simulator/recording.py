@@ -1,5 +1,6 @@
 """Simulated sessions: what the simulated sensor sends, as a session file."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.chunk import Chunk
@@ -19,8 +20,16 @@ CLOCK_EVERY_NS = 60 * NS_PER_S
 _RECEIVE_S = 0.2
 
 
-def record_simulation(path: Path, station: Station, station_text: str, orientation_json: str) -> int:
-    """Record the simulated sensor of the station's port (a sim:// URL) from start to end; how many bytes it sent.
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """The bytes that the sensor sent, and the damage found when the closed file was read back."""
+
+    bytes_sent: int
+    damage: str | None
+
+
+def record_simulation(path: Path, station: Station, station_text: str, orientation_json: str) -> Recording:
+    """Record the simulated sensor of the station's port (a sim:// URL) from start to end.
 
     The clock readings say what is true: the simulated host's clock is right. The Earth orientation that a replay shall
     use is frozen in the session, as a live session does. UrlError where the URL is wrong: then nothing is left behind.
@@ -37,7 +46,8 @@ def record_simulation(path: Path, station: Station, station_text: str, orientati
         recorder.attach(STATION, "application/yaml", station_text.encode())
         recorder.attach(PROTOCOL, "application/yaml", load_protocol(station.protocol).text.encode())
         recorder.attach(EARTH_ORIENTATION, "application/json", orientation_json.encode())
-        return _record(link, recorder)
+        size = _record(link, recorder)
+    return Recording(size, recorder.damage)
 
 
 def _record(link: SerialLink, recorder: Recorder) -> int:

@@ -91,6 +91,30 @@ class Firmware(_Section):
     """How late the host reads a byte."""
 
 
+class Attitude(_Section):
+    """The sensor's own answers (ATTITUDE frames); their convention is ``sensor.attitude`` of the device."""
+
+    sends: bool = False
+    """A protocol without PANORAMA sends them in any case."""
+    processing_ms: Annotated[float, Field(ge=0, le=60_000)] = 60.0
+    """From the end of an exposure to its answer, as the sensor states it."""
+    noise_arcsec: Annotated[float, Field(ge=0, le=100_000)] = 3.0
+    """Per axis across the boresight."""
+    roll_noise_arcsec: Annotated[float, Field(ge=0, le=100_000)] = 30.0
+    bias_arcsec: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Along columns, along rows, about the boresight."""
+    delay_frames: Annotated[int, Field(ge=0, le=1000)] = 0
+    """Answers are those of so many exposures before the one that they name."""
+    frozen_s: tuple[tuple[float, float], ...] = ()
+    """Stretches, from and until, in which the same answer is sent again and again."""
+    zeros_s: tuple[tuple[float, float], ...] = ()
+    """Stretches in which RA, DE and roll are 0."""
+    lost: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Share of the exposures without an answer."""
+    false_answers: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Share of the answers that name other stars: 1 to 40 deg off."""
+
+
 class Finding(_Section):
     """What the station must find: the verdict, and words that its reasons must hold."""
 
@@ -121,6 +145,7 @@ class Scenario(_Section):
     detector: Detector = Detector()
     air: Air = Air()
     firmware: Firmware = Firmware()
+    attitude: Attitude = Attitude()
     find: Finding = Finding()
 
     @field_validator("start")

@@ -33,7 +33,8 @@ class Announcer:
         """Print an event if it is the first of its kind."""
         self._seen[event.kind] += 1
         if self._seen[event.kind] == 1 or event.kind in _EACH_TIME:
-            self._say(f"{instant.to_text(event.utc_ns, 1)} {event.kind}: {event.text}")
+            when = instant.to_text(event.utc_ns, 1) if event.utc_ns else "before the first byte"
+            self._say(f"{when} {event.kind}: {event.text}")
 
     def conclude(self) -> None:
         """Print the number of further events of each kind."""

@@ -1,9 +1,14 @@
 """Measured against true attitude."""
 
 import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gse.attitude import Attitude
 from gse.constants import ARCSEC_PER_RAD
+from gse.jit import compiled
 from gse.station.results import AttitudeError
 
 
@@ -15,20 +20,38 @@ def attitude_error(measured: Attitude, true: Attitude) -> AttitudeError:
     another, so that neither the poles nor RA = 0 nor an error of many degrees is a special case. At a pole itself
     "east" is that of the meridian RA = 0.
     """
-    error = measured.icrs_to_sensor @ true.icrs_to_sensor.T
-    (e00, e01, _), (e10, e11, _), (x, y, z) = error.tolist()  # last column: the measured boresight, in the true frame
-    axis_x, axis_y, (bx, by, bz) = true.icrs_to_sensor.tolist()
-    across = math.hypot(x, y)
-    arc = math.atan2(across, z) / across if across else 1.0
-    level = math.hypot(bx, by)
-    cos_ra, sin_ra = (bx / level, by / level) if level else (1.0, 0.0)
-    off_x, off_y, off_z = (x * along_x + y * along_y for along_x, along_y in zip(axis_x, axis_y, strict=True))
-    east = cos_ra * off_y - sin_ra * off_x
-    north = level * off_z - bz * (cos_ra * off_x + sin_ra * off_y)
-    return AttitudeError(
-        east * arc * ARCSEC_PER_RAD,
-        north * arc * ARCSEC_PER_RAD,
-        math.atan2(e10 - e01, e00 + e11) * ARCSEC_PER_RAD,
-        x * arc * ARCSEC_PER_RAD,
-        y * arc * ARCSEC_PER_RAD,
-    )
+    return attitude_errors([measured], [true])[0]
+
+
+def attitude_errors(measured: Sequence[Attitude], true: Sequence[Attitude]) -> list[AttitudeError]:
+    """``attitude_error`` of K measured attitudes against K true ones."""
+    errors_arcsec = np.empty((len(measured), 5))
+    _put_errors(_rotations(measured), _rotations(true), errors_arcsec)
+    return [AttitudeError(*error) for error in errors_arcsec.tolist()]
+
+
+def _rotations(attitudes: Sequence[Attitude]) -> NDArray[np.float64]:
+    return np.array([attitude.icrs_to_sensor for attitude in attitudes], dtype=np.float64)
+
+
+@compiled
+def _put_errors(measured: NDArray[np.float64], true: NDArray[np.float64], errors_arcsec: NDArray[np.float64]) -> None:
+    """Put the fields of AttitudeError (K, 5) for rotations (K, 3, 3) into ``errors_arcsec``."""
+    for k in range(len(measured)):
+        e = np.zeros((3, 3))
+        for i in range(3):
+            for j in range(3):
+                for axis in range(3):
+                    e[i, j] += measured[k, i, axis] * true[k, j, axis]
+        x, y = e[2, 0], e[2, 1]  # the measured boresight, in the true frame
+        across = math.hypot(x, y)
+        arc = ARCSEC_PER_RAD * (math.atan2(across, e[2, 2]) / across if across else 1.0)
+        bx, by, bz = true[k, 2, 0], true[k, 2, 1], true[k, 2, 2]
+        level = math.hypot(bx, by)
+        cos_ra, sin_ra = (bx / level, by / level) if level else (1.0, 0.0)
+        off_x, off_y = x * true[k, 0, 0] + y * true[k, 1, 0], x * true[k, 0, 1] + y * true[k, 1, 1]
+        off_z = x * true[k, 0, 2] + y * true[k, 1, 2]
+        errors_arcsec[k, 0] = arc * (cos_ra * off_y - sin_ra * off_x)
+        errors_arcsec[k, 1] = arc * (level * off_z - bz * (cos_ra * off_x + sin_ra * off_y))
+        errors_arcsec[k, 2] = ARCSEC_PER_RAD * math.atan2(e[1, 0] - e[0, 1], e[0, 0] + e[1, 1])
+        errors_arcsec[k, 3], errors_arcsec[k, 4] = arc * x, arc * y

@@ -7,16 +7,23 @@ from drivers.chunk import LinkEvent
 
 
 class StationKind(StrEnum):
-    """Events of the processing, of truth and of the host."""
+    """Events of the processing, of truth, of the host and of the sky."""
 
     SENSOR_RESET = "SENSOR_RESET"
     SEQUENCE_CHAOS = "SEQUENCE_CHAOS"
     CLOCK_STEP = "CLOCK_STEP"
     MIRRORED = "MIRRORED"
+    IDENTIFIER_FAULT = "IDENTIFIER_FAULT"
     ALIGNED = "ALIGNED"
     NO_TRUTH = "NO_TRUTH"
     EARTH_ORIENTATION = "EARTH_ORIENTATION"
     NO_STATION = "NO_STATION"
+    FROZEN = "FROZEN"
+    CLEAR = "CLEAR"
+    CLOUDED = "CLOUDED"
+    NO_STARS = "NO_STARS"
+    DAYLIGHT = "DAYLIGHT"
+    DARK_NIGHT = "DARK_NIGHT"
     CLOSED = "CLOSED"
     TERMINAL_LOST = "TERMINAL_LOST"
     TERMINAL_STUCK = "TERMINAL_STUCK"

@@ -1,5 +1,6 @@
 """The result of a panorama as JSON, schema gse.frame/1."""
 
+import math
 from typing import Any
 
 from gse import instant
@@ -24,15 +25,15 @@ def frame_json(result: FrameResult) -> dict[str, Any]:
         "identifier": result.identifier,
         "ra_deg": round(attitude.ra_deg, 7) if attitude else None,
         "de_deg": round(attitude.de_deg, 7) if attitude else None,
-        "roll_deg": round(attitude.roll_deg, 6) if attitude else None,
+        "roll_deg": round(attitude.roll_deg, 6) if attitude and result.has_roll else None,
         "frame": "ICRS",
         "matched": len(result.matches),
         "objects": len(result.panorama.brightness),
-        "chance": float(f"{result.identification.false_match_probability:.3g}") if result.identification else None,
+        "chance": _number(result.identification.false_match_probability, 3) if result.identification else None,
         "elapsed_us": None if result.elapsed_us is None else round(result.elapsed_us, 1),
         "d_ra_cosde_arcsec": round(error.d_ra_cosde_arcsec, 3) if error else None,
         "d_de_arcsec": round(error.d_de_arcsec, 3) if error else None,
-        "d_roll_arcsec": round(error.d_roll_arcsec, 3) if error else None,
+        "d_roll_arcsec": round(error.d_roll_arcsec, 3) if error and result.has_roll else None,
         "answer_check": result.answer_check.value,
         "matches": [
             {"object": match.object, "star": match.star, "residual_arcsec": round(match.residual_arcsec, 2)}
@@ -40,3 +41,7 @@ def frame_json(result: FrameResult) -> dict[str, Any]:
         ],
         "others": [{"object": row, "kind": kind} for row, kind in result.others],
     }
+
+
+def _number(value: float, digits: int) -> float | None:
+    return float(f"{value:.{digits}g}") if math.isfinite(value) else None

@@ -2,22 +2,25 @@
 
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude, paper_mean, solve_attitude
+from gse.attitude import Attitude, paper_mean, solve_attitudes
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
+from gse.external.identifier import ExternalIdentifier, Given
 from gse.identifier import Identification, Identifier, Reason, Unidentified
 from gse.identifier.robust import RobustIdentifier
 from gse.mount import Mount
 from gse.panorama import MAX_OBJECTS, Panorama
-from gse.station.attitude_error import attitude_error
+from gse.station import external_result
+from gse.station.attitude_error import attitude_error, attitude_errors
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import AnswerCheck, FrameResult, Matches, Status
+from gse.station.results import NO_STARLIGHT, AnswerCheck, AttitudeError, FrameResult, Matches, Starlight, Status
+from gse.station.starlight import starlight
 from gse.truth import SiderealTruth
 
 CENTROID_SIGMA_PX = 0.3
@@ -28,19 +31,25 @@ SAME_BORESIGHT_RAD = math.radians(0.05)
 
 FAULT_FLAGS = frozenset({"detector fault", "memory fault"})
 
+Compared = tuple[NDArray[np.float64], Attitude | None, Attitude | None, AttitudeError | None]
+"""Residuals (M, 2) in arcsec, geometric attitude, true attitude, and the error of the one against the other."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
     """The answer of the identifier under test to one panorama, its attitude, and the reference identifier's check.
 
-    ``elapsed_us`` is this host's time from objects to RA and DE.
+    ``elapsed_us`` is the time from objects to RA and DE: this host's, or an external identifier's own. ``given`` is
+    what an external identifier gave, ``light`` what the named stars show of the sky.
     """
 
     directions_sensor: NDArray[np.float64]
     identification: Identification | Unidentified
     attitude: Attitude | None
     answer_check: AnswerCheck
-    elapsed_us: float
+    elapsed_us: float | None
+    given: Given | None = None
+    light: Starlight = NO_STARLIGHT
 
     @property
     def is_mirrored(self) -> bool:
@@ -58,7 +67,7 @@ class FrameProcessor:
 
     camera: Camera
     index_max: int
-    identifier: Identifier
+    identifier: Identifier | ExternalIdentifier
     reference: RobustIdentifier | None
     non_stellar: NonStellarObjects
     truth: SiderealTruth | None
@@ -76,21 +85,45 @@ class FrameProcessor:
         answers = iter(self._answers(sound) if sound else ())
         return [fault or next(answers) for fault in faults]
 
-    def conclude(self, panorama: Panorama, answer: Answer | str, elapsed_us: float | None) -> FrameResult:
+    def conclude(
+        self, panoramas: Sequence[Panorama], answers: Sequence[Answer | str], elapsed_us: Sequence[float | None]
+    ) -> list[FrameResult]:
         """Correct, compare with truth, and classify non-stellar objects; panoramas must come in their order.
 
-        ``elapsed_us`` becomes the identification time of the result.
+        ``elapsed_us`` are the identification times of the results.
         """
+        named = [
+            (panorama, answer.directions_sensor, answer.identification, answer.attitude)
+            for panorama, answer in zip(panoramas, answers, strict=True)
+            if isinstance(answer, Answer) and answer.given is None
+            if isinstance(answer.identification, Identification) and answer.attitude is not None
+        ]
+        compared = iter(self._compared(*zip(*named, strict=True)) if named else ())
+        return [
+            self._result(panorama, answer, us, compared)
+            for panorama, answer, us in zip(panoramas, answers, elapsed_us, strict=True)
+        ]
+
+    def _result(
+        self, panorama: Panorama, answer: Answer | str, elapsed_us: float | None, compared: Iterator[Compared]
+    ) -> FrameResult:
         if isinstance(answer, str):
             return FrameResult(panorama, Status.SENSOR_FAULT, answer, self.identifier.name)
+        if answer.given is not None:
+            return self._conclude_external(panorama, answer, answer.given, elapsed_us)
         found, attitude = answer.identification, answer.attitude
         if isinstance(found, Unidentified) or attitude is None:
             status, detail = _explain(found)
             return FrameResult(
-                panorama, status, detail, self.identifier.name, elapsed_us=elapsed_us, answer_check=answer.answer_check
+                panorama,
+                status,
+                detail,
+                self.identifier.name,
+                elapsed_us=elapsed_us,
+                answer_check=answer.answer_check,
+                light=answer.light,
             )
-        geometric, residuals_arcsec = self._corrected(panorama.utc_ns, found, attitude, answer.directions_sensor)
-        true = self.truth.attitude_true(panorama.utc_ns, self.mount) if self.truth and self.mount else None
+        residuals_arcsec, geometric, true, error = next(compared)
         return FrameResult(
             panorama,
             Status.IDENTIFIED,
@@ -101,10 +134,10 @@ class FrameProcessor:
             matches=Matches(found.objects, found.stars, residuals_arcsec, self.identifier.catalog.name),
             elapsed_us=elapsed_us,
             attitude_geometric=geometric,
-            attitude_error=attitude_error(geometric, true) if geometric and true else None,
+            attitude_error=error,
             attitude_true=true,
             answer_check=answer.answer_check,
-            zero_point_mag=self._zero_point_mag(panorama, found),
+            light=answer.light,
             others=self.non_stellar.name(
                 panorama,
                 answer.directions_sensor,
@@ -121,21 +154,89 @@ class FrameProcessor:
         directions_sensor = np.split(whole, ends[:-1])
         shared_us = (time.perf_counter_ns() - started_ns) / 1000 / len(panoramas)
         objects = [(of_one, panorama.brightness) for of_one, panorama in zip(directions_sensor, panoramas, strict=True)]
-        found = [self._answer(*of_one) for of_one in objects]
-        true_stars = self.reference.identify_many(objects) if self.reference else [None] * len(objects)
+        given = self._given(panoramas)
+        found = [
+            self._answer(*of_one) if one is None else self._taken(one, panorama)
+            for of_one, one, panorama in zip(objects, given, panoramas, strict=True)
+        ]
+        true_stars: Sequence[Identification | Unidentified | None] = [None] * len(objects)
+        if self.reference is not None:
+            true_stars = self.reference.identify_many(objects)
+        checks = self._checks([attitude for _, attitude, _ in found], directions_sensor, true_stars)
         return [
             Answer(
-                of_one, answer, attitude, self._check(attitude, of_one, true_stars), round(shared_us + elapsed_us, 1)
+                of_one,
+                answer,
+                attitude,
+                check,
+                round(shared_us + elapsed_us, 1) if one is None and elapsed_us is not None else elapsed_us,
+                one,
+                self._light(brightness, answer, stars),
             )
-            for of_one, (answer, attitude, elapsed_us), true_stars in zip(
-                directions_sensor, found, true_stars, strict=True
+            for (of_one, brightness), (answer, attitude, elapsed_us), check, stars, one in zip(
+                objects, found, checks, true_stars, given, strict=True
             )
         ]
 
+    def _given(self, panoramas: Sequence[Panorama]) -> Sequence[Given | None]:
+        """What an external identifier under test gives for the panoramas; Nones where it is a built-in one."""
+        if isinstance(self.identifier, ExternalIdentifier):
+            return self.identifier.source.answers(panoramas)
+        return [None] * len(panoramas)
+
+    def _taken(
+        self, given: Given, panorama: Panorama
+    ) -> tuple[Identification | Unidentified, Attitude | None, float | None]:
+        assert isinstance(self.identifier, ExternalIdentifier)
+        answer, attitude = external_result.identification_of(given, panorama, self.identifier)
+        return answer, attitude, None if given.elapsed_us is None else round(given.elapsed_us, 1)
+
+    def _conclude_external(
+        self, panorama: Panorama, answer: Answer, given: Given, elapsed_us: float | None
+    ) -> FrameResult:
+        """As ``conclude``, with the RA, DE and roll that were answered."""
+        name, found, attitude = self.identifier.name, answer.identification, answer.attitude
+        if isinstance(found, Unidentified) or attitude is None:
+            status, detail = external_result.status_of(given)
+            check = answer.answer_check
+            return FrameResult(panorama, status, detail, name, elapsed_us=elapsed_us, answer_check=check, given=given)
+        utc_ns, directions_sensor = panorama.utc_ns, answer.directions_sensor
+        true = self.truth.attitude_true(utc_ns, self.mount) if self.truth and self.mount else None
+        has_roll = external_result.has_roll(given)
+        if not has_roll and true is not None:
+            attitude = external_result.with_roll(attitude, true.roll_deg)
+        geometric = None
+        if self.truth is not None:
+            stars_sensor = directions_sensor.take(found.objects, axis=0)
+            seen = stars_sensor if len(stars_sensor) > 1 else directions_sensor
+            geometric = external_result.geometric_of(attitude, seen, self.truth, utc_ns)
+        error = attitude_error(geometric, true) if geometric and true else None
+        stars = external_result.matches_of(
+            found, self.identifier.catalog, geometric or attitude, directions_sensor, self.truth, utc_ns
+        )
+        return FrameResult(
+            panorama,
+            Status.IDENTIFIED,
+            "",
+            name,
+            identification=found,
+            attitude=attitude,
+            matches=stars,
+            elapsed_us=elapsed_us,
+            attitude_geometric=geometric,
+            attitude_error=error if has_roll or error is None else replace(error, d_roll_arcsec=math.nan),
+            attitude_true=true,
+            answer_check=answer.answer_check,
+            light=answer.light,
+            has_roll=has_roll,
+            given=given,
+        )
+
     def _answer(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
-    ) -> tuple[Identification | Unidentified, Attitude | None, float]:
+    ) -> tuple[Identification | Unidentified, Attitude | None, float | None]:
         """The answer under test, its attitude, and the time for both in microseconds."""
+        assert not isinstance(self.identifier, ExternalIdentifier)
         started_ns = time.perf_counter_ns()
         answer = self.identifier.identify(directions_sensor, brightness)
         attitude = None
@@ -157,31 +258,65 @@ class FrameProcessor:
 
     def _attitude(self, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64]) -> Attitude:
         """Wahba's attitude, or the mean about the sensor centre of the LAPAN paper if the station file asks for it."""
-        attitude = solve_attitude(directions_sensor, stars_icrs, CENTROID_SIGMA_PX * self.camera.pixel_rad)
-        return paper_mean(attitude, directions_sensor, stars_icrs) if self.paper_mean else attitude
+        return self._attitudes(directions_sensor, stars_icrs, np.array([len(stars_icrs)]))[0]
 
-    def _corrected(
-        self, utc_ns: int, answer: Identification, attitude: Attitude, directions_sensor: NDArray[np.float64]
-    ) -> tuple[Attitude | None, NDArray[np.float64]]:
-        """The attitude from apparent places and un-refracted directions, None without truth.
+    def _attitudes(
+        self, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64], ends: NDArray[np.int64]
+    ) -> list[Attitude]:
+        sigma_rad = CENTROID_SIGMA_PX * self.camera.pixel_rad
+        attitudes = solve_attitudes(directions_sensor, stars_icrs, ends, sigma_rad)
+        if not self.paper_mean:
+            return attitudes
+        pairs = zip(np.split(directions_sensor, ends[:-1]), np.split(stars_icrs, ends[:-1]), strict=True)
+        return [paper_mean(attitude, *pair) for attitude, pair in zip(attitudes, pairs, strict=True)]
 
-        The array is the residual of each star (M, 2) in arcsec.
+    def _compared(
+        self,
+        panoramas: Sequence[Panorama],
+        directions_sensor: Sequence[NDArray[np.float64]],
+        found: Sequence[Identification],
+        attitudes: Sequence[Attitude],
+    ) -> list[Compared]:
+        """Residuals, and attitudes from apparent places and un-refracted directions, against the true ones.
+
+        The stars of all panoramas are rows of the same columns: ``frame_of`` (M,) names the panorama of each.
         """
-        measured_sensor, stars_icrs = self._pairs(answer, directions_sensor)
-        geometric = None
+        counts = [len(answer.stars) for answer in found]
+        ends, frame_of = np.cumsum(counts), np.repeat(np.arange(len(found)), counts)
+        objects = [of_one.take(answer.objects, axis=0) for of_one, answer in zip(directions_sensor, found, strict=True)]
+        measured_sensor = np.concatenate(objects)
+        stars_icrs = self.identifier.catalog.icrs.take(np.concatenate([answer.stars for answer in found]), axis=0)
+        geometric: Sequence[Attitude | None] = [None] * len(found)
+        true: Sequence[Attitude | None] = geometric
+        errors: Sequence[AttitudeError | None] = [None] * len(found)
+        rotations = np.array([attitude.icrs_to_sensor for attitude in attitudes])
         if self.truth is not None:
-            zenith_sensor = attitude.icrs_to_sensor @ self.truth.icrs_to_horizon(utc_ns)[2]
-            measured_sensor = self.truth.unrefracted(measured_sensor, zenith_sensor)
-            stars_icrs = self.truth.apparent(stars_icrs, utc_ns)
-            geometric = self._attitude(measured_sensor, stars_icrs)
-        expected_sensor = stars_icrs @ (geometric or attitude).icrs_to_sensor.T
-        return geometric, (measured_sensor - expected_sensor)[:, :2] * ARCSEC_PER_RAD
+            utc_ns = np.array([panorama.utc_ns for panorama in panoramas])
+            icrs_to_horizon = self.truth.icrs_to_horizon_at(utc_ns)
+            zenith_sensor = np.einsum("kij,kj->ki", rotations, icrs_to_horizon[:, 2])
+            measured_sensor = self.truth.unrefracted(measured_sensor, zenith_sensor[frame_of])
+            stars_icrs = self.truth.apparent_at(stars_icrs, utc_ns, icrs_to_horizon, frame_of)
+            geometric = solved = self._attitudes(measured_sensor, stars_icrs, ends)
+            rotations = np.array([attitude.icrs_to_sensor for attitude in solved])
+            if self.mount is not None:
+                true = looking = self.truth.attitudes_true(icrs_to_horizon, self.mount)
+                errors = attitude_errors(solved, looking)
+        expected_sensor = np.einsum("mij,mj->mi", rotations[frame_of], stars_icrs)
+        residuals_arcsec = (measured_sensor - expected_sensor)[:, :2] * ARCSEC_PER_RAD
+        return list(zip(np.split(residuals_arcsec, ends[:-1]), geometric, true, errors, strict=True))
 
-    def _zero_point_mag(self, panorama: Panorama, answer: Identification) -> float:
-        """Magnitude of a star with index value 1, from the matched stars; clouds lower it."""
-        brightness = np.maximum(panorama.brightness.take(answer.objects), 1.0)
-        magnitude = self.identifier.catalog.magnitude.take(answer.stars)
-        return float(np.median(magnitude + 2.5 * np.log10(brightness)))
+    def _light(
+        self,
+        brightness: NDArray[np.float64],
+        answer: Identification | Unidentified,
+        true_stars: Identification | Unidentified | None,
+    ) -> Starlight:
+        """What the stars show of the sky: those of the answer, or of the reference identifier where there is none."""
+        if isinstance(answer, Identification) and len(answer.stars):
+            return starlight(brightness, answer, self.identifier.catalog)
+        if isinstance(true_stars, Identification) and self.reference is not None:
+            return starlight(brightness, true_stars, self.reference.catalog)
+        return NO_STARLIGHT
 
     def _pairs(
         self, answer: Identification, directions_sensor: NDArray[np.float64]
@@ -190,20 +325,28 @@ class FrameProcessor:
         # Three times as fast as indexing with brackets.
         return directions_sensor.take(answer.objects, axis=0), self.identifier.catalog.icrs.take(answer.stars, axis=0)
 
-    def _check(
+    def _checks(
         self,
-        attitude: Attitude | None,
-        directions_sensor: NDArray[np.float64],
-        true_stars: Identification | Unidentified | None,
-    ) -> AnswerCheck:
-        if self.reference is None or not isinstance(true_stars, Identification):
-            return AnswerCheck.UNKNOWN
-        if attitude is None:
-            return AnswerCheck.ABSENT
-        measured_sensor = directions_sensor.take(true_stars.objects, axis=0)
-        true = solve_attitude(measured_sensor, self.reference.catalog.icrs.take(true_stars.stars, axis=0), 1e-4)
-        separation_rad = math.dist(attitude.boresight_icrs, true.boresight_icrs)
-        return AnswerCheck.CORRECT if separation_rad < SAME_BORESIGHT_RAD else AnswerCheck.FALSE
+        attitudes: Sequence[Attitude | None],
+        directions_sensor: Sequence[NDArray[np.float64]],
+        true_stars: Sequence[Identification | Unidentified | None],
+    ) -> list[AnswerCheck]:
+        """The check of each answer's attitude by the stars that the reference identifier found."""
+        checks = [AnswerCheck.UNKNOWN] * len(attitudes)
+        known = [(k, stars) for k, stars in enumerate(true_stars) if isinstance(stars, Identification)]
+        if self.reference is None or not known:
+            return checks
+        measured = np.concatenate([directions_sensor[k].take(stars.objects, axis=0) for k, stars in known])
+        stars_icrs = self.reference.catalog.icrs.take(np.concatenate([stars.stars for _, stars in known]), axis=0)
+        true = solve_attitudes(measured, stars_icrs, np.cumsum([len(stars.stars) for _, stars in known]), 1e-4)
+        for (k, _), looking in zip(known, true, strict=True):
+            attitude = attitudes[k]
+            if attitude is None:
+                checks[k] = AnswerCheck.ABSENT
+            else:
+                separation_rad = math.dist(attitude.boresight_icrs, looking.boresight_icrs)
+                checks[k] = AnswerCheck.CORRECT if separation_rad < SAME_BORESIGHT_RAD else AnswerCheck.FALSE
+        return checks
 
 
 _STATUS = {

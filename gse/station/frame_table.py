@@ -1,15 +1,18 @@
 """Table of results: the frames of a session as columns, 14 h in some 100 MB."""
 
 import copy
+from collections.abc import Iterator, Sequence
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude
-from gse.station.results import AnswerCheck, FrameResult, Matches, Status
+from gse.attitude import Attitude, angles_deg
+from gse.station.results import AnswerCheck, FrameResult, Matches, SkyCondition, Status
 
 STATUSES = tuple(Status)
 ANSWER_CHECKS = tuple(AnswerCheck)
+SKY_CONDITIONS = tuple(SkyCondition)
 _NAN = float("nan")
 _ROOM_ROWS = 1 << 19
 """14 h at 10 Hz; the capacity doubles when it is full."""
@@ -46,11 +49,42 @@ FRAME = np.dtype(
         ("d_roll_arcsec", "f8"),
         ("cross_x_arcsec", "f8"),
         ("cross_y_arcsec", "f8"),
+        ("stars_seen", "u1"),
+        ("limiting_mag", "f4"),
+        ("sky_condition", "u1"),
+        ("transparency", "f4"),
+        ("stars_expected", "f4"),
+        ("sun_altitude_deg", "f4"),
+        ("sun_separation_deg", "f4"),
+        ("moon_altitude_deg", "f4"),
+        ("moon_separation_deg", "f4"),
     ]
 )
-"""One row per panorama; NaN where a value is missing; status and answer_check are places in STATUSES and ANSWER_CHECKS.
-``zero_point_mag`` is the median of catalogue magnitude + 2.5 log10(index value) of the matched stars: the same sensor
-under clear sky keeps it, and a cloud of one magnitude lowers it by one."""
+"""One row per panorama; NaN where a value is missing; status, answer_check and sky_condition are places in STATUSES,
+ANSWER_CHECKS and SKY_CONDITIONS. ``zero_point_mag`` is the median of catalogue magnitude + 2.5 log10(index value) of
+the named stars: the same sensor under clear sky keeps it, and a cloud of one magnitude lowers it by one. ``stars_seen``
+are those that were named, by the reference identifier where the one under test has no answer; ``limiting_mag`` is the
+magnitude of the faintest of them. The columns behind it are of the sky, the same for the frames of 5 s:
+``transparency`` is the share of the starlight of the session's clearest part, ``stars_expected`` the number of
+catalogue stars in the field, at most as many as a panorama holds; separations are from the boresight."""
+
+ONBOARD_COLUMNS = (
+    "status",
+    "answer_check",
+    "matched",
+    "false_match_probability",
+    "zero_point_mag",
+    "elapsed_us",
+    "ra_deg",
+    "de_deg",
+    "roll_deg",
+    "d_ra_cosde_arcsec",
+    "d_de_arcsec",
+    "d_roll_arcsec",
+    "cross_x_arcsec",
+    "cross_y_arcsec",
+)
+"""Columns of FRAME that are of the identifier under test; the others are of the panorama, its sky, or truth."""
 
 MATCH = np.dtype(
     [
@@ -73,15 +107,15 @@ class _Rows:
         self._room = np.zeros(_ROOM_ROWS, dtype=dtype)
         self._used = 0
 
-    def append(self, row: tuple[float, ...]) -> None:
-        self._make_room(1)
-        self._room[self._used] = row
-        self._used += 1
-
-    def extend(self, rows: NDArray[np.void]) -> None:
+    def extend(self, rows: NDArray[np.void] | list[tuple[float, ...]]) -> None:
         self._make_room(len(rows))
         self._room[self._used : self._used + len(rows)] = rows
         self._used += len(rows)
+
+    def copied(self) -> "_Rows":
+        taken = copy.copy(self)
+        taken._room = self.array().copy()
+        return taken
 
     def _make_room(self, count: int) -> None:
         while self._used + count > len(self._room):
@@ -104,50 +138,33 @@ class FrameTable:
         self._match_stride = 1
         self._waiting: list[tuple[int, NDArray[np.float64], Matches]] = []
 
+    @classmethod
+    def of(cls, frames: NDArray[np.void], matches: NDArray[np.void]) -> Self:
+        """A table with these rows of FRAME and MATCH."""
+        table = cls()
+        table._frames.extend(frames)
+        table._matches.extend(matches)
+        return table
+
     def __len__(self) -> int:
         return len(self._frames)
 
     def append(self, result: FrameResult) -> None:
         """Add one frame."""
-        row = len(self._frames)
-        panorama, error = result.panorama, result.attitude_error
-        self._frames.append(
-            (
-                panorama.utc_ns,
-                panorama.host_utc_ns,
-                panorama.time_us,
-                panorama.frame_no,
-                panorama.sequence,
-                STATUSES.index(result.status),
-                ANSWER_CHECKS.index(result.answer_check),
-                min(len(panorama.brightness), 255),
-                min(len(result.matches), 255),
-                [kind for _, kind in result.others].count("hot pixel"),
-                panorama.exposure_s,
-                panorama.temperature_c,
-                result.identification.false_match_probability if result.identification else _NAN,
-                result.zero_point_mag,
-                _NAN if result.elapsed_us is None else result.elapsed_us,
-                *_angles(result.attitude),
-                *_angles(result.attitude_true),
-                *(
-                    (
-                        error.d_ra_cosde_arcsec,
-                        error.d_de_arcsec,
-                        error.d_roll_arcsec,
-                        error.cross_x_arcsec,
-                        error.cross_y_arcsec,
-                    )
-                    if error
-                    else (_NAN,) * 5
-                ),
-            )
-        )
-        if row % self._match_stride == 0 and len(result.matches):
-            matches = result.matches
-            self._waiting.append((row, panorama.xy_px.take(matches.objects, axis=0), matches))
-            if len(self._waiting) == _FRAMES_AT_ONCE:
-                self._take_in_matches()
+        self.extend([result])
+
+    def extend(self, results: Sequence[FrameResult]) -> None:
+        """Add frames."""
+        first = len(self._frames)
+        answered = _angles([result.attitude for result in results])
+        true = _angles([result.attitude_true for result in results])
+        self._frames.extend([_row(*columns) for columns in zip(results, answered, true, strict=True)])
+        for row, result in enumerate(results, first):
+            if row % self._match_stride == 0 and len(result.matches):
+                matches = result.matches
+                self._waiting.append((row, result.panorama.xy_px.take(matches.objects, axis=0), matches))
+                if len(self._waiting) == _FRAMES_AT_ONCE:
+                    self._take_in_matches()
 
     def _take_in_matches(self) -> None:
         """Make columns of the waiting matches; drop every second frame's matches when there are too many."""
@@ -169,10 +186,10 @@ class FrameTable:
             self._matches.extend(stored[stored["frame"] % self._match_stride == 0])
 
     def snapshot(self) -> "FrameTable":
-        """A table of the rows so far, for reading on another thread; it shares them, and rows never change."""
+        """A table of the rows so far, for another thread: columns are copied, matches, which never change, shared."""
         self._take_in_matches()
         taken = copy.copy(self)
-        taken._frames, taken._matches = copy.copy(self._frames), copy.copy(self._matches)
+        taken._frames, taken._matches = self._frames.copied(), copy.copy(self._matches)
         taken._waiting = []
         return taken
 
@@ -188,7 +205,51 @@ class FrameTable:
         return self._matches.array()
 
 
-def _angles(attitude: Attitude | None) -> tuple[float, float, float]:
-    if attitude is None:
-        return _NAN, _NAN, _NAN
-    return attitude.ra_deg, attitude.de_deg, attitude.roll_deg
+_Angles = tuple[float, float, float]
+_NO_ANGLES = _NAN, _NAN, _NAN
+
+
+def _row(result: FrameResult, angles_deg: _Angles, angles_true_deg: _Angles) -> tuple[float, ...]:
+    """The row of FRAME."""
+    panorama, error = result.panorama, result.attitude_error
+    return (
+        panorama.utc_ns,
+        panorama.host_utc_ns,
+        panorama.time_us,
+        panorama.frame_no,
+        panorama.sequence,
+        STATUSES.index(result.status),
+        ANSWER_CHECKS.index(result.answer_check),
+        min(len(panorama.brightness), 255),
+        min(len(result.matches), 255),
+        [kind for _, kind in result.others].count("hot pixel"),
+        panorama.exposure_s,
+        panorama.temperature_c,
+        result.identification.false_match_probability if result.identification else _NAN,
+        result.light.zero_point_mag,
+        _NAN if result.elapsed_us is None else result.elapsed_us,
+        *angles_deg[:2],
+        angles_deg[2] if result.has_roll else _NAN,
+        *angles_true_deg,
+        *(
+            (
+                error.d_ra_cosde_arcsec,
+                error.d_de_arcsec,
+                error.d_roll_arcsec,
+                error.cross_x_arcsec,
+                error.cross_y_arcsec,
+            )
+            if error
+            else (_NAN,) * 5
+        ),
+        min(result.light.stars, 255),
+        result.light.limiting_mag,
+        0,
+        *(_NAN,) * 6,
+    )
+
+
+def _angles(attitudes: list[Attitude | None]) -> Iterator[_Angles]:
+    """RA, DE and roll of each."""
+    angles = iter(angles_deg([attitude for attitude in attitudes if attitude is not None]).tolist())
+    return (_NO_ANGLES if attitude is None else next(angles) for attitude in attitudes)

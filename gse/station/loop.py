@@ -42,6 +42,7 @@ link hands them to the recorder before the loop sees them.
 from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import groupby
 from typing import Protocol
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
@@ -49,6 +50,8 @@ from drivers.clock import ClockReading
 from drivers.link import SerialLink
 from drivers.link_state import LinkMonitor
 from gse.errors import TruthError
+from gse.external.answers import Failure
+from gse.external.identifier import Given
 from gse.panorama import Panorama
 from gse.recording.session_format import RecordedTimings
 from gse.station.event_kinds import ClockStep, StationKind
@@ -56,19 +59,25 @@ from gse.station.event_log import EventLog
 from gse.station.frame_processor import Answer, FrameProcessor
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
+from gse.station.own_answer_results import OwnAnswerProcessor
 from gse.station.reception import Received, Reception
-from gse.station.results import FrameResult
+from gse.station.results import FrameResult, OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
+from gse.station.sky_watch import SkyWatch
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.truth.iers_tables import GivenTables
-from protocols import AttitudeMessage, StatusMessage
+from protocols import StatusMessage
 
 RECEIVE_TIMEOUT_S = 0.2
 MOST_STATUSES = 50_000
 """One a second for 14 h; those that follow are decoded and dropped."""
 MOST_AT_ONCE = 64
 """Panoramas that are identified before the first of them is shown, where so many wait."""
+
+
+_News = Panorama | OwnAnswer | LinkEvent
+"""What has a place in the order of a session."""
 
 
 class Listener(Protocol):
@@ -102,8 +111,10 @@ class StationLoop:
     ) -> None:
         station = setup.station
         self.setup = setup
-        self.session = SessionData(station, setup.station_text, setup.protocol.name)
+        subject = Subject.ONBOARD if setup.protocol.slots else Subject.SENSOR
+        self.session = SessionData(station, setup.station_text, setup.protocol.name, subject=subject)
         self.session.catalog = setup.catalog_facts()
+        self.session.stars = setup.identifier.catalog.listed
         self.session.versions = versions()
         self.reception = Reception(setup.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
         self.session.link = self.reception.counters
@@ -126,9 +137,11 @@ class StationLoop:
             mount=mount,
             paper_mean=station.identifier.attitude == "paper-mean",
         )
+        self._own_answers = OwnAnswerProcessor(station.sensor.attitude)
         self._monitor = LinkMonitor(station.port.baudrate)
         self._truth_sought = False
         self._event_log = EventLog()
+        self.sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
 
     def run(
         self,
@@ -142,11 +155,20 @@ class StationLoop:
 
         ``first`` is what was received already, ``each`` gets the results of every round.
         """
-        each(self.take(first))
-        while not link.at_end and not stop():
-            each(self.take(link.receive(RECEIVE_TIMEOUT_S)))
-        each(self._drain(link) + self.finish())
+        try:
+            each(self.take(first))
+            while not link.at_end and not stop():
+                each(self.take(link.receive(RECEIVE_TIMEOUT_S)))
+            each(self._drain(link) + self.finish())
+        finally:
+            self._close_external()
         return self.session
+
+    def _close_external(self) -> None:
+        """End an external identifier; what it said of itself belongs to the session."""
+        if self.setup.external is not None:
+            self.setup.external.close()
+            self.session.external = self.setup.external.identity
 
     def _drain(self, link: SerialLink) -> list[FrameResult]:
         """Process the bytes that a live port gave until it was closed: they are recorded, so they count."""
@@ -159,7 +181,7 @@ class StationLoop:
 
     def take(self, items: Sequence[Chunk | LinkEvent]) -> list[FrameResult]:
         """Decode the items and identify the panoramas that are complete."""
-        news: list[Panorama | LinkEvent] = []
+        news: list[_News] = []
         for item in items:
             news += self._port_event(item) if isinstance(item, LinkEvent) else self._decoded(item)
         return self._identify(news)
@@ -169,23 +191,24 @@ class StationLoop:
         silence = self._monitor.pass_time(event.utc_ns, event.mono_ns)
         return [*silence, event, *self._monitor.port_event(event)]
 
-    def _decoded(self, chunk: Chunk) -> list[Panorama | LinkEvent]:
+    def _decoded(self, chunk: Chunk) -> list[_News]:
         counters = self.reception.counters
         frames, discards = counters.frames, dict(counters.discarded_bytes_by_reason)
         received = self.reception.receive(chunk)
         new = {reason: count - discards.get(reason, 0) for reason, count in counters.discarded_bytes_by_reason.items()}
         return [*self._monitor.received(chunk, counters.frames - frames, new), *self._for_identification(received)]
 
-    def _for_identification(self, received: list[Received]) -> list[Panorama | LinkEvent]:
-        """Panoramas and events for identification, in order; STATUS and ATTITUDE messages are stored."""
-        news: list[Panorama | LinkEvent] = []
+    def _for_identification(self, received: list[Received]) -> list[_News]:
+        """Panoramas, events and answers without a panorama, in order; STATUS and ATTITUDE messages are stored."""
+        news: list[_News] = []
         for item in received:
             if isinstance(item, Panorama | LinkEvent):
                 news.append(item)
             elif isinstance(item, StatusMessage) and len(self.session.statuses) < MOST_STATUSES:
                 self.session.statuses.append((self.reception.last_host_utc_ns, item))
-            elif isinstance(item, AttitudeMessage):
-                self.session.sensor_attitudes.append((self.reception.last_host_utc_ns, item))
+            elif isinstance(item, OwnAnswer):
+                self.session.sensor_attitudes.append(item.host_utc_ns, item.message)
+                news += [item] if item.utc_ns is not None else []
         return news
 
     def pass_time(self, utc_ns: int, mono_ns: int) -> None:
@@ -195,6 +218,7 @@ class StationLoop:
     def finish(self) -> list[FrameResult]:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self._for_identification(self.reception.finish()))
+        self._log_all(self.sky.finish(self.session.frames.columns))
         self.session.raw_sha256 = self.reception.raw_sha256
         return results
 
@@ -219,35 +243,83 @@ class StationLoop:
         """Store a reading of the host clock."""
         self.session.clock.append(reading)
 
-    def _identify(self, news: list[Panorama | LinkEvent]) -> list[FrameResult]:
+    def _identify(self, news: list[_News]) -> list[FrameResult]:
         """Identify the panoramas, many at once where many wait; results and events come out in their order."""
         results = []
         for begin in range(0, len(news), MOST_AT_ONCE):
             part = news[begin : begin + MOST_AT_ONCE]
             answers = iter(self._frame_processor.identify([item for item in part if isinstance(item, Panorama)]))
-            for item in part:
-                if isinstance(item, Panorama):
-                    results.append(self._conclude(item, next(answers)))
-                else:
-                    self.on_event(item)
+            for kind, items in groupby(part, type):
+                if kind is Panorama:
+                    results += self._conclude([(item, next(answers)) for item in items if isinstance(item, Panorama)])
+                    continue
+                for item in items:
+                    if isinstance(item, OwnAnswer):
+                        results.append(self._conclude_own(item))
+                    elif isinstance(item, LinkEvent):
+                        self.on_event(item)
         return results
 
     def observe(self, panorama: Panorama) -> FrameResult:
         """Process one panorama and store the result."""
         return self._identify([panorama])[0]
 
-    def _conclude(self, panorama: Panorama, answer: Answer | str) -> FrameResult:
-        """Compare an answer with truth, store the result and pass it to the listeners."""
+    def _conclude(self, answered: list[tuple[Panorama, Answer | str]]) -> list[FrameResult]:
+        """Compare answers that follow each other with truth, store the results and pass them to the listeners.
+
+        One by one while the mount is not fitted: the next panorama may bring it.
+        """
+        results: list[FrameResult] = []
+        while answered:
+            panorama, _ = answered[0]
+            if not self._truth_sought:
+                self._seek_truth(panorama)
+            if self._first_seconds is not None:
+                self._align(self._first_seconds, panorama)
+            count = len(answered) if self._first_seconds is None else 1
+            results += self._conclude_some(answered[:count])
+            answered = answered[count:]
+        return results
+
+    def _conclude_some(self, answered: list[tuple[Panorama, Answer | str]]) -> list[FrameResult]:
+        panoramas, answers = zip(*answered, strict=True)
+        elapsed_us = [self._elapsed_us(panorama, answer) for panorama, answer in answered]
+        results = self._frame_processor.conclude(panoramas, answers, elapsed_us)
+        first = len(self.session.frames)
+        self.session.frames.extend(results)
+        for row, (answer, result) in enumerate(zip(answers, results, strict=True), first):
+            self._log_all(self.sky.take(self.session.frames.columns[: row + 1]))
+            if given := (answer.given if isinstance(answer, Answer) else None):
+                self._count_given(result.panorama, given)
+            if isinstance(answer, Answer) and answer.is_mirrored:
+                self.on_event(LinkEvent(result.panorama.utc_ns, 0, StationKind.MIRRORED, result.detail))
+            if self._first_seconds is not None and self._frame_processor.truth is not None:
+                self._first_seconds.add(result, self._frame_processor.truth)
+            for listener in self.listeners:
+                listener.on_result(result, self.session)
+        return results
+
+    def _count_given(self, panorama: Panorama, given: Given) -> None:
+        """Count what an external identifier gave; its failures are events."""
+        self.session.external_counts.count(given)
+        if isinstance(given.answer, Failure):
+            text = f"{given.answer.kind} at frame {panorama.frame_no}: {given.answer.detail}"
+            self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.IDENTIFIER_FAULT, text))
+
+    def _conclude_own(self, answer: OwnAnswer) -> FrameResult:
+        """Compare an answer of a sensor that sends no panoramas with truth; store the result and pass it on."""
+        panorama = self._own_answers.panorama(answer)
         if not self._truth_sought:
             self._seek_truth(panorama)
         if self._first_seconds is not None:
             self._align(self._first_seconds, panorama)
-        result = self._frame_processor.conclude(panorama, answer, self._elapsed_us(panorama, answer))
+        truth, mount = self._frame_processor.truth, self._frame_processor.mount
+        result = self._own_answers.result(panorama, answer.message, truth, mount)
+        self.sky.sees_objects = False
         self.session.frames.append(result)
-        if isinstance(answer, Answer) and answer.is_mirrored:
-            self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.MIRRORED, result.detail))
-        if self._first_seconds is not None and self._frame_processor.truth is not None:
-            self._first_seconds.add(result, self._frame_processor.truth)
+        self._log_all(self.sky.take(self.session.frames.columns))
+        if self._first_seconds is not None and truth is not None:
+            self._first_seconds.add(result, truth)
         for listener in self.listeners:
             listener.on_result(result, self.session)
         return result

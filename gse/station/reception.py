@@ -56,7 +56,7 @@ from drivers.chunk import Chunk, LinkEvent
 from gse.instant import LAST_NS, NS_PER_S
 from gse.panorama import Panorama
 from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.results import LinkCounters
+from gse.station.results import LinkCounters, OwnAnswer
 from gse.station.sensor_clock import SensorClock
 from protocols import (
     Ack,
@@ -87,6 +87,9 @@ CLOCK_STEP_NS = 5_000_000
 SHORTEST_SUSPENSION_NS = NS_PER_S
 """Steps that are smaller are always those of UTC: time tags and arrivals do not tell."""
 
+FROZEN_AFTER = 3
+"""Copies of one panorama with no other between them: no line makes so many."""
+
 LONGEST_PAUSE_NS = 366 * 86_400 * NS_PER_S
 """A sensor clock that is this far ahead of the panorama before is out of order: no capture pauses for a year."""
 
@@ -96,7 +99,7 @@ _TAGGED = PanoramaMessage | StatusMessage | AttitudeMessage
 _Stamp = tuple[int, int, int]
 """Offset of a chunk in the stream, UTC and monotonic time at which it was read, as they came."""
 
-Received = Panorama | StatusMessage | AttitudeMessage | Ack | Nak | LinkEvent
+Received = Panorama | OwnAnswer | StatusMessage | Ack | Nak | LinkEvent
 
 
 class Reception:
@@ -123,6 +126,7 @@ class Reception:
         self._latest: deque[bytes] = deque(maxlen=RECENT)
         self._before: tuple[int, int, int | None] | None = None
         self._frame_mono_ns: int | None = None
+        self._repeats = 0
 
     @property
     def raw_sha256(self) -> str:
@@ -169,7 +173,7 @@ class Reception:
         before = self._sequence.last
         arrival = self._arrival(frame, message, mono_ns)
         if arrival is Arrival.DUPLICATE:
-            return received
+            return received + self._repeated(message, frame.sequence, host_utc_ns, mono_ns)
         utc_ns = host_utc_ns if self._anchor_utc_ns is None else max(self._anchor_utc_ns, self._latest_utc_ns)
         if arrival is Arrival.CHAOS:
             text = _chaos_in_words(frame.sequence, before)
@@ -180,19 +184,23 @@ class Reception:
             text = f"the sensor started anew: frame {frame.sequence} on the wire, its clock or counter jumped back"
             received.append(LinkEvent(utc_ns, mono_ns, StationKind.SENSOR_RESET, text))
         if isinstance(message, PanoramaMessage):
+            self._repeats = 0
             received.append(self._panorama(message, frame, host_utc_ns, mono_ns))
-        elif isinstance(message, StatusMessage | AttitudeMessage | Ack | Nak):
+        elif isinstance(message, AttitudeMessage):
+            received.append(self._own_answer(message, frame, host_utc_ns, mono_ns))
+        elif isinstance(message, StatusMessage | Ack | Nak):
             received.append(message)
         return received
 
     def _arrival(self, frame: Frame, message: Message, mono_ns: int) -> Arrival:
-        """Classify the sequence number. Only time tags of panoramas show a restart: a STATUS may carry a later one."""
+        """Classify the sequence number. Only time tags of exposures show a restart: a STATUS may carry a later one."""
         elapsed_s = None
         if self._anchor_utc_ns is None and self._frame_mono_ns is not None:
             elapsed_s = (mono_ns - self._frame_mono_ns) / NS_PER_S
         copy = self._is_copy(frame)
-        if isinstance(message, PanoramaMessage) and "stored" not in self._protocol.flags_of(frame):
-            restarted = "clock reset" in message.flags
+        of_exposure = PanoramaMessage if self._protocol.slots else AttitudeMessage
+        if isinstance(message, of_exposure) and "stored" not in self._protocol.flags_of(frame):
+            restarted = isinstance(message, PanoramaMessage) and "clock reset" in message.flags
             arrival = self._sequence.accept(
                 frame.sequence, time_us=message.time_us, restarted=restarted, elapsed_s=elapsed_s, copy=copy
             )
@@ -204,6 +212,23 @@ class Reception:
         self.counters.frames_lost = self._sequence.lost
         self.counters.sensor_resets = self._sequence.resets
         return arrival
+
+    def _repeated(self, message: Message, sequence: int, host_utc_ns: int, mono_ns: int) -> list[Received]:
+        """Count a panorama that came before; an event where nothing else comes any more.
+
+        A line that doubles frames goes on with new ones. The copies of a frozen sensor stand where new panoramas are
+        expected, so they count as missing.
+        """
+        if not isinstance(message, PanoramaMessage) or sequence != self._sequence.last:
+            return []
+        self._repeats += 1
+        if self._repeats < FROZEN_AFTER:
+            return []
+        self.counters.frames_repeated += FROZEN_AFTER if self._repeats == FROZEN_AFTER else 1
+        if self._repeats > FROZEN_AFTER:
+            return []
+        text = f"the sensor repeats panorama {message.frame_no}, byte for byte, instead of new ones: it is frozen"
+        return [LinkEvent(host_utc_ns, mono_ns, StationKind.FROZEN, text)]
 
     def _is_copy(self, frame: Frame) -> bool:
         """Whether the same bytes came among the latest frames: what bears a number again need not be a copy."""
@@ -249,11 +274,27 @@ class Reception:
             temperature_c=temperature_c,
             flags=message.flags,
             host_utc_ns=host_utc_ns if self._anchor_utc_ns is None else 0,
-            sequence=frame.sequence,
+            sequence=max(frame.sequence, 0),  # a frame without a number has -1
             problems=message.problems,
+            wire_rows=brightest_first,
         )
 
-    def _utc_of(self, message: PanoramaMessage, exposure_s: float, utc_ns: int, mono_ns: int) -> int:
+    def _own_answer(self, message: AttitudeMessage, frame: Frame, host_utc_ns: int, mono_ns: int) -> OwnAnswer:
+        """The UTC of its exposure is that of its panorama; a sensor without panoramas is given one by its time tag.
+
+        Its answer comes later than the exposure by the time that it states for its processing.
+        """
+        utc_ns = None
+        if not self._protocol.slots:
+            processing_s = message.latency_s if 0 <= message.latency_s <= LONGEST_EXPOSURE_S else 0.0
+            utc_ns = self._utc_of(message, 2 * processing_s, host_utc_ns, mono_ns)
+            utc_ns = min(max(utc_ns, 0), LAST_NS)
+            self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
+        host_utc_ns = host_utc_ns if self._anchor_utc_ns is None else 0
+        return OwnAnswer(message, host_utc_ns, utc_ns, max(frame.sequence, 0))
+
+    def _utc_of(self, message: PanoramaMessage | AttitudeMessage, exposure_s: float, utc_ns: int, mono_ns: int) -> int:
+        """UTC of a time tag that came half of ``exposure_s`` and a byte before its frame was read."""
         if self._anchor_utc_ns is None:
             # A panorama whose exposure is out of order is placed where its first byte came.
             half_ns = 0 if math.isnan(exposure_s) else round(exposure_s * NS_PER_S / 2)

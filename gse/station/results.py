@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.attitude import Attitude
+from gse.external.identifier import Given
 from gse.identifier.result import Identification
 from gse.panorama import Panorama
+from protocols import AttitudeMessage
 
 
 class Status(StrEnum):
@@ -21,6 +23,8 @@ class Status(StrEnum):
     NO_MATCH = "NO_MATCH"
     AMBIGUOUS = "AMBIGUOUS"
     SENSOR_FAULT = "SENSOR_FAULT"
+    IDENTIFIER_FAULT = "IDENTIFIER_FAULT"
+    """An external identifier crashed, hung or gave nonsense."""
 
 
 class AnswerCheck(StrEnum):
@@ -30,6 +34,16 @@ class AnswerCheck(StrEnum):
     FALSE = "false"
     ABSENT = "absent"
     UNKNOWN = "unknown"
+
+
+class SkyCondition(StrEnum):
+    """What the stars, the Sun and the objects of some seconds say of the sky."""
+
+    UNKNOWN = "unknown"
+    CLEAR = "clear"
+    CLOUDED = "clouded"
+    NO_STARS = "no stars"
+    DAYLIGHT = "daylight"
 
 
 class Verdict(StrEnum):
@@ -47,6 +61,16 @@ class Subject(StrEnum):
     """The identifier under test: the onboard-equivalent one, run here."""
     SENSOR = "sensor"
     """The answers that the sensor itself sends."""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnAnswer:
+    """An ATTITUDE message: when its first byte was read, and the UTC of its exposure where no panorama gives it."""
+
+    message: AttitudeMessage
+    host_utc_ns: int
+    utc_ns: int | None
+    sequence: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +132,21 @@ class AttitudeError:
     cross_y_arcsec: float
 
 
+@dataclass(frozen=True, slots=True)
+class Starlight:
+    """What the named stars of a panorama show of the sky; NaN where none is named.
+
+    ``zero_point_mag`` is the magnitude of a star with index value 1, ``limiting_mag`` that of the faintest named star.
+    """
+
+    stars: int = 0
+    zero_point_mag: float = math.nan
+    limiting_mag: float = math.nan
+
+
+NO_STARLIGHT = Starlight()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameResult:
     """Result of one panorama; one line of gse.frame/1.
@@ -115,7 +154,8 @@ class FrameResult:
     ``attitude`` is what the sensor would answer: from catalogue places in ICRS, uncorrected for aberration and
     refraction. ``attitude_geometric`` is the same with these corrections, ``attitude_true`` where the mount looked
     (geometric direction, ICRS axes), and ``attitude_error`` is between these two. ``others`` classifies non-stellar
-    objects: (object, "hot pixel" | "Jupiter" | "unknown" ...).
+    objects: (object, "hot pixel" | "Jupiter" | "unknown" ...). ``given`` is what an external identifier gave; an answer
+    of RA and DE alone ``has_roll`` False, and its roll means nothing.
     """
 
     panorama: Panorama
@@ -131,12 +171,18 @@ class FrameResult:
     attitude_true: Attitude | None = None
     answer_check: AnswerCheck = AnswerCheck.UNKNOWN
     others: tuple[tuple[int, str], ...] = ()
-    zero_point_mag: float = math.nan
+    light: Starlight = NO_STARLIGHT
+    has_roll: bool = True
+    given: Given | None = None
 
 
 @dataclass(slots=True)
 class LinkCounters:
-    """Counters of all received bytes and all expected frames."""
+    """Counters of all received bytes and all expected frames.
+
+    ``frames_repeated`` counts the panoramas that a frozen sensor sent again and again instead of new ones; they are
+    among the ``duplicates``.
+    """
 
     bytes_in: int = 0
     bytes_framed: int = 0
@@ -144,6 +190,7 @@ class LinkCounters:
     frames: int = 0
     discarded_bytes_by_reason: dict[str, int] = field(default_factory=dict)
     duplicates: int = 0
+    frames_repeated: int = 0
     frames_lost: int = 0
     sensor_resets: int = 0
     reconnects: int = 0

@@ -1,43 +1,54 @@
 """Data of a session: the input of statistics, verdict, report and views."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
+from gse.catalog.stars import ListedStars
 from gse.config.station import Station
+from gse.external.identifier import ExternalCounts
+from gse.station.attitude_table import AttitudeTable
 from gse.station.exclusions import Exclusion
 from gse.station.frame_table import FrameTable
-from gse.station.results import LinkCounters
+from gse.station.results import LinkCounters, Subject
 from gse.truth import Alignment, EarthOrientation
-from protocols import AttitudeMessage, StatusMessage
+from protocols import StatusMessage
 
 
 @dataclass(slots=True)
 class SessionData:
     """One complete session, in the order of time.
 
-    ``sensor_attitudes`` are the sensor's own answers (ATTITUDE frames) with the UTC given to them; ``raw_sha256`` is
-    the hash of all received bytes; ``catalog`` describes the mission catalogue in use; ``versions`` the packages that
-    numbers depend on. ``events_not_kept`` are those of a flood, which are only counted. A ``truncated`` session lost
-    its end. ``alignment`` is the mount that was fitted on the session itself, ``clock_error_s`` a bound of the host
-    clock's error that the operator states, ``excluded`` the times that the operator excludes from the statistics.
+    ``frames`` are the panoramas with the answers of the identifier under test; a sensor that sends no panoramas is its
+    own ``subject``, and the frames are its answers. ``sensor_attitudes`` are the sensor's own answers (ATTITUDE
+    frames); ``raw_sha256`` is the hash of all received bytes; ``catalog`` describes the mission catalogue in use;
+    ``versions`` the packages that numbers depend on. ``events_not_kept`` are those of a flood, which are only counted.
+    A ``truncated`` session lost its end. ``stars`` are those of the mission catalogue: matches name its rows.
+    ``alignment`` is the mount that was fitted on the session itself, ``clock_error_s`` a bound of the host clock's
+    error that the operator states, ``excluded`` the times that the operator excludes from the statistics.
+    ``external`` is the identity of an external identifier (gse.identifier/1), ``external_counts`` counts what it gave.
     """
 
     station: Station
     station_text: str
     protocol_name: str
+    subject: Subject = field(default=Subject.ONBOARD, kw_only=True)
     frames: FrameTable = field(default_factory=FrameTable)
     link: LinkCounters = field(default_factory=LinkCounters)
     events: list[LinkEvent] = field(default_factory=list)
     events_not_kept: int = 0
     clock: list[ClockReading] = field(default_factory=list)
     statuses: list[tuple[int, StatusMessage]] = field(default_factory=list)
-    sensor_attitudes: list[tuple[int, AttitudeMessage]] = field(default_factory=list)
+    sensor_attitudes: AttitudeTable = field(default_factory=AttitudeTable)
     raw_sha256: str = ""
     catalog: dict[str, object] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
+    stars: ListedStars | None = None
     truncated: bool = False
     earth_orientation: EarthOrientation | None = None
     alignment: Alignment | None = None
     clock_error_s: float | None = None
     excluded: tuple[Exclusion, ...] = ()
+    external: dict[str, Any] | None = None
+    external_counts: ExternalCounts = field(default_factory=ExternalCounts)

@@ -10,7 +10,11 @@ import numpy as np
 from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, stars_searched
+from gse.catalog.readers import GAIA
 from gse.config.station import Station
+from gse.external.identifier import AnswerSource, ExternalIdentifier, RunningIdentifier
+from gse.external.panoramas import SensorDescription, WireUnit
+from gse.external.plugs import plug_of
 from gse.identifier import Identification, Identifier, make_identifier
 from gse.identifier.hypotheses import search
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
@@ -35,8 +39,21 @@ class Setup:
     station_text: str
     protocol: Protocol
     camera: Camera
-    identifier: Identifier
+    identifier: Identifier | ExternalIdentifier
     reference: RobustIdentifier | None
+
+    @property
+    def external(self) -> AnswerSource | None:
+        """The source of an external identifier's answers; None where a built-in one is under test."""
+        return self.identifier.source if isinstance(self.identifier, ExternalIdentifier) else None
+
+    @property
+    def built_in(self) -> Identifier:
+        """The identifier under test where it is a built-in one, otherwise the reference identifier."""
+        if isinstance(self.identifier, ExternalIdentifier):
+            assert self.reference is not None
+            return self.reference
+        return self.identifier
 
     def catalog_facts(self) -> dict[str, object]:
         """The catalogue under test, as the report shows it."""
@@ -53,12 +70,18 @@ class Setup:
 
 
 def set_up(
-    station: Station, station_text: str, *, utc_ns: int | None = None, protocol_text: str | None = None
+    station: Station,
+    station_text: str,
+    *,
+    utc_ns: int | None = None,
+    protocol_text: str | None = None,
+    recorded_answers: AnswerSource | None = None,
 ) -> Setup:
     """Load catalogue, tables and wire format, and compile the identifiers, so that the first panorama is not late.
 
     ``utc_ns`` is the start of the session: the date to which known proper motions are applied. ``protocol_text`` is the
-    frozen description of a recorded session, instead of the station's protocol.
+    frozen description of a recorded session, instead of the station's protocol. ``recorded_answers`` are judged in the
+    place of an external program, which is not started then.
     """
     if protocol_text is None:
         protocol = load_protocol(station.protocol)
@@ -68,12 +91,36 @@ def set_up(
     epoch_jyear = None if utc_ns is None else _epoch_jyear(utc_ns)
     stars = max(stars_searched(camera, station.identifier.catalog_stars), stars_looked_at(camera))
     catalog = _catalog(station.catalog, epoch_jyear, stars)
-    identifier = make_identifier(station.identifier, camera, catalog)
-    reference = None if station.identifier.algorithm == "robust" else _reference(camera, catalog)
+    if station.identifier.algorithm == "external":
+        answers = recorded_answers or _running(station, protocol)
+        identifier: Identifier | ExternalIdentifier = ExternalIdentifier(catalog, answers)
+    else:
+        identifier = make_identifier(station.identifier, camera, catalog)
+    # A flight catalogue is the sensor's alone: too short for the reference identifier, and perhaps wrong.
+    whole = _catalog(GAIA, epoch_jyear, stars) if catalog.is_flight else catalog
+    reference = None if station.identifier.algorithm == "robust" else _reference(camera, whole)
     setup = Setup(station, station_text, protocol, camera, identifier, reference)
     _warm_up(setup)
     give_back()
     return setup
+
+
+def _running(station: Station, protocol: Protocol) -> RunningIdentifier:
+    """The external identifier of the station file, checked; its program starts with the first panorama."""
+    plug = plug_of(station.identifier, sensor_description(station, protocol))
+    return RunningIdentifier(plug, station.identifier.timeout_ms / 1000)
+
+
+def check_external(station: Station, protocol: Protocol) -> None:
+    """UsageError where the station file names an external identifier that cannot be started."""
+    if station.identifier.algorithm == "external":
+        plug_of(station.identifier, sensor_description(station, protocol))
+
+
+def sensor_description(station: Station, protocol: Protocol) -> SensorDescription:
+    """The sensor as an external identifier gets it, with the units of the wire."""
+    units = {name: WireUnit(*unit) for name, unit in protocol.object_units.items()}
+    return SensorDescription(station.sensor.name, station.sensor.camera(), station.sensor.index_max, **units)
 
 
 def is_compiled() -> bool:
@@ -119,8 +166,9 @@ def _warm_up(setup: Setup) -> None:
     xy_px = camera.pixels(stars_icrs @ icrs_to_sensor.T)
     directions_sensor = camera.directions(np.round(xy_px[camera.contains(xy_px)][:MAX_OBJECTS]))
     brightness = np.linspace(4000.0, 100.0, len(directions_sensor))
-    answer = setup.identifier.identify(directions_sensor, brightness)
-    if isinstance(answer, Identification):
-        solve_attitude(directions_sensor[answer.objects], stars_icrs[answer.stars], 1e-4)
+    if not isinstance(setup.identifier, ExternalIdentifier):
+        answer = setup.identifier.identify(directions_sensor, brightness)
+        if isinstance(answer, Identification):
+            solve_attitude(directions_sensor[answer.objects], stars_icrs[answer.stars], 1e-4)
     if setup.reference:
         setup.reference.identify_many([(directions_sensor, brightness)])

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from gse.constants import ARCSEC_PER_RAD
 from gse.errors import UsageError
@@ -82,6 +81,8 @@ def fit_mount(
     ``persistent_arcsec2`` (3, 3) is the covariance of what the stars keep (gse.star_influence): frames do not show it.
     Frames further than 5 sigma from the median are rejected. UsageError without a frame.
     """
+    from scipy.spatial.transform import Rotation  # a quarter of a second, which a run without a fit need not wait
+
     if len(utc_ns) == 0:
         raise UsageError("the mount cannot be fitted: no frame was identified; expected at least one")
     instants = np.asarray(utc_ns, dtype=np.int64)
@@ -112,6 +113,8 @@ def fit_mount(
 
 def small_rotations(rotations: NDArray[np.float64], about: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotation vectors (M, 3), in radians in the sensor frame, from one rotation (3, 3) to each of (M, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
     vectors: NDArray[np.float64] = Rotation.from_matrix(rotations @ about.T).as_rotvec().reshape(-1, 3)
     return vectors
 

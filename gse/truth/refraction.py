@@ -38,10 +38,14 @@ class Refraction:
     def removed(
         self, directions_sensor: NDArray[np.float64], zenith_sensor: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """The directions (N, 3) that light had before it entered the air; ``zenith_sensor`` (3,) is a unit vector."""
+        """The directions (N, 3) that light had before it entered the air.
+
+        ``zenith_sensor`` is a unit vector, (3,) for all or (N, 3).
+        """
         removed = np.empty((len(directions_sensor), 3))
         # Copies: for each other layout of an array, or one that is read-only, the function would be compiled anew.
-        directions, zenith = np.array(directions_sensor, dtype=float, order="C"), np.array(zenith_sensor, dtype=float)
+        directions, zenith = np.array(directions_sensor, dtype=float, order="C"), np.empty(removed.shape)
+        zenith[:] = zenith_sensor
         _remove(directions, zenith, self.a_rad, self.b_rad, removed)
         return removed
 
@@ -67,16 +71,17 @@ def _remove(
     b_rad: float,
     removed: NDArray[np.float64],
 ) -> None:
-    """Put each direction (N, 3), turned away from the zenith (3,) by its refraction, into ``removed``."""
+    """Put each direction (N, 3), turned away from its zenith (N, 3) by the refraction, into ``removed``."""
     for i in range(len(directions)):
         x, y, z = directions[i]
-        cos_z = x * zenith[0] + y * zenith[1] + z * zenith[2]
+        up_x, up_y, up_z = zenith[i]
+        cos_z = x * up_x + y * up_y + z * up_z
         held = max(cos_z, _MIN_COS_ZENITH)
         # tan z / sin z, the part of the formula that does not vanish at the zenith
         per_sine = (a_rad + b_rad * (1.0 / held**2 - 1.0)) / held
         shift = per_sine * math.sqrt(max(1.0 - cos_z**2, 0.0))
         away = per_sine * (math.sin(shift) / shift if shift > 0.0 else 1.0)
         along = math.cos(shift) + away * cos_z
-        removed[i, 0] = along * x - away * zenith[0]
-        removed[i, 1] = along * y - away * zenith[1]
-        removed[i, 2] = along * z - away * zenith[2]
+        removed[i, 0] = along * x - away * up_x
+        removed[i, 1] = along * y - away * up_y
+        removed[i, 2] = along * z - away * up_z

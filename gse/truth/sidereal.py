@@ -42,6 +42,7 @@ _CELLS_KEPT = 1024
 _MJD_JD = 2_400_000.5
 _TT_MINUS_TAI_S = 32.184
 _WGS84 = 1
+_NO_COVARIANCE = np.zeros((3, 3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,8 +103,10 @@ class SiderealTruth:
         for number in np.unique(numbers):
             cell = self._cell(int(number))
             rows = numbers == number
-            angle = ((utc_ns[rows] - cell.middle_ns) * (EARTH_RATE_RAD_PER_S / NS_PER_S))[:, None, None]
-            rotations[rows] = cell.still + cell.cosine * np.cos(angle) + cell.sine * np.sin(angle)
+            angles = ((utc_ns[rows] - cell.middle_ns) * (EARTH_RATE_RAD_PER_S / NS_PER_S)).tolist()
+            # Those of math: numpy's own of an array are others in the last digit on some processors.
+            cosine, sine = (np.array([f(angle) for angle in angles])[:, None, None] for f in (math.cos, math.sin))
+            rotations[rows] = cell.still + cell.cosine * cosine + cell.sine * sine
         return rotations
 
     def apparent(self, stars_icrs: NDArray[np.float64], utc_ns: int) -> NDArray[np.float64]:
@@ -111,25 +114,41 @@ class SiderealTruth:
 
         Light deflection by the Sun, annual and diurnal aberration; no parallax (0.75 arcsec for the nearest star).
         """
-        cell = self._cell(utc_ns // _CELL_NS)
-        east_icrs = self.icrs_to_horizon(utc_ns)[0]
-        velocity_c = cell.earth_velocity_c + self._site_speed_c * east_icrs
+        first_one = np.zeros(len(stars_icrs), dtype=np.int64)
+        return self.apparent_at(stars_icrs, np.array([utc_ns]), self.icrs_to_horizon(utc_ns)[None], first_one)
+
+    def apparent_at(
+        self,
+        stars_icrs: NDArray[np.float64],
+        utc_ns: NDArray[np.int64],
+        icrs_to_horizon: NDArray[np.float64],
+        instant_of: NDArray[np.int64],
+    ) -> NDArray[np.float64]:
+        """``apparent`` at many instants (K,), given their rotations (K, 3, 3); ``instant_of`` (N,) is each star's."""
+        cells = [self._cell(number) for number in (utc_ns // _CELL_NS).tolist()]
+        velocity_c = np.array([cell.earth_velocity_c for cell in cells]) + self._site_speed_c * icrs_to_horizon[:, 0]
+        lorentz = np.sqrt(1 - np.einsum("ki,ki->k", velocity_c, velocity_c))
+        distance_au = np.array([cell.sun_distance_au for cell in cells])[instant_of]
         seen = np.asarray(stars_icrs, dtype=np.float64)
         if "light deflection" not in self.omit:
-            seen = erfa.ufunc.ldsun(seen, cell.sun_to_earth_icrs, cell.sun_distance_au)
-        lorentz = math.sqrt(1 - float(velocity_c @ velocity_c))
-        seen = erfa.ufunc.ab(seen, velocity_c, cell.sun_distance_au, lorentz)
+            seen = erfa.ufunc.ldsun(seen, np.array([cell.sun_to_earth_icrs for cell in cells])[instant_of], distance_au)
+        seen = erfa.ufunc.ab(seen, velocity_c[instant_of], distance_au, lorentz[instant_of])
         return np.asarray(seen, dtype=np.float64)
 
     def unrefracted(
         self, directions_sensor: NDArray[np.float64], zenith_sensor: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Measured directions (N, 3) without the refraction of the site's air, about the zenith (3,)."""
+        """Measured directions (N, 3) without the refraction of the site's air, about the zenith, (3,) or (N, 3)."""
         return self.refraction.removed(directions_sensor, zenith_sensor)
 
     def attitude_true(self, utc_ns: int, mount: Mount) -> Attitude:
         """Where the mount looks: the geometric direction, in ICRS axes, with zero covariance."""
-        return Attitude(horizon_to_sensor(mount) @ self.icrs_to_horizon(utc_ns), np.zeros((3, 3)))
+        return self.attitudes_true(self.icrs_to_horizon(utc_ns)[None], mount)[0]
+
+    @staticmethod
+    def attitudes_true(icrs_to_horizon: NDArray[np.float64], mount: Mount) -> list[Attitude]:
+        """``attitude_true`` at many instants, given their rotations (K, 3, 3)."""
+        return [Attitude(rotation, _NO_COVARIANCE) for rotation in horizon_to_sensor(mount) @ icrs_to_horizon]
 
     def _cell(self, number: int) -> _Cell:
         cell = self._cells.get(number)

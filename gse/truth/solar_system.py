@@ -1,4 +1,4 @@
-"""Planets and the Moon as a sensor sees them, by ERFA's own ephemerides (plan94, moon98): good to 2 arcmin.
+"""Planets, Moon and Sun as a sensor sees them, by ERFA's own ephemerides (plan94, moon98): good to 2 arcmin.
 
 The same that astropy calls "builtin". Neglected: aberration and the deflection of light (20 arcsec), and the 69 s
 between UTC and TT, in which the Moon moves 0.6 arcmin.
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.constants import AU_M, DAY_S, LIGHT_M_PER_S
-from gse.instant import to_julian_date
+from gse.instant import NS_PER_DAY, UNIX_EPOCH_JD, to_julian_date
 from gse.site import Site
 
 PLANETS = ("Mercury", "Venus", "Mars", "Jupiter", "Saturn", "Uranus")
@@ -39,14 +39,54 @@ def bodies_icrs(site: Site, utc_ns: int) -> NDArray[np.float64]:
 
 def sun_altitude_deg(site: Site, utc_ns: int) -> float:
     """Geometric altitude of the Sun's centre over a site, good to 0.02 deg: for twilight, not for pointing."""
-    day, fraction = to_julian_date(utc_ns)
-    sun_icrs = -erfa.ufunc.epv00(day, fraction)[0]["p"]
+    sun_horizon, _ = sun_and_moon_horizon(site, np.array([utc_ns]))
+    return math.degrees(math.asin(float(sun_horizon[0, 2])))
+
+
+def sun_and_moon_horizon(site: Site, utc_ns: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Unit vectors (M, 3) to the Sun and to the Moon at instants (M,), x east, y north, z up, without refraction.
+
+    Good to 0.02 deg: for twilight and moonlight, not for pointing.
+    """
+    day, fraction = _julian_dates(utc_ns)
+    icrs_to_horizon = _icrs_to_horizon(site, day, fraction)
+    sun_au = -erfa.ufunc.epv00(day, fraction)[0]["p"]
+    moon_au = erfa.ufunc.moon98(day, fraction)["p"]
+    sun_horizon, moon_horizon = (np.einsum("mij,mj->mi", icrs_to_horizon, part) for part in (sun_au, moon_au))
+    position_m, _ = erfa.ufunc.gd2gc(_WGS84, *np.radians([site.longitude_deg, site.latitude_deg]), site.height_m)
+    moon_horizon -= _earth_to_horizon(site) @ position_m / AU_M
+    return _unit(sun_horizon), _unit(moon_horizon)
+
+
+def icrs_to_horizon(site: Site, utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Rotations (M, 3, 3) from ICRS axes to the horizon frame at instants (M,), with UTC for UT1: good to 15 arcsec.
+
+    For what must be known without Earth orientation: which stars are in the field, and where the Moon is.
+    """
+    return _icrs_to_horizon(site, *_julian_dates(utc_ns))
+
+
+def _julian_dates(utc_ns: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    days, ns = np.divmod(np.asarray(utc_ns, dtype=np.int64), NS_PER_DAY)
+    return UNIX_EPOCH_JD + days, ns / NS_PER_DAY
+
+
+def _icrs_to_horizon(site: Site, day: NDArray[np.float64], fraction: NDArray[np.float64]) -> NDArray[np.float64]:
+    rotations: NDArray[np.float64] = _earth_to_horizon(site) @ erfa.ufunc.c2t06a(day, fraction, day, fraction, 0.0, 0.0)
+    return rotations
+
+
+def _earth_to_horizon(site: Site) -> NDArray[np.float64]:
+    """The rotation (3, 3) from Earth-fixed axes to east, north and up of a site."""
     longitude, latitude = math.radians(site.longitude_deg), math.radians(site.latitude_deg)
-    up_earth = np.array(
-        [math.cos(latitude) * math.cos(longitude), math.cos(latitude) * math.sin(longitude), math.sin(latitude)]
+    sin_l, cos_l, sin_b, cos_b = math.sin(longitude), math.cos(longitude), math.sin(latitude), math.cos(latitude)
+    return np.array(
+        [[-sin_l, cos_l, 0.0], [-sin_b * cos_l, -sin_b * sin_l, cos_b], [cos_b * cos_l, cos_b * sin_l, sin_b]]
     )
-    up_icrs = up_earth @ erfa.ufunc.c2t06a(day, fraction, day, fraction, 0.0, 0.0)
-    return math.degrees(math.asin(float(up_icrs @ sun_icrs) / float(np.linalg.norm(sun_icrs))))
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None], dtype=np.float64)
 
 
 def _site_icrs_au(site: Site, day: float, fraction: float) -> NDArray[np.float64]:

@@ -2,10 +2,8 @@
 
 from gse.instant import NS_PER_S
 from gse.site import Site
+from gse.station.sky_condition import SUN_LIMIT_DEG
 from gse.truth.solar_system import sun_altitude_deg
-
-DARK_SUN_DEG = -12.0
-"""Nautical twilight: with a higher Sun the sky is too bright for the stars of a panorama."""
 
 _STEP_NS = 600 * NS_PER_S
 _STEPS = 144
@@ -24,7 +22,7 @@ def next_dawn_ns(site: Site, utc_ns: int) -> int | None:
 
 def is_bright(site: Site, utc_ns: int) -> bool:
     """Whether the Sun is too high for stars."""
-    return sun_altitude_deg(site, utc_ns) > DARK_SUN_DEG
+    return sun_altitude_deg(site, utc_ns) > SUN_LIMIT_DEG
 
 
 def _between(site: Site, dark_ns: int, bright_ns: int) -> int:

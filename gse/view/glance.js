@@ -62,9 +62,9 @@ function show(state) {
   put("since", number(state.since_answer_s, 1));
   const stars = state.stars;
   put("stars", `${stars.seen}/${stars.expected ?? stars.objects}`);
-  put("stars-of", stars.expected === undefined ? "identified of objects" : "seen of expected");
-  put("magnitude", number(state.limiting_magnitude, 1));
-  put("magnitude-note", state.limiting_magnitude === undefined ? "not known yet" : state.sky ?? "");
+  put("stars-of", stars.expected === null ? "named of objects" : "named of expected");
+  put("magnitude", number(stars.limiting_mag, 1));
+  put("magnitude-note", state.sky ? `sky ${state.sky}` : "faintest star named");
   put("forecast", state.forecast || "-");
   put("dawn", state.dawn_min === null ? "none" : state.dawn_min <= 0 ? "bright" : `in ${duration(state.dawn_min)}`);
   put("dawn-note", "Sun above −12 deg");

@@ -12,6 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
 from gse import instant
@@ -37,6 +40,9 @@ QUEUE_ITEMS = 2000
 _SLOW_EVERY_NS = NS_PER_S
 """What changes slowly (disk, turn of the mount, histogram, dawn) is found once a second."""
 _EVENTS_SHOWN = 8
+_SKY_EVERY_FRAMES = 10
+_SKY_WITHIN_FRAMES = 1000
+_SKY_WORDS = {"clouded": "CLOUD", "no stars": "NO STARS", "daylight": "DAYLIGHT"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +54,7 @@ class _Shown:
     lost: int
     clock: ClockReading | None
     mount: Mount | None
+    expected: float
 
 
 class Glance:
@@ -63,6 +70,7 @@ class Glance:
         self._items: deque[_Shown | LinkEvent] = deque(maxlen=QUEUE_ITEMS)
         self._phase, self._verdict = Phase.RUNNING, ""
         self._reasons: tuple[str, ...] = ()
+        self._sky_due, self._expected = 0, math.nan
         self._running = Running(station.limits)
         self._recent = {"dRA*": RecentErrors(), "dDE": RecentErrors()}
         self._events = EventLines(frozenset({StationKind.NOTE}))
@@ -81,7 +89,13 @@ class Glance:
         """Take a result; the oldest one that waits is dropped where there are too many."""
         clock = session.clock[-1] if session.clock else None
         mount = session.alignment.mount if session.alignment else self._fixed_mount()
-        self._items.append(_Shown(result, len(session.frames), session.link.frames_lost, clock, mount))
+        count = len(session.frames)
+        if count >= self._sky_due:
+            # The sky's columns are filled some seconds late, by windows: one look in a second is enough.
+            self._sky_due = count + _SKY_EVERY_FRAMES
+            self._expected = _latest_known(session.frames.columns["stars_expected"][-_SKY_WITHIN_FRAMES:])
+        shown = _Shown(result, count, session.link.frames_lost, clock, mount, self._expected)
+        self._items.append(shown)
 
     def on_event(self, event: LinkEvent) -> None:
         """Take an event."""
@@ -107,6 +121,7 @@ class Glance:
             item = self._items.popleft()
             if isinstance(item, LinkEvent):
                 self._link = LINK_WORDS.get(item.kind, self._link)
+                self._running.add_event(item)
                 self._events.add(item)
             else:
                 self._add(item)
@@ -148,9 +163,22 @@ class Glance:
                 self._axis("dRA*", running.d_ra, limits.d_ra_cosde_arcsec),
                 self._axis("dDE", running.d_de, limits.d_de_arcsec),
             ],
-            "stars": {"seen": len(latest.result.matches) if latest else 0, "objects": running.objects},
+            "stars": self._stars(),
+            "sky": running.sky or None,
             "forecast": self._forecast(),
             **self._slow,
+        }
+
+    def _stars(self) -> dict[str, Any]:
+        """Named stars, those expected in the field, and the magnitude of the faintest named one."""
+        if self._latest is None:
+            return {"seen": 0, "expected": None, "objects": 0, "limiting_mag": None}
+        light = self._latest.result.light
+        return {
+            "seen": light.stars,
+            "expected": _number(self._latest.expected, 0),
+            "objects": self._running.objects,
+            "limiting_mag": _number(light.limiting_mag, 1),
         }
 
     def _axis(self, name: str, moments: Moments, limit_arcsec: float) -> dict[str, Any]:
@@ -186,7 +214,7 @@ class Glance:
             objects=running.objects,
             answered=self._answered_utc_ns is not None,
             since_answer_s=since_answer_s if self._phase is Phase.RUNNING else 0.0,
-            sky="DAYLIGHT" if self._bright else "",
+            sky="DAYLIGHT" if self._bright else _SKY_WORDS.get(running.sky, ""),
             aligning_s=aligning_s,
             outside=running.outside(latest.lost if latest else 0),
         )
@@ -238,6 +266,11 @@ class Glance:
             "up": turn.up,
             "text": str(turn),
         }
+
+
+def _latest_known(values: NDArray[np.float64]) -> float:
+    known = values[np.isfinite(values)]
+    return float(known[-1]) if len(known) else math.nan
 
 
 def _number(value: float, digits: int) -> float | None:

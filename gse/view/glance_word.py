@@ -28,7 +28,7 @@ class Phase(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
-    """What the word follows from. ``link`` is of LINK_WORDS; ``sky`` is CLOUD, DAYLIGHT or empty.
+    """What the word follows from. ``link`` is of LINK_WORDS; ``sky`` is CLOUD, NO STARS, DAYLIGHT or empty.
 
     ``since_answer_s`` counts from the first panorama as long as there was no answer; ``outside`` names the limits that
     are not kept; ``aligning_s`` is the time left for the fit of the mount.

@@ -178,6 +178,7 @@ class _SceneFeed:
             self._scene.add(frames)
         for item in batch:
             if isinstance(item, LinkEvent):
+                self._scene.running.add_event(item)
                 self._scene.event(item)
             elif isinstance(item, _Concluded):
                 self._conclude(item)

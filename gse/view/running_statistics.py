@@ -5,7 +5,7 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from drivers.chunk import LinkKind
+from drivers.chunk import LinkEvent, LinkKind
 from gse.drawing.palette import GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLOW
 from gse.instant import NS_PER_S
 from gse.limits import Limits
@@ -25,6 +25,15 @@ LINK_WORDS: dict[str, str] = {
     StationKind.CLOSED: "closed",
 }
 """The state of the link after each kind of event that changes it; the other kinds are only logged."""
+
+SKY_WORDS: dict[str, str] = {
+    StationKind.CLEAR: "clear",
+    StationKind.CLOUDED: "clouded",
+    StationKind.NO_STARS: "no stars",
+    StationKind.DAYLIGHT: "daylight",
+    StationKind.DARK_NIGHT: "dark night",
+}
+"""The sky after each kind of event that changes it."""
 
 LINK_COLOURS = {
     "streaming": GREEN,
@@ -94,6 +103,8 @@ class Running:
     last: AttitudeError | None = None
     utc_ns: int = 0
     objects: int = 0
+    sky: str = ""
+    sky_text: str = ""
     _answered_utc_ns: int | None = None
     _recent_utc_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_RATE_WINDOW))
 
@@ -114,6 +125,11 @@ class Running:
         self.d_ra.add(found.d_ra_cosde_arcsec)
         self.d_de.add(found.d_de_arcsec)
         self.inside += self.is_inside(found)
+
+    def add_event(self, event: LinkEvent) -> None:
+        """Note what an event says of the sky."""
+        if event.kind in SKY_WORDS:
+            self.sky, self.sky_text = SKY_WORDS[event.kind], event.text
 
     def is_inside(self, found: AttitudeError) -> bool:
         """Whether an attitude error is inside both limits."""

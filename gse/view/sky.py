@@ -67,7 +67,7 @@ def grouped(utc_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.in
 
 
 def _field_of(frame: np.void, camera: Camera) -> NDArray[np.float32]:
-    attitude = Attitude.from_angles(frame["ra_deg"], frame["de_deg"], frame["roll_deg"])
+    attitude = Attitude.from_angles(frame["ra_deg"], frame["de_deg"], np.nan_to_num(frame["roll_deg"]))
     return field_outline_icrs(attitude, camera).astype(np.float32)
 
 

@@ -66,6 +66,7 @@ class StatusLine:
     def on_event(self, event: LinkEvent) -> None:
         """Announce the event, each kind once; the state of the link stays in the line."""
         self._link = LINK_WORDS.get(event.kind, self._link)
+        self._running.add_event(event)
         self._announcer.on_event(event)
 
     def line(self) -> Text:
@@ -76,6 +77,7 @@ class StatusLine:
             (f"link {self._link}" if self._link != _NO_LINK else self._link, _LINK_STYLES.get(self._link, "")),
             (f"  {running.frames} frames{_rate(running)}", ""),
             (self._lost(), "bold red"),
+            (f"  sky {running.sky}" if running.sky else "", _warning(running.sky in ("clouded", "no stars"))),
             (f"  {running.silence}" if running.silence else "", "bold red"),
             (f"  {percent(running.identified)} identified", _warning(self._misses_availability())),
             (f"  dRA* {_mean(running.d_ra.mean, running.d_ra.n)}", _warning(self._outside("d_ra"))),

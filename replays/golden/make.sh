@@ -9,4 +9,5 @@ gse simulate --scenario inclined --seconds 30 --seed 2 --file inclined.mcap
 gse simulate --scenario cloudy-night --rate-hz 5 --seed 3 --file cloudy.mcap
 gse simulate --scenario cold-start --seconds 45 --seed 4 --file faults.mcap \
     --faults flip:1e-5,insert:1e-5,noise:1e-5,drop_frame:0.005,double_frame:0.01,swap_frame:0.01,disconnect:30s/1s
+gse simulate --scenario own-answers.yaml --seed 5 --file own-answers.mcap
 gse ci . --update

@@ -13,7 +13,7 @@ from gse.station.session_data import SessionData
 
 
 def found(made):
-    return "\n".join(judge(made).findings)
+    return "\n".join(map(str, judge(made).findings))
 
 
 def test_a_good_night_looks_like_nothing():

@@ -8,10 +8,10 @@ from gse.assessment.statistics import statistics
 from protocols import AttitudeMessage
 
 
-def own_answers(made, *, off_arcsec=0.0, state="acquired"):
+def answer(made, first=0, until=None, *, off_arcsec=0.0, state="acquired"):
     rows = made.frames.columns
-    return [
-        (
+    for row in rows[first:until]:
+        made.sensor_attitudes.append(
             int(row["utc_ns"]),
             AttitudeMessage(
                 time_us=int(row["time_us"]),
@@ -23,30 +23,29 @@ def own_answers(made, *, off_arcsec=0.0, state="acquired"):
                 latency_s=0.08,
             ),
         )
-        for row in rows
-    ]
 
 
 def test_a_sensor_that_answers_as_its_rebuilding_is_equivalent():
     made = session(100)
-    made.sensor_attitudes = own_answers(made)
+    answer(made)
     own = statistics(made).equivalence
     assert own.same
     assert (own.answers, own.both, own.only_sensor, own.only_station) == (100, 100, 0, 0)
     assert own.separation_arcsec.max < 0.01
     assert own.latency_ms.p50 == pytest.approx(80)
-    assert "".join(findings(made, statistics(made))) == ""
+    assert findings(made, statistics(made)) == ()
 
 
 def test_a_sensor_that_answers_otherwise_is_named():
     made = session(100)
-    made.sensor_attitudes = own_answers(made, off_arcsec=30.0)[:50] + own_answers(made, state="lost")[50:]
+    answer(made, until=50, off_arcsec=30.0)
+    answer(made, 50, state="lost")
     own = statistics(made).equivalence
     assert not own.same
     assert (own.both, own.only_station) == (50, 50)
     assert own.separation_arcsec.p50 == pytest.approx(30, abs=0.01)
     assert "not the onboard-equivalent ones: of 100, 0 were answered only by the sensor and 50 only here" in "".join(
-        findings(made, statistics(made))
+        map(str, findings(made, statistics(made)))
     )
 
 

@@ -120,7 +120,7 @@ def test_a_perfect_night_passes_and_looks_like_nothing(setup, astropy_night):
 
 
 def looks_like(setup, panoramas, **options):
-    return "\n".join(judge(watched(setup, panoramas, **options)).findings)
+    return "\n".join(map(str, judge(watched(setup, panoramas, **options)).findings))
 
 
 def test_a_mount_error_is_named(setup, astropy_night):
@@ -185,7 +185,7 @@ def test_a_clock_step_is_named_and_its_frames_are_left_out(setup, astropy_night)
         loop.take([Chunk(arrived_ns + step_ns, mono_ns + arrived_ns - int(instants[0]), data)])
     loop.finish()
     assessment = judge(loop.session)
-    assert any("clock step" in found and "+2.000 s" in found for found in assessment.findings)
+    assert any("clock step" in found and "+2.000 s" in found for found in map(str, assessment.findings))
     ((item, count),) = assessment.statistics.exclusions
     assert "stepped" in item.reason
     assert 90 <= count <= 130

@@ -235,14 +235,18 @@ def test_what_is_at_its_limit_can_never_be_shown():
     assert availability_frames(0.95, 0.95) is None
 
 
-def test_sessions_of_the_planned_length_pass():
-    expected = Expected(0.0, 20.0, 0.0, 1.0)
-    n = accuracy_frames(expected, 60.0, truth_arcsec=3.0)
-    assert 60 <= n <= 150
+@pytest.mark.parametrize(
+    ("expected", "truth_arcsec", "least", "most"),
+    [(Expected(0.0, 20.0, 0.0, 1.0), 3.0, 60, 150), (Expected(0.0, 3.3, 8.0, 1.0), 7.0, 100, 250)],
+    ids=["white", "few independent values"],
+)
+def test_sessions_of_the_planned_length_pass(expected, truth_arcsec, least, most):
+    n = accuracy_frames(expected, 60.0, truth_arcsec=truth_arcsec)
+    assert least <= n <= most
     passed = []
     for errors in simulated_errors(expected, n, 100, np.random.default_rng(7)):
         upper = error_bounds(errors).p95_abs.upper
-        passed.append(keeps(float(np.percentile(np.abs(errors), 95)), upper, 60.0, 3.0))
+        passed.append(keeps(float(np.percentile(np.abs(errors), 95)), upper, 60.0, truth_arcsec))
     assert 0.8 <= np.mean(passed) <= 0.98
 
 

@@ -232,18 +232,16 @@ def with_own_answers(made, *, turned_deg=0.0, latency_s=0.08):
         de_deg = math.degrees(math.asin(star[2] / np.linalg.norm(star)))
         noise_deg = np.random.default_rng(int(row["frame_no"])).normal(0, 5 / 3600, 3)
         made.sensor_attitudes.append(
-            (
-                int(row["utc_ns"]),
-                AttitudeMessage(
-                    time_us=int(row["time_us"]),
-                    ra_deg=(ra_deg + noise_deg[0] + turned_deg) % 360,
-                    de_deg=de_deg + noise_deg[1],
-                    roll_deg=true.roll_deg + noise_deg[2],
-                    frame_no=int(row["frame_no"]),
-                    state="acquired",
-                    latency_s=latency_s,
-                ),
-            )
+            int(row["utc_ns"]) + 120_000_000,
+            AttitudeMessage(
+                time_us=int(row["time_us"]),
+                ra_deg=(ra_deg + noise_deg[0] + turned_deg) % 360,
+                de_deg=de_deg + noise_deg[1],
+                roll_deg=true.roll_deg + noise_deg[2],
+                frame_no=int(row["frame_no"]),
+                state="acquired",
+                latency_s=latency_s,
+            ),
         )
     return made
 

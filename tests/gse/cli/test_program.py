@@ -1,7 +1,28 @@
 """The program from its very start."""
 
+import contextlib
+import itertools
+import os
 import subprocess
 import sys
+from pathlib import Path
+
+import click
+import pytest
+
+from gse.cli import cli, main
+from gse.cli.durations import duration_option
+from gse.errors import GseError
+
+ANY = click.Option(["--duration"])
+
+
+def read_duration(text: str) -> float | None:
+    """Of a text on the command line."""
+    return duration_option(least_s=0.1)(click.Context(cli), ANY, text)
+
+
+GSE = str(Path(sys.executable).with_name("gse"))
 
 INTERRUPTED_AT_AN_IMPORT = """
 import runpy, signal, sys
@@ -25,3 +46,51 @@ def test_ctrl_c_while_the_packages_are_imported_ends_without_a_traceback() -> No
 def test_the_program_starts_as_a_module() -> None:
     done = subprocess.run([sys.executable, "-m", "gse", "--version"], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("name", cli.list_commands(click.Context(cli)))
+def test_the_help_of_each_command_ends_with_two_examples_that_it_takes(name: str) -> None:
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None
+    help_text = command.get_help(click.Context(command, info_name=f"gse {name}"))
+    examples = [line.split() for line in help_text.partition("Examples:\n")[2].splitlines()]
+    assert len(examples) == 2
+    for gse, called, *arguments in examples:
+        assert (gse, called) == ("gse", name)
+        own = list(itertools.takewhile(lambda word: word not in {">", ">>"}, arguments))
+        with contextlib.suppress(GseError):  # a file that is not here
+            command.make_context(name, own)
+
+
+@pytest.mark.parametrize(("given", "meant"), [("runn", "gse run"), ("calibarte", "gse calibrate"), ("xyzzy", "--help")])
+def test_a_mistyped_command_is_answered_with_the_nearest(capsys, given: str, meant: str) -> None:
+    with pytest.raises(SystemExit) as done:
+        main([given])
+    assert done.value.code == 2
+    assert meant in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [("90", 90), ("90s", 90), ("0.5", 0.5), ("5m", 300), ("5 min", 300), ("1h30m", 5400), ("2H", 7200)],
+)
+def test_a_duration_is_read_in_seconds_minutes_and_hours(text: str, seconds: float) -> None:
+    assert read_duration(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["", "0", "-5", "5x", "m", "1e3", "nan", "99999h", "5m3h"])
+def test_what_is_not_a_duration_is_answered_with_examples(text: str) -> None:
+    with pytest.raises(click.BadParameter, match="1h30m"):
+        read_duration(text)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_a_shell_that_sources_the_script_completes_commands(shell: str) -> None:
+    script = subprocess.run([GSE, "completion", shell], capture_output=True, text=True, check=True).stdout
+    assert f"_GSE_COMPLETE={shell}_complete" in script
+
+
+def test_bash_is_given_the_commands_that_fit() -> None:
+    asked = {**os.environ, "_GSE_COMPLETE": "bash_complete", "COMP_WORDS": "gse rep", "COMP_CWORD": "1"}
+    done = subprocess.run([GSE], capture_output=True, text=True, env=asked)
+    assert [line.partition(",")[2] for line in done.stdout.splitlines()] == ["replay", "report"]

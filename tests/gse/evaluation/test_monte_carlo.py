@@ -53,7 +53,8 @@ def test_the_table_shows_what_went_wrong_beside_what_went_right(gse, tmp_path):
     done = gse("evaluate", "--preset", "lapan", "--frames", 8, "--figures", tmp_path / "figures")
     assert done.code == 0, done.err
     lines = [line.split() for line in done.out.splitlines() if line.startswith("neighbour")]
-    assert [line[3] for line in lines] == ["0", "3", "8"]
+    assert [line[3] for line in lines] == ["0", "3", "8"] * 2
+    assert max(len(line) for line in done.out.splitlines()) <= 80
     assert all(word in done.out for word in ("right %", "false %", "none %", "coarse %", "95 % bounds"))
     for name, unit in (("success-distance.svg", "arcsec"), ("success-magnitude.svg", "mag")):
         assert unit in (tmp_path / "figures" / name).read_text(encoding="utf-8")

@@ -7,6 +7,8 @@ from skies.made_frames import FIELD_14_DEG
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, mission_catalog
 from gse.errors import CatalogError
+from gse.identifier.robust_tables import sky_tables
+from gse.identifier.table_cache import cached_columns
 from gse.identifier.tables import MOST_PAIRS, build_pair_table, field_diameter_rad, pair_table, tolerance_rad
 from gse.spiral import spiral_directions
 
@@ -93,16 +95,34 @@ def test_a_cache_file_that_names_absent_stars_is_replaced(tmp_path):
     catalog = scattered(20)
     made = pair_table(catalog, 0.8, tmp_path)
     (stored,) = tmp_path.iterdir()
-    np.savez(stored, **made._replace(neighbour=made.neighbour + 20)._asdict())
+    stored.unlink()
+    cached_columns(stored, lambda: made._replace(neighbour=made.neighbour + 20), lambda columns: True, len(made))
     assert same(pair_table(catalog, 0.8, tmp_path), made)
 
 
-def test_a_pickle_in_the_cache_is_not_opened(tmp_path):
-    catalog = scattered(20)
-    made = pair_table(catalog, 0.8, tmp_path)
+def test_the_tables_of_the_robust_identifier_come_from_the_cache_as_they_were_made(tmp_path):
+    catalog = scattered(400)
+    field = np.array([-0.1, 0.1, -0.1, 0.1, np.inf, 0.04])
+    made = sky_tables(catalog.icrs, catalog.magnitude, field, tmp_path)
     (stored,) = tmp_path.iterdir()
-    np.savez(stored, **made._replace(brighter=np.array([{}], dtype=object))._asdict())
-    assert same(pair_table(catalog, 0.8, tmp_path), made)
+    before = stored.stat().st_mtime_ns
+    kept = sky_tables(catalog.icrs, catalog.magnitude, field, tmp_path)
+    assert same(made[3:9], kept[3:9])
+    assert made[9:] == kept[9:]
+    assert all(column.flags.carray for column in kept[3:9]), "compiled code would be compiled twice"
+    assert stored.stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("column", ["pairs", "cell_stars", "pair_start", "cell_start"])
+def test_tables_of_the_robust_identifier_that_name_absent_stars_are_replaced(tmp_path, column):
+    catalog = scattered(400)
+    field = np.array([-0.1, 0.1, -0.1, 0.1, np.inf, 0.04])
+    made = sky_tables(catalog.icrs, catalog.magnitude, field, tmp_path)
+    (stored,) = tmp_path.iterdir()
+    stored.unlink()
+    wrong = made._replace(**{column: getattr(made, column) + np.array(400, getattr(made, column).dtype)})
+    cached_columns(stored, lambda: wrong[3:9], lambda columns: True, 6)
+    assert same(sky_tables(catalog.icrs, catalog.magnitude, field, tmp_path)[3:9], made[3:9])
 
 
 def test_a_cache_that_cannot_be_written_is_done_without(tmp_path):

@@ -98,7 +98,10 @@ def test_an_untouched_file_has_nothing_beside_it(tmp_path: Path) -> None:
     assert [entry.name for entry in tmp_path.iterdir()] == ["session.mcap"]
 
 
-def test_a_run_whose_file_was_changed_ends_with_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("command", ["run", "simulate"])
+def test_a_session_whose_file_was_changed_ends_with_exit_code_3(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
     ended = threading.Event()
 
     def harm() -> None:
@@ -111,7 +114,7 @@ def test_a_run_whose_file_was_changed_ends_with_exit_code_3(tmp_path: Path, caps
     other = threading.Thread(target=harm)
     other.start()
     try:
-        done = runner(capsys)("run", "--out", tmp_path)
+        done = runner(capsys)(command, "--out", tmp_path)
     finally:
         ended.set()
         other.join()

@@ -136,7 +136,7 @@ def test_the_page_needs_nothing_from_elsewhere(page) -> None:
 
 def test_the_page_has_all_figures_as_vectors_with_ids_of_their_own(page) -> None:
     figures = re.findall(r"<svg .*?</svg>", page, re.DOTALL)
-    assert len(figures) == 9
+    assert len(figures) == 10
     for figure in figures:
         ET.fromstring(figure)
     ids = re.findall(r'\bid="([^"]+)"', page)

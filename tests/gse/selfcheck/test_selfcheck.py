@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 from devices.command_line import runner
 
+from gse.installation import source_sha256
 from gse.selfcheck.check import selfcheck
-from gse.selfcheck.installation import source_sha256
 from gse.selfcheck.known_errors import KNOWN_ERRORS
 from gse.selfcheck.last_result import keep_result, last_result
 from gse.selfcheck.result import Row, SelfCheckResult

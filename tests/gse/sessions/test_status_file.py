@@ -2,10 +2,12 @@
 
 import json
 import os
+import time
 from pathlib import Path
 
 import pytest
 
+from gse import instant
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.recording.recorder import Recorder
 from gse.sessions.status_file import StatusFile, is_running, is_unfinished, process_mark, read_status, session_folders
@@ -41,7 +43,15 @@ def test_another_process_with_its_number_is_not_taken_for_it() -> None:
     status = {"state": "running", "pid": os.getpid(), "process": mark}
     assert is_running(status)
     assert not is_running({**status, "process": f"{mark}0"})
-    assert not is_running({**status, "process": None})
+
+
+def test_without_a_mark_a_status_that_is_renewed_is_of_a_running_process() -> None:
+    now_ns = time.time_ns()
+    status = {"state": "running", "pid": os.getpid(), "process": None}
+    assert is_running({**status, "utc": instant.to_text(now_ns, 1)})
+    assert not is_running({**status, "utc": instant.to_text(now_ns - 60 * instant.NS_PER_S, 1)})
+    assert not is_running({**status, "utc": "yesterday"})
+    assert not is_running(status)
     assert not is_running({**status, "pid": 1 << 30})
 
 

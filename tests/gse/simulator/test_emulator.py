@@ -17,8 +17,9 @@ from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError
 from gse.simulator.device import detector_of, firmware_of, scenario_of
 from gse.simulator.emulator import Emulator
-from gse.simulator.endpoints import Endpoint, PtyEndpoint, TcpEndpoint
+from gse.simulator.endpoints import Endpoint, TcpEndpoint
 from gse.simulator.firmware import Detector
+from gse.simulator.pty_endpoint import PtyEndpoint
 from protocols import (
     Ack,
     Frame,

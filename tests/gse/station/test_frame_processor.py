@@ -71,7 +71,7 @@ def processor(identifier, reference):
 def result(identifier, reference, panorama):
     made = processor(identifier, reference)
     (answer,) = made.identify([panorama])
-    return made.conclude(panorama, answer, None)
+    return made.conclude([panorama], [answer], [None])[0]
 
 
 @pytest.mark.parametrize(

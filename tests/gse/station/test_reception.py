@@ -241,3 +241,26 @@ def test_noise_leaves_no_stamps_behind() -> None:
     for number in range(2000):
         reception.receive(Chunk(START_NS + number, number, rng.bytes(100)))
     assert len(reception._stamps) <= 4096 // 100 + 2  # one discard
+
+
+def frozen_after_5() -> tuple[Reception, list[Received]]:
+    """Ten seconds at 10 Hz, of which the last nine and a half bring the same frame again and again."""
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    chunks = [
+        Chunk(*arrival(number * 100_000), frame(min(number, 5), min(number, 5) * 100_000)) for number in range(100)
+    ]
+    return reception, received(reception, *chunks)
+
+
+def test_a_frozen_sensor_is_an_event_and_its_copies_are_counted_as_missing() -> None:
+    reception, items = frozen_after_5()
+    assert len(panoramas(items)) == 6
+    assert events(items) == ["FROZEN"]
+    assert reception.counters.frames_repeated == reception.counters.duplicates == 94
+
+
+def test_a_line_that_doubles_every_frame_is_not_a_frozen_sensor() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    chunks = [Chunk(*arrival(number * 100_000), 2 * frame(number, number * 100_000)) for number in range(20)]
+    items = received(reception, *chunks)
+    assert (events(items), reception.counters.duplicates, reception.counters.frames_repeated) == ([], 20, 0)

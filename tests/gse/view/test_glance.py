@@ -20,8 +20,9 @@ from gse.mount import Mount
 from gse.panorama import Panorama
 from gse.station.event_kinds import StationKind
 from gse.station.results import FrameResult, Status
+from gse.station.sky_condition import SUN_LIMIT_DEG
 from gse.truth import horizon_to_sensor
-from gse.view.dawn import DARK_SUN_DEG, next_dawn_ns
+from gse.view.dawn import next_dawn_ns
 from gse.view.event_lines import EventLines
 from gse.view.focus import focus_of
 from gse.view.glance import QUEUE_ITEMS, Glance
@@ -84,7 +85,7 @@ def test_a_session_at_a_glance_from_the_first_byte_to_the_verdict() -> None:
     assert word(4) == "OK"
     document = glance.document(clock_at(4))
     assert document["frames"] == 20
-    assert document["stars"]["seen"] == len(frame.matches)
+    assert document["stars"]["objects"] == len(frame.panorama.brightness)
     assert document["axes"][0]["name"] == "dRA*"
     assert not document["axes"][0]["outside"]
     assert word(10) == "NO ANSWER 6 s"
@@ -163,7 +164,7 @@ def test_dawn_is_where_astropy_has_the_sun_at_nautical_twilight(latitude_deg: fl
         when = Time(dawn_ns / NS_PER_S, format="unix")
         place = EarthLocation.from_geodetic(site.longitude_deg, latitude_deg, site.height_m)
         sun = get_sun(when).transform_to(AltAz(obstime=when, location=place))
-    assert sun.alt.deg == pytest.approx(DARK_SUN_DEG, abs=0.05)
+    assert sun.alt.deg == pytest.approx(SUN_LIMIT_DEG, abs=0.05)
     assert START_NS < dawn_ns < START_NS + 24 * 3600 * NS_PER_S
 
 

@@ -1,4 +1,4 @@
-"""The installation that a self-check is of: a hash of the program's own files."""
+"""The installed program: a hash of its own files."""
 
 import functools
 import hashlib

@@ -1,0 +1,83 @@
+"""Writes docs/tables.md, the columns of the tables of results, from the schemas themselves.
+
+python docs/make_tables.py
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pyarrow as pa
+
+from gse.tables import SCHEMA_VERSION, frames_schema, sessions_schema, stars_schema
+
+HEAD = f"""\
+# Tables of results
+
+The results of judged sessions as three [Arrow](https://arrow.apache.org) tables, in [Parquet](https://parquet.apache.org)
+files that pandas, polars and DuckDB read as they lie. This page is made by `docs/make_tables.py`.
+
+| table | one row per | schema |
+|---|---|---|
+| sessions | session: verdict, every figure with its interval, conditions, hashes | `gse.sessions/{SCHEMA_VERSION}` |
+| frames | panorama: time, answers of each subject, errors, sky | `gse.frames/{SCHEMA_VERSION}` |
+| stars | matched star and frame: residual, pixel phase, field position, temperature | `gse.stars/{SCHEMA_VERSION}` |
+
+* `key` joins the tables: the SHA-256 of what the results follow from, which are the session's bytes
+  (`session_sha256`), the station file in force (`station_sha256`) and the software (`software_sha256`: its source and
+  the packages that numbers depend on). Same key, same results. `frame` counts the panoramas of a session from 0 and
+  joins stars with frames.
+* A name ends with its unit. The metadata of each column repeat the `unit` and name the `subject`: `onboard` is the
+  identifier under test, `sensor` the answers that the sensor itself sends. The metadata of a table name its `schema`.
+* What is unknown, or not bounded, is null, never NaN or 0. Instants are UTC, to the nanosecond.
+* The version of the schema grows where a column goes or changes its name, type or meaning, not for a new column.
+* Intervals: `low` and `high` hold the true value between them with 95 %; the true value is above `lower` with 95 %, and
+  below `upper` with 95 %. `n_eff` is the number of independent frames that the session is worth.
+  [Metrics](metrics.md) and [Uncertainty](uncertainty.md) explain the figures.
+* Stars are thinned: a session keeps at most 250,000 of them. All matched stars of a frame are kept, or none: of every
+  frame first, of every second, fourth, ... frame as soon as there are more. `phase_x_px`, `phase_y_px` are where the
+  attitude of the frame expects the star on its pixel, from -0.5 to 0.5 about the centre; `field_x_deg`, `field_y_deg`
+  angles from the boresight along columns and rows.
+* `night` is the date of the evening on which the session's night began, in the mean time of the site's longitude.
+* A session that could not be judged has a row in sessions: `source`, `error`, and nulls.
+"""
+AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y", "half_cone_95")
+_SUBJECT = re.compile(r"^(onboard|sensor)_")
+_AXIS = re.compile(rf"_({'|'.join(AXES)})_(?!star_)")
+"""Figures of single stars are the onboard subject's alone."""
+
+
+def page() -> str:
+    """The whole page."""
+    parts = [HEAD]
+    for name, schema in (("sessions", sessions_schema()), ("frames", frames_schema()), ("stars", stars_schema())):
+        parts.append(f"\n## {name}\n\n| column | type | unit |\n|---|---|---|\n")
+        parts += dict.fromkeys(_lines(schema, is_figures=name == "sessions"))
+        if name == "sessions":
+            parts.append(
+                f"\nSUBJECT is `onboard` or `sensor`, AXIS one of {', '.join(f'`{axis}`' for axis in AXES)}.\n"
+            )
+    return "".join(parts)
+
+
+def _lines(schema: pa.Schema, *, is_figures: bool) -> Iterator[str]:
+    """A line per column; figures of all subjects and axes have one line together."""
+    for field in schema:
+        name = field.name
+        if is_figures:
+            name = _AXIS.sub("_AXIS_", _SUBJECT.sub("SUBJECT_", name)) if _AXIS.search(name) else name
+        yield f"| `{name}` | {_kind(field.type)} | {field.metadata[b'unit'].decode()} |\n"
+
+
+def _kind(kind: pa.DataType) -> str:
+    if pa.types.is_dictionary(kind):
+        return _kind(kind.value_type)
+    if pa.types.is_list(kind):
+        return f"list of {_kind(kind.value_type)}"
+    if pa.types.is_struct(kind):
+        return "{" + ", ".join(f"{field.name}: {_kind(field.type)}" for field in kind) + "}"
+    return str(kind)
+
+
+if __name__ == "__main__":
+    Path(__file__).with_name("tables.md").write_text(page(), encoding="utf-8")

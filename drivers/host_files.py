@@ -1,0 +1,34 @@
+"""File access that POSIX systems and Windows spell differently."""
+
+import os
+from pathlib import Path
+
+_QUIETLY = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+"""Not passed on to child processes; no translation of line ends."""
+
+READ = os.O_RDONLY | _QUIETLY
+CREATE = os.O_RDWR | os.O_CREAT | os.O_EXCL | _QUIETLY
+APPEND = os.O_WRONLY | os.O_CREAT | os.O_APPEND | _QUIETLY
+
+
+def read_at(fd: int, size: int, offset: int) -> bytes:
+    """At most ``size`` bytes from an offset; the place where the descriptor writes next does not change."""
+    if hasattr(os, "pread"):
+        return os.pread(fd, size, offset)
+    place = os.lseek(fd, 0, os.SEEK_CUR)
+    try:
+        os.lseek(fd, offset, os.SEEK_SET)
+        return os.read(fd, size)
+    finally:
+        os.lseek(fd, place, os.SEEK_SET)
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring the names in a folder to the disk; Windows does that by itself, and opens no folder."""
+    if os.name == "nt":
+        return
+    fd = os.open(folder, READ)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)

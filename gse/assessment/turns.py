@@ -1,0 +1,35 @@
+"""Turns of the horizon frame about the axes that a set-up can be wrong about."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gse.mount import Mount
+from gse.site import Site
+
+VERTICAL = np.array([0.0, 0.0, 1.0])
+EAST = np.array([1.0, 0.0, 0.0])
+"""Unit vectors in the horizon frame, x east, y north, z up."""
+
+
+def about(axis: NDArray[np.float64], turn: NDArray[np.float64]) -> tuple[float, float]:
+    """The angle about an axis (3,) that is nearest to a rotation (3, 3), and the angle that is left; radians."""
+    along = float(axis @ turn @ axis)
+    odd = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    angle = math.atan2(float(axis @ odd), float(np.trace(turn)) - along)
+    left = Rotation.from_matrix(turn @ Rotation.from_rotvec(angle * axis).as_matrix().T)
+    return angle, float(left.magnitude())
+
+
+def pole(site: Site) -> NDArray[np.float64]:
+    """The northern celestial pole (3,) in the horizon frame; a fast clock turns the measured mount about it."""
+    latitude = math.radians(site.latitude_deg)
+    return np.array([0.0, math.cos(latitude), math.sin(latitude)])
+
+
+def level_axis(mount: Mount) -> NDArray[np.float64]:
+    """The axis (3,) in the horizon frame about which a mount is lowered."""
+    azimuth = math.radians(mount.azimuth_deg)
+    return np.array([math.cos(azimuth), -math.sin(azimuth), 0.0])

@@ -1,0 +1,88 @@
+"""The Dask cluster of a campaign: worker processes of this machine, or a scheduler by its address.
+
+The own cluster listens on 127.0.0.1 alone, with certificates made for the run, so that no other user of this machine
+can talk to it, and without a dashboard. Each worker is a process with one thread. Lost workers, retries and the order
+of work are Dask's; its settings (``distributed.scheduler.worker-ttl``, ``distributed.comm.tls``) hold.
+"""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import dask
+from distributed import Client, LocalCluster
+
+from gse.campaign.keys import software_sha256
+from gse.errors import CampaignError, UsageError
+
+LOOPBACK = "127.0.0.1"
+RETRIES = 2
+"""Of a session whose judgement was cut off, after the three workers that Dask lets it take with it."""
+_ADDRESSES = ("tcp://", "tls://", "ucx://", "ws://", "wss://")
+
+
+@contextmanager
+def cluster(scheduler: str | None, workers: int) -> Iterator[Client]:
+    """A client of the cluster; UsageError where there is none, or its workers run another version."""
+    _quiet()
+    if scheduler is not None:
+        with _connected(scheduler) as client:
+            _check_software(client, scheduler)
+            yield client
+        return
+    # Workers of this machine share its memory: Dask's default limit is each one's share.
+    with (
+        LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host=LOOPBACK,
+            dashboard_address=None,
+            worker_dashboard_address=None,
+            security=True,
+            silence_logs=logging.CRITICAL,
+        ) as local,
+        Client(local, set_as_default=False) as client,
+    ):
+        yield client
+
+
+@contextmanager
+def _connected(scheduler: str) -> Iterator[Client]:
+    if not scheduler.startswith(_ADDRESSES):
+        raise UsageError(f"--scheduler {scheduler} is not an address; expected for example tcp://127.0.0.1:8786")
+    try:
+        client = Client(scheduler, set_as_default=False)
+    except (OSError, ValueError, RuntimeError) as error:
+        raise UsageError(
+            f"no Dask scheduler answers at {scheduler} ({error}); start one with 'dask scheduler'"
+        ) from error
+    with client:
+        yield client
+
+
+def _check_software(client: Client, scheduler: str) -> None:
+    """Workers that judge by other code would write results under keys that are not theirs."""
+    own = software_sha256()
+    try:
+        client.wait_for_workers(1, timeout=dask.config.get("distributed.comm.timeouts.connect", "30s"))
+        found = client.run(software_sha256)
+    except TimeoutError as error:
+        raise CampaignError(
+            f"the scheduler at {scheduler} has no workers; start some with 'dask worker {scheduler} --nthreads 1'"
+        ) from error
+    except Exception as error:
+        raise UsageError(
+            f"the workers of {scheduler} cannot run this program ({error}); install the same gse there"
+        ) from error
+    others = sorted(worker for worker, software in found.items() if software != own)
+    if others:
+        raise UsageError(
+            f"{', '.join(others[:3])} of {scheduler} run another gse, or other packages; install the same everywhere"
+        )
+
+
+def _quiet() -> None:
+    """Dask's own log goes to the log of its scheduler and workers; here it would tear the progress bar."""
+    for name in ("distributed", "distributed.client", "distributed.core", "distributed.comm"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)

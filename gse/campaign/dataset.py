@@ -1,0 +1,203 @@
+"""The data set of a campaign: Parquet files by table, sensor and night, as pandas, polars and DuckDB read them.
+
+    dataset.json                                         schema and version
+    sessions/sensor=NAME/night=2026-03-20/KEY.parquet    one row: verdict, figures, conditions, hashes, report.json
+    frames/sensor=NAME/night=2026-03-20/KEY.parquet      one row per panorama
+    stars/sensor=NAME/night=2026-03-20/KEY.parquet       one row per matched star and frame
+    index/sessions.parquet                               the rows of all sessions but report.json, for fast questions
+    index/sources.parquet                                which source has which key, by size and time of change
+
+A result is a file that never changes, named by its key. stars and frames of a session come first and its row in
+sessions last: a session is in the data set where its row is, and then it is whole. Two campaigns that judge one session
+at once write the same file twice. Files in index follow from the others and from the sources: they may be deleted.
+"""
+
+import io
+import json
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import quote, unquote
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from gse.campaign.storage import explained, open_storage, put_whole, read_whole
+from gse.errors import UsageError
+from gse.tables import SCHEMA_VERSION
+
+SCHEMA = f"gse.dataset/{SCHEMA_VERSION}"
+MARK = "dataset.json"
+SESSIONS, FRAMES, STARS = TABLES = ("sessions", "frames", "stars")
+REPORT_COLUMN = "report_json"
+UNKNOWN = "unknown"
+"""Sensor and night of a session that could not be read: pandas does not read Hive's own name for null."""
+
+INDEX = "index/sessions.parquet"
+_SOURCES = "index/sources.parquet"
+_MOST_MARK_BYTES = 10_000
+_PLACE = ("sensor", "night")
+_ORDER = (*_PLACE, "key")
+_NAME = re.compile(r"sensor=([^/]*)/night=([^/]*)/([0-9a-f]{64})\.parquet$")
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Committed:
+    """The results of one session in the data set."""
+
+    sensor: str
+    night: str
+    key: str
+
+    def path(self, table: str) -> str:
+        """The file of a table, below the data set's folder."""
+        return f"{table}/sensor={quote(self.sensor, safe=' ')}/night={self.night}/{self.key}.parquet"
+
+
+@dataclass(slots=True)
+class DataSet:
+    """A data set that exists."""
+
+    url: str
+    fs: Any = field(repr=False)
+    root: str = field(repr=False)
+
+    @classmethod
+    def at(cls, url: str, *, create: bool = False) -> "DataSet":
+        """The data set of a URL; UsageError where there is none, or one of another version."""
+        fs, root = open_storage(url)
+        try:
+            mark = read_whole(fs, f"{root}/{MARK}", _MOST_MARK_BYTES)
+            if mark is None:
+                if not create:
+                    raise UsageError(
+                        f"there is no data set in {url}; 'gse campaign judge SOURCES --to {url}' makes one"
+                    )
+                if fs.exists(root) and fs.ls(root, detail=False):
+                    raise UsageError(f"{url} holds other files; name a new or empty folder for the data set")
+                mark = json.dumps({"schema": SCHEMA}).encode() + b"\n"
+                put_whole(fs, root, MARK, mark)
+        except UsageError:
+            raise
+        except Exception as error:
+            raise explained(error, url) from error
+        _check_version(mark, url)
+        return cls(url, fs, root)
+
+    def committed(self) -> list[Committed]:
+        """What is in the data set, in the order of sensor, night and key."""
+        try:
+            names = self.fs.find(f"{self.root}/{SESSIONS}")
+        except FileNotFoundError:
+            names = []
+        except Exception as error:
+            raise explained(error, self.url) from error
+        found = (_NAME.search(name) for name in names)
+        return sorted(Committed(unquote(match[1]), match[2], match[3]) for match in found if match)
+
+    def has_files(self, table: str) -> bool:
+        """Whether a table has any file."""
+        try:
+            return bool(self.fs.glob(f"{self.root}/{table}/*", detail=False))
+        except Exception as error:
+            raise explained(error, self.url) from error
+
+    def put(self, place: Committed, table: str, rows: pa.Table) -> None:
+        """Write the file of one table of a session."""
+        put_whole(self.fs, self.root, place.path(table), parquet_of(rows))
+
+    def read(self, path: str, columns: Sequence[str] | None = None) -> pa.Table | None:
+        """A Parquet file below the data set's folder, None where there is none."""
+        try:
+            with self.fs.open(f"{self.root}/{path}", "rb") as file:
+                return pq.ParquetFile(file).read(columns=columns)
+        except FileNotFoundError:
+            return None
+        except Exception as error:
+            raise explained(error, f"{self.url}/{path}") from error
+
+    def sources(self) -> list[dict[str, Any]]:
+        """What is known of sources: url, state, session_sha256, the hashes it was judged with, key."""
+        known = self._index_of(_SOURCES)
+        return [] if known is None else known.to_pylist()
+
+    def index_path(self) -> str | None:
+        """The index of sessions below the data set's folder, None where it lacks some or has others."""
+        keys = self._index_of(INDEX, ["key"])
+        complete = keys is not None and set(keys["key"].to_pylist()) == {place.key for place in self.committed()}
+        return INDEX if complete else None
+
+    def sessions(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """The rows of all sessions, with sensor and night, without report.json; from the index where that has them."""
+        wanted = None if columns is None else list(dict.fromkeys((*columns, "sensor", "night", "key")))
+        index = self._index_of(INDEX, wanted)
+        places = self.committed()
+        keys = {place.key for place in places}
+        have = set() if index is None else set(index["key"].to_pylist())
+        if index is not None and have - keys:
+            index = index.filter(pc.is_in(index["key"], pa.array(sorted(keys))))
+        rows = [self._row(place, columns) for place in places if place.key not in have]
+        parts = [part for part in (index, *rows) if part is not None]
+        if not parts:
+            raise UsageError(f"there is no session in {self.url} yet")
+        return pa.concat_tables(parts, promote_options="default").sort_by([(name, "ascending") for name in _ORDER])
+
+    def renew_index(self, sources: Iterable[dict[str, Any]]) -> None:
+        """Write the index anew, with what is known of ``sources`` beside what was known before."""
+        known = {(row["url"], row["key"]): row for row in (*self.sources(), *sources)}
+        if known:
+            rows = pa.Table.from_pylist([known[each] for each in sorted(known)])
+            put_whole(self.fs, self.root, _SOURCES, parquet_of(rows))
+        if self.committed():
+            put_whole(self.fs, self.root, INDEX, parquet_of(self.sessions()))
+
+    def _row(self, place: Committed, columns: Sequence[str] | None) -> pa.Table | None:
+        in_file = None if columns is None else [name for name in columns if name not in _PLACE]
+        rows = self.read(place.path(SESSIONS), in_file)
+        return None if rows is None else with_place(rows, place)
+
+    def _index_of(self, path: str, columns: Sequence[str] | None = None) -> pa.Table | None:
+        try:
+            return self.read(path, columns)
+        except Exception:  # an index follows from the rest: one that cannot be read is as good as none
+            return None
+
+
+def with_place(rows: pa.Table, place: Committed) -> pa.Table:
+    """The row of a session with its sensor and night, and without report.json."""
+    rows = rows.drop_columns([name for name in (REPORT_COLUMN,) if name in rows.column_names])
+    for name, value in (("night", place.night), ("sensor", place.sensor)):
+        rows = rows.add_column(0, pa.field(name, pa.string()), pa.array([value] * len(rows), pa.string()))
+    if "key" not in rows.column_names:
+        rows = rows.append_column("key", pa.array([place.key] * len(rows), pa.string()))
+    return rows
+
+
+def without_place(rows: pa.Table) -> pa.Table:
+    """A table without the columns that the names of its folders tell."""
+    return rows.drop_columns([name for name in _PLACE if name in rows.column_names])
+
+
+def parquet_of(rows: pa.Table) -> bytes:
+    """A table as a Parquet file: the same rows give the same bytes.
+
+    A single row, of 800 columns, needs neither statistics nor dictionaries: they would be most of its file.
+    """
+    buffer = io.BytesIO()
+    many = len(rows) > 1
+    pq.write_table(rows, buffer, compression="zstd", write_statistics=many, use_dictionary=many)
+    return buffer.getvalue()
+
+
+def _check_version(mark: bytes, url: str) -> None:
+    try:
+        schema = json.loads(mark)["schema"]
+    except (ValueError, TypeError, KeyError, RecursionError):
+        schema = "unreadable"
+    if schema != SCHEMA:
+        raise UsageError(
+            f"{url} is a data set of another version ({schema!s:.40}, this program writes {SCHEMA}); "
+            "judge into a new folder: the sessions are unchanged"
+        )

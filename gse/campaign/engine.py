@@ -1,0 +1,139 @@
+"""Run of a campaign: sources in, a data set out, what is new alone.
+
+What is judged already is left alone: by size and time of change of the source, without reading it, or with ``rehash``
+by its content. Sessions go to the cluster one by one; Dask gives those of a lost worker to another one.
+"""
+
+import uuid
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
+from dataclasses import dataclass
+from typing import Any
+
+from distributed import Client, as_completed
+from distributed.scheduler import KilledWorker
+
+from gse.campaign.cluster import RETRIES
+from gse.campaign.dataset import DataSet
+from gse.campaign.judging import Job, Judged, judge_source
+from gse.campaign.keys import OWN_STATION, software_sha256
+from gse.campaign.sources import Source
+from gse.errors import CampaignError
+from gse.sessions.replay import StationText
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """What a run is to do: ``todo`` are sources to look at, ``unchanged`` those that are judged already."""
+
+    job: Job
+    dataset: DataSet
+    todo: tuple[Source, ...]
+    unchanged: tuple[Judged, ...]
+
+
+def plan_campaign(
+    sources: Iterable[Source],
+    dataset: DataSet,
+    *,
+    station: StationText | None = None,
+    station_sha256: str = OWN_STATION,
+    rehash: bool = False,
+) -> Campaign:
+    """Find out which sources are new to a data set; with ``rehash`` all are read."""
+    job = Job(uuid.uuid4().hex, dataset.url, station, station_sha256)
+    committed = {place.key: place for place in dataset.committed()}
+    known = {} if rehash else _known(dataset, station_sha256)
+    todo, unchanged = [], []
+    for source in sources:
+        row = known.get((source.url, source.state))
+        place = committed.get(row["key"]) if row else None
+        if row is None or place is None:
+            todo.append(source)
+        else:
+            unchanged.append(Judged(source, place.key, row["session_sha256"], sensor=place.sensor, night=place.night))
+    return Campaign(job, dataset, tuple(todo), tuple(unchanged))
+
+
+def run_campaign(
+    campaign: Campaign, client: Client, each: Callable[[Judged], None] = lambda judged: None
+) -> list[Judged]:
+    """Judge what is new; the outcome of every source, those that were unchanged first.
+
+    CampaignError where the scheduler goes away or the data set's disk is full: what was judged until then is kept.
+    """
+    outcomes = list(campaign.unchanged)
+    try:
+        for judged in _run(campaign, client):
+            outcomes.append(judged)
+            each(judged)
+            if judged.is_disk_full:
+                raise CampaignError(f"{judged.error}; {_done(campaign, outcomes)}")
+    finally:
+        campaign.dataset.renew_index(_source_rows(campaign, outcomes))
+    return outcomes
+
+
+def _run(campaign: Campaign, client: Client) -> Iterator[Judged]:
+    futures = {
+        # A key of this run's own: another campaign on the same scheduler may have the same source.
+        client.submit(
+            judge_source, source, campaign.job, key=f"judge-{campaign.job.name}-{number}", retries=RETRIES, pure=False
+        ): source
+        for number, source in enumerate(campaign.todo)
+    }
+    waiting = as_completed(futures, loop=client.loop)
+    for number in range(len(futures)):
+        try:
+            future = next(waiting)
+            source = futures.pop(future)
+            yield _outcome(future, source)
+        except (CancelledError, OSError, StopIteration) as error:
+            left = len(campaign.todo) - number
+            raise CampaignError(
+                f"the scheduler is gone, with {left} of {len(campaign.todo)} sessions not judged; what was judged is "
+                "kept: start the same command again"
+            ) from error
+
+
+def _outcome(future: Any, source: Source) -> Judged:
+    error = future.exception()
+    if error is None:
+        judged = future.result()
+        future.release()
+        assert isinstance(judged, Judged)
+        return judged
+    if isinstance(error, CancelledError):
+        raise error
+    if isinstance(error, KilledWorker):
+        return Judged(source, error=f"{source.url} ended its workers again and again, perhaps for want of memory")
+    return Judged(source, error=f"{source.url} could not be judged: {type(error).__name__}: {error}")
+
+
+def _known(dataset: DataSet, station_sha256: str) -> dict[tuple[str, str], dict[str, Any]]:
+    software = software_sha256()
+    return {
+        (row["url"], row["state"]): row
+        for row in dataset.sources()
+        if row["station_sha256"] == station_sha256 and row["software_sha256"] == software
+    }
+
+
+def _source_rows(campaign: Campaign, outcomes: Iterable[Judged]) -> list[dict[str, Any]]:
+    common = {"station_sha256": campaign.job.station_sha256, "software_sha256": software_sha256()}
+    return [
+        {
+            "url": one.source.url,
+            "state": one.source.state,
+            "session_sha256": one.session_sha256,
+            "key": one.key,
+            **common,
+        }
+        for one in outcomes
+        if one.key
+    ]
+
+
+def _done(campaign: Campaign, outcomes: list[Judged]) -> str:
+    kept = sum(1 for one in outcomes if one.key)
+    return f"{kept} of {len(campaign.todo) + len(campaign.unchanged)} sessions are in the data set, each whole"

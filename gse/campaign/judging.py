@@ -1,0 +1,176 @@
+"""Judgement of one session of a campaign: what a worker does.
+
+A worker reads the session as data: its station file is sealed as in every replay, so that nothing which a session names
+is opened or run. Whatever is wrong with a session becomes its row, with the error in it; what is wrong with a storage
+is raised, and the session is judged by the next run.
+"""
+
+import contextlib
+import functools
+import json
+import os
+import tempfile
+import traceback
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+
+from drivers.errors import DriverError
+from drivers.outside_text import plain_lines
+from gse.assessment.verdict import judge
+from gse.campaign.dataset import FRAMES, REPORT_COLUMN, SESSIONS, STARS, UNKNOWN, Committed, DataSet, without_place
+from gse.campaign.keys import OWN_STATION, session_sha256, software_sha256
+from gse.campaign.sources import Source
+from gse.campaign.storage import StorageError, copy_here, protocol_of, with_patience
+from gse.errors import GseError
+from gse.release_memory import give_back
+from gse.report import summarise
+from gse.sessions.replay import StationText, replay_session
+from gse.tables import ResultKey, failed_session, session_tables
+from protocols import ProtocolError
+
+_MOST_ERROR = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What the sessions of a campaign are judged with; ``name`` is one run's own."""
+
+    name: str
+    dataset_url: str
+    station: StationText | None
+    station_sha256: str = OWN_STATION
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """Outcome of one source; ``is_new`` where this run wrote its results, ``error`` says why it has no verdict.
+
+    ``key`` is empty where nothing could be kept: its storage failed, or it ended its workers.
+    """
+
+    source: Source
+    key: str = ""
+    session_sha256: str = ""
+    verdict: str | None = None
+    sensor: str = ""
+    night: str = ""
+    error: str = ""
+    is_new: bool = False
+    is_disk_full: bool = False
+
+
+def judge_source(source: Source, job: Job) -> Judged:
+    """Judge a session and put its results into the data set; what is there already is not judged again."""
+    try:
+        with ExitStack() as stack:
+            first, segments, read_before = _here(source, stack)
+            found = session_sha256(segments)
+            key = ResultKey(found, job.station_sha256, software_sha256())
+            known = _committed(job).get(key.text)
+            if known is not None:
+                return Judged(source, key.text, found, sensor=known.sensor, night=known.night)
+            result = _judged(first, key, job, source)
+            if session_sha256(segments) != found or read_before != _state_here(source):
+                return Judged(source, error=f"{source.url} changed while it was read; is its session still running?")
+        with_patience(job.dataset_url, lambda fs, root: _put(DataSet(job.dataset_url, fs, root), result))
+    except StorageError as error:
+        return Judged(source, error=str(error), is_disk_full=error.is_full)
+    finally:
+        give_back()
+    return Judged(
+        source, key.text, found, result.verdict, result.place.sensor, result.place.night, result.error, is_new=True
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Result:
+    place: Committed
+    tables: dict[str, pa.Table]
+    verdict: str | None
+    error: str
+
+
+def _here(source: Source, stack: ExitStack) -> tuple[Path, list[Path], str]:
+    """First and all segments of a session on this host, and its state before they were read."""
+    state = _state_here(source)
+    if protocol_of(source.url) == "file":
+        return Path(source.url), [Path(url) for url in source.segments], state
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="session-", dir=_scratch())))
+    here = [folder / url.rsplit("/", 1)[1] for url in source.segments]
+    for url, path in zip(source.segments, here, strict=True):
+        with_patience(url, functools.partial(copy_here, here=path))
+    return here[0], here, state
+
+
+def _state_here(source: Source) -> str:
+    """Size and time of change of the segments of a local session; empty for others."""
+    if protocol_of(source.url) != "file":
+        return ""
+    try:
+        return ";".join(f"{(stat := os.stat(url)).st_size} {stat.st_mtime_ns}" for url in source.segments)
+    except OSError as error:
+        raise StorageError(f"{source.url} cannot be read: {error.strerror}") from error
+
+
+def _scratch() -> str | None:
+    """The worker's own folder, which Dask empties after a worker that was killed."""
+    from distributed import get_worker
+
+    with contextlib.suppress(ValueError):
+        return str(get_worker().local_directory)
+    return None
+
+
+def _judged(path: Path, key: ResultKey, job: Job, source: Source) -> _Result:
+    given = job.station
+    try:
+        session = replay_session(path, station=lambda recorded: given or recorded).session
+        assessment = judge(session)
+        tables = session_tables(session, assessment, key, source=source.url)
+        report = json.dumps(summarise(session, assessment), indent=2, allow_nan=False) + "\n"
+    except (GseError, DriverError, ProtocolError) as error:
+        return _failed(key, source, str(error))
+    except MemoryError:
+        raise
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(place.filename).name}:{place.lineno}"
+        return _failed(key, source, f"internal error: {type(error).__name__}: {error} at {where}; please report it")
+    return _Result(
+        Committed(session.station.sensor.name, _night(tables.sessions), key.text),
+        {STARS: tables.stars, FRAMES: tables.frames, SESSIONS: _with_report(tables.sessions, report)},
+        assessment.verdict.value,
+        "",
+    )
+
+
+def _failed(key: ResultKey, source: Source, text: str) -> _Result:
+    error = plain_lines(text)[:_MOST_ERROR]
+    rows = _with_report(failed_session(source.url, error, key), None)
+    return _Result(Committed(UNKNOWN, UNKNOWN, key.text), {SESSIONS: rows}, None, error)
+
+
+def _with_report(rows: pa.Table, report: str | None) -> pa.Table:
+    return rows.append_column(pa.field(REPORT_COLUMN, pa.string()), pa.array([report], pa.string()))
+
+
+def _night(rows: pa.Table) -> str:
+    return str(rows["night"][0].as_py() or UNKNOWN)
+
+
+def _put(dataset: DataSet, result: _Result) -> None:
+    """The row in sessions last: with it the results count."""
+    for table, rows in result.tables.items():
+        dataset.put(result.place, table, without_place(rows))
+
+
+@functools.lru_cache(maxsize=4)
+def _committed(job: Job) -> dict[str, Committed]:
+    """What was in the data set when this worker first looked in this run."""
+    return with_patience(
+        job.dataset_url,
+        lambda fs, root: {place.key: place for place in DataSet(job.dataset_url, fs, root).committed()},
+    )

@@ -1,0 +1,85 @@
+"""Questions to a data set in SQL, by DuckDB."""
+
+import csv
+import json
+from collections.abc import Iterator
+from typing import Any, TextIO
+
+import duckdb
+
+from gse.campaign.dataset import FRAMES, REPORT_COLUMN, SESSIONS, STARS, DataSet
+from gse.campaign.storage import protocol_of
+from gse.errors import UsageError
+from gse.tables import frames_schema, stars_schema
+
+_SCHEMAS = {FRAMES: frames_schema, STARS: stars_schema}
+_ROWS_AT_ONCE = 10_000
+
+
+def ask(dataset: DataSet, sql: str, form: str, file: TextIO) -> None:
+    """Write the answer to a question to sessions, frames, stars and reports; UsageError where DuckDB refuses it.
+
+    ``form`` is text (DuckDB's own table of the first rows), csv with a head, or json with one object per line.
+    """
+    connection = connect(dataset)
+    try:
+        if form == "text":
+            answer = connection.sql(sql)
+            file.write(f"{'done' if answer is None else answer}\n")
+            return
+        connection.execute(sql)
+        names = [column[0] for column in connection.description or ()]
+        write = _write_csv if form == "csv" else _write_json
+        write(names, _rows(connection), file)
+    except duckdb.Error as error:
+        raise UsageError(f"DuckDB: {error}") from error
+
+
+def connect(dataset: DataSet) -> duckdb.DuckDBPyConnection:
+    """A connection with the tables of a data set as views."""
+    connection = duckdb.connect()
+    connection.execute("set autoinstall_known_extensions = false")  # nothing is fetched unasked
+    connection.execute("set enable_progress_bar = false")
+    if protocol_of(dataset.url) != "file":
+        connection.register_filesystem(dataset.fs)
+    index = dataset.index_path()
+    if index is None:
+        connection.register(SESSIONS, dataset.sessions())
+    else:
+        connection.execute(f"create view {SESSIONS} as select * from read_parquet('{_quoted(dataset, index)}')")
+    files = _quoted(dataset, f"{SESSIONS}/*/*/*.parquet")
+    connection.execute(f"create view reports as select key, {REPORT_COLUMN} from read_parquet('{files}')")
+    for table in (FRAMES, STARS):
+        _add(connection, dataset, table)
+    return connection
+
+
+def _add(connection: duckdb.DuckDBPyConnection, dataset: DataSet, table: str) -> None:
+    """A view of the rows whose session is in the data set: those of one that is just being written are left out."""
+    if not dataset.has_files(table):
+        connection.register(table, _SCHEMAS[table]().empty_table())
+        return
+    files = _quoted(dataset, f"{table}/*/*/*.parquet")
+    rows = f"read_parquet('{files}', hive_partitioning = true, hive_types_autocast = false)"
+    connection.execute(f"create view {table} as select * from {rows} where key in (select key from {SESSIONS})")
+
+
+def _quoted(dataset: DataSet, path: str) -> str:
+    root = dataset.root if protocol_of(dataset.url) == "file" else dataset.url.rstrip("/")
+    return f"{root}/{path}".replace("'", "''")
+
+
+def _write_csv(names: list[str], rows: Iterator[tuple[Any, ...]], file: TextIO) -> None:
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(rows)
+
+
+def _write_json(names: list[str], rows: Iterator[tuple[Any, ...]], file: TextIO) -> None:
+    for row in rows:
+        file.write(json.dumps(dict(zip(names, row, strict=True)), default=str) + "\n")
+
+
+def _rows(connection: duckdb.DuckDBPyConnection) -> Iterator[tuple[Any, ...]]:
+    while rows := connection.fetchmany(_ROWS_AT_ONCE):
+        yield from rows

@@ -1,0 +1,187 @@
+"""Storage by fsspec: folders here, on an SFTP server, or in an S3 bucket.
+
+A file is written whole or not at all: under another name and then renamed where the storage can rename (a folder, an
+SFTP server), by one PUT where it cannot (S3). Storage that fails for a while is asked again by tenacity, up to
+PATIENCE_S; a wrong name, refused credentials and a full disk are told at once.
+
+Credentials come from where fsspec, boto and ssh look for them (docs/campaigns.md); none is ever written to a data set.
+"""
+
+import errno
+import os
+import uuid
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, TypeVar
+
+import fsspec
+import tenacity
+from fsspec.core import url_to_fs
+
+from gse.errors import CampaignError, UsageError
+
+PROTOCOLS = ("file", "sftp", "ssh", "s3")
+PATIENCE_S = 180.0
+"""A server is restarted in less."""
+SILENCE_S = 60.0
+"""An SFTP server that does not answer for so long is gone."""
+COPIED_AT_ONCE = 1 << 20
+PARTS = ".parts"
+"""Folder of unfinished files, beside the tables, so that a reader of a table never meets one."""
+
+_RENAMES = ("file", "local", "sftp", "ssh")
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_REFUSED = ("AuthenticationException", "BadHostKeyException", "NoCredentialsError", "PartialCredentialsError")
+_REFUSED_TEXTS = ("not found in known_hosts", "InvalidAccessKeyId", "SignatureDoesNotMatch", "AccessDenied")
+_LIBRARIES = ("paramiko", "botocore", "aiobotocore", "aiohttp", "s3fs")
+
+_T = TypeVar("_T")
+
+
+class StorageError(CampaignError):
+    """Storage that cannot be read or written; ``is_full`` where it has no room left."""
+
+    def __init__(self, text: str, *, is_full: bool = False) -> None:
+        super().__init__(text)
+        self.is_full = is_full
+
+
+def open_storage(url: str) -> tuple[Any, str]:
+    """The file system of a URL or local path, and the path on it; StorageError where it cannot be reached."""
+    protocol = protocol_of(url)
+    if protocol in ("sftp", "ssh"):
+        _use_known_hosts()
+    try:
+        # A cached file system would keep a connection that is gone.
+        fs, path = url_to_fs(url, use_listings_cache=False) if protocol == "s3" else url_to_fs(url)
+    except ImportError as error:
+        raise UsageError(
+            f"{url} needs a package that is not installed ({error}); pip install 'gse-star-sensor[campaign]'"
+        ) from error
+    except Exception as error:
+        raise explained(error, url) from error
+    return fs, str(path).rstrip("/")
+
+
+def protocol_of(url: str) -> str:
+    """file, sftp, ssh or s3; UsageError for anything else that fsspec knows."""
+    protocol = url.split("://", 1)[0] if "://" in url else "file"
+    if protocol not in PROTOCOLS or "::" in url:
+        raise UsageError(f"{url}: {protocol} is no storage of campaigns; expected a path, sftp:// or s3://")
+    return protocol
+
+
+def with_patience(url: str, act: Callable[[Any, str], _T]) -> _T:
+    """What ``act`` returns of a URL's file system and path; tried again, newly connected, while the storage fails."""
+    asked = tenacity.Retrying(
+        stop=tenacity.stop_after_delay(PATIENCE_S),
+        wait=tenacity.wait_random_exponential(multiplier=0.5, max=10.0),
+        retry=tenacity.retry_if_exception(_may_pass),
+        before_sleep=lambda state: _forget_connections(url),
+        reraise=True,
+    )
+    try:
+        return asked(lambda: act(*open_storage(url)))
+    except CampaignError:
+        raise
+    except Exception as error:
+        if not _is_of_storage(error):
+            raise
+        raise explained(error, url) from error
+
+
+def put_whole(fs: Any, root: str, name: str, data: bytes) -> None:
+    """Write a file below a folder: whole, in one step, over an older one of the same name."""
+    path = f"{root}/{name}"
+    if not _can_rename(fs):
+        fs.pipe_file(path, data)
+        return
+    part = f"{root}/{PARTS}/{uuid.uuid4().hex}"
+    for folder in (part, path):
+        fs.makedirs(folder.rsplit("/", 1)[0], exist_ok=True)
+    try:
+        with fs.open(part, "wb") as file:
+            file.write(data)
+            if "file" in _protocols(fs):
+                file.flush()
+                os.fsync(file.fileno())
+        fs.mv(part, path)
+    except BaseException:
+        with suppress(Exception):
+            fs.rm_file(part)
+        raise
+
+
+def copy_here(fs: Any, path: str, here: Path) -> None:
+    """Copy a file of any storage to this host."""
+    with fs.open(path, "rb") as source, here.open("wb") as copy:
+        while data := source.read(COPIED_AT_ONCE):
+            copy.write(data)
+
+
+def read_whole(fs: Any, path: str, most_bytes: int) -> bytes | None:
+    """A small file, None where there is none; at most ``most_bytes`` of it."""
+    try:
+        with fs.open(path, "rb") as file:
+            return bytes(file.read(most_bytes))
+    except FileNotFoundError:
+        return None
+
+
+def explained(error: Exception, url: str) -> StorageError:
+    """An error of a storage for a person."""
+    number = getattr(error, "errno", None)
+    told = str(error).strip() or type(error).__name__
+    if number in _FULL:
+        return StorageError(f"no room is left under {url}; make room and start the same command again", is_full=True)
+    if isinstance(error, FileNotFoundError):
+        return StorageError(f"there is no {url}")
+    if _is_refused(error):
+        return StorageError(
+            f"{url} refused the credentials, or access ({told:.200}); docs/campaigns.md says where they are read from"
+        )
+    return StorageError(f"{url} cannot be reached: {told:.300}")
+
+
+def _may_pass(error: BaseException) -> bool:
+    """Whether an error may be gone in a moment."""
+    if isinstance(error, StorageError):
+        return isinstance(error.__cause__, Exception) and _may_pass(error.__cause__)
+    if isinstance(error, FileNotFoundError | PermissionError | IsADirectoryError | NotADirectoryError):
+        return False
+    return _is_of_storage(error) and not _is_refused(error) and getattr(error, "errno", None) not in _FULL
+
+
+def _is_of_storage(error: BaseException) -> bool:
+    return isinstance(error, OSError | EOFError) or type(error).__module__.startswith(_LIBRARIES)
+
+
+def _is_refused(error: BaseException) -> bool:
+    told = str(error)
+    return (
+        isinstance(error, PermissionError)
+        or type(error).__name__ in _REFUSED
+        or any(text in told for text in _REFUSED_TEXTS)
+    )
+
+
+def _forget_connections(url: str) -> None:
+    with suppress(Exception):
+        fsspec.get_filesystem_class(protocol_of(url)).clear_instance_cache()
+
+
+def _can_rename(fs: Any) -> bool:
+    return any(name in _RENAMES for name in _protocols(fs))
+
+
+def _protocols(fs: Any) -> tuple[str, ...]:
+    return (fs.protocol,) if isinstance(fs.protocol, str) else tuple(fs.protocol)
+
+
+def _use_known_hosts() -> None:
+    """SFTP to hosts that ssh knows only: fsspec's own default trusts whoever answers first."""
+    import gse.campaign.known_hosts
+
+    fsspec.register_implementation("sftp", gse.campaign.known_hosts.KnownHostsSFTP, clobber=True)
+    fsspec.register_implementation("ssh", gse.campaign.known_hosts.KnownHostsSFTP, clobber=True)

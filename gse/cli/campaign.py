@@ -1,0 +1,235 @@
+"""``gse campaign``: many sessions judged into a data set, its report, and questions to it."""
+
+import importlib
+import json
+import os
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from gse.cli import EXIT_DATA_LOST
+from gse.cli.options import station_of
+from gse.errors import UsageError
+
+if TYPE_CHECKING:
+    from gse.campaign.dataset import DataSet
+    from gse.campaign.judging import Judged
+
+SCHEMA = "gse.campaign-run/1"
+PACKAGES = ("dask", "distributed", "duckdb", "fsspec", "s3fs", "paramiko", "tenacity", "pyarrow")
+_MOST_LINES = 20
+
+
+def require_packages() -> None:
+    """UsageError with the line that installs them, where the packages of campaigns are not installed."""
+    for name in PACKAGES:
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            raise UsageError(
+                f"campaigns need packages that are not installed ({error.name or name}); install them, in the folder "
+                "of gse, with: .venv/bin/pip install '.[campaign]'"
+            ) from error
+
+
+@click.group("campaign")
+def command() -> None:
+    """Judge many sessions on a Dask cluster into a Parquet data set, report on it, ask it questions in SQL.
+
+    Paths may be folders and globs of this host, or URLs: sftp://user@host/folder, s3://bucket/folder. See
+    docs/campaigns.md for credentials, clusters and TLS.
+    """
+
+
+@command.command("judge")
+@click.argument("sources", nargs=-1, required=True, metavar="SOURCES...")
+@click.option(
+    "--to",
+    "dataset_url",
+    required=True,
+    metavar="DATASET",
+    help="Folder or URL of the data set; made where there is none.",
+)
+@click.option(
+    "--scheduler", help="Address of a Dask scheduler, e.g. tcp://127.0.0.1:8786; default: workers on this machine."
+)
+@click.option(
+    "--workers", type=click.IntRange(1, 256), help="Number of worker processes on this machine; default: its cores."
+)
+@click.option(
+    "--station",
+    "station_path",
+    type=click.Path(path_type=Path),
+    help="Station file for all sessions, instead of their own.",
+)
+@click.option("--rehash", is_flag=True, help="Read sources whose size and time of change are as before, too.")
+@click.option("--json", "as_json", is_flag=True, help="The outcome as one JSON object on stdout.")
+@click.pass_context
+def judge_command(
+    ctx: click.Context,
+    *,
+    sources: tuple[str, ...],
+    dataset_url: str,
+    scheduler: str | None,
+    workers: int | None,
+    station_path: Path | None,
+    rehash: bool,
+    as_json: bool,
+) -> None:
+    """Judge the sessions of SOURCES as gse replay does, and put the results into DATASET.
+
+    What is in DATASET already, from the same session, station file and software, is not judged again: the same command
+    goes on after a run that ended early. A session that cannot be judged is a row with its error. Exit code 0, or 3
+    where a session has an error or is damaged.
+    """
+    require_packages()
+    from gse.campaign.cluster import cluster
+    from gse.campaign.dataset import DataSet
+    from gse.campaign.engine import plan_campaign, run_campaign
+    from gse.campaign.keys import OWN_STATION, station_sha256
+    from gse.campaign.sources import find_sources
+
+    if scheduler is not None and workers is not None:
+        raise UsageError("--scheduler has workers of its own; leave out --workers or --scheduler")
+    station = station_of(station_path) if station_path else None
+    found = find_sources(sources)
+    dataset = DataSet.at(_absolute(dataset_url), create=True)
+    campaign = plan_campaign(
+        found,
+        dataset,
+        station=station,
+        station_sha256=station_sha256(*station) if station else OWN_STATION,
+        rehash=rehash,
+    )
+    if campaign.todo:
+        with cluster(scheduler, workers or _cores(len(campaign.todo))) as client, _Bar(len(campaign.todo)) as bar:
+            outcomes = run_campaign(campaign, client, bar.one_more)
+    else:
+        outcomes = list(campaign.unchanged)
+    document = _document(dataset, outcomes)
+    click.echo(json.dumps(document) if as_json else "\n".join(_lines(document)))
+    ctx.exit(EXIT_DATA_LOST if document["errors"] or document["damaged"] else 0)
+
+
+@command.command("query")
+@click.argument("dataset_url", metavar="DATASET")
+@click.argument("sql", metavar="SQL")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(("text", "csv", "json")),
+    default="text",
+    show_default=True,
+    help="Form of the answer; json has one object per line.",
+)
+def query_command(*, dataset_url: str, sql: str, form: str) -> None:
+    """Ask DATASET a question in SQL, by DuckDB. Tables: sessions, frames, stars, and reports (report_json).
+
+    For example: gse campaign query DATASET "select sensor, verdict, count(*) from sessions group by all"
+    """
+    require_packages()
+    from gse.campaign.dataset import DataSet
+    from gse.campaign.query import ask
+
+    ask(DataSet.at(_absolute(dataset_url)), sql, form, sys.stdout)
+
+
+class _Bar:
+    """Progress on stderr with the time left: a bar on a terminal, else a line at each tenth."""
+
+    def __init__(self, total: int) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self._console = Console(stderr=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        self._progress = Progress(
+            *columns, console=self._console, transient=True, disable=not self._console.is_terminal
+        )
+        self._task = self._progress.add_task("judging", total=total)
+        self._errors = 0
+
+    def __enter__(self) -> "_Bar":
+        self._progress.__enter__()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._progress.__exit__(*error)
+
+    def one_more(self, judged: "Judged") -> None:
+        """Count a session."""
+        self._errors += bool(judged.error)
+        described = f"judging ({self._errors} with errors)" if self._errors else "judging"
+        self._progress.update(self._task, advance=1, description=described)
+        task = self._progress.tasks[0]
+        done, total = int(task.completed), int(task.total or 0)
+        if not self._console.is_terminal and done * 10 // total > (done - 1) * 10 // total:
+            left_s = task.time_remaining
+            left = f", about {left_s / 60:.0f} min left" if left_s and done < total else ""
+            click.echo(f"{described}: {done} of {total}{left}", err=True)
+
+
+def _document(dataset: "DataSet", outcomes: list["Judged"]) -> dict[str, Any]:
+    """What became of the sources of this run, whether they were judged now or before."""
+    from gse.campaign.dataset import UNKNOWN
+
+    keys: dict[str, list[str]] = {}
+    for one in outcomes:
+        if one.key:
+            keys.setdefault(one.key, []).append(one.source.url)
+    rows = dataset.sessions(("key", "sensor", "verdict", "truncated", "error")).to_pylist() if keys else []
+    rows = [row for row in rows if row["key"] in keys]
+    return {
+        "schema": SCHEMA,
+        "dataset": dataset.url,
+        "sources": len(outcomes),
+        "sessions": len(keys),
+        "judged": len({one.key for one in outcomes if one.is_new}),
+        "verdicts": dict(sorted(Counter(row["verdict"] for row in rows if row["verdict"]).items())),
+        "sensors": dict(sorted(Counter(row["sensor"] for row in rows if row["sensor"] != UNKNOWN).items())),
+        "damaged": sorted(keys[row["key"]][0] for row in rows if row["truncated"]),
+        "twice": [sorted(urls) for urls in keys.values() if len(urls) > 1],
+        "errors": [{"source": keys[row["key"]][0], "error": row["error"], "kept": True} for row in rows if row["error"]]
+        + [{"source": one.source.url, "error": one.error, "kept": False} for one in outcomes if not one.key],
+    }
+
+
+def _lines(document: dict[str, Any]) -> list[str]:
+    known = document["sessions"] - document["judged"]
+    lines = [
+        f"{document['sessions']} sessions in {document['dataset']}: {document['judged']} judged now, {known} before"
+    ]
+    if document["verdicts"]:
+        lines.append("verdicts: " + ", ".join(f"{count} {word}" for word, count in document["verdicts"].items()))
+    if len(document["sensors"]) > 1:
+        counts = ", ".join(f"{name} ({count})" for name, count in document["sensors"].items())
+        lines.append(f"{len(document['sensors'])} sensors are among them, kept apart in data set and report: {counts}")
+    lines += _some(
+        [f"one session under {len(urls)} names, counted once: {', '.join(urls)}" for urls in document["twice"]]
+    )
+    lines += _some([f"damaged, judged as far as it goes: {url}" for url in document["damaged"]])
+    lines += _some([_error_line(one) for one in document["errors"]])
+    return lines
+
+
+def _error_line(one: dict[str, Any]) -> str:
+    later = "" if one["kept"] else " (not in the data set; the next run tries it again)"
+    return f"not judged: {one['source']}: {one['error']}{later}"
+
+
+def _some(lines: list[str]) -> list[str]:
+    more = len(lines) - _MOST_LINES
+    return lines if more <= 0 else [*lines[:_MOST_LINES], f"... and {more} more"]
+
+
+def _cores(sessions: int) -> int:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(cores, sessions)
+
+
+def _absolute(url: str) -> str:
+    """Workers have a working directory of their own."""
+    return url if "://" in url else str(Path(url).absolute())

@@ -1,0 +1,142 @@
+"""``gse conventions``: the convention of a sensor's own answers, found from a minute of sky."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from gse.cli import EXIT_FAIL
+from gse.cli.options import change_to
+from gse.errors import UsageError
+
+if TYPE_CHECKING:
+    from gse.assessment.convention_search import ConventionSearch
+    from gse.attitude_convention import AttitudeConvention
+    from gse.station.session_data import SessionData
+
+
+@click.command("conventions")
+@click.argument("path", metavar="SESSION", type=click.Path(path_type=Path))
+@click.option(
+    "--seconds",
+    type=click.FloatRange(min=5, max=600),
+    default=60.0,
+    show_default=True,
+    help="Length of the stretch, from the first answer on.",
+)
+@click.option("--station", "station_path", type=click.Path(path_type=Path), help="Station file instead of its own.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.conventions/1.")
+@click.pass_context
+def command(ctx: click.Context, *, path: Path, seconds: float, station_path: Path | None, as_json: bool) -> None:
+    """Name the convention of the sensor's own answers (ATTITUDE frames) in a SESSION.
+
+    All discrete conventions are tried: the order and direction of a quaternion, its axes, RA and DE of date or J2000 or
+    ICRS, hours or degrees, the sense of the roll, aberration corrected or not. The exit code is 0 if the station file
+    states one that fits, 1 if it does not or if none fits.
+    """
+    from gse.assessment.sensor_convention import is_wrong, session_convention
+
+    session = _session(path, station_path, seconds)
+    search = session_convention(session, seconds)
+    if search is None:
+        raise UsageError(
+            f"{path} has {len(session.sensor_attitudes)} answers of the sensor in {seconds:g} s that can be compared; "
+            "expected at least 10 ATTITUDE frames beside identified panoramas, or a stated mount"
+        )
+    stated = session.station.sensor.attitude
+    click.echo(json.dumps(_document(search, stated)) if as_json else "\n".join(_lines(search, stated)))
+    ctx.exit(EXIT_FAIL if not search.fits or is_wrong(search, stated) else 0)
+
+
+def _session(path: Path, station_path: Path | None, seconds: float) -> "SessionData":
+    """The session up to the end of the stretch."""
+    from gse.instant import NS_PER_S
+    from gse.sessions.replay import replay_session
+    from gse.station.results import FrameResult
+
+    begun: list[int] = []
+
+    def stop() -> bool:
+        return len(begun) > 1 and begun[1] - begun[0] > (seconds + 1) * NS_PER_S
+
+    def each(results: list[FrameResult]) -> None:
+        if results:
+            begun[:] = [begun[0] if begun else results[0].panorama.utc_ns, results[-1].panorama.utc_ns]
+
+    return replay_session(path, station=change_to(station_path, None), stop=stop, each=each).session
+
+
+def _document(search: "ConventionSearch", stated: "AttitudeConvention") -> dict[str, Any]:
+    from gse.assessment.convention_search import with_aberration
+    from gse.assessment.sensor_convention import is_wrong
+
+    named = with_aberration(search)
+    return {
+        "schema": "gse.conventions/1",
+        "answers": search.answers,
+        "duration_s": round(search.duration_s, 1),
+        "kind": "quaternion" if search.quaternions else "angles",
+        "named": None if named is None else dataclasses.asdict(named),
+        "aberration": search.aberration,
+        "aberration_arcsec": round(search.aberration_arcsec, 2),
+        "fits": [
+            {"size_arcsec": round(fit.size_arcsec, 2), **dataclasses.asdict(fit.convention)} for fit in search.fits
+        ],
+        "nearest_arcsec": round(search.nearest.size_arcsec, 2),
+        "not_told_apart": list(_not_told_apart(search)),
+        "stated": dataclasses.asdict(stated),
+        "stated_fits": bool(search.fits) and not is_wrong(search, stated),
+    }
+
+
+def _lines(search: "ConventionSearch", stated: "AttitudeConvention") -> list[str]:
+    """The result for a person."""
+    from gse.assessment.convention_search import with_aberration
+    from gse.assessment.sensor_convention import in_words, is_wrong
+
+    kind = "quaternions" if search.quaternions else "angles"
+    head = f"{search.answers} answers over {search.duration_s:.0f} s, {kind}"
+    if not search.fits:
+        nearest = f"{in_words(search.nearest.convention, search)}, which is off by {_angle(search.nearest.size_arcsec)}"
+        return [head, "NONE of the conventions fits", f"nearest: {nearest}"]
+    lines = [head]
+    if len(search.fits) > 1:
+        lines.append(f"{len(search.fits)} conventions fit, and cannot be told apart by this stretch of sky:")
+    lines += [f"fits: {in_words(fit.convention, search)} (leaves {_angle(fit.size_arcsec)})" for fit in search.fits]
+    lines.append(f"aberration: {search.aberration}")
+    lines += [f"cannot be told apart: {text}" for text in _not_told_apart(search)]
+    named = with_aberration(search)
+    if is_wrong(search, stated):
+        lines.append("the station file states ANOTHER convention")
+    elif search.aberration not in ("not told", stated.aberration):
+        lines.append(f"the station file states this convention, but aberration {stated.aberration}")
+    else:
+        lines.append("the station file states this convention")
+    if named is not None and named != stated:
+        lines.append(f"station file: sensor: {{attitude: {{{_yaml(named)}}}}}")
+    return lines
+
+
+def _not_told_apart(search: "ConventionSearch") -> list[str]:
+    if not search.fits:
+        return []
+    found = [] if search.fits[0].convention.frame == "date" else ["ICRS and J2000, which lie 0.02 arcsec apart"]
+    apart = f"a body frame turned by {search.aberration_arcsec:.1f} arcsec"
+    if search.aberration == "not told":
+        return [*found, f"aberration corrected, aberration not corrected, and {apart}"]
+    other = "not corrected" if search.aberration == "corrected" else "corrected"
+    return [*found, f"aberration {search.aberration}, and aberration {other} with {apart}"]
+
+
+def _angle(arcsec: float) -> str:
+    return f"{arcsec:.1f} arcsec" if arcsec < 3600 else f"{arcsec / 3600:.2f} deg"
+
+
+def _yaml(convention: "AttitudeConvention") -> str:
+    """The keys that are not at their default."""
+    defaults = type(convention)()
+    pairs = [(field.name, getattr(convention, field.name)) for field in dataclasses.fields(convention)]
+    changed = [(name, value) for name, value in pairs if value != getattr(defaults, name)]
+    return ", ".join(f"{name}: {str(value).lower() if isinstance(value, bool) else value}" for name, value in changed)

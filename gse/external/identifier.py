@@ -1,0 +1,162 @@
+"""The external identifier under test: many panoramas in, one answer or failure for each out.
+
+A failure costs its panorama: the first that is not answered. The program is then started anew, and the panoramas after
+it are sent again. One that fails too often in a row is given up, so that a session with a broken program ends.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.catalog import StarCatalog
+from gse.external.answers import ExternalAnswer, Failure, FailureKind
+from gse.external.child import Child, Log, Reply
+from gse.external.plugs import MOST_AHEAD, Plug
+from gse.panorama import Panorama
+
+MOST_FAILURES_IN_A_ROW = 100
+START_S = 10.0
+"""Added to the time of the first answer after a start: a program reads its catalogue then."""
+MOST_LOG_BYTES = 1 << 20
+"""Of what a program writes to stderr in a session."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Given:
+    """What an external identifier gave for a panorama, and the time for it in microseconds.
+
+    ``has_own_time`` where the time is that of the identifier's own clock, and not of this host.
+    """
+
+    answer: ExternalAnswer | Failure
+    elapsed_us: float | None = None
+    has_own_time: bool = False
+
+
+@dataclass(slots=True)
+class ExternalCounts:
+    """Panoramas by what was given for them; ``own_times`` of the answers state a time by their own clock."""
+
+    answers: int = 0
+    own_times: int = 0
+    failures: Counter[str] = field(default_factory=Counter)
+
+    def count(self, given: Given) -> None:
+        """Count what was given for one panorama."""
+        if isinstance(given.answer, Failure):
+            self.failures[given.answer.kind.value] += 1
+        else:
+            self.answers += 1
+            self.own_times += given.has_own_time
+
+
+class AnswerSource(Protocol):
+    """A source of answers: the program itself, or a session that recorded them."""
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Name, version and hashes, schema gse.identifier/1."""
+        ...
+
+    def answers(self, panoramas: Sequence[Panorama]) -> list[Given]:
+        """What is given for each panorama, in order."""
+        ...
+
+    def take_log(self) -> bytes:
+        """What the program wrote to stderr since the last call."""
+        ...
+
+    def close(self) -> None:
+        """End the program."""
+        ...
+
+
+class RunningIdentifier:
+    """A program that answers; started at once, and again after each failure.
+
+    ``timeout_s`` is the time for one panorama.
+    """
+
+    def __init__(self, plug: Plug, timeout_s: float) -> None:
+        self._plug, self._timeout_s = plug, timeout_s
+        self._log = Log(MOST_LOG_BYTES)
+        self._failures_in_a_row = 0
+        self._child: Child | None = None
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Name, version and hashes, schema gse.identifier/1."""
+        return self._plug.identity.document()
+
+    def answers(self, panoramas: Sequence[Panorama]) -> list[Given]:
+        """What is given for each panorama, in order."""
+        found: list[Given] = []
+        while len(found) < len(panoramas):
+            found += self._some(panoramas[len(found) : len(found) + MOST_AHEAD])
+        return found
+
+    def _some(self, panoramas: Sequence[Panorama]) -> list[Given]:
+        """What is given for the first of these, up to the first failure that ends the program."""
+        if self._failures_in_a_row >= MOST_FAILURES_IN_A_ROW:
+            text = f"it failed {MOST_FAILURES_IN_A_ROW} times in a row and is not started again"
+            return [Given(Failure(FailureKind.GIVEN_UP, text)) for _ in panoramas]
+        requests = [self._plug.request(panorama) for panorama in panoramas]
+        first_s = self._timeout_s
+        if self._child is None:
+            try:
+                self._child = self._plug.start(self._log)
+            except OSError as error:
+                return self._ended([], Failure(FailureKind.START, f"it cannot be started: {error.strerror}"))
+            requests.insert(0, self._plug.greeting)
+            first_s += START_S
+        replies, failure = self._child.exchange(
+            requests, self._plug.split, len(panoramas), first_s=first_s, each_s=self._timeout_s
+        )
+        return self._read(panoramas, replies, failure)
+
+    def _read(self, panoramas: Sequence[Panorama], replies: list[Reply], failure: Failure | None) -> list[Given]:
+        found: list[Given] = []
+        for panorama, reply in zip(panoramas, replies, strict=False):
+            answer = self._plug.read(reply.data, panorama)
+            if isinstance(answer, Failure) and not answer.in_step:
+                return self._ended(found, answer)
+            self._failures_in_a_row = 0
+            own_us = None if isinstance(answer, Failure) else answer.elapsed_us
+            found.append(Given(answer, reply.elapsed_us if own_us is None else own_us, own_us is not None))
+        return self._ended(found, failure) if failure else found
+
+    def _ended(self, found: list[Given], failure: Failure) -> list[Given]:
+        """The answers so far, and the failure that ended the program."""
+        self._failures_in_a_row += 1
+        self.close()
+        return [*found, Given(failure)]
+
+    def take_log(self) -> bytes:
+        """What the program wrote to stderr since the last call."""
+        return self._log.take()
+
+    def close(self) -> None:
+        """End the program."""
+        if self._child is not None:
+            self._child.close()
+            self._child = None
+
+
+class ExternalIdentifier:
+    """The external identifier as the subject of a session; ``catalog`` has the stars that its answers may name."""
+
+    name = "external"
+
+    def __init__(self, catalog: StarCatalog, source: AnswerSource) -> None:
+        self.catalog, self.source = catalog, source
+        self._order = np.argsort(catalog.ids, kind="stable")
+
+    def rows_of(self, star_ids: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Catalogue rows (M,) of star numbers (M,); -1 of a number that is not in the catalogue."""
+        place = np.searchsorted(self.catalog.ids, star_ids, sorter=self._order)
+        rows = self._order[np.minimum(place, len(self._order) - 1)]
+        return np.where(self.catalog.ids[rows] == star_ids, rows, -1)

@@ -1,0 +1,274 @@
+"""The three plugs of an external identifier: a command, a C library, a Python entry point.
+
+All begin with one line of JSON about the sensor (gse.sensor/1). A command and an entry point then get a line per
+panorama and give a line per answer; the host of a C library gets and gives the structs of gse_identifier.h. Both hosts
+are files of this package that import nothing of the station.
+"""
+
+import hashlib
+import importlib.metadata
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from drivers.outside_text import plain_line
+from gse.errors import UsageError
+from gse.external.answers import ExternalAnswer, Failure, parse_answer, parse_line
+from gse.external.child import Child, Log, split_line, split_record
+from gse.external.panoramas import SensorDescription
+from gse.external.structs import ANSWER, answer_document, panorama_record, sensor_record
+from gse.identifier_options import IdentifierOptions
+from gse.panorama import Panorama
+
+ENTRY_POINTS = "gse.identifiers"
+MOST_AHEAD = 64
+"""Panoramas sent before the first answer is awaited."""
+_OWN = {"tetra3rs": "gse.external.tetra3rs_solver:make", "cedar-solve": "gse.external.cedar_solver:make"}
+"""Adapters of solvers from PyPI; the solvers themselves are installed by those who use them."""
+_HELLO = b'"gse.identifier/1"'
+_CHECK_S = 30.0
+"""Time in which a library or an entry point must load."""
+_MOST_NAME = 100
+_HOSTS = Path(__file__).parent
+
+
+@dataclass(slots=True)
+class Identity:
+    """Name and version as the program states them, and the SHA-256 of its file and of its config."""
+
+    plug: str
+    name: str
+    version: str
+    program_sha256: str | None
+    config_sha256: str | None
+
+    def document(self) -> dict[str, Any]:
+        """The JSON of schema gse.identifier/1."""
+        return {"schema": "gse.identifier/1", **{name: getattr(self, name) for name in self.__slots__}}
+
+
+class Plug(Protocol):
+    """How a program is started, asked and understood."""
+
+    identity: Identity
+
+    def start(self, log: Log) -> Child:
+        """Start the program; OSError where it cannot be."""
+        ...
+
+    @property
+    def greeting(self) -> bytes:
+        """What the program gets first."""
+        ...
+
+    def request(self, panorama: Panorama) -> bytes:
+        """What the program gets for a panorama."""
+        ...
+
+    def split(self, buffer: bytearray) -> bytes | None:
+        """The next whole answer in the program's output."""
+        ...
+
+    def read(self, data: bytes, panorama: Panorama) -> ExternalAnswer | Failure:
+        """The answer to a panorama."""
+        ...
+
+
+def plug_of(options: IdentifierOptions, sensor: SensorDescription) -> Plug:
+    """The plug that the options name; UsageError where there is no such program, before any session."""
+    named = [name for name in ("command", "library", "entry_point") if getattr(options, name) is not None]
+    if len(named) != 1:
+        came = " and ".join(named) or "none"
+        raise UsageError(f"identifier: external needs one of command, library and entry_point; {came} came")
+    directory = Path(options.directory or ".")
+    if not directory.is_dir():
+        raise UsageError(f"identifier.directory: {directory} is not a folder")
+    config = None if options.config is None else _file(directory / options.config, "identifier.config")
+    if options.command is not None:
+        return CommandPlug(options.command, directory, config, sensor)
+    if options.library is not None:
+        library = _file(directory / options.library, "identifier.library")
+        return LibraryPlug(library, options.symbol, directory, config, sensor)
+    assert options.entry_point is not None
+    return EntryPointPlug(options.entry_point, directory, config, sensor)
+
+
+class CommandPlug:
+    """A program in any language, with a line of JSON for each panorama on its standard input."""
+
+    def __init__(
+        self, command: tuple[str, ...], directory: Path, config: Path | None, sensor: SensorDescription
+    ) -> None:
+        self._command = (str(_program(command[0], directory)), *command[1:])
+        self._directory, self._sensor = directory, sensor
+        program = Path(self._command[0])
+        script = _script(command, directory)
+        self.identity = Identity(
+            "command", (script or program).name, "not stated", _sha256(script or program), _sha256(config)
+        )
+
+    def start(self, log: Log) -> Child:
+        """Start the program."""
+        return Child(self._command, self._directory, log)
+
+    @property
+    def greeting(self) -> bytes:
+        """The sensor's line."""
+        return _line(self._sensor.document())
+
+    def request(self, panorama: Panorama) -> bytes:
+        """The panorama's line."""
+        return self._sensor.line(panorama)
+
+    def split(self, buffer: bytearray) -> bytes | None:
+        """The next line that is an answer; a line about the program itself is kept."""
+        line = split_line(buffer)
+        while line is not None and _HELLO in line[:200]:
+            self._keep_hello(line)
+            line = split_line(buffer)
+        return line
+
+    def _keep_hello(self, line: bytes) -> None:
+        try:
+            document = json.loads(line)
+        except (ValueError, RecursionError):
+            return
+        _take_names(self.identity, document)
+
+    def read(self, data: bytes, panorama: Panorama) -> ExternalAnswer | Failure:
+        """The answer in a line."""
+        return parse_line(data, panorama.frame_no, len(panorama.brightness))
+
+
+class EntryPointPlug(CommandPlug):
+    """A Python entry point of the group gse.identifiers, in a process of its own."""
+
+    def __init__(self, name: str, directory: Path, config: Path | None, sensor: SensorDescription) -> None:
+        found = _OWN | {point.name: point.value for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
+        if name not in found:
+            known = ", ".join(sorted(found))
+            raise UsageError(f"identifier.entry_point: {name} is not installed; known in {ENTRY_POINTS}: {known}")
+        self._command = _host("entry_point_host.py", found[name], config, json.dumps(sys.path))
+        self._directory, self._sensor = directory, sensor
+        source = _check(self._command, directory, f"identifier.entry_point: {name}")
+        self.identity = Identity("entry point", name, "not stated", _sha256(Path(source["file"])), None)
+        self.identity.config_sha256 = _sha256(config)
+        _take_names(self.identity, source)
+
+
+class LibraryPlug(CommandPlug):
+    """A function of a shared library, called in a process of its own with the structs of gse_identifier.h."""
+
+    def __init__(
+        self, library: Path, symbol: str, directory: Path, config: Path | None, sensor: SensorDescription
+    ) -> None:
+        self._command = _host("library_host.py", str(library), symbol, config)
+        self._directory, self._sensor = directory, sensor
+        self.identity = Identity("library", library.name, "not stated", _sha256(library), _sha256(config))
+        _take_names(self.identity, _check(self._command, directory, f"identifier.library: {library}"))
+        self._split = split_record(ANSWER.size)
+
+    @property
+    def greeting(self) -> bytes:
+        """The sensor's struct."""
+        return sensor_record(self._sensor)
+
+    def request(self, panorama: Panorama) -> bytes:
+        """The panorama's struct."""
+        return panorama_record(panorama, self._sensor.counts(panorama))
+
+    def split(self, buffer: bytearray) -> bytes | None:
+        """The next whole struct."""
+        return self._split(buffer)
+
+    def read(self, data: bytes, panorama: Panorama) -> ExternalAnswer | Failure:
+        """The answer in a struct."""
+        document = answer_document(data, panorama.frame_no)
+        return (
+            document
+            if isinstance(document, Failure)
+            else parse_answer(document, panorama.frame_no, len(panorama.brightness))
+        )
+
+
+def _host(name: str, target: str, *arguments: object) -> tuple[str, ...]:
+    texts = ["" if argument is None else str(argument) for argument in arguments]
+    return (sys.executable, "-I", str(_HOSTS / name), target, *texts)
+
+
+def _check(command: tuple[str, ...], directory: Path, what: str) -> dict[str, Any]:
+    """What a host says of its library or entry point once it is loaded; UsageError where it cannot be."""
+    try:
+        done = subprocess.run(
+            [*command, "--check"],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            cwd=directory,
+            env={},
+            timeout=_CHECK_S,
+            start_new_session=True,
+        )
+    except subprocess.TimeoutExpired:
+        raise UsageError(f"{what} does not load within {_CHECK_S:g} s") from None
+    try:
+        document = json.loads(done.stdout.splitlines()[-1])
+    except (ValueError, IndexError, RecursionError):
+        raise UsageError(f"{what} ends the process that loads it (exit code {done.returncode})") from None
+    if "error" in document:
+        raise UsageError(f"{what}: {plain_line(str(document['error']))[:300]}")
+    return dict(document)
+
+
+def _program(name: str, directory: Path) -> Path:
+    """The file of a command: with a slash beside the station file, without one along PATH."""
+    if "/" not in name:
+        found = shutil.which(name)
+        if found is None:
+            raise UsageError(f"identifier.command: there is no program {name} in PATH")
+        return Path(found)
+    path = _file(directory / name, "identifier.command").absolute()
+    if not os.access(path, os.X_OK):
+        raise UsageError(f"identifier.command: {path} is not executable; chmod +x {path} makes it so")
+    return path
+
+
+def _script(command: tuple[str, ...], directory: Path) -> Path | None:
+    """The first argument that is a file, where the program itself comes from PATH: a script for an interpreter."""
+    if "/" in command[0]:
+        return None
+    return next((directory / part for part in command[1:] if (directory / part).is_file()), None)
+
+
+def _file(path: Path, key: str) -> Path:
+    if not path.is_file():
+        raise UsageError(f"{key}: there is no file {path}")
+    return path.absolute()
+
+
+def _sha256(path: Path | None) -> str | None:
+    """Of a file; None without one, or where it cannot be read."""
+    if path is None:
+        return None
+    digest = hashlib.sha256()
+    try:
+        with path.open("rb") as file:
+            while block := file.read(1 << 20):
+                digest.update(block)
+    except OSError:
+        return None
+    return digest.hexdigest()
+
+
+def _take_names(identity: Identity, document: Any) -> None:
+    for key in ("name", "version"):
+        if isinstance(document, dict) and isinstance(document.get(key), str) and document[key]:
+            setattr(identity, key, plain_line(document[key])[:_MOST_NAME])
+
+
+def _line(document: dict[str, Any]) -> bytes:
+    return json.dumps(document, separators=(",", ":")).encode() + b"\n"

@@ -1,0 +1,109 @@
+"""Tables of the identifiers on disk, mapped into memory by every run that needs them.
+
+A file is a line ``gse tables 1 CRC-32`` of what follows, and the columns as numpy writes them, each from a multiple of
+64 bytes on. Columns are mapped copy-on-write: processes share their memory, and compiled code finds the same types as
+in tables that were made anew.
+"""
+
+import hashlib
+import mmap
+import os
+import tempfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+from platformdirs import user_cache_dir
+
+Columns = tuple[NDArray[Any], ...]
+
+_HEAD = b"gse tables 1 "
+_HEAD_BYTES = 64
+_ALIGNED = 64
+_KEPT_OF_A_KIND = 8
+_DAMAGE = (OSError, ValueError, EOFError)
+"""All that reading a damaged or foreign file raises."""
+
+
+def cached_columns(path: Path, make: Callable[[], Columns], fits: Callable[[Columns], bool], count: int) -> Columns:
+    """The ``count`` columns of a file, or those that ``make`` returns, which then are written to it.
+
+    What is damaged or does not fit is made anew and replaced; a cache that cannot be written is not an error.
+    """
+    columns = _read(path, count)
+    if columns is None or not fits(columns):
+        columns = make()
+        _write(path, columns)
+    return columns
+
+
+def cache_file(kind: str, key: tuple[Any, ...], folder: Path | None = None) -> Path:
+    """Where the tables of a kind for arrays and numbers are kept; ``folder`` defaults to the user's cache directory."""
+    digest = hashlib.sha256(_HEAD)
+    for part in key:
+        digest.update(np.ascontiguousarray(part, dtype="<f8").tobytes())
+    folder = Path(user_cache_dir("gse")) if folder is None else folder
+    return folder / f"{kind}-{digest.hexdigest()[:32]}.tables"
+
+
+def _read(path: Path, count: int) -> Columns | None:
+    try:
+        with path.open("rb") as file:
+            mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
+            if file.read(_HEAD_BYTES) != _head(zlib.crc32(memoryview(mapped)[_HEAD_BYTES:])):
+                return None
+            return tuple(_column(file, mapped) for _ in range(count))
+    except _DAMAGE:
+        return None
+
+
+def _column(file: Any, mapped: mmap.mmap) -> NDArray[Any]:
+    """The column that begins where the file is read, which moves on to the next."""
+    npy.read_magic(file)
+    shape, _, dtype = npy.read_array_header_1_0(file)
+    column = np.ndarray(shape, dtype, mapped, file.tell())
+    file.seek(_aligned(file.tell() + column.nbytes))
+    return column
+
+
+def _write(path: Path, columns: Columns) -> None:
+    """Write a file whole or not at all."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        try:
+            with os.fdopen(handle, "w+b") as file:
+                file.write(_head(0))
+                for column in columns:
+                    npy.write_array(file, column, (1, 0), allow_pickle=False)
+                    file.write(bytes(_aligned(file.tell()) - file.tell()))
+                file.seek(_HEAD_BYTES)
+                checksum = zlib.crc32(file.read())
+                file.seek(0)
+                file.write(_head(checksum))
+            os.replace(name, path)
+        except OSError:
+            os.unlink(name)
+            raise
+        _remove_oldest(path)
+    except OSError:
+        return
+
+
+def _head(checksum: int) -> bytes:
+    return (_HEAD + b"%08x" % checksum).ljust(_HEAD_BYTES - 1) + b"\n"
+
+
+def _aligned(offset: int) -> int:
+    return -(-offset // _ALIGNED) * _ALIGNED
+
+
+def _remove_oldest(path: Path) -> None:
+    kind = path.name.rpartition("-")[0]
+    files = sorted(path.parent.glob(f"{kind}-*"), key=lambda file: file.stat().st_mtime_ns)
+    for file in files[:-_KEPT_OF_A_KIND]:
+        file.unlink()

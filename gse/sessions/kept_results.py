@@ -1,0 +1,166 @@
+"""Kept results: what was derived from a session, in a folder beside its file, for the next report, view or comparison.
+
+    session.mcap
+    session.results/<key>/   sessions.parquet, frames.parquet, stars.parquet   docs/tables.md
+                             answers.parquet                                   the sensor's own answers as they came
+                             context.json                                      the rest, and the SHA-256 of each file
+
+The key is the SHA-256 of session, station file and software (gse.tables.ResultKey): whatever changes, the results are
+no longer found, and are derived anew. One rename puts a whole folder in place. A folder whose files do not match the
+hashes in it, or whose tables have other columns, is not used. Hashes show damage and mix-ups, not forgery: anybody who
+can write into the folder can write results that were never derived.
+"""
+
+import contextlib
+import hashlib
+import os
+import re
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from pydantic import BaseModel
+
+from gse.assessment.verdict import Assessment
+from gse.config.station import Station
+from gse.errors import TruthError
+from gse.sessions.kept_context import KeptContext
+from gse.station.attitude_table import OWN_ANSWER, AttitudeTable
+from gse.station.session_data import SessionData
+from gse.tables import ResultKey, frames_schema, frames_table, sessions_table, stars_schema, stars_table
+from gse.tables.parquet import read_parquet, write_parquet
+from gse.tables.restored import restored_frames, restored_stars
+
+CONTEXT = "context.json"
+MOST_KEPT = 4
+"""Folders of results of one session, for several station files; the oldest goes first."""
+MOST_CONTEXT_BYTES = 64 << 20
+"""20,000 events, 50,000 readings of the clock and as many STATUS messages take 30 MB."""
+_KEY = re.compile(r"[0-9a-f]{64}")
+_DAMAGED = (OSError, ValueError, KeyError, TypeError, pa.ArrowException, TruthError)
+"""What reading a damaged or foreign file raises."""
+
+
+class KeptResultsError(Exception):
+    """Results that cannot be used, and why in one line."""
+
+
+class _Manifest(BaseModel):
+    """context.json: hashes of the other files by name, and the context."""
+
+    key: str
+    files: dict[str, str]
+    context: KeptContext
+
+
+def results_folder(session_file: Path) -> Path:
+    """The folder with all kept results of a session."""
+    return session_file.with_name(f"{session_file.stem}.results")
+
+
+def keep(session: SessionData, assessment: Assessment, key: ResultKey, folder: Path) -> Path:
+    """Put the results of a session into ``folder``, in place by one rename; OSError where they cannot be written.
+
+    ``assessment`` is of the session alone, without statements of the operator. Equal results that somebody else put
+    there meanwhile stay.
+    """
+    whole = folder / key.text
+    part = folder / f".{key.text}.{os.getpid()}.part"
+    part.mkdir(parents=True)
+    try:
+        _write(session, assessment, key, part)
+        with contextlib.suppress(FileNotFoundError):
+            shutil.rmtree(whole)
+        part.rename(whole)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+    _drop_oldest(folder)
+    return whole
+
+
+def kept(key: ResultKey, folder: Path, station: Station, station_text: str) -> SessionData | None:
+    """The session as it was derived, None where no results of this key are kept; KeptResultsError where they are
+    damaged."""
+    whole = folder / key.text
+    if not whole.is_dir():
+        return None
+    try:
+        return _read(key, whole, station, station_text)
+    except _DAMAGED as error:
+        line = " ".join(str(error).split())[:200]
+        raise KeptResultsError(f"{whole} is damaged or not of gse: {line}") from error
+
+
+def _write(session: SessionData, assessment: Assessment, key: ResultKey, part: Path) -> None:
+    """One table after the other: that of the frames of 8 h at 10 Hz takes 90 MB."""
+    write_parquet(sessions_table(session, assessment, key), part / "sessions.parquet")
+    write_parquet(frames_table(session, assessment.statistics, key.text), part / "frames.parquet")
+    write_parquet(stars_table(session, key.text), part / "stars.parquet")
+    write_parquet(_answers(session.sensor_attitudes), part / "answers.parquet")
+    files = {path.name: _sha256(path) for path in sorted(part.iterdir())}
+    manifest = _Manifest.model_construct(key=key.text, files=files, context=KeptContext.of(session))
+    text = manifest.model_dump_json()
+    (part / CONTEXT).write_text(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}\n", encoding="utf-8")
+
+
+def _read(key: ResultKey, whole: Path, station: Station, station_text: str) -> SessionData:
+    manifest = _manifest(whole)
+    if manifest.key != key.text:
+        raise ValueError(f"its key is {manifest.key[:64]}")
+    context, schemas = manifest.context, _schemas()
+    tables = {name: _table(whole / name, manifest.files, schema) for name, schema in schemas.items()}
+    frames, stars = tables["frames.parquet"], tables["stars.parquet"]
+    session = SessionData(station, station_text, context.protocol_name)
+    context.give_to(session)
+    session.frames = restored_frames(frames, stars, context.subject)
+    session.stars = restored_stars(stars, context.designation)
+    session.sensor_attitudes = _attitudes(tables["answers.parquet"])
+    return session
+
+
+def _schemas() -> dict[str, pa.Schema]:
+    own = pa.schema([(name, pa.from_numpy_dtype(OWN_ANSWER[name])) for name in OWN_ANSWER.names or ()])
+    return {"frames.parquet": frames_schema(), "stars.parquet": stars_schema(), "answers.parquet": own}
+
+
+def _manifest(whole: Path) -> _Manifest:
+    with (whole / CONTEXT).open("rb") as file:
+        content = file.read(MOST_CONTEXT_BYTES + 1)
+    if len(content) > MOST_CONTEXT_BYTES:
+        raise ValueError(f"{CONTEXT} is larger than {MOST_CONTEXT_BYTES} bytes")
+    stated, _, text = content.partition(b"\n")
+    if hashlib.sha256(text.rstrip(b"\n")).hexdigest().encode() != stated:
+        raise ValueError(f"{CONTEXT} does not have its SHA-256")
+    return _Manifest.model_validate_json(text)
+
+
+def _table(path: Path, hashes: Mapping[str, str], schema: pa.Schema) -> pa.Table:
+    if _sha256(path) != hashes[path.name]:
+        raise ValueError(f"{path.name} does not have its SHA-256")
+    return read_parquet(path, schema)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _answers(table: AttitudeTable) -> pa.Table:
+    rows = table.columns
+    return pa.table({name: pa.array(np.ascontiguousarray(rows[name])) for name in OWN_ANSWER.names or ()})
+
+
+def _attitudes(answers: pa.Table) -> AttitudeTable:
+    rows = np.zeros(answers.num_rows, dtype=OWN_ANSWER)
+    for name in OWN_ANSWER.names or ():
+        rows[name] = answers[name].to_numpy()
+    return AttitudeTable.of(rows)
+
+
+def _drop_oldest(folder: Path) -> None:
+    found = [path for path in folder.iterdir() if _KEY.fullmatch(path.name) and path.is_dir()]
+    for path in sorted(found, key=lambda path: path.stat().st_mtime_ns)[:-MOST_KEPT]:
+        shutil.rmtree(path, ignore_errors=True)

@@ -1,0 +1,44 @@
+"""Pseudo-terminal of an emulated sensor; POSIX systems only."""
+
+import fcntl
+import os
+import pty
+import select
+import struct
+import termios
+import tty
+
+from gse.simulator.endpoints import READ_BYTES
+
+_UNREAD_LIMIT_BYTES = 3072
+"""More pending bytes mean that nothing reads the terminal; the limit of the kernel is 4095."""
+
+
+class PtyEndpoint:
+    """A pseudo-terminal; ``address`` is the device that the station opens."""
+
+    def __init__(self) -> None:
+        self._sensor, self._station = pty.openpty()
+        tty.setraw(self._station)
+        os.set_blocking(self._sensor, False)
+        self.address = os.ttyname(self._station)
+
+    def wait(self, timeout_s: float) -> bytes:
+        """Bytes from the station, none when none came within the time."""
+        readable, _, _ = select.select([self._sensor], [], [], timeout_s)
+        return os.read(self._sensor, READ_BYTES) if readable else b""
+
+    def send(self, data: bytes) -> None:
+        """Bytes to the station; unread ones are dropped, so that a later client gets current data."""
+        unread = struct.unpack("i", fcntl.ioctl(self._station, termios.FIONREAD, b"\0\0\0\0"))[0]
+        if unread + len(data) > _UNREAD_LIMIT_BYTES:
+            termios.tcflush(self._station, termios.TCIFLUSH)
+        try:
+            os.write(self._sensor, data)
+        except BlockingIOError:
+            return
+
+    def close(self) -> None:
+        """Remove the device."""
+        os.close(self._sensor)
+        os.close(self._station)

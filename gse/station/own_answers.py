@@ -1,0 +1,116 @@
+"""The sensor's own answers against the truth: what an errorless sensor would send, and how far off it is.
+
+A sensor answers from the catalogue places of the stars that it sees: it knows no air, and a simple one no aberration.
+So truth is brought to the same: the geometric direction of the mount, less what refraction, and aberration where it is
+left in, move it by.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.attitude_convention import AttitudeConvention, read_angles, read_quaternions
+from gse.constants import ARCSEC_PER_RAD
+from gse.instant import NS_PER_S
+from gse.mount import Mount
+from gse.station.attitude_table import ANGLES, QUATERNION
+from gse.truth import SiderealTruth, horizon_to_sensor
+from gse.truth.frames import icrs_to_frame
+
+_CELL_NS = 60 * NS_PER_S
+"""Aberration and refraction of the boresight change by 0.01 arcsec in this time."""
+_CELLS_KEPT = 4096
+_NEAR_RAD = 1e-3
+
+
+def measured_rotations(
+    answers: NDArray[np.void], utc_ns: NDArray[np.int64], convention: AttitudeConvention
+) -> NDArray[np.float64]:
+    """Rotations (M, 3, 3) from ICRS to the sensor that rows of OWN_ANSWER state for instants (M,).
+
+    Angles count where a row has them, else its quaternion.
+    """
+    angles = np.column_stack([answers[name] for name in ANGLES])
+    by_angle = np.isfinite(angles[:, 0])
+    read = np.empty((len(answers), 3, 3))
+    read[by_angle] = read_angles(angles[by_angle], convention)
+    quaternions = np.column_stack([answers[name][~by_angle] for name in QUATERNION])
+    read[~by_angle] = read_quaternions(quaternions, convention)
+    return read @ icrs_to_frame(convention.frame, utc_ns)
+
+
+@dataclass(slots=True)
+class OwnAnswerTruth:
+    """What a sensor on a mount answers that makes no error; ``aberration_corrected`` as its convention says."""
+
+    truth: SiderealTruth
+    mount: Mount
+    aberration_corrected: bool = False
+    _shifts: dict[int, NDArray[np.float64]] = field(default_factory=dict)
+
+    def expected(self, utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Rotations (M, 3, 3) from ICRS to the sensor at instants (M,)."""
+        geometric = horizon_to_sensor(self.mount) @ self.truth.icrs_to_horizon_at(utc_ns)
+        return self.shifts(utc_ns) @ geometric
+
+    def shifts(self, utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Rotations (M, 3, 3) in the sensor frame from the geometric attitude to the one that the sensor answers."""
+        cells, of_cell = np.unique(utc_ns // _CELL_NS, return_inverse=True)
+        return np.array([self._shift(cell) for cell in cells.tolist()]).reshape(-1, 3, 3)[of_cell]
+
+    def _shift(self, cell: int) -> NDArray[np.float64]:
+        shift = self._shifts.get(cell)
+        if shift is None:
+            if len(self._shifts) >= _CELLS_KEPT:
+                self._shifts.clear()
+            shift = self._shifts[cell] = self._computed(cell * _CELL_NS + _CELL_NS // 2)
+        return shift
+
+    def _computed(self, utc_ns: int) -> NDArray[np.float64]:
+        geometric = self.truth.attitude_true(utc_ns, self.mount).icrs_to_sensor
+        seen = np.array([[0.0, 0.0, 1.0], [_NEAR_RAD, 0.0, 1.0], [0.0, _NEAR_RAD, 1.0]])
+        seen /= np.linalg.norm(seen, axis=1)[:, None]
+        stars = self.truth.unrefracted(seen, geometric @ self.truth.icrs_to_horizon(utc_ns)[2]) @ geometric
+        if not self.aberration_corrected:
+            stars = self._catalogue_places(stars, utc_ns)
+        # the boresight by its star, the turn about it by the stars beside it
+        return _triad(seen) @ _triad(stars @ geometric.T).T
+
+    def _catalogue_places(self, apparent: NDArray[np.float64], utc_ns: int) -> NDArray[np.float64]:
+        stars = apparent.copy()
+        for _ in range(3):
+            stars -= self.truth.apparent(stars, utc_ns) - apparent
+            stars /= np.linalg.norm(stars, axis=1)[:, None]
+        return stars
+
+
+def _triad(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Axes in columns: z along the first direction (3,), x by the mean of what two beside it, along x and y, show.
+
+    Refraction shears the field: by either of the two alone the turn would be some arcsec off, one way or the other.
+    """
+    z = vectors[0] / np.linalg.norm(vectors[0])
+    beside = vectors[1:] - (vectors[1:] @ z)[:, None] * z
+    along_x, along_y = beside / np.linalg.norm(beside, axis=1)[:, None]
+    x = along_x + np.cross(along_y, z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def attitude_errors(measured: NDArray[np.float64], true: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """dRA*, dDE, roll and cross-boresight x, y (M,) in arcsec of rotations (M, 3, 3): ``attitude_error`` of many."""
+    error = measured @ true.transpose(0, 2, 1)
+    x, y, z = error[:, 2].T
+    across = np.hypot(x, y)
+    arc = np.where(across > 0, np.arctan2(across, z) / np.where(across > 0, across, 1.0), 1.0)
+    boresight = true[:, 2]
+    level = np.hypot(boresight[:, 0], boresight[:, 1])
+    safe = np.where(level > 0, level, 1.0)
+    cos_ra = np.where(level > 0, boresight[:, 0] / safe, 1.0)
+    sin_ra = np.where(level > 0, boresight[:, 1] / safe, 0.0)
+    off = x[:, None] * true[:, 0] + y[:, None] * true[:, 1]
+    east = cos_ra * off[:, 1] - sin_ra * off[:, 0]
+    north = level * off[:, 2] - boresight[:, 2] * (cos_ra * off[:, 0] + sin_ra * off[:, 1])
+    roll = np.arctan2(error[:, 1, 0] - error[:, 0, 1], error[:, 0, 0] + error[:, 1, 1])
+    return tuple(values * ARCSEC_PER_RAD for values in (east * arc, north * arc, roll, x * arc, y * arc))

@@ -1,0 +1,209 @@
+"""Condition of the sky, told from the stars of a few seconds of panoramas.
+
+What is expected comes from site, time, direction and catalogue; what is seen comes from the answers. Stars that are
+fainter than in the clear, or that are missing, show a cloud. Brightness is compared only under a dark sky: the index
+value of a star holds the light of the sky behind it, so a twilight sky makes stars look brighter.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, SkyCondition, Status
+
+SUN_LIMIT_DEG = -12.0
+"""Nautical twilight: above it the sky is too bright for the stars of a panorama."""
+
+FADED_MAG = 0.75
+"""A cloud dims the stars by more than the air, the temperature and the noise of a few frames do."""
+CLEARED_MAG = 0.5
+MISSING_SHARE, BACK_SHARE = 0.55, 0.7
+"""Of the share of stars that is seen in the clear: below the first a cloud covers the field, above the second none."""
+FEW_SHARE = 1 / 3
+"""Of the stars expected: fewer are no clear sky, whatever the session has shown so far."""
+FEWEST_EXPECTED = 10
+"""Fewer expected stars do not tell a share."""
+FEWEST_OBJECTS = 3
+"""Fewer objects than this are no panorama of a clear sky: no identifier can work on them."""
+MOON_GLARE_DEG = 10.0
+"""Beyond the edge of the field: nearer, the Moon's light hides stars as a cloud does."""
+_CLEAR_PERCENTILE = 95.0
+_BLIND_OBJECTS = 0.7
+"""A frame without an answer and with fewer objects than this share of the usual number shows missing stars."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lights:
+    """Where Sun and Moon stand: altitudes, and separations from the boresight (NaN where that is unknown), in deg."""
+
+    sun_altitude_deg: float
+    moon_altitude_deg: float
+    sun_separation_deg: float = math.nan
+    moon_separation_deg: float = math.nan
+
+    @property
+    def is_dark(self) -> bool:
+        """Whether the Sun is below nautical twilight."""
+        return self.sun_altitude_deg <= SUN_LIMIT_DEG
+
+    def __str__(self) -> str:
+        sun = (
+            f"Sun {abs(self.sun_altitude_deg):.0f} deg {'above' if self.sun_altitude_deg >= 0 else 'below'} the horizon"
+        )
+        if not self.moon_altitude_deg > 0:
+            return f"{sun}, Moon down"
+        apart = f", {self.moon_separation_deg:.0f} deg from the boresight" if self.moon_separation_deg >= 0 else ""
+        return f"{sun}, Moon {self.moon_altitude_deg:.0f} deg up{apart}"
+
+
+@dataclass(frozen=True, slots=True)
+class SkyEvidence:
+    """What a few seconds of panoramas show; numbers that they do not show are NaN.
+
+    ``expected`` is the number of the mission catalogue's stars in the field, at most as many as a panorama has room
+    for. ``seen_share`` is the share of them that was named. ``zero_point_mag`` is for an exposure of 1 s.
+    """
+
+    lights: Lights
+    expected: float
+    seen_share: float
+    zero_point_mag: float
+    limiting_mag: float
+    objects: float
+    shows_stars: bool
+    overexposed: bool
+    exposure_s: float
+    moon_glares: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ClearSky:
+    """The same of the clearest part of a session, as far as it is known."""
+
+    zero_point_mag: float = math.nan
+    seen_share: float = math.nan
+    exposure_s: float = math.nan
+    objects: float = math.nan
+
+
+def evidence_of(rows: NDArray[np.void], expected: float, lights: Lights, usual_objects: float) -> SkyEvidence:
+    """The evidence of some rows of FRAME; ``usual_objects`` is the number of objects of the clear sky."""
+    answered = rows["status"] == STATUSES.index(Status.IDENTIFIED)
+    check = rows["answer_check"]
+    false = check == ANSWER_CHECKS.index(AnswerCheck.FALSE)
+    shown = (answered & ~false) | (check == ANSWER_CHECKS.index(AnswerCheck.ABSENT))
+    empty = ~shown & ~(rows["objects"] >= max(_BLIND_OBJECTS * usual_objects, FEWEST_OBJECTS))
+    counted = int(shown.sum()) + int(empty.sum())
+    share = float(rows["stars_seen"][shown].sum()) / (counted * expected) if counted and expected > 0 else math.nan
+    exposure_s = rows["exposure_s"].astype(np.float64)
+    per_second = 2.5 * np.log10(np.where(exposure_s > 0, exposure_s, 1.0))
+    return SkyEvidence(
+        lights,
+        expected,
+        min(share, 1.0),
+        _median((rows["zero_point_mag"] - per_second)[shown]),
+        _median(rows["limiting_mag"][shown]),
+        float(np.median(rows["objects"])),
+        bool((shown | false).any()),
+        bool((rows["status"] == STATUSES.index(Status.SENSOR_FAULT)).mean() > 0.5),
+        _median(exposure_s),
+    )
+
+
+def clear_sky(evidence: list[SkyEvidence]) -> ClearSky:
+    """The clear sky among the evidence of a session: its clearest twentieth, without twilight and the Moon's glare."""
+    fit = [item for item in evidence if item.shows_stars and item.lights.is_dark and not item.moon_glares]
+    if not fit:
+        return ClearSky()
+    return ClearSky(
+        _highest([item.zero_point_mag for item in fit]),
+        _highest([item.seen_share for item in fit if item.expected >= FEWEST_EXPECTED]),
+        _highest([item.exposure_s for item in fit]),
+        _highest([item.objects for item in fit]),
+    )
+
+
+def faded_mag(found: SkyEvidence, clear: ClearSky) -> float:
+    """How much fainter than in the clear the stars are; NaN where a bright sky or missing stars hide it."""
+    return clear.zero_point_mag - found.zero_point_mag if found.lights.is_dark and not found.moon_glares else math.nan
+
+
+def condition_of(found: SkyEvidence, clear: ClearSky, before: SkyCondition) -> SkyCondition:
+    """The condition that the evidence shows; ``before`` is that of the seconds before.
+
+    A cloud ends at other values than it begins, so that noise at the edge makes no events.
+    """
+    if not found.shows_stars:
+        return _without_stars(found, before)
+    was_clouded = before is SkyCondition.CLOUDED
+    if faded_mag(found, clear) >= (CLEARED_MAG if was_clouded else FADED_MAG):
+        return SkyCondition.CLOUDED
+    if found.lights.is_dark and found.expected >= FEWEST_EXPECTED:
+        if found.moon_glares:
+            return SkyCondition.UNKNOWN if found.seen_share < FEW_SHARE else SkyCondition.CLEAR
+        least = max((BACK_SHARE if was_clouded else MISSING_SHARE) * clear.seen_share, FEW_SHARE)
+        if found.seen_share < least:
+            return SkyCondition.CLOUDED
+    return SkyCondition.CLEAR
+
+
+def _without_stars(found: SkyEvidence, before: SkyCondition) -> SkyCondition:
+    if not found.lights.is_dark:
+        return SkyCondition.DAYLIGHT
+    if found.moon_glares:
+        return SkyCondition.UNKNOWN
+    if before is SkyCondition.CLOUDED:
+        return SkyCondition.CLOUDED
+    if found.overexposed or found.objects < FEWEST_OBJECTS or found.expected >= FEWEST_EXPECTED:
+        return SkyCondition.NO_STARS
+    return SkyCondition.UNKNOWN
+
+
+def words_of(condition: SkyCondition, found: SkyEvidence, clear: ClearSky) -> str:
+    """The evidence for a condition, for the operator."""
+    stars = f"{found.seen_share * found.expected:.0f} of {found.expected:.0f} expected stars are seen"
+    stars = stars if found.seen_share >= 0 else "stars are identified"
+    if condition is SkyCondition.CLEAR:
+        depth = f", to magnitude {found.limiting_mag:.1f}" if math.isfinite(found.limiting_mag) else ""
+        return f"{stars}{depth}; {found.lights}"
+    if condition is SkyCondition.CLOUDED:
+        faded = faded_mag(found, clear)
+        dimmed = f"stars are {faded:.1f} mag fainter than in the clear, " if faded >= CLEARED_MAG else ""
+        return f"{dimmed}{stars if found.shows_stars else 'no star is left'}: cloud, haze or dew"
+    if condition is SkyCondition.NO_STARS:
+        return _no_stars(found, clear)
+    return str(found.lights)
+
+
+def _no_stars(found: SkyEvidence, clear: ClearSky) -> str:
+    expected = f", {found.expected:.0f} stars are expected" if found.expected >= 0 else ""
+    if found.overexposed:
+        return f"the detector is overexposed in the dark{expected}: a lamp, or too long an exposure"
+    if found.exposure_s < 0.5 * clear.exposure_s:
+        return f"the exposure fell from {clear.exposure_s:g} to {found.exposure_s:g} s: too short{expected}"
+    if found.objects < FEWEST_OBJECTS:
+        objects = f"{found.objects:.0f} objects" if found.objects else "no object at all"
+        return f"{objects}{expected}: lens cap, cover, overcast, or too short an exposure"
+    return (
+        f"{found.objects:.0f} objects, and none is identified{expected}: overcast or a cover, or a camera that is not "
+        "as stated"
+    )
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else math.nan
+
+
+def _highest(values: list[float]) -> float:
+    known = [value for value in values if math.isfinite(value)]
+    return float(np.percentile(known, _CLEAR_PERCENTILE)) if known else math.nan
+
+
+def glared(found: SkyEvidence, field_radius_deg: float) -> SkyEvidence:
+    """The evidence, marked where the Moon stands in the field or near its edge."""
+    near = found.lights.moon_altitude_deg > 0 and found.lights.moon_separation_deg < field_radius_deg + MOON_GLARE_DEG
+    return replace(found, moon_glares=True) if near else found

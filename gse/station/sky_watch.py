@@ -1,0 +1,165 @@
+"""Watch on the sky of a running session: conditions every few seconds, and an event where they change."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.chunk import LinkEvent
+from gse.attitude import Attitude
+from gse.camera import Camera
+from gse.catalog import StarCatalog
+from gse.instant import NS_PER_S
+from gse.mount import Mount
+from gse.panorama import MAX_OBJECTS
+from gse.site import Site
+from gse.station.event_kinds import StationKind
+from gse.station.frame_table import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
+from gse.station.results import AnswerCheck, SkyCondition, Status
+from gse.station.sky_condition import (
+    ClearSky,
+    Lights,
+    SkyEvidence,
+    clear_sky,
+    condition_of,
+    evidence_of,
+    faded_mag,
+    glared,
+    words_of,
+)
+from gse.truth.mounting import horizon_to_sensor
+from gse.truth.solar_system import icrs_to_horizon, sun_and_moon_horizon
+
+WINDOW_NS = 5 * NS_PER_S
+_REFERENCE_AFTER = 1.1
+"""The clear sky is sought anew when the session has become longer by a tenth: a night has thousands of windows."""
+
+_KINDS = {
+    SkyCondition.CLEAR: StationKind.CLEAR,
+    SkyCondition.CLOUDED: StationKind.CLOUDED,
+    SkyCondition.NO_STARS: StationKind.NO_STARS,
+}
+
+
+_FALSE = ANSWER_CHECKS.index(AnswerCheck.FALSE)
+_BESIDE = 1.1
+"""Of the field's radius: distortion has no meaning far beyond it."""
+
+
+class SkyWatch:
+    """Fills the sky columns of a session's frames, and gives an event for each change of the sky.
+
+    The frames of WINDOW_NS are taken together, so that the events are the same however the bytes come. An event says
+    what was known at its time. ``finish`` looks at the whole session again: only then is its clearest part known.
+    A sensor that sends its own answers and no panoramas does not show the sky: ``sees_objects`` is then False.
+    """
+
+    def __init__(self, site: Site, camera: Camera, catalog: StarCatalog, mount: Mount | None) -> None:
+        self._site, self._camera, self._catalog = site, camera, catalog
+        self._field_radius_deg = math.degrees(camera.diagonal_rad) / 2
+        self._horizon_to_sensor = None if mount is None else horizon_to_sensor(mount)
+        self.sees_objects = True
+        self._first, self._begun_ns = 0, -1
+        self._windows: list[tuple[int, int, SkyEvidence]] = []
+        self._clear = ClearSky()
+        self._reference_due = 1
+        self._condition = SkyCondition.UNKNOWN
+        self._is_day: bool | None = None
+
+    def take(self, frames: NDArray[np.void]) -> list[LinkEvent]:
+        """Look at the frames (all rows of FRAME so far), of which the last one is new."""
+        utc_ns = int(frames["utc_ns"][-1])
+        if self._begun_ns < 0:
+            self._begun_ns = utc_ns
+        if 0 <= utc_ns - self._begun_ns < WINDOW_NS:
+            return []
+        events = list(self._close_window(frames, len(frames) - 1))
+        self._begun_ns = utc_ns
+        return events
+
+    def finish(self, frames: NDArray[np.void]) -> list[LinkEvent]:
+        """Close the last window, and fill the columns that need the clearest part of the session."""
+        events = list(self._close_window(frames, len(frames))) if len(frames) > self._first else []
+        self.fill(frames)
+        return events
+
+    def fill(self, frames: NDArray[np.void]) -> None:
+        """Fill the columns that need the clearest part of the session, as it is so far."""
+        clear, condition = clear_sky([found for _, _, found in self._windows]), SkyCondition.UNKNOWN
+        for first, until, found in self._windows:
+            condition = self._judged(found, clear, condition)
+            rows = frames[first:until]
+            rows["sky_condition"] = SKY_CONDITIONS.index(condition)
+            rows["transparency"] = 10 ** (-0.4 * min(max(faded_mag(found, clear), 0.0), 20.0))
+
+    def _close_window(self, frames: NDArray[np.void], until: int) -> Iterator[LinkEvent]:
+        rows = frames[self._first : until]
+        utc_ns = int(rows["utc_ns"][-1])
+        lights, expected = self._expectation(rows)
+        found = glared(evidence_of(rows, expected, lights, self._clear.objects), self._field_radius_deg)
+        self._fill(rows, lights, expected)
+        self._windows.append((self._first, until, found))
+        if len(self._windows) >= self._reference_due:
+            self._reference_due = math.ceil(_REFERENCE_AFTER * len(self._windows))
+            self._clear = clear_sky([item for _, _, item in self._windows])
+        self._first = until
+        yield from self._changes(utc_ns, found)
+
+    def _fill(self, rows: NDArray[np.void], lights: Lights, expected: float) -> None:
+        rows["stars_expected"] = expected
+        rows["sun_altitude_deg"], rows["moon_altitude_deg"] = lights.sun_altitude_deg, lights.moon_altitude_deg
+        rows["sun_separation_deg"], rows["moon_separation_deg"] = lights.sun_separation_deg, lights.moon_separation_deg
+
+    def _changes(self, utc_ns: int, found: SkyEvidence) -> Iterator[LinkEvent]:
+        """Events of the Sun, then of the stars."""
+        is_day = not found.lights.is_dark
+        if is_day != bool(self._is_day):
+            yield LinkEvent(utc_ns, 0, StationKind.DAYLIGHT if is_day else StationKind.DARK_NIGHT, str(found.lights))
+        self._is_day = is_day
+        condition = self._judged(found, self._clear, self._condition)
+        if condition is not self._condition and condition in _KINDS:
+            yield LinkEvent(utc_ns, 0, _KINDS[condition], words_of(condition, found, self._clear))
+        self._condition = condition
+
+    def _judged(self, found: SkyEvidence, clear: ClearSky, before: SkyCondition) -> SkyCondition:
+        return condition_of(found, clear, before) if self.sees_objects else SkyCondition.UNKNOWN
+
+    def _expectation(self, rows: NDArray[np.void]) -> tuple[Lights, float]:
+        """Where Sun and Moon stand in the middle of a window, and how many catalogue stars are in the field."""
+        middle = rows[len(rows) // 2]
+        utc_ns = np.array([middle["utc_ns"]])
+        to_horizon = icrs_to_horizon(self._site, utc_ns)[0]
+        self._look(rows)
+        sun, moon = (vectors[0] for vectors in sun_and_moon_horizon(self._site, utc_ns))
+        altitudes = math.degrees(math.asin(sun[2])), math.degrees(math.asin(moon[2]))
+        if self._horizon_to_sensor is None:
+            return Lights(*altitudes), math.nan
+        boresight = self._horizon_to_sensor[2]
+        separations = (separation_deg(body, boresight) for body in (sun, moon))
+        expected = stars_in_field(self._catalog, self._camera, self._horizon_to_sensor @ to_horizon)
+        return Lights(*altitudes, *separations), float(min(expected, MAX_OBJECTS))
+
+    def _look(self, rows: NDArray[np.void]) -> None:
+        """Take the direction from the stars where they are confirmed, rather than from the station file."""
+        confirmed = np.flatnonzero(
+            (rows["status"] == STATUSES.index(Status.IDENTIFIED)) & (rows["answer_check"] != _FALSE)
+        )
+        if not len(confirmed):
+            return
+        row = rows[confirmed[len(confirmed) // 2]]
+        attitude = Attitude.from_angles(row["ra_deg"], row["de_deg"], row["roll_deg"])
+        at_row = icrs_to_horizon(self._site, np.array([row["utc_ns"]]))[0]
+        self._horizon_to_sensor = attitude.icrs_to_sensor @ at_row.T
+
+
+def separation_deg(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Angle between two unit vectors (3,)."""
+    return math.degrees(math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other)))
+
+
+def stars_in_field(catalog: StarCatalog, camera: Camera, icrs_to_sensor: NDArray[np.float64]) -> int:
+    """How many stars of a catalogue stand on the detector."""
+    stars_sensor = catalog.icrs @ icrs_to_sensor.T
+    near = stars_sensor[:, 2] > math.cos(min(_BESIDE * camera.diagonal_rad / 2, math.pi / 2))
+    return int(camera.contains(camera.pixels(stars_sensor[near])).sum())

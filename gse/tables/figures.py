@@ -1,0 +1,51 @@
+"""Figures of a session as columns: statistics of each subject, and the truth uncertainty."""
+
+from collections.abc import Iterator
+
+from gse.assessment.axis_statistics import AxisStatistics
+from gse.assessment.spatial_errors import SpatialErrors
+from gse.assessment.statistics import AXES, Statistics, SubjectStatistics
+from gse.assessment.thermal import ThermalError
+from gse.assessment.truth_budget import TruthUncertaintyBudget
+from gse.assessment.uncertainty import AXES as TRUTH_AXES
+from gse.assessment.uncertainty import AxisUncertainty, Term
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import Subject
+from gse.tables.records import COUNT, Column, column, columns_of, records
+
+_BY_KEY = ("statuses", "answer_checks", "subjects", "spatial", "exclusions", "counted", "own", "arrival_ms")
+"""Fields of Statistics that are no plain values: they have columns of their own."""
+_STAR_AXES = ("cross_x", "cross_y")
+
+
+def figures(stats: Statistics | None) -> Iterator[Column]:
+    """The columns of all statistics; null without any."""
+    yield from columns_of(Statistics, stats, without=_BY_KEY)
+    for stem, words, counts in (
+        ("status", STATUSES, stats.statuses if stats else {}),
+        ("answer_check", ANSWER_CHECKS, stats.answer_checks if stats else {}),
+    ):
+        for word in words:
+            yield column(f"{stem}_{word.value.lower()}", COUNT, counts.get(word.value))
+    for subject in Subject:
+        yield from _of_subject(subject, stats.subjects.get(subject) if stats else None)
+    for place, axis in enumerate(_STAR_AXES):
+        of_axis = stats.spatial[place] if stats and stats.spatial else None
+        yield from columns_of(SpatialErrors, of_axis, f"onboard_{axis}_star")
+
+
+def _of_subject(subject: Subject, stats: SubjectStatistics | None) -> Iterator[Column]:
+    yield from columns_of(SubjectStatistics, stats, subject.value, without=("subject", "axes", "thermal"))
+    for axis in AXES:
+        stem = f"{subject.value}_{axis}"
+        yield from columns_of(AxisStatistics, stats.axes[axis] if stats else None, stem)
+        yield from columns_of(ThermalError, stats.thermal.get(axis) if stats else None, f"{stem}_thermal")
+
+
+def truth_figures(budget: TruthUncertaintyBudget | None) -> Iterator[Column]:
+    """The columns of the truth uncertainty budget."""
+    for axis in TRUTH_AXES:
+        of_axis = budget.axes[axis] if budget else None
+        # k is expanded / standard; a column that ends in _k is in kelvin.
+        yield from columns_of(AxisUncertainty, of_axis, f"truth_{axis}", without=("k",))
+    yield records(Term, budget.terms if budget else None, "truth_terms")

@@ -1,0 +1,110 @@
+"""The table of frames: one row per panorama, with time, the subjects' answers, their errors, and the sky.
+
+Its columns are those of the frame table (gse.station.frame_table.FRAME) and of the sensor's own answers; a column that
+is added there is a column here. Answers begin with their subject. A sensor that sends no panoramas is the subject of
+the frame table itself: then those of ``onboard`` are null.
+"""
+
+import typing
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from gse.assessment.sensor_answers import SensorAnswers
+from gse.assessment.statistics import Statistics
+from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
+from gse.station.results import Status, Subject
+from gse.station.session_data import SessionData
+from gse.tables.records import UTC
+from gse.tables.units import field, schema
+
+KEY = pa.dictionary(pa.int32(), pa.string())
+"""The key in each row of frames and stars: stored once."""
+
+WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS, "sky_condition": SKY_CONDITIONS}
+_WORD = pa.dictionary(pa.int8(), pa.string())
+_COMMON = tuple(name for name in FRAME.names or () if name not in ONBOARD_COLUMNS)
+_COUNTED = ("expected", "excluded")
+_COUNTED_OF_SUBJECT = ("false", "used")
+"""Masks of CountedFrames that are of the whole frame, and of the answers in the frame table."""
+
+
+def frames_schema() -> pa.Schema:
+    """The schema of the table of frames."""
+    kinds = {"key": KEY, "frame": pa.uint32()}
+    kinds |= {plain_name(name): _kind(name) for name in _COMMON} | dict.fromkeys(_COUNTED, pa.bool_())
+    for subject in Subject:
+        kinds |= {f"{subject}_{name}": _kind(name) for name in ONBOARD_COLUMNS}
+        kinds |= {f"{subject}_{name}": pa.bool_() for name in _COUNTED_OF_SUBJECT}
+    kinds |= {f"{Subject.SENSOR}_{name}": kind for name, kind in _sensor_kinds().items()}
+    return schema("frames", [field(name, kind) for name, kind in kinds.items()])
+
+
+def frames_table(session: SessionData, stats: Statistics, key: str) -> pa.Table:
+    """The frames of a session as a table; ``key`` is of the results. What is unknown is null."""
+    frames, counted = session.frames.columns, stats.counted
+    arrays = {"key": same_key(key, len(frames)), "frame": pa.array(np.arange(len(frames), dtype=np.uint32))}
+    arrays |= {plain_name(name): arrow_column(name, frames[name]) for name in _COMMON}
+    arrays |= {name: pa.array(getattr(counted, name)) for name in _COUNTED}
+    arrays |= {f"{session.subject}_{name}": arrow_column(name, frames[name]) for name in ONBOARD_COLUMNS}
+    arrays |= {f"{session.subject}_{name}": pa.array(getattr(counted, name)) for name in _COUNTED_OF_SUBJECT}
+    of_sensor = _own(frames) if session.subject is Subject.SENSOR else _beside_panoramas(stats.own)
+    arrays |= {f"{Subject.SENSOR}_{name}": pa.array(values, from_pandas=True) for name, values in of_sensor.items()}
+    return table_of(arrays, frames_schema(), len(frames))
+
+
+def table_of(arrays: dict[str, pa.Array], like: pa.Schema, count: int) -> pa.Table:
+    """The arrays as a table of ``count`` rows; a column of the schema that is not among them is null."""
+    columns = [arrays[of.name].cast(of.type) if of.name in arrays else pa.nulls(count, of.type) for of in like]
+    return pa.table(columns, schema=like)
+
+
+def plain_name(name: str) -> str:
+    """The name in the tables of a column of FRAME that is of no subject: UTC is an instant, not a number."""
+    return name.removesuffix("_ns") if name.endswith("utc_ns") else name
+
+
+def arrow_column(name: str, values: NDArray[Any]) -> pa.Array:
+    """A column of FRAME or MATCH in Arrow: instants, words for their places, null for unknown numbers."""
+    values = np.ascontiguousarray(values)
+    if name.endswith("utc_ns"):
+        return pa.array(values, pa.int64()).cast(UTC)
+    if name in WORDS:
+        places = pa.array(values.astype(np.int8))
+        return pa.DictionaryArray.from_arrays(places, [word.value for word in WORDS[name]])
+    return pa.array(values, from_pandas=True)
+
+
+def same_key(key: str, count: int) -> pa.Array:
+    """The column of a key that all rows share."""
+    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(count, dtype=np.int32)), [key])
+
+
+def _own(frames: NDArray[np.void]) -> dict[str, NDArray[Any]]:
+    """What SensorAnswers says beside panoramas, of a frame table that holds the sensor's answers themselves."""
+    arrival_ms = (frames["host_utc_ns"] - frames["utc_ns"]) / 1e6
+    return {
+        "sent": np.ones(len(frames), dtype=bool),
+        "acquired": frames["status"] == STATUSES.index(Status.IDENTIFIED),
+        "latency_ms": frames["elapsed_us"] / 1e3,
+        "arrival_ms": np.where(frames["host_utc_ns"] > 0, arrival_ms, np.nan),
+    }
+
+
+def _beside_panoramas(own: SensorAnswers | None) -> dict[str, NDArray[Any]]:
+    return {} if own is None else {name: getattr(own, name) for name in typing.get_type_hints(SensorAnswers)}
+
+
+def _kind(name: str) -> pa.DataType:
+    if name.endswith("utc_ns"):
+        return UTC
+    return _WORD if name in WORDS else pa.from_numpy_dtype(FRAME[name])
+
+
+def _sensor_kinds() -> dict[str, pa.DataType]:
+    """From the types of the arrays: NDArray[np.bool_], NDArray[np.float64]."""
+    hints = typing.get_type_hints(SensorAnswers)
+    scalars = {name: typing.get_args(typing.get_args(hint)[1])[0] for name, hint in hints.items()}
+    return {name: pa.from_numpy_dtype(np.dtype(scalar)) for name, scalar in scalars.items()}

@@ -1,0 +1,42 @@
+"""Parquet files of the tables: one way to write them, and a bounded way to read them."""
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+_ROWS_AT_ONCE = 1 << 16
+MOST_ROWS = 1 << 24
+"""Two weeks of frames at 10 Hz."""
+MOST_BYTES_PER_ROW = 4096
+"""Unpacked; a frame has 400 bytes, and one dictionary of words serves all rows."""
+MOST_BYTES_BESIDE = 1 << 22
+"""Of dictionaries and heads, in a file with few rows."""
+_MOST_FOOTER = 1 << 24
+_COMPRESSION = "zstd"
+
+
+def write_parquet(table: pa.Table, path: Path) -> None:
+    """Write a table to a new file; OSError where it cannot be written."""
+    pq.write_table(table, path, compression=_COMPRESSION, row_group_size=_ROWS_AT_ONCE, store_schema=True)
+
+
+def read_parquet(path: Path, schema: pa.Schema) -> pa.Table:
+    """The table of a file that may come from anybody.
+
+    ValueError where it does not have these columns, or is far too large for its rows; ArrowException where it is
+    damaged.
+    """
+    limits = {"thrift_string_size_limit": _MOST_FOOTER, "thrift_container_size_limit": _MOST_FOOTER}
+    with pq.ParquetFile(path, **limits) as file:
+        if not file.schema_arrow.equals(schema):
+            raise ValueError(f"{path.name} has other columns than a table of this gse")
+        _check_size(path, file.metadata)
+        return file.read()
+
+
+def _check_size(path: Path, metadata: pq.FileMetaData) -> None:
+    rows = metadata.num_rows
+    size = sum(metadata.row_group(number).total_byte_size for number in range(metadata.num_row_groups))
+    if rows > MOST_ROWS or size > rows * MOST_BYTES_PER_ROW + MOST_BYTES_BESIDE:
+        raise ValueError(f"{path.name} says it has {rows} rows and {size} bytes, which is more than a session has")

@@ -1,0 +1,49 @@
+"""The frame table of a session from its tables of frames and stars, exactly as it was."""
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from gse.catalog.names import Designation
+from gse.catalog.stars import ListedStars
+from gse.station.frame_table import FRAME, MATCH, ONBOARD_COLUMNS, FrameTable
+from gse.station.results import Subject
+from gse.tables.frames import WORDS, plain_name
+
+
+def restored_frames(frames: pa.Table, stars: pa.Table, subject: Subject) -> FrameTable:
+    """The frame table that the tables were made of; ``subject`` is whose answers it holds."""
+    rows = np.zeros(frames.num_rows, dtype=FRAME)
+    for name in FRAME.names or ():
+        column = frames[f"{subject}_{name}" if name in ONBOARD_COLUMNS else plain_name(name)]
+        rows[name] = _places(name, column) if name in WORDS else _numbers(column)
+    matches = np.zeros(stars.num_rows, dtype=MATCH)
+    for name in MATCH.names or ():
+        matches[name] = _numbers(stars["star_row" if name == "star" else name])
+    return FrameTable.of(rows, matches)
+
+
+def restored_stars(stars: pa.Table, designation: Designation) -> ListedStars:
+    """The stars of the catalogue as far as the matches name them; the others have the number 0."""
+    rows = _numbers(stars["star_row"])
+    count = int(rows.max()) + 1 if len(rows) else 0
+    ids, magnitude = np.zeros(count, dtype=np.int64), np.full(count, np.nan)
+    ids[rows], magnitude[rows] = _numbers(stars["star_id"]), _numbers(stars["magnitude_mag"])
+    return ListedStars(designation, ids, magnitude)
+
+
+def _places(name: str, column: pa.ChunkedArray) -> NDArray[Any]:
+    words = pa.array([word.value for word in WORDS[name]])
+    return np.asarray(pc.index_in(column.cast(pa.string()), words).to_numpy(zero_copy_only=False))
+
+
+def _numbers(column: pa.ChunkedArray) -> NDArray[Any]:
+    """Numbers, with NaN for null; instants as nanoseconds."""
+    if pa.types.is_timestamp(column.type):
+        column = column.cast(pa.int64())
+    if pa.types.is_floating(column.type):
+        column = column.fill_null(float("nan"))
+    return np.asarray(column.to_numpy())

@@ -1,0 +1,88 @@
+"""The table of stars: one row per matched star and frame, with residual, pixel phase, place in the field, temperature.
+
+Thinning: the rows are those that the frame table keeps (gse.station.frame_table). All matches of a frame are kept or
+none: of every frame first, of every second, fourth, ... as soon as a session has more than MOST_MATCHES of them.
+"""
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from gse.camera import Camera
+from gse.catalog.stars import ListedStars
+from gse.constants import ARCSEC_PER_RAD
+from gse.station.frame_table import MATCH
+from gse.station.session_data import SessionData
+from gse.tables.frames import KEY, arrow_column, same_key, table_of
+from gse.tables.records import UTC
+from gse.tables.units import field, schema
+
+_OF_MATCH = [name for name in MATCH.names or () if name not in ("frame", "star")]
+_STAR = pa.dictionary(pa.int32(), pa.string())
+
+
+def stars_schema() -> pa.Schema:
+    """The schema of the table of stars."""
+    kinds = [
+        ("key", KEY),
+        ("frame", pa.uint32()),
+        ("utc", UTC),
+        ("star", _STAR),
+        ("star_id", pa.int64()),
+        ("star_row", pa.int32()),
+        ("magnitude_mag", pa.float32()),
+        *((name, pa.from_numpy_dtype(MATCH[name])) for name in _OF_MATCH),
+        *((name, pa.float32()) for name in ("phase_x_px", "phase_y_px", "field_x_deg", "field_y_deg")),
+        ("temperature_c", pa.float32()),
+    ]
+    return schema("stars", [field(name, kind) for name, kind in kinds])
+
+
+def stars_table(session: SessionData, key: str) -> pa.Table:
+    """The matches of a session; ``key`` is of the results.
+
+    ``phase_*_px`` is the place of the star on its pixel, from -0.5 to 0.5 about the pixel's centre, where the attitude
+    of the frame expects it: a sensor that sends whole pixels has no other. ``field_*_deg`` are angles from the
+    boresight along columns and rows.
+    """
+    matches, frames = session.frames.matches, session.frames.columns
+    of_frame = matches["frame"]
+    arrays = {
+        "key": same_key(key, len(matches)),
+        "frame": pa.array(np.ascontiguousarray(of_frame)),
+        "utc": arrow_column("utc_ns", frames["utc_ns"][of_frame]),
+        "star_row": pa.array(np.ascontiguousarray(matches["star"])),
+        "temperature_c": pa.array(frames["temperature_c"][of_frame], from_pandas=True),
+        **_names(matches["star"], session.stars),
+        **{name: arrow_column(name, matches[name]) for name in _OF_MATCH},
+        **_places(matches, session.station.sensor.camera()),
+    }
+    return table_of(arrays, stars_schema(), len(matches))
+
+
+def _names(rows: NDArray[np.int32], stars: ListedStars | None) -> dict[str, pa.Array]:
+    """Name, number and magnitude of catalogue rows (N,); null where the catalogue is not known."""
+    if stars is None:
+        kinds = {"star": _STAR, "star_id": pa.int64(), "magnitude_mag": pa.float32()}
+        return {name: pa.nulls(len(rows), kind) for name, kind in kinds.items()}
+    seen, places = np.unique(rows, return_inverse=True)
+    names = pa.array([stars.name(row) for row in seen.tolist()], pa.string())
+    return {
+        "star": pa.DictionaryArray.from_arrays(pa.array(places.astype(np.int32)), names),
+        "star_id": pa.array(stars.ids[seen][places]),
+        "magnitude_mag": pa.array(stars.magnitude[seen][places].astype(np.float32)),
+    }
+
+
+def _places(matches: NDArray[np.void], camera: Camera) -> dict[str, pa.Array]:
+    """Phase on the pixel and angles from the boresight of matches (N,)."""
+    xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
+    directions_sensor = camera.directions(xy_px)
+    field_deg = np.degrees(np.arctan2(directions_sensor[:, :2], directions_sensor[:, 2:]))
+    residuals_arcsec = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]])
+    directions_sensor[:, :2] -= residuals_arcsec / ARCSEC_PER_RAD
+    expected_px = camera.pixels(directions_sensor)
+    phase_px = expected_px - np.floor(expected_px + 0.5)
+    columns = {"phase_x_px": phase_px[:, 0], "phase_y_px": phase_px[:, 1]}
+    columns |= {"field_x_deg": field_deg[:, 0], "field_y_deg": field_deg[:, 1]}
+    return {name: pa.array(values.astype(np.float32), from_pandas=True) for name, values in columns.items()}

@@ -1,0 +1,160 @@
+"""A Dask cluster, an SFTP server and an S3 server as devices under test: real processes on loopback."""
+
+import getpass
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+WORKER_TTL_S = 6
+BUCKET = "nights"
+
+
+@dataclass
+class Started:
+    """A process, ended with all it started."""
+
+    process: subprocess.Popen[bytes]
+
+    def end(self, number: int = signal.SIGKILL) -> None:
+        with suppress(ProcessLookupError):
+            os.killpg(self.process.pid, number)
+        self.process.wait(20)
+
+
+def start(*command: object, env: dict[str, str] | None = None, log: Path | None = None) -> Started:
+    """Start a program as the leader of a process group."""
+    with open(log or os.devnull, "ab") as out:
+        process = subprocess.Popen(
+            [str(part) for part in command],
+            env=env,
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=out,
+            start_new_session=True,
+        )
+    return Started(process)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@dataclass
+class Sshd:
+    """Debian's sshd with a key and a host key of its own."""
+
+    folder: Path
+    port: int = field(default_factory=free_port)
+    _server: Started | None = None
+
+    def __post_init__(self) -> None:
+        if not Path("/usr/sbin/sshd").exists() or shutil.which("ssh-keygen") is None:
+            pytest.skip("no sshd on this machine (Debian: apt install openssh-server)")
+        for name in ("host", "own", "other"):
+            command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(self.folder / name)]
+            subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
+        host_key = (self.folder / "host.pub").read_text()
+        (self.folder / "known_hosts").write_text(f"[127.0.0.1]:{self.port} {host_key}")
+        shutil.copy(self.folder / "own.pub", self.folder / "authorized")
+        (self.folder / "config").write_text(
+            f"Port {self.port}\nListenAddress 127.0.0.1\nHostKey {self.folder / 'host'}\nUsePAM no\nStrictModes no\n"
+            f"PidFile none\nAuthorizedKeysFile {self.folder / 'authorized'}\nPermitRootLogin yes\n"
+            "PasswordAuthentication no\nSubsystem sftp internal-sftp\n"
+        )
+
+    def options(self, key: str = "own") -> dict[str, object]:
+        """What fsspec needs to know of it."""
+        return {
+            "username": getpass.getuser(),
+            "key_filename": str(self.folder / key),
+            "known_hosts": str(self.folder / "known_hosts"),
+            "allow_agent": False,
+            "look_for_keys": False,
+        }
+
+    def url(self, path: Path) -> str:
+        return f"sftp://127.0.0.1:{self.port}{path}"
+
+    def start(self) -> None:
+        Path("/run/sshd").mkdir(exist_ok=True)
+        log = self.folder / "log"
+        self._server = start("/usr/sbin/sshd", "-D", "-e", "-f", self.folder / "config", log=log)
+        wait_for_port(self.port)
+
+    def stop(self) -> None:
+        """Its sessions end with it: they are in its process group."""
+        if self._server is not None:
+            self._server.end()
+
+
+def wait_for_port(port: int) -> None:
+    """Until something listens; each try waits for an answer of the system, not for a time."""
+    for _ in range(2000):
+        with socket.socket() as probe:
+            probe.settimeout(1)
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                return
+        os.sched_yield()
+        subprocess.run(["true"], check=True)
+    raise TimeoutError(f"nothing listens on port {port}")
+
+
+@dataclass
+class Cluster:
+    """A scheduler and its workers, each with one thread, in processes of their own."""
+
+    address: str
+    sshd: Sshd
+    scheduler: Started
+    s3: dict[str, str]
+
+
+@contextmanager
+def cluster(folder: Path, workers: int = 2):
+    """A scheduler, workers with credentials of an SFTP server and an S3 server, and these servers."""
+    from moto.server import ThreadedMotoServer
+
+    with ExitStack() as stack:
+        sshd = Sshd(folder)
+        sshd.start()
+        stack.callback(sshd.stop)
+        moto = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+        moto.start()
+        stack.callback(moto.stop)
+        host, port = moto.get_host_and_port()
+        s3 = {
+            "AWS_ENDPOINT_URL": f"http://{host}:{port}",
+            "AWS_ACCESS_KEY_ID": "test",
+            "AWS_SECRET_ACCESS_KEY": "test",
+            "AWS_DEFAULT_REGION": "us-east-1",
+        }
+        env = (
+            os.environ
+            | s3
+            | {
+                "FSSPEC_SFTP": json.dumps(sshd.options()),
+                "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": f"{WORKER_TTL_S}s",
+                "DASK_TEMPORARY_DIRECTORY": str(folder),
+            }
+        )
+        address = f"tcp://127.0.0.1:{free_port()}"
+        common = ("--no-dashboard", "--protocol", "tcp")
+        dask = (sys.executable, "-m", "dask")
+        scheduler = start(*dask, "scheduler", "--host", address, *common, env=env, log=folder / "scheduler.log")
+        stack.callback(scheduler.end)
+        wait_for_port(int(address.rsplit(":", 1)[1]))
+        options = ("--nthreads", 1, "--nworkers", workers, "--host", "127.0.0.1", *common)
+        pool = start(*dask, "worker", address, *options, env=env, log=folder / "workers.log")
+        stack.callback(pool.end)
+        yield Cluster(address, sshd, scheduler, s3)

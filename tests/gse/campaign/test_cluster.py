@@ -1,0 +1,151 @@
+"""Campaigns on a real scheduler with worker processes, from an SFTP server and an S3 server."""
+
+import json
+import os
+import shutil
+import signal
+import threading
+from pathlib import Path
+
+import fsspec
+import fsspec.config
+import pytest
+from devices.cluster import BUCKET, cluster
+from devices.command_line import runner
+
+from gse.campaign.cluster import cluster as connected
+from gse.campaign.dataset import DataSet
+from gse.campaign.engine import plan_campaign, run_campaign
+from gse.campaign.sources import find_sources
+from gse.errors import CampaignError
+
+pytestmark = pytest.mark.cluster
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory):
+    with cluster(tmp_path_factory.mktemp("cluster")) as started:
+        yield started
+
+
+@pytest.fixture
+def gse(capsys):
+    return runner(capsys)
+
+
+@pytest.fixture
+def sftp(running):
+    """This process knows the SFTP server too."""
+    fsspec.config.conf["sftp"] = running.sshd.options()
+    yield running.sshd
+    del fsspec.config.conf["sftp"]
+    fsspec.get_filesystem_class("sftp").clear_instance_cache()
+
+
+def whole(dataset: Path) -> list[str]:
+    """The keys of a data set, after a check that each session is there once, with its frames and stars."""
+    found = DataSet.at(str(dataset)).committed()
+    keys = [place.key for place in found]
+    assert len(set(keys)) == len(keys)
+    assert all((dataset / place.path(table)).exists() for place in found for table in ("frames", "stars"))
+    return keys
+
+
+def judge(address, sources, dataset, each=lambda judged: None):
+    with connected(address, 1) as client:
+        campaign = plan_campaign(find_sources([str(sources)]), DataSet.at(str(dataset), create=True))
+        return run_campaign(campaign, client, lambda judged: each(client))
+
+
+def test_a_campaign_judges_as_replay_does_and_a_second_run_judges_nothing(running, gse, nights, tmp_path):
+    shutil.copy(nights / "night-1.mcap", nights / "other-name.mcap")
+    dataset = tmp_path / "dataset"
+    first = gse("campaign", "judge", nights, "--to", dataset, "--scheduler", running.address, "--json")
+    assert first.code == 0, first.err
+    done = json.loads(first.out)
+    assert (done["sessions"], done["judged"]) == (4, 4)
+    assert [[Path(url).name for url in urls] for urls in done["twice"]] == [["night-1.mcap", "other-name.mcap"]]
+    assert len(whole(dataset)) == 4
+    sql = "select report_json from reports join sessions using (key) where night = '2026-03-02'"
+    kept = json.loads(gse("campaign", "query", dataset, sql, "--format", "json").out)["report_json"]
+    gse("replay", nights / "night-2.mcap", "--out", tmp_path / "alone")
+    assert kept == next((tmp_path / "alone").glob("*/report.json")).read_text()
+    again = json.loads(gse("campaign", "judge", nights, "--to", dataset, "--scheduler", running.address, "--json").out)
+    assert again == done | {"judged": 0}
+
+
+def test_a_worker_that_is_killed_and_one_that_hangs_lose_nothing(running, nights, tmp_path):
+    attacked = []
+
+    def attack(client) -> None:
+        if not attacked:
+            attacked.extend(client.run(os.getpid).values())
+            os.kill(attacked[0], signal.SIGKILL)
+            os.kill(attacked[1], signal.SIGSTOP)
+
+    outcomes = judge(running.address, nights, tmp_path / "dataset", attack)
+    assert [one.error for one in outcomes] == [""] * 4
+    assert len(whole(tmp_path / "dataset")) == 4
+
+
+def test_storage_that_fails_for_a_while_is_asked_again(running, sftp, nights, tmp_path):
+    back = threading.Timer(1.0, sftp.start)
+
+    def attack(client) -> None:
+        if back.ident is None:
+            sftp.stop()
+            back.start()
+
+    source, dataset = sftp.url(nights), tmp_path / "dataset"
+    outcomes = judge(running.address, source, sftp.url(dataset), attack)
+    back.join()
+    assert [one.error for one in outcomes] == [""] * 4
+    assert len(whole(dataset)) == 4
+    assert not [path for path in (dataset / ".parts").iterdir() if path.stat().st_size == 0]
+
+
+def test_two_campaigns_into_one_data_set_give_what_one_gives(running, nights, tmp_path):
+    dataset = tmp_path / "dataset"
+    DataSet.at(str(dataset), create=True)
+    outcomes = []
+    both = [threading.Thread(target=lambda: outcomes.extend(judge(running.address, nights, dataset))) for _ in "12"]
+    for one in both:
+        one.start()
+    for one in both:
+        one.join()
+    assert [one.error for one in outcomes] == [""] * 8
+    assert len(whole(dataset)) == 4
+    assert DataSet.at(str(dataset)).index_path() is not None
+
+
+def test_sessions_in_a_bucket_are_judged_into_a_bucket(running, gse, nights, monkeypatch):
+    for name, value in running.s3.items():
+        monkeypatch.setenv(name, value)
+    bucket = fsspec.filesystem("s3", skip_instance_cache=True)
+    bucket.mkdir(BUCKET)
+    bucket.put_file(str(nights / "night-1.mcap"), f"{BUCKET}/in/night-1.mcap")
+    arguments = ("campaign", "judge", f"s3://{BUCKET}/in", "--to", f"s3://{BUCKET}/dataset", "--json")
+    done = gse(*arguments, "--scheduler", running.address)
+    assert done.code == 0, done.err
+    assert json.loads(gse(*arguments, "--scheduler", running.address).out)["judged"] == 0
+    answer = gse("campaign", "query", f"s3://{BUCKET}/dataset", "select sensor from sessions", "--format", "json")
+    assert json.loads(answer.out) == {"sensor": "LAPAN-like"}
+
+
+def test_wrong_credentials_and_unknown_hosts_are_named(running, sftp, gse, nights, tmp_path):
+    arguments = ("campaign", "judge", sftp.url(nights), "--to", tmp_path / "dataset")
+    fsspec.config.conf["sftp"] = sftp.options("other")
+    done = gse(*arguments)
+    assert done.code == 3
+    assert "refused the credentials" in done.err
+    fsspec.config.conf["sftp"] = sftp.options() | {"known_hosts": os.devnull}
+    assert "not found in known_hosts" in gse(*arguments).err
+
+
+def test_a_scheduler_that_goes_away_leaves_what_was_judged(running, nights, tmp_path):
+    def attack(client) -> None:
+        running.scheduler.end()
+
+    with pytest.raises(CampaignError, match="the scheduler is gone, with 3 of 4 sessions not judged"):
+        judge(running.address, nights, tmp_path / "dataset", attack)
+    assert whole(tmp_path / "dataset")

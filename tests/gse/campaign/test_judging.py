@@ -1,0 +1,140 @@
+"""What a worker does with one session, and what is in the data set then."""
+
+import json
+import os
+import shutil
+
+import pandas as pd
+import polars as pl
+import pyarrow.dataset as pads
+import pytest
+from devices.command_line import runner
+
+from gse.campaign.dataset import SCHEMA, DataSet
+from gse.campaign.engine import plan_campaign
+from gse.campaign.judging import Job, judge_source
+from gse.campaign.sources import find_sources
+from gse.errors import UsageError
+
+
+@pytest.fixture
+def gse(capsys):
+    return runner(capsys)
+
+
+def judge_all(sources, dataset):
+    """Judge in this process what a campaign would give to workers."""
+    campaign = plan_campaign(find_sources([str(sources)]), DataSet.at(str(dataset), create=True))
+    outcomes = [judge_source(source, campaign.job) for source in campaign.todo]
+    campaign.dataset.renew_index([])
+    return outcomes
+
+
+@pytest.fixture(scope="module")
+def judged(made, tmp_path_factory):
+    """A data set of two nights, a damaged session, and a file that is no session."""
+    folder = tmp_path_factory.mktemp("judged")
+    for name in ("night-1.mcap", "night-2.mcap"):
+        shutil.copy(made / name, folder / name)
+    (folder / "cut.mcap").write_bytes((made / "night-3.mcap").read_bytes()[:-3000])
+    (folder / "foreign.mcap").write_bytes(b"no session at all")
+    judge_all(folder, folder / "dataset")
+    return folder / "dataset"
+
+
+def test_a_file_that_is_no_session_is_a_row_with_its_error(judged):
+    rows = DataSet.at(str(judged)).sessions(["source", "error", "verdict"]).to_pylist()
+    errors = {os.path.basename(row["source"]): row["error"] for row in rows if row["error"]}
+    assert list(errors) == ["foreign.mcap"]
+    assert "is not a session" in errors["foreign.mcap"]
+    assert sum(row["verdict"] is not None for row in rows) == 3
+
+
+def test_pandas_polars_and_pyarrow_read_the_tables_as_they_lie(judged):
+    for table, least in (("sessions", 4), ("frames", 80), ("stars", 300)):
+        counts = {
+            len(pd.read_parquet(judged / table)),
+            pl.scan_parquet(judged / table, hive_partitioning=True).select(pl.len()).collect().item(),
+            pads.dataset(judged / table, partitioning="hive").count_rows(),
+        }
+        assert len(counts) == 1
+        assert counts.pop() >= least
+    frames = pd.read_parquet(judged / "frames")
+    assert set(frames["sensor"]) == {"LAPAN-like"}
+    assert frames["onboard_d_de_arcsec"].abs().median() < 60
+
+
+def test_a_query_sees_the_same_rows_with_and_without_the_index(judged, gse, tmp_path):
+    copy = shutil.copytree(judged, tmp_path / "copy")
+    sql = "select night, verdict, frames from sessions order by all"
+    answers = [gse("campaign", "query", copy, sql, "--format", "csv").out]
+    shutil.rmtree(copy / "index")
+    answers.append(gse("campaign", "query", copy, sql, "--format", "csv").out)
+    assert answers[0] == answers[1]
+    assert answers[0].count("2026-03") == 2
+    assert answers[0].count("unknown") == 2
+
+
+def test_frames_of_a_session_that_is_not_whole_are_not_seen(judged, gse, tmp_path):
+    copy = shutil.copytree(judged, tmp_path / "copy")
+    next((copy / "sessions" / "sensor=LAPAN-like" / "night=2026-03-01").iterdir()).unlink()
+    answer = gse("campaign", "query", copy, "select distinct night from frames order by all", "--format", "csv").out
+    assert "2026-03-01" not in answer
+    assert "2026-03-02" in answer
+
+
+def test_a_wrong_question_is_answered_by_duckdb_in_words(judged, gse):
+    done = gse("campaign", "query", judged, "select nothing from sessions")
+    assert done.code == 2
+    assert "nothing" in done.err
+
+
+def test_a_data_set_of_another_version_is_refused_and_a_foreign_folder_too(gse, made, tmp_path):
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "dataset.json").write_text(json.dumps({"schema": "gse.dataset/999"}))
+    done = gse("campaign", "judge", made, "--to", other)
+    assert (done.code, "gse.dataset/999" in done.err, SCHEMA in done.err) == (2, True, True)
+    assert gse("campaign", "judge", made, "--to", made).code == 2
+    assert "there is no data set" in gse("campaign", "query", tmp_path / "nowhere", "select 1").err
+
+
+def test_a_full_disk_leaves_nothing_half_written(made, tmp_path, monkeypatch):
+    resource = pytest.importorskip("resource")
+    dataset = DataSet.at(str(tmp_path / "dataset"), create=True)
+    source = find_sources([str(made / "night-1.mcap")])[0]
+    job = Job("one", dataset.url, None)
+    judge_source(find_sources([str(made / "night-2.mcap")])[0], job)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))  # a file beyond it fails as on a full disk
+    try:
+        outcome = judge_source(source, job)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert outcome.is_disk_full
+    assert "no room is left" in outcome.error
+    assert len(dataset.committed()) == 1
+    assert not list((tmp_path / "dataset" / ".parts").iterdir())
+    assert judge_source(source, job).error == ""
+
+
+def test_sources_are_folders_globs_and_files_each_session_once(made, tmp_path):
+    everything = [str(made), str(made / "*.mcap"), str(made / "night-1.mcap")]
+    assert [os.path.basename(source.url) for source in find_sources(everything)] == [f"night-{n}.mcap" for n in "1234"]
+    second = tmp_path / "session.part2.mcap"
+    for path in (tmp_path / "session.mcap", second, tmp_path / "session.part10.mcap"):
+        shutil.copy(made / "night-1.mcap", path)
+    (found,) = find_sources([str(tmp_path)])
+    assert [os.path.basename(url) for url in found.segments] == [
+        "session.mcap",
+        "session.part2.mcap",
+        "session.part10.mcap",
+    ]
+    second.touch()
+    assert find_sources([str(tmp_path / "session.mcap")])[0].state != found.state
+
+
+@pytest.mark.parametrize("url", ["http://127.0.0.1/a", "simplecache::s3://a/b", "github://a:b@/c"])
+def test_other_storage_than_that_of_campaigns_is_refused(url):
+    with pytest.raises(UsageError, match=r"is no storage of campaigns|expected a path"):
+        find_sources([url])

@@ -1,0 +1,145 @@
+import json
+
+import pytest
+from devices.command_line import runner
+from devices.programs import program
+
+from drivers.session_file.reader import read_capture
+from drivers.session_file.records import Message
+from gse.cli import main
+from gse.config.station import BUILT_IN_TEXT
+from gse.recording.session_format import ANSWER_TOPIC, LOG_TOPIC
+from gse.sessions.replay import replay_session
+from gse.station.frame_json import frame_json
+
+SCENARIO = "sim://?scenario=inclined&frames=120"
+"""At 45 deg of altitude refraction is a minute of arc: an answer must lose it as the built-in identifier's does."""
+
+PARROT = """\
+import json, sys
+own = {frame["frame_no"]: frame for frame in map(json.loads, open(sys.argv[1]))}
+sensor = json.loads(sys.stdin.readline())
+print("ready", file=sys.stderr)
+print(json.dumps({"schema": "gse.identifier/1", "name": "parrot", "version": "1.0"}), flush=True)
+for line in sys.stdin:
+    frame = own[json.loads(line)["frame_no"]]
+    if frame["frame_no"] == 20:
+        sys.exit(4)
+    keys = ("frame_no", "ra_deg", "de_deg", "roll_deg")
+    print(json.dumps({**{key: frame[key] for key in keys}, "elapsed_us": 1500}), flush=True)
+"""
+
+
+class FrameLines:
+    """Writes each result as a line of gse.frame/1."""
+
+    def __init__(self, lines):
+        self._lines = lines
+
+    def on_result(self, result, session):
+        self._lines.write(json.dumps(frame_json(result)) + "\n")
+
+    def on_event(self, event):
+        pass
+
+
+@pytest.fixture
+def gse(capsys):
+    return runner(capsys)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("external")
+
+
+@pytest.fixture(scope="module")
+def sessions(folder):
+    """The same sky twice: under neighbour, and under a program that gives neighbour's answers."""
+
+    def run(out, *options):
+        with pytest.raises(SystemExit):
+            main(["run", "--port", SCENARIO, "--out", str(folder / out), *options])
+        (path,) = (folder / out).iterdir()
+        return path
+
+    built_in = run("built-in")
+    with (folder / "own.ndjson").open("w") as lines:
+        replay_session(built_in, make_listeners=lambda loop, _: [FrameLines(lines)])
+    parrot = program(folder, PARROT, head="", name="parrot.py")
+    return built_in, run("external", "--identifier", f"command:{parrot} {folder / 'own.ndjson'}")
+
+
+def report_of(path):
+    return json.loads((path / "report.json").read_text())
+
+
+def test_the_same_answers_give_the_same_errors_as_those_of_a_built_in_identifier(sessions):
+    own, other = (report_of(path)["accuracy"]["onboard"] for path in sessions)
+    for axis in ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y"):
+        # Where the stars are not named, refraction is that of all objects: half an arcsec of sixty.
+        assert other[axis]["bias_arcsec"] == pytest.approx(own[axis]["bias_arcsec"], abs=0.15 * own[axis]["std_arcsec"])
+        assert other[axis]["std_arcsec"] == pytest.approx(own[axis]["std_arcsec"], rel=0.1)
+
+
+def test_a_failure_costs_one_frame_and_stands_in_the_report(sessions):
+    report = report_of(sessions[1])
+    external = report["external_identifier"]
+    assert (external["name"], external["version"], external["plug"]) == ("parrot", "1.0", "command")
+    assert external["failures"] == {"CRASH": 1}
+    assert external["time_of"] == "the identifier's own clock"
+    assert report["identification"]["statuses"]["IDENTIFIER_FAULT"] == 1
+    assert report["identification"]["subjects"]["onboard"]["time_ms"]["p50"] == 1.5
+
+
+def test_answers_and_stderr_are_in_the_session(sessions):
+    messages = [record for record in read_capture(sessions[1] / "session.mcap") if isinstance(record, Message)]
+    answers = [json.loads(message.data) for message in messages if message.topic == ANSWER_TOPIC]
+    assert sum("answer" in answer for answer in answers) == external_answers(sessions[1])
+    assert b"".join(message.data for message in messages if message.topic == LOG_TOPIC) == b"ready\nready\n"
+
+
+def external_answers(path):
+    return report_of(path)["external_identifier"]["answers"]
+
+
+def test_a_replay_starts_no_program_and_gives_the_same_report(sessions, folder, gse):
+    (folder / "own.ndjson").rename(folder / "gone")
+    try:
+        done = gse("replay", sessions[1], "--out", folder / "again", "--json")
+    finally:
+        (folder / "gone").rename(folder / "own.ndjson")
+    assert json.loads(done.out) == report_of(sessions[1])
+
+
+def test_a_session_with_an_external_identifier_can_be_judged_under_a_built_in_one(sessions, folder, gse):
+    done = gse("replay", sessions[1], "--identifier", "neighbour", "--out", folder / "neighbour", "--json")
+    assert json.loads(done.out)["accuracy"] == report_of(sessions[0])["accuracy"]
+
+
+def test_external_alone_names_no_program(sessions, folder, gse):
+    done = gse("replay", sessions[0], "--identifier", "external", "--out", folder / "none")
+    assert done.code == 2
+    assert "--identifier external names no program" in done.err
+
+
+def test_a_program_that_cannot_be_started_is_refused_before_a_session(folder, gse):
+    done = gse("run", "--identifier", "command:./no-such-program", "--out", folder / "refused")
+    assert (done.code, "there is no file" in done.err) == (2, True)
+    assert not (folder / "refused").exists()
+
+
+def test_a_station_file_names_a_program_beside_it(folder, gse):
+    program(folder, "for line in sys.stdin: answer(json.loads(line), star='?')\n", name="beside")
+    station = folder / "station.yaml"
+    station.write_text(f"{BUILT_IN_TEXT}identifier: {{algorithm: external, command: [./beside]}}\n")
+    assert gse("config", "check", station).code == 0
+    table = folder / "table.csv"
+    table.write_text("".join(f"{100 + 40 * k} {900 - 50 * k} {3000 - 100 * k}\n" for k in range(12)))
+    done = gse("identify", table, "--station", station, "--json")
+    frame = json.loads(done.out)
+    assert (frame["status"], frame["identifier"], frame["roll_deg"]) == ("IDENTIFIED", "external", None)
+    assert (round(frame["ra_deg"], 6), round(frame["de_deg"], 6)) == (10.0, -20.0)
+    (folder / "beside").chmod(0o644)
+    refused = gse("config", "check", station)
+    assert (refused.code, "is not executable" in refused.err) == (2, True)

@@ -1,0 +1,208 @@
+"""Kept results: the session as it was derived, to the byte, and only where everything is the same."""
+
+import dataclasses
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from skies.synthetic_night import START_NS, small_catalog, synthetic_night
+
+from gse.assessment.verdict import judge
+from gse.report import summarise, write_report
+from gse.sessions.judged import judged_session, result_key
+from gse.sessions.kept_results import CONTEXT, MOST_KEPT, KeptResultsError, keep, kept, results_folder
+from gse.sessions.replay import replay_session
+from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.session_data import SessionData
+from gse.station.setup import versions
+from gse.tables import ResultKey
+from gse.tables.parquet import write_parquet
+from gse.truth import Alignment
+from protocols import AttitudeMessage, StatusMessage
+
+GOLDEN = Path(__file__).parents[3] / "replays" / "golden"
+KEY = ResultKey("a" * 64, "b" * 64, "c" * 64)
+MADE_BY = {"schema": "gse.provenance/1"}
+
+
+@pytest.fixture(scope="module")
+def session() -> SessionData:
+    """A night with something in every field."""
+    made = synthetic_night(400)
+    made.stars, made.versions = small_catalog().listed, versions()
+    made.events.append(ClockStep(START_NS + 10**10, 5, StationKind.CLOCK_STEP, "stepped", -(2 * 10**9), utc_kept=True))
+    made.statuses.append((START_NS, StatusMessage(problems=("odd",), firmware=(1, 2, 3), serial=7)))
+    for row in made.frames.columns[:300].tolist():
+        names = made.frames.columns.dtype.names
+        values = dict(zip(names, row, strict=True))
+        answer = AttitudeMessage(
+            values["time_us"], 120.0, -6.5, 12.0, frame_no=values["frame_no"], state="acquired", latency_s=0.03
+        )
+        made.sensor_attitudes.append(values["host_utc_ns"], answer)
+    made.alignment = Alignment(
+        made.station.mount, ((1.0, 0.1, 0.0), (0.1, 2.0, 0.0), (0.0, 0.0, np.inf)), (3.0, 3.0, 30.0), 50, 1, 1, 2
+    )
+    made.clock_error_s, made.truncated, made.events_not_kept = 0.1, True, 3
+    return made
+
+
+@pytest.fixture
+def folder(session, tmp_path: Path) -> Path:
+    keep(session, judge(session), KEY, tmp_path / "night.results")
+    return tmp_path / "night.results"
+
+
+def of(folder: Path, session: SessionData, key: ResultKey = KEY) -> SessionData | None:
+    return kept(key, folder, session.station, session.station_text)
+
+
+def test_every_field_of_a_session_comes_back(session, folder: Path) -> None:
+    back = of(folder, session)
+    for field in dataclasses.fields(SessionData):
+        was, found = getattr(session, field.name), getattr(back, field.name)
+        if field.name in ("frames", "sensor_attitudes"):
+            assert found.columns.dtype == was.columns.dtype
+            assert found.columns.tobytes() == was.columns.tobytes()
+        elif field.name == "stars":
+            rows = session.frames.matches["star"]
+            np.testing.assert_array_equal(found.ids[rows], was.ids[rows])
+        elif field.name == "statuses":
+            assert repr(found) == repr(was)  # with NaN in it
+        else:
+            assert found == was, field.name
+    assert back.frames.matches.tobytes() == session.frames.matches.tobytes()
+    assert [type(event) for event in back.events] == [type(event) for event in session.events]
+
+
+def test_the_report_from_kept_results_has_the_bytes_of_a_derivation(tmp_path: Path) -> None:
+    path = tmp_path / "clear.mcap"
+    shutil.copy(GOLDEN / "clear.mcap", path)
+    told: list[str] = []
+    reports = []
+    for number, anew in enumerate((False, False, True)):
+        out = tmp_path / str(number)
+        out.mkdir()
+        judged = judged_session(
+            path, station=lambda own: own, derive=lambda: replay_session(path), tell=told.append, anew=anew
+        )
+        write_report(judged.session, judged.assessment, out, MADE_BY)
+        reports.append({file.name: file.read_bytes() for file in out.iterdir()})
+        assert bool(judged.own_elapsed_us) == (number != 1)
+    assert told == [f"results kept in {tmp_path / 'clear.results'} are used"]
+    assert reports[0] == reports[1] == reports[2]
+
+
+def test_whatever_changed_the_key_is_another(tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    path.write_bytes(b"one")
+    key = result_key(path, "version: 1")
+    assert result_key(path, "version: 1") == key
+    assert result_key(path, "version: 1 # changed").text != key.text
+    (tmp_path / "session.part2.mcap").write_bytes(b"two")
+    assert result_key(path, "version: 1").text != key.text
+    assert dataclasses.replace(key, software_sha256="0" * 64).text != key.text
+
+
+def test_results_of_another_key_are_not_found(session, folder: Path) -> None:
+    assert of(folder, session, ResultKey("0" * 64, "b" * 64, "c" * 64)) is None
+    other = ResultKey("0" * 64, "b" * 64, "c" * 64)
+    (folder / KEY.text).rename(folder / other.text)
+    with pytest.raises(KeptResultsError, match="its key is"):
+        of(folder, session, other)
+
+
+@pytest.mark.parametrize("name", ["frames.parquet", "stars.parquet", "answers.parquet", CONTEXT])
+def test_a_damaged_file_is_told(session, folder: Path, name: str) -> None:
+    path = folder / KEY.text / name
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(KeptResultsError, match=f"damaged or not of gse: {name} does not have its SHA-256"):
+        of(folder, session)
+    path.unlink()
+    with pytest.raises(KeptResultsError, match="No such file"):
+        of(folder, session)
+
+
+def forge(folder: Path, table: pa.Table) -> None:
+    """Another table as the frames, with the hashes that belong to it: only its content is wrong."""
+    from hashlib import sha256
+
+    whole = folder / KEY.text
+    before = sha256((whole / "frames.parquet").read_bytes()).hexdigest()
+    (whole / "frames.parquet").unlink()
+    write_parquet(table, whole / "frames.parquet")
+    after = sha256((whole / "frames.parquet").read_bytes()).hexdigest()
+    text = (whole / CONTEXT).read_text().split("\n")[1].replace(before, after)
+    (whole / CONTEXT).write_text(f"{sha256(text.encode()).hexdigest()}\n{text}\n")
+
+
+def test_a_table_with_other_columns_is_not_used(session, folder: Path) -> None:
+    table = pq.read_table(folder / KEY.text / "frames.parquet")
+    forge(folder, table.drop_columns(["utc"]))
+    with pytest.raises(KeptResultsError, match="has other columns"):
+        of(folder, session)
+
+
+def test_a_table_that_unpacks_to_very_much_is_not_read(session, folder: Path) -> None:
+    table = pq.read_table(folder / KEY.text / "frames.parquet")
+    word = pa.array(["x" * (16 << 20)] * len(table)).dictionary_encode().cast(table.schema.field("key").type)
+    forge(folder, table.set_column(0, table.schema.field("key"), word))
+    with pytest.raises(KeptResultsError, match="more than a session has"):
+        of(folder, session)
+
+
+def test_a_writer_that_was_killed_leaves_nothing_that_counts(session, tmp_path: Path) -> None:
+    folder = tmp_path / "night.results"
+    (folder / f".{KEY.text}.123.part").mkdir(parents=True)
+    assert of(folder, session) is None
+    whole = keep(session, judge(session), KEY, folder)
+    assert whole == folder / KEY.text
+    assert of(folder, session) is not None
+
+
+def test_only_the_latest_results_are_kept(session, folder: Path) -> None:
+    assessment = judge(session)
+    for number in range(MOST_KEPT):
+        os.utime(folder / KEY.text, ns=(1, 1))
+        keep(session, assessment, ResultKey(str(number) * 64, "b" * 64, "c" * 64), folder)
+    assert len(list(folder.iterdir())) == MOST_KEPT
+    assert of(folder, session) is None
+
+
+def test_damaged_results_are_derived_anew_with_a_line_and_kept_again(tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    shutil.copy(GOLDEN / "clear.mcap", path)
+    told: list[str] = []
+
+    def judged() -> None:
+        judged_session(path, station=lambda own: own, derive=lambda: replay_session(path), tell=told.append)
+
+    judged()
+    context = next(results_folder(path).iterdir()) / CONTEXT
+    context.write_text("{}")
+    judged()
+    assert len(told) == 1
+    assert told[0].endswith(f"{CONTEXT} does not have its SHA-256; derived anew")
+    judged()
+    assert told[1] == f"results kept in {results_folder(path)} are used"
+    report = summarise(
+        *(lambda found: (found.session, found.assessment))(
+            judged_session(path, station=lambda own: own, derive=lambda: replay_session(path), tell=told.append)
+        )
+    )
+    assert report["session"]["raw_sha256"]
+
+
+def test_a_folder_that_cannot_be_written_costs_only_a_line(tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    shutil.copy(GOLDEN / "clear.mcap", path)
+    results_folder(path).write_text("a file where the folder should be")
+    told: list[str] = []
+    judged = judged_session(path, station=lambda own: own, derive=lambda: replay_session(path), tell=told.append)
+    assert judged.assessment.verdict
+    assert told == [f"results cannot be kept in {results_folder(path)}: Not a directory"]

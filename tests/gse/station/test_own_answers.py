@@ -1,0 +1,147 @@
+"""A sensor that sends its own answers and no panoramas: the only subject of its session."""
+
+import numpy as np
+import pytest
+from skies.known_nights import START_NS, TABLE, TRUTH
+
+from drivers.chunk import Chunk
+from drivers.clock import ClockReading
+from gse.assessment.decision import Outcome
+from gse.assessment.verdict import judge
+from gse.attitude_convention import AttitudeConvention, state_angles, state_quaternions
+from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.instant import NS_PER_S
+from gse.report import summarise
+from gse.report.frames_csv import frames_csv
+from gse.station.attitude_table import OWN_ANSWER
+from gse.station.loop import StationLoop
+from gse.station.own_answers import OwnAnswerTruth, attitude_errors, measured_rotations
+from gse.station.results import Status, Subject, Verdict
+from gse.station.setup import set_up
+from gse.truth.frames import icrs_to_frame
+from protocols import AttitudeMessage, parse_protocol
+
+QUATERNIONS_ONLY = """
+version: 1
+name: quaternions
+byte_order: little
+framing: {kind: slip}
+header: [{name: type, type: u8}]
+checksum: {name: crc32}
+messages:
+  ATTITUDE:
+    code: 3
+    direction: from sensor
+    fields:
+      - {name: time, type: u64, unit: us}
+      - {name: frame_no, type: u32}
+      - {name: q1, type: f64}
+      - {name: q2, type: f64}
+      - {name: q3, type: f64}
+      - {name: q4, type: f64}
+      - {name: matched, type: u8}
+      - {name: state, type: u8, values: {0: lost, 1: acquired}}
+      - {name: latency, type: u32, unit: us}
+"""
+SCALAR_FIRST = AttitudeConvention(scalar="first", conjugate=True, body_axes="-y x z")
+TEXT = BUILT_IN_TEXT.replace("sensor:\n", "sensor:\n  attitude: {scalar: first, conjugate: true, body_axes: -y x z}\n")
+STATION = parse_station(TEXT)
+PROCESSING_S = 0.08
+BYTE_NS = 10 * NS_PER_S // 115_200
+
+
+def rotations(utc_ns, seed=1, noise_arcsec=5.0):
+    """What a sensor with white noise on the built-in mount answers: catalogue places, as it sees them."""
+    small = np.random.default_rng(seed).normal(0, noise_arcsec / 206_265, (len(utc_ns), 3))
+    x, y, z = small.T
+    one = np.ones(len(utc_ns))
+    turns = np.array([[one, -z, y], [z, one, -x], [-y, x, one]]).transpose(2, 0, 1)
+    return turns @ OwnAnswerTruth(TRUTH, STATION.mount).expected(utc_ns)
+
+
+def night(count, *, lost=()):
+    """The session of a sensor whose processing takes 80 ms, and which is lost in some frames."""
+    setup = set_up(STATION, TEXT, utc_ns=START_NS, protocol_text=QUATERNIONS_ONLY)
+    loop = StationLoop(setup, earth_orientation=TABLE)
+    loop.read_clock(ClockReading(START_NS, 0, "kernel PLL", True, 0.0, 0.01))
+    utc_ns = START_NS + np.arange(count) * (NS_PER_S // 5)
+    numbers = state_quaternions(rotations(utc_ns), SCALAR_FIRST)
+    for number, (instant_ns, quaternion) in enumerate(zip(utc_ns.tolist(), numbers.tolist(), strict=True)):
+        message = AttitudeMessage(
+            (instant_ns - START_NS) // 1000 + 5_000_000,
+            frame_no=number,
+            matched=14,
+            state="lost" if number in lost else "acquired",
+            latency_s=PROCESSING_S,
+            **dict(zip(("q1", "q2", "q3", "q4"), quaternion, strict=True)),
+        )
+        read_ns = instant_ns + round(PROCESSING_S * NS_PER_S) + BYTE_NS
+        loop.take([Chunk(read_ns, read_ns - START_NS + NS_PER_S, setup.protocol.encode(message, 0))])
+    loop.finish()
+    return loop.session
+
+
+@pytest.fixture(scope="module")
+def session():
+    return night(1500, lost=range(700, 710))
+
+
+def test_the_sensor_is_the_only_subject_and_is_judged(session):
+    assessment = judge(session)
+    assert session.subject is Subject.SENSOR
+    assert {row.subject for row in assessment.rows} == {Subject.SENSOR}
+    rows = {row.name: row.outcome for row in assessment.rows}
+    assert rows["mean |dRA*|"] is rows["95 % of |dDE|"] is rows["availability"] is Outcome.PASS
+    assert rows["processing time as it states, 99 %"] is Outcome.PASS
+    assert "onboard: no panoramas came" in " ".join(assessment.not_tested)
+    assert assessment.verdict is Verdict.PASS, assessment.reasons
+
+
+def test_its_errors_are_its_noise(session):
+    axes = judge(session).statistics.subjects[Subject.SENSOR].axes
+    for axis in ("d_ra_cosde", "d_de"):
+        assert abs(axes[axis].bias_arcsec) < 0.6
+        assert axes[axis].std_arcsec == pytest.approx(5.0, abs=0.5)
+
+
+def test_an_answer_that_the_sensor_calls_lost_is_none(session):
+    statuses = [str(Status.IDENTIFIED)] * 1500
+    assert judge(session).statistics.statuses[statuses[0]] == 1490
+
+
+def test_its_report_names_the_sensor_alone(session):
+    report = summarise(session, judge(session))
+    assert list(report["accuracy"]) == ["sensor"]
+    assert report["timing"]["subjects"]["sensor"]["arrival_ms"]["p50"] == pytest.approx(80.1, abs=0.1)
+    head = next(iter(frames_csv(session.frames.columns, None, session.subject)))
+    assert "sensor_d_ra_cosde_arcsec" in head
+    assert "onboard" not in head
+
+
+@pytest.mark.parametrize("aberration", ["corrected", "not corrected"])
+@pytest.mark.parametrize("frame", ["ICRS", "J2000", "date"])
+def test_what_is_stated_in_a_convention_is_read_by_it(frame, aberration):
+    utc_ns = START_NS + np.arange(3) * NS_PER_S
+    convention = AttitudeConvention(frame=frame, aberration=aberration, ra_unit="h", roll_through="west")
+    true = OwnAnswerTruth(TRUTH, STATION.mount, aberration == "corrected").expected(utc_ns)
+    sent = state_angles(true @ icrs_to_frame(frame, utc_ns).transpose(0, 2, 1), convention)
+    answers = np.zeros(3, dtype=OWN_ANSWER)
+    answers["ra_deg"], answers["de_deg"], answers["roll_deg"] = sent.T
+    read = measured_rotations(answers, utc_ns, convention)
+    assert np.abs(np.array(attitude_errors(read, true))).max() < 1e-4
+
+
+def test_aberration_moves_an_answer_by_what_astronomy_says():
+    utc_ns = np.array([START_NS + 30 * NS_PER_S])
+    one, other = (OwnAnswerTruth(TRUTH, STATION.mount, corrected).expected(utc_ns) for corrected in (True, False))
+    x, y = np.array(attitude_errors(one, other))[3:, 0]
+    boresight = TRUTH.attitude_true(int(utc_ns[0]), STATION.mount).boresight_icrs
+    apparent = TRUTH.apparent(boresight[None], int(utc_ns[0]))[0]
+    assert np.hypot(x, y) == pytest.approx(np.degrees(np.linalg.norm(apparent - boresight)) * 3600, abs=0.005)
+    assert 1 < np.hypot(x, y) < 21
+
+
+def test_a_description_without_a_direction_is_refused():
+    text = "\n".join(line for line in QUATERNIONS_ONLY.splitlines() if "q3" not in line)
+    with pytest.raises(Exception, match="no direction: expected ra and de, or q1, q2, q3, q4"):
+        parse_protocol(text, "own.yaml")

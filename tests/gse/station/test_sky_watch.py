@@ -1,0 +1,197 @@
+"""The sky's condition from the stars: cloud, cap, Moon and daylight, each by its name or not at all."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.link import SerialLink
+from drivers.urlhandlers.protocol_sim import register
+from gse.attitude import Attitude
+from gse.catalog import load_catalog
+from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.instant import NS_PER_S, from_text
+from gse.mount import Mount
+from gse.recording.session_format import RecordedTimings
+from gse.simulator import device_factory
+from gse.site import Site
+from gse.station.frame_table import ANSWER_CHECKS, FRAME, SKY_CONDITIONS, STATUSES
+from gse.station.loop import StationLoop
+from gse.station.results import AnswerCheck, SkyCondition, Status
+from gse.station.session_data import SessionData
+from gse.station.setup import Setup, set_up
+from gse.station.sky_condition import ClearSky, Lights, SkyEvidence, condition_of
+from gse.station.sky_watch import SkyWatch
+from gse.truth.mounting import horizon_to_sensor
+from gse.truth.solar_system import icrs_to_horizon, sun_and_moon_horizon
+
+STATION = parse_station(BUILT_IN_TEXT)
+CATALOG = load_catalog(stars=4200)
+NIGHT_NS = from_text("2026-03-20T15:00:00Z")
+SKY_KINDS = ("CLEAR", "CLOUDED", "NO_STARS", "DAYLIGHT", "DARK_NIGHT")
+CLOUD = """\
+text: An uninterrupted cloud of 1.5 mag for a minute, and then a lens cap.
+seconds: 240
+rate_hz: 2
+air:
+  cloud_magnitudes: [[0, 0], [60, 0], [61, 1.5], [120, 1.5], [121, 0], [180, 0], [180.5, 50]]
+"""
+
+
+@pytest.fixture(scope="module")
+def setup() -> Setup:
+    return set_up(STATION, BUILT_IN_TEXT)
+
+
+@pytest.fixture(scope="module")
+def clouded(setup: Setup, tmp_path_factory: pytest.TempPathFactory) -> SessionData:
+    path = tmp_path_factory.mktemp("scenario") / "cloud.yaml"
+    path.write_text(CLOUD)
+    register(device_factory(STATION))
+    with SerialLink(f"sim://?scenario={path}") as link:
+        return StationLoop(setup, recorded=RecordedTimings()).run(link)
+
+
+def since_start_s(session: SessionData) -> np.ndarray:
+    utc_ns = session.frames.columns["utc_ns"]
+    return (utc_ns - utc_ns[0]) / NS_PER_S
+
+
+def test_a_cloud_is_named_when_it_comes_and_when_it_goes(clouded: SessionData) -> None:
+    begun_ns = int(clouded.frames.columns["utc_ns"][0])
+    events = [(event.kind, (event.utc_ns - begun_ns) / NS_PER_S) for event in clouded.events if event.kind in SKY_KINDS]
+    assert [kind for kind, _ in events[:3]] == ["CLEAR", "CLOUDED", "CLEAR"]
+    assert 60 < events[1][1] < 70
+    assert 120 < events[2][1] < 130
+
+
+def test_the_stars_tell_how_much_light_the_cloud_takes(clouded: SessionData) -> None:
+    frames, second = clouded.frames.columns, since_start_s(clouded)
+    inside = frames["transparency"][(second > 70) & (second < 115)]
+    assert -2.5 * math.log10(float(np.median(inside))) == pytest.approx(1.5, abs=0.25)
+    outside = frames["transparency"][second < 55]
+    assert float(np.median(outside)) > 0.9
+
+
+def test_a_frame_has_the_condition_of_its_seconds(clouded: SessionData) -> None:
+    frames, second = clouded.frames.columns, since_start_s(clouded)
+    conditions = np.array(SKY_CONDITIONS)[frames["sky_condition"]]
+    assert set(conditions[second < 55]) == {SkyCondition.CLEAR}
+    assert set(conditions[(second > 70) & (second < 115)]) == {SkyCondition.CLOUDED}
+    assert SkyCondition.CLEAR not in conditions[second > 190]
+
+
+# Sessions made of rows
+
+
+def rows(frames: int = 40, *, stars: int, objects: int = 30, zero_point_mag: float = 14.0) -> np.ndarray:
+    """Frames with so many named stars, or with no answer where there are none."""
+    made = np.zeros(frames, dtype=FRAME)
+    made["status"] = STATUSES.index(Status.IDENTIFIED if stars else Status.NO_MATCH)
+    made["answer_check"] = ANSWER_CHECKS.index(AnswerCheck.CORRECT if stars else AnswerCheck.UNKNOWN)
+    made["objects"], made["matched"], made["stars_seen"] = objects, stars, stars
+    made["exposure_s"], made["limiting_mag"] = 0.05, 5.5
+    made["zero_point_mag"] = zero_point_mag if stars else math.nan
+    return made
+
+
+def watched(
+    *parts: np.ndarray, site: Site = STATION.site, mount: Mount = STATION.mount, begin_ns: int = NIGHT_NS
+) -> tuple[list[str], list[SkyCondition]]:
+    """Events of parts that follow each other at 2 Hz, and the condition at the end of each part."""
+    frames = np.concatenate(parts)
+    frames["utc_ns"] = begin_ns + np.arange(len(frames)) * (NS_PER_S // 2)
+    for row, rotation in zip(frames, icrs_to_horizon(site, frames["utc_ns"]), strict=True):
+        attitude = Attitude(horizon_to_sensor(mount) @ rotation, np.zeros((3, 3)))
+        row["ra_deg"], row["de_deg"], row["roll_deg"] = attitude.ra_deg, attitude.de_deg, attitude.roll_deg
+    watch = SkyWatch(site, STATION.sensor.camera(), CATALOG, mount)
+    events = [event for row in range(1, len(frames) + 1) for event in watch.take(frames[:row])]
+    events += watch.finish(frames)
+    ends = np.cumsum([len(part) for part in parts]) - 1
+    return [str(event.kind) for event in events], [SKY_CONDITIONS[code] for code in frames["sky_condition"][ends]]
+
+
+def test_an_hour_of_cloud_between_clear_hours_is_one_cloud() -> None:
+    clear, cloud = rows(200, stars=14), rows(400, stars=8, zero_point_mag=12.8)
+    kinds, conditions = watched(clear, cloud, clear)
+    assert kinds == ["CLEAR", "CLOUDED", "CLEAR"]
+    assert conditions == [SkyCondition.CLEAR, SkyCondition.CLOUDED, SkyCondition.CLEAR]
+
+
+def test_a_session_that_begins_in_a_cloud_is_told_so_at_its_end() -> None:
+    _, conditions = watched(rows(stars=13, zero_point_mag=12.8), rows(stars=14))
+    assert conditions == [SkyCondition.CLOUDED, SkyCondition.CLEAR]
+
+
+def test_a_cap_is_no_cloud() -> None:
+    kinds, conditions = watched(rows(stars=14), rows(stars=0, objects=0))
+    assert kinds == ["CLEAR", "NO_STARS"]
+    assert conditions[1] is SkyCondition.NO_STARS
+
+
+def test_a_sensor_without_brightness_shows_cloud_by_missing_stars_only() -> None:
+    clear = rows(stars=14, zero_point_mag=math.nan)
+    assert watched(clear, rows(stars=13, zero_point_mag=math.nan))[0] == ["CLEAR"]
+    assert watched(clear, rows(stars=2, zero_point_mag=math.nan))[0] == ["CLEAR", "CLOUDED"]
+
+
+def test_frames_that_fail_with_all_their_objects_are_no_cloud() -> None:
+    part = rows(stars=14)
+    failed = rows(stars=0)
+    part[::2] = failed[::2]
+    kinds, conditions = watched(rows(stars=14), part)
+    assert kinds == ["CLEAR"]
+    assert conditions[1] is SkyCondition.CLEAR
+
+
+def test_a_field_of_one_star_is_not_judged_by_its_share() -> None:
+    lights = Lights(-40.0, -30.0, 120.0, 90.0)
+    one = SkyEvidence(lights, 1.0, 0.0, math.nan, math.nan, 1.0, False, False, 0.05)
+    assert condition_of(one, ClearSky(), SkyCondition.UNKNOWN) is SkyCondition.NO_STARS
+    seen = replace(one, seen_share=1.0, shows_stars=True)
+    assert condition_of(seen, ClearSky(), SkyCondition.UNKNOWN) is SkyCondition.CLEAR
+
+
+def test_the_moon_in_the_field_hides_stars_and_is_no_cloud() -> None:
+    moonlit_ns = from_text("2026-03-05T16:00:00Z")
+    (_, moon), site = sun_and_moon_horizon(STATION.site, np.array([moonlit_ns])), STATION.site
+    azimuth_deg = math.degrees(math.atan2(moon[0, 0], moon[0, 1]))
+    mount = Mount(azimuth_deg=azimuth_deg, altitude_deg=math.degrees(math.asin(moon[0, 2])), roll_deg=0.0)
+    kinds, conditions = watched(rows(stars=14), rows(stars=3), site=site, mount=mount, begin_ns=moonlit_ns)
+    assert "CLOUDED" not in kinds
+    assert conditions[1] is not SkyCondition.CLOUDED
+
+
+@pytest.mark.parametrize(
+    ("latitude_deg", "longitude_deg", "text"),
+    [
+        (90.0, 0.0, "2026-12-21T12:00:00Z"),
+        (-17.0, 180.0, "2026-03-20T12:00:00Z"),
+        (-44.0, 170.0, "2026-07-01T12:00:00Z"),
+    ],
+    ids=["north pole in winter", "antimeridian", "southern winter"],
+)
+@pytest.mark.parametrize("altitude_deg", [90.0, 35.0])
+def test_anywhere_on_earth_the_same_stars_make_the_same_sky(
+    latitude_deg: float, longitude_deg: float, text: str, altitude_deg: float
+) -> None:
+    site = Site(latitude_deg=latitude_deg, longitude_deg=longitude_deg)
+    mount = Mount(azimuth_deg=0.0, altitude_deg=altitude_deg, roll_deg=0.0)
+    kinds, _ = watched(
+        rows(stars=28), rows(stars=3, zero_point_mag=12.0), site=site, mount=mount, begin_ns=from_text(text)
+    )
+    assert kinds == ["CLEAR", "CLOUDED"]
+
+
+def test_the_sun_is_told_by_its_altitude() -> None:
+    noon_ns = from_text("2026-03-20T05:00:00Z")  # at 106.7 deg east
+    kinds, conditions = watched(rows(stars=0, objects=0), begin_ns=noon_ns)
+    assert kinds == ["DAYLIGHT"]
+    assert conditions == [SkyCondition.DAYLIGHT]
+
+
+def test_the_end_of_twilight_is_told_once() -> None:
+    dusk_ns = from_text("2026-03-20T11:46:00Z")
+    kinds, _ = watched(rows(stars=14, frames=2 * 240), begin_ns=dusk_ns)
+    assert kinds == ["DAYLIGHT", "CLEAR", "DARK_NIGHT"]
