@@ -192,11 +192,11 @@ class StationLoop:
         return [*silence, event, *self._monitor.port_event(event)]
 
     def _decoded(self, chunk: Chunk) -> list[_News]:
-        counters = self.reception.counters
-        frames, discards = counters.frames, dict(counters.discarded_bytes_by_reason)
+        frames = self.reception.counters.frames
         received = self.reception.receive(chunk)
-        new = {reason: count - discards.get(reason, 0) for reason, count in counters.discarded_bytes_by_reason.items()}
-        return [*self._monitor.received(chunk, counters.frames - frames, new), *self._for_identification(received)]
+        frames = self.reception.counters.frames - frames
+        changes = self._monitor.received(chunk, frames, self.reception.latest_reasons)
+        return [*changes, *self._for_identification(received)] if changes or received else []
 
     def _for_identification(self, received: list[Received]) -> list[_News]:
         """Panoramas, events and answers without a panorama, in order; STATUS and ATTITUDE messages are stored."""
