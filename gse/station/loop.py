@@ -141,7 +141,7 @@ class StationLoop:
         self._monitor = LinkMonitor(station.port.baudrate)
         self._truth_sought = False
         self._event_log = EventLog()
-        self._sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
+        self.sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
 
     def run(
         self,
@@ -218,7 +218,7 @@ class StationLoop:
     def finish(self) -> list[FrameResult]:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self._for_identification(self.reception.finish()))
-        self._log_all(self._sky.finish(self.session.frames.columns))
+        self._log_all(self.sky.finish(self.session.frames.columns))
         self.session.raw_sha256 = self.reception.raw_sha256
         return results
 
@@ -288,7 +288,7 @@ class StationLoop:
         first = len(self.session.frames)
         self.session.frames.extend(results)
         for row, (answer, result) in enumerate(zip(answers, results, strict=True), first):
-            self._log_all(self._sky.take(self.session.frames.columns[: row + 1]))
+            self._log_all(self.sky.take(self.session.frames.columns[: row + 1]))
             if given := (answer.given if isinstance(answer, Answer) else None):
                 self._count_given(result.panorama, given)
             if isinstance(answer, Answer) and answer.is_mirrored:
@@ -315,9 +315,9 @@ class StationLoop:
             self._align(self._first_seconds, panorama)
         truth, mount = self._frame_processor.truth, self._frame_processor.mount
         result = self._own_answers.result(panorama, answer.message, truth, mount)
-        self._sky.sees_objects = False
+        self.sky.sees_objects = False
         self.session.frames.append(result)
-        self._log_all(self._sky.take(self.session.frames.columns))
+        self._log_all(self.sky.take(self.session.frames.columns))
         if self._first_seconds is not None and truth is not None:
             self._first_seconds.add(result, truth)
         for listener in self.listeners:
