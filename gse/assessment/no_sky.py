@@ -70,17 +70,17 @@ def _reason(frames: NDArray[np.void], first: int, last: int, site: Site) -> tupl
         return Cause.NO_SKY, f"Sun {abs(sun_deg):.0f} deg {side} the horizon: no dark sky for {duration_s:.0f} s"
     if (part["status"] == STATUSES.index(Status.SENSOR_FAULT)).any():
         return None  # only daylight explains an overexposed detector
+    faded_mag = _faded_mag(frames, first, last)
+    if faded_mag >= FADED_MAG:
+        return Cause.NO_SKY, f"stars {faded_mag:.1f} mag too faint: cloud for {duration_s:.0f} s"
+    if _missing(frames, first, last):
+        return Cause.NO_SKY, f"less than half of the stars just before or after: cloud for {duration_s:.0f} s"
     most = int(np.percentile(part["objects"], _CLEAR_PERCENTILE))
     if most < FEWEST_OBJECTS:
         objects = "no object at all" if most == 0 else f"at most {most} objects"
         expected = float(np.median(part["stars_expected"]))
         stars = f", {expected:.0f} stars are expected" if expected >= 0 else ""
         return Cause.NO_OBJECTS, f"{objects} for {duration_s:.0f} s{stars}: lens cap, cover or overcast"
-    faded_mag = _faded_mag(frames, first, last)
-    if faded_mag >= FADED_MAG:
-        return Cause.NO_SKY, f"stars {faded_mag:.1f} mag too faint: cloud for {duration_s:.0f} s"
-    if _missing(frames, first, last):
-        return Cause.NO_SKY, f"less than half of the stars just before or after: cloud for {duration_s:.0f} s"
     return None
 
 

@@ -53,7 +53,7 @@ def sky_summary(frames: NDArray[np.void]) -> SkySummary | None:
         return None
     counts = np.bincount(frames["sky_condition"], minlength=len(SKY_CONDITIONS))
     clear = frames["sky_condition"] == SKY_CONDITIONS.index(SkyCondition.CLEAR)
-    best = clear if clear.any() else np.ones(len(frames), dtype=bool)
+    best = clear if clear.any() else frames["stars_seen"] > 0
     stretches = tuple(_stretches(frames))
     return SkySummary(
         condition=SKY_CONDITIONS[int(counts.argmax())],

@@ -30,6 +30,7 @@ _LAST_PORT = 65535
 )
 @click.option("--standby", is_flag=True, help="Wait for the command START before sending.")
 @click.option("--start", help="UTC of the simulated sky, e.g. 2026-03-20T15:00:00Z; default: now.")
+@click.option("--dark", is_flag=True, help="Leave the light of the Sun out: stars at any hour, where they are now.")
 @click.option(
     "--level",
     type=click.Choice(("panorama", "image", "image-sub-pixel")),
@@ -54,6 +55,7 @@ def command(
     rate_hz: float | None,
     standby: bool,
     start: str | None,
+    dark: bool,
     level: str,
     duration_s: float | None,
 ) -> None:
@@ -65,12 +67,15 @@ def command(
     from gse.instant import NS_PER_S, to_text
     from gse.simulator.device import detector_of, firmware_of, scenario_of
     from gse.simulator.emulator import Emulator
+    from gse.simulator.outlook import outlook
 
     if use_pty == (tcp_address is not None):
         raise UsageError("give either --pty or --tcp HOST:PORT, for example --tcp 127.0.0.1:4000")
     options = {"scenario": scenario, "seed": str(seed), "start": start or to_text(read_clock().utc_ns, 9)}
     options |= {"level": level, "standby": "yes" if standby else "no"}
     session = scenario_of(options | ({"rate_hz": str(rate_hz)} if rate_hz else {}))
+    if dark:
+        session = session.model_copy(update={"air": session.air.model_copy(update={"sunlight": False})})
     station, _ = station_of(station_path)
     device = session.device_for(station)
     detector = detector_of(station, session, options)
@@ -81,6 +86,7 @@ def command(
     firmware = firmware_of(station, session, options, detector, began_ns + offset_ns)
     endpoint = _endpoint(tcp_address)
     click.echo(endpoint.address)
+    click.echo(outlook(device, session), err=True)
     click.echo(f"{device.sensor.name} sends {device.protocol}; press Ctrl-C to end", err=True)
     try:
         now_ns: Callable[[], int] = lambda: read_clock().utc_ns + offset_ns  # noqa: E731

@@ -57,6 +57,7 @@ def command(
     from gse.config.station import parse_station
     from gse.sessions.live import new_session_folder
     from gse.simulator.device import scenario_of
+    from gse.simulator.outlook import outlook
     from gse.simulator.recording import record_simulation
     from gse.simulator.scenario import load_scenario, scenario_names
     from gse.truth import EarthOrientation
@@ -81,6 +82,7 @@ def command(
     recording = record_simulation(path, station.model_copy(update={"port": port}), text, orientation.to_json())
     click.echo(path)
     click.echo(f"{recording.bytes_sent} bytes of {scenario}: {described.text}", err=True)
+    click.echo(outlook(described.device_for(station), described), err=True)
     if recording.damage:
         click.echo(f"gse: {recording.damage}", err=True)
         raise click.exceptions.Exit(EXIT_DATA_LOST)

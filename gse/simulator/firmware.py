@@ -18,6 +18,7 @@ from gse.instant import NS_PER_S
 from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.scenario import Firmware as Traits
+from gse.simulator.scenario import profile_at
 from protocols import (
     Ack,
     AttitudeMessage,
@@ -50,7 +51,6 @@ _COUNTERS_WRAP_AT = 65536
 _SLOWEST_BOOT = 1.005
 _VERSION = (1, 2, 0)
 _SERIAL = 14014
-_SUPPLY_V = 5.0
 _NAK_REASONS = {"bad crc": "bad CRC", "unknown type": "unknown", "bad length": "bad length"}
 
 
@@ -109,6 +109,7 @@ class SensorFirmware:
         self._sequence = self._frame_no = self._frames_sent = self._commands_ok = self._commands_bad = 0
         self._clock_was_reset = True
         self._ready_ns = ready_ns
+        self._status_due_ns = ready_ns + round((self._traits.status_every_s or 0.0) * NS_PER_S)
         self._decoder = FrameDecoder(self._protocol)
         self._refused_at = -1
         self._processed: deque[tuple[int, AttitudeMessage]] = deque()
@@ -188,7 +189,17 @@ class SensorFirmware:
             index=seen.index[:slots],
         )
         self._frames_sent += 1
-        return [self._send(message, end_ns)]
+        return [self._send(message, end_ns), *self._due_status(end_ns, temperature_c)]
+
+    def _due_status(self, utc_ns: int, temperature_c: float) -> list[Transmission]:
+        """The STATUS frame that follows a panorama, where one is due and the protocol has it."""
+        every_s = self._traits.status_every_s
+        if every_s is None or utc_ns < self._status_due_ns:
+            return []
+        self._status_due_ns = utc_ns + round(every_s * NS_PER_S)
+        with contextlib.suppress(EncodeError):
+            return [self._send(self._status(utc_ns, temperature_c), utc_ns)]
+        return []
 
     def _obey(self, frame: Frame, utc_ns: int) -> Iterator[Message]:
         if self._protocol.is_from_sensor(frame.type):
@@ -205,7 +216,7 @@ class SensorFirmware:
         self._commands_ok = (self._commands_ok + 1) % _COUNTERS_WRAP_AT
         match command:
             case Ping():
-                yield self._status(utc_ns)
+                yield self._status(utc_ns, self._temperature_c(utc_ns))
                 return
             case Start():
                 self._period_s = self._period_of(command)
@@ -252,15 +263,15 @@ class SensorFirmware:
         self._line_free_ns = start_ns + len(data) * self._byte_ns
         return Transmission(start_ns, data)
 
-    def _status(self, utc_ns: int) -> StatusMessage:
+    def _status(self, utc_ns: int, temperature_c: float) -> StatusMessage:
         return StatusMessage(
             time_us=self._clock_us(utc_ns),
             frames_taken=self._frame_no,
             frames_sent=self._frames_sent,
             commands_ok=self._commands_ok,
             commands_bad=self._commands_bad,
-            temperature_c=self._temperature_c(utc_ns),
-            supply_v=_SUPPLY_V,
+            temperature_c=temperature_c,
+            supply_v=profile_at(self._traits.supply_v, (utc_ns - self._power_on_ns) / NS_PER_S),
             mode="standby" if self._period_s is None else "streaming",
             firmware=_VERSION,
             serial=_SERIAL,

@@ -69,6 +69,12 @@ class Air(_Section):
     cloud_cover: Annotated[float, Field(ge=0, le=1)] = 1.0
     """Share of the sky that clouds cover while there are any."""
     cloud_drift_px_per_s: tuple[float, float] = (20.0, 7.0)
+    dew_magnitudes: _Profile = ((0.0, 0.0),)
+    """Extinction by dew on the lens: the same all over the field."""
+    capped_s: tuple[tuple[float, float], ...] = ()
+    """Stretches in which a lens cap or a cover is on: seconds after the start, from and until."""
+    sunlight: bool = True
+    """Without it the sky is dark by day: stars stand where they are at that time."""
     satellites_per_minute: Annotated[float, Field(ge=0, le=60)] = 0.0
     dark_magnitude: Annotated[float, Field(ge=15, le=23)] = 21.3
     """Surface brightness of the moonless night, per square arcsecond."""
@@ -89,6 +95,10 @@ class Firmware(_Section):
     """Time in which the difference falls to a third (1/e)."""
     host_jitter_ms: tuple[float, float] = (0.1, 2.0)
     """How late the host reads a byte."""
+    status_every_s: Annotated[float, Field(ge=0.1, le=36_000)] | None = 10.0
+    """Time between STATUS frames, in protocols that have them; none where it is null."""
+    supply_v: _Profile = ((0.0, 5.0),)
+    """Supply voltage, against seconds since power-on."""
 
 
 class Attitude(_Section):

@@ -23,6 +23,8 @@ _MOON_MOVES_RAD = 0.05
 _SKYLIGHT_EVERY_NS = 10_000_000_000
 """In 10 s a twilight sky changes by 0.06 mag."""
 _STEP_RAD = 1e-3
+_CAPPED_MAGNITUDE = 40.0
+"""Per square arcsecond: no light at all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +78,11 @@ class Scene:
         satellites = [self._satellites.pixels(self.since_start_s(middle_ns + offset_ns)) for offset_ns in offsets_ns]
         magnitude = np.concatenate([magnitude, self._satellites.magnitude])
         places = [np.concatenate(pair) for pair in zip(places, satellites, strict=True)]
-        return places, magnitude + self.cloud_magnitudes(places[0], self.since_start_s(middle_ns))
+        if self.is_capped(middle_ns):
+            return places, np.full(len(magnitude), np.inf)
+        second = self.since_start_s(middle_ns)
+        dew_magnitudes = profile_at(self._scenario.air.dew_magnitudes, second)
+        return places, magnitude + dew_magnitudes + self.cloud_magnitudes(places[0], second)
 
     def bodies(self, utc_ns: int) -> BodyCell:
         """Sun, Moon and planets."""
@@ -87,6 +93,8 @@ class Scene:
     def boresight_sky_magnitude(self, utc_ns: int) -> float:
         """Surface brightness of the sky in the middle of the detector."""
         step = utc_ns // _SKYLIGHT_EVERY_NS
+        if self.is_capped(utc_ns):
+            return _CAPPED_MAGNITUDE
         if step != self._skylight[0]:
             middle_ns = step * _SKYLIGHT_EVERY_NS + _SKYLIGHT_EVERY_NS // 2
             self._skylight = step, float(self.sky_magnitudes(self.horizon_to_sensor[2:], middle_ns)[0])
@@ -94,7 +102,15 @@ class Scene:
 
     def sky_magnitudes(self, directions_horizon: NDArray[np.float64], utc_ns: int) -> NDArray[np.float64]:
         """Surface brightness (N,) of the sky in directions (N, 3)."""
-        return sky_magnitude(directions_horizon, self.bodies(utc_ns), utc_ns, self._scenario.air.dark_magnitude)
+        if self.is_capped(utc_ns):
+            return np.full(len(directions_horizon), _CAPPED_MAGNITUDE)
+        air = self._scenario.air
+        return sky_magnitude(directions_horizon, self.bodies(utc_ns), utc_ns, air.dark_magnitude, sunlight=air.sunlight)
+
+    def is_capped(self, utc_ns: int) -> bool:
+        """Whether a cap or a cover is on the lens."""
+        second = self.since_start_s(utc_ns)
+        return any(begin <= second < end for begin, end in self._scenario.air.capped_s)
 
     def cloud_magnitudes(self, xy_px: NDArray[np.float64], since_start_s: float) -> NDArray[np.float64]:
         """Extinction (N,) of the clouds that drift before the pixels (N, 2)."""
@@ -104,7 +120,9 @@ class Scene:
         """The Moon where it is on the detector or near it and above the horizon."""
         bodies = self.bodies(utc_ns)
         # Within 300 s it moves by 1.3 deg.
-        if bodies.track.nodes[0, MOON] @ self.horizon_to_sensor[2] < math.cos(self._radius_rad + _MOON_MOVES_RAD):
+        if self.is_capped(utc_ns) or bodies.track.nodes[0, MOON] @ self.horizon_to_sensor[2] < math.cos(
+            self._radius_rad + _MOON_MOVES_RAD
+        ):
             return None
         places_horizon = bodies.track.directions(utc_ns)
         if places_horizon[MOON][2] <= 0:

@@ -21,12 +21,18 @@ _NANOLAMBERT_ZERO, _NANOLAMBERT_SLOPE, _NANOLAMBERT_UNIT = 20.7233, 0.92104, 34.
 
 
 def sky_magnitude(
-    directions_horizon: NDArray[np.float64], bodies: BodyCell, utc_ns: int, dark_magnitude: float = DARK_MAGNITUDE
+    directions_horizon: NDArray[np.float64],
+    bodies: BodyCell,
+    utc_ns: int,
+    dark_magnitude: float = DARK_MAGNITUDE,
+    *,
+    sunlight: bool = True,
 ) -> NDArray[np.float64]:
-    """Surface brightness (N,) of the sky in directions (N, 3), x east, y north, z up."""
+    """Surface brightness (N,) of the sky in directions (N, 3), x east, y north, z up; as at night without sunlight."""
     places = bodies.track.directions(utc_ns)
     light = _light(dark_magnitude * np.ones(len(directions_horizon)))
-    light = light + _light(_twilight_magnitude(directions_horizon, places[SUN]))
+    if sunlight:
+        light = light + _light(_twilight_magnitude(directions_horizon, places[SUN]))
     if places[MOON][2] > 0:
         light = light + _moonlight(directions_horizon, places[MOON], bodies.magnitude[MOON])
     magnitude = (_NANOLAMBERT_ZERO - np.log(light / _NANOLAMBERT_UNIT)) / _NANOLAMBERT_SLOPE

@@ -64,7 +64,8 @@ class SkyEvidence:
     """What a few seconds of panoramas show; numbers that they do not show are NaN.
 
     ``expected`` is the number of the mission catalogue's stars in the field, at most as many as a panorama has room
-    for. ``seen_share`` is the share of them that was named. ``zero_point_mag`` is for an exposure of 1 s.
+    for. ``seen_share`` is the share of them that was named, in the frames that show stars, and ``empty_share`` is that
+    of the frames that show missing stars instead. ``zero_point_mag`` is for an exposure of 1 s.
     """
 
     lights: Lights
@@ -73,6 +74,7 @@ class SkyEvidence:
     zero_point_mag: float
     limiting_mag: float
     objects: float
+    empty_share: float
     shows_stars: bool
     overexposed: bool
     exposure_s: float
@@ -96,8 +98,7 @@ def evidence_of(rows: NDArray[np.void], expected: float, lights: Lights, usual_o
     false = check == ANSWER_CHECKS.index(AnswerCheck.FALSE)
     shown = (answered & ~false) | (check == ANSWER_CHECKS.index(AnswerCheck.ABSENT))
     empty = ~shown & ~(rows["objects"] >= max(_BLIND_OBJECTS * usual_objects, FEWEST_OBJECTS))
-    counted = int(shown.sum()) + int(empty.sum())
-    share = float(rows["stars_seen"][shown].sum()) / (counted * expected) if counted and expected > 0 else math.nan
+    share = float(rows["stars_seen"][shown].mean()) / expected if shown.any() and expected > 0 else math.nan
     exposure_s = rows["exposure_s"].astype(np.float64)
     per_second = 2.5 * np.log10(np.where(exposure_s > 0, exposure_s, 1.0))
     return SkyEvidence(
@@ -107,6 +108,7 @@ def evidence_of(rows: NDArray[np.void], expected: float, lights: Lights, usual_o
         _median((rows["zero_point_mag"] - per_second)[shown]),
         _median(rows["limiting_mag"][shown]),
         float(np.median(rows["objects"])),
+        float(empty.mean()),
         bool((shown | false).any()),
         bool((rows["status"] == STATUSES.index(Status.SENSOR_FAULT)).mean() > 0.5),
         _median(exposure_s),
@@ -144,10 +146,22 @@ def condition_of(found: SkyEvidence, clear: ClearSky, before: SkyCondition) -> S
     if found.lights.is_dark and found.expected >= FEWEST_EXPECTED:
         if found.moon_glares:
             return SkyCondition.UNKNOWN if found.seen_share < FEW_SHARE else SkyCondition.CLEAR
-        least = max((BACK_SHARE if was_clouded else MISSING_SHARE) * clear.seen_share, FEW_SHARE)
-        if found.seen_share < least:
+        if _share_under_cloud(found, clear) < max(_least_share(was_clouded) * clear.seen_share, FEW_SHARE):
             return SkyCondition.CLOUDED
     return SkyCondition.CLEAR
+
+
+def _least_share(was_clouded: bool) -> float:
+    return BACK_SHARE if was_clouded else MISSING_SHARE
+
+
+def _share_under_cloud(found: SkyEvidence, clear: ClearSky) -> float:
+    """The share of the stars that is seen, empty frames included where a cloud hides some of the stars in the others.
+
+    Empty frames beside full ones are a cap that was put on or taken off.
+    """
+    full = not found.seen_share < BACK_SHARE * clear.seen_share
+    return found.seen_share if full else found.seen_share * (1 - found.empty_share)
 
 
 def _without_stars(found: SkyEvidence, before: SkyCondition) -> SkyCondition:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gse.calibration.camera_fit import StarField, _residuals, calibrate
+from gse.calibration.camera_fit import StarField, _misfit, _parameters, _residuals, _with, calibrate
 from gse.calibration.hot_pixels import hot_pixels
 from gse.calibration.session_fit import PanoramaSample, calibrate_session
 from gse.camera import Camera
@@ -224,3 +224,66 @@ def test_the_map_counts_every_star_in_its_cell_but_the_outliers():
     # Uniform over 1023 px: 47 stars in each cell.
     assert count.min() > 20
     assert count.max() < 80
+
+
+def test_tangential_distortion_is_fitted_on_request_and_else_left_alone():
+    true = Camera(1024, 1024, 4169.9, (511.5, 511.5), (0.004, -0.001), False, (0.004, -0.003))
+    start = Camera(1024, 1024, 4169.9, (511.5, 511.5))
+    fields = random_fields(true, np.random.default_rng(4))
+    fitted = calibrate(start, fields, tangential=True)
+    assert len(fitted.sigma) == 7
+    off = np.array(fitted.camera.tangential_distortion) - true.tangential_distortion
+    assert (np.abs(off) < 4 * np.array(fitted.sigma[5:])).all()
+    assert (np.array(fitted.sigma[5:]) < 0.001).all()
+    without = calibrate(start, fields)
+    assert without.camera.tangential_distortion == (0.0, 0.0)
+    assert without.covariance.shape == (5, 5)
+    assert without.after.rms_px > fitted.after.rms_px
+
+
+def test_without_noise_tangential_distortion_is_exact():
+    true = Camera(1024, 1024, 4169.9, (530.0, 500.0), (0.004, -0.001), True, (0.003, 0.002))
+    rng = np.random.default_rng(1)
+    places = rng.uniform(0, 1023, (40, 12, 2))
+    turns = Rotation.random(40, rng=rng).as_matrix()
+    fields = [StarField(xy, true.directions(xy) @ turn, np.arange(12)) for turn, xy in zip(turns, places, strict=True)]
+    fitted = calibrate(Camera(1024, 1024, 4170.0, (511.5, 511.5), mirrored=True), fields, tangential=True)
+    assert values(fitted.camera) == pytest.approx(values(true), rel=1e-6, abs=1e-6)
+    assert fitted.camera.tangential_distortion == pytest.approx((0.003, 0.002), abs=1e-7)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_derivatives_of_the_residuals_are_those_of_small_steps(mirrored):
+    rng = np.random.default_rng(8)
+    camera = Camera(1024, 1024, 4169.9, (535.3, 487.2), (0.3, -0.2), mirrored, (0.02, -0.03))
+    attitude = Rotation.random(rng=rng)
+    xy = rng.uniform(0, 1023, (9, 2))
+    field = StarField(xy, camera.directions(xy) @ attitude.as_matrix(), np.arange(9))
+    _, by_camera, by_rotation = _misfit(camera, field, attitude.as_matrix())
+
+    def residual(parameters, turn):
+        return _misfit(_with(camera, parameters), field, (Rotation.from_rotvec(turn) * attitude).as_matrix())[0]
+
+    values, still = _parameters(camera), np.zeros(3)
+    for place, step in enumerate(np.where(np.abs(values) > 10, 1e-2, 1e-6)):
+        change = step * np.eye(len(values))[place]
+        slope = (residual(values + change, still) - residual(values - change, still)) / (2 * step)
+        assert by_camera[:, :, place] == pytest.approx(slope, rel=1e-5, abs=1e-5)
+    for place, turn in enumerate(1e-6 * np.eye(3)):
+        slope = (residual(values, turn) - residual(values, -turn)) / 2e-6
+        assert by_rotation[:, :, place] == pytest.approx(slope, rel=1e-5, abs=1e-2)
+
+
+def test_a_star_on_the_last_edge_of_the_detector_is_in_the_last_cell():
+    fields = random_fields(TRUE, np.random.default_rng(4), panoramas=20)
+    xy = fields[0].xy_px.copy()
+    xy[0] = 1023.5
+    seen = fields[0].stars.copy()
+    seen[0] = (TRUE.directions(xy[:1]) @ rotation_of(fields[0]))[0]
+    counted = calibrate(TRUE, [StarField(xy, seen, fields[0].numbers), *fields[1:]]).map_px[:, :, 2]
+    assert counted.sum() == 400
+
+
+def rotation_of(field):
+    """The attitude under which a star field was made."""
+    return Rotation.align_vectors(TRUE.directions(field.xy_px), field.stars)[0].as_matrix()

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gse.calibration.session_fit import MAX_PANORAMAS, PanoramaSample, _moved_px, _trials, calibrate_session
+from gse.calibration.session_fit import MAX_PANORAMAS, PanoramaSample, _field, _moved_px, _trials, calibrate_session
 from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.identifier import Identification, make_identifier
 from gse.panorama import Panorama
+from gse.site import Site
+from gse.truth import EarthOrientation, SiderealTruth
 
 CAMERA = Camera(1024, 1024, 4169.9, (511.5, 511.5))
 
@@ -102,3 +104,19 @@ def test_a_camera_that_identifies_half_of_the_panoramas_is_where_the_fit_starts(
     assert result.first_scale == 1.0
     assert result.calibration.camera.focal_length_px == pytest.approx(start.focal_length_px, rel=2e-4)
     assert result.hot_pixels == ()
+
+
+def test_stars_are_fitted_where_the_air_shows_them():
+    utc_ns = 1_774_000_000_000_000_000
+    site = Site(latitude_deg=48.0, longitude_deg=11.0, height_m=0.0, pressure_hpa=1010.0, temperature_c=10.0)
+    truth = SiderealTruth(site, EarthOrientation.from_disk(utc_ns))
+    identifier = make_identifier(parse_station(BUILT_IN_TEXT).identifier, CAMERA, load_catalog())
+    zenith = truth.icrs_to_horizon(utc_ns)[2]
+    without_air = truth.apparent(identifier.catalog.icrs, utc_ns) @ zenith
+    low = np.flatnonzero((without_air > np.sin(np.radians(15))) & (without_air < np.sin(np.radians(60))))
+    named = Identification(np.arange(len(low)), low, 1e-9)
+    seen = _field((Panorama(utc_ns, np.zeros((len(low), 2)), np.ones(len(low)), 0), named), identifier, truth).stars
+    altitude = np.degrees(np.arcsin(seen @ zenith))
+    bennett_deg = 1 / np.tan(np.radians(altitude + 7.31 / (altitude + 4.4))) / 60  # Bennett 1982, 1010 hPa, 10 degC
+    assert len(low) > 50
+    assert altitude - np.degrees(np.arcsin(without_air[low])) == pytest.approx(bennett_deg, rel=0.04)

@@ -130,6 +130,12 @@ def test_a_cap_is_no_cloud() -> None:
     assert conditions[1] is SkyCondition.NO_STARS
 
 
+@pytest.mark.parametrize("frames", [34, 36, 38])
+def test_a_cap_that_comes_within_the_seconds_of_a_window_is_no_cloud(frames: int) -> None:
+    full, capped = rows(frames, stars=14), rows(40, stars=0, objects=0)
+    assert watched(full, capped, full)[0] == ["CLEAR", "NO_STARS", "CLEAR"]
+
+
 def test_a_sensor_without_brightness_shows_cloud_by_missing_stars_only() -> None:
     clear = rows(stars=14, zero_point_mag=math.nan)
     assert watched(clear, rows(stars=13, zero_point_mag=math.nan))[0] == ["CLEAR"]
@@ -147,7 +153,7 @@ def test_frames_that_fail_with_all_their_objects_are_no_cloud() -> None:
 
 def test_a_field_of_one_star_is_not_judged_by_its_share() -> None:
     lights = Lights(-40.0, -30.0, 120.0, 90.0)
-    one = SkyEvidence(lights, 1.0, 0.0, math.nan, math.nan, 1.0, False, False, 0.05)
+    one = SkyEvidence(lights, 1.0, 0.0, math.nan, math.nan, 1.0, 0.0, False, False, 0.05)
     assert condition_of(one, ClearSky(), SkyCondition.UNKNOWN) is SkyCondition.NO_STARS
     seen = replace(one, seen_share=1.0, shows_stars=True)
     assert condition_of(seen, ClearSky(), SkyCondition.UNKNOWN) is SkyCondition.CLEAR
