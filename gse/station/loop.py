@@ -141,7 +141,7 @@ class StationLoop:
         self._monitor = LinkMonitor(station.port.baudrate)
         self._truth_sought = False
         self._event_log = EventLog()
-        self._sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
+        self.sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
 
     def run(
         self,
@@ -219,7 +219,7 @@ class StationLoop:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self._for_identification(self.reception.finish()))
         if self.session.station.mount.inertial is None:
-            self._log_all(self._sky.finish(self.session.frames.columns))
+            self._log_all(self.sky.finish(self.session.frames.columns))
         self.session.raw_sha256 = self.reception.raw_sha256
         return results
 
@@ -316,7 +316,7 @@ class StationLoop:
             self._align(self._first_seconds, panorama)
         truth, mount = self._frame_processor.truth, self._frame_processor.mount
         result = self._own_answers.result(panorama, answer.message, truth, mount)
-        self._sky.sees_objects = False
+        self.sky.sees_objects = False
         self.session.frames.append(result)
         self._log_all(self._sky_at(len(self.session.frames)))
         if self._first_seconds is not None and truth is not None:
@@ -336,7 +336,7 @@ class StationLoop:
         """What the newest of so many frames shows of the sky; before a star simulator there is none."""
         if self.session.station.mount.inertial is not None:
             return []
-        return self._sky.take(self.session.frames.columns[:rows])
+        return self.sky.take(self.session.frames.columns[:rows])
 
     def _align(self, first_seconds: FirstSeconds, panorama: Panorama) -> None:
         """Fit the mount after the first seconds; the frames of the fit are not compared with it."""
