@@ -9,6 +9,9 @@ from gse.catalog import StarCatalog
 from gse.identifier import Identification
 from gse.station.results import Starlight
 
+MARGIN_MAG = 1.0
+"""Colours, noise and doubles make a star as much brighter than its catalogue magnitude says, or as much fainter."""
+
 
 def starlight(brightness: NDArray[np.float64], found: Identification, catalog: StarCatalog) -> Starlight:
     """The light of the stars that an identifier found among objects of a brightness (N,).
@@ -20,4 +23,6 @@ def starlight(brightness: NDArray[np.float64], found: Identification, catalog: S
     limiting_mag = float(magnitude.max())
     if index.min() == index.max():
         return Starlight(len(magnitude), math.nan, limiting_mag)
-    return Starlight(len(magnitude), float(np.median(magnitude + 2.5 * np.log10(index))), limiting_mag)
+    zero_point_mag = float(np.median(magnitude + 2.5 * np.log10(index)))
+    faintest_index = 10 ** (0.4 * (zero_point_mag - float(catalog.magnitude[-1]) + MARGIN_MAG))
+    return Starlight(len(magnitude), zero_point_mag, limiting_mag, faintest_index)
