@@ -171,7 +171,7 @@ def _posterior(
 @functools.cache
 def _shapes() -> _Shapes:
     places = np.arange(ORDINATES + 1)
-    correlated = np.array([_exponential(time, places) + 1 / much for time in _TIMES for much in _STRENGTHS])
+    correlated = np.array([exponential_spectrum(time, places) + 1 / much for time in _TIMES for much in _STRENGTHS])
     waves = np.array([_sinusoid(cycles, places) for cycles in _CYCLES])
     power = (_PEAKS / waves[:, 1:].max(axis=1)[:, None]).ravel()
     sinusoids = 1 + power[:, None] * np.repeat(waves, len(_PEAKS), axis=0)
@@ -185,7 +185,7 @@ def _shapes() -> _Shapes:
     )
 
 
-def _exponential(time: float, places: NDArray[np.int64]) -> NDArray[np.float64]:
+def exponential_spectrum(time: float, places: NDArray[np.int64]) -> NDArray[np.float64]:
     """Variances of the cosines (the mean at place 0) of a series with correlation exp(-time s) over s from 0 to 1.
 
     In units of the spectrum at zero of a long series: the double integral of correlation and cosines in closed form.

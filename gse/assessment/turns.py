@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from gse.mount import Mount
 from gse.site import Site
+from gse.truth import horizon_to_sensor
 
 VERTICAL = np.array([0.0, 0.0, 1.0])
 EAST = np.array([1.0, 0.0, 0.0])
@@ -33,3 +34,9 @@ def level_axis(mount: Mount) -> NDArray[np.float64]:
     """The axis (3,) in the horizon frame about which a mount is lowered."""
     azimuth = math.radians(mount.azimuth_deg)
     return np.array([math.cos(azimuth), -math.sin(azimuth), 0.0])
+
+
+def all_turns(mount: Mount) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Axes (3,) that make any turn, at the zenith too: the measured boresight goes across, up, and rolls."""
+    boresight, up = horizon_to_sensor(mount)[2], -level_axis(mount)
+    return np.cross(boresight, up), up, np.asarray(boresight)

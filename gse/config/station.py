@@ -52,6 +52,9 @@ for _values in (
     with_config(ConfigDict(extra="forbid"))(_values)  # an unknown key is an error in these sections too
 
 
+_Distortion = Annotated[float, Field(ge=-1, le=1)]
+
+
 class Sensor(_Section):
     """Detector and optics; lengths in pixels, 0-based at pixel centres."""
 
@@ -60,7 +63,8 @@ class Sensor(_Section):
     columns: Annotated[int, Field(ge=16, le=16384)]
     focal_length_px: Annotated[float, Field(gt=10, le=1e6)]
     principal_point_px: tuple[float, float] | None = None
-    radial_distortion: tuple[Annotated[float, Field(ge=-1, le=1)], Annotated[float, Field(ge=-1, le=1)]] = (0.0, 0.0)
+    radial_distortion: tuple[_Distortion, _Distortion] = (0.0, 0.0)
+    tangential_distortion: tuple[_Distortion, _Distortion] = (0.0, 0.0)
     mirrored: bool = False
     index_max: Annotated[int, Field(ge=1, le=65535)] = 4096
     hot_pixels: tuple[tuple[int, int], ...] = ()
@@ -71,7 +75,8 @@ class Sensor(_Section):
     def camera(self) -> Camera:
         """The camera model of this sensor."""
         centre = self.principal_point_px or ((self.columns - 1) / 2, (self.rows - 1) / 2)
-        return Camera(self.rows, self.columns, self.focal_length_px, centre, self.radial_distortion, self.mirrored)
+        lens = self.radial_distortion, self.mirrored, self.tangential_distortion
+        return Camera(self.rows, self.columns, self.focal_length_px, centre, *lens)
 
 
 class Port(_Section):

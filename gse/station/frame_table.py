@@ -1,5 +1,6 @@
 """Table of results: the frames of a session as columns, 14 h in some 100 MB."""
 
+import copy
 from collections.abc import Iterator, Sequence
 from typing import Self
 
@@ -117,6 +118,11 @@ class _Rows:
         self._room[self._used : self._used + len(rows)] = rows
         self._used += len(rows)
 
+    def copied(self) -> "_Rows":
+        taken = copy.copy(self)
+        taken._room = self.array().copy()
+        return taken
+
     def _make_room(self, count: int) -> None:
         while self._used + count > len(self._room):
             self._room = np.concatenate([self._room, np.zeros_like(self._room)])
@@ -186,6 +192,14 @@ class FrameTable:
             stored = self._matches.array()
             self._matches = _Rows(MATCH)
             self._matches.extend(stored[stored["frame"] % self._match_stride == 0])
+
+    def snapshot(self) -> "FrameTable":
+        """A table of the rows so far, for another thread: columns are copied, matches, which never change, shared."""
+        self._take_in_matches()
+        taken = copy.copy(self)
+        taken._frames, taken._matches = self._frames.copied(), copy.copy(self._matches)
+        taken._waiting = []
+        return taken
 
     @property
     def columns(self) -> NDArray[np.void]:

@@ -142,7 +142,7 @@ class StationLoop:
         self._monitor = LinkMonitor(station.port.baudrate)
         self._truth_sought = False
         self._event_log = EventLog()
-        self._sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
+        self.sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
 
     def run(
         self,
@@ -193,11 +193,11 @@ class StationLoop:
         return [*silence, event, *self._monitor.port_event(event)]
 
     def _decoded(self, chunk: Chunk) -> list[_News]:
-        counters = self.reception.counters
-        frames, discards = counters.frames, dict(counters.discarded_bytes_by_reason)
+        frames = self.reception.counters.frames
         received = self.reception.receive(chunk)
-        new = {reason: count - discards.get(reason, 0) for reason, count in counters.discarded_bytes_by_reason.items()}
-        return [*self._monitor.received(chunk, counters.frames - frames, new), *self._for_identification(received)]
+        frames = self.reception.counters.frames - frames
+        changes = self._monitor.received(chunk, frames, self.reception.latest_reasons)
+        return [*changes, *self._for_identification(received)] if changes or received else []
 
     def _for_identification(self, received: list[Received]) -> list[_News]:
         """Panoramas, events and answers without a panorama, in order; STATUS and ATTITUDE messages are stored."""
@@ -219,7 +219,7 @@ class StationLoop:
     def finish(self) -> list[FrameResult]:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self._for_identification(self.reception.finish()))
-        self._log_all(self._sky.finish(self.session.frames.columns))
+        self._log_all(self.sky.finish(self.session.frames.columns))
         fill_housekeeping(self.session.frames.columns, self.session.statuses)
         self.session.raw_sha256 = self.reception.raw_sha256
         return results
@@ -290,7 +290,7 @@ class StationLoop:
         first = len(self.session.frames)
         self.session.frames.extend(results)
         for row, (answer, result) in enumerate(zip(answers, results, strict=True), first):
-            self._log_all(self._sky.take(self.session.frames.columns[: row + 1]))
+            self._log_all(self.sky.take(self.session.frames.columns[: row + 1]))
             if given := (answer.given if isinstance(answer, Answer) else None):
                 self._count_given(result.panorama, given)
             if isinstance(answer, Answer) and answer.is_mirrored:
@@ -317,9 +317,9 @@ class StationLoop:
             self._align(self._first_seconds, panorama)
         truth, mount = self._frame_processor.truth, self._frame_processor.mount
         result = self._own_answers.result(panorama, answer.message, truth, mount)
-        self._sky.sees_objects = False
+        self.sky.sees_objects = False
         self.session.frames.append(result)
-        self._log_all(self._sky.take(self.session.frames.columns))
+        self._log_all(self.sky.take(self.session.frames.columns))
         if self._first_seconds is not None and truth is not None:
             self._first_seconds.add(result, truth)
         for listener in self.listeners:

@@ -2,6 +2,7 @@
 
 import math
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -29,10 +30,19 @@ _NO_LINK = "no link"
 class StatusLine:
     """A listener and context manager: one line, renewed each second; plain lines if stderr is not a terminal.
 
-    It is written to stderr. ``folder`` is the session folder: the free space of its disk is shown.
+    It is written to stderr. ``folder`` is the session folder: the free space of its disk is shown. ``forecast`` gives
+    the line on the time to a verdict.
     """
 
-    def __init__(self, station: Station, folder: Path | None = None, console: Console | None = None) -> None:
+    def __init__(
+        self,
+        station: Station,
+        folder: Path | None = None,
+        console: Console | None = None,
+        *,
+        forecast: Callable[[], str] = lambda: "",
+    ) -> None:
+        self._forecast = forecast
         self._console = console or Console(stderr=True, highlight=False)
         self._is_terminal = self._console.is_terminal
         self._folder = folder
@@ -75,6 +85,7 @@ class StatusLine:
             (f"  NEA {_nea(running.d_ra.nea)}, {_nea(running.d_de.nea)} arcsec", ""),
             (f"  clock {self._clock()}", _warning(self._clock_is_bad())),
             (self._disk(), ""),
+            (f"  {forecast}" if (forecast := self._forecast()) else "", ""),
         ]
         return Text.assemble(*parts)
 

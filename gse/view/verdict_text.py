@@ -55,11 +55,8 @@ def headline(running: Running, lost: int) -> str:
         return f"Running: {running.silence}"
     if not running.d_ra.n:
         return "Running: nothing compared yet"
-    limits = running.limits
-    inside = abs(running.d_ra.mean) <= limits.d_ra_cosde_arcsec and abs(running.d_de.mean) <= limits.d_de_arcsec
-    available = running.identified * running.frames / (running.frames + lost)
-    good = inside and available >= limits.availability and not running.false_answers
-    return "Running: inside the limits" if good else "Running: OUTSIDE the limits"
+    outside = running.outside(lost)
+    return f"Running: OUTSIDE the limits: {', '.join(outside)}" if outside else "Running: inside the limits"
 
 
 def _loud(count: int) -> str:

@@ -1,0 +1,168 @@
+"""What a wrong camera or wrong air does to the stars over the field, and to the attitude that follows from them.
+
+A displacement of the stars is partly taken up by the attitude of the frame; the rest stays in the residuals. A wrong
+focal length that turned the attitude by an arcsecond because the stars stood on one side is told from a moving mount by
+this: both parts are predicted from the places of the very stars that were there.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.camera import Camera
+from gse.constants import ARCSEC_PER_RAD
+from gse.site import Site
+from gse.star_influence import attitude_operators, boresight_shifts, star_covariance, unfitted
+from gse.truth import Refraction, time_blocks
+
+PARAMETERS = ("focal length", "k1", "k2", "principal point x", "principal point y", "pressure")
+"""Of the truth, less what is stated: the first as a share, the points in px, the pressure in hPa."""
+
+_STEPS = (1e-5, 1e-4, 1e-4, 0.1, 0.1, 10.0)
+_MOST_ROWS = 40_000
+_FEWEST_ROWS = 100
+_FEWEST_STARS = 4
+_OUTLIER = 5.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldOfErrors:
+    """Residuals of stars against the patterns of PARAMETERS.
+
+    ``normal`` (F, F) and ``right`` (F,) are the normal equations in units of the residuals' variance, for which
+    sums over one star count as one (as its errors depend on each other), with ``freedom``. ``shifts`` (L, 3, F) are
+    what each pattern does to the attitude of the frames ``rows`` (L,), in arcsec per unit.
+    """
+
+    normal: NDArray[np.float64]
+    right: NDArray[np.float64]
+    freedom: float
+    rows: NDArray[np.int64]
+    shifts: NDArray[np.float64]
+    stars: "StarErrors"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StarErrors:
+    """Errors (N, 2) of single stars, and the operators (N, 3, 2) that make attitude errors of them."""
+
+    frames: NDArray[np.int64]
+    utc_ns: NDArray[np.int64]
+    stars: NDArray[np.int64]
+    operators: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    whole_pixel_arcsec: float
+
+    def of_whole_pixels_arcsec2(self) -> NDArray[np.float64]:
+        """Covariance (3, 3) of the attitude of one frame, by places that are rounded to pixels; else zero.
+
+        Stars that move alike along the pixels err alike, so that their residuals do not show it.
+        """
+        turn = np.einsum("nij,nkj->ik", self.operators, self.operators) / len(np.unique(self.frames))
+        to_shifts = boresight_shifts(np.eye(3)).T
+        return np.asarray(to_shifts @ turn @ to_shifts.T * (self.whole_pixel_arcsec**2 / 12))
+
+    def lasting_arcsec2(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Covariance (3, 3) of the weighted (N,) sum of attitude errors, by what single stars keep over 20 s."""
+        operators = self.operators * weights[:, None, None]
+        blocks = time_blocks(self.utc_ns)
+        turn = star_covariance(operators, self.errors, self.stars, blocks, within_blocks=False)
+        to_shifts = boresight_shifts(np.eye(3)).T
+        return np.asarray(to_shifts @ turn @ to_shifts.T)
+
+
+def field_of_errors(
+    matches: NDArray[np.void],
+    utc_ns: NDArray[np.int64],
+    used: NDArray[np.bool_],
+    camera: Camera,
+    site: Site,
+    zenith_sensor: NDArray[np.float64],
+) -> FieldOfErrors | None:
+    """Of matches (rows of MATCH) in used (M,) frames at instants (M,); None where they are too few to tell."""
+    matches = matches[used[matches["frame"]]]
+    if len(matches) < _FEWEST_ROWS:
+        return None
+    numbers = np.unique(matches["frame"])
+    matches = matches[np.isin(matches["frame"], numbers[:: -(-len(matches) // _MOST_ROWS)])]
+    residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
+    length = np.hypot(residuals[:, 0], residuals[:, 1])
+    good = length <= _OUTLIER * max(float(np.median(length)), 1e-6)
+    matches, residuals = matches[good], residuals[good]
+    numbers, place, count = np.unique(matches["frame"], return_inverse=True, return_counts=True)
+    full = count[place] >= _FEWEST_STARS
+    matches, residuals = matches[full], residuals[full]
+    if len(matches) < _FEWEST_ROWS:
+        return None
+    return _fitted(matches, residuals, utc_ns, camera, site, zenith_sensor)
+
+
+def _fitted(
+    matches: NDArray[np.void],
+    residuals: NDArray[np.float64],
+    utc_ns: NDArray[np.int64],
+    camera: Camera,
+    site: Site,
+    zenith_sensor: NDArray[np.float64],
+) -> FieldOfErrors:
+    xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
+    directions = camera.directions(xy_px)
+    operators = attitude_operators(directions, matches["frame"])
+    patterns = np.stack(list(_patterns(camera, site, zenith_sensor, xy_px)), axis=2)
+    numbers, place = np.unique(matches["frame"], return_inverse=True)
+    turns = np.zeros((len(numbers), 3, len(PARAMETERS)))
+    np.add.at(turns, place, operators @ patterns)
+    left = patterns - np.cross(turns[place], directions[:, :, None], axis=1)[:, :2]
+    design = left.reshape(-1, len(PARAMETERS))
+    normal, right = design.T @ design, design.T @ residuals.ravel()
+    fit = np.linalg.lstsq(_scaled(normal), right / np.sqrt(np.diag(normal)), rcond=1e-9)[0] / np.sqrt(np.diag(normal))
+    rest = residuals - (left @ fit)
+    _, star, sightings = np.unique(matches["star"], return_inverse=True, return_counts=True)
+    variance, freedom = _variance_of_sums(rest, star, sightings, len(PARAMETERS))
+    frames = matches["frame"].astype(np.int64)
+    whole_arcsec = camera.pixel_rad * ARCSEC_PER_RAD if (xy_px == np.rint(xy_px)).all() else 0.0
+    star_rows = matches["star"].astype(np.int64)
+    errors = StarErrors(frames, utc_ns[frames], star_rows, operators, unfitted(rest, frames), whole_arcsec)
+    shifts = np.stack([boresight_shifts(turns[:, :, part]) for part in range(len(PARAMETERS))], axis=2)
+    return FieldOfErrors(normal / variance, right / variance, freedom, numbers.astype(np.int64), shifts, errors)
+
+
+def _scaled(normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """With ones on its diagonal, solved for parameters in units of their own patterns."""
+    size = np.sqrt(np.diag(normal))
+    return np.asarray(normal / size[:, None] / size)
+
+
+def _variance_of_sums(
+    rest: NDArray[np.float64], star: NDArray[np.int64], sightings: NDArray[np.int64], fitted: int
+) -> tuple[float, float]:
+    """The variance of a residual, times the share by which those of one star add up; with its degrees of freedom."""
+    sums = np.column_stack([np.bincount(star, weights=part) for part in rest.T])
+    freedom = max(2 * len(sightings) - fitted, 1)
+    together = float((sums**2).sum()) / len(rest) / 2
+    return max(together * 2 * len(sightings) / freedom, float((rest**2).mean())), float(freedom)
+
+
+def _patterns(
+    camera: Camera, site: Site, zenith_sensor: NDArray[np.float64], xy_px: NDArray[np.float64]
+) -> Iterator[NDArray[np.float64]]:
+    """Measured less true directions (N, 2), in arcsec, per unit of each of PARAMETERS."""
+    stated = camera.directions(xy_px)
+    for changed, step in zip(_cameras(camera), _STEPS, strict=False):
+        yield (stated - changed.directions(xy_px))[:, :2] * (ARCSEC_PER_RAD / step)
+    air = replace(site, pressure_hpa=site.air_pressure_hpa, temperature_c=site.air_temperature_c)
+    more = replace(air, pressure_hpa=air.air_pressure_hpa + _STEPS[-1])
+    straight, straighter = (Refraction.at(one).removed(stated, zenith_sensor) for one in (air, more))
+    yield (straight - straighter)[:, :2] * (ARCSEC_PER_RAD / _STEPS[-1])
+
+
+def _cameras(camera: Camera) -> Iterator[Camera]:
+    """Cameras with one parameter greater by its step."""
+    (k1, k2), (x, y) = camera.radial_distortion, camera.principal_point_px
+    yield replace(camera, focal_length_px=camera.focal_length_px * (1 + _STEPS[0]))
+    yield replace(camera, radial_distortion=(k1 + _STEPS[1], k2))
+    yield replace(camera, radial_distortion=(k1, k2 + _STEPS[2]))
+    yield replace(camera, principal_point_px=(x + _STEPS[3], y))
+    yield replace(camera, principal_point_px=(x, y + _STEPS[4]))

@@ -1,0 +1,240 @@
+"""Findings from fine causes: size in the unit that an operator turns, equals, the next step."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gse.assessment.fine_causes import Hypothesis, Named, SessionModel, fine_causes
+from gse.assessment.turns import all_turns
+from gse.assessment.vibration import Vibration, vibration
+from gse.camera import Camera
+from gse.constants import ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.finding import Finding
+from gse.instant import NS_PER_S, to_text
+from gse.mount import Mount
+from gse.site import Site
+from gse.truth import horizon_to_sensor, mount_of
+
+_CALIBRATE = "gse calibrate SESSION --write FILE"
+_ALIGN = "gse align SESSION --write FILE"
+_SYNC = "see whether the clock is synchronised: gse preflight; then repeat the session"
+_LEAVE_OUT = "fix the mount; judge the rest of the session: gse report SESSION --leave-out FROM/TO=moved"
+_SIGMAS = 3.0
+_LATENCY_S = 2.5
+_SCALES = {18.0: "GPS time", 37.0: "TAI", 19.0: "TAI instead of GPS time"}
+_MOST_PRESSURE_SHARE = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What findings are worded with: the stated values, the first instant, and the exposure."""
+
+    camera: Camera
+    site: Site
+    mount: Mount
+    first_ns: int
+    exposure_s: float
+
+
+def fine_findings(model: SessionModel, setting: Setting) -> tuple[Finding, ...]:
+    """The fine causes of a session as findings; a vibration is one of its own."""
+    causes = fine_causes(model)
+    found = [_WORDS[one.hypothesis.cause](one, setting) for one in causes]
+    if model.field is not None:
+        periods_s = [one.hypothesis.at_s for one in causes if one.hypothesis.cause == "thermal sinusoid"]
+        shaking = vibration(model.series, model.field, shortest_s=min(periods_s, default=math.inf))
+        found += [_vibration(shaking)] if shaking else []
+    return tuple(found)
+
+
+def _equals(one: Named, *more: str) -> tuple[str, ...]:
+    rivals = [_rival(rival) for rival in one.equals if rival.cause != one.hypothesis.cause]
+    return tuple(dict.fromkeys([*more, *rivals]))
+
+
+def _rival(rival: Hypothesis) -> str:
+    return rival.cause if rival.kind in (rival.cause, "k1 and k2") else f"{rival.cause} ({rival.kind})"
+
+
+def _clock_offset(one: Named, setting: Setting) -> Finding:
+    fast_s, error_s = float(one.coefficients[0]), float(one.errors[0])
+    arcsec = fast_s * EARTH_RATE_ARCSEC_PER_S
+    fits_deg = setting.site.longitude_deg - arcsec / 3600
+    equals = [f"longitude (the stars fit site.longitude_deg: {fits_deg:.5f})"]
+    equals.append(f"a mount turned about the pole by {arcsec:+.1f} arcsec")
+    if abs(fast_s) < _LATENCY_S:
+        equals.append(f"latency: frames that are stamped {abs(fast_s):.3f} s {'late' if fast_s > 0 else 'early'}")
+    for share, end in ((0.5, "one end"), (1.0, "the wrong end")):
+        if abs(abs(fast_s) - share * setting.exposure_s) < _SIGMAS * error_s < setting.exposure_s / 4:
+            equals.append(f"a time stamp of {end} of the exposure ({setting.exposure_s:g} s)")
+    size = f"the host's clock is {abs(fast_s):.{_digits(error_s)}f} s {'fast' if fast_s > 0 else 'slow'}"
+    size += f" (+- {2 * error_s:.2g} s){_scale(fast_s, error_s)}"
+    return Finding("clock offset", size, _equals(one, *equals), _SYNC)
+
+
+def _scale(fast_s: float, error_s: float) -> str:
+    whole = round(abs(fast_s))
+    if whole == 0 or abs(abs(fast_s) - whole) > _SIGMAS * error_s or error_s > 0.2:
+        return ""
+    return ": a leap second" if whole == 1 else f": {_SCALES[whole]}" if whole in _SCALES else ""
+
+
+def _mount(one: Named, setting: Setting) -> Finding:
+    return Finding("mount", f"it is off by {_angles(one, setting)}", _equals(one), _ALIGN)
+
+
+def _angles(one: Named, setting: Setting) -> str:
+    mount, size = setting.mount, one.coefficients
+    if len(size) == 1:
+        name = one.hypothesis.kind
+        fits = getattr(mount, f"{name}_deg") + float(size[0]) / 3600
+        return (
+            f"{size[0]:+.1f} arcsec (+- {2 * one.errors[0]:.2g}) in {name}: the stars fit mount.{name}_deg: {fits:.5f}"
+        )
+    across, up, roll = (Rotation.from_rotvec(axis * arcsec * ARCSEC_RAD)
+                        for axis, arcsec in zip(all_turns(mount), size, strict=True))  # fmt: skip
+    fitted = mount_of(horizon_to_sensor(mount) @ (across * up * roll).as_matrix())
+    return (
+        f"{_three(one)}: the stars fit azimuth {fitted.azimuth_deg:.5f}, altitude {fitted.altitude_deg:.5f}, roll "
+        f"{fitted.roll_deg:.4f} deg"
+    )
+
+
+def _three(one: Named, unit: str = "arcsec") -> str:
+    """A turn in words: of one angle, or across, up and about the boresight."""
+    names = (one.hypothesis.kind,) if len(one.coefficients) == 1 else ("azimuth (on the sky)", "altitude", "roll")
+    return ", ".join(f"{size:+.1f} {unit} in {name}" for name, size in zip(names, one.coefficients, strict=True))
+
+
+def _site(one: Named, setting: Setting) -> Finding:
+    arcsec, error = float(one.coefficients[0]), float(one.errors[0])
+    fits = setting.site.latitude_deg + arcsec / 3600
+    size = f"latitude: the stars fit site.latitude_deg: {fits:.5f}, stated is {setting.site.latitude_deg:g} "
+    size += f"({arcsec:+.1f} +- {2 * error:.2g} arcsec, {arcsec * 30.9:+.0f} m on the ground)"
+    return Finding(
+        "site",
+        size,
+        _equals(one, "a mount that leans to north or south"),
+        "correct the coordinates in the station file",
+    )
+
+
+def _focal_length(one: Named, setting: Setting) -> Finding:
+    share, error = float(one.coefficients[0]), float(one.errors[0])
+    fits = setting.camera.focal_length_px * (1 + share)
+    size = f"it is {abs(share):.3%} too {'short' if share > 0 else 'long'} (+- {2 * error:.1g}): the stars fit "
+    return Finding("focal length", f"{size}sensor.focal_length_px: {fits:.2f}", _equals(one), _CALIBRATE)
+
+
+def _distortion(one: Named, setting: Setting) -> Finding:
+    change = np.zeros(2)
+    change[: len(one.coefficients)] = one.coefficients
+    edge_px = float(change.sum()) * setting.camera.columns / 2
+    k1, k2 = np.array(setting.camera.radial_distortion) + change
+    size = f"stars at the edge lie {abs(edge_px):.2f} px too far {'in' if edge_px > 0 else 'out'}: the stars fit "
+    return Finding("distortion", f"{size}sensor.radial_distortion: [{k1:.6f}, {k2:.6f}]", _equals(one), _CALIBRATE)
+
+
+def _principal_point(one: Named, setting: Setting) -> Finding:
+    dx, dy = one.coefficients.tolist()
+    x, y = setting.camera.principal_point_px
+    size = (
+        f"it is off by {dx:+.2f} px in x and {dy:+.2f} px in y (+- {2 * float(one.errors.max()):.2g}): the stars fit "
+    )
+    arcsec = math.hypot(dx, dy) * math.degrees(setting.camera.pixel_rad) * 3600
+    mount = f"a mount turned by {arcsec:.0f} arcsec, were it not for the field's edges"
+    return Finding(
+        "principal point",
+        f"{size}sensor.principal_point_px: [{x + dx:.2f}, {y + dy:.2f}]",
+        _equals(one, mount),
+        _CALIBRATE,
+    )
+
+
+def _refraction(one: Named, setting: Setting) -> Finding:
+    off, error = float(one.coefficients[0]), float(one.errors[0])
+    stated = setting.site.air_pressure_hpa
+    size = (
+        f"pressure: the stars fit site.pressure_hpa: {stated + off:.0f}, in force is {stated:.0f} (+- {2 * error:.1g})"
+    )
+    equals = []
+    if stated > 0 and abs(off) < _MOST_PRESSURE_SHARE * stated:
+        kelvin = -off / (stated + off) * (setting.site.air_temperature_c + 273.15)
+        equals.append(f"temperature ({kelvin:+.0f} K)")
+    return Finding(
+        "refraction", size, _equals(one, *equals), "enter pressure and temperature at the mount in the station file"
+    )
+
+
+def _clock_drift(one: Named, setting: Setting) -> Finding:
+    ppm, error = float(one.coefficients[0]), float(one.errors[0])
+    size = f"the host's clock runs {abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'} (+- {2 * error:.2g}), "
+    size += f"{abs(ppm) * 3.6e-3:.3f} s in an hour"
+    return Finding("clock drift", size, _equals(one, "a mount that turns about the pole"), _SYNC)
+
+
+def _mount_moves(one: Named, setting: Setting) -> Finding:
+    return Finding(
+        "mount moves", f"by {_three(one, 'arcsec/h')}", _equals(one, "a sensor whose optics drift"),
+        "fix the mount, let it settle, and repeat the session",
+    )  # fmt: skip
+
+
+def _clock_step(one: Named, setting: Setting) -> Finding:
+    size = f"the host's clock stepped by {one.coefficients[0]:+.3f} s at {_when(one.hypothesis, setting)}"
+    return Finding("clock step", size, _equals(one, "a slip of the mount about the pole"), _SYNC)
+
+
+def _slip(one: Named, setting: Setting) -> Finding:
+    return Finding("slip of the mount", f"at {_when(one.hypothesis, setting)} by {_three(one)}", _equals(one),
+                   _LEAVE_OUT)  # fmt: skip
+
+
+def _thermal(one: Named, setting: Setting) -> Finding:
+    amplitude = math.sqrt(float((one.coefficients[:4] ** 2).sum()))
+    where = {"columns": "along columns", "rows": "along rows"}.get(one.hypothesis.kind, "across the boresight")
+    size = f"the boresight swings by +-{amplitude:.1f} arcsec {where} with a period of {_period(one.hypothesis.at_s)}"
+    return Finding(
+        "thermal sinusoid", size, _equals(one, "a mount that swings"),
+        "look for what heats and cools in that time (heater, fan, air conditioning); let it settle",
+    )  # fmt: skip
+
+
+def _vibration(found: Vibration) -> Finding:
+    size = f"the boresight shakes by {found.excess_arcsec:.1f} arcsec (rms) more than the {found.predicted_arcsec:.1f} "
+    size += "arcsec that its stars explain"
+    if math.isfinite(found.frequency_hz):
+        size += f", at {found.frequency_hz:.3g} Hz (or that plus or minus a multiple of {found.frame_hz:.3g} Hz)"
+    return Finding("vibration", size, ("seeing or exposures that smear",),
+                   "stop what shakes (fan, wind, steps on the roof) and repeat the session")  # fmt: skip
+
+
+def _when(one: Hypothesis, setting: Setting) -> str:
+    return to_text(setting.first_ns + round(one.at_s * NS_PER_S), 0)
+
+
+def _period(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 600 else f"{seconds / 60:.0f} min"
+
+
+def _digits(error: float) -> int:
+    return min(max(1 - math.floor(math.log10(max(error, 1e-6))), 0), 4)
+
+
+_WORDS: dict[str, Callable[[Named, Setting], Finding]] = {
+    "clock offset": _clock_offset,
+    "mount": _mount,
+    "site": _site,
+    "focal length": _focal_length,
+    "distortion": _distortion,
+    "principal point": _principal_point,
+    "refraction": _refraction,
+    "clock drift": _clock_drift,
+    "mount moves": _mount_moves,
+    "clock step": _clock_step,
+    "slip of the mount": _slip,
+    "thermal sinusoid": _thermal,
+}
