@@ -82,7 +82,7 @@ def judge(session: SessionData) -> Assessment:
     )
     obstacles = tuple(_obstacles(session, stats, rows))
     verdict = _verdict(rows, obstacles)
-    found = findings(session, stats) if Subject.ONBOARD in stats.subjects else ()
+    found = _causes(session, stats)
     found += sensor_findings(session, stats.own, stats.convention)
     health = sensor_health(session)
     found += tuple(health_findings(session, health))
@@ -104,6 +104,13 @@ def judge(session: SessionData) -> Assessment:
         is_simulated(session),
         health,
     )
+
+
+def _causes(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
+    """The causes of what panoramas show under the sky; before a star simulator none of them can be."""
+    if Subject.ONBOARD not in stats.subjects or session.station.mount.inertial is not None:
+        return ()
+    return findings(session, stats)
 
 
 def _budget(session: SessionData, stats: Statistics) -> TruthUncertaintyBudget:
