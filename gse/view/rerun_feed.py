@@ -23,12 +23,14 @@ from drivers.clock import ClockReading
 from gse.catalog import StarCatalog
 from gse.config.station import Station
 from gse.instant import NS_PER_S
+from gse.station.housekeeping import in_words
 from gse.station.results import FrameResult, LinkCounters
 from gse.station.session_data import SessionData
 from gse.view.ports import free_port
 from gse.view.saved_view import rrd_file_sink
 from gse.view.scene import Scene
 from gse.view.verdict_text import verdict_at_end, verdict_so_far
+from protocols import StatusMessage
 
 _LOG = logging.getLogger(__name__)
 
@@ -51,6 +53,7 @@ class _Shown:
     frame: FrameResult
     link: LinkCounters
     clock: tuple[ClockReading, ...]
+    status: StatusMessage | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +99,8 @@ class RerunFeed:
         """Show a result with the present link counters and clock; a full queue drops its oldest item."""
         readings = tuple(session.clock[self._readings :])
         self._readings += len(readings)
-        self._put(_Shown(result, replace(session.link), readings))
+        status = session.statuses[-1][1] if session.statuses else None
+        self._put(_Shown(result, replace(session.link), readings, status))
 
     def on_event(self, event: LinkEvent) -> None:
         """Show an event of the link."""
@@ -164,6 +168,7 @@ class _SceneFeed:
         self._scene = scene
         self._every_picture = every_picture
         self._link = LinkCounters()
+        self._status: StatusMessage | None = None
         self._clock: ClockReading | None = None
         self._dropped = 0
         self._panel_utc_ns = 0
@@ -176,6 +181,7 @@ class _SceneFeed:
                 frames.append(item.frame)
                 clock.extend(item.clock)
                 self._link = item.link
+                self._status = item.status
         if frames:
             self._scene.add(frames, pictures=len(frames) if self._every_picture else 1)
         for item in batch:
@@ -188,6 +194,7 @@ class _SceneFeed:
         self._clock = clock[-1] if clock else self._clock
         self._dropped = dropped
         running = self._scene.running
+        running.housekeeping = in_words(self._status) if self._status else ""
         if running.utc_ns - self._panel_utc_ns >= NS_PER_S:
             self._panel_utc_ns = running.utc_ns
             self._scene.words(running.utc_ns, self._so_far())

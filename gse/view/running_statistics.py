@@ -113,6 +113,7 @@ class Running:
     objects: int = 0
     sky: str = ""
     sky_text: str = ""
+    housekeeping: str = ""
     _answered_utc_ns: int | None = None
     _recent_utc_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_RATE_WINDOW))
 

@@ -28,6 +28,8 @@ def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | N
         f"- frames lost: {_loud(link.frames_lost)}, bytes discarded: {link.bytes_discarded} of {link.bytes_in}",
         f"- reconnects: {link.reconnects}, sensor resets: {link.sensor_resets}",
     ]
+    if running.housekeeping:
+        lines.append(f"- sensor: {running.housekeeping}")
     if running.sky:
         lines.append(f"- sky: **{running.sky}**: {running.sky_text}")
     if clock is not None:
