@@ -57,6 +57,7 @@ from gse.recording.session_format import RecordedTimings
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.event_log import EventLog
 from gse.station.frame_processor import Answer, FrameProcessor
+from gse.station.housekeeping import fill_housekeeping
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.own_answer_results import OwnAnswerProcessor
@@ -220,6 +221,7 @@ class StationLoop:
         results = self._identify(self._for_identification(self.reception.finish()))
         if self.session.station.mount.inertial is None:
             self._log_all(self.sky.finish(self.session.frames.columns))
+        fill_housekeeping(self.session.frames.columns, self.session.statuses)
         self.session.raw_sha256 = self.reception.raw_sha256
         return results
 
