@@ -10,9 +10,10 @@ session. Here the spectrum is white noise alone, or with a part of exponential c
 with a sinusoid of random phase that has at least two cycles in the session. Each of these shapes, with its scale
 integrated out, predicts the mean as a Student t; weighted by its likelihood and a fixed prior they give a mixture of
 t distributions, whose quantiles are the bounds. A session of few correlation times thereby gets wide bounds instead
-of narrow ones, and nothing is drawn at random. Refusing wide bounds below an effective number of ten instead was
-tried and rejected: the short sessions that look independent by chance are the ones left over, and of their bounds
-only half held the true value. Priors were chosen by measured coverage: benchmarks/sampling.py.
+of narrow ones, and nothing is drawn at random. Refusing bounds below an effective number of one, or of ten, was tried
+and rejected: the short sessions that look independent by chance are the ones left over, and of their bounds only half
+held the true value; of all sessions' bounds 93 % and more do. Priors were chosen by measured coverage:
+benchmarks/sampling.py.
 
 Frames count by their order: a gap is closed, irregular steps are taken as equal.
 """

@@ -12,6 +12,7 @@ from gse.assessment.sampling import (
     MIN_N_EFF,
     NO_BOUNDS,
     Bounds,
+    ErrorBounds,
     error_bounds,
     mean_bounds,
     root_mean_square_bounds,
@@ -23,6 +24,9 @@ WINDOW_S = 20.0
 """The running mean over this time is called low-frequency; what is left over is noise. In 20 s a star crosses a few
 pixels, so that the error of single pixels still counts as noise."""
 
+MIN_S = 10.0
+"""Shorter sessions get no bounds: a star takes three seconds over a pixel, and an error that lasts minutes looks like
+none."""
 _MAX_BLOCKS = 200
 """Medians (less than twice as many) that the robust slope is taken over: it compares each with each."""
 _S_PER_H = 3600.0
@@ -42,7 +46,7 @@ class AxisStatistics:
 
     ``*_low`` and ``*_high``, like the bounds in ``*_bounds``, hold the true value with 95 %, correlation of the
     frames taken into account; they are NaN below 30 frames and where every value is the same, those of bias, mean
-    and percentile also where the session is not worth one independent value. ``n_eff`` is the number of independent
+    and percentile also in a session shorter than ten seconds. ``n_eff`` is the number of independent
     frames that the session is worth, ``tau_s`` its integrated autocorrelation time: the time of one of them.
     ``too_short`` says why bounds are missing, or tell little; it is empty where they are sound.
     """
@@ -87,7 +91,7 @@ def axis_statistics(utc_ns: NDArray[np.int64], error_arcsec: NDArray[np.float64]
     absolute = np.abs(error_arcsec)
     p95, p99 = (float(value) for value in np.percentile(absolute, [95, 99]))
     std = float(error_arcsec.std(ddof=1)) if n > 1 else _NAN
-    bounds = error_bounds(error_arcsec)
+    bounds = error_bounds(error_arcsec) if time_s[-1] >= MIN_S else ErrorBounds()
     slope, slopes = drift(time_s, error_arcsec)
     smooth, count = _running_mean(time_s, error_arcsec)
     noise = _noise(error_arcsec - smooth, count)
@@ -96,7 +100,7 @@ def axis_statistics(utc_ns: NDArray[np.int64], error_arcsec: NDArray[np.float64]
         n=n,
         n_eff=bounds.n_eff,
         tau_s=bounds.tau_frames * _frame_s(time_s),
-        too_short=_too_short(n, bounds.n_eff),
+        too_short=_too_short(n, float(time_s[-1]), bounds.n_eff),
         bias_arcsec=float(error_arcsec.mean()),
         bias_error_arcsec=(bounds.bias.high - bounds.bias.low) / 2,
         bias_bounds_arcsec=bounds.bias,
@@ -133,12 +137,14 @@ class _Interval:
 def _nothing() -> AxisStatistics:
     values: dict[str, Any] = {field.name: _NAN for field in fields(AxisStatistics)}
     values |= {name: NO_BOUNDS for name in values if "_bounds_" in name}
-    return AxisStatistics(**values | {"n": 0, "too_short": _too_short(0, _NAN)})
+    return AxisStatistics(**values | {"n": 0, "too_short": _too_short(0, _NAN, _NAN)})
 
 
-def _too_short(n: int, n_eff: float) -> str:
+def _too_short(n: int, duration_s: float, n_eff: float) -> str:
     if n < MIN_FRAMES:
         return f"too few frames to tell ({n}, {MIN_FRAMES} are needed)"
+    if duration_s < MIN_S:
+        return f"too short to tell ({duration_s:.1f} s, {MIN_S:g} s are needed)"
     if math.isnan(n_eff):
         return "every value is the same: nothing tells its scatter"
     return f"too short to tell (n_eff {n_eff:.2g})" if n_eff < MIN_N_EFF else ""

@@ -24,9 +24,6 @@ MIN_FRAMES = 30
 MIN_N_EFF = 10.0
 """Below this effective number a session is called too short to tell."""
 
-LEAST_N_EFF = 1.0
-"""Below this effective number there are no bounds of bias, mean and percentile: not one independent value."""
-
 TWO_SIDED = 0.975
 ONE_SIDED = 0.95
 _Z = 1.959964
@@ -78,8 +75,6 @@ def error_bounds(errors: NDArray[np.float64]) -> ErrorBounds:
         return ErrorBounds()
     of_bias = mean_error(errors)
     n_eff = float(min(errors.var() / of_bias.standard**2, len(errors)))
-    if n_eff < LEAST_N_EFF:
-        return ErrorBounds(n_eff, len(errors) / n_eff)
     bias = _symmetric(float(errors.mean()), of_bias)
     if not _tells(absolute):
         return ErrorBounds(n_eff, len(errors) / n_eff, bias)
