@@ -39,11 +39,15 @@ QUEUE_FRAMES = 2000
 
 BATCH_FRAMES = 250
 BATCH_EVERY_S = 1.0
+MOST_BATCH_S = 8.0
 """Frames go to rerun in batches, because a viewer takes its time for each batch, not for each frame: one without a
 graphics card never caught up with ten batches a second."""
 
-MEMORY_LIMIT = "32MB"
-"""Data that rerun's server keeps for later viewers, some ten minutes; older data are dropped."""
+_BEHIND_S = 4.0
+"""A page that is further behind gets fewer batches."""
+
+MEMORY_LIMIT = "8MB"
+"""Data that rerun's server keeps for later viewers; older data are dropped: a late viewer has all of it to take in."""
 
 _CLOSE_WITHIN_S = 5.0
 
@@ -84,6 +88,7 @@ class RerunFeed:
     ) -> None:
         self.grpc_port = free_port(bind) if serve else 0
         self.dropped = 0
+        self._batch_s = BATCH_EVERY_S
         self._readings = 0
         self._queue: deque[_Item] = deque(maxlen=queue_frames)
         self._closing = threading.Event()
@@ -105,6 +110,11 @@ class RerunFeed:
     def on_event(self, event: LinkEvent) -> None:
         """Show an event of the link."""
         self._put(event)
+
+    def pace(self, behind_s: float) -> None:
+        """Send longer batches to a viewer that is behind by so many seconds, and shorter ones when it has caught up."""
+        longer = self._batch_s * 1.1 if behind_s > _BEHIND_S + self._batch_s else self._batch_s / 1.1
+        self._batch_s = min(max(longer, BATCH_EVERY_S), MOST_BATCH_S)
 
     def conclude(self, verdict: str, reasons: Sequence[str]) -> None:
         """Show the verdict at the end."""
@@ -143,7 +153,7 @@ class RerunFeed:
                 feed.add(batch, self.dropped)
             if last:
                 break
-            self._closing.wait(BATCH_EVERY_S)
+            self._closing.wait(self._batch_s)
         feed.finish()
         self._stream.flush()
         self._stream.disconnect()
