@@ -155,9 +155,13 @@ class _Live(_Page, WebSocketHandler):
         self.server.ask(self)
 
     def on_message(self, message: str | bytes) -> None:
-        if isinstance(message, str) and (found := _BEHIND.fullmatch(message)):
+        if message == "viewer":
+            self.server.content.on_viewer()
+        elif isinstance(message, str) and (found := _BEHIND.fullmatch(message)):
             self.server.content.on_behind(float(found[1]))
-        self.server.ask(self)
+            self.server.ask(self)
+        else:
+            self.server.ask(self)
 
     def on_close(self) -> None:
         self.server.leave(self)

@@ -57,7 +57,7 @@ _CLOSE_WITHIN_S = 2.0
 class Content:
     """What is served: a running session (``glance``), a ``recording`` (.rrd), rerun's data of ``grpc_port``.
 
-    ``on_behind`` is told how many seconds a page with rerun's viewer is behind.
+    ``on_viewer`` is called when a page has connected rerun's viewer, ``on_behind`` with the seconds that it is behind.
     """
 
     glance: Glance | None = None
@@ -65,6 +65,7 @@ class Content:
     grpc_port: int = 0
     recording: Path | None = None
     on_behind: Callable[[float], None] = lambda seconds: None
+    on_viewer: Callable[[], None] = lambda: None
     files: ViewerFiles = field(default_factory=ViewerFiles)
 
     @property
