@@ -49,7 +49,7 @@ _BEHIND_S = 4.0
 MEMORY_LIMIT = "1MB"
 """Data that rerun's server keeps for later viewers, some seconds; the past comes in one piece (``send_again``)."""
 
-_CLOSE_WITHIN_S = 5.0
+_CLOSE_WITHIN_S = 9.0
 
 
 @dataclass(frozen=True, slots=True)
