@@ -25,7 +25,8 @@ def found(station: Station, at: str = "2026-05-20T09:00:00Z", hours: float | Non
 
 
 def test_a_sound_station_has_its_field_its_night_and_its_stars_told() -> None:
-    checks = found(changed())
+    southwards = changed(("azimuth_deg: 0", "azimuth_deg: 180"), ("altitude_deg: 90", "altitude_deg: 60"))
+    checks = found(southwards)
     assert {check.outcome for check in checks.values()} == {Outcome.OK}
     assert checks["field"].text == "14 x 14 deg, 49.47 arcsec per pixel"
     # timeanddate.com, Bogor: sunset 17:43 local time = 10:43 UTC; nautical twilight ends 18:32 = 11:32 UTC.
