@@ -29,7 +29,7 @@ def test_a_sound_station_has_its_field_its_night_and_its_stars_told() -> None:
     checks = found(southwards)
     assert {check.outcome for check in checks.values()} == {Outcome.OK}
     assert checks["field"].text == "14 x 14 deg, 49.47 arcsec per pixel"
-    # timeanddate.com, Bogor: sunset 17:43 local time = 10:43 UTC; nautical twilight ends 18:32 = 11:32 UTC.
+    # In steps of 5 minutes; tests/gse/truth/test_solar_system.py compares the Sun with astropy.
     assert checks["night"].text.startswith("sunset 2026-05-20T10:45Z; dark from 2026-05-20T11:35Z")
     assert "expected in the field, fewest at 2026-05-2" in checks["stars"].text
     assert "for a PASS with 90 % probability" in checks["length"].text
