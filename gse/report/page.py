@@ -12,6 +12,8 @@ from markupsafe import Markup, escape
 
 from drivers.outside_text import plain_lines
 from gse import instant
+from gse.assessment.sensor_convention import is_wrong
+from gse.assessment.statistics import Statistics, sensor_masks
 from gse.assessment.verdict import Assessment
 from gse.report.condition_plots import draw_sky_condition
 from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_spectrum
@@ -25,12 +27,14 @@ from gse.report.terminal import quantity
 from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_timelines
 from gse.station.session_data import SessionData
 
-_PLOTS = (
+_PLOTS_OF_SUBJECT = (
     ("errors", 4.0, draw_errors),
     ("paper", 3.6, draw_paper),
     ("scatter", 3.6, draw_scatter),
     ("histogram", 2.4, draw_histogram),
     ("spectrum", 2.6, draw_spectrum),
+)
+_PLOTS = (
     ("sky", 3.2, draw_sky),
     ("sky_condition", 3.2, draw_sky_condition),
     ("residuals", 4.6, draw_residual_map),
@@ -67,18 +71,22 @@ def report_html(
     session: SessionData, assessment: Assessment, report: dict[str, Any], made_by: Provenance | None = None
 ) -> str:
     """The page of a session; all but its last section, which says what it is ``made_by``, follows from the session."""
-    drawn = PlotData.of(session, assessment.statistics.counted)
+    drawn = plot_data(session, assessment.statistics)
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters.update(quantity=_quantity, number=_number, angle=_angle, given=_given)
+    environment.filters.update(quantity=quantity_text, number=_number, angle=_angle, given=_given)
     template = environment.from_string(_resource("report.html.jinja"))
-    plots = {name: svg_of(name, height_in, partial(draw, drawn=drawn)) for name, height_in, draw in _PLOTS}
+    plots = {name: svg_of(name, height_in, partial(draw, drawn=drawn[0])) for name, height_in, draw in _PLOTS}
+    for of_subject in drawn:
+        for name, height_in, draw in _PLOTS_OF_SUBJECT:
+            title = f"{of_subject.subject}-{name}"
+            plots[title] = svg_of(title, height_in, partial(draw, drawn=of_subject))
     return template.render(
         report=report,
         fingerprint=canonical(fingerprint(report)),
         style=_resource("report.css"),
-        caption=_numbered("Table", "caption"),
+        caption=numbered("Table", "caption"),
         plot=_plot(plots),
         axis_names=_AXIS_NAMES,
         axis_columns=_AXIS_COLUMNS,
@@ -91,14 +99,24 @@ def report_html(
     )
 
 
-def _numbered(word: str, element: str) -> Callable[[str], Markup]:
+def plot_data(session: SessionData, stats: Statistics) -> list[PlotData]:
+    """What each subject's plots are drawn from, that of the frame table first."""
+    drawn = [PlotData.of(session, stats.counted)]
+    if stats.own is not None:
+        _, used = sensor_masks(stats.own, session.frames.columns, stats.counted)
+        used &= not is_wrong(stats.convention, session.station.sensor.attitude)
+        drawn.append(PlotData.of_sensor(session, stats.own, used, stats.counted))
+    return drawn
+
+
+def numbered(word: str, element: str) -> Callable[[str], Markup]:
     """A function that gives a text its number, one more with each call."""
     numbers = itertools.count(1)
     return lambda text: Markup(f"<{element}>{word} {next(numbers)}. {escape(text)}</{element}>")
 
 
 def _plot(plots: dict[str, str]) -> Callable[[str, str], Markup]:
-    caption = _numbered("Figure", "figcaption")
+    caption = numbered("Figure", "figcaption")
     return lambda name, text: Markup(f"<figure>{plots[name]}{caption(text)}</figure>")
 
 
@@ -119,7 +137,8 @@ def _number(value: float | None, decimals: int = 2) -> str:
     return "–" if value is None else f"{value:.{decimals}f}"
 
 
-def _quantity(value: float | None, unit: str) -> str:
+def quantity_text(value: float | None, unit: str) -> str:
+    """A value with its unit, a dash where it is unknown."""
     return "–" if value is None else quantity(value, unit)
 
 
