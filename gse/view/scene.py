@@ -109,9 +109,10 @@ class Scene:
         for path, utc_ns, word in self._states:
             self._stream.send_columns(path, [times([utc_ns])], rr.StateChange.columns(state=[word]))
         if self._logged:
-            utc_ns, text, level = zip(*self._logged, strict=True)
-            lines = rr.TextLog.columns(text=list(text), level=list(level))
-            self._stream.send_columns("/log", [times(utc_ns)], lines)
+            lines = rr.TextLog.columns(
+                text=[text for _, text, _ in self._logged], level=[level for _, _, level in self._logged]
+            )
+            self._stream.send_columns("/log", [times([at_ns for at_ns, _, _ in self._logged])], lines)
         if self._words is not None:
             self.words(*self._words)
 
