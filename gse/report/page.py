@@ -20,7 +20,7 @@ from gse.report.metric_table import metric_table
 from gse.report.plot_data import PlotData
 from gse.report.provenance import Provenance
 from gse.report.sky_plots import draw_residual_map, draw_sky
-from gse.report.svg import svg_of
+from gse.report.svg import svgs_of
 from gse.report.terminal import quantity
 from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_timelines
 from gse.station.session_data import SessionData
@@ -73,7 +73,7 @@ def report_html(
     )
     environment.filters.update(quantity=_quantity, number=_number, angle=_angle, given=_given)
     template = environment.from_string(_resource("report.html.jinja"))
-    plots = {name: svg_of(name, height_in, partial(draw, drawn=drawn)) for name, height_in, draw in _PLOTS}
+    plots = svgs_of((name, height_in, partial(draw, drawn=drawn)) for name, height_in, draw in _PLOTS)
     return template.render(
         report=report,
         fingerprint=canonical(fingerprint(report)),
