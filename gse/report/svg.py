@@ -34,7 +34,7 @@ _STYLE = {
     "lines.linewidth": 0.8,
     "path.simplify": False,
 }
-_MANY_DECIMALS = re.compile(r"(?<!scale\()(\d+\.\d{3})\d+")
+_MANY_DECIMALS = re.compile(r"(?<=\.\d{3})(?<!scale\(0\.\d{3})\d+")
 """A thousandth of a point is enough for a place, and not every machine has the last of six decimals alike."""
 
 _IDS = re.compile(r'(?<=\bid=")[^"]+|(?<=href="#)[^"]+|(?<=url\(#)[^)]+')
@@ -72,6 +72,11 @@ def set_margins(
     )
 
 
+def svg_of(name: str, height_in: float, draw: Draw) -> str:
+    """The one SVG element that ``draw`` makes."""
+    return svgs_of([(name, height_in, draw)])[name]
+
+
 def _svg_of(name: str, height_in: float, draw: Draw) -> str:
     """The SVG element that ``draw`` makes; ``name`` keeps its ids apart from those of other figures on the page."""
     figure = Figure(figsize=(WIDTH_IN, height_in))
@@ -80,7 +85,7 @@ def _svg_of(name: str, height_in: float, draw: Draw) -> str:
     text = io.StringIO()
     FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})
     svg = text.getvalue()
-    return _MANY_DECIMALS.sub(r"\1", _renumbered(svg[svg.index("<svg") :], name))
+    return _MANY_DECIMALS.sub("", _renumbered(svg[svg.index("<svg") :], name))
 
 
 def _renumbered(svg: str, name: str) -> str:
