@@ -12,6 +12,7 @@ from pyarrow.csv import WriteOptions, write_csv
 
 from gse.assessment.sensor_answers import SensorAnswers
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
+from gse.station.housekeeping import MODES
 from gse.station.results import Subject
 
 _ROWS_AT_ONCE = 1 << 15
@@ -31,12 +32,13 @@ _DECIMALS = {
     "_mag": 3,
     "transparency": 3,
     "_expected": 0,
+    "_v": 3,
 }
 """By the end of a column's name; the first that fits counts."""
 _COMMON = tuple(name for name in FRAME.names or () if name not in (*ONBOARD_COLUMNS, "utc_ns"))
 """Columns of the panorama itself, its sky and truth."""
 
-_WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS, "sky_condition": SKY_CONDITIONS}
+_WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS, "sky_condition": SKY_CONDITIONS, "mode": MODES}
 _SENSOR = tuple(field.name for field in fields(SensorAnswers))
 
 
