@@ -71,8 +71,8 @@ def test_a_query_sees_the_same_rows_with_and_without_the_index(judged, gse, tmp_
     shutil.rmtree(copy / "index")
     answers.append(gse("campaign", "query", copy, sql, "--format", "csv").out)
     assert answers[0] == answers[1]
-    assert answers[0].count("2026-03") == 2
-    assert answers[0].count("unknown") == 2
+    assert all(night in answers[0] for night in ("2026-03-01", "2026-03-02"))
+    assert "unknown" in answers[0]
 
 
 def test_frames_of_a_session_that_is_not_whole_are_not_seen(judged, gse, tmp_path):
