@@ -64,7 +64,12 @@ def command(
 
 
 def _truth(recording: "Recording", utc_ns: int | None) -> SiderealTruth | None:
-    """Truth for aberration and refraction; None before 1972, where catalogue places are used instead."""
+    """Truth for aberration and refraction; None where catalogue places are used instead.
+
+    So they are before 1972, and before a star simulator.
+    """
+    if recording.station.mount.inertial is not None:
+        return None
     try:
         orientation = recording.earth_orientation or EarthOrientation.from_disk(utc_ns or 0)
     except TruthError as error:

@@ -3,7 +3,9 @@
 import difflib
 import math
 from dataclasses import fields, is_dataclass
+from datetime import datetime
 from pathlib import Path
+from types import UnionType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import yaml
@@ -116,6 +118,15 @@ class Station(_Section):
             return {"stated": any(angle in value for angle in angles), **value}
         return value
 
+    @field_validator("mount", mode="before")
+    @classmethod
+    def _instant_as_text(cls, value: Any) -> Any:
+        """YAML reads an instant without quotes as a date."""
+        shown = value.get("inertial") if isinstance(value, dict) else None
+        if not isinstance(shown, dict) or not isinstance(shown.get("at"), datetime):
+            return value
+        return {**value, "inertial": {**shown, "at": shown["at"].isoformat().replace("+00:00", "Z")}}
+
     @model_validator(mode="after")
     def _principal_point_near_detector(self) -> "Station":
         x, y = self.sensor.camera().principal_point_px
@@ -225,7 +236,7 @@ def _known_keys(path: list[str]) -> list[str]:
             continue
         hints = known.model_fields if isinstance(known, type) and issubclass(known, BaseModel) else None
         known = hints[part].annotation if hints else get_type_hints(known).get(part)
-        if get_origin(known) is tuple:
+        if get_origin(known) is tuple or isinstance(known, UnionType):
             known = get_args(known)[0]
     if isinstance(known, type) and issubclass(known, BaseModel):
         return list(known.model_fields)

@@ -93,9 +93,9 @@ def forecast_text(assessment: Assessment) -> str:
         return f"{assessment.word}, if it ended now"
     minutes = minutes_left(assessment)
     if math.isnan(minutes):
-        return "too early to tell"
+        return "verdict: too early to tell"
     if minutes == NEVER and assessment.statistics.duration_s < _SETTLES_S:
-        return "too early to tell"
+        return "verdict: too early to tell"
     if minutes == NEVER:
         never = [item.row.name for item in rows_left(assessment) if item.minutes == NEVER]
         return f"no verdict as it goes: {', '.join(never[:_MOST_NAMED]) or assessment.reasons[0]}"

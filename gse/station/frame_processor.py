@@ -144,7 +144,7 @@ class FrameProcessor:
                 answer.directions_sensor,
                 found.objects,
                 geometric or attitude,
-                truth_known=self.truth is not None,
+                truth_known=self.truth is not None and (self.mount is None or self.mount.inertial is None),
             ),
         )
 

@@ -10,6 +10,9 @@ from gse.catalog import StarCatalog
 from gse.identifier import Identification
 from gse.station.results import Starlight
 
+MARGIN_MAG = 1.0
+"""Colours, noise and doubles make a star as much brighter than its catalogue magnitude says, or as much fainter."""
+
 
 def starlights(
     brightness: Sequence[NDArray[np.float64]], found: Sequence[Identification], catalog: StarCatalog
@@ -28,8 +31,11 @@ def starlights(
     faintest = np.maximum.reduceat(magnitude, begins).tolist()
     varies = np.maximum.reduceat(index, begins) > np.minimum.reduceat(index, begins)
     zero_points = _medians(magnitude + 2.5 * np.log10(index), counts)
+    fainter_mag = MARGIN_MAG - float(catalog.magnitude[-1])
     return [
-        Starlight(count, zero_point if varied else math.nan, faintest_mag)
+        Starlight(count, zero_point, faintest_mag, 10 ** (0.4 * (zero_point + fainter_mag)))
+        if varied
+        else Starlight(count, math.nan, faintest_mag)
         for count, zero_point, varied, faintest_mag in zip(counts, zero_points, varies.tolist(), faintest, strict=True)
     ]
 

@@ -23,12 +23,14 @@ from drivers.clock import ClockReading
 from gse.catalog import StarCatalog
 from gse.config.station import Station
 from gse.instant import NS_PER_S
+from gse.station.housekeeping import in_words
 from gse.station.results import FrameResult, LinkCounters
 from gse.station.session_data import SessionData
 from gse.view.ports import free_port
 from gse.view.saved_view import rrd_file_sink
 from gse.view.scene import Scene
 from gse.view.verdict_text import verdict_at_end, verdict_so_far
+from protocols import StatusMessage
 
 _LOG = logging.getLogger(__name__)
 
@@ -36,11 +38,12 @@ QUEUE_FRAMES = 2000
 """Three minutes at 10 Hz; some 10 MB."""
 
 BATCH_FRAMES = 250
-BATCH_EVERY_S = 0.1
-"""Frames go to rerun in batches: columns cost a tenth of single log calls."""
+BATCH_EVERY_S = 1.0
+"""Frames go to rerun in batches, because a viewer takes its time for each batch, not for each frame: one without a
+graphics card never caught up with ten batches a second."""
 
-MEMORY_LIMIT = "256MB"
-"""Data that rerun's server keeps for later viewers; older data are dropped."""
+MEMORY_LIMIT = "32MB"
+"""Data that rerun's server keeps for later viewers, some ten minutes; older data are dropped."""
 
 _CLOSE_WITHIN_S = 5.0
 
@@ -50,6 +53,7 @@ class _Shown:
     frame: FrameResult
     link: LinkCounters
     clock: tuple[ClockReading, ...]
+    status: StatusMessage | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +99,8 @@ class RerunFeed:
         """Show a result with the present link counters and clock; a full queue drops its oldest item."""
         readings = tuple(session.clock[self._readings :])
         self._readings += len(readings)
-        self._put(_Shown(result, replace(session.link), readings))
+        status = session.statuses[-1][1] if session.statuses else None
+        self._put(_Shown(result, replace(session.link), readings, status))
 
     def on_event(self, event: LinkEvent) -> None:
         """Show an event of the link."""
@@ -131,7 +136,7 @@ class RerunFeed:
             _LOG.warning("the live view has ended (%s: %s); the session goes on", type(error).__name__, error)
 
     def _feed(self, station: Station, catalog: StarCatalog | None) -> None:
-        feed = _SceneFeed(Scene(self._stream, station, catalog, live=True))
+        feed = _SceneFeed(Scene(self._stream, station, catalog, live=True), every_picture=not self.grpc_port)
         while True:
             last = self._closing.is_set()
             while batch := self._take():
@@ -159,9 +164,11 @@ def _server(bind: str, port: int) -> object:
 class _SceneFeed:
     """Adds queued items to a scene, in order."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, *, every_picture: bool) -> None:
         self._scene = scene
+        self._every_picture = every_picture
         self._link = LinkCounters()
+        self._status: StatusMessage | None = None
         self._clock: ClockReading | None = None
         self._dropped = 0
         self._panel_utc_ns = 0
@@ -174,8 +181,9 @@ class _SceneFeed:
                 frames.append(item.frame)
                 clock.extend(item.clock)
                 self._link = item.link
+                self._status = item.status
         if frames:
-            self._scene.add(frames)
+            self._scene.add(frames, pictures=len(frames) if self._every_picture else 1)
         for item in batch:
             if isinstance(item, LinkEvent):
                 self._scene.running.add_event(item)
@@ -186,6 +194,7 @@ class _SceneFeed:
         self._clock = clock[-1] if clock else self._clock
         self._dropped = dropped
         running = self._scene.running
+        running.housekeeping = in_words(self._status) if self._status else ""
         if running.utc_ns - self._panel_utc_ns >= NS_PER_S:
             self._panel_utc_ns = running.utc_ns
             self._scene.words(running.utc_ns, self._so_far())

@@ -35,6 +35,14 @@ SKY_WORDS: dict[str, str] = {
 }
 """The sky after each kind of event that changes it."""
 
+SKY_COLOURS = {
+    "clear": GREEN,
+    "clouded": ORANGE,
+    "no stars": VERMILLION,
+    "daylight": YELLOW,
+    "dark night": SKY_BLUE,
+}
+
 LINK_COLOURS = {
     "streaming": GREEN,
     "syncing": SKY_BLUE,
@@ -105,6 +113,7 @@ class Running:
     objects: int = 0
     sky: str = ""
     sky_text: str = ""
+    housekeeping: str = ""
     _answered_utc_ns: int | None = None
     _recent_utc_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_RATE_WINDOW))
 
