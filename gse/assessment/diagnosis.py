@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gse.assessment.counted_frames import CountedFrames
+from gse.assessment.counted_frames import CountedFrames, counted_frames
 from gse.assessment.error_series import error_series
 from gse.assessment.field_patterns import field_of_errors
 from gse.assessment.fine_causes import SessionModel
@@ -34,6 +34,14 @@ def findings(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
     causes = (gross,) if gross else tuple(_with_event(session, one) for one in _fine(session, stats.counted))
     facts = tuple(_facts(session, stats, {finding.cause for finding in causes}))
     return (*causes, *facts) or tuple(_unexplained(session, stats))
+
+
+def causes_so_far(session: SessionData) -> tuple[Finding, ...]:
+    """The causes that a running session shows, without the statistics of a whole one."""
+    counted = counted_frames(session)
+    gross = gross_finding(session, counted)
+    causes = (gross,) if gross else _fine(session, counted)
+    return (*causes, *_events(session, {finding.cause for finding in causes}), *_nothing_identified(session))
 
 
 def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator[Finding]:
@@ -150,8 +158,9 @@ def _sensor_clock(stats: Statistics) -> Iterator[Finding]:
 
 def _hot_pixels(session: SessionData) -> Iterator[Finding]:
     count = session.frames.columns["hot_pixels"]
-    usual = float(np.median(count)) if len(count) else 0.0
-    if usual >= 1:
+    late = count[-(len(count) // 4) :]  # a pixel is told from a star once the sky has moved
+    usual = float(np.median(late)) if len(late) else 0.0
+    if usual > len(session.station.sensor.hot_pixels):
         yield Finding(
             "hot pixels",
             f"{usual:.0f} objects of a frame (median) stand still on the detector while the stars move",

@@ -52,14 +52,24 @@ class Steps:
 
 
 class LiveOutputs:
-    """The listeners of a session, opened after the setup and closed with the session."""
+    """The listeners of a session, opened after the setup and closed with the session.
+
+    ``diagnose`` announces findings while the session runs.
+    """
 
     def __init__(
-        self, *, view: ViewMode, bind: str, save_rrd: Path | None, json_frames: bool, step: bool = False
+        self,
+        *,
+        view: ViewMode,
+        bind: str,
+        save_rrd: Path | None,
+        json_frames: bool,
+        step: bool = False,
+        diagnose: bool = True,
     ) -> None:
         self._view, self._bind, self._save_rrd = view, bind, save_rrd
         self._json_frames = json_frames
-        self._step = step
+        self._step, self._diagnose = step, diagnose
         self._live: LiveView | None = None
         self._status: StatusLine | None = None
 
@@ -71,7 +81,7 @@ class LiveOutputs:
             listeners.append(self._open_view(loop))
         if self._step:
             listeners.append(Steps())
-        return listeners
+        return [*listeners, _live_diagnosis(listeners)] if self._diagnose else listeners
 
     def conclude(self, report: dict[str, Any]) -> None:
         """Show the verdict in the view."""
@@ -113,6 +123,17 @@ class LiveOutputs:
             click.echo(f"live view: {view.url}", err=True)
         self._live = view
         return view
+
+
+def _live_diagnosis(listeners: Sequence[Listener]) -> Listener:
+    """Findings go to the other listeners, not into the session."""
+    from gse.assessment.live_diagnosis import LiveDiagnosis
+
+    def announce(event: LinkEvent) -> None:
+        for listener in listeners:
+            listener.on_event(event)
+
+    return LiveDiagnosis(announce)
 
 
 def _frame_text(result: FrameResult) -> str:

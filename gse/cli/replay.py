@@ -83,7 +83,9 @@ def command(
         start_utc=start_utc,
         given_orientation=given_orientation,
     )
-    live_outputs = LiveOutputs(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames, step=step)
+    live_outputs = LiveOutputs(
+        view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames, step=step, diagnose=speed != "max"
+    )
     with live_outputs:
         replay = replay_session(
             path, options=options, station=change_to(station_path, identifier), make_listeners=live_outputs.listeners
