@@ -44,7 +44,10 @@ def command(*, path: Path, clock_error_s: float | None, bundle_path: Path | None
     page = why_page(report, session.events, str(path))
     click.echo(page)
     if bundle_path is not None:
-        write_bundle(bundle_path, session, report, page, _recording(path) if with_site else None)
+        try:
+            write_bundle(bundle_path, session, report, page, _recording(path) if with_site else None)
+        except OSError as error:
+            raise UsageError(f"cannot write {bundle_path}: {error.strerror}") from error
         click.echo(f"bundle: {bundle_path}", err=True)
 
 
