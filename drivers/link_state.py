@@ -11,7 +11,7 @@ neither the changes of state nor their times. A state that ends by silence ends 
 even if that is noticed later.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
 
@@ -28,7 +28,7 @@ _NO_START = {"no sync", "truncated"}
 
 
 class LinkMonitor:
-    """State machine, fed with every event of the link, and every chunk with the counts of its frames and discards.
+    """State machine, fed with every event of the link, and every chunk with its frames and reasons of discards.
 
     Each call returns the changes of state as events with their times; also ``SILENT`` once per silence, and
     ``NO_FRAMES`` with the probable cause once per stretch of unreadable bytes.
@@ -57,8 +57,8 @@ class LinkMonitor:
             changes += self._change(LinkKind.WAITING, event.mono_ns, event.text)
         return changes
 
-    def received(self, chunk: Chunk, frames: int, discards: Mapping[str, int]) -> list[LinkEvent]:
-        """Process a chunk, the number of valid frames that it completed, and its discarded bytes by reason."""
+    def received(self, chunk: Chunk, frames: int, reasons: Collection[str]) -> list[LinkEvent]:
+        """Process a chunk, the number of valid frames that it completed, and the reasons of its discards."""
         changes = self.pass_time(chunk.utc_ns, chunk.mono_ns)
         self._bytes_ns = chunk.mono_ns
         if self.state not in (LinkKind.SYNCING, LinkKind.STREAMING):
@@ -70,7 +70,7 @@ class LinkMonitor:
             # Bytes with the time of a frame may belong to the frame's own chunk.
             self._unframed_bytes += len(chunk.data)
             self._sample += chunk.data[: SAMPLE_BYTES - len(self._sample)]
-            self._reasons.update(reason for reason, count in discards.items() if count)
+            self._reasons.update(reasons)
         return changes
 
     def pass_time(self, utc_ns: int, mono_ns: int) -> list[LinkEvent]:

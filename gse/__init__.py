@@ -1,5 +1,24 @@
 """The ground test station for a star sensor: panoramas in, RA and DE against sidereal truth out.
 
 Each package is a room, named after its part in the way of a panorama; the modules that lie here are values and
-functions that many rooms share. ARCHITECTURE.md is the plan.
+functions that many rooms share. ARCHITECTURE.md is the plan. For notebooks: ``gse.load``, ``gse.judge`` and
+``gse.identify`` (gse.api), imported when they are first used.
 """
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gse.api import identify as identify
+    from gse.api import judge as judge
+    from gse.api import load as load
+
+__all__ = ["identify", "judge", "load"]
+
+
+def __getattr__(name: str) -> Any:
+    """The functions of gse.api: the command line does without them, and without the time that they take to import."""
+    if name not in __all__:
+        raise AttributeError(f"module 'gse' has no attribute {name!r}")
+    from gse import api
+
+    return getattr(api, name)

@@ -11,12 +11,15 @@ _UNDISTORTED_WITHIN_PX = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A pinhole with radial distortion.
+    """A pinhole with radial and tangential distortion (Brown 1966).
 
     The sensor frame is x along columns, y along rows (down), z out of the boresight.
 
     Pixels are 0-based at pixel centres. ``radial_distortion`` (k1, k2):
     r_undistorted = r (1 + k1 s^2 + k2 s^4) with s = r / (columns / 2), r from the principal point.
+    ``tangential_distortion`` (p1, p2) adds 2 p1 u v + p2 (s^2 + 2 u^2) to u and p1 (s^2 + 2 v^2) + 2 p2 u v to v, where
+    (u, v) is the measured offset in units of columns / 2: OpenCV's terms in OpenCV's order. OpenCV has them from ideal
+    to measured places, in units of the focal length: p1 and p2 here are -columns / (2 focal_length_px) times OpenCV's.
     A ``mirrored`` image has its x flipped, so that directions are right-handed again.
     """
 
@@ -26,6 +29,7 @@ class Camera:
     principal_point_px: tuple[float, float]
     radial_distortion: tuple[float, float] = (0.0, 0.0)
     mirrored: bool = False
+    tangential_distortion: tuple[float, float] = (0.0, 0.0)
 
     def directions(self, xy_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Unit vectors (N, 3) in the sensor frame of pixels (N, 2)."""
@@ -35,9 +39,12 @@ class Camera:
         offset = vectors[:, :2]
         np.subtract(pixels, self.principal_point_px, out=offset)
         k1, k2 = self.radial_distortion
+        aside_px = self._tangential(offset) if any(self.tangential_distortion) else None
         if k1 or k2:
             s2 = (offset**2).sum(axis=1) / (self.columns / 2) ** 2
             offset *= (1 + s2 * (k1 + s2 * k2))[:, None]
+        if aside_px is not None:
+            offset += aside_px
         if self.mirrored:
             offset[:, 0] = -offset[:, 0]
         vectors /= np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None]
@@ -55,15 +62,25 @@ class Camera:
     def _distorted(self, undistorted: NDArray[np.float64]) -> NDArray[np.float64]:
         k1, k2 = self.radial_distortion
         offset = undistorted.copy()
-        if k1 == 0 and k2 == 0:
+        tangential = any(self.tangential_distortion)
+        if k1 == 0 and k2 == 0 and not tangential:
             return offset
         for _ in range(50):
             s2 = (offset**2).sum(axis=1) / (self.columns / 2) ** 2
-            step = undistorted / (1 + s2 * (k1 + s2 * k2))[:, None] - offset
+            straight = undistorted - self._tangential(offset) if tangential else undistorted
+            step = straight / (1 + s2 * (k1 + s2 * k2))[:, None] - offset
             offset += step
             if not (np.abs(step) > _UNDISTORTED_WITHIN_PX).any():
                 break
         return offset
+
+    def _tangential(self, offset_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """By how much tangential distortion moves offsets (N, 2) from the principal point, in pixels."""
+        half = self.columns / 2
+        p1, p2 = self.tangential_distortion
+        u, v = (offset_px / half).T
+        s2 = u * u + v * v
+        return half * np.column_stack([2 * p1 * u * v + p2 * (s2 + 2 * u * u), p1 * (s2 + 2 * v * v) + 2 * p2 * u * v])
 
     def contains(self, xy_px: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which pixels (N, 2) lie on the detector, its border pixels' outer edges included; NaN does not."""

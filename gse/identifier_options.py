@@ -35,6 +35,14 @@ class IdentifierOptions:
     timeout_ms: Annotated[float, Interval(gt=0, le=600_000)] = 200.0
     """Of ``external``: the time for one panorama."""
 
+    @property
+    def label(self) -> str:
+        """The algorithm, or the name of an external program."""
+        if self.algorithm != "external":
+            return self.algorithm
+        program = self.entry_point or self.library or (self.command or ("external",))[0]
+        return program.rpartition("/")[2]
+
     def facts(self) -> dict[str, Any]:
         """The options that the algorithm knows, for the report: nothing of the host's folders."""
         unknown = ("directory",) if self.algorithm == "external" else PLUG_KEYS

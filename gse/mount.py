@@ -83,8 +83,9 @@ class Mount:
     uncertainty: MountUncertainty = MountUncertainty()
 
     def __post_init__(self) -> None:
-        if self.inertial is not None and self.align is not None:
-            raise ValueError("inertial and align exclude each other: expected the direction that is shown, or a fit")
+        angles = self.azimuth_deg, self.altitude_deg, self.roll_deg
+        if self.inertial is not None and (self.align is not None or angles != (0.0, 90.0, 0.0)):
+            raise ValueError("inertial stands alone: expected either the direction that is shown, or angles or align")
         if self.align is not None and not _ALIGN.fullmatch(self.align):
             raise ValueError(f"align is {self.align!r:.60}; expected for example: align: first 60 s")
 

@@ -9,8 +9,9 @@
     crc16-x25           16     1021        FFFF      yes        FFFF      906E
     crc16-kermit        16     1021        0000      yes        0000      2189
     crc16-modbus        16     8005        FFFF      yes        0000      4B37
+    xxhash32            32     no CRC: xxHash, XXH32 with seed 0                  937BAD67
 
-Names, parameters and check values as in the catalogue of parametrised CRC algorithms (CRC RevEng).
+Names, parameters and check values of the CRCs as in the catalogue of parametrised CRC algorithms (CRC RevEng).
 """
 
 import binascii
@@ -18,6 +19,8 @@ import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+
+import xxhash
 
 _REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
@@ -72,6 +75,7 @@ CHECKSUMS: Mapping[str, Checksum] = MappingProxyType(
             Checksum("crc16-x25", 2, _reflected_1021(0xFFFF, 0xFFFF)),
             Checksum("crc16-kermit", 2, _reflected_1021(0, 0)),
             Checksum("crc16-modbus", 2, _modbus),
+            Checksum("xxhash32", 4, xxhash.xxh32_intdigest),
         )
     }
 )

@@ -32,6 +32,7 @@ class SyncWordScanner:
         self._start = 0
         self._scan = 0
         self._reason: Reason = NO_SYNC
+        self._wanted = 0
 
     @property
     def pending(self) -> int:
@@ -48,6 +49,9 @@ class SyncWordScanner:
         """Frames and discards that these bytes complete."""
         self._buffer += data
         out: list[Frame | Discard] = []
+        if len(self._buffer) < self._wanted:
+            return out  # The frame that has begun is not whole yet.
+        self._wanted = 0
         at = self._take(out, final=False)
         self._drop(at)
         return out
@@ -62,13 +66,14 @@ class SyncWordScanner:
         out += discards(self._start + at, bytes(self._buffer[at:tail]), self._reason)
         out += discards(self._start + tail, bytes(self._buffer[tail:]), TRUNCATED)
         self._drop(len(self._buffer))
-        self._scan, self._reason = 0, NO_SYNC
+        self._scan, self._reason, self._wanted = 0, NO_SYNC, 0
         return out
 
     def _drop(self, count: int) -> None:
         del self._buffer[:count]
         self._start += count
         self._scan = max(0, self._scan - count)
+        self._wanted = max(0, self._wanted - count)
 
     def _begun_sync_word(self) -> int:
         """How many bytes at the end of the buffer may be the start of a sync word."""
@@ -118,6 +123,7 @@ class SyncWordScanner:
             return BAD_LENGTH
         end = payload_at + size
         if len(buffer) < end + layout.checksum.size:
+            self._wanted = end + layout.checksum.size
             return TRUNCATED
         if not layout.is_checksum_right(bytes(buffer[at : end + layout.checksum.size])):
             return BAD_CRC

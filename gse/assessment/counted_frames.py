@@ -60,7 +60,12 @@ def counted_frames(session: SessionData) -> CountedFrames:
 
 
 def _no_sky(session: SessionData, frames: NDArray[np.void]) -> tuple[Exclusion, ...]:
-    """A sensor that sends no panoramas shows no objects either: then only the Sun tells that there was no sky."""
+    """A sensor that sends no panoramas shows no objects either: then only the Sun tells that there was no sky.
+
+    Before a star simulator there is no sky to fail.
+    """
+    if session.station.mount.inertial is not None:
+        return ()
     found = no_sky(frames, session.station.site)
     if session.subject is Subject.ONBOARD:
         return found

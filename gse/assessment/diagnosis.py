@@ -59,7 +59,7 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
 def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
     frames, station = session.frames.columns, session.station
     series = error_series(frames, counted.used)
-    if series is None:
+    if series is None or station.mount.inertial is not None:
         return ()
     mount, camera = session.alignment.mount if session.alignment else station.mount, station.sensor.camera()
     zenith_sensor = np.asarray(horizon_to_sensor(mount)[:, 2])
@@ -104,7 +104,7 @@ def gross_finding(session: SessionData, counted: CountedFrames) -> Finding | Non
     frames = session.frames.columns
     checked_false = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
     rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded)
-    if orientation is None or not mount.stated or not len(rows):
+    if orientation is None or not mount.stated or mount.inertial is not None or not len(rows):
         return None
     raw = RawAttitudes.of(frames[rows], session.station.sensor.camera())
     return gross_cause(raw, session.station.site, mount, orientation)

@@ -9,7 +9,7 @@ from gse.attitude_convention import AttitudeConvention, state_angles
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD
 from gse.station.own_answers import OwnAnswerTruth, attitude_errors, measured_rotations
 from gse.station.session_data import SessionData
-from gse.truth import SiderealTruth
+from gse.truth import truth_of
 from gse.truth.orientation import FIRST_MJD
 
 _FIRST_NS = (FIRST_MJD - UNIX_EPOCH_MJD + 1) * NS_PER_DAY
@@ -86,10 +86,10 @@ def paired_answers(session: SessionData) -> tuple[NDArray[np.int64], NDArray[np.
 def own_truth(session: SessionData) -> OwnAnswerTruth | None:
     """What an errorless sensor answers in a session; None without Earth orientation, or before the mount is fitted."""
     station = session.station
-    if session.earth_orientation is None or (station.mount.align is not None and session.alignment is None):
-        return None
     mount = session.alignment.mount if session.alignment else station.mount
-    truth = SiderealTruth(station.site, session.earth_orientation)
+    truth = truth_of(station.site, mount, session.earth_orientation)
+    if truth is None or (station.mount.align is not None and session.alignment is None):
+        return None
     return OwnAnswerTruth(truth, mount, station.sensor.attitude.aberration == "corrected")
 
 

@@ -16,7 +16,7 @@ from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.own_answers import OwnAnswerTruth
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
-from gse.truth import SiderealTruth, mount_of
+from gse.truth import mount_of, truth_of
 
 SEARCHED_S = 60.0
 MOST_ANSWERS = 300
@@ -75,8 +75,9 @@ def _by_stars(session: SessionData, rows: NDArray[np.int64], answers: NDArray[np
     utc_ns = frames["utc_ns"]
     left_in = from_angles(frames["ra_deg"], frames["de_deg"], frames["roll_deg"])
     taken_out = left_in
-    if session.earth_orientation is not None:
-        truth, middle = SiderealTruth(session.station.site, session.earth_orientation), len(rows) // 2
+    station, middle = session.station, len(rows) // 2
+    truth = truth_of(station.site, station.mount, session.earth_orientation)
+    if truth is not None and station.mount.inertial is None:
         mount = mount_of(left_in[middle] @ truth.icrs_to_horizon(int(utc_ns[middle])).T)
         of_both = [OwnAnswerTruth(truth, mount, corrected).shifts(utc_ns) for corrected in (True, False)]
         taken_out = of_both[0] @ of_both[1].transpose(0, 2, 1) @ left_in
@@ -87,6 +88,9 @@ def _mount_arcsec(session: SessionData) -> float:
     """Standard uncertainty of the mount along each axis across the boresight."""
     if session.alignment is not None:
         return math.hypot(*session.alignment.sigma_arcsec[:2])
+    shown = session.station.mount.inertial
+    if shown is not None:
+        return _TO_STANDARD * shown.uncertainty.across_arcsec
     known, site = session.station.mount.uncertainty, session.station.site.uncertainty
     return _TO_STANDARD * math.hypot(known.azimuth_arcsec, known.altitude_arcsec, site.vertical_arcsec)
 

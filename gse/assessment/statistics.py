@@ -150,6 +150,9 @@ def statistics(session: SessionData) -> Statistics:
         answers = _sensor(own, frames, counted)
         answers = _uncompared(answers) if unreadable else answers
         subjects[Subject.SENSOR] = _subject(Subject.SENSOR, frames, answers, lost, limit_ms, field_rad)
+    if session.station.mount.inertial is not None:
+        still = EarthRate(_NAN, _NAN, _NAN)
+        subjects = {name: replace(subject, earth_rate=still) for name, subject in subjects.items()}
     return Statistics(
         frames=len(frames),
         duration_s=float(np.ptp(instants_ns(frames, session.events))) / 1e9 if len(frames) else 0.0,

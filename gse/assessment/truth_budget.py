@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gse.assessment.changed_truth import ChangedTruth
+from gse.assessment.inertial_terms import inertial_terms
 from gse.assessment.mount_terms import clock, fitted_mount, stability, stated_mount, time_stamp
 from gse.assessment.sky_terms import air_terms, earth_terms, model_terms, site_terms
 from gse.assessment.star_terms import FieldOfStars, star_terms
@@ -110,7 +111,14 @@ def session_facts(
 
 def truth_budget(facts: SessionFacts) -> TruthUncertaintyBudget:
     """The budget of a session; without Earth orientation there is no truth, and one unknown term says so."""
-    terms = (_no_truth(),) if facts.earth_orientation is None else tuple(_terms(facts, facts.earth_orientation))
+    if facts.mount.inertial is not None:
+        terms = tuple(
+            inertial_terms(facts.mount.inertial, facts.clock_error_s, facts.drift_arcsec_per_h, facts.duration_s)
+        )
+    elif facts.earth_orientation is None:
+        terms = (_no_truth(),)
+    else:
+        terms = tuple(_terms(facts, facts.earth_orientation))
     return TruthUncertaintyBudget(terms, {axis: combined(terms, axis) for axis in AXES})
 
 

@@ -21,6 +21,7 @@ from gse.assessment.diagnosis import findings
 from gse.assessment.guard_band import COVERAGE_FACTOR
 from gse.assessment.sensor_convention import is_wrong
 from gse.assessment.sensor_findings import sensor_findings
+from gse.assessment.sensor_health import SensorHealth, health_findings, sensor_health
 from gse.assessment.statistics import Statistics, SubjectStatistics, figure_of, statistics
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
 from gse.constants import ARCSEC_PER_RAD
@@ -66,6 +67,7 @@ class Assessment:
     not_tested: tuple[str, ...]
     relative: bool
     simulated: bool
+    health: SensorHealth
 
     @property
     def word(self) -> str:
@@ -85,8 +87,10 @@ def judge(session: SessionData) -> Assessment:
     )
     obstacles = tuple(_obstacles(session, stats, rows))
     verdict = _verdict(rows, obstacles)
-    found = findings(session, stats) if Subject.ONBOARD in stats.subjects else ()
+    found = _causes(session, stats)
     found += sensor_findings(session, stats.own, stats.convention)
+    health = sensor_health(session)
+    found += tuple(health_findings(session, health))
     reasons = [row.reason for row in rows if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE)]
     reasons += obstacles
     if verdict is not Verdict.PASS:
@@ -103,7 +107,15 @@ def judge(session: SessionData) -> Assessment:
         tuple(_not_tested(stats, rows, relative)),
         relative,
         is_simulated(session),
+        health,
     )
+
+
+def _causes(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
+    """The causes of what panoramas show under the sky; before a star simulator none of them can be."""
+    if Subject.ONBOARD not in stats.subjects or session.station.mount.inertial is not None:
+        return ()
+    return findings(session, stats)
 
 
 def _budget(session: SessionData, stats: Statistics) -> TruthUncertaintyBudget:

@@ -1,4 +1,4 @@
-"""The camera fitted to identified stars: focal length, principal point, radial distortion.
+"""The camera fitted to identified stars: focal length, principal point, radial distortion, tangential on request.
 
 Each panorama has an attitude of its own, so that neither mount nor clock enter. Minimised is the difference of
 the undistorted measured place and the place of the star by the pinhole, in pixels (Gauss-Newton with Cauchy weights;
@@ -23,7 +23,7 @@ from gse.errors import UsageError
 from gse.star_influence import star_covariance
 
 MIN_STARS = 50
-"""Five parameters and three per panorama want more equations than that many stars give."""
+"""Five parameters (or seven) and three per panorama want more equations than that many stars give."""
 
 _MIN_PER_FRAME = 4
 _ROUNDS = 30
@@ -33,7 +33,7 @@ _CAUCHY = 2.4
 _MAD_TO_SIGMA = 1.4826
 _NOISE_FLOOR_PX = 1e-6
 _MAP_CELLS = 8
-_HOLDABLE = {"principal point": [1, 2], "distortion": [3, 4]}
+_HOLDABLE = {"principal point": [1, 2], "distortion": [3, 4], "tangential distortion": [5, 6]}
 _HELD_BELOW = 16.0
 """Chi-square of two parameters: by chance one in 3000 is larger."""
 _HOLD = 1e12
@@ -65,11 +65,12 @@ class Residuals:
 class Calibration:
     """A fitted camera.
 
-    ``sigma`` are the standard deviations of focal length, principal point x and y (px), k1 and k2, from ``covariance``
-    (5, 5) in that order. The errors of one star are taken as dependent on each other, however many panoramas it is in:
-    it lies on the same pixels in many of them. ``map_px`` (8, 8, 3) holds the mean residual along x and y and the
-    number of stars in each cell of the detector, rows first. ``held`` names what was left as it was (``principal
-    point``, ``distortion``), because its change would have been within 4 sigma; the covariance is that without holding.
+    ``sigma`` are the standard deviations of focal length, principal point x and y (px), k1, k2, and p1 and p2 where
+    they were fitted, from ``covariance`` (5, 5) or (7, 7) in that order. The errors of one star are taken as dependent
+    on each other, however many panoramas it is in: it lies on the same pixels in many of them. ``map_px`` (8, 8, 3)
+    holds the mean residual along x and y and the number of stars in each cell of the detector, rows first. ``held``
+    names what was left as it was (``principal point``, ``distortion``), because its change would have been within 4
+    sigma; the covariance is that without holding.
     """
 
     camera: Camera
@@ -82,27 +83,31 @@ class Calibration:
 
     @property
     def sigma(self) -> tuple[float, ...]:
-        """Standard deviations of focal length, principal point x and y, k1, k2."""
+        """Standard deviations of focal length, principal point x and y, k1, k2, and p1, p2 where they were fitted."""
         return tuple(float(value) for value in np.sqrt(np.diag(self.covariance)))
 
 
-def calibrate(camera: Camera, fields: Sequence[StarField], *, anchor: Camera | None = None) -> Calibration:
+def calibrate(
+    camera: Camera, fields: Sequence[StarField], *, anchor: Camera | None = None, tangential: bool = False
+) -> Calibration:
     """Fit a camera, starting from one that identified the stars; UsageError where there are too few.
 
-    ``anchor`` (default: the same) is the camera whose principal point and distortion are held.
+    ``anchor`` (default: the same) is the camera whose principal point and distortion are held. Tangential distortion
+    stays as it is unless ``tangential``: it is hard to tell from the principal point.
     """
     fields = [field for field in fields if len(field.xy_px) >= _MIN_PER_FRAME]
     stars = sum(len(field.xy_px) for field in fields)
     if stars < MIN_STARS:
         raise UsageError(f"{stars} identified stars are too few to calibrate on; expected at least {MIN_STARS}")
     anchor = anchor or camera
-    prior = _prior(anchor)
+    prior = _prior(anchor)[: 7 if tangential else 5]
     free = _fitted(camera, anchor, fields, prior)
     covariance = _covariance(free, fields)
     held = {
         name: places
         for name, places in _HOLDABLE.items()
-        if _chi_square(_parameters(free.camera) - _parameters(anchor), covariance, places) < _HELD_BELOW
+        if places[-1] < len(prior)
+        and _chi_square(_parameters(free.camera) - _parameters(anchor), covariance, places) < _HELD_BELOW
     }
     for places in held.values():
         prior[places] *= _HOLD
@@ -115,7 +120,7 @@ def calibrate(camera: Camera, fields: Sequence[StarField], *, anchor: Camera | N
 
 
 class _Fit(NamedTuple):
-    """A camera, an attitude (3, 3) for each panorama, and the camera's normal matrix (5, 5)."""
+    """A camera, an attitude (3, 3) for each panorama, and the normal matrix (K, K) of the camera's K parameters."""
 
     camera: Camera
     rotations: list[NDArray[np.float64]]
@@ -123,7 +128,7 @@ class _Fit(NamedTuple):
 
 
 def _fitted(camera: Camera, anchor: Camera, fields: Sequence[StarField], prior: NDArray[np.float64]) -> _Fit:
-    fit = _Fit(camera, [_attitude(camera, field) for field in fields], np.eye(5))
+    fit = _Fit(camera, [_attitude(camera, field) for field in fields], np.eye(len(prior)))
     for _ in range(_ROUNDS):
         fit, step_px = _improve(fit, anchor, fields, prior)
         if step_px < _STEADY_PX:
@@ -141,23 +146,26 @@ def _attitude(camera: Camera, field: StarField) -> NDArray[np.float64]:
 
 
 def _parameters(camera: Camera) -> NDArray[np.float64]:
-    return np.array([camera.focal_length_px, *camera.principal_point_px, *camera.radial_distortion])
+    optics = camera.radial_distortion, camera.tangential_distortion
+    return np.array([camera.focal_length_px, *camera.principal_point_px, *optics[0], *optics[1]])
 
 
 def _with(camera: Camera, parameters: NDArray[np.float64]) -> Camera:
-    f, x, y, k1, k2 = (float(value) for value in parameters)
-    return replace(camera, focal_length_px=f, principal_point_px=(x, y), radial_distortion=(k1, k2))
+    f, x, y, k1, k2, p1, p2 = (float(value) for value in parameters)
+    moved = replace(camera, focal_length_px=f, principal_point_px=(x, y))
+    return replace(moved, radial_distortion=(k1, k2), tangential_distortion=(p1, p2))
 
 
 def _prior(camera: Camera) -> NDArray[np.float64]:
-    """Inverse variances that keep parameters which the stars do not tell: a tenth of f and of the width, 0.1 in k."""
-    return np.array([camera.focal_length_px / 10, camera.columns / 10, camera.columns / 10, 0.1, 0.1]) ** -2.0
+    """Inverse variances that keep parameters which the stars do not tell: a tenth of f and width, 0.1 in k and p."""
+    lengths = camera.focal_length_px / 10, camera.columns / 10, camera.columns / 10
+    return np.array([*lengths, 0.1, 0.1, 0.1, 0.1]) ** -2.0
 
 
 def _misfit(
     camera: Camera, field: StarField, rotation: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Residuals (N, 2), their derivatives by the camera (N, 2, 5) and by a small rotation of the attitude (N, 2, 3)."""
+    """Residuals (N, 2), their derivatives by the camera (N, 2, 7) and by a small rotation of the attitude (N, 2, 3)."""
     offset = field.xy_px - camera.principal_point_px
     s2 = (offset**2).sum(axis=1) / (camera.columns / 2) ** 2
     k1, k2 = camera.radial_distortion
@@ -165,15 +173,23 @@ def _misfit(
     x, y, z = (field.stars @ rotation.T).T
     flip = np.array([-1.0 if camera.mirrored else 1.0, 1.0])
     pinhole = np.column_stack([x / z, y / z]) * flip
-    residual = offset * stretch[:, None] - camera.focal_length_px * pinhole
+    half = camera.columns / 2
+    a, b = (offset / half).T
+    by_p1, by_p2 = np.column_stack([2 * a * b, a**2 + 3 * b**2]), np.column_stack([3 * a**2 + b**2, 2 * a * b])
+    p1, p2 = camera.tangential_distortion
+    aside = half * (p1 * by_p1 + p2 * by_p2)
+    residual = offset * stretch[:, None] + aside - camera.focal_length_px * pinhole
     by_s2 = (k1 + 2 * k2 * s2) * 2 / (camera.columns / 2) ** 2
-    by_camera = np.empty((len(offset), 2, 5))
+    by_camera = np.empty((len(offset), 2, 7))
     by_camera[:, :, 0] = -pinhole
     by_camera[:, :, 1:3] = -(
         stretch[:, None, None] * np.eye(2) + by_s2[:, None, None] * offset[:, :, None] * offset[:, None, :]
     )
+    across = 2 * np.array([[p1 * b + 3 * p2 * a, p1 * a + p2 * b], [p1 * a + p2 * b, 3 * p1 * b + p2 * a]])
+    by_camera[:, :, 1:3] -= across.transpose(2, 0, 1)
     by_camera[:, :, 3] = offset * s2[:, None]
     by_camera[:, :, 4] = offset * (s2**2)[:, None]
+    by_camera[:, :, 5], by_camera[:, :, 6] = half * by_p1, half * by_p2
     # v + w x v: d(x/z) and d(y/z) by w
     u, v = x / z, y / z
     by_rotation = np.empty((len(offset), 2, 3))
@@ -188,36 +204,38 @@ def _improve(fit: _Fit, anchor: Camera, fields: Sequence[StarField], prior: NDAr
     camera, rotations = fit.camera, fit.rotations
     parts = [_misfit(camera, field, rotation) for field, rotation in zip(fields, rotations, strict=True)]
     sigma = _sigma_axis_px(np.concatenate([residual for residual, _, _ in parts]))
-    normal = np.diag(prior)
-    right = prior * (_parameters(anchor) - _parameters(camera))
+    normal, count = np.diag(prior), len(prior)
+    right = prior * (_parameters(anchor) - _parameters(camera))[:count]
     solved = []
-    for residual, by_camera, by_rotation in parts:
-        weight = _weight(residual, sigma)
+    for residual, by_all, by_rotation in parts:
+        by_camera, weight = by_all[:, :, :count], _weight(residual, sigma)
         rotation_normal = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_rotation)
         cross = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_camera)
         rotation_right = -np.einsum("n,nki,nk->i", weight, by_rotation, residual)
         eliminated = np.linalg.solve(rotation_normal, np.column_stack([cross, rotation_right]))
-        normal = normal + np.einsum("n,nki,nkj->ij", weight, by_camera, by_camera) - cross.T @ eliminated[:, :5]
-        right = right - np.einsum("n,nki,nk->i", weight, by_camera, residual) - cross.T @ eliminated[:, 5]
+        normal = normal + np.einsum("n,nki,nkj->ij", weight, by_camera, by_camera) - cross.T @ eliminated[:, :count]
+        right = right - np.einsum("n,nki,nk->i", weight, by_camera, residual) - cross.T @ eliminated[:, count]
         solved.append(eliminated)
     step = np.linalg.solve(normal, right)
     turned = [
-        _turned(rotation, eliminated[:, 5] - eliminated[:, :5] @ step)
+        _turned(rotation, eliminated[:, count] - eliminated[:, :count] @ step)
         for rotation, eliminated in zip(rotations, solved, strict=True)
     ]
     half = camera.columns / 2
-    reach = np.array([half / camera.focal_length_px, 1, 1, half, half])
-    return _Fit(_with(camera, _parameters(camera) + step), turned, normal), float(np.abs(step * reach).max())
+    reach = np.array([half / camera.focal_length_px, 1, 1, half, half, 3 * half, 3 * half])[:count]
+    moved = _parameters(camera)
+    moved[:count] += step
+    return _Fit(_with(camera, moved), turned, normal), float(np.abs(step * reach).max())
 
 
 def _covariance(fit: _Fit, fields: Sequence[StarField]) -> NDArray[np.float64]:
-    """Covariance (5, 5) of an M-estimate (Huber 1981, section 7.6) whose errors depend on each other star by star."""
+    """Covariance (K, K) of an M-estimate (Huber 1981, section 7.6) whose errors depend on each other star by star."""
     camera, rotations, normal = fit
     sigma = _sigma_axis_px(_all_residuals(camera, fields, rotations))
     operators, pulls, softness = [], [], []
     for field, rotation in zip(fields, rotations, strict=True):
-        residual, by_camera, by_rotation = _misfit(camera, field, rotation)
-        weight = _weight(residual, sigma)
+        residual, by_all, by_rotation = _misfit(camera, field, rotation)
+        by_camera, weight = by_all[:, :, : len(normal)], _weight(residual, sigma)
         rotation_normal = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_rotation)
         cross = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_camera)
         operators.append((by_camera - by_rotation @ np.linalg.solve(rotation_normal, cross)).transpose(0, 2, 1))
@@ -226,9 +244,9 @@ def _covariance(fit: _Fit, fields: Sequence[StarField]) -> NDArray[np.float64]:
     numbers = np.concatenate([field.numbers for field in fields])
     blocks = np.repeat(np.arange(len(fields)), [len(field.numbers) for field in fields])
     summed = star_covariance(np.concatenate(operators), np.concatenate(pulls), numbers, blocks, within_blocks=True)
-    # What the fit takes out of the residuals: five parameters from all stars, three angles from each panorama.
+    # What the fit takes out of the residuals: its parameters from all stars, three angles from each panorama.
     stars, per_panorama = len(np.unique(numbers)), len(numbers) / len(fields)
-    left = (1 - 1.5 / per_panorama) * (1 - 2.5 / stars)
+    left = (1 - 1.5 / per_panorama) * (1 - len(normal) / 2 / stars)
     inverse = np.linalg.inv(normal) / (float(np.concatenate(softness).mean()) * left)
     return np.asarray(inverse @ summed @ inverse, dtype=np.float64)
 

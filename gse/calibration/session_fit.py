@@ -72,12 +72,18 @@ class SessionCalibration:
 
 
 def calibrate_session(
-    sample: PanoramaSample, camera: Camera, identifier: Identifier, truth: SiderealTruth | None
+    sample: PanoramaSample,
+    camera: Camera,
+    identifier: Identifier,
+    truth: SiderealTruth | None,
+    *,
+    tangential: bool = False,
 ) -> SessionCalibration:
     """Fit the camera of a session, starting from one whose focal length may be wrong by 3 % or that lacks the mirror.
 
     Without ``truth`` stars are taken from the catalogue as they are: that leaves refraction (0.03 % of the focal
-    length) and aberration (0.01 %) in the result. UsageError where nothing can be identified.
+    length) and aberration (0.01 %) in the result. ``tangential`` distortion is fitted on request. UsageError where
+    nothing can be identified.
     """
     panoramas, tried = sample.percentiles(MAX_PANORAMAS), sample.percentiles(_TRIED)
     if not panoramas:
@@ -85,12 +91,13 @@ def calibrate_session(
     before = len(_identified(tried, camera, identifier))
     start = camera if before >= _ENOUGH * len(tried) else _search(tried, camera, identifier.catalog)
     found = _identified(panoramas, start, identifier)
-    fitted = calibrate(start, [_field(item, identifier, truth) for item in found])
+    fitted = calibrate(start, [_field(item, identifier, truth) for item in found], tangential=tangential)
     for _ in range(_ROUNDS):
         more = _identified(panoramas, fitted.camera, identifier)
         grown = sum(len(answer.objects) for _, answer in more) > sum(len(answer.objects) for _, answer in found)
         found = more
-        refitted = calibrate(fitted.camera, [_field(item, identifier, truth) for item in found], anchor=start)
+        fields = [_field(item, identifier, truth) for item in found]
+        refitted = calibrate(fitted.camera, fields, anchor=start, tangential=tangential)
         fitted = replace(refitted, before=fitted.before)
         if not grown:
             break

@@ -21,6 +21,7 @@ from drivers.errors import DriverError
 from drivers.outside_text import plain_lines
 from gse.assessment.verdict import judge
 from gse.campaign.dataset import FRAMES, REPORT_COLUMN, SESSIONS, STARS, UNKNOWN, Committed, DataSet, without_place
+from gse.campaign.hot_pixels import COLUMN, HotPixelCounter
 from gse.campaign.keys import OWN_STATION, session_sha256, software_sha256
 from gse.campaign.sources import Source
 from gse.campaign.storage import StorageError, copy_here, protocol_of, with_patience
@@ -125,9 +126,12 @@ def _scratch() -> str | None:
 
 
 def _judged(path: Path, key: ResultKey, job: Job, source: Source) -> _Result:
-    given = job.station
+    given, hot_pixels = job.station, HotPixelCounter()
     try:
-        session = replay_session(path, station=lambda recorded: given or recorded).session
+        replay = replay_session(
+            path, station=lambda recorded: given or recorded, make_listeners=lambda loop, folder: [hot_pixels]
+        )
+        session = replay.session
         assessment = judge(session)
         tables = session_tables(session, assessment, key, source=source.url)
         report = json.dumps(summarise(session, assessment), indent=2, allow_nan=False) + "\n"
@@ -141,7 +145,11 @@ def _judged(path: Path, key: ResultKey, job: Job, source: Source) -> _Result:
         return _failed(key, source, f"internal error: {type(error).__name__}: {error} at {where}; please report it")
     return _Result(
         Committed(session.station.sensor.name, _night(tables.sessions), key.text),
-        {STARS: tables.stars, FRAMES: tables.frames, SESSIONS: _with_report(tables.sessions, report)},
+        {
+            STARS: tables.stars,
+            FRAMES: tables.frames,
+            SESSIONS: _completed(tables.sessions, hot_pixels.column(), report),
+        },
         assessment.verdict.value,
         "",
     )
@@ -149,12 +157,14 @@ def _judged(path: Path, key: ResultKey, job: Job, source: Source) -> _Result:
 
 def _failed(key: ResultKey, source: Source, text: str) -> _Result:
     error = plain_lines(text)[:_MOST_ERROR]
-    rows = _with_report(failed_session(source.url, error, key), None)
+    rows = _completed(failed_session(source.url, error, key), pa.nulls(1, COLUMN.type), None)
     return _Result(Committed(UNKNOWN, UNKNOWN, key.text), {SESSIONS: rows}, None, error)
 
 
-def _with_report(rows: pa.Table, report: str | None) -> pa.Table:
-    return rows.append_column(pa.field(REPORT_COLUMN, pa.string()), pa.array([report], pa.string()))
+def _completed(rows: pa.Table, hot_pixels: pa.Array, report: str | None) -> pa.Table:
+    return rows.append_column(COLUMN, hot_pixels).append_column(
+        pa.field(REPORT_COLUMN, pa.string()), pa.array([report], pa.string())
+    )
 
 
 def _night(rows: pa.Table) -> str:

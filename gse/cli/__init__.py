@@ -34,6 +34,7 @@ _DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _COMMANDS = {
     "run": "test a sensor: receive, record, identify, compare, judge",
     "status": "show a running session, or end it with --stop",
+    "note": "record a line of text in a running session",
     "replay": "do the same from a session or a raw capture",
     "report": "write the report of a session",
     "why": "show one page on a session: what happened, why, what next",

@@ -17,14 +17,15 @@ from gse.truth import EarthOrientation, SiderealTruth
 if TYPE_CHECKING:
     from gse.sessions.panoramas import Recording
 
-_NAMES = ("focal_length_px", "principal_point_x_px", "principal_point_y_px", "k1", "k2")
-_DIGITS = (4, 4, 4, 8, 8)
+_NAMES = ("focal_length_px", "principal_point_x_px", "principal_point_y_px", "k1", "k2", "p1", "p2")
+_DIGITS = (4, 4, 4, 8, 8, 8, 8)
 
 
 @click.command("calibrate")
 @fit_options(
     write_help="Write the station file with this camera and these hot pixels to a new file.", schema="gse.calibration/1"
 )
+@click.option("--tangential", is_flag=True, help="Fit tangential distortion (p1, p2) too.")
 def command(
     *,
     path: Path,
@@ -34,6 +35,7 @@ def command(
     start_utc: str | None,
     write_path: Path | None,
     as_json: bool,
+    tangential: bool,
 ) -> None:
     """Fit focal length, principal point, radial distortion and mirror to the stars of the session FILE.
 
@@ -55,14 +57,19 @@ def command(
     if station.identifier.algorithm == "external":
         station, text = with_identifier(station, text, "robust")
     setup = set_up(station, text, utc_ns=first_ns, protocol_text=recording.protocol.text)
-    result = calibrate_session(sample, setup.camera, setup.built_in, _truth(recording, first_ns))
+    result = calibrate_session(sample, setup.camera, setup.built_in, _truth(recording, first_ns), tangential=tangential)
     if write_path is not None:
         write_new(write_path, with_values(recording.station_text, "sensor", _sensor_values(result)))
     click.echo(json.dumps(calibration_report(result)) if as_json else "\n".join(_lines(result)))
 
 
 def _truth(recording: "Recording", utc_ns: int | None) -> SiderealTruth | None:
-    """Truth for aberration and refraction; None before 1972, where catalogue places are used instead."""
+    """Truth for aberration and refraction; None where catalogue places are used instead.
+
+    So they are before 1972, and before a star simulator.
+    """
+    if recording.station.mount.inertial is not None:
+        return None
     try:
         orientation = recording.earth_orientation or EarthOrientation.from_disk(utc_ns or 0)
     except TruthError as error:
@@ -78,9 +85,9 @@ def calibration_report(result: SessionCalibration) -> dict[str, Any]:
         "schema": "gse.calibration/1",
         **_values(fitted),
         "mirrored": fitted.camera.mirrored,
-        "sigma": dict(zip(_NAMES, _rounded(fitted.sigma), strict=True)),
+        "sigma": dict(zip(_NAMES, _rounded(fitted.sigma), strict=False)),
         "covariance": [[float(f"{value:.6g}") for value in row] for row in fitted.covariance.tolist()],
-        "covariance_order": list(_NAMES),
+        "covariance_order": list(_NAMES[: len(fitted.sigma)]),
         "held": list(fitted.held),
         "tried": result.tried,
         "identified_before": result.identified_before,
@@ -96,17 +103,20 @@ def calibration_report(result: SessionCalibration) -> dict[str, Any]:
 
 def _values(fitted: Calibration) -> dict[str, float]:
     camera = fitted.camera
-    values = (camera.focal_length_px, *camera.principal_point_px, *camera.radial_distortion)
+    distortion = camera.radial_distortion, camera.tangential_distortion
+    values = (camera.focal_length_px, *camera.principal_point_px, *distortion[0], *distortion[1])
     # + 0.0: no -0.0 in a station file.
     return {name: round(value, digits) + 0.0 for name, value, digits in zip(_NAMES, values, _DIGITS, strict=True)}
 
 
 def _sensor_values(result: SessionCalibration) -> dict[str, object]:
     values = _values(result.calibration)
+    tangential = {"tangential_distortion": [values["p1"], values["p2"]]} if values["p1"] or values["p2"] else {}
     return {
         "focal_length_px": values["focal_length_px"],
         "principal_point_px": [values["principal_point_x_px"], values["principal_point_y_px"]],
         "radial_distortion": [values["k1"], values["k2"]],
+        **tangential,
         "mirrored": result.calibration.camera.mirrored,
         "hot_pixels": [list(pixel) for pixel in result.hot_pixels],
     }
@@ -130,7 +140,7 @@ def _rounded(values: tuple[float, ...] | list[float], digits: int = 8) -> list[f
 def _lines(result: SessionCalibration) -> list[str]:
     """The result for a person, with the map of residuals over the detector."""
     fitted = result.calibration
-    rows = zip(_NAMES, _values(fitted).values(), fitted.sigma, _DIGITS, strict=True)
+    rows = zip(_NAMES, _values(fitted).values(), fitted.sigma, _DIGITS, strict=False)  # p1, p2 only where fitted
     scale = [f"the focal length was changed by {result.first_scale - 1:+.1%} first"] if result.first_scale != 1 else []
     hot = ", ".join(f"({x}, {y})" for x, y in result.hot_pixels) or "none"
     return [

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.cli import EXIT_DATA_LOST
+from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.options import station_of
 from gse.errors import UsageError
 
@@ -105,13 +105,60 @@ def judge_command(
         rehash=rehash,
     )
     if campaign.todo:
-        with cluster(scheduler, workers or _cores(len(campaign.todo))) as client, _Bar(len(campaign.todo)) as bar:
-            outcomes = run_campaign(campaign, client, bar.one_more)
+        with (
+            cluster(scheduler, workers or _cores(len(campaign.todo))) as client,
+            _Bar("judging", len(campaign.todo)) as bar,
+        ):
+            outcomes = run_campaign(campaign, client, bar.judged)
     else:
         outcomes = list(campaign.unchanged)
     document = _document(dataset, outcomes)
     click.echo(json.dumps(document) if as_json else "\n".join(_lines(document)))
     ctx.exit(EXIT_DATA_LOST if document["errors"] or document["damaged"] else 0)
+
+
+@command.command("report")
+@click.argument("dataset_url", metavar="DATASET")
+@click.option(
+    "--station", "station_path", type=click.Path(path_type=Path), help="Report what was judged with this --station."
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default="campaign-report",
+    show_default=True,
+    help="New folder for the report.",
+)
+@click.option("--pdf", is_flag=True, help="Also print campaign.html to campaign.pdf, by Chromium or Chrome.")
+@click.option("--json", "as_json", is_flag=True, help="The report as one JSON object on stdout.")
+@click.pass_context
+def report_command(
+    ctx: click.Context, *, dataset_url: str, station_path: Path | None, out: Path, pdf: bool, as_json: bool
+) -> None:
+    """Write campaign.html and campaign.json of DATASET: verdict, trends, error atlas, sky, and what was left out.
+
+    The verdict is per sensor and requirement, with nights as the sample. The exit code is the verdict's.
+    """
+    require_packages()
+    from gse.campaign.dataset import DataSet
+    from gse.campaign.document import campaign_document
+    from gse.campaign.files import write_campaign_report
+    from gse.campaign.keys import OWN_STATION, station_sha256
+    from gse.report.printing import find_browser, print_to_pdf
+
+    if out.exists():
+        raise UsageError(f"{out} exists already; choose another --out")
+    browser = find_browser() if pdf else None
+    dataset = DataSet.at(_absolute(dataset_url))
+    judged_with = station_sha256(*station_of(station_path)) if station_path else OWN_STATION
+    with _Bar("reading", len(dataset.committed())) as bar:
+        report = campaign_document(dataset, station_sha256=judged_with, each=bar.one_more)
+    page = write_campaign_report(report, out)
+    if browser:
+        click.echo(f"PDF: {print_to_pdf(browser, page)}", err=True)
+    click.echo(json.dumps(report) if as_json else "\n".join(_verdict_lines(report)))
+    click.echo(f"report: {page}", err=True)
+    ctx.exit({"PASS": 0, "FAIL": EXIT_FAIL}.get(report["verdict"], EXIT_INCONCLUSIVE))
 
 
 @command.command("query")
@@ -140,17 +187,16 @@ def query_command(*, dataset_url: str, sql: str, form: str) -> None:
 class _Bar:
     """Progress on stderr with the time left: a bar on a terminal, else a line at each tenth."""
 
-    def __init__(self, total: int) -> None:
+    def __init__(self, what: str, total: int) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+        self._what, self._errors = what, 0
         self._console = Console(stderr=True)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        self._progress = Progress(
-            *columns, console=self._console, transient=True, disable=not self._console.is_terminal
-        )
-        self._task = self._progress.add_task("judging", total=total)
-        self._errors = 0
+        off = not self._console.is_terminal
+        self._progress = Progress(*columns, console=self._console, transient=True, disable=off)
+        self._task = self._progress.add_task(what, total=total)
 
     def __enter__(self) -> "_Bar":
         self._progress.__enter__()
@@ -159,17 +205,50 @@ class _Bar:
     def __exit__(self, *error: Any) -> None:
         self._progress.__exit__(*error)
 
-    def one_more(self, judged: "Judged") -> None:
-        """Count a session."""
+    def judged(self, judged: "Judged") -> None:
+        """Count a session that was judged."""
         self._errors += bool(judged.error)
-        described = f"judging ({self._errors} with errors)" if self._errors else "judging"
+        self.one_more()
+
+    def one_more(self) -> None:
+        """Count a session."""
+        described = f"{self._what} ({self._errors} with errors)" if self._errors else self._what
         self._progress.update(self._task, advance=1, description=described)
         task = self._progress.tasks[0]
         done, total = int(task.completed), int(task.total or 0)
         if not self._console.is_terminal and done * 10 // total > (done - 1) * 10 // total:
             left_s = task.time_remaining
-            left = f", about {left_s / 60:.0f} min left" if left_s and done < total else ""
+            left = f", about {max(left_s / 60, 1):.0f} min left" if left_s and done < total else ""
             click.echo(f"{described}: {done} of {total}{left}", err=True)
+
+
+def _verdict_lines(report: dict[str, Any]) -> list[str]:
+    """The verdict of each sensor for a person."""
+    lines = []
+    for sensor in report["sensors"]:
+        marks = [word for word in ("relative", "simulated") if sensor[word]]
+        mark = f" ({', '.join(marks)})" if marks else ""
+        lines.append(f"{sensor['name']}: {sensor['verdict']}{mark}, {sensor['nights']} nights, {sensor['hours']:.1f} h")
+        lines += [f"  {reason}" for reason in sensor["reasons"]]
+        lines += [f"  {line}" for line in _atlas_lines(sensor["atlas"])]
+    if report["left_out"]:
+        lines.append(f"left out: {len(report['left_out'])} of {report['sessions']} sessions")
+        lines += _some([f"  {one['source']}: {one['why']}" for one in report["left_out"]])
+    return lines
+
+
+def _atlas_lines(atlas: dict[str, Any] | None) -> list[str]:
+    if atlas is None:
+        return []
+    lines = [
+        f"pixel phase error along {one['axis']}: {one['amplitude_px']:.3f} px ({one['sigmas']:.1f} sigma)"
+        for one in atlas["phase"]
+        if one["found"]
+    ]
+    if atlas["stars_found"]:
+        names = ", ".join(f"{star['name']} ({star['sigmas']:.1f} sigma)" for star in atlas["stars"][:5])
+        lines.append(f"{atlas['stars_found']} stars away from their catalogue places: {names}")
+    return lines
 
 
 def _document(dataset: "DataSet", outcomes: list["Judged"]) -> dict[str, Any]:

@@ -17,10 +17,18 @@ from gse.cli import EXIT_DATA_LOST
 )
 @click.option("--explain", is_flag=True, help="Explain each discard: what was expected, and the bytes around it.")
 @click.option("--discards", "only_discards", is_flag=True, help="Show the discards only.")
+@click.option("--try", "tries", is_flag=True, help="Say which framings, lengths and checksums an unknown capture fits.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line, schema gse.decode/1; totals last.")
 @click.pass_context
 def command(
-    ctx: click.Context, *, path: Path, protocol_name: str | None, explain: bool, only_discards: bool, as_json: bool
+    ctx: click.Context,
+    *,
+    path: Path,
+    protocol_name: str | None,
+    explain: bool,
+    only_discards: bool,
+    tries: bool,
+    as_json: bool,
 ) -> None:
     """List the frames and the discarded bytes of FILE in their order, with totals.
 
@@ -30,8 +38,13 @@ def command(
     """
     from gse.inspection.decode import Decoding
     from gse.inspection.decode_text import explanation, line, piece_json, totals_json, totals_lines
+    from gse.inspection.unknown_capture import look
     from protocols import Frame
 
+    if tries:
+        looked = look(path)
+        click.echo(json.dumps(looked.document()) if as_json else "\n".join(looked.lines()))
+        return
     decoding = Decoding(path, protocol_name)
     protocol = decoding.protocol
     for piece in decoding:

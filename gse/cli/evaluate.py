@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_INTERRUPTED, was_interrupted
-from gse.cli.options import IDENTIFIER, station_of, station_option
+from gse.cli.options import IDENTIFIER, station_of, station_option, with_identifier
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
     from gse.evaluation.plan import Outcome, Plan
+
+BENCHMARK = ("robust", "neighbour", "pivot", "match-group")
+"""The identifiers of --panoramas."""
 
 _NOISE_ARCSEC, _NOISE_MAGNITUDE, _LIMIT = 10.0, 0.3, 6.0
 
@@ -68,10 +71,28 @@ class _Finite(click.FloatRange):
 @click.option(
     "--catalog", type=click.Path(path_type=Path, dir_okay=False), help="Star catalogue; default: that of the station."
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.evaluation/1.")
+@click.option(
+    "--panoramas",
+    "folders",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="Benchmark on the panoramas of this folder, which has a truth.json, beside seeded ones; repeatable.",
+)
+@click.option(
+    "--json", "as_json", is_flag=True, help="One JSON object, schema gse.evaluation/1 (--panoramas: gse.benchmark/1)."
+)
 @click.option("--figures", type=click.Path(path_type=Path, file_okay=False), help="Write plots (SVG) to this folder.")
 @click.pass_context
-def command(ctx: click.Context, /, *, workers: int, as_json: bool, figures: Path | None, **options: Any) -> None:
+def command(
+    ctx: click.Context,
+    /,
+    *,
+    workers: int,
+    as_json: bool,
+    figures: Path | None,
+    folders: tuple[Path, ...],
+    **options: Any,
+) -> None:
     """Measure how often identifiers are right, over directions spread evenly on the sky, and their CPU time.
 
     An answer is right if its boresight is within 0.05 deg; coarse if most stars are right and it is 0.05 to 0.5 deg
@@ -84,9 +105,15 @@ def command(ctx: click.Context, /, *, workers: int, as_json: bool, figures: Path
 
     --preset lapan, a field like that of the LAPAN sensor: 14 x 14 deg on 1024 x 1024 whole pixels, 10 arcsec,
     neighbour with 0, 3 and 8 false objects. The LAPAN paper states none of these numbers.
+
+    --panoramas FOLDER scores identifiers, built-in or external, on panoramas of the real sky (or anybody's) beside the
+    seeded ones: success, false answers, none, boresight error and time in one table.
     """
     from gse.evaluation.plan import report, tallies
 
+    if folders:
+        _benchmark(folders, options, as_json=as_json)
+        return
     plan, note = _plan(options)
     if figures is not None:
         from gse.evaluation.plots import refuse_existing
@@ -108,6 +135,23 @@ def command(ctx: click.Context, /, *, workers: int, as_json: bool, figures: Path
         ctx.exit(EXIT_INTERRUPTED)
 
 
+def _benchmark(folders: tuple[Path, ...], options: dict[str, Any], *, as_json: bool) -> None:
+    """Every identifier on every set of panoramas: those of the folders, and seeded ones."""
+    from gse.catalog import load_catalog
+    from gse.evaluation.panoramas import SCHEMA, benchmark, read_set, seeded_set, table
+
+    if options["preset"]:
+        raise UsageError("--panoramas has its own cameras; leave out --preset")
+    sets = [read_set(folder) for folder in folders]
+    options = {**options, "identifiers": options["identifiers"] or BENCHMARK}
+    plan, _ = _plan(options)
+    identifiers = list(dict.fromkeys(cell.identifier for cell in plan.cells))
+    source = load_catalog(plan.catalog)
+    sets += [seeded_set(plan, cell, source) for cell in plan.cells if cell.identifier == identifiers[0]]
+    rows = list(benchmark(identifiers, sets, plan.catalog))
+    click.echo(json.dumps({"schema": SCHEMA, "seed": plan.seed, "rows": rows}) if as_json else "\n".join(table(rows)))
+
+
 def _plan(options: dict[str, Any]) -> tuple["Plan", str]:
     """The plan that the options ask for, and one line about it."""
     from gse.evaluation.frames import Conditions, Optics
@@ -116,7 +160,7 @@ def _plan(options: dict[str, Any]) -> tuple["Plan", str]:
     preset = PRESETS[options["preset"]] if options["preset"] else None
     if preset and options["station_path"]:
         raise UsageError("--preset has its own camera; leave out --station or --preset")
-    station, _ = station_of(options["station_path"])
+    station, text = station_of(options["station_path"])
     catalog = str(options["catalog"]) if options["catalog"] else station.catalog
     if preset:
         optics, base, names, angles = preset.optics, preset.conditions, preset.identifiers, preset.angle_noise
@@ -131,7 +175,7 @@ def _plan(options: dict[str, Any]) -> tuple["Plan", str]:
     if angles:
         _refuse_for_angles(options)
     cells = [
-        Cell(replace(station.identifier, algorithm=name), conditions)
+        Cell(with_identifier(station, text, name)[0].identifier, conditions)
         for name in dict.fromkeys(names)
         for conditions in _conditions(base, options)
     ]

@@ -13,13 +13,16 @@ from drivers.chunk import LinkEvent
 from gse.instant import to_text
 from gse.station.frame_json import frame_json
 from gse.station.loop import Listener, StationLoop
+from gse.station.notes import Notes
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.view.status import StatusLine
 
 if TYPE_CHECKING:
+    from gse.sessions.forecast import Forecast
     from gse.view.live import LiveView
 
+_LOOPBACK = ("127.0.0.1", "localhost")
 ViewMode = Literal["web", "native", "none"]
 
 
@@ -62,26 +65,50 @@ class LiveOutputs:
         *,
         view: ViewMode,
         bind: str,
+        http_port: int,
         save_rrd: Path | None,
         json_frames: bool,
         step: bool = False,
         diagnose: bool = True,
+        notes: Notes | None = None,
     ) -> None:
-        self._view, self._bind, self._save_rrd = view, bind, save_rrd
+        self._view, self._bind, self._port, self._save_rrd = view, bind, http_port, save_rrd
+        self._notes = notes
         self._json_frames = json_frames
         self._step, self._diagnose = step, diagnose
         self._live: LiveView | None = None
+        self._forecast: Forecast | None = None
         self._status: StatusLine | None = None
 
     def listeners(self, loop: StationLoop, folder: Path | None) -> Sequence[Listener]:
         """The requested listeners and the status line."""
+        from gse.sessions.forecast import Forecast
+
+        self._forecast = Forecast(loop.sky.fill)
         listeners: list[Listener] = [JsonFrames()] if self._json_frames else []
+        listeners.append(self._forecast)
         listeners.append(self._open_status(loop, folder))
         if self._view != "none" or self._save_rrd is not None:
-            listeners.append(self._open_view(loop))
+            listeners.append(self._open_view(loop, folder))
         if self._step:
             listeners.append(Steps())
         return [*listeners, _live_diagnosis(listeners)] if self._diagnose else listeners
+
+    @property
+    def page(self) -> str | None:
+        """The address of the live page; None without one."""
+        return self._live.url or None if self._live else None
+
+    def forecast(self) -> str:
+        """The line on the time to a verdict; empty before it is known."""
+        return self._forecast.text if self._forecast else ""
+
+    def enter_judging(self) -> None:
+        """Show that the session is closed and judged."""
+        if self._forecast is not None:
+            self._forecast.close()
+        if self._live is not None:
+            self._live.enter_judging()
 
     def conclude(self, report: dict[str, Any]) -> None:
         """Show the verdict in the view."""
@@ -96,6 +123,8 @@ class LiveOutputs:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self._forecast is not None:
+            self._forecast.close()
         if self._status is not None:
             self._status.close()
         if self._live is not None:
@@ -104,12 +133,12 @@ class LiveOutputs:
     def _open_status(self, loop: StationLoop, folder: Path | None) -> Listener:
         if self._view == "none":
             click.echo("to see it live: --view web", err=True)
-        status = StatusLine(loop.setup.station, folder)
+        status = StatusLine(loop.setup.station, folder, forecast=self.forecast)
         status.__enter__()
         self._status = status
         return status
 
-    def _open_view(self, loop: StationLoop) -> Listener:
+    def _open_view(self, loop: StationLoop, folder: Path | None) -> Listener:
         from gse.view.live import LiveView
 
         view = LiveView(
@@ -118,9 +147,15 @@ class LiveOutputs:
             save_rrd=self._save_rrd,
             catalog=loop.setup.identifier.catalog,
             bind=self._bind,
+            port=self._port,
+            folder=folder,
+            notes=self._notes,
+            forecast=self.forecast,
         )
         if view.url:
-            click.echo(f"live view: {view.url}", err=True)
+            click.echo(f"live page: {view.url} (rerun: {view.url}rerun)", err=True)
+        if view.url and self._bind not in _LOOPBACK and self._notes is not None:
+            click.echo(f"notes from other machines: {view.url}#token={view.token}", err=True)
         self._live = view
         return view
 

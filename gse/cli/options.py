@@ -60,10 +60,13 @@ view_option: Callable[[Any], Any] = click.option(
     type=click.Choice(("web", "native", "none")),
     default="none",
     show_default=True,
-    help="Live view in rerun: a web page, a window, or none.",
+    help="Live view: web pages (at a glance, and rerun), rerun's window, or none.",
 )
 bind_option: Callable[[Any], Any] = click.option(
-    "--bind", default="127.0.0.1", show_default=True, help="Address of the web view."
+    "--bind", default="127.0.0.1", show_default=True, help="Address of the web pages; 0.0.0.0: this network."
+)
+http_port_option: Callable[[Any], Any] = click.option(
+    "--http-port", type=click.IntRange(0, 65535), default=0, help="Port of the web pages; default: 8420, or a free one."
 )
 save_rrd_option: Callable[[Any], Any] = click.option(
     "--save-rrd", type=click.Path(path_type=Path, dir_okay=False), help="Save the view to this .rrd file, too."

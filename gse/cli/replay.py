@@ -11,6 +11,7 @@ from gse.cli.options import (
     change_to,
     clock_error_option,
     earth_orientation_option,
+    http_port_option,
     identifier_option,
     json_frames_option,
     json_option,
@@ -37,6 +38,7 @@ from gse.truth.iers_tables import GivenTables
 @start_utc_option
 @view_option
 @bind_option
+@http_port_option
 @save_rrd_option
 @clock_error_option
 @earth_orientation_option
@@ -59,6 +61,7 @@ def command(
     start_utc: str | None,
     view: ViewMode,
     bind: str,
+    http_port: int,
     save_rrd: Path | None,
     clock_error_s: float | None,
     given_orientation: GivenTables | None,
@@ -84,12 +87,19 @@ def command(
         given_orientation=given_orientation,
     )
     live_outputs = LiveOutputs(
-        view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames, step=step, diagnose=speed != "max"
+        view=view,
+        bind=bind,
+        http_port=http_port,
+        save_rrd=save_rrd,
+        json_frames=json_frames,
+        step=step,
+        diagnose=speed != "max",
     )
     with live_outputs:
         replay = replay_session(
             path, options=options, station=change_to(station_path, identifier), make_listeners=live_outputs.listeners
         )
+        live_outputs.enter_judging()
         frames = replay.session.frames.columns
         first_ns = int(frames["utc_ns"][0]) if len(frames) else 0
         folder = new_session_folder(out, f"{replay.session.station.sensor.name}-replay", first_ns)

@@ -1,7 +1,7 @@
 """``gse run``: the live test of a sensor, real or simulated."""
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from gse.cli.options import (
     bind_option,
     clock_error_option,
     earth_orientation_option,
+    http_port_option,
     identifier_option,
     json_frames_option,
     json_option,
@@ -32,12 +33,14 @@ from gse.config.edit import with_values
 from gse.config.station import Station
 from gse.errors import GseError
 from gse.sessions.ending import Ending
+from gse.station.notes import Notes
 from gse.truth.iers_tables import GivenTables
 from protocols.errors import ProtocolError
 
 if TYPE_CHECKING:
     from gse.sessions.live import LiveSession
     from gse.sessions.status_file import StatusFile
+    from gse.station.loop import Listener, StationLoop
 
 _MOST_LISTED = 3
 """Most unfinished sessions listed; of further ones only the number."""
@@ -58,6 +61,7 @@ _MOST_LISTED = 3
 )
 @view_option
 @bind_option
+@http_port_option
 @save_rrd_option
 @click.option("--wait-port", is_flag=True, help="Wait for the port if it does not exist yet.")
 @click.option("--detach", "detached", is_flag=True, help="Run without this terminal; 'gse status' shows the state.")
@@ -76,6 +80,7 @@ def command(
     duration_s: float | None,
     view: ViewMode,
     bind: str,
+    http_port: int,
     save_rrd: Path | None,
     wait_port: bool,
     detached: bool,
@@ -99,25 +104,35 @@ def command(
     session = _Session(detach() if detached else None)
     if station.port.url.startswith("sim://"):
         station, text = _simulated(station, text)
-    live_outputs = LiveOutputs(view=view, bind=bind, save_rrd=save_rrd, json_frames=json_frames)
+    notes = Notes()
+    live_outputs = LiveOutputs(
+        view=view, bind=bind, http_port=http_port, save_rrd=save_rrd, json_frames=json_frames, notes=notes
+    )
     with Ending(_say) as ending, queued_output(_waits_for_reader(station, ending)) as outputs:
         _list_unfinished(out)
 
         def receive() -> "LiveSession":
             from gse.sessions.live import Operator, run_live
 
-            operator = Operator(ending, _say, session.opened, outputs.news)
-            return run_live(
+            operator = Operator(ending, _say, session.opened, outputs.news, notes)
+            live = run_live(
                 station,
                 text,
                 out,
                 operator,
-                make_listeners=live_outputs.listeners,
+                make_listeners=listeners_of,
                 duration_s=duration_s,
                 wait_port=wait_port,
                 clock_error_s=clock_error_s,
                 given_orientation=given_orientation,
             )
+            live_outputs.enter_judging()
+            return live
+
+        def listeners_of(loop: "StationLoop", folder: Path) -> "Sequence[Listener]":
+            found = live_outputs.listeners(loop, folder)
+            session.link_up(live_outputs)
+            return found
 
         with live_outputs:
             report, found = session.run(receive, ending, clock_error_s)
@@ -145,6 +160,11 @@ class _Session:
             self._detachment.into(folder)
         _say(f"recording: {folder / 'session.mcap'}")
         _say("Ctrl-C ends the session: it is closed, judged and reported")
+
+    def link_up(self, live_outputs: LiveOutputs) -> None:
+        """Let the status file show what the live outputs know."""
+        if self._status is not None:
+            self._status.link_up(page=live_outputs.page, forecast=live_outputs.forecast)
 
     def run(
         self, receive: Callable[[], "LiveSession"], ending: Ending, clock_error_s: float | None

@@ -118,16 +118,20 @@ def trim(
 @click.option(
     "--format",
     "form",
-    type=click.Choice(("csv", "ndjson", "raw", "rrd")),
+    type=click.Choice(("csv", "ndjson", "raw", "rrd", "parquet", "mcap")),
     required=True,
-    help="Panoramas as CSV, all records as NDJSON, the received bytes, or a rerun recording.",
+    help="Panoramas as CSV, all records as NDJSON, the received bytes, a rerun recording; results as a new folder of "
+    "Parquet files, or as topics beside the bytes in a new MCAP file.",
 )
 @_out
 @click.pass_context
 def export(ctx: click.Context, path: Path, form: str, out: Path | None) -> None:
-    """Export a session for other programs; to stdout without -o (rrd needs -o)."""
+    """Export a session for other programs; to stdout without -o (rrd, parquet and mcap need -o)."""
     if form == "rrd":
         _export_rrd(ctx, path, out)
+        return
+    if form in ("parquet", "mcap"):
+        _export_results(path, form, out)
         return
     from gse.sessions.export import export_csv, export_ndjson, export_raw
 
@@ -139,6 +143,27 @@ def export(ctx: click.Context, path: Path, form: str, out: Path | None) -> None:
             count = export_csv(path, text) if form == "csv" else export_ndjson(path, text)
     what = {"csv": "panoramas", "ndjson": "records", "raw": "bytes"}[form]
     click.echo(f"{count} {what} exported", err=True)
+
+
+def _export_results(path: Path, form: str, out: Path | None) -> None:
+    from drivers.session_file.reader import session_file
+    from gse.cli.progress import judged_with_progress
+    from gse.sessions.judged import result_key
+    from gse.sessions.results_export import export_mcap, export_parquet
+    from gse.tables import session_tables
+
+    if out is None:
+        raise UsageError(f"results need a name: -o {'tables' if form == 'parquet' else 'results.mcap'}")
+    first = session_file(path)
+    if out.exists():
+        raise UsageError(f"{out} exists already; choose another name")
+    judged = judged_with_progress(path)
+    tables = session_tables(judged.session, judged.assessment, result_key(first, judged.session.station_text))
+    try:
+        count = export_parquet(tables, out) if form == "parquet" else export_mcap(path, tables, out)
+    except OSError as error:
+        raise UsageError(f"cannot write {out}: {error.strerror}") from error
+    click.echo(f"{count} {'rows' if form == 'parquet' else 'results'} exported to {out}", err=True)
 
 
 def _export_rrd(ctx: click.Context, path: Path, out: Path | None) -> None:

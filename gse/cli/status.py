@@ -28,7 +28,7 @@ def command(ctx: click.Context, *, path: Path, stop: bool, as_json: bool) -> Non
     """
     from gse.sessions.status_file import is_running, is_unfinished
 
-    folder, status = _session(path)
+    folder, status = newest_session(path)
     running = is_running(status)
     if stop:
         _stop(folder, status, running=running)
@@ -40,7 +40,7 @@ def command(ctx: click.Context, *, path: Path, stop: bool, as_json: bool) -> Non
     ctx.exit(EXIT_FAIL if is_unfinished(folder) else 0)
 
 
-def _session(path: Path) -> tuple[Path, dict[str, Any]]:
+def newest_session(path: Path) -> tuple[Path, dict[str, Any]]:
     """The chosen session and its status: a running one before the others, then the newest."""
     from gse.sessions.status_file import is_running, read_status, session_folders
 
@@ -74,9 +74,14 @@ def _lines(folder: Path, status: dict[str, Any], *, running: bool, unfinished: b
         f"  link {status['link']} on {status['port']}",
         f"  {status['frames']} frames, {status['frames_lost']} lost, {identified} identified, "
         f"last answer {status['last_answer_utc'] or 'none'}",
-        *([f"  {status['so_far']}"] if status["state"] != "ended" else []),
+        *([f"  {status['so_far']}{_forecast(status)}"] if status["state"] != "ended" else []),
+        *([f"  live page {status['page']}"] if running and status.get("page") else []),
         f"  {status['session_bytes'] / 1e6:.1f} MB recorded, disk {status['disk_free_bytes'] / 1e9:.1f} GB free",
     ]
+
+
+def _forecast(status: dict[str, Any]) -> str:
+    return f"; {status['forecast']}" if status.get("forecast") else ""
 
 
 def _silence(utc: str) -> str:

@@ -1,22 +1,22 @@
 """``gse view``: shows a session in rerun."""
 
+import contextlib
 import tempfile
+import threading
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import click
 
-from gse.cli.options import clock_error_option
+from gse.cli.options import bind_option, clock_error_option, http_port_option
 
 
 @click.command("view")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 @click.option("--web", is_flag=True, help="Show it as a web page, until Ctrl-C.")
-@click.option("--bind", default="127.0.0.1", show_default=True, help="Address of the web page.")
-@click.option(
-    "--http-port", type=click.IntRange(0, 65535), default=0, help="Port of the web page; default: a free one."
-)
+@bind_option
+@http_port_option
 @click.option("--save", type=click.Path(path_type=Path, dir_okay=False), help="Save it as a rerun file, .rrd")
 @click.option("--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Save a picture of it as .png")
 @clock_error_option
@@ -31,8 +31,8 @@ def command(
     clock_error_s: float | None,
 ) -> None:
     """Show the session FILE in rerun: in a window, unless --web, --save or --screenshot is given."""
-    from gse.view.page import ViewerPage, wait_for_interrupt
     from gse.view.screenshot import save_screenshot
+    from gse.view.server import Content, ViewServer
     from gse.view.viewer import open_native_viewer
 
     with ExitStack() as stack:
@@ -48,9 +48,8 @@ def command(
             save_screenshot(recording, screenshot)
             click.echo(f"picture: {screenshot}", err=True)
         if web:
-            page = stack.enter_context(ViewerPage(bind, http_port, recording=recording))
-            click.echo(f"view: {page.url} (press Ctrl-C to end)", err=True)
-            wait_for_interrupt()
+            server = stack.enter_context(ViewServer(bind, http_port, Content(recording=recording)))
+            _serve_until_interrupt(server.url)
         elif save is None and screenshot is None:
             open_native_viewer(str(recording))
             click.echo(f"opened in rerun: {recording}", err=True)
@@ -73,6 +72,12 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
         session.clock_error_s = clock_error_s
     assessment = judge(session)
     views[0].finish(session, assessment.verdict.value, assessment.reasons)
+
+
+def _serve_until_interrupt(url: str) -> None:
+    with contextlib.suppress(KeyboardInterrupt):
+        click.echo(f"view: {url} (press Ctrl-C to end)", err=True)
+        threading.Event().wait()
 
 
 def _remove(recording: Path) -> None:

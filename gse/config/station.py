@@ -3,7 +3,9 @@
 import difflib
 import math
 from dataclasses import fields, is_dataclass
+from datetime import datetime
 from pathlib import Path
+from types import UnionType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import yaml
@@ -52,6 +54,9 @@ for _values in (
     with_config(ConfigDict(extra="forbid"))(_values)  # an unknown key is an error in these sections too
 
 
+_Distortion = Annotated[float, Field(ge=-1, le=1)]
+
+
 class Sensor(_Section):
     """Detector and optics; lengths in pixels, 0-based at pixel centres."""
 
@@ -60,7 +65,8 @@ class Sensor(_Section):
     columns: Annotated[int, Field(ge=16, le=16384)]
     focal_length_px: Annotated[float, Field(gt=10, le=1e6)]
     principal_point_px: tuple[float, float] | None = None
-    radial_distortion: tuple[Annotated[float, Field(ge=-1, le=1)], Annotated[float, Field(ge=-1, le=1)]] = (0.0, 0.0)
+    radial_distortion: tuple[_Distortion, _Distortion] = (0.0, 0.0)
+    tangential_distortion: tuple[_Distortion, _Distortion] = (0.0, 0.0)
     mirrored: bool = False
     index_max: Annotated[int, Field(ge=1, le=65535)] = 4096
     hot_pixels: tuple[tuple[int, int], ...] = ()
@@ -71,7 +77,8 @@ class Sensor(_Section):
     def camera(self) -> Camera:
         """The camera model of this sensor."""
         centre = self.principal_point_px or ((self.columns - 1) / 2, (self.rows - 1) / 2)
-        return Camera(self.rows, self.columns, self.focal_length_px, centre, self.radial_distortion, self.mirrored)
+        lens = self.radial_distortion, self.mirrored, self.tangential_distortion
+        return Camera(self.rows, self.columns, self.focal_length_px, centre, *lens)
 
 
 class Port(_Section):
@@ -110,6 +117,15 @@ class Station(_Section):
         if isinstance(value, dict) and "align" in value:
             return {"stated": any(angle in value for angle in angles), **value}
         return value
+
+    @field_validator("mount", mode="before")
+    @classmethod
+    def _instant_as_text(cls, value: Any) -> Any:
+        """YAML reads an instant without quotes as a date."""
+        shown = value.get("inertial") if isinstance(value, dict) else None
+        if not isinstance(shown, dict) or not isinstance(shown.get("at"), datetime):
+            return value
+        return {**value, "inertial": {**shown, "at": shown["at"].isoformat().replace("+00:00", "Z")}}
 
     @model_validator(mode="after")
     def _principal_point_near_detector(self) -> "Station":
@@ -220,7 +236,7 @@ def _known_keys(path: list[str]) -> list[str]:
             continue
         hints = known.model_fields if isinstance(known, type) and issubclass(known, BaseModel) else None
         known = hints[part].annotation if hints else get_type_hints(known).get(part)
-        if get_origin(known) is tuple:
+        if get_origin(known) is tuple or isinstance(known, UnionType):
             known = get_args(known)[0]
     if isinstance(known, type) and issubclass(known, BaseModel):
         return list(known.model_fields)

@@ -1,7 +1,7 @@
 """Panoramas of a simulated sky: what a camera sees in a given direction, with given faults."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,14 +133,7 @@ def _attitude(boresight_icrs: NDArray[np.float64], roll_deg: float) -> Attitude:
 
 
 def _longer(camera: Camera, share: float) -> Camera:
-    return Camera(
-        camera.rows,
-        camera.columns,
-        camera.focal_length_px * (1 + share),
-        camera.principal_point_px,
-        camera.radial_distortion,
-        camera.mirrored,
-    )
+    return replace(camera, focal_length_px=camera.focal_length_px * (1 + share))
 
 
 def _merged(

@@ -27,7 +27,12 @@ from gse.constants import ARCSEC_RAD
 from gse.errors import GseError
 from gse.evaluation.frames import Conditions, FrameMaker, Optics, SimulatedFrame
 from gse.evaluation.plan import Cell, Outcome, Plan
+from gse.external.answers import Failure
+from gse.external.identifier import ExternalIdentifier, RunningIdentifier
+from gse.external.panoramas import SensorDescription
+from gse.external.plugs import plug_of
 from gse.identifier import Identification, Identifier, Unidentified, make_identifier
+from gse.panorama import Panorama
 from gse.spiral import spiral_directions
 
 RIGHT_DEG, COARSE_DEG = 0.05, 0.5
@@ -35,6 +40,7 @@ RIGHT_DEG, COARSE_DEG = 0.05, 0.5
 FAINTER = 0.9
 """The catalogue of ``robust`` reaches so far beyond the sensor's limit."""
 
+_INDEX_MAX = 4096
 _CHUNK_FRAMES = 25
 _QUEUED_PER_WORKER = 4
 """Chunks handed over ahead, so that no worker waits."""
@@ -53,7 +59,7 @@ class Evaluator:
         self._plan = plan
         self._source = load_catalog(plan.catalog)
         self._directions = spiral_directions(plan.frames)
-        self._ready: dict[int, tuple[FrameMaker, Identifier]] = {}
+        self._ready: dict[int, tuple[FrameMaker, Identifier | ExternalIdentifier]] = {}
         if plan.angle_noise:
             limit = plan.optics.magnitude_limit
             bright = self._source.rows(np.flatnonzero(self._source.magnitude <= limit))
@@ -67,7 +73,7 @@ class Evaluator:
                 self._outcome(cell, frame)
         return [self._outcome(cell, frame) for frame in frames]
 
-    def _prepared(self, cell: Cell) -> tuple[FrameMaker, Identifier]:
+    def _prepared(self, cell: Cell) -> tuple[FrameMaker, Identifier | ExternalIdentifier]:
         plan, conditions = self._plan, cell.conditions
         if plan.angle_noise:
             mission = brightest_per_field(self._source, 2 * plan.optics.radius_rad())
@@ -79,6 +85,9 @@ class Evaluator:
         maker, identifier = self._ready[cell]
         rng = np.random.default_rng(np.random.SeedSequence(self._plan.seed, spawn_key=(frame,)))
         seen = maker.frame(self._directions[frame], rng)
+        if isinstance(identifier, ExternalIdentifier):
+            kind, elapsed_us = _asked(identifier, seen, frame)
+            return Outcome(cell, frame, kind, seen.real_stars, elapsed_us)
         sigma_rad = self._plan.cells[cell].conditions.position_arcsec * ARCSEC_RAD
         identify = _by_angles(identifier, seen, sigma_rad, rng) if self._plan.angle_noise else _whole(identifier, seen)
         started_ns = time.thread_time_ns()
@@ -103,6 +112,18 @@ def graded(answer: Identification, catalog: StarCatalog, frame: SimulatedFrame) 
         return "right"
     mostly = float((catalog.ids[answer.stars] == frame.star_ids[answer.objects]).mean()) > 0.5
     return "coarse" if mostly and error_deg <= COARSE_DEG else "false"
+
+
+def _asked(identifier: ExternalIdentifier, frame: SimulatedFrame, number: int) -> tuple[str, float]:
+    """Kind of an external identifier's answer, by its boresight alone, and its time in microseconds."""
+    (given,) = identifier.source.answers([Panorama(0, frame.xy_px, frame.brightness, number)])
+    elapsed_us = math.nan if given.elapsed_us is None else given.elapsed_us
+    attitude = None if isinstance(given.answer, Failure) else given.answer.attitude
+    if attitude is None:
+        return "none", elapsed_us
+    distance = math.dist(attitude.boresight_icrs, frame.attitude.boresight_icrs)
+    error_deg = math.degrees(2 * math.asin(min(1.0, distance / 2)))
+    return "right" if error_deg <= RIGHT_DEG else "coarse" if error_deg <= COARSE_DEG else "false", elapsed_us
 
 
 _Named = tuple[NDArray[np.int64], NDArray[np.int64]]
@@ -139,7 +160,10 @@ def _for_angles(cell: Cell, optics: Optics, mission: StarCatalog) -> Identifier:
     return MatchGroupIdentifier(mission, field_rad, tolerance_rad, zero_point=zero_point)
 
 
-def _for_field(cell: Cell, optics: Optics, source: StarCatalog) -> Identifier:
+def _for_field(cell: Cell, optics: Optics, source: StarCatalog) -> Identifier | ExternalIdentifier:
+    if cell.identifier.algorithm == "external":
+        plug = plug_of(cell.identifier, SensorDescription(optics.name, optics.camera, _INDEX_MAX))
+        return ExternalIdentifier(source, RunningIdentifier(plug, cell.identifier.timeout_ms / 1000))
     if cell.identifier.algorithm != "robust":
         return make_identifier(cell.identifier, optics.camera, source)
     from gse.identifier.robust import RobustIdentifier

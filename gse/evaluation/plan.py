@@ -169,7 +169,7 @@ def _cell(plan: Plan, k: int, row: Tally) -> dict[str, Any]:
         rates[kind] = {"count": count, "share": share, "interval": bounds and [round(bound, 6) for bound in bounds]}
     times = {"median": row.cpu_us.p50, "p95": row.cpu_us.p95, "max": row.cpu_us.max}
     return {
-        "identifier": cell.identifier.algorithm,
+        "identifier": cell.identifier.label,
         "noise_arcsec": conditions.position_arcsec,
         "magnitude_noise": conditions.magnitude,
         "false_objects": conditions.false_objects,

@@ -5,6 +5,7 @@ time nor where the sensor should look.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -30,6 +31,12 @@ class Identifier(Protocol):
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
+        ...
+
+    def identify_many(
+        self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
+    ) -> Sequence[Identification | Unidentified]:
+        """The answers to many panoramas, each as for ``identify``."""
         ...
 
 

@@ -60,8 +60,21 @@ def accepted(
     """The identification, or Unidentified where no attitude puts the stars on their objects within the tolerance."""
     measured, icrs = directions_sensor.take(objects, axis=0), catalog.icrs.take(stars, axis=0)
     rms_rad = wahba_residual_rad(measured, icrs)
-    if rms_rad <= tolerance_rad:
-        return Identification(objects, stars, false_match_probability)
+    answer = Identification(objects, stars, false_match_probability)
+    return (
+        answer if rms_rad <= tolerance_rad else misfit(answer, directions_sensor, catalog.icrs, rms_rad, tolerance_rad)
+    )
+
+
+def misfit(
+    answer: Identification,
+    directions_sensor: NDArray[np.float64],
+    stars_icrs: NDArray[np.float64],
+    rms_rad: float,
+    tolerance_rad: float,
+) -> Unidentified:
+    """Why an answer is none: its stars lie ``rms_rad`` off their objects, as they are, or also once flipped."""
+    measured, icrs = directions_sensor.take(answer.objects, axis=0), stars_icrs.take(answer.stars, axis=0)
     mirrored_rad = wahba_residual_rad(measured * np.array([-1.0, 1.0, 1.0]), icrs)
     residual = f"the stars found lie {rms_rad / ARCSEC_RAD:.0f} arcsec rms off their objects"
     if mirrored_rad <= tolerance_rad:

@@ -17,14 +17,17 @@ With ``alpha_retries`` 0 a brightest object that is not a star ends the search: 
 Distances cannot tell a panorama from its mirror image, so an answer must also be solvable as an attitude.
 """
 
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.identifier.acceptance import RandomSky, accepted
-from gse.identifier.input_checks import distinct_objects, refusal
-from gse.identifier.neighbour_search import Limits, best_vote, first_fit
+from gse.identifier.acceptance import RandomSky, misfit
+from gse.identifier.input_checks import refusal
+from gse.identifier.neighbour_search import Limits, best_vote_many, first_fit_many
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.tables import field_diameter_rad, pair_table, tolerance_rad
 from gse.identifier_options import IdentifierOptions
@@ -42,25 +45,42 @@ class NeighbourIdentifier:
         self._tolerance_rad = tolerance_rad(camera, options.tolerance_px)
         self._sky = RandomSky(len(catalog), len(self._table.distance_urad), widest_rad, self._tolerance_rad)
         self._limits = Limits(1e6 * self._tolerance_rad, options.min_fit, 1 + options.alpha_retries)
-        self._search = first_fit if options.selection == "first-fit" else best_vote
+        self._search = first_fit_many if options.selection == "first-fit" else best_vote_many
 
     def identify(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
-        directions = np.ascontiguousarray(directions_sensor, dtype=np.float64)
-        refused = refusal(directions, np.asarray(brightness, dtype=np.float64), self._limits.min_fit + 1)
-        if refused:
-            return refused
-        distinct = distinct_objects(directions)
-        rows, stars, alphas = self._search(
-            directions.take(distinct, axis=0), self.catalog.icrs, self._table, self._limits
-        )
-        objects = distinct.take(rows)
-        if len(objects) == 0:
-            return Unidentified(
-                Reason.NO_MATCH,
-                f"no catalogue star reached a fit of {self._limits.min_fit} with any of {alphas} alpha star(s)",
+        return self.identify_many([(directions_sensor, brightness)])[0]
+
+    def identify_many(
+        self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
+    ) -> list[Identification | Unidentified]:
+        """The answers to many panoramas, each as for ``identify``, by one search that lets other threads run."""
+        answers = [
+            refusal(
+                np.ascontiguousarray(directions, dtype=np.float64),
+                np.ascontiguousarray(brightness, dtype=np.float64),
+                self._limits.min_fit + 1,
             )
-        false_match_probability = self._sky.false_match_probability(len(directions), len(objects) - 1, alphas)
-        return accepted(directions, self.catalog, objects, stars, self._tolerance_rad, false_match_probability)
+            for directions, brightness in panoramas
+        ]
+        sound = [directions for (directions, _), refused in zip(panoramas, answers, strict=True) if refused is None]
+        found = iter(self._found(sound) if sound else ())
+        return [refused or next(found) for refused in answers]
+
+    def _found(self, directions_sensor: list[NDArray[np.float64]]) -> Iterator[Identification | Unidentified]:
+        """The answers to panoramas that nothing is wrong with."""
+        counts = [len(directions) for directions in directions_sensor]
+        whole = np.concatenate(directions_sensor, dtype=np.float64)
+        found = self._search(whole, np.cumsum([0, *counts]), self.catalog.icrs, self._table, self._limits)
+        columns = pairwise(found.ends.tolist()), found.alphas.tolist(), found.rms_rad.tolist()
+        for directions, (begin, end), alphas, rms_rad in zip(directions_sensor, *columns, strict=True):
+            if begin == end:
+                reached = f"no catalogue star reached a fit of {self._limits.min_fit}"
+                yield Unidentified(Reason.NO_MATCH, f"{reached} with any of {alphas} alpha star(s)")
+                continue
+            probability = self._sky.false_match_probability(len(directions), end - begin - 1, alphas)
+            answer = Identification(found.objects[begin:end], found.stars[begin:end], probability)
+            fits = rms_rad <= self._tolerance_rad
+            yield answer if fits else misfit(answer, directions, self.catalog.icrs, rms_rad, self._tolerance_rad)

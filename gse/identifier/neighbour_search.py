@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.identifier.acceptance import wahba_residual_rad
 from gse.identifier.consistency import (
     MOST_CANDIDATES,
     Candidates,
@@ -19,6 +20,7 @@ from gse.identifier.consistency import (
     separations,
     windows,
 )
+from gse.identifier.input_checks import distinct_objects
 from gse.identifier.tables import PairTable
 from gse.jit import compiled
 
@@ -57,6 +59,99 @@ class Alpha(NamedTuple):
     fits: NDArray[np.uint64]
     begin: NDArray[np.int8]
     end: NDArray[np.int8]
+
+
+class Found(NamedTuple):
+    """Answers to K panoramas: objects and stars (M,) of panorama k are ``ends[k]`` to before ``ends[k + 1]``.
+
+    ``alphas`` (K,) is how many alpha stars were tried, ``rms_rad`` (K,) how far the stars are off their objects.
+    """
+
+    ends: NDArray[np.int64]
+    objects: NDArray[np.int64]
+    stars: NDArray[np.int64]
+    alphas: NDArray[np.int64]
+    rms_rad: NDArray[np.float64]
+
+
+@compiled
+def first_fit_many(
+    directions: NDArray[np.float64],
+    first: NDArray[np.int64],
+    icrs: NDArray[np.float64],
+    table: PairTable,
+    limits: Limits,
+) -> Found:
+    """``first_fit`` for K panoramas: rows ``first[k]`` to before ``first[k + 1]``, each object taken once."""
+    found = _room_for_answers(len(first) - 1, len(directions))
+    for k in range(len(first) - 1):
+        distinct, rows = _distinct(directions[first[k] : first[k + 1]])
+        objects, stars, alphas = first_fit(rows, icrs, table, limits)
+        _put(found, k, objects, stars, alphas, distinct, rows, icrs)
+    return found
+
+
+@compiled
+def best_vote_many(
+    directions: NDArray[np.float64],
+    first: NDArray[np.int64],
+    icrs: NDArray[np.float64],
+    table: PairTable,
+    limits: Limits,
+) -> Found:
+    """As ``first_fit_many``, by ``best_vote``."""
+    found = _room_for_answers(len(first) - 1, len(directions))
+    for k in range(len(first) - 1):
+        distinct, rows = _distinct(directions[first[k] : first[k + 1]])
+        objects, stars, alphas = best_vote(rows, icrs, table, limits)
+        _put(found, k, objects, stars, alphas, distinct, rows, icrs)
+    return found
+
+
+@compiled
+def _room_for_answers(panoramas: int, objects: int) -> Found:
+    return Found(
+        np.zeros(panoramas + 1, np.int64),
+        np.empty(objects, np.int64),
+        np.empty(objects, np.int64),
+        np.empty(panoramas, np.int64),
+        np.zeros(panoramas),
+    )
+
+
+@compiled
+def _distinct(directions: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Rows of the objects that are no second listing of another one, and their directions."""
+    distinct = distinct_objects(directions)
+    rows = np.empty((len(distinct), 3))
+    for i in range(len(distinct)):
+        for axis in range(3):
+            rows[i, axis] = directions[distinct[i], axis]
+    return distinct, rows
+
+
+@compiled
+def _put(
+    found: Found,
+    k: int,
+    objects: NDArray[np.int64],
+    stars: NDArray[np.int64],
+    alphas: int,
+    distinct: NDArray[np.int64],
+    rows: NDArray[np.float64],
+    icrs: NDArray[np.float64],
+) -> None:
+    """Put the answer to panorama k into its place."""
+    begin = found.ends[k]
+    measured, placed = np.empty((len(objects), 3)), np.empty((len(objects), 3))
+    for i in range(len(objects)):
+        found.objects[begin + i], found.stars[begin + i] = distinct[objects[i]], stars[i]
+        for axis in range(3):
+            measured[i, axis], placed[i, axis] = rows[objects[i], axis], icrs[stars[i], axis]
+    found.ends[k + 1] = begin + len(objects)
+    found.alphas[k] = alphas
+    if len(objects) > 0:
+        found.rms_rad[k] = wahba_residual_rad(measured, placed)
 
 
 @compiled
@@ -189,7 +284,7 @@ def _most_voted(alpha: Alpha, table: PairTable, tolerance_urad: float) -> NDArra
     """The stars with most votes, most first, then in catalogue order: one vote for each pair that fits a distance."""
     votes = np.zeros(len(table.first) - 1, np.int32)
     for distance in alpha.distances[alpha.others < _BRIGHT_OBJECTS][:_VOTERS]:
-        low = np.searchsorted(table.distance_urad, distance - tolerance_urad, side="right")
+        low = _first_above(table.distance_urad, distance - tolerance_urad)
         while low < len(table.distance_urad) and table.distance_urad[low] < distance + tolerance_urad:
             votes[table.brighter[low]] += 1
             votes[table.dimmer[low]] += 1
@@ -208,6 +303,19 @@ def _most_voted(alpha: Alpha, table: PairTable, tolerance_urad: float) -> NDArra
         if count == _STARS_TRIED:
             fewest = votes[stars[count - 1]] + 1
     return stars[:count]
+
+
+@compiled
+def _first_above(distances_urad: NDArray[np.int32], distance_urad: float) -> int:
+    """The first place of a greater distance: numpy's search would bring scipy's linear algebra along."""
+    low, high = 0, len(distances_urad)
+    while low < high:
+        middle = (low + high) // 2
+        if distances_urad[middle] <= distance_urad:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 @compiled

@@ -12,6 +12,8 @@ The paper leaves open how far "best concurrence" reaches and which members a lat
 published success is met within a point.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,6 +66,12 @@ class PivotIdentifier:
             len(directions), len(objects) - 1, len(directions)
         )
         return accepted(directions, self.catalog, objects, stars, self._tolerance_rad, false_match_probability)
+
+    def identify_many(
+        self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
+    ) -> list[Identification | Unidentified]:
+        """The answers to many panoramas, each as for ``identify``."""
+        return [self.identify(*objects) for objects in panoramas]
 
     def identify_angles(
         self, angles: Separations, brightness: NDArray[np.float64]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gse import instant
 from gse.assessment.sensor_answers import SensorAnswers
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
+from gse.station.housekeeping import MODES
 from gse.station.results import Subject
 
 _ROWS_AT_ONCE = 1024
@@ -27,6 +28,7 @@ _DECIMALS = {
     "_mag": 3,
     "transparency": 3,
     "_expected": 0,
+    "_v": 3,
 }
 """By the end of a column's name; the first that fits counts."""
 _COMMON = tuple(name for name in FRAME.names or () if name not in (*ONBOARD_COLUMNS, "utc_ns"))
@@ -60,6 +62,8 @@ def _texts(name: str, values: NDArray[Any]) -> list[str]:
         return [STATUSES[place].value for place in values.tolist()]
     if name == "answer_check":
         return [ANSWER_CHECKS[place].value for place in values.tolist()]
+    if name == "mode":
+        return [MODES[place].value for place in values.tolist()]
     if name == "sky_condition":
         return [SKY_CONDITIONS[place].value for place in values.tolist()]
     if values.dtype.kind == "b":

@@ -71,14 +71,14 @@ def report_html(
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters.update(quantity=_quantity, number=_number, angle=_angle, given=_given)
+    environment.filters.update(quantity=quantity_text, number=_number, angle=_angle, given=_given)
     template = environment.from_string(_resource("report.html.jinja"))
     plots = {name: svg_of(name, height_in, partial(draw, drawn=drawn)) for name, height_in, draw in _PLOTS}
     return template.render(
         report=report,
         fingerprint=canonical(fingerprint(report)),
         style=_resource("report.css"),
-        caption=_numbered("Table", "caption"),
+        caption=numbered("Table", "caption"),
         plot=_plot(plots),
         axis_names=_AXIS_NAMES,
         axis_columns=_AXIS_COLUMNS,
@@ -91,14 +91,14 @@ def report_html(
     )
 
 
-def _numbered(word: str, element: str) -> Callable[[str], Markup]:
+def numbered(word: str, element: str) -> Callable[[str], Markup]:
     """A function that gives a text its number, one more with each call."""
     numbers = itertools.count(1)
     return lambda text: Markup(f"<{element}>{word} {next(numbers)}. {escape(text)}</{element}>")
 
 
 def _plot(plots: dict[str, str]) -> Callable[[str, str], Markup]:
-    caption = _numbered("Figure", "figcaption")
+    caption = numbered("Figure", "figcaption")
     return lambda name, text: Markup(f"<figure>{plots[name]}{caption(text)}</figure>")
 
 
@@ -119,7 +119,8 @@ def _number(value: float | None, decimals: int = 2) -> str:
     return "–" if value is None else f"{value:.{decimals}f}"
 
 
-def _quantity(value: float | None, unit: str) -> str:
+def quantity_text(value: float | None, unit: str) -> str:
+    """A value with its unit, a dash where it is unknown."""
     return "–" if value is None else quantity(value, unit)
 
 

@@ -4,11 +4,10 @@ import functools
 import json
 import platform
 import subprocess
-from importlib import metadata
+from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
-import gse
 from drivers.outside_text import plain_lines
 
 SCHEMA = "gse.provenance/1"
@@ -42,7 +41,7 @@ def provenance(versions: dict[str, str], self_check: dict[str, Any] | None) -> P
 @functools.lru_cache(maxsize=1)
 def _commit() -> str | None:
     """Of the checkout that the program runs from, "-dirty" where its files were changed; None without one."""
-    root = Path(gse.__file__).parent.parent
+    root = Path(str(resources.files("gse"))).parent
     if not (root / ".git").exists():
         return _installed_commit()
     command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]

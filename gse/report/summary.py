@@ -56,6 +56,7 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "truth_budget": _budget(assessment.budget),
         "table_4_1": _table_4_1(session, stats),
         "sky": _sky(session),
+        "sensor_health": assessment.health,
         "exclusions": [_exclusion(item, count) for item, count in stats.exclusions],
         "session": _session(session),
     }

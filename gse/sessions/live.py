@@ -4,7 +4,7 @@ import json
 import re
 from array import array
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from drivers.chunk import LinkEvent
@@ -34,6 +34,7 @@ from gse.sessions.ending import Ending
 from gse.sessions.status_file import StatusFile
 from gse.station.event_kinds import StationKind
 from gse.station.loop import Listener, StationLoop
+from gse.station.notes import Notes
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, check_external, is_compiled, set_up
@@ -72,13 +73,14 @@ class Operator:
     """Connection of a session to the person at the terminal.
 
     ``tell`` prints a line, ``opened`` is called with the session's folder and status once the port is open,
-    ``terminal_news`` gives kind and text of the terminal's events since the last call.
+    ``terminal_news`` gives kind and text of the terminal's events since the last call, ``notes`` takes the operator's.
     """
 
     ending: Ending
     tell: Callable[[str], None] = lambda text: None
     opened: Callable[[Path, StatusFile], None] = lambda folder, status: None
     terminal_news: Callable[[], list[tuple[str, str]]] = list
+    notes: Notes = field(default_factory=Notes)
 
 
 def new_session_folder(out: Path, name: str, utc_ns: int) -> Path:
@@ -130,7 +132,7 @@ def run_live(
     recorder.attach(PROTOCOL, "application/yaml", protocol.text.encode())
     if clock_error_s is not None:
         recorder.attach(STATED, "application/json", json.dumps({"clock_error_s": clock_error_s}).encode())
-    status = StatusFile(folder, station)
+    status = StatusFile(folder, station, operator.notes)
     with recorder, link:
         operator.opened(folder, status)
         first = link.receive(FIRST_WITHIN_S)
@@ -217,6 +219,8 @@ class _DerivedDataRecorder:
         if self._link.is_live or self._last_ns:
             for kind, text in self._operator.terminal_news():
                 self._event(kind, text)
+            for text in self._operator.notes.take():
+                self._event(StationKind.NOTE, text)
         self._read_clock()
 
     def _keep_identity(self) -> None:

@@ -10,6 +10,7 @@ import math
 import os
 import shutil
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from drivers.clock import read_clock
 from drivers.session_file.record_scanner import MAGIC
 from gse import instant
 from gse.config.station import Station
+from gse.sessions.note_files import collect_notes
+from gse.station.notes import Notes
 from gse.station.results import FrameResult, Status
 from gse.station.session_data import SessionData
 from gse.view.running_statistics import LINK_WORDS, Running
@@ -32,10 +35,16 @@ _MOST_BYTES = 64 << 10
 
 
 class StatusFile:
-    """A listener of the station loop that keeps status.json up to date; tries again after a disk error."""
+    """A listener of the station loop that keeps status.json up to date; tries again after a disk error.
 
-    def __init__(self, folder: Path, station: Station) -> None:
+    While the session runs it puts the notes that are left in its folder into ``notes``. ``url`` is the live page's.
+    """
+
+    def __init__(self, folder: Path, station: Station, notes: Notes) -> None:
         self._folder, self._url = folder, station.port.url
+        self._notes = notes
+        self._forecast: Callable[[], str] = lambda: ""
+        self._page: str | None = None
         self._running = Running(station.limits)
         self._state = "starting"
         self._link = "no link"
@@ -59,6 +68,10 @@ class StatusFile:
         self._link = LINK_WORDS.get(event.kind, self._link)
         self._running.add_event(event)
 
+    def link_up(self, *, page: str | None, forecast: Callable[[], str]) -> None:
+        """The address of the live page, None without one, and the line on the time to a verdict."""
+        self._page, self._forecast = page, forecast
+
     def enter(self, state: str) -> None:
         """Enter the next state: running, closing, reporting."""
         self._state = state
@@ -79,6 +92,8 @@ class StatusFile:
             self._changed.clear()
             last = self._closed
             self._write(mark)
+            if self._state == "running":
+                collect_notes(self._folder, self._notes)
             if not last:
                 self._changed.wait(EVERY_S)
 
@@ -108,6 +123,8 @@ class StatusFile:
             "last_answer_utc": instant.to_text(self._answered_ns, 1) if self._answered_ns else None,
             "sky": running.sky or None,
             "so_far": headline(running, self._frames_lost),
+            "forecast": self._forecast() or None,
+            "page": self._page,
             "session_bytes": session.stat().st_size if session.exists() else 0,
             "disk_free_bytes": disk_free_bytes(self._folder),
             **self._outcome,

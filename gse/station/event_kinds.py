@@ -29,6 +29,7 @@ class StationKind(StrEnum):
     CLOSED = "CLOSED"
     TERMINAL_LOST = "TERMINAL_LOST"
     TERMINAL_STUCK = "TERMINAL_STUCK"
+    NOTE = "NOTE"
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from gse.station import external_result
 from gse.station.attitude_error import attitude_error, attitude_errors
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.results import NO_STARLIGHT, AnswerCheck, AttitudeError, FrameResult, Matches, Starlight, Status
-from gse.station.starlight import starlight
+from gse.station.starlight import starlights
 from gse.truth import SiderealTruth
 
 CENTROID_SIGMA_PX = 0.3
@@ -39,8 +39,9 @@ Compared = tuple[NDArray[np.float64], Attitude | None, Attitude | None, Attitude
 class Answer:
     """The answer of the identifier under test to one panorama, its attitude, and the reference identifier's check.
 
-    ``elapsed_us`` is the time from objects to RA and DE: this host's, or an external identifier's own. ``given`` is
-    what an external identifier gave, ``light`` what the named stars show of the sky.
+    ``elapsed_us`` is the time from objects to RA and DE: this host's (of panoramas that waited together, the mean), or
+    an external identifier's own. ``given`` is what an external identifier gave, ``light`` what the named stars show of
+    the sky.
     """
 
     directions_sensor: NDArray[np.float64]
@@ -143,7 +144,7 @@ class FrameProcessor:
                 answer.directions_sensor,
                 found.objects,
                 geometric or attitude,
-                truth_known=self.truth is not None,
+                truth_known=self.truth is not None and (self.mount is None or self.mount.inertial is None),
             ),
         )
 
@@ -152,37 +153,29 @@ class FrameProcessor:
         whole = self.camera.directions(np.concatenate([panorama.xy_px for panorama in panoramas]))
         ends = np.cumsum([len(panorama.brightness) for panorama in panoramas])
         directions_sensor = np.split(whole, ends[:-1])
-        shared_us = (time.perf_counter_ns() - started_ns) / 1000 / len(panoramas)
         objects = [(of_one, panorama.brightness) for of_one, panorama in zip(directions_sensor, panoramas, strict=True)]
-        given = self._given(panoramas)
-        found = [
-            self._answer(*of_one) if one is None else self._taken(one, panorama)
-            for of_one, one, panorama in zip(objects, given, panoramas, strict=True)
-        ]
+        given: Sequence[Given | None] = [None] * len(panoramas)
+        if isinstance(self.identifier, ExternalIdentifier):
+            given = came = self.identifier.source.answers(panoramas)
+            found = [self._taken(one, panorama) for one, panorama in zip(came, panoramas, strict=True)]
+        else:
+            named = self.identifier.identify_many(objects)
+            attitudes = self._attitudes_of(named, directions_sensor)
+            elapsed_us = round((time.perf_counter_ns() - started_ns) / 1000 / len(panoramas), 1)
+            found = [(answer, attitude, elapsed_us) for answer, attitude in zip(named, attitudes, strict=True)]
         true_stars: Sequence[Identification | Unidentified | None] = [None] * len(objects)
         if self.reference is not None:
             true_stars = self.reference.identify_many(objects)
         checks = self._checks([attitude for _, attitude, _ in found], directions_sensor, true_stars)
+        lights = self._lights(
+            [panorama.brightness for panorama in panoramas], [answer for answer, _, _ in found], true_stars
+        )
         return [
-            Answer(
-                of_one,
-                answer,
-                attitude,
-                check,
-                round(shared_us + elapsed_us, 1) if one is None and elapsed_us is not None else elapsed_us,
-                one,
-                self._light(brightness, answer, stars),
-            )
-            for (of_one, brightness), (answer, attitude, elapsed_us), check, stars, one in zip(
-                objects, found, checks, true_stars, given, strict=True
+            Answer(of_one, answer, attitude, check, elapsed_us, one, light)
+            for of_one, (answer, attitude, elapsed_us), check, one, light in zip(
+                directions_sensor, found, checks, given, lights, strict=True
             )
         ]
-
-    def _given(self, panoramas: Sequence[Panorama]) -> Sequence[Given | None]:
-        """What an external identifier under test gives for the panoramas; Nones where it is a built-in one."""
-        if isinstance(self.identifier, ExternalIdentifier):
-            return self.identifier.source.answers(panoramas)
-        return [None] * len(panoramas)
 
     def _taken(
         self, given: Given, panorama: Panorama
@@ -232,17 +225,17 @@ class FrameProcessor:
             given=given,
         )
 
-    def _answer(
-        self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
-    ) -> tuple[Identification | Unidentified, Attitude | None, float | None]:
-        """The answer under test, its attitude, and the time for both in microseconds."""
-        assert not isinstance(self.identifier, ExternalIdentifier)
-        started_ns = time.perf_counter_ns()
-        answer = self.identifier.identify(directions_sensor, brightness)
-        attitude = None
-        if isinstance(answer, Identification):
-            attitude = self._attitude(*self._pairs(answer, directions_sensor))
-        return answer, attitude, (time.perf_counter_ns() - started_ns) / 1000
+    def _attitudes_of(
+        self, answers: Sequence[Identification | Unidentified], directions_sensor: Sequence[NDArray[np.float64]]
+    ) -> list[Attitude | None]:
+        """The attitude of each answer, None where it names no stars."""
+        named = [
+            (answer, of_one)
+            for answer, of_one in zip(answers, directions_sensor, strict=True)
+            if isinstance(answer, Identification)
+        ]
+        attitudes = iter(self._attitudes(*self._pairs(named)) if named else ())
+        return [next(attitudes) if isinstance(answer, Identification) else None for answer in answers]
 
     def _fault(self, panorama: Panorama) -> str:
         faults = sorted(panorama.flags & FAULT_FLAGS)
@@ -256,13 +249,10 @@ class FrameProcessor:
             return f"index value {panorama.brightness[0]:.0f} came, at most {self.index_max} was expected"
         return ""
 
-    def _attitude(self, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64]) -> Attitude:
-        """Wahba's attitude, or the mean about the sensor centre of the LAPAN paper if the station file asks for it."""
-        return self._attitudes(directions_sensor, stars_icrs, np.array([len(stars_icrs)]))[0]
-
     def _attitudes(
         self, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64], ends: NDArray[np.int64]
     ) -> list[Attitude]:
+        """Wahba's attitudes, or the mean about the sensor centre of the LAPAN paper if the station file asks for it."""
         sigma_rad = CENTROID_SIGMA_PX * self.camera.pixel_rad
         attitudes = solve_attitudes(directions_sensor, stars_icrs, ends, sigma_rad)
         if not self.paper_mean:
@@ -281,11 +271,8 @@ class FrameProcessor:
 
         The stars of all panoramas are rows of the same columns: ``frame_of`` (M,) names the panorama of each.
         """
-        counts = [len(answer.stars) for answer in found]
-        ends, frame_of = np.cumsum(counts), np.repeat(np.arange(len(found)), counts)
-        objects = [of_one.take(answer.objects, axis=0) for of_one, answer in zip(directions_sensor, found, strict=True)]
-        measured_sensor = np.concatenate(objects)
-        stars_icrs = self.identifier.catalog.icrs.take(np.concatenate([answer.stars for answer in found]), axis=0)
+        measured_sensor, stars_icrs, ends = self._pairs(list(zip(found, directions_sensor, strict=True)))
+        frame_of = np.repeat(np.arange(len(found)), np.diff(ends, prepend=0))
         geometric: Sequence[Attitude | None] = [None] * len(found)
         true: Sequence[Attitude | None] = geometric
         errors: Sequence[AttitudeError | None] = [None] * len(found)
@@ -305,25 +292,37 @@ class FrameProcessor:
         residuals_arcsec = (measured_sensor - expected_sensor)[:, :2] * ARCSEC_PER_RAD
         return list(zip(np.split(residuals_arcsec, ends[:-1]), geometric, true, errors, strict=True))
 
-    def _light(
+    def _lights(
         self,
-        brightness: NDArray[np.float64],
-        answer: Identification | Unidentified,
-        true_stars: Identification | Unidentified | None,
-    ) -> Starlight:
+        brightness: Sequence[NDArray[np.float64]],
+        answers: Sequence[Identification | Unidentified],
+        true_stars: Sequence[Identification | Unidentified | None],
+    ) -> list[Starlight]:
         """What the stars show of the sky: those of the answer, or of the reference identifier where there is none."""
-        if isinstance(answer, Identification) and len(answer.stars):
-            return starlight(brightness, answer, self.identifier.catalog)
-        if isinstance(true_stars, Identification) and self.reference is not None:
-            return starlight(brightness, true_stars, self.reference.catalog)
-        return NO_STARLIGHT
+        lights = [NO_STARLIGHT] * len(answers)
+        named = {
+            k: answer for k, answer in enumerate(answers) if isinstance(answer, Identification) and len(answer.stars)
+        }
+        shown = [(named, self.identifier.catalog)]
+        if self.reference is not None:
+            known = {
+                k: stars for k, stars in enumerate(true_stars) if k not in named and isinstance(stars, Identification)
+            }
+            shown.append((known, self.reference.catalog))
+        for found, catalog in shown:
+            of_found = starlights([brightness[k] for k in found], list(found.values()), catalog)
+            for k, light in zip(found, of_found, strict=True):
+                lights[k] = light
+        return lights
 
     def _pairs(
-        self, answer: Identification, directions_sensor: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Identified directions (M, 3) and their stars (M, 3)."""
-        # Three times as fast as indexing with brackets.
-        return directions_sensor.take(answer.objects, axis=0), self.identifier.catalog.icrs.take(answer.stars, axis=0)
+        self, found: Sequence[tuple[Identification, NDArray[np.float64]]]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+        """Identified directions (M, 3) and their stars (M, 3) of answers with all directions, and where each ends."""
+        # ``take`` is three times as fast as indexing with brackets.
+        measured = np.concatenate([directions.take(answer.objects, axis=0) for answer, directions in found])
+        stars = self.identifier.catalog.icrs.take(np.concatenate([answer.stars for answer, _ in found]), axis=0)
+        return measured, stars, np.cumsum([len(answer.stars) for answer, _ in found])
 
     def _checks(
         self,

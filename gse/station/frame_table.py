@@ -1,5 +1,6 @@
 """Table of results: the frames of a session as columns, 14 h in some 100 MB."""
 
+import copy
 from collections.abc import Iterator, Sequence
 from typing import Self
 
@@ -57,6 +58,9 @@ FRAME = np.dtype(
         ("sun_separation_deg", "f4"),
         ("moon_altitude_deg", "f4"),
         ("moon_separation_deg", "f4"),
+        ("false_objects", "u1"),
+        ("supply_v", "f4"),
+        ("mode", "u1"),
     ]
 )
 """One row per panorama; NaN where a value is missing; status, answer_check and sky_condition are places in STATUSES,
@@ -65,7 +69,9 @@ the named stars: the same sensor under clear sky keeps it, and a cloud of one ma
 are those that were named, by the reference identifier where the one under test has no answer; ``limiting_mag`` is the
 magnitude of the faintest of them. The columns behind it are of the sky, the same for the frames of 5 s:
 ``transparency`` is the share of the starlight of the session's clearest part, ``stars_expected`` the number of
-catalogue stars in the field, at most as many as a panorama holds; separations are from the boresight."""
+catalogue stars in the field, at most as many as a panorama holds; separations are from the boresight.
+``false_objects`` are as bright as stars of the mission catalogue and are neither star, planet nor hot pixel.
+``supply_v`` and ``mode`` (a place in MODES of gse.station.housekeeping) are those of the latest STATUS frame."""
 
 ONBOARD_COLUMNS = (
     "status",
@@ -93,10 +99,11 @@ MATCH = np.dtype(
         ("y_px", "f4"),
         ("residual_x_arcsec", "f4"),
         ("residual_y_arcsec", "f4"),
+        ("brightness", "f4"),
     ]
 )
 """One row per identified object of the frames that keep theirs; ``frame`` is the row of its panorama, ``star`` that of
-its star in the mission catalogue."""
+its star in the mission catalogue, ``brightness`` its index value."""
 
 
 class _Rows:
@@ -110,6 +117,11 @@ class _Rows:
         self._make_room(len(rows))
         self._room[self._used : self._used + len(rows)] = rows
         self._used += len(rows)
+
+    def copied(self) -> "_Rows":
+        taken = copy.copy(self)
+        taken._room = self.array().copy()
+        return taken
 
     def _make_room(self, count: int) -> None:
         while self._used + count > len(self._room):
@@ -130,7 +142,7 @@ class FrameTable:
         self._frames = _Rows(FRAME)
         self._matches = _Rows(MATCH)
         self._match_stride = 1
-        self._waiting: list[tuple[int, NDArray[np.float64], Matches]] = []
+        self._waiting: list[tuple[int, NDArray[np.float64], NDArray[np.float64], Matches]] = []
 
     @classmethod
     def of(cls, frames: NDArray[np.void], matches: NDArray[np.void]) -> Self:
@@ -155,8 +167,9 @@ class FrameTable:
         self._frames.extend([_row(*columns) for columns in zip(results, answered, true, strict=True)])
         for row, result in enumerate(results, first):
             if row % self._match_stride == 0 and len(result.matches):
-                matches = result.matches
-                self._waiting.append((row, result.panorama.xy_px.take(matches.objects, axis=0), matches))
+                matches, panorama = result.matches, result.panorama
+                places, light = (part.take(matches.objects, axis=0) for part in (panorama.xy_px, panorama.brightness))
+                self._waiting.append((row, places, light, matches))
                 if len(self._waiting) == _FRAMES_AT_ONCE:
                     self._take_in_matches()
 
@@ -164,12 +177,13 @@ class FrameTable:
         """Make columns of the waiting matches; drop every second frame's matches when there are too many."""
         if not self._waiting:
             return
-        frames, xy_px, matches = zip(*self._waiting, strict=True)
+        frames, xy_px, brightness, matches = zip(*self._waiting, strict=True)
         self._waiting = []
         rows = np.empty(sum(map(len, xy_px)), dtype=MATCH)
         rows["frame"] = np.repeat(frames, [len(of_frame) for of_frame in xy_px])
         rows["star"] = np.concatenate([of_frame.stars for of_frame in matches])
         rows["x_px"], rows["y_px"] = np.concatenate(xy_px).T
+        rows["brightness"] = np.concatenate(brightness)
         residuals_arcsec = np.concatenate([of_frame.residuals_arcsec for of_frame in matches])
         rows["residual_x_arcsec"], rows["residual_y_arcsec"] = residuals_arcsec.T
         self._matches.extend(rows)
@@ -178,6 +192,14 @@ class FrameTable:
             stored = self._matches.array()
             self._matches = _Rows(MATCH)
             self._matches.extend(stored[stored["frame"] % self._match_stride == 0])
+
+    def snapshot(self) -> "FrameTable":
+        """A table of the rows so far, for another thread: columns are copied, matches, which never change, shared."""
+        self._take_in_matches()
+        taken = copy.copy(self)
+        taken._frames, taken._matches = self._frames.copied(), copy.copy(self._matches)
+        taken._waiting = []
+        return taken
 
     @property
     def columns(self) -> NDArray[np.void]:
@@ -193,6 +215,12 @@ class FrameTable:
 
 _Angles = tuple[float, float, float]
 _NO_ANGLES = _NAN, _NAN, _NAN
+
+
+def _false_objects(result: FrameResult) -> int:
+    """Unknown objects that are brighter than every star that the mission catalogue lacks."""
+    brightness, least = result.panorama.brightness, result.light.faintest_index
+    return sum(kind == "unknown" and float(brightness[row]) > least for row, kind in result.others)
 
 
 def _row(result: FrameResult, angles_deg: _Angles, angles_true_deg: _Angles) -> tuple[float, ...]:
@@ -232,6 +260,9 @@ def _row(result: FrameResult, angles_deg: _Angles, angles_true_deg: _Angles) -> 
         result.light.limiting_mag,
         0,
         *(_NAN,) * 6,
+        _false_objects(result),
+        _NAN,
+        0,
     )
 
 

@@ -57,6 +57,7 @@ from gse.recording.session_format import RecordedTimings
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.event_log import EventLog
 from gse.station.frame_processor import Answer, FrameProcessor
+from gse.station.housekeeping import fill_housekeeping
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.own_answer_results import OwnAnswerProcessor
@@ -65,7 +66,7 @@ from gse.station.results import FrameResult, OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
 from gse.station.sky_watch import SkyWatch
-from gse.truth import EarthOrientation, SiderealTruth
+from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
 from protocols import StatusMessage
 
@@ -141,7 +142,7 @@ class StationLoop:
         self._monitor = LinkMonitor(station.port.baudrate)
         self._truth_sought = False
         self._event_log = EventLog()
-        self._sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
+        self.sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
 
     def run(
         self,
@@ -192,11 +193,11 @@ class StationLoop:
         return [*silence, event, *self._monitor.port_event(event)]
 
     def _decoded(self, chunk: Chunk) -> list[_News]:
-        counters = self.reception.counters
-        frames, discards = counters.frames, dict(counters.discarded_bytes_by_reason)
+        frames = self.reception.counters.frames
         received = self.reception.receive(chunk)
-        new = {reason: count - discards.get(reason, 0) for reason, count in counters.discarded_bytes_by_reason.items()}
-        return [*self._monitor.received(chunk, counters.frames - frames, new), *self._for_identification(received)]
+        frames = self.reception.counters.frames - frames
+        changes = self._monitor.received(chunk, frames, self.reception.latest_reasons)
+        return [*changes, *self._for_identification(received)] if changes or received else []
 
     def _for_identification(self, received: list[Received]) -> list[_News]:
         """Panoramas, events and answers without a panorama, in order; STATUS and ATTITUDE messages are stored."""
@@ -218,7 +219,9 @@ class StationLoop:
     def finish(self) -> list[FrameResult]:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self._for_identification(self.reception.finish()))
-        self._log_all(self._sky.finish(self.session.frames.columns))
+        if self.session.station.mount.inertial is None:
+            self._log_all(self.sky.finish(self.session.frames.columns))
+        fill_housekeeping(self.session.frames.columns, self.session.statuses)
         self.session.raw_sha256 = self.reception.raw_sha256
         return results
 
@@ -288,7 +291,7 @@ class StationLoop:
         first = len(self.session.frames)
         self.session.frames.extend(results)
         for row, (answer, result) in enumerate(zip(answers, results, strict=True), first):
-            self._log_all(self._sky.take(self.session.frames.columns[: row + 1]))
+            self._log_all(self._sky_at(row + 1))
             if given := (answer.given if isinstance(answer, Answer) else None):
                 self._count_given(result.panorama, given)
             if isinstance(answer, Answer) and answer.is_mirrored:
@@ -315,9 +318,9 @@ class StationLoop:
             self._align(self._first_seconds, panorama)
         truth, mount = self._frame_processor.truth, self._frame_processor.mount
         result = self._own_answers.result(panorama, answer.message, truth, mount)
-        self._sky.sees_objects = False
+        self.sky.sees_objects = False
         self.session.frames.append(result)
-        self._log_all(self._sky.take(self.session.frames.columns))
+        self._log_all(self._sky_at(len(self.session.frames)))
         if self._first_seconds is not None and truth is not None:
             self._first_seconds.add(result, truth)
         for listener in self.listeners:
@@ -330,6 +333,12 @@ class StationLoop:
         if own is not None:
             self.own_elapsed_us.append(own)
         return own if self._recorded is None else self._recorded.take(panorama.time_us)
+
+    def _sky_at(self, rows: int) -> list[LinkEvent]:
+        """What the newest of so many frames shows of the sky; before a star simulator there is none."""
+        if self.session.station.mount.inertial is not None:
+            return []
+        return self.sky.take(self.session.frames.columns[:rows])
 
     def _align(self, first_seconds: FirstSeconds, panorama: Panorama) -> None:
         """Fit the mount after the first seconds; the frames of the fit are not compared with it."""
@@ -357,6 +366,10 @@ class StationLoop:
         After a clock step beyond its reach it is sought again; there is none for an unknown date.
         """
         self._truth_sought = True
+        shown = self.session.station.mount.inertial
+        if shown is not None:
+            self._frame_processor = replace(self._frame_processor, truth=InertialTruth(shown))
+            return
         try:
             orientation, warning = self._orientation(panorama.utc_ns)
         except TruthError as error:

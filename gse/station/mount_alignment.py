@@ -13,7 +13,7 @@ from gse.star_influence import attitude_operators, star_covariance, unfitted
 from gse.station.frame_table import ANSWER_CHECKS
 from gse.station.results import AnswerCheck, FrameResult
 from gse.station.session_data import SessionData
-from gse.truth import Alignment, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations, time_blocks
+from gse.truth import Alignment, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations, time_blocks, truth_of
 
 MIN_FRAMES = 10
 """Fewest identified frames for a fit in a running session; the fit waits until it has them."""
@@ -43,8 +43,8 @@ class MeasuredMounts:
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Take a frame from the loop."""
-        if self._truth is None and session.earth_orientation is not None:
-            self._truth = SiderealTruth(session.station.site, session.earth_orientation)
+        if self._truth is None:
+            self._truth = truth_of(session.station.site, session.station.mount, session.earth_orientation)
         if self._truth is not None:
             self.add(result, self._truth)
 

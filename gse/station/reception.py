@@ -113,6 +113,7 @@ class Reception:
     def __init__(self, protocol: Protocol, *, baudrate: int, anchor_utc_ns: int | None = None) -> None:
         self.counters = LinkCounters()
         self.last_host_utc_ns = 0
+        self.latest_reasons: set[str] = set()
         self._protocol = protocol
         self._decoder = FrameDecoder(protocol)
         self._sequence = SequenceTracker(protocol.sequence_modulus)
@@ -134,7 +135,8 @@ class Reception:
         return self._sha256.hexdigest()
 
     def receive(self, chunk: Chunk) -> list[Received]:
-        """Panoramas, events and other messages that the chunk completes."""
+        """Panoramas, events and other messages that the chunk completes; ``latest_reasons`` are of its discards."""
+        self.latest_reasons.clear()
         utc_ns = _an_instant(chunk.utc_ns)
         self._stamps.append((self.counters.bytes_in, chunk.utc_ns, chunk.mono_ns))
         self.counters.bytes_in += len(chunk.data)
@@ -161,6 +163,7 @@ class Reception:
 
     def _count_discard(self, discard: Discard) -> None:
         self.counters.bytes_discarded += len(discard.data)
+        self.latest_reasons.add(discard.reason)
         by_reason = self.counters.discarded_bytes_by_reason
         by_reason[discard.reason] = by_reason.get(discard.reason, 0) + len(discard.data)
 

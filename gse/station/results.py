@@ -137,11 +137,13 @@ class Starlight:
     """What the named stars of a panorama show of the sky; NaN where none is named.
 
     ``zero_point_mag`` is the magnitude of a star with index value 1, ``limiting_mag`` that of the faintest named star.
+    Objects brighter than ``faintest_index`` would be in the catalogue if they were stars.
     """
 
     stars: int = 0
     zero_point_mag: float = math.nan
     limiting_mag: float = math.nan
+    faintest_index: float = math.inf
 
 
 NO_STARLIGHT = Starlight()

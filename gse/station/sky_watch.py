@@ -81,13 +81,17 @@ class SkyWatch:
     def finish(self, frames: NDArray[np.void]) -> list[LinkEvent]:
         """Close the last window, and fill the columns that need the clearest part of the session."""
         events = list(self._close_window(frames, len(frames))) if len(frames) > self._first else []
+        self.fill(frames)
+        return events
+
+    def fill(self, frames: NDArray[np.void]) -> None:
+        """Fill the columns that need the clearest part of the session, as it is so far."""
         clear, condition = clear_sky([found for _, _, found in self._windows]), SkyCondition.UNKNOWN
         for first, until, found in self._windows:
             condition = self._judged(found, clear, condition)
             rows = frames[first:until]
             rows["sky_condition"] = SKY_CONDITIONS.index(condition)
             rows["transparency"] = 10 ** (-0.4 * min(max(faded_mag(found, clear), 0.0), 20.0))
-        return events
 
     def _close_window(self, frames: NDArray[np.void], until: int) -> Iterator[LinkEvent]:
         rows = frames[self._first : until]

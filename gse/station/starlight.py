@@ -1,6 +1,7 @@
-"""Starlight: what the named stars of a panorama show of the sky."""
+"""Starlight: what the named stars of panoramas show of the sky."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,15 +10,42 @@ from gse.catalog import StarCatalog
 from gse.identifier import Identification
 from gse.station.results import Starlight
 
+MARGIN_MAG = 1.0
+"""Colours, noise and doubles make a star as much brighter than its catalogue magnitude says, or as much fainter."""
 
-def starlight(brightness: NDArray[np.float64], found: Identification, catalog: StarCatalog) -> Starlight:
-    """The light of the stars that an identifier found among objects of a brightness (N,).
+
+def starlights(
+    brightness: Sequence[NDArray[np.float64]], found: Sequence[Identification], catalog: StarCatalog
+) -> list[Starlight]:
+    """The light of the stars that an identifier found among the objects of K panoramas, with their brightness (N,).
 
     Objects that are all of one brightness come from a sensor that sends none: they have no zero point.
     """
-    magnitude = catalog.magnitude.take(found.stars)
-    index = np.maximum(brightness.take(found.objects), 1.0)
-    limiting_mag = float(magnitude.max())
-    if index.min() == index.max():
-        return Starlight(len(magnitude), math.nan, limiting_mag)
-    return Starlight(len(magnitude), float(np.median(magnitude + 2.5 * np.log10(index))), limiting_mag)
+    if not found:
+        return []
+    counts = [len(answer.stars) for answer in found]
+    begins = np.cumsum([0, *counts[:-1]])
+    magnitude = catalog.magnitude.take(np.concatenate([answer.stars for answer in found]))
+    index = np.concatenate([of_one.take(answer.objects) for of_one, answer in zip(brightness, found, strict=True)])
+    index = np.maximum(index, 1.0)
+    faintest = np.maximum.reduceat(magnitude, begins).tolist()
+    varies = np.maximum.reduceat(index, begins) > np.minimum.reduceat(index, begins)
+    zero_points = _medians(magnitude + 2.5 * np.log10(index), counts)
+    fainter_mag = MARGIN_MAG - float(catalog.magnitude[-1])
+    return [
+        Starlight(count, zero_point, faintest_mag, 10 ** (0.4 * (zero_point + fainter_mag)))
+        if varied
+        else Starlight(count, math.nan, faintest_mag)
+        for count, zero_point, varied, faintest_mag in zip(counts, zero_points, varies.tolist(), faintest, strict=True)
+    ]
+
+
+def _medians(values: NDArray[np.float64], counts: Sequence[int]) -> list[float]:
+    """The median of each part of the values (M,), of these lengths."""
+    part = np.repeat(np.arange(len(counts)), counts)
+    ordered = values[np.lexsort((values, part))]
+    ends, sizes = np.cumsum(counts), np.array(counts)
+    medians: list[float] = (
+        (ordered[ends - sizes + (sizes - 1) // 2] + ordered[ends - sizes + sizes // 2]) / 2
+    ).tolist()
+    return medians

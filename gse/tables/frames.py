@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gse.assessment.sensor_answers import SensorAnswers
 from gse.assessment.statistics import Statistics
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
+from gse.station.housekeeping import MODES
 from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
 from gse.tables.records import UTC
@@ -23,7 +24,7 @@ from gse.tables.units import field, schema
 KEY = pa.dictionary(pa.int32(), pa.string())
 """The key in each row of frames and stars: stored once."""
 
-WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS, "sky_condition": SKY_CONDITIONS}
+WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS, "sky_condition": SKY_CONDITIONS, "mode": MODES}
 _WORD = pa.dictionary(pa.int8(), pa.string())
 _COMMON = tuple(name for name in FRAME.names or () if name not in ONBOARD_COLUMNS)
 _COUNTED = ("expected", "excluded")

@@ -4,6 +4,7 @@ May not import identifier, station or the simulator: truth knows the time and th
 """
 
 from gse.truth.alignment import Alignment, fit_mount, small_rotations, time_blocks
+from gse.truth.inertial import InertialTruth, truth_of
 from gse.truth.mounting import horizon_to_sensor, mount_of
 from gse.truth.orientation import EarthOrientation, Orientation
 from gse.truth.refraction import Refraction
@@ -13,6 +14,7 @@ __all__ = [
     "CORRECTIONS",
     "Alignment",
     "EarthOrientation",
+    "InertialTruth",
     "Orientation",
     "Refraction",
     "SiderealTruth",
@@ -21,4 +23,5 @@ __all__ = [
     "mount_of",
     "small_rotations",
     "time_blocks",
+    "truth_of",
 ]

@@ -8,14 +8,20 @@ from numpy.typing import NDArray
 
 from gse.mount import Mount
 
+_STAND = np.eye(3)
+_STAND.flags.writeable = False
+
 
 @functools.lru_cache(maxsize=16)
 def horizon_to_sensor(mount: Mount) -> NDArray[np.float64]:
     """The rotation (3, 3) from the horizon frame to the sensor frame; its rows are the sensor's axes.
 
     Image up is the direction of the zenith turned by the roll counter-clockwise as seen in the sky, that is towards
-    smaller azimuth. Needed with every frame: the array is kept, and read-only.
+    smaller azimuth. Needed with every frame: the array is kept, and read-only. Before a star simulator the sensor's
+    frame is the only one, see gse.truth.inertial.
     """
+    if mount.inertial is not None:
+        return _STAND
     azimuth, altitude, roll = np.radians([mount.azimuth_deg, mount.altitude_deg, mount.roll_deg])
     sin_a, cos_a, sin_h, cos_h = math.sin(azimuth), math.cos(azimuth), math.sin(altitude), math.cos(altitude)
     boresight = np.array([cos_h * sin_a, cos_h * cos_a, sin_h])

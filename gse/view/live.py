@@ -1,78 +1,39 @@
-"""Live view in rerun, fed by a separate thread behind a bounded queue.
+"""Live view of a running session: the glance page, and rerun one click away.
 
-The view cannot delay the measurement: ``on_result`` puts a frame on a bounded queue or counts it as dropped. rerun's
-data go to a server in this process, bound to 127.0.0.1, from which viewers fetch them; an absent, frozen or killed
-viewer delays nothing. (A client connection to a viewer does block, after some 36,000 frames.)
+Neither can delay the measurement: both take results behind queues that drop. The glance page works where rerun is
+absent or has died.
 """
 
 import logging
-import queue
-import threading
-import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Literal, Self
-
-import rerun as rr
+from typing import TYPE_CHECKING, Literal, Self
 
 from drivers.chunk import LinkEvent
-from drivers.clock import ClockReading
 from gse.catalog import StarCatalog
 from gse.config.station import Station
 from gse.errors import GseError
-from gse.instant import NS_PER_S
-from gse.station.results import FrameResult, LinkCounters
+from gse.station.notes import Notes
+from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
-from gse.view.page import ViewerPage
-from gse.view.ports import free_port
-from gse.view.saved_view import rrd_file_sink
-from gse.view.scene import Scene
-from gse.view.verdict_text import verdict_at_end, verdict_so_far
-from gse.view.viewer import open_native_viewer
+from gse.view.glance import Glance
+from gse.view.server import USUAL_PORT, Content, ViewServer
+
+if TYPE_CHECKING:
+    from gse.view.rerun_feed import RerunFeed
 
 _LOG = logging.getLogger(__name__)
 
 ViewMode = Literal["web", "native", "none"]
 
-QUEUE_FRAMES = 2000
-"""Three minutes at 10 Hz; some 10 MB."""
-
-BATCH_FRAMES = 250
-BATCH_EVERY_S = 0.1
-"""Frames go to rerun in batches: columns cost a tenth of single log calls."""
-
-MEMORY_LIMIT = "256MB"
-"""Data that rerun's server keeps for later viewers; older data are dropped."""
-
-_CLOSE_WITHIN_S = 5.0
-_SHOW_VERDICT_S = 4.0
-"""Time for an open page to fetch the end of the session, which it shows afterwards."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Shown:
-    frame: FrameResult
-    link: LinkCounters
-    clock: tuple[ClockReading, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class _Concluded:
-    verdict: str
-    reasons: tuple[str, ...]
-
-
-_Item = _Shown | LinkEvent | _Concluded
-
 
 class LiveView:
-    """A view of a running session; a context manager.
+    """A view of a running session; a listener and a context manager.
 
-    ``mode`` is ``web`` (a page at ``url``), ``native`` (rerun's own window), or ``none``: then only ``save_rrd`` is
-    written. Viewers get the data from rerun's server on ``grpc_port``; ``bind`` is the address of this server and of
-    the web page.
+    ``mode`` is ``web`` (pages at ``url``), ``native`` (rerun's own window), or ``none``: then only ``save_rrd`` is
+    written. ``bind`` is the address of all servers, ``port`` that of the pages; 0 for the usual or another free one.
+    ``notes`` takes the notes of the glance page; without it there are none.
     """
 
     def __init__(
@@ -84,64 +45,66 @@ class LiveView:
         catalog: StarCatalog | None = None,
         bind: str = "127.0.0.1",
         port: int = 0,
-        queue_frames: int = QUEUE_FRAMES,
+        folder: Path | None = None,
+        notes: Notes | None = None,
+        forecast: Callable[[], str] = lambda: "",
     ) -> None:
-        self.url = ""
-        self.grpc_port = 0
-        self.dropped = 0
-        self._readings = 0
-        self._queue: queue.Queue[_Item] = queue.Queue(queue_frames)
-        self._closing = threading.Event()
-        self._page: ViewerPage | None = None
-        self._stream = rr.RecordingStream("gse", send_properties=False)
-        self._connect(mode, save_rrd, bind, port)
-        self._thread = threading.Thread(target=self._run, args=(station, catalog), name="live view", daemon=True)
-        self._thread.start()
+        self.url = self.token = ""
+        self._glance = Glance(station, folder=folder, forecast=forecast)
+        self._feed = _feed(station, mode, save_rrd, catalog, bind)
+        self._server: ViewServer | None = None
+        if mode == "web":
+            self._serve(bind, port, notes)
 
-    def _connect(self, mode: ViewMode, save_rrd: Path | None, bind: str, port: int) -> None:
-        listeners: list[object] = [] if save_rrd is None else [rrd_file_sink(save_rrd)]
+    @property
+    def grpc_port(self) -> int:
+        """The port of rerun's data, 0 without it."""
+        return self._feed.grpc_port if self._feed else 0
+
+    @property
+    def dropped(self) -> int:
+        """Frames that are not in rerun because it was too slow."""
+        return self._feed.dropped if self._feed else 0
+
+    def _serve(self, bind: str, port: int, notes: Notes | None) -> None:
+        content = Content(glance=self._glance, notes=notes, grpc_port=self.grpc_port)
         try:
-            if mode != "none":
-                self.grpc_port = free_port(bind)
-                listeners.append(rr.GrpcServerSink(bind, self.grpc_port, server_memory_limit=MEMORY_LIMIT))
-            self._open(mode, bind, port)
+            self._server = ViewServer(bind, port, content, usual_port=USUAL_PORT)
         except GseError as error:
             _LOG.warning("no live view: %s; the session goes on", error)
-        self._stream.set_sinks(*listeners)
-
-    def _open(self, mode: ViewMode, bind: str, port: int) -> None:
-        if mode == "web":
-            self._page = ViewerPage(bind, port, grpc_port=self.grpc_port)
-            self.url = self._page.url
-        elif mode == "native":
-            open_native_viewer(f"rerun+http://{bind}:{self.grpc_port}/proxy")
+            return
+        self.url, self.token = self._server.url, self._server.token
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Show a result with the present link counters and clock; dropped and counted when the queue is full."""
-        readings = tuple(session.clock[self._readings :])
-        self._readings += len(readings)
-        self._put(_Shown(result, replace(session.link), readings))
+        """Show a result; dropped where the view is too slow."""
+        self._glance.on_result(result, session)
+        if self._feed:
+            self._feed.on_result(result, session)
 
     def on_event(self, event: LinkEvent) -> None:
-        """Show an event of the link."""
-        self._put(event)
+        """Show an event."""
+        self._glance.on_event(event)
+        if self._feed:
+            self._feed.on_event(event)
+
+    def enter_judging(self) -> None:
+        """Show that the session is closed and judged."""
+        self._glance.enter_judging()
 
     def conclude(self, verdict: str, reasons: Sequence[str]) -> None:
         """Show the verdict at the end."""
-        self._put(_Concluded(verdict, tuple(reasons)))
-
-    def _put(self, item: _Item) -> None:
-        try:
-            self._queue.put_nowait(item)
-        except queue.Full:
-            self.dropped += 1
+        self._glance.conclude(verdict, tuple(reasons))
+        if self._feed:
+            self._feed.conclude(verdict, reasons)
 
     def close(self) -> None:
-        """Show the queued items, for at most some seconds, and end."""
-        self._closing.set()
-        self._thread.join(_CLOSE_WITHIN_S + _SHOW_VERDICT_S)
-        if self._page is not None:
-            self._page.close()
+        """Show what waits, for at most some seconds, and end."""
+        if not self._glance.has_ended:
+            self._glance.conclude("", ())
+        if self._server:
+            self._server.close()
+        if self._feed:
+            self._feed.close()
 
     def __enter__(self) -> Self:
         return self
@@ -151,79 +114,22 @@ class LiveView:
     ) -> None:
         self.close()
 
-    def _run(self, station: Station, catalog: StarCatalog | None) -> None:
+
+def _feed(
+    station: Station, mode: ViewMode, save_rrd: Path | None, catalog: StarCatalog | None, bind: str
+) -> "RerunFeed | None":
+    """rerun's part of the view; None where it cannot be had, which a line says."""
+    try:
+        from gse.view.rerun_feed import RerunFeed
+        from gse.view.viewer import open_native_viewer
+
+        feed = RerunFeed(station, serve=mode != "none", save_rrd=save_rrd, catalog=catalog, bind=bind)
+    except (GseError, ImportError) as error:
+        _LOG.warning("no view in rerun: %s; the session goes on", error)
+        return None
+    if mode == "native":
         try:
-            self._feed(station, catalog)
-        except Exception as error:
-            # An error in the view must not end the session.
-            _LOG.warning("the live view has ended (%s: %s); the session goes on", type(error).__name__, error)
-
-    def _feed(self, station: Station, catalog: StarCatalog | None) -> None:
-        feed = _SceneFeed(Scene(self._stream, station, catalog, live=True))
-        while True:
-            last = self._closing.is_set()
-            while batch := self._take():
-                feed.add(batch, self.dropped)
-            if last:
-                break
-            self._closing.wait(BATCH_EVERY_S)
-        feed.finish()
-        self._stream.flush()
-        if self._page is not None and self._page.opened:
-            time.sleep(_SHOW_VERDICT_S)
-        self._stream.disconnect()
-
-    def _take(self) -> list[_Item]:
-        batch: list[_Item] = []
-        while len(batch) < BATCH_FRAMES:
-            try:
-                batch.append(self._queue.get_nowait())
-            except queue.Empty:
-                break
-        return batch
-
-
-class _SceneFeed:
-    """Adds queued items to a scene, in order."""
-
-    def __init__(self, scene: Scene) -> None:
-        self._scene = scene
-        self._link = LinkCounters()
-        self._clock: ClockReading | None = None
-        self._dropped = 0
-        self._panel_utc_ns = 0
-
-    def add(self, batch: Sequence[_Item], dropped: int) -> None:
-        frames: list[FrameResult] = []
-        clock: list[ClockReading] = []
-        for item in batch:
-            if isinstance(item, _Shown):
-                frames.append(item.frame)
-                clock.extend(item.clock)
-                self._link = item.link
-        if frames:
-            self._scene.add(frames)
-        for item in batch:
-            if isinstance(item, LinkEvent):
-                self._scene.running.add_event(item)
-                self._scene.event(item)
-            elif isinstance(item, _Concluded):
-                self._conclude(item)
-        self._scene.clock(clock)
-        self._clock = clock[-1] if clock else self._clock
-        self._dropped = dropped
-        running = self._scene.running
-        if running.utc_ns - self._panel_utc_ns >= NS_PER_S:
-            self._panel_utc_ns = running.utc_ns
-            self._scene.words(running.utc_ns, self._so_far())
-
-    def _so_far(self) -> str:
-        return verdict_so_far(self._scene.running, self._link, self._clock, self._dropped)
-
-    def _conclude(self, item: _Concluded) -> None:
-        text = verdict_at_end(item.verdict, list(item.reasons), self._so_far())
-        self._panel_utc_ns = 1 << 62
-        self._scene.words(self._scene.running.utc_ns, text)
-
-    def finish(self) -> None:
-        self._scene.flush()
+            open_native_viewer(f"rerun+http://{bind}:{feed.grpc_port}/proxy")
+        except GseError as error:
+            _LOG.warning("no window of rerun: %s; the session goes on", error)
+    return feed

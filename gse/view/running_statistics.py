@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter, deque
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from drivers.chunk import LinkEvent, LinkKind
@@ -10,6 +11,7 @@ from gse.instant import NS_PER_S
 from gse.limits import Limits
 from gse.station.event_kinds import StationKind
 from gse.station.results import AttitudeError, FrameResult, Status
+from gse.view.glance_word import NO_ANSWER_S
 
 LINK_WORDS: dict[str, str] = {
     LinkKind.NO_PORT: "no port",
@@ -42,8 +44,8 @@ LINK_COLOURS = {
     "closed": GREY,
 }
 
-_NO_ANSWER_S = 2.0
-"""Time without an answer after which the status line shows a warning."""
+_FEWEST_FOR_SHARES = 100
+"""Frames before which one lost frame would say that the availability is too low."""
 
 _RATE_WINDOW = 50
 """Frames over which the rate is taken."""
@@ -51,13 +53,14 @@ _RATE_WINDOW = 50
 
 @dataclass(slots=True)
 class Moments:
-    """Mean and standard deviation by Welford's recurrence; ``nea`` from successive differences.
+    """Mean and standard deviation by Welford's recurrence, mean of the absolute; ``nea`` from successive differences.
 
     The differences of neighbours know nothing of bias and drift: std(differences) / sqrt(2).
     """
 
     n: int = 0
     mean: float = 0.0
+    mean_abs: float = 0.0
     _m2: float = 0.0
     _last: float = math.nan
     _steps: int = 0
@@ -68,6 +71,7 @@ class Moments:
         self.n += 1
         step = value - self.mean
         self.mean += step / self.n
+        self.mean_abs += (abs(value) - self.mean_abs) / self.n
         self._m2 += step * (value - self.mean)
         if not math.isnan(self._last):
             self._steps += 1
@@ -101,6 +105,7 @@ class Running:
     objects: int = 0
     sky: str = ""
     sky_text: str = ""
+    housekeeping: str = ""
     _answered_utc_ns: int | None = None
     _recent_utc_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_RATE_WINDOW))
 
@@ -139,11 +144,30 @@ class Running:
         """Share of frames that were identified, 0..1; NaN of none."""
         return self.by_status[Status.IDENTIFIED.value] / self.frames if self.frames else math.nan
 
+    def outside(self, lost: int) -> tuple[str, ...]:
+        """The limits that the session does not keep so far, with the values; ``lost`` counts frames that never came."""
+        return tuple(self._outside(lost))
+
+    def _outside(self, lost: int) -> Iterator[str]:
+        limits = self.limits
+        axes = (("dRA*", self.d_ra, limits.d_ra_cosde_arcsec), ("dDE", self.d_de, limits.d_de_arcsec))
+        for name, axis, limit in axes:
+            if axis.mean_abs > limit:
+                yield f"mean |{name}| {axis.mean_abs:.1f} arcsec (limit {limit:g})"
+        answers = self.by_status[Status.IDENTIFIED.value]
+        expected = self.frames + lost
+        if expected < _FEWEST_FOR_SHARES:
+            return
+        if answers < limits.availability * expected:
+            yield f"availability {100 * answers / expected:.1f} % (limit {100 * limits.availability:g} %)"
+        if self.false_answers > limits.false_share * max(answers, 1):
+            yield f"{self.false_answers} false answers (limit {100 * limits.false_share:g} % of the answers)"
+
     @property
     def silence(self) -> str:
         """A warning if none of the last frames was identified (clouds, a lamp, the Sun); otherwise empty."""
         since_s = (self.utc_ns - (self._answered_utc_ns or self.utc_ns)) / NS_PER_S
-        return f"NO ANSWER for {since_s:.0f} s, {self.objects} objects" if since_s >= _NO_ANSWER_S else ""
+        return f"NO ANSWER for {since_s:.0f} s, {self.objects} objects" if since_s >= NO_ANSWER_S else ""
 
     @property
     def frames_per_s(self) -> float:

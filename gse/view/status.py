@@ -2,10 +2,13 @@
 
 import math
 import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.live import Live
 from rich.text import Text
@@ -24,15 +27,26 @@ PLAIN_EVERY_NS = 10 * instant.NS_PER_S
 
 _LINK_STYLES = {"streaming": "green", "silent": "bold red", "no port": "bold red", "closed": "dim"}
 _NO_LINK = "no link"
+_BAD = "bold red"
+_LITTLE_BYTES = 1_000_000_000
 
 
 class StatusLine:
     """A listener and context manager: one line, renewed each second; plain lines if stderr is not a terminal.
 
-    It is written to stderr. ``folder`` is the session folder: the free space of its disk is shown.
+    It is written to stderr. ``folder`` is the session folder: the free space of its disk is shown. ``forecast`` gives
+    the line on the time to a verdict.
     """
 
-    def __init__(self, station: Station, folder: Path | None = None, console: Console | None = None) -> None:
+    def __init__(
+        self,
+        station: Station,
+        folder: Path | None = None,
+        console: Console | None = None,
+        *,
+        forecast: Callable[[], str] = lambda: "",
+    ) -> None:
+        self._forecast = forecast
         self._console = console or Console(stderr=True, highlight=False)
         self._is_terminal = self._console.is_terminal
         self._folder = folder
@@ -60,23 +74,31 @@ class StatusLine:
         self._announcer.on_event(event)
 
     def line(self) -> Text:
-        """The line as it is now."""
+        """The line as it is now, no longer than the terminal is wide: what matters least is left out."""
+        parts = list(self._parts())
+        shown, room = set(), self._console.width
+        for place, part in sorted(enumerate(parts), key=lambda item: item[1].rank):
+            if cell_len(part.text) <= room:
+                shown.add(place)
+                room -= cell_len(part.text)
+        return Text.assemble(*((part.text, part.style) for place, part in enumerate(parts) if place in shown))
+
+    def _parts(self) -> Iterator["_Part"]:
         running = self._running
-        parts = [
-            (f"{instant.to_text(running.utc_ns, 0)[11:]} " if running.frames else "", ""),
-            (f"link {self._link}" if self._link != _NO_LINK else self._link, _LINK_STYLES.get(self._link, "")),
-            (f"  {running.frames} frames{_rate(running)}", ""),
-            (self._lost(), "bold red"),
-            (f"  sky {running.sky}" if running.sky else "", _warning(running.sky in ("clouded", "no stars"))),
-            (f"  {running.silence}" if running.silence else "", "bold red"),
-            (f"  {percent(running.identified)} identified", _warning(self._misses_availability())),
-            (f"  dRA* {_mean(running.d_ra.mean, running.d_ra.n)}", _warning(self._outside("d_ra"))),
-            (f"  dDE {_mean(running.d_de.mean, running.d_de.n)}", _warning(self._outside("d_de"))),
-            (f"  NEA {_nea(running.d_ra.nea)}, {_nea(running.d_de.nea)} arcsec", ""),
-            (f"  clock {self._clock()}", _warning(self._clock_is_bad())),
-            (self._disk(), ""),
-        ]
-        return Text.assemble(*parts)
+        yield _Part(f"{instant.to_text(running.utc_ns, 0)[11:]} " if running.frames else "", 0)
+        link = f"link {self._link}" if self._link != _NO_LINK else self._link
+        yield _Part(link, 0, _LINK_STYLES.get(self._link, ""))
+        yield _Part(f"  {running.frames} frames{_rate(running)}", 5)
+        yield _Part(self._lost(), 2, _BAD)
+        yield _warned(f"  sky {running.sky}" if running.sky else "", 4, running.sky in ("clouded", "no stars"))
+        yield _Part(f"  {running.silence}" if running.silence else "", 1, _BAD)
+        yield _warned(f"  {percent(running.identified)} identified", 3, self._misses_availability())
+        yield _warned(f"  dRA* {_mean(running.d_ra.mean, running.d_ra.n)}", 2, self._outside("d_ra"))
+        yield _warned(f"  dDE {_mean(running.d_de.mean, running.d_de.n)}", 2, self._outside("d_de"))
+        yield _Part(f"  NEA {_nea(running.d_ra.nea)}, {_nea(running.d_de.nea)} arcsec", 6)
+        yield _warned(f"  clock {self._clock()}", 7, self._clock_is_bad())
+        yield self._disk()
+        yield _Part(f"  {forecast}" if (forecast := self._forecast()) else "", 4)
 
     def _lost(self) -> str:
         lost = self._session.link.frames_lost if self._session else 0
@@ -99,13 +121,14 @@ class StatusLine:
     def _clock_is_bad(self) -> bool:
         return bool(self._session and self._session.clock and not self._session.clock[-1].synchronised)
 
-    def _disk(self) -> str:
+    def _disk(self) -> "_Part":
         if self._folder is None:
-            return ""
+            return _Part("", 0)
         try:
-            return f"  disk {shutil.disk_usage(self._folder).free / 1e9:.1f} GB free"
+            free = shutil.disk_usage(self._folder).free
         except OSError as error:
-            return f"  disk: {error.strerror}"
+            return _warned(f"  disk: {error.strerror}", 0, True)
+        return _warned(f"  disk {free / 1e9:.1f} GB free", 8, free < _LITTLE_BYTES)
 
     def __enter__(self) -> Self:
         if self._is_terminal:
@@ -125,6 +148,19 @@ class StatusLine:
             self._announcer.conclude()
 
 
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """A part of the line; of a higher rank, it is left out earlier."""
+
+    text: str
+    rank: int
+    style: str = ""
+
+
+def _warned(text: str, rank: int, is_bad: bool) -> _Part:
+    return _Part(text, 1, _BAD) if is_bad else _Part(text, rank)
+
+
 def _rate(running: Running) -> str:
     return "" if math.isnan(running.frames_per_s) else f" at {running.frames_per_s:.1f}/s"
 
@@ -135,7 +171,3 @@ def _mean(value: float, n: int) -> str:
 
 def _nea(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.1f}"
-
-
-def _warning(is_bad: bool) -> str:
-    return "bold red" if is_bad else ""

@@ -28,6 +28,8 @@ def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | N
         f"- frames lost: {_loud(link.frames_lost)}, bytes discarded: {link.bytes_discarded} of {link.bytes_in}",
         f"- reconnects: {link.reconnects}, sensor resets: {link.sensor_resets}",
     ]
+    if running.housekeeping:
+        lines.append(f"- sensor: {running.housekeeping}")
     if running.sky:
         lines.append(f"- sky: **{running.sky}**: {running.sky_text}")
     if clock is not None:
@@ -53,11 +55,8 @@ def headline(running: Running, lost: int) -> str:
         return f"Running: {running.silence}"
     if not running.d_ra.n:
         return "Running: nothing compared yet"
-    limits = running.limits
-    inside = abs(running.d_ra.mean) <= limits.d_ra_cosde_arcsec and abs(running.d_de.mean) <= limits.d_de_arcsec
-    available = running.identified * running.frames / (running.frames + lost)
-    good = inside and available >= limits.availability and not running.false_answers
-    return "Running: inside the limits" if good else "Running: OUTSIDE the limits"
+    outside = running.outside(lost)
+    return f"Running: OUTSIDE the limits: {', '.join(outside)}" if outside else "Running: inside the limits"
 
 
 def _loud(count: int) -> str:

@@ -49,3 +49,45 @@ def test_what_is_behind_the_camera_has_no_pixel() -> None:
 def test_the_solid_angle_is_that_of_the_field() -> None:
     square = Camera(1024, 1024, 512 / math.tan(math.radians(7)), (511.5, 511.5))
     assert square.solid_angle_sr == pytest.approx(4 * math.asin(math.sin(math.radians(7)) ** 2), rel=1e-12)
+
+
+def opencv(ideal, k, p):
+    """Measured from ideal normalised places (N, 2), as OpenCV's documentation (calib3d) has the formula."""
+    x, y = ideal.T
+    r2 = x * x + y * y
+    radial = 1 + k[0] * r2 + k[1] * r2**2
+    return np.column_stack(
+        [
+            x * radial + 2 * p[0] * x * y + p[1] * (r2 + 2 * x * x),
+            y * radial + p[0] * (r2 + 2 * y * y) + 2 * p[1] * x * y,
+        ]
+    )
+
+
+def test_tangential_distortion_is_opencvs_with_the_stated_change_of_units():
+    focal_px, half_px, p = 4169.9, 512.0, (3e-4, -5e-4)
+    ours = tuple(-value * half_px / focal_px for value in p)
+    camera = Camera(1024, 1024, focal_px, (511.5, 511.5), tangential_distortion=ours)
+    ideal = np.random.default_rng(1).uniform(-0.12, 0.12, (200, 2))
+    measured_px = opencv(ideal, (0.0, 0.0), p) * focal_px + 511.5
+    moved_px = np.abs(measured_px - ideal * focal_px - 511.5).max()
+    rays = camera.directions(measured_px)
+    assert moved_px > 0.05
+    # one is the inverse of the other to first order: what is left is of second order
+    assert np.abs(rays[:, :2] / rays[:, 2:] - ideal).max() * focal_px < 1e-3 * moved_px
+
+
+def test_tangential_distortion_in_one_direction_is_opencvs_formula_to_the_digit():
+    p, half_px, focal_px = (0.004, -0.003), 512.0, 4169.9
+    camera = Camera(1024, 1024, focal_px, (500.0, 520.0), (0.01, -0.002), tangential_distortion=p)
+    xy_px = np.random.default_rng(2).uniform(0, 1023, (200, 2))
+    expected = opencv((xy_px - [500.0, 520.0]) / half_px, (0.01, -0.002), p) * half_px / focal_px
+    rays = camera.directions(xy_px)
+    assert np.abs(rays[:, :2] / rays[:, 2:] - expected).max() < 1e-14
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_tangential_distortion_goes_there_and_back(mirrored):
+    camera = Camera(1024, 1024, 4169.9, (500.0, 520.0), (0.02, -0.01), mirrored, (0.006, -0.004))
+    xy_px = np.random.default_rng(3).uniform(0, 1023, (200, 2))
+    assert np.abs(camera.pixels(camera.directions(xy_px)) - xy_px).max() < 1e-6

@@ -30,8 +30,21 @@ PARAMETERS = {
 }
 
 
-def test_every_checksum_has_a_published_check_value() -> None:
-    assert set(CHECKSUMS) == set(CHECK_VALUES)
+def test_every_crc_has_a_published_check_value() -> None:
+    assert set(CHECKSUMS) - {"xxhash32"} == set(CHECK_VALUES)
+
+
+@pytest.mark.parametrize(
+    ("data", "value"),
+    [
+        (b"", 0x02CC5D05),
+        (b"a", 0x550D7456),
+        (b"abc", 0x32D153FF),
+        (b"Nobody inspects the spammish repetition", 0xE2293B2F),
+    ],
+)
+def test_xxhash32_gives_the_values_of_its_authors(data: bytes, value: int) -> None:
+    assert CHECKSUMS["xxhash32"].compute(data) == value
 
 
 @pytest.mark.parametrize("name", CHECK_VALUES)
@@ -56,5 +69,5 @@ def bit_by_bit(name: str, data: bytes) -> int:
 
 @given(st.binary(max_size=40))
 def test_any_bytes_give_what_the_definition_gives_bit_by_bit(data: bytes) -> None:
-    for name, checksum in CHECKSUMS.items():
-        assert checksum.compute(data) == bit_by_bit(name, data)
+    for name in PARAMETERS:
+        assert CHECKSUMS[name].compute(data) == bit_by_bit(name, data)

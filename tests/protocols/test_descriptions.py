@@ -37,6 +37,19 @@ def example() -> str:
     return found[1]
 
 
+def test_every_description_of_the_document_can_be_compiled() -> None:
+    examples = re.findall(r"```yaml\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
+    names = [parse_protocol(text, "protocols.md").name for text in examples]
+    assert names == ["example-sensor", "every-key", "panorama-v1-xxhash"]
+
+
+def test_the_example_of_every_key_has_every_key() -> None:
+    (text,) = re.findall(r"```yaml\n(version: 1\nname: every-key.*?)```", DOCUMENT.read_text(), re.DOTALL)
+    for model in (Description, MessageDescription, FieldDescription):
+        for key in set(model.model_fields) - {"extends"}:
+            assert f"{key}:" in text, key
+
+
 def changed(old: str, new: str) -> str:
     assert old in V1
     text = V1 if "length: " in old + new else V1.replace("    length: 202\n", "")
@@ -109,7 +122,7 @@ WRONG = {
     "another version of the language": (changed("version: 1\n", "version: 2\n"), "version", "is 2"),
     "no slots at all": (changed("repeat: 30", "repeat: 0"), "slots.repeat", "is 0"),
     "an ignored message with fields": (changed("length: 32", "ignored: true\n    length: 32"), "STATUS", "instead of"),
-    "an unknown base": ("extends: panorama-v9\n", "extends", "expected one of panorama-slip"),
+    "an unknown base": ("extends: panorama-v9\n", "extends", "expected one of attitude-quaternion"),
 }
 
 

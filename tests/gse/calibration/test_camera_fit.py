@@ -226,10 +226,36 @@ def test_the_map_counts_every_star_in_its_cell_but_the_outliers():
     assert count.max() < 80
 
 
+def test_tangential_distortion_is_fitted_on_request_and_else_left_alone():
+    true = Camera(1024, 1024, 4169.9, (511.5, 511.5), (0.004, -0.001), False, (0.004, -0.003))
+    start = Camera(1024, 1024, 4169.9, (511.5, 511.5))
+    fields = random_fields(true, np.random.default_rng(4))
+    fitted = calibrate(start, fields, tangential=True)
+    assert len(fitted.sigma) == 7
+    off = np.array(fitted.camera.tangential_distortion) - true.tangential_distortion
+    assert (np.abs(off) < 4 * np.array(fitted.sigma[5:])).all()
+    assert (np.array(fitted.sigma[5:]) < 0.001).all()
+    without = calibrate(start, fields)
+    assert without.camera.tangential_distortion == (0.0, 0.0)
+    assert without.covariance.shape == (5, 5)
+    assert without.after.rms_px > fitted.after.rms_px
+
+
+def test_without_noise_tangential_distortion_is_exact():
+    true = Camera(1024, 1024, 4169.9, (530.0, 500.0), (0.004, -0.001), True, (0.003, 0.002))
+    rng = np.random.default_rng(1)
+    places = rng.uniform(0, 1023, (40, 12, 2))
+    turns = Rotation.random(40, rng=rng).as_matrix()
+    fields = [StarField(xy, true.directions(xy) @ turn, np.arange(12)) for turn, xy in zip(turns, places, strict=True)]
+    fitted = calibrate(Camera(1024, 1024, 4170.0, (511.5, 511.5), mirrored=True), fields, tangential=True)
+    assert values(fitted.camera) == pytest.approx(values(true), rel=1e-6, abs=1e-6)
+    assert fitted.camera.tangential_distortion == pytest.approx((0.003, 0.002), abs=1e-7)
+
+
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_the_derivatives_of_the_residuals_are_those_of_small_steps(mirrored):
     rng = np.random.default_rng(8)
-    camera = Camera(1024, 1024, 4169.9, (535.3, 487.2), (0.3, -0.2), mirrored)
+    camera = Camera(1024, 1024, 4169.9, (535.3, 487.2), (0.3, -0.2), mirrored, (0.02, -0.03))
     attitude = Rotation.random(rng=rng)
     xy = rng.uniform(0, 1023, (9, 2))
     field = StarField(xy, camera.directions(xy) @ attitude.as_matrix(), np.arange(9))

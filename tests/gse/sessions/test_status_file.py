@@ -11,6 +11,7 @@ from gse import instant
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.recording.recorder import Recorder
 from gse.sessions.status_file import StatusFile, is_running, is_unfinished, process_mark, read_status, session_folders
+from gse.station.notes import Notes
 
 
 @pytest.fixture
@@ -23,7 +24,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_the_status_is_renewed_until_the_session_has_ended(folder: Path) -> None:
-    status_file = StatusFile(folder, parse_station(BUILT_IN_TEXT))
+    status_file = StatusFile(folder, parse_station(BUILT_IN_TEXT), Notes())
     status_file.enter("running")
     while (status := read_status(folder)) is None or status["state"] != "running":
         pass

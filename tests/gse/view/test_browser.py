@@ -13,8 +13,8 @@ from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_nig
 
 from gse.drawing.palette import ORANGE, PINK, SKY_BLUE, VERMILLION
 from gse.view.live import LiveView
-from gse.view.page import ViewerPage
 from gse.view.saved_view import SavedView
+from gse.view.server import Content, ViewServer
 
 DRAWN_WITHIN_MS = 60_000
 FRAMES = 299
@@ -80,7 +80,7 @@ def test_the_live_page_draws_what_is_sent_and_no_request_leaves_the_machine() ->
     chromium()
     station = synthetic_night(1).station
     with LiveView(station, mode="web", catalog=small_catalog()) as view, sent_again_and_again(view), visit() as seen:
-        seen.page.goto(view.url)
+        seen.page.goto(view.url + "rerun")
         picture = wait_until_drawn(seen.page)
         assert_all_is_drawn(picture)
         assert seen.hosts() == {"127.0.0.1"}
@@ -94,7 +94,7 @@ def test_a_saved_night_is_shown_by_the_same_page(tmp_path: Path) -> None:
     for frame in synthetic_frames(FRAMES):
         saved.on_result(frame, session)
     saved.finish(session, "PASS", ["all limits are kept"])
-    with ViewerPage("127.0.0.1", 0, recording=tmp_path / "night.rrd") as page, visit() as seen:
+    with ViewServer("127.0.0.1", 0, Content(recording=tmp_path / "night.rrd")) as page, visit() as seen:
         seen.page.goto(page.url)
         assert_all_is_drawn(wait_until_drawn(seen.page))
         assert seen.hosts() == {"127.0.0.1"}
@@ -102,8 +102,8 @@ def test_a_saved_night_is_shown_by_the_same_page(tmp_path: Path) -> None:
 
 def test_the_page_cannot_call_out_even_if_it_tries() -> None:
     chromium()
-    with ViewerPage("127.0.0.1", 0, grpc_port=9876) as page, visit() as seen:
-        seen.page.goto(page.url + "start.js")
+    with ViewServer("127.0.0.1", 0, Content(grpc_port=9876)) as page, visit() as seen:
+        seen.page.goto(page.url + "rerun.js")
         seen.page.goto(page.url)
         blocked = seen.page.evaluate("fetch('http://localhost:1/').then(() => 'sent', e => String(e))")
         assert "sent" not in blocked

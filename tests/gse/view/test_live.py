@@ -16,8 +16,9 @@ from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_nig
 
 from gse.errors import GseError
 from gse.view.live import LiveView
-from gse.view.page import ViewerPage
 from gse.view.ports import free_port
+from gse.view.rerun_feed import RerunFeed
+from gse.view.server import Content, ViewServer
 from gse.view.viewer import quiet_environment, rerun_program
 
 FRAMES = 300
@@ -39,7 +40,7 @@ def session():
 
 
 def view_threads() -> list[threading.Thread]:
-    return [thread for thread in threading.enumerate() if thread.name in ("live view", "viewer page")]
+    return [thread for thread in threading.enumerate() if thread.name in ("live view", "view server")]
 
 
 def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session, tmp_path: Path) -> None:
@@ -61,7 +62,7 @@ def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session,
 
 def test_frames_that_the_view_has_no_room_for_are_dropped_and_counted(frames, session, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
-    with LiveView(session.station, mode="none", save_rrd=path, queue_frames=10) as view:
+    with RerunFeed(session.station, serve=False, save_rrd=path, queue_frames=10) as view:
         for frame in frames:
             view.on_result(frame, session)
     shown = len(moving(rows_of(path)["/d_ra/value"]))
@@ -71,7 +72,7 @@ def test_frames_that_the_view_has_no_room_for_are_dropped_and_counted(frames, se
 
 def test_what_was_dropped_is_told_in_the_panel(frames, session, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
-    view = LiveView(session.station, mode="none", save_rrd=path, queue_frames=5)
+    view = RerunFeed(session.station, serve=False, save_rrd=path, queue_frames=5)
     for frame in frames:
         view.on_result(frame, session)
     view.close()
@@ -116,18 +117,19 @@ def test_a_view_that_cannot_open_is_told_and_the_session_goes_on(
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with ViewerPage("127.0.0.1", 0, grpc_port=9876) as page:
-        port = int(page.url.rsplit(":", 1)[1].strip("/"))
+    with ViewServer("127.0.0.1", 0, Content(grpc_port=9876)) as page:
+        port = page.port
         for mode in ("native", "web"):
             with LiveView(session.station, mode=mode, port=port) as view:
                 view.on_result(frames[0], session)
             assert view.url == ""
     with LiveView(session.station, mode="web", bind="192.0.2.1") as view:
         view.on_result(frames[0], session)
-    native, web, elsewhere = (record.getMessage() for record in caplog.records)
+    native, web, rerun_elsewhere, elsewhere = (record.getMessage() for record in caplog.records)
+    assert "no view in rerun: cannot serve on 192.0.2.1" in rerun_elsewhere
     assert "there is no screen for a window here" in native
     assert f"port {port}: Address already in use" in web
-    assert "cannot serve on 192.0.2.1: Cannot assign requested address" in elsewhere
+    assert "cannot serve the view on 192.0.2.1 port 0: Cannot assign requested address" in elsewhere
     assert native.endswith("the session goes on")
 
 
@@ -197,10 +199,11 @@ def get(url: str) -> tuple[bytes, dict[str, str]]:
 
 
 def test_the_page_names_no_other_machine_and_forbids_any() -> None:
-    with ViewerPage("127.0.0.1", 0, grpc_port=9876) as page:
-        for path in ("", "start.js"):
+    with ViewServer("127.0.0.1", 0, Content(grpc_port=9876)) as page:
+        for path in ("", "rerun", "rerun.js", "rerun.css"):
             body, headers = get(page.url + path)
-            assert b"://" not in body.replace(b"rerun+http://${location.hostname}:", b"")
+            own = (b"rerun+http://${location.hostname}:", b"ws://${location.host}/")
+            assert b"://" not in body.replace(own[0], b"").replace(own[1], b"")
             policy = headers["Content-Security-Policy"]
             assert "default-src 'none'" in policy
             assert "connect-src 'self' http://127.0.0.1:9876" in policy
@@ -208,7 +211,7 @@ def test_the_page_names_no_other_machine_and_forbids_any() -> None:
 
 
 def test_the_viewer_itself_comes_out_of_the_rerun_program() -> None:
-    with ViewerPage("127.0.0.1", 0, grpc_port=9876) as page:
+    with ViewServer("127.0.0.1", 0, Content(grpc_port=9876)) as page:
         assert get(page.url + "re_viewer_bg.wasm")[0][:4] == b"\0asm"
         assert b"wasm_bindgen" in get(page.url + "re_viewer.js")[0]
 
@@ -216,7 +219,7 @@ def test_the_viewer_itself_comes_out_of_the_rerun_program() -> None:
 def test_a_recording_is_served_as_it_is_and_nothing_else_is(tmp_path: Path) -> None:
     recording = tmp_path / "night.rrd"
     recording.write_bytes(b"RRF2" + bytes(1000))
-    with ViewerPage("127.0.0.1", 0, recording=recording) as page:
+    with ViewServer("127.0.0.1", 0, Content(recording=recording)) as page:
         assert get(page.url + "session.rrd")[0] == recording.read_bytes()
         for path in ("night.rrd", "../night.rrd", "etc/passwd"):
             with pytest.raises(urllib.error.HTTPError, match="404"):
@@ -224,7 +227,7 @@ def test_a_recording_is_served_as_it_is_and_nothing_else_is(tmp_path: Path) -> N
 
 
 def test_a_port_that_is_taken_is_told_with_what_to_do() -> None:
-    with ViewerPage("127.0.0.1", 0, grpc_port=9876) as page:
-        port = int(page.url.rsplit(":", 1)[1].strip("/"))
+    with ViewServer("127.0.0.1", 0, Content(grpc_port=9876)) as page:
+        port = page.port
         with pytest.raises(GseError, match=f"port {port}: Address already in use; choose another"):
-            ViewerPage("127.0.0.1", port, grpc_port=9876)
+            ViewServer("127.0.0.1", port, Content(grpc_port=9876))

@@ -17,10 +17,10 @@ from gse.view.status import StatusLine
 from gse.view.verdict_text import verdict_so_far
 
 
-def told(session, frames, *, folder: Path | None = None, terminal: bool = False) -> str:
+def told(session, frames, *, folder: Path | None = None, terminal: bool = False, width: int = 200) -> str:
     """All that a status line writes about some frames."""
     screen = io.StringIO()
-    console = Console(file=screen, force_terminal=terminal, width=200, highlight=False)
+    console = Console(file=screen, force_terminal=terminal, width=width, highlight=False)
     with StatusLine(session.station, folder, console) as status:
         for event in session.events:
             status.on_event(event)
@@ -45,6 +45,23 @@ def test_the_line_says_all_that_matters(session, tmp_path: Path) -> None:
     for words in ("link closed", "301 frames at 10.0/s", "98.0 % identified", "dRA* +6.", "dDE -3.", "NEA ", "GB free"):
         assert words in line
     assert "clock within 1 ms" in line
+
+
+@pytest.mark.parametrize("width", [80, 66, 50])
+def test_a_narrow_terminal_is_not_exceeded_and_shows_what_matters_most(session, tmp_path: Path, width: int) -> None:
+    session.clock = [ClockReading(0, 0, "kernel PLL", True, 0.0, 0.001)]
+    text = told(session, synthetic_frames(301), folder=tmp_path, width=width)
+    line = [line for line in text.splitlines() if "link" in line and "dRA*" in line][-1]
+    assert len(line) <= width
+    assert "dDE" in line
+    assert ("identified" in line) == (width >= 66)
+
+
+def test_on_a_narrow_terminal_trouble_comes_before_figures(session) -> None:
+    session.clock = [ClockReading(0, 0, "unsynchronised", False, 0.0, 16.0)]
+    line = [line for line in told(session, synthetic_frames(301), width=60).splitlines() if "link" in line][-1]
+    assert "clock NOT synchronised" in line
+    assert len(line) <= 60
 
 
 def test_a_session_folder_that_is_gone_is_said_and_ends_nothing(session, tmp_path: Path) -> None:

@@ -1,0 +1,223 @@
+"""The decision of a campaign: the rows of the verdict over nights.
+
+Nights are the sample. A row's figure is the mean of its nightly values; its one-sided 95 % bounds are those of
+Student's t with one degree of freedom less than nights, from the scatter between nights, in which the scatter within
+them is contained. The uncertainty of truth is common to all nights of a roof: it is added once, undiminished, the
+greatest of the nights. Then the rule of a session decides (gse.assessment.decision). A share (availability, false
+answers) is that of all frames, with exact bounds on the effective number of frames that its scatter between nights
+leaves.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import stdtrit
+
+from gse.assessment.decision import Outcome, Share, share_of
+from gse.assessment.guard_band import exceeds, further_share, guard, keeps
+from gse.campaign.nights import Session, weighted
+from gse.limits import Decision
+from gse.station.results import Verdict
+
+ONE_SIDED = 0.95
+SHARES = {"availability": "available", "false answers": "false_answers"}
+"""Rows that are shares, and the names of their columns."""
+_NAN = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignRow:
+    """One requirement over the nights of a sensor.
+
+    ``within`` is the typical one-sided uncertainty of one night, ``between`` the standard deviation of the nights;
+    ``passed``, ``failed`` and ``undecided`` count the nights by their own outcome. NaN where a figure has no meaning.
+    """
+
+    subject: str
+    name: str
+    unit: str
+    value: float
+    uncertainty: float
+    limit: float
+    outcome: Outcome
+    reason: str
+    nights: int
+    within: float
+    between: float
+    worst: float
+    worst_night: str
+    passed: int
+    failed: int
+    undecided: int
+
+
+def campaign_rows(nights: dict[str, list[Session]]) -> list[CampaignRow]:
+    """The rows of one sensor, in the order of a session's report."""
+    names: dict[tuple[str, str], None] = {}
+    for sessions in nights.values():
+        for session in sessions:
+            for item in session.row["measurements"] or ():
+                names.setdefault((item["subject"], item["name"]))
+    return [_row(nights, subject, name) for subject, name in names]
+
+
+def verdict_of(rows: Iterable[CampaignRow]) -> Verdict:
+    """FAIL where a row fails, PASS where some pass and none is undecided."""
+    outcomes = [row.outcome for row in rows]
+    if Outcome.FAIL in outcomes:
+        return Verdict.FAIL
+    if Outcome.INCONCLUSIVE in outcomes or Outcome.PASS not in outcomes:
+        return Verdict.INCONCLUSIVE
+    return Verdict.PASS
+
+
+@dataclass(frozen=True, slots=True)
+class _Nightly:
+    """One row's items, night by night, each with its frames."""
+
+    items: dict[str, list[tuple[dict[str, Any], float]]]
+
+    def values(self) -> dict[str, float]:
+        known = {
+            night: [(item["value"], frames) for item, frames in items if item["value"] is not None]
+            for night, items in self.items.items()
+        }
+        return {night: weighted(values) for night, values in known.items() if values}
+
+    def all(self, key: str) -> list[Any]:
+        return [item[key] for items in self.items.values() for item, _ in items if item[key] is not None]
+
+    def outcomes(self) -> list[set[str]]:
+        return [{item["outcome"] for item, _ in items} for items in self.items.values()]
+
+
+def _row(nights: dict[str, list[Session]], subject: str, name: str) -> CampaignRow:
+    of = _Nightly(
+        {
+            night: [
+                (item, float(session.row["frames"] or 0))
+                for session in sessions
+                for item in session.row["measurements"] or ()
+                if (item["subject"], item["name"]) == (subject, name)
+            ]
+            for night, sessions in nights.items()
+        }
+    )
+    values, limits = of.values(), sorted(set(of.all("limit")))
+    decisions = {session.row["limit_decision"] for sessions in nights.values() for session in sessions}
+    decision = Decision.SIMPLE if decisions == {Decision.SIMPLE.value} else Decision.GUARDED
+    limit = limits[0] if len(limits) == 1 else _NAN
+    label = f"{subject} {name}"
+    if not values or not limits:
+        why = "no limit is stated" if values else "no night has it"
+        outcome, value, above, reason = Outcome.NOT_TESTED, _mean(values), _NAN, f"{label}: {why}"
+    elif len(limits) > 1:
+        outcome, value, above = Outcome.INCONCLUSIVE, _mean(values), _NAN
+        reason = f"{label}: the sessions have {len(limits)} different limits; judge them with one --station"
+    elif name in SHARES:
+        outcome, value, above, reason = _share(nights, subject, name, limit, decision)
+    else:
+        truth = max(of.all("truth_uncertainty"), default=0.0)
+        outcome, value, above, reason = _figure(label, list(values.values()), limit, truth, of.all("unit")[0], decision)
+    at_least = name == "availability"
+    worst_night = (min if at_least else max)(values, key=values.__getitem__, default="")
+    single = of.outcomes()
+    failed = sum(Outcome.FAIL in one for one in single)
+    undecided = sum(Outcome.INCONCLUSIVE in one and Outcome.FAIL not in one for one in single)
+    return CampaignRow(
+        subject,
+        name,
+        next(iter(of.all("unit")), ""),
+        value,
+        above,
+        limit,
+        outcome,
+        reason,
+        len(values),
+        float(np.median(of.all("uncertainty"))) if of.all("uncertainty") else _NAN,
+        float(np.std(list(values.values()), ddof=1)) if len(values) > 1 else _NAN,
+        values.get(worst_night, _NAN),
+        worst_night,
+        sum(one == {Outcome.PASS.value} for one in single),
+        failed,
+        undecided,
+    )
+
+
+_Decided = tuple[Outcome, float, float, str]
+
+
+def _figure(label: str, values: list[float], limit: float, truth: float, unit: str, decision: Decision) -> _Decided:
+    """Outcome, mean, one-sided uncertainty and reason of a figure that must not exceed its limit."""
+    n, mean = len(values), float(np.mean(values))
+    if decision is Decision.SIMPLE:
+        kept = mean <= limit
+        reason = "" if kept else f"{label} is {mean:.4g} {unit} over {n} nights, the limit is {limit:g} {unit}"
+        return (Outcome.PASS if kept else Outcome.FAIL), mean, _NAN, reason
+    if n < 2:
+        return Outcome.INCONCLUSIVE, mean, _NAN, f"{label}: one night says nothing of how nights differ; 2 are needed"
+    half = float(stdtrit(n - 1, ONE_SIDED)) * float(np.std(values, ddof=1)) / math.sqrt(n)
+    above = guard(half, truth)
+    text = f"{label} is {mean:.4g} {unit} over {n} nights with U {above:.3g}, the limit is {limit:g} {unit}"
+    if keeps(mean, mean + half, limit, truth):
+        return Outcome.PASS, mean, above, ""
+    if exceeds(mean, mean - half, limit, truth):
+        return Outcome.FAIL, mean, above, text
+    more = n * further_share(limit - mean, half, truth)
+    ask = (
+        f"about {math.ceil(more)} more nights would decide" if math.isfinite(more) else "truth is not known well enough"
+    )
+    return Outcome.INCONCLUSIVE, mean, above, f"{text}: {ask}"
+
+
+def _share(nights: dict[str, list[Session]], subject: str, name: str, limit: float, decision: Decision) -> _Decided:
+    share, at_least = campaign_share(nights, subject, name), name == "availability"
+    label = f"{subject} {name}"
+    above = share.value - share.lower if at_least else share.upper - share.value
+    text = f"{label}: {share.value:.3%} of {share.of} frames in {len(nights)} nights"
+    if decision is Decision.SIMPLE:
+        kept, broken = (
+            (share.value >= limit, share.value < limit) if at_least else (share.value <= limit, share.value > limit)
+        )
+    elif at_least:
+        kept, broken = share.lower >= limit, share.upper < limit
+    else:
+        kept, broken = share.upper <= limit, share.lower > limit
+    if kept:
+        return Outcome.PASS, share.value, above, ""
+    if broken:
+        return Outcome.FAIL, share.value, above, f"{text}, the limit is {limit:.2%}"
+    bound = f"at least {share.lower:.2%}" if at_least else f"at most {share.upper:.2%}"
+    return (
+        Outcome.INCONCLUSIVE,
+        share.value,
+        above,
+        f"{text} show {bound} (95 %), the limit is {limit:.2%}: more nights decide",
+    )
+
+
+def campaign_share(nights: dict[str, list[Session]], subject: str, name: str) -> Share:
+    """The share of all frames, with the effective number that its scatter between nights leaves (Korn & Graubard)."""
+    stem = f"{subject}_{SHARES[name]}"
+    counts = [
+        [sum(float(session.row[f"{stem}_{part}"] or 0) for session in sessions) for part in ("count", "of", "n_eff")]
+        for sessions in nights.values()
+    ]
+    count, of, n_eff = (np.array(column) for column in zip(*counts, strict=True))
+    total = float(of.sum())
+    if total == 0 or len(of) < 2:
+        return share_of(int(count.sum()), int(total), float(n_eff.sum()))
+    share = float(count.sum()) / total
+    n = len(of)
+    variance = n / (n - 1) * float(((count - share * of) ** 2).sum()) / total**2
+    widened = variance * (float(stdtrit(n - 1, ONE_SIDED)) / 1.645) ** 2
+    effective = share * (1 - share) / widened if widened > 0 else total
+    # Equal nights are no evidence of independent frames: never more than what the nights say of themselves.
+    return share_of(int(count.sum()), int(total), max(min(effective, float(n_eff.sum())), 1.0))
+
+
+def _mean(values: dict[str, float]) -> float:
+    return float(np.mean(list(values.values()))) if values else _NAN

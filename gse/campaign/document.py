@@ -1,0 +1,188 @@
+"""The report of a campaign as one JSON object, schema gse.campaign-report/1; the page is made from it."""
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from gse.assessment.decision import DECISION_TEXT, Outcome
+from gse.campaign.dataset import UNKNOWN, DataSet
+from gse.campaign.decision import CampaignRow, campaign_rows, verdict_of
+from gse.campaign.hot_pixels import COLUMN, hot_pixels
+from gse.campaign.keys import OWN_STATION, software_sha256
+from gse.campaign.nights import Session, by_night, nightly, sessions_of
+from gse.campaign.sensor_atlas import SensorAtlas, sensor_atlas
+from gse.campaign.star_places import SIGMAS
+from gse.campaign.trends import thermal, trends
+from gse.limits import Decision
+from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER
+from gse.station.results import Subject, Verdict
+
+SCHEMA = "gse.campaign-report/1"
+MOST_STARS = 20
+DIGITS = 8
+_WORST_FIRST = (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.PASS)
+
+
+def campaign_document(
+    dataset: DataSet, *, station_sha256: str = OWN_STATION, each: Callable[[], None] = lambda: None
+) -> dict[str, Any]:
+    """The report of a data set; the same data set gives the same one."""
+    sessions = sessions_of(dataset, station_sha256, software_sha256())
+    names = sorted({str(one.row["sensor"]) for one in sessions} - {UNKNOWN})
+    sensors = [_sensor(dataset, name, [one for one in sessions if one.row["sensor"] == name], each) for name in names]
+    verdicts = [sensor["verdict"] for sensor in sensors]
+    left_out = [one for one in sessions if one.left_out]
+    report = {
+        "schema": SCHEMA,
+        "verdict": next((word for word in _WORST_FIRST if word in verdicts), Verdict.INCONCLUSIVE),
+        "decision": DECISION_TEXT[Decision.GUARDED],
+        "software_sha256": sessions[0].row["software_sha256"],
+        "station_sha256": station_sha256,
+        "sessions": len(sessions),
+        "sensors": sensors,
+        "left_out": [
+            {"sensor": one.row["sensor"], "night": one.night, "source": one.row["source"], "why": one.left_out}
+            for one in left_out
+        ],
+        "table_4_1": {
+            "rows": [row for sensor in sensors for row in sensor["table_4_1"]] + _paper(),
+            "limit_deg": LIMIT_DEG,
+        },
+    }
+    plain: dict[str, Any] = _plain(report)
+    return plain
+
+
+def _sensor(dataset: DataSet, name: str, sessions: list[Session], each: Callable[[], None]) -> dict[str, Any]:
+    nights = by_night(sessions)
+    counted = [one for of_night in nights.values() for one in of_night]
+    rows = campaign_rows(nights)
+    subjects = list(dict.fromkeys(row.subject for row in rows))
+    subject = Subject(subjects[0]) if subjects else Subject.ONBOARD
+    atlas = sensor_atlas(dataset, counted, each)
+    undecided = [row.reason for row in rows if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE)]
+    return {
+        "name": name,
+        "serials": sorted({str(one.row["sensor_serial"]) for one in sessions if one.row["sensor_serial"]}),
+        "sites": sorted({str(one.row["site_name"]) for one in counted if one.row["site_name"]}),
+        "verdict": verdict_of(rows),
+        "relative": any(one.row["relative"] for one in counted),
+        "simulated": any(one.row["simulated"] for one in counted),
+        "reasons": undecided,
+        "not_tested": [row.reason for row in rows if row.outcome is Outcome.NOT_TESTED],
+        "nights": len(nights),
+        "first_night": min(nights, default=None),
+        "last_night": max(nights, default=None),
+        "sessions": len(counted),
+        "damaged": [one.row["source"] for one in counted if one.row["truncated"]],
+        "hours": sum(float(one.row["duration_s"] or 0) for one in counted) / 3600,
+        "frames": sum(int(one.row["frames"] or 0) for one in counted),
+        "rows": [asdict(row) for row in rows],
+        "trends": [
+            {**asdict(one), "significant": one.significant}
+            for one in trends(nights, subject, atlas.scale if atlas else {})
+        ],
+        "thermal": [asdict(one) for one in thermal(nights, subject)],
+        "hot_pixels": [asdict(one) for one in hot_pixels(_pixels(nights))],
+        "atlas": _atlas(atlas) if atlas else None,
+        "sky": _sky(sessions),
+        "table_4_1": [_table_row(name, nights, of_one, rows) for of_one in subjects],
+    }
+
+
+def _pixels(nights: dict[str, list[Session]]) -> list[tuple[str, Any]]:
+    return [
+        (night, [pixel for one in sessions for pixel in one.row[COLUMN.name] or ()])
+        for night, sessions in nights.items()
+    ]
+
+
+def _atlas(atlas: SensorAtlas) -> dict[str, Any]:
+    named = [star for star in atlas.stars if star.sigmas >= SIGMAS]
+    return {
+        "sessions": atlas.sessions,
+        "residuals": atlas.residuals,
+        "stars_looked_at": len(atlas.stars),
+        "phase": [{**asdict(one), "found": one.sigmas >= SIGMAS} for one in atlas.phase],
+        "curves_px": atlas.curves_px.tolist(),
+        "curve_errors_px": atlas.curve_errors_px.tolist(),
+        "field_arcsec": atlas.field_arcsec.tolist(),
+        "field_sigmas": atlas.field_sigmas.tolist(),
+        "stars": [{"name": atlas.names.get(star.star, str(star.star)), **asdict(star)} for star in named[:MOST_STARS]],
+        "stars_found": len(named),
+        "strongest_other": next((star.sigmas for star in atlas.stars if star.sigmas < SIGMAS), None),
+    }
+
+
+def _sky(sessions: list[Session]) -> list[dict[str, Any]]:
+    """Conditions of each session, whether it counts or not."""
+    return [
+        {
+            "night": one.night,
+            "zero_point_mag": one.row["onboard_zero_point_median_mag"],
+            "temperature_c": one.row["temperature_median_c"],
+            "frames": one.row["frames"],
+            "excluded": _causes(one),
+            "verdict": one.row["verdict"],
+            "counts": not one.left_out,
+        }
+        for one in sessions
+        if not one.row["error"]
+    ]
+
+
+def _causes(session: Session) -> dict[str, int]:
+    """Frames that were left out, by cause."""
+    causes: dict[str, int] = {}
+    for item in session.row["exclusions"] or ():
+        causes[item["cause"]] = causes.get(item["cause"], 0) + int(item["frames"])
+    return causes
+
+
+def _table_row(name: str, nights: dict[str, list[Session]], subject: str, rows: list[CampaignRow]) -> dict[str, Any]:
+    means = [list(nightly(nights, f"{subject}_mean_abs_{axis}_deg").values()) for axis in ("d_ra", "d_de")]
+    d_ra, d_de = (float(np.mean(values)) if values else math.nan for values in means)
+    time_ms = next((row.value for row in rows if row.subject == subject and row.unit == "ms"), math.nan)
+    return {
+        "name": f"{name}, {subject}, {len(nights)} nights",
+        "own": True,
+        "mean_d_ra_deg": d_ra,
+        "mean_d_de_deg": d_de,
+        "mean_d_ra_arcmin": d_ra * ARCMIN_PER_DEG,
+        "mean_d_de_arcmin": d_de * ARCMIN_PER_DEG,
+        "time": f"{time_ms:.3g} ms" if math.isfinite(time_ms) else "not recorded",
+    }
+
+
+def _paper() -> list[dict[str, Any]]:
+    return [
+        {
+            "name": row.name,
+            "own": False,
+            "mean_d_ra_deg": row.d_ra_deg,
+            "mean_d_de_deg": row.d_de_deg,
+            "mean_d_ra_arcmin": row.d_ra_deg * ARCMIN_PER_DEG,
+            "mean_d_de_arcmin": row.d_de_deg * ARCMIN_PER_DEG,
+            "time": row.time,
+        }
+        for row in PAPER
+    ]
+
+
+def _plain(value: Any) -> Any:
+    """Only what JSON knows; numbers with DIGITS digits, null where they are unknown or infinite."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, bool) or value is None:
+        return value
+    if isinstance(value, str):
+        return str(value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    number = float(value)
+    return float(f"{number:.{DIGITS}g}") if math.isfinite(number) else None

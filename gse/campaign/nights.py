@@ -1,0 +1,126 @@
+"""Nights of a campaign: which sessions count, which are left out, and why.
+
+A session is left out where it could not be judged, where no answer of it was compared with truth, or where more than
+half of its panoramas had no sky. It is never left out for what it found.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gse.assessment.sampling import MIN_FRAMES
+from gse.campaign.dataset import DataSet
+from gse.campaign.hot_pixels import COLUMN
+from gse.campaign.keys import OWN_STATION
+from gse.errors import UsageError
+from gse.station.exclusions import Cause
+from gse.station.results import Subject
+
+AXES = ("d_ra_cosde", "d_de", "d_roll")
+MOST_WITHOUT_SKY = 0.5
+_OF_AXIS = ("bias_arcsec", "bias_error_arcsec", "nea_arcsec", "std_arcsec", "thermal_arcsec_per_k")
+_OF_SUBJECT = (
+    *(f"{share}_{part}" for share in ("available", "false_answers") for part in ("count", "of", "n_eff")),
+    *("mean_abs_d_ra_deg", "mean_abs_d_de_deg", "time_p99_ms"),
+    *(f"{axis}_{name}" for axis in AXES for name in _OF_AXIS),
+    "d_de_n",
+)
+COLUMNS = (
+    *(
+        "key",
+        "sensor",
+        "night",
+        "session_sha256",
+        "station_sha256",
+        "software_sha256",
+        "source",
+        "error",
+        "sensor_serial",
+    ),
+    *("first_utc", "verdict", "relative", "simulated", "truncated", "reasons", "measurements", "frames", "duration_s"),
+    *("exclusions", "site_name", "temperature_median_c", "onboard_zero_point_median_mag", "camera_focal_length_px"),
+    *("camera_rows", "camera_columns", "mount_azimuth_deg", "mount_altitude_deg", "mount_roll_deg", "mount_fit_frames"),
+    *("limit_decision", COLUMN.name),
+    *(f"{subject.value}_{name}" for subject in Subject for name in _OF_SUBJECT),
+)
+"""Of the table of sessions, what the report reads."""
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """The row of a session, of which ``left_out`` says why it does not count, empty where it does."""
+
+    row: dict[str, Any]
+    left_out: str
+
+    @property
+    def night(self) -> str:
+        """The date of its evening."""
+        return str(self.row["night"])
+
+
+def sessions_of(dataset: DataSet, station_sha256: str = OWN_STATION, software: str | None = None) -> list[Session]:
+    """The sessions of one judgement, in the order of sensor, night and start.
+
+    ``software`` is that of the judgement that counts; without it, or where it judged nothing, the only one there is.
+    UsageError where that is not clear.
+    """
+    rows = dataset.sessions(COLUMNS).to_pylist()
+    rows = [row for row in rows if row["station_sha256"] == station_sha256]
+    if not rows:
+        given = "their own station files" if station_sha256 == OWN_STATION else "this station file"
+        raise UsageError(f"{dataset.url} has no session that was judged with {given}; give --station as for judge")
+    versions = sorted({row["software_sha256"] for row in rows})
+    if software not in versions:
+        if len(versions) > 1:
+            raise UsageError(
+                f"{dataset.url} was judged by {len(versions)} versions of gse, none of them this one: judge it again"
+            )
+        software = versions[0]
+    rows = [row for row in rows if row["software_sha256"] == software]
+    rows.sort(key=lambda row: (row["sensor"], row["night"], str(row["first_utc"]), row["key"]))
+    return [Session(row, _left_out(row)) for row in rows]
+
+
+def by_night(sessions: Iterable[Session]) -> dict[str, list[Session]]:
+    """The sessions that count, by night, in order."""
+    nights: dict[str, list[Session]] = {}
+    for session in sessions:
+        if not session.left_out:
+            nights.setdefault(session.night, []).append(session)
+    return dict(sorted(nights.items()))
+
+
+def nightly(nights: dict[str, list[Session]], column: str) -> dict[str, float]:
+    """The mean of a column over the sessions of each night, by their frames; nights without it are left out."""
+    found = {}
+    for night, sessions in nights.items():
+        known = [(one.row[column], one.row["frames"]) for one in sessions if one.row.get(column) is not None]
+        if known:
+            found[night] = weighted(known)
+    return found
+
+
+def weighted(values: Sequence[tuple[float, float]]) -> float:
+    """The mean of values with their weights."""
+    total = sum(weight for _, weight in values)
+    return sum(value * weight for value, weight in values) / total if total else float("nan")
+
+
+def _left_out(row: dict[str, Any]) -> str:
+    return next(_reasons(row), "")
+
+
+def _reasons(row: dict[str, Any]) -> Iterator[str]:
+    if row["error"]:
+        yield f"could not be judged: {row['error']}"
+        return
+    frames = row["frames"] or 0
+    stretches = [item for item in row["exclusions"] or () if item["cause"] in (Cause.NO_SKY, Cause.NO_OBJECTS)]
+    without_sky = sum(item["frames"] for item in stretches)
+    if frames and without_sky > MOST_WITHOUT_SKY * frames:
+        yield f"no sky in {without_sky} of {frames} panoramas: {stretches[0]['reason']}"
+    compared = max((row[f"{subject.value}_d_de_n"] or 0 for subject in Subject), default=0)
+    if compared < MIN_FRAMES:
+        why = f": {row['reasons'][0]}" if row["reasons"] else ""
+        yield f"{compared} answers were compared with truth, {MIN_FRAMES} are needed{why}"

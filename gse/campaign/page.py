@@ -1,0 +1,51 @@
+"""campaign.html: one page, readable offline, printable, in the style of a session's report."""
+
+from functools import partial
+from importlib import resources
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from gse.campaign.plots import draw_field, draw_phase, draw_rows, draw_sky, draw_trends, trends_height_in
+from gse.report.page import numbered, quantity_text
+from gse.report.svg import svg_of
+
+
+def campaign_html(report: dict[str, Any]) -> str:
+    """The page of a campaign's report; it follows from the report alone."""
+    environment = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters.update(number=_number, quantity=quantity_text)
+    template = environment.from_string(
+        resources.files("gse.campaign").joinpath("campaign.html.jinja").read_text("utf-8")
+    )
+    caption = numbered("Figure", "figcaption")
+    return template.render(
+        report=report,
+        style=resources.files("gse.report").joinpath("report.css").read_text("utf-8"),
+        caption=numbered("Table", "caption"),
+        plots=[_plots(place, sensor) for place, sensor in enumerate(report["sensors"])],
+        figure=lambda svg, text: Markup(f"<figure>{svg}{caption(text)}</figure>"),
+    )
+
+
+def _plots(place: int, sensor: dict[str, Any]) -> dict[str, str]:
+    wanted = {}
+    if sensor["rows"]:
+        wanted["rows"] = (0.2 * len(sensor["rows"]) + 0.7, draw_rows)
+    if sensor["trends"]:
+        wanted["trends"] = (trends_height_in(sensor), draw_trends)
+    if sensor["atlas"]:
+        wanted |= {"field": (4.6, draw_field), "phase": (2.6, draw_phase)}
+    if sensor["sky"]:
+        wanted["sky"] = (3.2, draw_sky)
+    return {
+        name: svg_of(f"{name}-{place}", height, partial(draw, sensor=sensor)) for name, (height, draw) in wanted.items()
+    }
+
+
+def _number(value: float | None, digits: int = 3) -> str:
+    """A number with significant digits, a dash where it is unknown."""
+    return "–" if value is None else f"{value:.{digits}g}"

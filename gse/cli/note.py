@@ -1,0 +1,48 @@
+"""``gse note``: a line into a running session, from another terminal."""
+
+import threading
+from pathlib import Path
+
+import click
+
+from drivers.clock import read_clock
+from gse.cli.status import newest_session
+from gse.errors import UsageError
+
+_TAKEN_WITHIN_S = 5.0
+_LOOK_EVERY_S = 0.1
+
+
+@click.command("note")
+@click.argument("text")
+@click.argument("path", metavar="[FOLDER]", type=click.Path(path_type=Path), default=Path("sessions"))
+def command(*, text: str, path: Path) -> None:
+    """Record TEXT as a note in the running session, with its time; the report shows it.
+
+    FOLDER is the session's, or the --out that it was started with.
+    """
+    from gse.sessions.note_files import leave_note
+    from gse.sessions.status_file import is_running
+    from gse.station.notes import note_text
+
+    try:
+        line = note_text(text)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    folder, status = newest_session(path)
+    if not is_running(status) or status["state"] not in ("starting", "running"):
+        raise UsageError(f"{folder} takes no notes: it is {status['state']}; see: gse status {folder}")
+    left = leave_note(folder, line, read_clock().utc_ns)
+    if not _is_taken(left):
+        left.unlink(missing_ok=True)
+        raise UsageError(f"{folder} did not take the note within {_TAKEN_WITHIN_S:g} s; see: gse status {folder}")
+    click.echo(f"noted in {folder}: {line}")
+
+
+def _is_taken(left: Path) -> bool:
+    pause = threading.Event()
+    for _ in range(round(_TAKEN_WITHIN_S / _LOOK_EVERY_S)):
+        if not left.exists():
+            return True
+        pause.wait(_LOOK_EVERY_S)
+    return False

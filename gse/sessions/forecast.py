@@ -1,0 +1,104 @@
+"""When a running session will have its verdict.
+
+``judge`` asks the whole session and takes a third of a second after an hour, so a thread of its own asks it of a
+snapshot, made by the loop in a millisecond. Between two questions the thread pauses a hundred times as long as the last
+one took: one per cent of one processor at most, however long the session is.
+"""
+
+import copy
+import math
+import queue
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.chunk import LinkEvent
+from gse.assessment.session_plan import NEVER, minutes_left, rows_left
+from gse.assessment.verdict import Assessment, judge
+from gse.station.results import FrameResult, Verdict
+from gse.station.session_data import SessionData
+
+EVERY_S = 10.0
+_PAUSES = 100.0
+_FEWEST_FRAMES = 30
+_SETTLES_S = 300.0
+"""Before, the drift of the mount is so little known that its uncertainty alone may exceed a limit."""
+_MOST_NAMED = 2
+
+
+class Forecast:
+    """A listener that knows how long a session still has to be; ``text`` is a line, empty before the first answer.
+
+    ``fill_sky`` fills the sky columns of a snapshot's frames (rows of FRAME), which the loop itself does at the end.
+    """
+
+    def __init__(self, fill_sky: Callable[[NDArray[np.void]], None] = lambda frames: None) -> None:
+        self._fill_sky = fill_sky
+        self.text = ""
+        self._wanted = threading.Event()
+        self._wanted.set()
+        self._closing = threading.Event()
+        self._snapshots: queue.SimpleQueue[SessionData | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name="forecast", daemon=True)
+        self._thread.start()
+
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
+        """Hand a snapshot to the thread where it wants one."""
+        if self._wanted.is_set() and len(session.frames) >= _FEWEST_FRAMES:
+            self._wanted.clear()
+            taken = snapshot(session)
+            self._fill_sky(taken.frames.columns)
+            self._snapshots.put(taken)
+
+    def on_event(self, event: LinkEvent) -> None:
+        """Events are in the snapshots."""
+
+    def close(self) -> None:
+        """End the thread; it does not ask again."""
+        self._closing.set()
+        self._snapshots.put(None)
+
+    def _run(self) -> None:
+        while (session := self._snapshots.get()) is not None:
+            began_s = time.thread_time()
+            with suppress(Exception):  # a forecast that fails must not end the session; the verdict will say why
+                self.text = forecast_text(judge(session))
+            if self._closing.wait(max(EVERY_S, _PAUSES * (time.thread_time() - began_s))):
+                return
+            self._wanted.set()
+
+
+def snapshot(session: SessionData) -> SessionData:
+    """The session so far, which later results and events do not change."""
+    return replace(
+        session,
+        frames=session.frames.snapshot(),
+        link=replace(session.link, discarded_bytes_by_reason=dict(session.link.discarded_bytes_by_reason)),
+        events=list(session.events),
+        clock=list(session.clock),
+        statuses=list(session.statuses),
+        sensor_attitudes=copy.copy(session.sensor_attitudes),
+        external_counts=copy.deepcopy(session.external_counts),
+    )
+
+
+def forecast_text(assessment: Assessment) -> str:
+    """When a verdict is to be expected, in a line."""
+    if assessment.verdict is not Verdict.INCONCLUSIVE:
+        return f"{assessment.word}, if it ended now"
+    minutes = minutes_left(assessment)
+    if math.isnan(minutes):
+        return "verdict: too early to tell"
+    if minutes == NEVER and assessment.statistics.duration_s < _SETTLES_S:
+        return "verdict: too early to tell"
+    if minutes == NEVER:
+        never = [item.row.name for item in rows_left(assessment) if item.minutes == NEVER]
+        return f"no verdict as it goes: {', '.join(never[:_MOST_NAMED]) or assessment.reasons[0]}"
+    if minutes < 1:
+        return "a verdict in less than a minute"
+    return f"a verdict in {minutes:.0f} more minutes" if minutes >= 1.5 else "a verdict in one more minute"

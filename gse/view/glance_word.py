@@ -1,0 +1,109 @@
+"""The one big word on a session: what to know from the other side of the roof."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+NO_ANSWER_S = 2.0
+"""Time without an answer after which the word says so."""
+ACQUIRING_S = 10.0
+"""Time from the first panorama in which no answer is no alarm yet."""
+
+
+class Level(StrEnum):
+    """How much a word asks for attention."""
+
+    IDLE = "idle"
+    GOOD = "good"
+    WARN = "warn"
+    BAD = "bad"
+
+
+class Phase(StrEnum):
+    """Where a session stands."""
+
+    RUNNING = "running"
+    JUDGING = "judging"
+    ENDED = "ended"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facts:
+    """What the word follows from. ``link`` is of LINK_WORDS; ``sky`` is CLOUD, NO STARS, DAYLIGHT or empty.
+
+    ``since_answer_s`` counts from the first panorama as long as there was no answer; ``outside`` names the limits that
+    are not kept; ``aligning_s`` is the time left for the fit of the mount.
+    """
+
+    phase: Phase = Phase.RUNNING
+    verdict: str = ""
+    reasons: tuple[str, ...] = ()
+    link: str = "no link"
+    port: str = ""
+    since_bytes_s: float = 0.0
+    frames: int = 0
+    objects: int = 0
+    answered: bool = False
+    since_answer_s: float = 0.0
+    sky: str = ""
+    aligning_s: float = 0.0
+    outside: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """The word, how much it asks for attention, and a line that explains it."""
+
+    text: str
+    level: Level
+    detail: str = ""
+
+
+def word_of(facts: Facts) -> Word:
+    """The word for a session: what is most wrong comes first."""
+    if facts.phase is not Phase.RUNNING:
+        return _at_the_end(facts)
+    return _of_link(facts) or _of_answers(facts) or _of_errors(facts)
+
+
+def _at_the_end(facts: Facts) -> Word:
+    if facts.phase is Phase.JUDGING:
+        return Word("JUDGING", Level.IDLE, "the session is closed, judged and reported")
+    if not facts.verdict:
+        return Word("ENDED", Level.WARN, "the session ended without a verdict")
+    level = {"PASS": Level.GOOD, "FAIL": Level.BAD}.get(facts.verdict, Level.WARN)
+    return Word(f"DONE: {facts.verdict}", level, "; ".join(facts.reasons[:2]))
+
+
+def _of_link(facts: Facts) -> Word | None:
+    if facts.link in ("no port", "silent") and facts.frames:
+        what = f"{facts.port} is gone" if facts.link == "no port" else f"{facts.port} is silent"
+        return Word("LINK LOST", Level.BAD, f"{what}, no bytes for {facts.since_bytes_s:.0f} s")
+    if not facts.frames:
+        waits = "for the port" if facts.link == "no port" else "for the first panorama"
+        unread = ", bytes come but no frame is found in them" if facts.link == "syncing" else ""
+        return Word("WAITING", Level.IDLE, f"{waits} on {facts.port}{unread}")
+    return None
+
+
+def _of_answers(facts: Facts) -> Word | None:
+    if facts.since_answer_s < (NO_ANSWER_S if facts.answered else ACQUIRING_S):
+        return None if facts.answered else Word("ACQUIRING", Level.IDLE, f"{facts.objects} objects, no answer yet")
+    silence = f"{_duration(facts.since_answer_s)} without an answer, {facts.objects} objects"
+    if facts.sky:
+        return Word(facts.sky, Level.WARN, silence)
+    return Word(f"NO ANSWER {_duration(facts.since_answer_s)}", Level.BAD, silence)
+
+
+def _of_errors(facts: Facts) -> Word:
+    if facts.aligning_s > 0:
+        return Word("ACQUIRING", Level.IDLE, f"the mount is fitted, {facts.aligning_s:.0f} s left")
+    if facts.outside:
+        return Word("OUTSIDE", Level.BAD, f"outside its limit: {', '.join(facts.outside)}")
+    return Word("OK", Level.GOOD, "")
+
+
+def _duration(seconds: float) -> str:
+    minutes = int(seconds) // 60
+    if minutes < 2:
+        return f"{seconds:.0f} s"
+    return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h"

@@ -1,0 +1,213 @@
+"""The pages of a view's web server, and who may ask for them."""
+
+import asyncio
+import hmac
+import json
+from http import HTTPStatus
+from importlib import metadata, resources
+from typing import TYPE_CHECKING, Any
+
+import jinja2
+from tornado.web import Application, RequestHandler
+from tornado.websocket import WebSocketHandler
+
+from gse.station.notes import note_text
+from gse.view.host_names import host_of
+from gse.view.viewer_files import MEDIA_TYPES
+
+if TYPE_CHECKING:
+    from gse.view.server import ViewServer
+
+_FILES = {
+    "glance.html": "text/html; charset=utf-8",
+    "glance.css": "text/css; charset=utf-8",
+    "glance.js": "text/javascript; charset=utf-8",
+    "rerun.html": "text/html; charset=utf-8",
+    "rerun.css": "text/css; charset=utf-8",
+    "rerun.js.jinja": "text/javascript; charset=utf-8",
+}
+_LOOPBACK = ("127.0.0.1", "::1")
+_MOST_MESSAGE_BYTES = 1 << 10
+_PIECE_BYTES = 1 << 20
+_WRONG_TOKEN_S = 1.0
+"""Between two wrong tokens, whoever sends them: nobody tries four thousand million of them."""
+
+
+def application(server: "ViewServer") -> Application:
+    """The pages of a server."""
+    to_server = {"server": server}
+    front, rerun = ("glance.html", "rerun.html") if server.content.glance else ("rerun.html", "rerun.html")
+    files = {"/": front, "/rerun": rerun, "/rerun.js": "rerun.js.jinja"}
+    files |= {f"/{name}": name for name in ("glance.css", "glance.js", "rerun.css")}
+    return Application(
+        [
+            *((path, _OwnFile, {**to_server, "name": name}) for path, name in files.items()),
+            *((path, _ViewerFile, to_server) for path in MEDIA_TYPES),
+            ("/session.rrd", _Recording, to_server),
+            ("/live", _Live, to_server),
+            ("/note", _Note, {**to_server, "wrong_token": asyncio.Lock()}),
+            ("/.*", _Nothing, to_server),
+        ],
+        websocket_max_message_size=_MOST_MESSAGE_BYTES,
+        log_function=lambda handler: None,
+    )
+
+
+class _Page(RequestHandler):
+    """Any answer of the server: checks the Host, and lets pages talk to this server only."""
+
+    server: "ViewServer"
+
+    def initialize(self, server: "ViewServer", **extra: Any) -> None:
+        self.server = server
+        self.extra = extra
+
+    def host(self) -> str | None:
+        """The name of this server by which it was asked; None where it has no such name."""
+        return host_of(self.request.headers.get("Host", ""), bind=self.server.bind, port=self.server.port)
+
+    def prepare(self) -> None:
+        host = self.host()
+        if host is None:
+            self.set_status(HTTPStatus.MISDIRECTED_REQUEST)
+            self.finish("this server has another name\n")
+            return
+        content = self.server.content
+        live = f" ws://{host}:{self.server.port}" if content.glance else ""
+        grpc = f" http://{host}:{content.grpc_port}" if content.grpc_port else ""
+        self.set_header(
+            "Content-Security-Policy",
+            "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+            f"img-src 'self' data: blob:; worker-src 'self' blob:; connect-src 'self'{grpc}{live}; "
+            "base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
+        )
+
+    def set_default_headers(self) -> None:
+        self.set_header("Server", "gse")
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Cache-Control", "no-store")
+
+    def compute_etag(self) -> None:
+        """None: hashing the viewer's 43 MB for each request would cost more than it saves."""
+
+    def write_error(self, status_code: int, **kwargs: Any) -> None:
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        self.finish(f"{status_code} {self._reason}\n")
+
+
+class _Nothing(_Page):
+    def get(self) -> None:
+        self.send_error(HTTPStatus.NOT_FOUND)
+
+
+class _OwnFile(_Page):
+    def get(self) -> None:
+        self.server.opened = True
+        name = self.extra["name"]
+        text = resources.files("gse.view").joinpath(name).read_text(encoding="utf-8")
+        if name.endswith(".jinja"):
+            text = jinja2.Template(text).render(
+                grpc_port=self.server.content.grpc_port,
+                live=json.dumps(self.server.content.glance is not None),
+                version=metadata.version("rerun-sdk"),
+            )
+        self.set_header("Content-Type", _FILES[name])
+        self.finish(text)
+
+
+class _ViewerFile(_Page):
+    """A file of rerun's viewer; the browser keeps it, its address names the version."""
+
+    async def get(self) -> None:
+        path = self.request.path
+        files = self.server.content.files
+        body = await asyncio.to_thread(lambda: files[path])
+        self.set_header("Content-Type", MEDIA_TYPES[path])
+        self.set_header("Cache-Control", "private, max-age=31536000, immutable")
+        self.finish(body)
+
+
+class _Recording(_Page):
+    async def get(self) -> None:
+        recording = self.server.content.recording
+        if recording is None:
+            self.send_error(HTTPStatus.NOT_FOUND)
+            return
+        self.set_header("Content-Type", "application/octet-stream")
+        self.set_header("Content-Length", str(recording.stat().st_size))
+        with recording.open("rb") as file:
+            while piece := file.read(_PIECE_BYTES):
+                self.write(piece)
+                await self.flush()
+
+
+class _Live(_Page, WebSocketHandler):
+    """The documents of a running session: one for each time that the browser asks."""
+
+    def open(self, *args: str, **kwargs: str) -> None:
+        if self.server.content.glance is None or not self.server.join(self):
+            self.close(1013, "too many browsers")
+            return
+        self.set_nodelay(True)
+        self.server.ask(self)
+
+    def on_message(self, message: str | bytes) -> None:
+        self.server.ask(self)
+
+    def on_close(self) -> None:
+        self.server.leave(self)
+
+
+class _Note(_Page):
+    """Takes a note: from a page of this server, on this machine or with the token."""
+
+    async def post(self) -> None:
+        notes = self.server.content.notes
+        if notes is None:
+            self._refuse(HTTPStatus.NOT_FOUND, "this session takes no notes")
+        elif not self._from_own_page():
+            self._refuse(HTTPStatus.FORBIDDEN, "a note must come from a page of this server")
+        elif not await self._allowed():
+            self._refuse(HTTPStatus.FORBIDDEN, "wrong token: gse run printed it at the start")
+        else:
+            try:
+                text = note_text(_text_of(self.request.body))
+            except ValueError as error:
+                self._refuse(HTTPStatus.BAD_REQUEST, str(error))
+                return
+            if notes.put(text):
+                self.finish({"note": text})
+            else:
+                self._refuse(HTTPStatus.TOO_MANY_REQUESTS, "too many notes wait; try again in a second")
+
+    def _from_own_page(self) -> bool:
+        """Whether script of a page of ours sent it: other pages may send neither JSON nor this Origin."""
+        own = f"http://{self.request.headers.get('Host')}"
+        is_json = self.request.headers.get("Content-Type", "").partition(";")[0].strip() == "application/json"
+        return is_json and self.request.headers.get("Origin", own) == own
+
+    async def _allowed(self) -> bool:
+        if self.request.remote_ip in _LOOPBACK:
+            return True
+        given = self.request.headers.get("X-Gse-Token", "")
+        if hmac.compare_digest(given.encode(), self.server.token.encode()):
+            return True
+        async with self.extra["wrong_token"]:
+            await asyncio.sleep(_WRONG_TOKEN_S)
+        return False
+
+    def _refuse(self, status: HTTPStatus, reason: str) -> None:
+        self.set_status(status)
+        self.finish({"error": reason})
+
+
+def _text_of(body: bytes) -> str:
+    """The text of a note; ValueError for another document."""
+    try:
+        document = json.loads(body)
+    except (ValueError, RecursionError):
+        document = None
+    text = document.get("text") if isinstance(document, dict) else None
+    if not isinstance(text, str):
+        raise ValueError('expected {"text": "..."}')
+    return text

@@ -1,0 +1,209 @@
+"""Running session in rerun, fed by a separate thread behind a bounded queue.
+
+The feed cannot delay the measurement: ``on_result`` puts a frame on a bounded queue or counts it as dropped. rerun's
+data go to a server in this process, bound to 127.0.0.1, from which viewers fetch them; an absent, frozen or killed
+viewer delays nothing. (A client connection to a viewer does block, after some 36,000 frames.)
+
+A viewer that connects late gets the newest data first, and no more of the past than MEMORY_LIMIT.
+"""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import rerun as rr
+
+from drivers.chunk import LinkEvent
+from drivers.clock import ClockReading
+from gse.catalog import StarCatalog
+from gse.config.station import Station
+from gse.instant import NS_PER_S
+from gse.station.housekeeping import in_words
+from gse.station.results import FrameResult, LinkCounters
+from gse.station.session_data import SessionData
+from gse.view.ports import free_port
+from gse.view.saved_view import rrd_file_sink
+from gse.view.scene import Scene
+from gse.view.verdict_text import verdict_at_end, verdict_so_far
+from protocols import StatusMessage
+
+_LOG = logging.getLogger(__name__)
+
+QUEUE_FRAMES = 2000
+"""Three minutes at 10 Hz; some 10 MB."""
+
+BATCH_FRAMES = 250
+BATCH_EVERY_S = 0.1
+"""Frames go to rerun in batches: columns cost a tenth of single log calls."""
+
+MEMORY_LIMIT = "256MB"
+"""Data that rerun's server keeps for later viewers; older data are dropped."""
+
+_CLOSE_WITHIN_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Shown:
+    frame: FrameResult
+    link: LinkCounters
+    clock: tuple[ClockReading, ...]
+    status: StatusMessage | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Concluded:
+    verdict: str
+    reasons: tuple[str, ...]
+
+
+_Item = _Shown | LinkEvent | _Concluded
+
+
+class RerunFeed:
+    """rerun's recording of a running session; a context manager.
+
+    With ``serve`` viewers get the data from rerun's server on ``grpc_port`` of ``bind``. UsageError where it cannot
+    listen there, or ``save_rrd`` cannot be written.
+    """
+
+    def __init__(
+        self,
+        station: Station,
+        *,
+        serve: bool = True,
+        save_rrd: Path | None = None,
+        catalog: StarCatalog | None = None,
+        bind: str = "127.0.0.1",
+        queue_frames: int = QUEUE_FRAMES,
+    ) -> None:
+        self.grpc_port = free_port(bind) if serve else 0
+        self.dropped = 0
+        self._readings = 0
+        self._queue: deque[_Item] = deque(maxlen=queue_frames)
+        self._closing = threading.Event()
+        self._stream = rr.RecordingStream("gse", send_properties=False)
+        sinks: list[object] = [] if save_rrd is None else [rrd_file_sink(save_rrd)]
+        if serve:
+            sinks.append(_server(bind, self.grpc_port))
+        self._stream.set_sinks(*sinks)
+        self._thread = threading.Thread(target=self._run, args=(station, catalog), name="live view", daemon=True)
+        self._thread.start()
+
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
+        """Show a result with the present link counters and clock; a full queue drops its oldest item."""
+        readings = tuple(session.clock[self._readings :])
+        self._readings += len(readings)
+        status = session.statuses[-1][1] if session.statuses else None
+        self._put(_Shown(result, replace(session.link), readings, status))
+
+    def on_event(self, event: LinkEvent) -> None:
+        """Show an event of the link."""
+        self._put(event)
+
+    def conclude(self, verdict: str, reasons: Sequence[str]) -> None:
+        """Show the verdict at the end."""
+        self._put(_Concluded(verdict, tuple(reasons)))
+
+    def _put(self, item: _Item) -> None:
+        # A deque drops its oldest item by itself, and has no lock that the loop could wait for.
+        self.dropped += len(self._queue) == self._queue.maxlen
+        self._queue.append(item)
+
+    def close(self) -> None:
+        """Show the queued items, for at most some seconds, and end."""
+        self._closing.set()
+        self._thread.join(_CLOSE_WITHIN_S)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _run(self, station: Station, catalog: StarCatalog | None) -> None:
+        try:
+            self._feed(station, catalog)
+        except Exception as error:
+            # An error in the view must not end the session.
+            _LOG.warning("the live view has ended (%s: %s); the session goes on", type(error).__name__, error)
+
+    def _feed(self, station: Station, catalog: StarCatalog | None) -> None:
+        feed = _SceneFeed(Scene(self._stream, station, catalog, live=True))
+        while True:
+            last = self._closing.is_set()
+            while batch := self._take():
+                feed.add(batch, self.dropped)
+            if last:
+                break
+            self._closing.wait(BATCH_EVERY_S)
+        feed.finish()
+        self._stream.flush()
+        self._stream.disconnect()
+
+    def _take(self) -> list[_Item]:
+        batch: list[_Item] = []
+        while self._queue and len(batch) < BATCH_FRAMES:
+            batch.append(self._queue.popleft())
+        return batch
+
+
+def _server(bind: str, port: int) -> object:
+    """rerun's data server, for pages of this machine, or of the address to which it is bound."""
+    pages = [] if bind == "127.0.0.1" else ["http://*"]
+    return rr.GrpcServerSink(bind, port, server_memory_limit=MEMORY_LIMIT, newest_first=True, cors_allow_origin=pages)
+
+
+class _SceneFeed:
+    """Adds queued items to a scene, in order."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._link = LinkCounters()
+        self._status: StatusMessage | None = None
+        self._clock: ClockReading | None = None
+        self._dropped = 0
+        self._panel_utc_ns = 0
+
+    def add(self, batch: Sequence[_Item], dropped: int) -> None:
+        frames: list[FrameResult] = []
+        clock: list[ClockReading] = []
+        for item in batch:
+            if isinstance(item, _Shown):
+                frames.append(item.frame)
+                clock.extend(item.clock)
+                self._link = item.link
+                self._status = item.status
+        if frames:
+            self._scene.add(frames)
+        for item in batch:
+            if isinstance(item, LinkEvent):
+                self._scene.running.add_event(item)
+                self._scene.event(item)
+            elif isinstance(item, _Concluded):
+                self._conclude(item)
+        self._scene.clock(clock)
+        self._clock = clock[-1] if clock else self._clock
+        self._dropped = dropped
+        running = self._scene.running
+        running.housekeeping = in_words(self._status) if self._status else ""
+        if running.utc_ns - self._panel_utc_ns >= NS_PER_S:
+            self._panel_utc_ns = running.utc_ns
+            self._scene.words(running.utc_ns, self._so_far())
+
+    def _so_far(self) -> str:
+        return verdict_so_far(self._scene.running, self._link, self._clock, self._dropped)
+
+    def _conclude(self, item: _Concluded) -> None:
+        text = verdict_at_end(item.verdict, list(item.reasons), self._so_far())
+        self._panel_utc_ns = 1 << 62
+        self._scene.words(self._scene.running.utc_ns, text)
+
+    def finish(self) -> None:
+        self._scene.flush()

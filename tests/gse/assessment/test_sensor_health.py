@@ -1,0 +1,147 @@
+"""Health of the sensor: what the stars and the telemetry of a session tell of it, and no more."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skies.known_nights import START_NS, session
+
+from drivers.link import SerialLink
+from drivers.urlhandlers.protocol_sim import register
+from gse.assessment.sensor_health import health_findings, sensor_health
+from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.instant import NS_PER_S
+from gse.recording.session_format import RecordedTimings
+from gse.simulator import device_factory
+from gse.station.housekeeping import MODES, in_words
+from gse.station.loop import StationLoop
+from gse.station.session_data import SessionData
+from gse.station.setup import set_up
+from protocols import StatusMessage
+
+AGEING = """\
+text: Twenty minutes of a sensor with hot pixels and false objects whose lens dews over and whose supply drops.
+seconds: 1200
+rate_hz: 0.5
+detector: {hot_pixels: 6, hot_pixel_index: [300, 900], false_objects: 1.5}
+air: {dew_magnitudes: [[0, 0], [1200, 0.3]]}
+firmware: {supply_v: [[0, 5.0], [900, 5.0], [901, 4.2]]}
+"""
+
+
+@pytest.fixture(scope="module")
+def ageing(tmp_path_factory: pytest.TempPathFactory) -> SessionData:
+    path: Path = tmp_path_factory.mktemp("scenario") / "ageing.yaml"
+    path.write_text(AGEING)
+    station = parse_station(BUILT_IN_TEXT)
+    register(device_factory(station))
+    with SerialLink(f"sim://?scenario={path}") as link:
+        return StationLoop(set_up(station, BUILT_IN_TEXT), recorded=RecordedTimings()).run(link)
+
+
+def findings(made: SessionData) -> list[str]:
+    return [str(finding) for finding in health_findings(made, sensor_health(made))]
+
+
+def test_a_lens_that_dews_over_is_a_drift_of_the_brightness_scale(ageing: SessionData) -> None:
+    drift = sensor_health(ageing).brightness_mag_per_h
+    assert drift is not None
+    # 0.3 mag in 20 minutes; an index value holds the sky and an offset of 20 too, which do not change with the dew.
+    assert drift.slope == pytest.approx(-0.9, abs=0.2)
+    assert drift.high < 0
+    assert any(line.startswith("brightness scale: the same stars become fainter") for line in findings(ageing))
+
+
+def test_hot_pixels_and_false_objects_are_counted_per_frame(ageing: SessionData) -> None:
+    health = sensor_health(ageing)
+    assert health.hot_pixels == pytest.approx(6, abs=1)
+    assert 0.4 < health.false_objects < 1.7  # those that are as bright as the stars of the catalogue
+
+
+def test_a_star_of_whole_pixels_has_their_noise(ageing: SessionData) -> None:
+    noise = sensor_health(ageing).centroid_noise
+    assert noise is not None
+    # Whole pixels leave 1 / sqrt(12) px; the simulated sensor adds 10 of its 49.5 arcsec.
+    assert noise.median_px == pytest.approx(math.hypot(1 / math.sqrt(12), 10 / 49.5), abs=0.06)
+    assert noise.noisy_stars == 0
+
+
+def test_the_simulated_sensor_sends_its_housekeeping_every_ten_seconds(ageing: SessionData) -> None:
+    kept = sensor_health(ageing).housekeeping
+    assert kept is not None
+    assert kept.frames == 119
+    assert kept.supply_v == (4.2, 5.0)
+    assert (kept.modes, kept.firmware, kept.serial) == (("streaming",), ("1.2.0",), (14014,))
+
+
+def test_the_frames_have_the_housekeeping_of_their_time(ageing: SessionData) -> None:
+    frames = ageing.frames.columns
+    assert np.isnan(frames["supply_v"][0])
+    assert frames["supply_v"][-1] == pytest.approx(4.2)
+    assert MODES[frames["mode"][-1]].value == "streaming"
+
+
+def test_a_supply_that_drops_is_a_finding(ageing: SessionData) -> None:
+    assert any(line.startswith("supply voltage: it fell to 4.20 V from 5.00 V") for line in findings(ageing))
+
+
+# Telemetry by hand
+
+
+def with_statuses(**changes: object) -> SessionData:
+    """Twenty minutes with a STATUS every 10 s, changed in all of them."""
+    made = session(1200)
+    made.frames.columns["utc_ns"] = START_NS + np.arange(1200) * NS_PER_S
+    made.frames.columns["temperature_c"] = 20 + 0.01 * (np.arange(1200) % 7)
+    values = {"supply_v": 5.0, "mode": "streaming", "firmware": (1, 2, 0), "serial": 7, **changes}
+    made.statuses = [
+        (
+            START_NS + number * 10 * NS_PER_S,
+            StatusMessage(time_us=number * 10_000_000, **({"temperature_c": 20 + number / 100} | values)),  # type: ignore[arg-type]
+        )
+        for number in range(120)
+    ]
+    return made
+
+
+def test_sound_telemetry_is_no_finding() -> None:
+    assert findings(with_statuses()) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"supply_v": 0.0}, "the supply voltage is 0 V"),
+        ({"temperature_c": 20.0}, "the temperature is 20.00 degC in all 120 STATUS frames"),
+        ({"temperature_c": 0.0}, "the temperature is 0.00 degC in all 120 STATUS frames"),
+        ({"problems": ("supply is nan: no number of ordinary size",)}, "120 of 120 STATUS frames are invalid"),
+    ],
+    ids=["no supply", "frozen", "zero", "invalid"],
+)
+def test_zero_frozen_or_invalid_telemetry_is_a_finding(changes: dict[str, object], words: str) -> None:
+    (line,) = findings(with_statuses(**changes))
+    assert words in line
+
+
+def test_a_temperature_that_is_sometimes_no_number_is_a_finding() -> None:
+    made = with_statuses()
+    made.frames.columns["temperature_c"][100:150] = math.nan
+    assert findings(made) == ["telemetry: the temperature is not a number in 50 of 1200 panoramas"]
+
+
+def test_a_protocol_without_telemetry_is_no_finding() -> None:
+    made = with_statuses(supply_v=math.nan, temperature_c=math.nan)
+    made.frames.columns["temperature_c"] = math.nan
+    assert findings(made) == []
+
+
+def test_a_status_that_stands_still_is_a_finding() -> None:
+    made = with_statuses()
+    made.statuses = [(utc_ns, made.statuses[0][1]) for utc_ns, _ in made.statuses]
+    assert any("the STATUS time stands still in 119 of 120" in line for line in findings(made))
+
+
+def test_housekeeping_is_told_in_a_line_without_what_the_protocol_lacks() -> None:
+    message = StatusMessage(temperature_c=21.04, mode="streaming", serial=7)
+    assert in_words(message) == "streaming, 21.0 degC, serial 7"

@@ -1,0 +1,98 @@
+"""The verdict over nights: nights are the sample."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gse.assessment.decision import Outcome
+from gse.campaign.decision import campaign_rows, campaign_share, verdict_of
+from gse.campaign.hot_pixels import hot_pixels
+from gse.campaign.nights import Session, by_night
+from gse.campaign.trends import trend
+from gse.station.results import Verdict
+
+
+def night(number, value, *, limit=60.0, truth=0.0, count=990, of=1000, left_out="", name="mean |dDE|", unit="arcsec"):
+    item = {
+        "subject": "onboard", "name": name, "value": value, "unit": unit, "limit": limit, "outcome": "PASS",
+        "uncertainty": 0.1, "truth_uncertainty": truth,
+    }  # fmt: skip
+    row = {
+        "night": f"2026-03-{number:02d}", "frames": 1000, "measurements": [item], "limit_decision": "guarded",
+        "onboard_available_count": count, "onboard_available_of": of, "onboard_available_n_eff": float(of),
+    }  # fmt: skip
+    return Session(row, left_out)
+
+
+def one_row(sessions):
+    (row,) = campaign_rows(by_night(sessions))
+    return row
+
+
+def test_a_figure_is_bounded_by_students_t_over_nights():
+    values = [50.0, 55.0, 52.0, 57.0, 49.0]
+    row = one_row(night(number, value) for number, value in enumerate(values, 1))
+    expected = stats.ttest_1samp(values, 0).confidence_interval(0.9)  # its upper end is the one-sided bound of 95 %
+    assert row.value + row.uncertainty == pytest.approx(expected.high)
+    assert (row.outcome, row.worst, row.worst_night) == (Outcome.PASS, 57.0, "2026-03-04")
+
+
+def test_nights_that_differ_decide_less_than_each_of_them_says():
+    row = one_row(night(number, value) for number, value in enumerate([20.0, 90.0, 30.0], 1))
+    assert row.outcome is Outcome.INCONCLUSIVE
+    assert "more nights would decide" in row.reason
+    assert verdict_of([row]) is Verdict.INCONCLUSIVE
+
+
+def test_one_night_says_nothing_of_how_nights_differ():
+    assert "one night" in one_row([night(1, 1.0)]).reason
+
+
+def test_truth_that_all_nights_share_does_not_average_out():
+    many = [night(number, 50.0 + number % 2, truth=20.0) for number in range(1, 29)]
+    row = one_row(many)
+    assert row.outcome is Outcome.INCONCLUSIVE
+    assert row.uncertainty > 1.6 * 20
+
+
+def test_a_sensor_at_its_limit_passes_in_at_most_5_percent_of_the_campaigns():
+    rng = np.random.default_rng(1)
+    outcomes = [
+        one_row(night(number, value) for number, value in enumerate(rng.normal(60.0, 3.0, 6), 1)).outcome
+        for _ in range(400)
+    ]
+    assert 0.02 < outcomes.count(Outcome.PASS) / 400 < 0.08
+    assert 0.02 < outcomes.count(Outcome.FAIL) / 400 < 0.08
+
+
+def test_nights_of_unequal_availability_count_as_few_frames():
+    alike = by_night(night(number, 0.99, name="availability", count=990) for number in range(1, 9))
+    unlike = by_night(
+        night(number, 0.99, name="availability", count=1000 if number % 2 else 980) for number in range(1, 9)
+    )
+    assert campaign_share(unlike, "onboard", "availability").n_eff < 1000
+    assert campaign_share(alike, "onboard", "availability").n_eff == 8000
+
+
+def test_different_limits_are_not_decided():
+    row = one_row([night(1, 1.0), night(2, 1.0, limit=30.0)])
+    assert (row.outcome, "2 different limits" in row.reason) == (Outcome.INCONCLUSIVE, True)
+
+
+def test_a_session_that_is_left_out_does_not_count():
+    assert one_row([night(1, 1.0), night(2, 2.0), night(3, 500.0, left_out="no sky")]).nights == 2
+
+
+def test_a_trend_is_significant_where_its_interval_leaves_zero_out():
+    rng = np.random.default_rng(1)
+    rising = trend("bias", "arcsec", {f"2026-03-{day:02d}": 0.3 * day + rng.normal(0, 0.2) for day in range(1, 29)})
+    assert rising.significant
+    assert rising.low < 9.0 < rising.high
+    assert not trend("bias", "arcsec", {f"2026-03-{day:02d}": rng.normal(0, 0.2) for day in range(1, 29)}).significant
+
+
+def test_hot_pixels_are_born_and_gone():
+    old, new = {"x_px": 5, "y_px": 7, "frames": 9}, {"x_px": 8, "y_px": 2, "frames": 9}
+    first, second = hot_pixels([("2026-03-01", [old]), ("2026-03-02", [old, new]), ("2026-03-03", [new])])
+    assert (first.x_px, first.born, first.gone, first.nights) == (5, False, True, 2)
+    assert (second.x_px, second.born, second.gone, second.first_night) == (8, True, False, "2026-03-02")

@@ -1,0 +1,96 @@
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from devices.command_line import runner
+from devices.programs import program
+
+from gse.errors import TableError, UsageError
+from gse.evaluation.panoramas import read_set
+
+NIGHT_SKY = Path(__file__).parents[3] / "replays" / "night-sky"
+NAME = "rooftop-alt40-azi-135"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Three panoramas of one image of the real sky, with its truth."""
+    (tmp_path / "tables").mkdir()
+    for kind in ("", "-literal", "-subpixel"):
+        shutil.copy(NIGHT_SKY / "tables" / f"{NAME}{kind}.csv", tmp_path / "tables")
+    truth = json.loads((NIGHT_SKY / "truth.json").read_text())
+    (tmp_path / "truth.json").write_text(json.dumps({NAME: truth[NAME]}))
+    return tmp_path
+
+
+@pytest.fixture
+def gse(capsys):
+    return runner(capsys)
+
+
+def test_the_33_real_tables_of_the_repository_are_a_set():
+    found = read_set(NIGHT_SKY.parent)
+    assert (found.name, len(found.cases)) == ("replays", 33)
+    names = {case.name for case in found.cases}
+    assert {f"{NAME}", f"{NAME}-literal", f"{NAME}-subpixel"} <= names
+
+
+def test_built_in_and_external_identifiers_stand_in_one_table(folder, gse):
+    truth = json.loads((folder / "truth.json").read_text())[NAME]
+    body = f"""\
+for line in sys.stdin:
+    p = json.loads(line)
+    if p["frame_no"] == 0: answer(p, ra_deg={truth["ra_deg"]}, de_deg={truth["de_deg"]} + 0.01, elapsed_us=3000)
+    elif p["frame_no"] == 1: answer(p, ra_deg={truth["ra_deg"]}, de_deg={truth["de_deg"]} + 5)
+    else: print(json.dumps({{"frame_no": p["frame_no"]}}), flush=True)
+"""
+    path = program(folder, body)
+    options = ("--frames", 3, "--identifier", "neighbour", "--identifier", f"command:{path}")
+    document = json.loads(gse("evaluate", "--panoramas", folder, *options, "--json").out)
+    assert document["schema"] == "gse.benchmark/1"
+    rows = {(row["set"], row["identifier"]): row for row in document["rows"]}
+    assert len(rows) == 4
+    ours = rows[folder.name, "neighbour"]
+    assert ours["rates"]["right"]["count"] == ours["panoramas"] == 3
+    assert ours["boresight_arcsec"]["max"] < 60
+    theirs = rows[folder.name, "onboard"]
+    assert {kind: rate["count"] for kind, rate in theirs["rates"].items()} == {
+        "right": 1,
+        "false": 1,
+        "none": 1,
+        "coarse": 0,
+    }
+    assert theirs["boresight_arcsec"]["max"] == pytest.approx(36, abs=0.1)
+
+
+def test_an_external_identifier_is_a_row_of_the_ordinary_evaluation_too(folder, gse):
+    path = program(folder, "for line in sys.stdin: answer(json.loads(line), elapsed_us=2000)\n")
+    done = gse("evaluate", "--frames", 4, "--identifier", f"command:{path}", "--json")
+    (cell,) = json.loads(done.out)["cells"]
+    assert (cell["identifier"], cell["frames_done"], cell["cpu_ms"]["median"]) == ("onboard", 4, 2.0)
+    assert cell["rates"]["false"]["count"] == cell["frames_counted"]
+
+
+@pytest.mark.parametrize(
+    ("truth", "text"),
+    [
+        ("{", "is not JSON"),
+        ("[]", "expected an object"),
+        ('{"NAME": {"rows": 768}}', "expected rows, columns, focal_length_px, ra_deg, de_deg"),
+        ('{"NAME": {"rows": 9, "columns": 9, "focal_length_px": NaN, "ra_deg": 1, "de_deg": 1}}', "not finite"),
+        ('{"NAME": 3}', "expected rows"),
+    ],
+)
+def test_a_damaged_truth_is_named(folder, truth, text):
+    (folder / "truth.json").write_text(truth.replace("NAME", NAME))
+    with pytest.raises(TableError) as error:
+        read_set(folder)
+    assert "truth.json" in str(error.value)
+    assert text in str(error.value)
+
+
+def test_a_folder_without_truth_is_refused(tmp_path, gse):
+    with pytest.raises(UsageError, match="has no panorama with a truth"):
+        read_set(tmp_path)
+    assert gse("evaluate", "--panoramas", tmp_path / "none").code == 2

@@ -1,0 +1,56 @@
+"""When a running session will have its verdict: asked of a snapshot, in words."""
+
+import threading
+
+import pytest
+from skies.synthetic_night import synthetic_frames, synthetic_night
+
+from gse.assessment.verdict import judge
+from gse.sessions.forecast import Forecast, forecast_text, snapshot
+
+
+def test_a_snapshot_stays_as_it_is_while_the_session_grows() -> None:
+    session = synthetic_night(200)
+    taken = snapshot(session)
+    columns, matches = taken.frames.columns.copy(), taken.frames.matches.copy()
+    for frame in synthetic_frames(200, seed=2):
+        session.frames.append(frame)
+    session.link.frames += 200
+    session.events.clear()
+    assert len(session.frames) == 400
+    assert len(session.frames.matches) > len(matches)
+    assert taken.frames.columns.tobytes() == columns.tobytes()
+    assert taken.frames.matches.tobytes() == matches.tobytes()
+    assert taken.events
+    assert taken.link.frames == session.link.frames - 200
+    assert judge(taken).rows == judge(synthetic_night(200)).rows
+
+
+@pytest.fixture(scope="module")
+def five_minutes():
+    return synthetic_night(3000)
+
+
+@pytest.mark.parametrize(("added_arcsec", "words"), [(0.0, "PASS, if it ended now"), (90.0, "FAIL, if it ended now")])
+def test_the_line_follows_the_verdict_so_far(five_minutes, added_arcsec: float, words: str) -> None:
+    session = five_minutes
+    session.frames.columns["d_ra_cosde_arcsec"] += added_arcsec
+    assert forecast_text(judge(session)) == words
+    session.frames.columns["d_ra_cosde_arcsec"] -= added_arcsec
+
+
+def test_the_loop_hands_over_one_snapshot_and_goes_on() -> None:
+    session = synthetic_night(100)
+    (frame,) = synthetic_frames(1)
+    forecast = Forecast()
+    try:
+        for _ in range(3):
+            forecast.on_result(frame, session)
+        pause = threading.Event()
+        for _ in range(600):
+            if forecast.text:
+                break
+            pause.wait(0.05)
+        assert forecast.text
+    finally:
+        forecast.close()

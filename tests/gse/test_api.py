@@ -1,0 +1,79 @@
+"""The Python interface, and the page of its documentation, which runs line by line."""
+
+import doctest
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+import gse
+from gse.errors import UsageError
+from gse.tables import frames_schema, sessions_schema, stars_schema
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("api") / "clear.mcap"
+    shutil.copy(ROOT / "replays" / "golden" / "clear.mcap", path)
+    return path
+
+
+def test_the_page_on_python_runs_line_by_line(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(session.parent)
+    done = doctest.testfile(str(ROOT / "docs" / "python.md"), module_relative=False)
+    assert done.attempted > 15
+    assert done.failed == 0
+
+
+def with_key(table: pa.Table, key: str) -> pa.Table:
+    place = table.column_names.index("key")
+    keys = pa.array([key] * len(table)).cast(table.schema.field("key").type)
+    return table.set_column(place, table.schema.field("key"), keys)
+
+
+def test_a_data_set_of_many_sessions_is_loaded_like_one(session: Path, tmp_path: Path) -> None:
+    pytest.importorskip("fsspec")
+    from gse.campaign.dataset import Committed, DataSet, without_place
+
+    one = gse.load(session)
+    dataset = DataSet.at(str(tmp_path / "nights"), create=True)
+    for number, night in enumerate(("2026-03-20", "2026-03-21", "unfinished")):
+        place = Committed("LAPAN-like", night, str(number) * 64)
+        for name in ("stars", "frames", "sessions")[: 2 if night == "unfinished" else 3]:
+            dataset.put(place, name, without_place(with_key(getattr(one, name), place.key)))
+    many = gse.load(tmp_path / "nights")
+    assert many.frames.num_rows == 2 * one.frames.num_rows
+    assert set(many.frames.column("night").to_pylist()) == {"2026-03-20", "2026-03-21"}
+    assert many.sessions.column("verdict").to_pylist() == ["PASS", "PASS"]
+
+
+def test_the_tables_have_the_documented_columns(session: Path) -> None:
+    results = gse.load(session)
+    for table, schema in (
+        (results.sessions, sessions_schema()),
+        (results.frames, frames_schema()),
+        (results.stars, stars_schema()),
+    ):
+        assert table.schema.equals(schema, check_metadata=True)
+
+
+def test_what_is_no_session_or_panorama_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="2 pixels and 3 brightness values came"):
+        gse.identify((np.zeros((2, 2)), np.ones(3)))
+    (tmp_path / "notes.txt").write_text("no session")
+    with pytest.raises(UsageError, match="is not a session"):
+        gse.load(tmp_path / "notes.txt")
+
+
+def test_gse_alone_imports_nothing_heavy() -> None:
+    code = "import sys, gse; print([name for name in ('numpy', 'pyarrow', 'click') if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+    with pytest.raises(AttributeError, match="no attribute 'jugde'"):
+        _ = gse.jugde  # type: ignore[attr-defined]

@@ -1,0 +1,209 @@
+"""The glance page's facts: the big word, the errors of ten minutes, the turn of the mount, dawn, focus."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from astropy.coordinates import AltAz, EarthLocation, get_sun
+from astropy.time import Time
+from astropy.utils import iers
+from hypothesis import given
+from hypothesis import strategies as st
+from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
+
+from drivers.chunk import LinkEvent, LinkKind
+from drivers.clock import ClockReading
+from gse.attitude import Attitude
+from gse.instant import NS_PER_S, to_text
+from gse.mount import Mount
+from gse.panorama import Panorama
+from gse.station.event_kinds import StationKind
+from gse.station.results import FrameResult, Status
+from gse.station.sky_condition import SUN_LIMIT_DEG
+from gse.truth import horizon_to_sensor
+from gse.view.dawn import next_dawn_ns
+from gse.view.event_lines import EventLines
+from gse.view.focus import focus_of
+from gse.view.glance import QUEUE_ITEMS, Glance
+from gse.view.glance_word import Facts, Level, Phase, word_of
+from gse.view.mount_turn import mount_turn
+from gse.view.recent_errors import STRETCH_NS, STRETCHES, RecentErrors
+
+ON = Facts(link="streaming", port="/dev/ttyUSB0", frames=100, objects=28, answered=True)
+
+
+@pytest.mark.parametrize(
+    ("facts", "text", "level"),
+    [
+        (Facts(port="/dev/ttyUSB0"), "WAITING", Level.IDLE),
+        (replace(ON, answered=False, since_answer_s=3.0), "ACQUIRING", Level.IDLE),
+        (replace(ON, answered=False, since_answer_s=12.0), "NO ANSWER 12 s", Level.BAD),
+        (ON, "OK", Level.GOOD),
+        (replace(ON, since_answer_s=12.0), "NO ANSWER 12 s", Level.BAD),
+        (replace(ON, since_answer_s=400.0), "NO ANSWER 6 min", Level.BAD),
+        (replace(ON, since_answer_s=12.0, sky="CLOUD"), "CLOUD", Level.WARN),
+        (replace(ON, since_answer_s=12.0, sky="DAYLIGHT"), "DAYLIGHT", Level.WARN),
+        (replace(ON, link="no port", since_answer_s=12.0, sky="CLOUD"), "LINK LOST", Level.BAD),
+        (replace(ON, link="silent"), "LINK LOST", Level.BAD),
+        (replace(ON, aligning_s=40.0), "ACQUIRING", Level.IDLE),
+        (replace(ON, outside=("mean |dDE| 70.0 arcsec (limit 60)",)), "OUTSIDE", Level.BAD),
+        (replace(ON, phase=Phase.JUDGING, link="closed"), "JUDGING", Level.IDLE),
+        (replace(ON, phase=Phase.ENDED, verdict="PASS", link="no port"), "DONE: PASS", Level.GOOD),
+        (replace(ON, phase=Phase.ENDED, verdict="FAIL"), "DONE: FAIL", Level.BAD),
+        (replace(ON, phase=Phase.ENDED, verdict="INCONCLUSIVE"), "DONE: INCONCLUSIVE", Level.WARN),
+        (replace(ON, phase=Phase.ENDED), "ENDED", Level.WARN),
+    ],
+)
+def test_the_word_says_what_is_most_wrong(facts: Facts, text: str, level: Level) -> None:
+    word = word_of(facts)
+    assert (word.text, word.level) == (text, level)
+
+
+def test_the_word_for_a_limit_names_it() -> None:
+    assert word_of(replace(ON, outside=("mean |dDE| 70.0 arcsec (limit 60)",))).detail.endswith(
+        "70.0 arcsec (limit 60)"
+    )
+
+
+def clock_at(seconds: float) -> ClockReading:
+    return ClockReading(START_NS + round(seconds * NS_PER_S), round(seconds * NS_PER_S), "test", True, 0.0, 0.001)
+
+
+def test_a_session_at_a_glance_from_the_first_byte_to_the_verdict() -> None:
+    session = synthetic_night(20)
+    glance = Glance(session.station)
+
+    def word(seconds: float) -> str:
+        glance.absorb(clock_at(seconds))
+        return glance.document(clock_at(seconds))["word"]["text"]
+
+    assert word(0) == "WAITING"
+    glance.on_event(LinkEvent(START_NS, 0, LinkKind.STREAMING, "valid frames come"))
+    for frame in synthetic_frames(40, trouble=False):
+        glance.on_result(frame, session)
+    assert word(4) == "OK"
+    document = glance.document(clock_at(4))
+    assert document["frames"] == 20
+    assert document["stars"]["objects"] == len(frame.panorama.brightness)
+    assert document["axes"][0]["name"] == "dRA*"
+    assert not document["axes"][0]["outside"]
+    assert word(10) == "NO ANSWER 6 s"
+    glance.on_event(LinkEvent(START_NS, 0, LinkKind.LOST, "the port is gone"))
+    assert word(11) == "LINK LOST"
+    glance.enter_judging()
+    assert word(12) == "JUDGING"
+    glance.conclude("PASS", ())
+    assert word(13) == "DONE: PASS"
+    assert glance.document(clock_at(13))["ended"]
+
+
+def test_what_nobody_takes_is_dropped_oldest_first_and_the_newest_is_shown() -> None:
+    session = synthetic_night(20)
+    glance = Glance(session.station)
+    (frame,) = synthetic_frames(1)
+    for number in range(QUEUE_ITEMS + 100):
+        panorama = replace(frame.panorama, utc_ns=START_NS + number * NS_PER_S // 10)
+        glance.on_result(replace(frame, panorama=panorama), session)
+    glance.absorb(clock_at(0))
+    shown = glance.document(clock_at(0))["data_utc"]
+    assert shown == to_text(START_NS + (QUEUE_ITEMS + 99) * NS_PER_S // 10, 3)
+
+
+DIRECTIONS = st.floats(0, 360, exclude_max=True)
+
+
+@given(DIRECTIONS, st.floats(5, 75), DIRECTIONS, st.floats(-3, 3), st.floats(-3, 3), st.floats(-20, 20))
+def test_a_mount_that_follows_the_arrow_looks_where_the_station_file_says(
+    azimuth: float, altitude: float, roll: float, right: float, up: float, clockwise: float
+) -> None:
+    stated = Mount(azimuth_deg=azimuth, altitude_deg=altitude, roll_deg=roll)
+    # Turned away along the horizon, then in altitude, then about the boresight: the arrow must point back.
+    looks = Mount(
+        azimuth_deg=azimuth - right / math.cos(math.radians(altitude)),
+        altitude_deg=altitude - up,
+        roll_deg=roll + clockwise,
+    )
+    turn = mount_turn(result_of(looks, stated), stated, stated)
+    assert turn is not None
+    bends_deg = 0.35 + abs(right * math.tan(math.radians(altitude)))  # a parallel of altitude is no great circle
+    assert turn.across_deg == pytest.approx(right, abs=0.35)
+    assert turn.up_deg == pytest.approx(up, abs=bends_deg)
+    assert turn.roll_deg == pytest.approx(clockwise, abs=1.0 + bends_deg)
+
+
+def result_of(looks: Mount, true: Mount) -> FrameResult:
+    """A result of a sensor that looks along ``looks``, with horizon axes for ICRS."""
+    exact = np.zeros((3, 3))
+    return FrameResult(
+        Panorama(0, np.zeros((0, 2)), np.zeros(0)),
+        Status.IDENTIFIED,
+        "",
+        "neighbour",
+        attitude_geometric=Attitude(horizon_to_sensor(looks), exact),
+        attitude_true=Attitude(horizon_to_sensor(true), exact),
+    )
+
+
+def test_the_turn_is_told_in_the_words_of_one_who_stands_behind_the_sensor() -> None:
+    south = Mount(azimuth_deg=180.0, altitude_deg=45.0)
+    turn = mount_turn(result_of(replace(south, azimuth_deg=181.0, altitude_deg=44.0), south), south, south)
+    assert str(turn).startswith("0.707 deg left (to the east), 1.0")
+    assert " deg up" in str(turn)
+    zenith = Mount()
+    turn = mount_turn(result_of(Mount(azimuth_deg=90.0, altitude_deg=89.0, roll_deg=270.0), zenith), zenith, zenith)
+    assert str(turn).startswith("1.00 deg west, 0.000 deg")
+
+
+@pytest.mark.parametrize("latitude_deg", [-6.53, 48.0])
+def test_dawn_is_where_astropy_has_the_sun_at_nautical_twilight(latitude_deg: float) -> None:
+    site = replace(synthetic_night(1).station.site, latitude_deg=latitude_deg)
+    dawn_ns = next_dawn_ns(site, START_NS)
+    assert dawn_ns is not None
+    with iers.conf.set_temp("auto_download", False):
+        when = Time(dawn_ns / NS_PER_S, format="unix")
+        place = EarthLocation.from_geodetic(site.longitude_deg, latitude_deg, site.height_m)
+        sun = get_sun(when).transform_to(AltAz(obstime=when, location=place))
+    assert sun.alt.deg == pytest.approx(SUN_LIMIT_DEG, abs=0.05)
+    assert START_NS < dawn_ns < START_NS + 24 * 3600 * NS_PER_S
+
+
+def test_there_is_no_dawn_in_polar_night() -> None:
+    site = replace(synthetic_night(1).station.site, latitude_deg=85.0)
+    winter_ns = START_NS - 90 * 86_400 * NS_PER_S
+    assert next_dawn_ns(site, winter_ns) is None
+
+
+def test_ten_minutes_of_errors_keep_their_extremes_and_their_gaps() -> None:
+    recent = RecentErrors()
+    for second, value in ((0, 6.0), (1, -12.0), (2, 3.0), (20, 90.0), (3000, 1.0), (3600, 30.0)):
+        recent.add(second * NS_PER_S, value)
+    shown = recent.until(3600 * NS_PER_S, 60.0)
+    assert len(shown) == STRETCHES
+    assert shown[-1] == [0.5, 0.5]
+    assert shown[0] is None
+    assert shown.count(None) == STRETCHES - 1
+    early = recent.until(4 * STRETCH_NS, 60.0)
+    assert early[-5:] == [[-0.2, 0.1], None, None, None, [1.5, 1.5]]
+
+
+def test_the_histogram_counts_every_object() -> None:
+    panorama = Panorama(0, np.zeros((5, 2)), np.array([4096.0, 4000.0, 60.0, 1.0, 0.0]))
+    found = focus_of(panorama, 4096)
+    assert found["objects"] == 5
+    assert sum(found["histogram"]) == 5
+    assert found["histogram"][0] == 2
+    assert found["histogram"][-1] == 2
+
+
+def test_repeated_events_are_one_line_with_a_count_and_each_note_is_its_own() -> None:
+    lines = EventLines(frozenset({StationKind.NOTE}))
+    for second in range(3):
+        lines.add(LinkEvent(START_NS + second * NS_PER_S, 0, LinkKind.LOST, f"loss {second}"))
+        lines.add(LinkEvent(START_NS + second * NS_PER_S, 0, StationKind.NOTE, f"note {second}"))
+    assert [str(line) for line in lines.latest(9)] == [
+        "18:30:02 NOTE: note 2",
+        "18:30:02 LOST (3 x): loss 2",
+        "18:30:01 NOTE: note 1",
+        "18:30:00 NOTE: note 0",
+    ]

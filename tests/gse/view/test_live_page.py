@@ -1,0 +1,208 @@
+"""The live page over its web server: documents on demand, the verdict, notes, and who may leave them."""
+
+import asyncio
+import http.client
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from skies.synthetic_night import synthetic_frames, synthetic_night
+from tornado.websocket import WebSocketClientConnection, websocket_connect
+
+from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, Notes
+from gse.view.glance import Glance
+from gse.view.server import MOST_BROWSERS, Content, ViewServer
+
+MOST_PAGE_BYTES = 100_000
+
+
+@pytest.fixture
+def notes() -> Notes:
+    return Notes()
+
+
+@pytest.fixture
+def glance() -> Glance:
+    return Glance(synthetic_night(1).station)
+
+
+@pytest.fixture
+def server(glance: Glance, notes: Notes) -> Iterator[ViewServer]:
+    with ViewServer("127.0.0.1", 0, Content(glance=glance, notes=notes)) as server:
+        yield server
+
+
+def post(server: ViewServer, body: object, *, address: str = "127.0.0.1", **headers: str) -> tuple[int, dict[str, str]]:
+    connection = http.client.HTTPConnection(address, server.port, timeout=10)
+    wanted = {"Content-Type": "application/json"} | {name.replace("_", "-"): text for name, text in headers.items()}
+    connection.request("POST", "/note", json.dumps(body), wanted)
+    answer = connection.getresponse()
+    found = json.loads(answer.read())
+    connection.close()
+    return answer.status, found
+
+
+async def documents(server: ViewServer, count: int) -> list[dict[str, object]]:
+    """Documents as a browser gets them: each is asked for after the one before."""
+    socket = await browser(server)
+    found = []
+    for _ in range(count):
+        found.append(json.loads(str(await socket.read_message())))
+        await socket.write_message("next")
+    await leave(socket)
+    return found
+
+
+async def first_message(server: ViewServer) -> object:
+    socket = await browser(server)
+    message = await socket.read_message()
+    await leave(socket)
+    return message
+
+
+async def leave(socket: WebSocketClientConnection) -> None:
+    """Close, and wait until the server has closed too."""
+    socket.close()
+    with suppress(TimeoutError):
+        async with asyncio.timeout(1):
+            while await socket.read_message() is not None:
+                pass
+
+
+async def browser(server: ViewServer) -> WebSocketClientConnection:
+    return await websocket_connect(f"ws://127.0.0.1:{server.port}/live")
+
+
+def test_a_page_of_less_than_a_hundred_kilobytes_that_names_no_other_machine(server: ViewServer) -> None:
+    size = 0
+    for path in ("/", "/glance.css", "/glance.js"):
+        connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+        connection.request("GET", path)
+        answer = connection.getresponse()
+        body = answer.read()
+        assert answer.status == 200
+        own = (b"ws://${location.host}/", b"http://www.w3.org/2000/svg")
+        for address in own:
+            body = body.replace(address, b" " * len(address))
+        assert b"://" not in body
+        assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
+        size += len(body)
+        connection.close()
+    assert size < MOST_PAGE_BYTES
+
+
+def test_a_browser_that_falls_asleep_gets_the_newest_document_when_it_asks_again(
+    server: ViewServer, glance: Glance
+) -> None:
+    session = synthetic_night(20)
+
+    async def sleepy() -> list[int]:
+        socket = await browser(server)
+        first = json.loads(str(await socket.read_message()))
+        for frame in synthetic_frames(20):
+            glance.on_result(frame, session)
+        others = await documents(server, 3)  # meanwhile another browser gets several
+        await socket.write_message("next")
+        second = json.loads(str(await socket.read_message()))
+        await leave(socket)
+        return [int(first["frames"]), int(str(others[-1]["frames"])), int(second["frames"])]
+
+    assert asyncio.run(sleepy()) == [0, 20, 20]
+
+
+def test_every_open_page_has_the_verdict_before_the_server_ends(glance: Glance) -> None:
+    server = ViewServer("127.0.0.1", 0, Content(glance=glance))
+    connected = threading.Event()
+
+    async def last_word(socket: WebSocketClientConnection) -> str:
+        document = {"ended": False}
+        while not document["ended"]:
+            document = json.loads(str(await socket.read_message()))
+            await socket.write_message("next")
+        await leave(socket)
+        return str(document["word"]["text"])
+
+    async def last_words() -> list[str]:
+        sockets = [await browser(server) for _ in range(3)]
+        connected.set()
+        return await asyncio.gather(*map(last_word, sockets))
+
+    words: list[str] = []
+    pages = threading.Thread(target=lambda: words.extend(asyncio.run(last_words())))
+    pages.start()
+    assert connected.wait(20)
+    glance.conclude("PASS", ("all limits are kept",))
+    server.close()
+    pages.join(20)
+    assert words == ["DONE: PASS"] * 3
+
+
+def test_no_more_browsers_than_the_station_can_serve(server: ViewServer) -> None:
+    async def many() -> object:
+        sockets = [await browser(server) for _ in range(MOST_BROWSERS)]
+        for socket in sockets:
+            await socket.read_message()
+        one_more = await first_message(server)
+        for socket in sockets:
+            await leave(socket)
+        return one_more
+
+    assert asyncio.run(many()) is None
+
+
+def test_a_note_reaches_the_session_as_one_printable_line(server: ViewServer, notes: Notes) -> None:
+    assert post(server, {"text": "clouds \x1b[31m from\nthe west "}) == (200, {"note": "clouds [31m from the west"})
+    assert notes.take() == ["clouds [31m from the west"]
+
+
+NO_NOTES = [{"text": " \n"}, {"text": 7}, {}, [], {"text": "x" * (MOST_CHARACTERS + 1)}]
+
+
+@pytest.mark.parametrize("body", NO_NOTES)
+def test_no_note_without_a_line_of_text(server: ViewServer, notes: Notes, body: object) -> None:
+    status, answer = post(server, body)
+    assert status == 400
+    assert "expected" in answer["error"]
+    assert notes.take() == []
+
+
+def test_too_many_notes_at_once_are_refused(server: ViewServer, notes: Notes) -> None:
+    answers = [post(server, {"text": f"note {number}"})[0] for number in range(MOST_WAITING + 1)]
+    assert answers == [200] * MOST_WAITING + [429]
+
+
+def test_a_page_of_somebody_else_leaves_no_note(server: ViewServer, notes: Notes) -> None:
+    assert post(server, {"text": "x"}, Origin="http://attacker.example")[0] == 403
+    assert post(server, {"text": "x"}, Content_Type="text/plain")[0] == 403
+    assert notes.take() == []
+
+
+def test_a_note_from_another_address_needs_the_token(glance: Glance, notes: Notes) -> None:
+    with ViewServer("0.0.0.0", 0, Content(glance=glance, notes=notes)) as server:
+        # 127.0.0.2 is this machine too, but not the address that counts as local.
+        status, answer = from_elsewhere(server, token="00000000")
+        assert status == 403
+        assert "token" in answer
+        assert notes.take() == []
+        assert from_elsewhere(server, token=server.token)[0] == 200
+        assert notes.take() == ["from the roof"]
+
+
+def from_elsewhere(server: ViewServer, *, token: str) -> tuple[int, str]:
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10, source_address=("127.0.0.2", 0))
+    headers = {"Content-Type": "application/json", "X-Gse-Token": token}
+    connection.request("POST", "/note", json.dumps({"text": "from the roof"}), headers)
+    answer = connection.getresponse()
+    text = answer.read().decode()
+    connection.close()
+    return answer.status, text
+
+
+def test_a_saved_session_takes_no_notes_and_has_no_live_page(tmp_path: Path) -> None:
+    (tmp_path / "session.rrd").write_bytes(b"RRF2")
+    with ViewServer("127.0.0.1", 0, Content(recording=tmp_path / "session.rrd")) as server:
+        assert post(server, {"text": "x"})[0] == 404
+        assert asyncio.run(first_message(server)) is None
