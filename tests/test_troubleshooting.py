@@ -47,9 +47,15 @@ def messages():
                     yield f"{name}:{node.lineno}", text
 
 
+_CAUSES = (
+    *("gross_causes", "fine_causes", "fine_findings", "diagnosis"),
+    *("sensor_convention", "sensor_findings", "sensor_health"),
+)
+
+
 def causes():
     """The causes that the code names: first texts of findings, hypotheses and tables of them."""
-    for name in ("gross_causes", "fine_causes", "fine_findings", "diagnosis"):
+    for name in _CAUSES:
         tree = ast.parse((ROOT / "gse" / "assessment" / f"{name}.py").read_text(encoding="utf-8"))
         for node in ast.walk(tree):
             if isinstance(node, ast.Call) and ast.unparse(node.func) in ("Finding", "Hypothesis", "_Hypothesis", "of"):
