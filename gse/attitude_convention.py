@@ -12,6 +12,9 @@ ReferenceFrame = Literal["ICRS", "J2000", "date"]
 """Axes of RA and DE: ICRS, mean equator and equinox of J2000.0, or true equator and equinox of date."""
 
 
+ROLL_ZEROS_DEG = (0, 90, 180, 270)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AttitudeConvention:
     """How the sensor states its attitude; the defaults are those of the station's own answers.
@@ -32,10 +35,12 @@ class AttitudeConvention:
     frame: ReferenceFrame = "ICRS"
     ra_unit: Literal["deg", "h"] = "deg"
     roll_through: Literal["east", "west"] = "east"
-    roll_zero_deg: Literal[0, 90, 180, 270] = 0
+    roll_zero_deg: int = 0
     aberration: Literal["corrected", "not corrected"] = "not corrected"
 
     def __post_init__(self) -> None:
+        if self.roll_zero_deg not in ROLL_ZEROS_DEG:
+            raise ValueError(f"roll_zero_deg is {self.roll_zero_deg}: expected 0, 90, 180 or 270")
         handed = {key: np.linalg.det(axes_matrix(getattr(self, key), key)) for key in ("body_axes", "reference_axes")}
         if handed["body_axes"] * handed["reference_axes"] < 0:
             raise ValueError(

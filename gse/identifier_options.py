@@ -16,10 +16,24 @@ class IdentifierOptions:
     catalog_stars: Annotated[int, Interval(ge=100, le=100_000)] | Literal["auto"] = "auto"
     tolerance_px: Annotated[float, Interval(gt=0, le=20)] = 1.5
     min_fit: Annotated[int, Interval(ge=2, le=29)] = 6
-    """Fn and Fn2 of the LAPAN paper."""
+    """Fn of the LAPAN paper, and Fn2 unless ``min_fit_2`` is given."""
+    min_fit_2: Annotated[int, Interval(ge=2, le=29)] | None = None
+    """Fn2 of the LAPAN paper."""
+    fit_rule: Literal["reached", "exceeded"] = "reached"
+    """Whether a count equal to Fn or Fn2 is enough; figure 2-7 of the LAPAN paper has "exceeded"."""
+    alpha: Literal["brightest", "central"] = "brightest"
+    """The alpha star: the brightest object, or the brightest within ``alpha_radius_px`` of the boresight."""
+    alpha_radius_px: Annotated[float, Interval(gt=0, le=20_000)] | None = None
+    """A quarter of the smaller side of the detector without it."""
     alpha_retries: Annotated[int, Interval(ge=0, le=29)] = 29
     """How many further objects may be the alpha star, after the brightest."""
-    selection: Literal["first-fit", "best-vote"] = "first-fit"
+    selection: Literal["first-fit", "all-fit", "best-vote"] = "first-fit"
+    check: Literal["wahba", "none"] = "wahba"
+    """Whether the stars must fit an attitude; the flight unit of the LAPAN paper has no such check."""
+    pivot_members: Literal[4, 5] = 4
+    """K of the pivot paper."""
+    magnitude_limit: Annotated[float, Interval(ge=0, le=12)] | None = None
+    """Faintest magnitude of the catalogue of ``pivot`` and ``match-group``; 6.0 in the pivot paper."""
     attitude: Literal["wahba", "paper-mean"] = "wahba"
     command: Annotated[tuple[str, ...], Len(1, 100)] | None = None
     """Of ``external``: a program and its arguments, a child process."""

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.attitude_convention import (
+    ROLL_ZEROS_DEG,
     AttitudeConvention,
     ReferenceFrame,
     from_quaternions,
@@ -49,7 +50,6 @@ _FRAMES: tuple[ReferenceFrame, ...] = ("ICRS", "date")
 _SCALARS: tuple[Literal["last", "first"], ...] = ("last", "first")
 _UNITS: tuple[Literal["deg", "h"], ...] = ("deg", "h")
 _SENSES: tuple[Literal["east", "west"], ...] = ("east", "west")
-_ZEROS: tuple[Literal[0, 90, 180, 270], ...] = (0, 90, 180, 270)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,7 +141,9 @@ def _candidates(evidence: Evidence) -> Iterator[AttitudeConvention]:
         return
     roll_sent = not np.isnan(evidence.sent[:, 2]).any()
     for frame, unit in itertools.product(_FRAMES, _UNITS):
-        for through, zero_deg in itertools.product(_SENSES, _ZEROS) if roll_sent else ((_SENSES[0], _ZEROS[0]),):
+        for through, zero_deg in (
+            itertools.product(_SENSES, ROLL_ZEROS_DEG) if roll_sent else ((_SENSES[0], ROLL_ZEROS_DEG[0]),)
+        ):
             yield AttitudeConvention(frame=frame, ra_unit=unit, roll_through=through, roll_zero_deg=zero_deg)
 
 

@@ -197,14 +197,22 @@ def _of_frames(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
 def _sensor(own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
     columns = {f"{axis}_arcsec": getattr(own, f"{axis}_arcsec") for axis in AXES}
     columns |= {"ra_deg": own.ra_deg, "de_deg": own.de_deg}
+    false, used = sensor_masks(own, frames, counted)
+    masks = counted.expected, ~counted.excluded, own.acquired, false, used
+    return _Answers(columns, *masks, own.latency_ms, own.arrival_ms)
+
+
+def sensor_masks(
+    own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which answers (M,) of the sensor beside panoramas are false, and which enter its accuracy."""
     known = own.acquired & np.isfinite(own.d_de_arcsec) & ~counted.excluded
     false = np.zeros(len(known), dtype=bool)
     if known.any():
         x, y = own.cross_x_arcsec, own.cross_y_arcsec
         separation_arcsec = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
         false = own.acquired & (separation_arcsec > explained_arcsec(frames, counted.exclusions))
-    masks = counted.expected, ~counted.excluded, own.acquired, false, known & ~false
-    return _Answers(columns, *masks, own.latency_ms, own.arrival_ms)
+    return false, known & ~false
 
 
 def _uncompared(answers: _Answers) -> _Answers:
@@ -231,7 +239,8 @@ def _subject(
     good = answers.answered & ~answers.false
     counts = answers.expected | answers.false
     kept_ns = frames["utc_ns"][answers.timed]
-    de_true_deg = frames["de_true_deg"][used]
+    de_true_deg, de_deg = frames["de_true_deg"][used], answers.columns["de_deg"][used]
+    de_true_deg = np.where(np.isnan(de_true_deg), de_deg, de_true_deg)  # a frame that only the sensor answered
     timed = answers.time_ms[np.isfinite(answers.time_ms)]
     return SubjectStatistics(
         subject=subject,

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from gse.cli.options import station_of
+from gse.cli.options import at_option, station_of
 from gse.cli.station_questions import asked, draft_options, unasked
 from gse.config.draft import draft_text
 from gse.config.station import BUILT_IN_TEXT, parse_station, read_station
@@ -46,9 +46,17 @@ def init(path: Path, *, yes: bool, **given: Any) -> None:
 
 @command.command()
 @click.argument("path", type=click.Path(path_type=Path))
-def check(path: Path) -> None:
-    """Check the station file PATH. Each error is shown with file, line and key; the exit code is then 2."""
+@at_option
+def check(path: Path, begins_ns: int | None) -> None:
+    """Check the station file PATH. Each error is shown with file, line and key; the exit code is then 2.
+
+    What cannot be is an error too, such as a boresight below the horizon; what is doubtful is said. It shows the field
+    of view, when it is dark tonight, how many stars the field will hold, and how long a session must be.
+    """
+    from drivers.clock import read_clock
     from gse.catalog import load_catalog
+    from gse.inspection.check import Outcome
+    from gse.inspection.plausibility import plausibility
     from gse.station.setup import check_external
     from protocols import load_protocol
 
@@ -63,6 +71,13 @@ def check(path: Path) -> None:
     )
     if doubt := station.site.pressure_doubt():
         click.echo(f"doubtful: {doubt}", err=True)
+    for item in plausibility(station, read_clock().utc_ns if begins_ns is None else begins_ns):
+        if item.outcome is Outcome.OK:
+            click.echo(f"{item.name}: {item.text}")
+        elif item.outcome is Outcome.WARN:
+            click.echo(f"doubtful: {item.name}: {item.text}; {item.advice}", err=True)
+        else:
+            raise ConfigError(f"{path}: {item.name}: {item.text}; {item.advice}")
 
 
 @command.command()

@@ -103,8 +103,8 @@ def command(
     tolerance 3 sigma, frames with 3 stars or more; an answer is right if its first star is. The limit is V = 6.0, or
     5.7 in the embedded catalogue, which has as many stars.
 
-    --preset lapan, a field like that of the LAPAN sensor: 14 x 14 deg on 1024 x 1024 whole pixels, 10 arcsec,
-    neighbour with 0, 3 and 8 false objects. The LAPAN paper states none of these numbers.
+    --preset lapan, a field like that of the LAPAN sensor. The paper's are whole pixels, 30 objects and 1.5 px; ours,
+    because it states none, are 14 x 14 deg, 1024 x 1024 px, 10 arcsec, 0.3 mag, 0, 3 and 8 false objects, Fn 6.
 
     --panoramas FOLDER scores identifiers, built-in or external, on panoramas of the real sky (or anybody's) beside the
     seeded ones: success, false answers, none, boresight error and time in one table.

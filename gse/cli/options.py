@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
+from gse import instant
 from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station, read_station
 from gse.errors import UsageError
@@ -54,6 +55,19 @@ identifier_option: Callable[[Any], Any] = click.option(
 )
 start_utc_option: Callable[[Any], Any] = click.option(
     "--start-utc", help="UTC of the first panorama of a raw capture, e.g. 2026-03-20T18:30:00Z."
+)
+
+
+def _instant(ctx: click.Context, param: click.Parameter, text: str | None) -> int | None:
+    """UTC nanoseconds of an option; a usage error where the text is no instant."""
+    try:
+        return None if text is None else instant.from_text(text)
+    except ValueError as error:
+        raise UsageError(f"--at: {error}") from error
+
+
+at_option: Callable[[Any], Any] = click.option(
+    "--at", "begins_ns", callback=_instant, help="When the session begins, e.g. 2026-03-20T15:00:00Z; default: now."
 )
 view_option: Callable[[Any], Any] = click.option(
     "--view",

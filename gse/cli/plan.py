@@ -22,9 +22,6 @@ _QUANTITY = re.compile(r"([+-]?\d+(?:\.\d*)?(?:e[+-]?\d+)?) ?([a-zA-Z/]+)")
 _ANGLES = {"mas": 1e-3, "arcsec": 1.0, "arcmin": 60.0, "deg": 3600.0}
 _TIMES = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 _RATES = {"Hz": 1.0, "/s": 1.0, "/min": 1 / 60}
-_STARS = 20
-"""In an ordinary panorama."""
-_RATE_HZ = 10.0
 
 
 def _quantity(
@@ -95,10 +92,11 @@ def command(
 
 def _of_station(station: "Station", given: dict[str, float | None], *, as_json: bool) -> int:
     from gse.assessment.session_plan import session_plan
+    from gse.inspection.planned_session import RATE_HZ, expected_availability, questions
 
-    frames_per_s = _or(given["frames_per_s"], _RATE_HZ)
-    availability = _or(given["availability"], (1 + station.limits.availability) / 2)
-    axes = _questions(station, given, frames_per_s)
+    frames_per_s = RATE_HZ if given["frames_per_s"] is None else given["frames_per_s"]
+    availability = expected_availability(station) if given["availability"] is None else given["availability"]
+    axes = questions(station, given, frames_per_s)
     plan = session_plan(axes, station.limits, availability=availability, frames_per_s=frames_per_s)
     document = {"expected": _expected(axes, availability, frames_per_s), **_planned(plan)}
     if as_json:
@@ -106,48 +104,6 @@ def _of_station(station: "Station", given: dict[str, float | None], *, as_json: 
     else:
         click.echo("\n".join([*_assumptions(axes, availability, frames_per_s), "", *_table(plan), "", _summary(plan)]))
     return 0 if plan.frames is not None else EXIT_FAIL
-
-
-def _questions(station: "Station", given: dict[str, float | None], frames_per_s: float) -> "tuple[AxisQuestion, ...]":
-    from gse.assessment.planning import Expected
-    from gse.assessment.session_plan import AxisQuestion
-    from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
-    from gse.station.frame_processor import CENTROID_SIGMA_PX
-
-    camera, limits = station.sensor.camera(), station.limits
-    pixel_arcsec = camera.pixel_rad * ARCSEC_PER_RAD
-    noise = _or(given["noise_arcsec"], CENTROID_SIGMA_PX * pixel_arcsec / math.sqrt(_STARS))
-    # The roll error acts at the stars' distance from the boresight: root mean square over the detector.
-    reach_rad = math.hypot(camera.rows, camera.columns) / math.sqrt(12) / camera.focal_length_px
-    roll_noise = _or(given["roll_noise_arcsec"], noise / reach_rad)
-    tau_s = _or(given["tau_s"], pixel_arcsec / EARTH_RATE_ARCSEC_PER_S)
-    bias = _or(given["bias_arcsec"], 0.0)
-    truth = _truth_arcsec(station, given["truth_arcsec"])
-    ra_limit, de_limit = (_or(given["limit_arcsec"], limit) for limit in (limits.d_ra_cosde_arcsec, limits.d_de_arcsec))
-    on_sky, about = Expected(bias, noise, tau_s, frames_per_s), Expected(0.0, roll_noise, tau_s, frames_per_s)
-    return (
-        AxisQuestion("dRA*", on_sky, ra_limit, truth),
-        AxisQuestion("dDE", on_sky, de_limit, truth),
-        AxisQuestion("roll", about, limits.d_roll_arcsec, 0.0),
-    )
-
-
-def _truth_arcsec(station: "Station", given: float | None) -> float:
-    """The standard uncertainty of truth for a session now, with a perfect clock; the greater of both axes."""
-    if given is not None:
-        return given
-    from drivers.clock import read_clock
-    from gse.assessment.guard_band import COVERAGE_FACTOR
-    from gse.assessment.truth_budget import SessionFacts, truth_budget
-    from gse.truth import EarthOrientation
-
-    utc_ns = read_clock().utc_ns
-    budget = truth_budget(SessionFacts(station.site, station.mount, EarthOrientation.from_disk(utc_ns), utc_ns, 0.0))
-    return max(budget.axes[axis].one_sided_arcsec for axis in ("d_ra_cosde", "d_de")) / COVERAGE_FACTOR
-
-
-def _or(given: float | None, default: float) -> float:
-    return default if given is None else given
 
 
 def _of_session(path: Path, *, as_json: bool) -> int:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from gse.cli import EXIT_FAIL
-from gse.cli.options import earth_orientation_option, out_option, station_of, station_option
+from gse.cli.options import at_option, earth_orientation_option, out_option, station_of, station_option
 from gse.errors import ConfigError
 from gse.truth.iers_tables import GivenTables
 
@@ -22,6 +22,7 @@ from gse.truth.iers_tables import GivenTables
     show_default=True,
     help="Planned length of the session.",
 )
+@at_option
 @earth_orientation_option
 @out_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
@@ -32,15 +33,20 @@ def command(
     station_path: Path | None,
     url: str | None,
     hours: float,
+    begins_ns: int | None,
     given_orientation: GivenTables | None,
     out: Path,
     as_json: bool,
 ) -> None:
-    """Check station file, port, clock, disk, Earth orientation, catalogue and viewer, with advice for each.
+    """Check station file, port, clock, disk, Earth orientation, catalogue, field, mount, night and viewer.
+
+    Each has its advice. It says when it is dark tonight, where Sun and Moon are, how many stars the field will hold,
+    and how long a session must be.
 
     The exit code is 1 if one of them would spoil the session.
     """
-    from gse.inspection.preflight import Check, Outcome, checks
+    from gse.inspection.check import Check, Outcome
+    from gse.inspection.preflight import checks
 
     found: list[Check] = []
 
@@ -66,7 +72,7 @@ def command(
         show(Check("station", Outcome.OK, f"{station_path or 'built-in'}: {station.sensor.name}, {station.site.name}"))
         if url is not None:
             station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
-        for check in checks(station, out, hours, given_orientation):
+        for check in checks(station, out, hours, given_orientation, begins_ns):
             show(check)
     failed = any(check.outcome is Outcome.FAIL for check in found)
     if as_json:

@@ -89,7 +89,8 @@ PRESETS = {
         ("neighbour",),
         tuple(Conditions("lapan", 10.0, 0.3, false_objects=count) for count in (0, 3, 8)),
         angle_noise=False,
-        note="LAPAN paper: whole pixels, Fn and Fn2 of the identifier's defaults",
+        note="the paper's: whole pixels, 30 objects, tolerance 1.5 px, neighbours within the field; ours, because it "
+        "states none: 14 x 14 deg, 1024 x 1024 px, 10 arcsec, 0.3 mag, limit 6.0 mag, 0, 3 and 8 false, Fn = Fn2 = 6",
     ),
 }
 

@@ -59,6 +59,8 @@ def make_identifier(options: IdentifierOptions, camera: Camera, source: StarCata
 
         return NeighbourIdentifier(mission, camera, options)
     brightest = mission
+    if options.magnitude_limit is not None:
+        brightest = mission = mission.rows(np.flatnonzero(mission.magnitude <= options.magnitude_limit))
     if not mission.is_flight:
         brightest = brightest_per_field(mission, 2 * math.sqrt(camera.solid_angle_sr / math.pi))
     if options.algorithm == "pivot":

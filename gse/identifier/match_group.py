@@ -7,6 +7,7 @@ group is given the zero point that suits it best, which makes the gate a little 
 from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.identifier.pivot import PivotIdentifier
+from gse.identifier.pivot_search import PIVOT_MEMBERS
 from gse.identifier.tables import field_diameter_rad, tolerance_rad
 from gse.identifier_options import IdentifierOptions
 
@@ -20,9 +21,15 @@ class MatchGroupIdentifier(PivotIdentifier):
     name = "match-group"
 
     def __init__(
-        self, catalog: StarCatalog, field_rad: float, tolerance_rad: float, *, zero_point: float | None = None
+        self,
+        catalog: StarCatalog,
+        field_rad: float,
+        tolerance_rad: float,
+        *,
+        members: int = PIVOT_MEMBERS,
+        zero_point: float | None = None,
     ) -> None:
-        super().__init__(catalog, field_rad, tolerance_rad)
+        super().__init__(catalog, field_rad, tolerance_rad, members=members)
         self._gates = self._gates._replace(
             magnitude=MAGNITUDE_GATE, zero_point=float("nan") if zero_point is None else zero_point
         )
@@ -30,4 +37,5 @@ class MatchGroupIdentifier(PivotIdentifier):
     @classmethod
     def for_camera(cls, catalog: StarCatalog, camera: Camera, options: IdentifierOptions) -> "MatchGroupIdentifier":
         """The identifier for a camera, its zero point unknown."""
-        return cls(catalog, field_diameter_rad(camera), tolerance_rad(camera, options.tolerance_px))
+        tolerance = tolerance_rad(camera, options.tolerance_px)
+        return cls(catalog, field_diameter_rad(camera), tolerance, members=options.pivot_members)

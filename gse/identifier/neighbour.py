@@ -12,11 +12,16 @@ sooner, and differs only where several catalogue stars reach Fn and Fn2.
 Measured (14 x 14 deg, 1024 px, whole pixels, 10 arcsec, 30 objects of which some are false): Fn = Fn2 = 6 names the
 right stars in 99.9 % and false ones in none of 10,000 panoramas with 0 or 3 false objects. Fn = Fn2 = 3 names false
 ones in 8 and 18 % with 3 and 8 false objects, and in a quarter of panoramas without a star; from 4 on, in none of 1000.
-With ``alpha_retries`` 0 a brightest object that is not a star ends the search: 3 false objects then leave 59 % right.
+With ``alpha_retries`` 0 a brightest object that is not a star ends the search: 3 false objects then leave 57 % right.
 
-Distances cannot tell a panorama from its mirror image, so an answer must also be solvable as an attitude.
+Distances cannot tell a panorama from its mirror image, so an answer must also be solvable as an attitude. A flight unit
+has no such check: with ``check: none`` its false answers are seen.
+
+``all-fit`` looks at all stars of the catalogue, as figure 2-7 does: the greatest Fn2 is the answer, and two equal ones
+are none. ``alpha: central`` takes the brightest object near the boresight, ``fit_rule: exceeded`` more than Fn and Fn2.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
@@ -27,7 +32,7 @@ from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.identifier.acceptance import RandomSky, misfit
 from gse.identifier.input_checks import refusal
-from gse.identifier.neighbour_search import Limits, best_vote_many, first_fit_many
+from gse.identifier.neighbour_search import EVERYWHERE, Limits, best_vote_many, first_fit_many
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.tables import field_diameter_rad, pair_table, tolerance_rad
 from gse.identifier_options import IdentifierOptions
@@ -44,8 +49,16 @@ class NeighbourIdentifier:
         self._table = pair_table(catalog, widest_rad)
         self._tolerance_rad = tolerance_rad(camera, options.tolerance_px)
         self._sky = RandomSky(len(catalog), len(self._table.distance_urad), widest_rad, self._tolerance_rad)
-        self._limits = Limits(1e6 * self._tolerance_rad, options.min_fit, 1 + options.alpha_retries)
-        self._search = first_fit_many if options.selection == "first-fit" else best_vote_many
+        more = int(options.fit_rule == "exceeded")
+        fn, fn2 = options.min_fit + more, (options.min_fit_2 or options.min_fit) + more
+        all_stars = options.selection == "all-fit"
+        radius_px = options.alpha_radius_px or min(camera.rows, camera.columns) / 4
+        is_central = options.alpha == "central"
+        central_cosine = math.cos(math.atan2(radius_px, camera.focal_length_px)) if is_central else EVERYWHERE
+        alphas = 1 + options.alpha_retries
+        self._limits = Limits(1e6 * self._tolerance_rad, fn, fn2, alphas, all_stars, central_cosine)
+        self._search = best_vote_many if options.selection == "best-vote" else first_fit_many
+        self._check = options.check == "wahba"
 
     def identify(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
@@ -76,11 +89,14 @@ class NeighbourIdentifier:
         found = self._search(whole, np.cumsum([0, *counts]), self.catalog.icrs, self._table, self._limits)
         columns = pairwise(found.ends.tolist()), found.alphas.tolist(), found.rms_rad.tolist()
         for directions, (begin, end), alphas, rms_rad in zip(directions_sensor, *columns, strict=True):
+            if alphas < 0:
+                yield Unidentified(Reason.AMBIGUOUS, "two catalogue stars reach the greatest fit equally well")
+                continue
             if begin == end:
                 reached = f"no catalogue star reached a fit of {self._limits.min_fit}"
                 yield Unidentified(Reason.NO_MATCH, f"{reached} with any of {alphas} alpha star(s)")
                 continue
             probability = self._sky.false_match_probability(len(directions), end - begin - 1, alphas)
             answer = Identification(found.objects[begin:end], found.stars[begin:end], probability)
-            fits = rms_rad <= self._tolerance_rad
+            fits = rms_rad <= self._tolerance_rad or not self._check
             yield answer if fits else misfit(answer, directions, self.catalog.icrs, rms_rad, self._tolerance_rad)

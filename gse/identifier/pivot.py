@@ -1,12 +1,14 @@
 """The pivot algorithm, pivot paper, section 4: no magnitudes, only the order of brightness within a pair.
 
-Step 1: the pivot is the brightest object, its members the three next. A catalogue star with dimmer stars at the
-distances of all members makes a group, and K - 2 or more of the members' mutual distances must fit too. The best group
-names the pivot: the one in which most mutual distances fit, then in which most of these have their brighter star where
-the brighter object is. Where different stars have the best group, or none has one, the next object is the pivot.
+Step 1: the pivot is the brightest object, its members the three next (``pivot_members`` 5: four). A catalogue star with
+dimmer stars at the distances of all members makes a group, and K - 2 or more of the members' mutual distances must fit
+too. The best group names the pivot: the one in which most mutual distances fit, then in which most of these have their
+brighter star where the brighter object is. Where different stars have the best group, or none has one, the next object
+is the pivot.
 
-Step 2: every other object is looked for at its distances from the three brightest of the group, among the stars in the
-group's cells and the cells around; here either star of a pair may be the brighter.
+Step 2: every other object is looked for at its distances from the three brightest of the group, its anchors, among the
+stars in the group's cells and the cells around; here either star of a pair may be the brighter. The paper makes a new
+pattern for each star instead.
 
 The paper leaves open how far "best concurrence" reaches and which members a later pivot has; with these rules the
 published success is met within a point.
@@ -23,7 +25,17 @@ from gse.identifier.acceptance import RandomSky, accepted
 from gse.identifier.cells import Cells
 from gse.identifier.consistency import Separations, separations
 from gse.identifier.input_checks import distinct_objects, refusal
-from gse.identifier.pivot_search import FEWEST_OBJECTS, FOUND, NO_GATE, TIE, Gates, Objects, PivotSky, search
+from gse.identifier.pivot_search import (
+    FEWEST_OBJECTS,
+    FOUND,
+    NO_GATE,
+    PIVOT_MEMBERS,
+    TIE,
+    Gates,
+    Objects,
+    PivotSky,
+    search,
+)
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.tables import field_diameter_rad, pair_table, tolerance_rad
 from gse.identifier_options import IdentifierOptions
@@ -34,19 +46,22 @@ class PivotIdentifier:
 
     name = "pivot"
 
-    def __init__(self, catalog: StarCatalog, field_rad: float, tolerance_rad: float) -> None:
+    def __init__(
+        self, catalog: StarCatalog, field_rad: float, tolerance_rad: float, *, members: int = PIVOT_MEMBERS
+    ) -> None:
         self.catalog = catalog
         self._tolerance_rad = tolerance_rad
         table = pair_table(catalog, field_rad)
         cells = Cells.for_field(field_rad)
         self._sky = PivotSky(table, catalog.icrs, catalog.magnitude, cells.index(catalog.icrs), cells.around())
         self._random = RandomSky(len(catalog), len(table.distance_urad), field_rad, tolerance_rad)
-        self._gates = Gates(1e6 * tolerance_rad, NO_GATE, 0.0)
+        self._gates = Gates(1e6 * tolerance_rad, NO_GATE, 0.0, members)
 
     @classmethod
     def for_camera(cls, catalog: StarCatalog, camera: Camera, options: IdentifierOptions) -> "PivotIdentifier":
         """The identifier for a camera; the tolerance is that of the LAPAN paper, eq 2-1."""
-        return cls(catalog, field_diameter_rad(camera), tolerance_rad(camera, options.tolerance_px))
+        tolerance = tolerance_rad(camera, options.tolerance_px)
+        return cls(catalog, field_diameter_rad(camera), tolerance, members=options.pivot_members)
 
     def identify(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]

@@ -11,7 +11,10 @@ from gse.identifier.tables import PairTable
 from gse.jit import compiled
 
 PIVOT_MEMBERS = 4
-"""K of the pivot paper: the pivot and its members."""
+"""K of the pivot paper, the pivot and its members: four, or five."""
+
+_MORE_THAN_PAIRS = 8
+"""More than the mutual distances that members of five can have in order: more distances that fit always count more."""
 
 FEWEST_OBJECTS = 3
 NO_GATE = math.inf
@@ -40,6 +43,7 @@ class Gates(NamedTuple):
     tolerance_urad: float
     magnitude: float
     zero_point: float
+    members: int = PIVOT_MEMBERS
 
 
 class Objects(NamedTuple):
@@ -63,7 +67,7 @@ def search(objects: Objects, sky: PivotSky, gates: Gates) -> tuple[int, NDArray[
     count = len(objects.magnitude)
     outcome = NO_GROUP
     for pivot in range(count - FEWEST_OBJECTS + 1):
-        members = np.arange(pivot, min(pivot + PIVOT_MEMBERS, count))
+        members = np.arange(pivot, min(pivot + gates.members, count))
         group = Group(members, np.full(len(members), -1))
         found = _best_group(group, objects, sky, gates)
         if found == FOUND:
@@ -86,8 +90,9 @@ def _best_group(best: Group, objects: Objects, sky: PivotSky, gates: Gates) -> i
         begin, end = table.first[group.star[0]], table.first[group.star[0] + 1]
         distances = table.neighbour_urad[begin:end]
         low_2, high_2 = _window(distances, group, 2, objects, gates)
-        low_3, high_3 = (0, 1) if size == 3 else _window(distances, group, 3, objects, gates)
-        groups += (high_2 - low_2) * (high_3 - low_3)
+        low_3, high_3 = (0, 1) if size < 4 else _window(distances, group, 3, objects, gates)
+        low_4, high_4 = (0, 1) if size < 5 else _window(distances, group, 4, objects, gates)
+        groups += (high_2 - low_2) * (high_3 - low_3) * (high_4 - low_4)
         if groups > _MOST_GROUPS:
             return TIE
         for second in range(low_2, high_2):
@@ -95,12 +100,15 @@ def _best_group(best: Group, objects: Objects, sky: PivotSky, gates: Gates) -> i
             for third in range(low_3, high_3):
                 if size > 3:
                     group.star[3] = table.neighbour[begin + third]
-                score = _concurrence(group, objects, sky, gates)
-                if score > best_score:
-                    best_score, tie = score, False
-                    best.star[:] = group.star
-                elif score == best_score and group.star[0] != best.star[0]:
-                    tie = True
+                for fourth in range(low_4, high_4):
+                    if size > 4:
+                        group.star[4] = table.neighbour[begin + fourth]
+                    score = _concurrence(group, objects, sky, gates)
+                    if score > best_score:
+                        best_score, tie = score, False
+                        best.star[:] = group.star
+                    elif score == best_score and group.star[0] != best.star[0]:
+                        tie = True
     if best_score < 0:
         return NO_GROUP
     return TIE if tie else FOUND
@@ -133,7 +141,7 @@ def _concurrence(group: Group, objects: Objects, sky: PivotSky, gates: Gates) ->
                 ordered += group.star[j] < group.star[i]
     if fits < len(group.star) - 2 or not _magnitudes_fit(group, objects, sky, gates):
         return -1
-    return PIVOT_MEMBERS * fits + ordered
+    return _MORE_THAN_PAIRS * fits + ordered
 
 
 @compiled

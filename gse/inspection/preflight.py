@@ -3,8 +3,6 @@
 import os
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 
 from drivers.chunk import Chunk
@@ -18,6 +16,8 @@ from gse.catalog.readers import load_catalog
 from gse.config.station import Station
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.errors import GseError
+from gse.inspection.check import Check, Outcome
+from gse.inspection.plausibility import plausibility
 from gse.limits import Limits
 from gse.site import Site
 from gse.truth import EarthOrientation
@@ -34,27 +34,18 @@ OVERHEAD = 2.5
 """Records around the bytes, derived results, and the compressed copy beside the plain file at close."""
 
 
-class Outcome(StrEnum):
-    """Result of a check."""
+def checks(
+    station: Station,
+    out: Path,
+    hours: float,
+    given_orientation: GivenTables | None = None,
+    begins_ns: int | None = None,
+) -> Iterator[Check]:
+    """All checks of a station, one after the other; each takes at most some seconds.
 
-    OK = "OK"
-    WARN = "WARN"
-    FAIL = "FAIL"
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One check: its subject, its result, and advice."""
-
-    name: str
-    outcome: Outcome
-    text: str
-    advice: str = ""
-
-
-def checks(station: Station, out: Path, hours: float, given_orientation: GivenTables | None = None) -> Iterator[Check]:
-    """All checks of a station, one after the other; each takes at most some seconds."""
-    now_ns = read_clock().utc_ns
+    ``begins_ns`` is when the session begins; None is now.
+    """
+    now_ns = read_clock().utc_ns if begins_ns is None else begins_ns
     yield _protocol(station)
     yield _air(station.site)
     yield _port(station)
@@ -62,6 +53,7 @@ def checks(station: Station, out: Path, hours: float, given_orientation: GivenTa
     yield _disk(station, out, hours)
     yield _earth_orientation(now_ns + round(hours * 3600 * instant.NS_PER_S), given_orientation)
     yield _catalog(station)
+    yield from plausibility(station, now_ns, hours)
     yield _viewer()
 
 

@@ -33,7 +33,7 @@ def draw_scatter(figure: Figure, drawn: PlotData) -> None:
     edge = max(edge_of(x, box[0]), edge_of(y, box[1]))
     wide.set_xlim(-edge, edge)
     wide.set_ylim(-edge, edge)
-    wide.set_title("Within the limits (box)")
+    wide.set_title(f"{drawn.subject}: within the limits (box)")
     _points(close, x, y)
     if len(x) > 2:
         _rings(close, x, y)
@@ -95,7 +95,7 @@ def draw_spectrum(figure: Figure, drawn: PlotData) -> None:
         frequency, density = power_density(time_s, drawn.used(name)[first])
         if len(frequency):
             axes.loglog(frequency, density, color=hex_of(colour), label=label)
-    axes.set_title("Spectrum of the errors less their mean")
+    axes.set_title(f"{drawn.subject}: spectrum of the errors less their mean")
     axes.set_xlabel("frequency (Hz)")
     axes.set_ylabel("arcsec² / Hz")
     if axes.lines:

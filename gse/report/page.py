@@ -12,6 +12,8 @@ from markupsafe import Markup, escape
 
 from drivers.outside_text import plain_lines
 from gse import instant
+from gse.assessment.sensor_convention import is_wrong
+from gse.assessment.statistics import Statistics, sensor_masks
 from gse.assessment.verdict import Assessment
 from gse.report.condition_plots import draw_sky_condition
 from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_spectrum
@@ -25,12 +27,14 @@ from gse.report.terminal import quantity
 from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_timelines
 from gse.station.session_data import SessionData
 
-_PLOTS = (
+_PLOTS_OF_SUBJECT = (
     ("errors", 4.0, draw_errors),
     ("paper", 3.6, draw_paper),
     ("scatter", 3.6, draw_scatter),
     ("histogram", 2.4, draw_histogram),
     ("spectrum", 2.6, draw_spectrum),
+)
+_PLOTS = (
     ("sky", 3.2, draw_sky),
     ("sky_condition", 3.2, draw_sky_condition),
     ("residuals", 4.6, draw_residual_map),
@@ -67,13 +71,17 @@ def report_html(
     session: SessionData, assessment: Assessment, report: dict[str, Any], made_by: Provenance | None = None
 ) -> str:
     """The page of a session; all but its last section, which says what it is ``made_by``, follows from the session."""
-    drawn = PlotData.of(session, assessment.statistics.counted)
+    drawn = plot_data(session, assessment.statistics)
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
     environment.filters.update(quantity=quantity_text, number=_number, angle=_angle, given=_given)
     template = environment.from_string(_resource("report.html.jinja"))
-    plots = {name: svg_of(name, height_in, partial(draw, drawn=drawn)) for name, height_in, draw in _PLOTS}
+    plots = {name: svg_of(name, height_in, partial(draw, drawn=drawn[0])) for name, height_in, draw in _PLOTS}
+    for of_subject in drawn:
+        for name, height_in, draw in _PLOTS_OF_SUBJECT:
+            title = f"{of_subject.subject}-{name}"
+            plots[title] = svg_of(title, height_in, partial(draw, drawn=of_subject))
     return template.render(
         report=report,
         fingerprint=canonical(fingerprint(report)),
@@ -89,6 +97,16 @@ def report_html(
         provenance_json=json.dumps(made_by, separators=(",", ":")),
         provenance=[(key.replace("_", " "), _in_words(key, value)) for key, value in (made_by or {}).items()],
     )
+
+
+def plot_data(session: SessionData, stats: Statistics) -> list[PlotData]:
+    """What each subject's plots are drawn from, that of the frame table first."""
+    drawn = [PlotData.of(session, stats.counted)]
+    if stats.own is not None:
+        _, used = sensor_masks(stats.own, session.frames.columns, stats.counted)
+        used &= not is_wrong(stats.convention, session.station.sensor.attitude)
+        drawn.append(PlotData.of_sensor(session, stats.own, used, stats.counted))
+    return drawn
 
 
 def numbered(word: str, element: str) -> Callable[[str], Markup]:

@@ -28,7 +28,7 @@ def draw_errors(figure: Figure, drawn: PlotData) -> None:
     top, bottom = figure.subplots(2, 1, sharex=True)
     _error_panel(top, drawn, "d_ra_cosde_arcsec", "dRA*", limits.d_ra_cosde_arcsec)
     _error_panel(bottom, drawn, "d_de_arcsec", "dDE", limits.d_de_arcsec)
-    top.set_title("dRA* = dRA cos DE, and dDE, against their limits")
+    top.set_title(f"{drawn.subject}: dRA* = dRA cos DE, and dDE, against their limits")
     handles, labels = top.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5)
     time_axis(bottom)
@@ -81,7 +81,7 @@ def draw_paper(figure: Figure, drawn: PlotData) -> None:
         edge = edge_of(values, LIMIT_DEG)
         axes.set_ylim(-1.05 * edge, 1.05 * edge)
         axes.set_ylabel(label)
-    top.set_title("dRA and dDE, as figures 3-1 to 3-6 of [S]; dashed: its limit of 1 arcmin")
+    top.set_title(f"{drawn.subject}: dRA and dDE, as figures 3-1 to 3-6 of [S]; dashed: its limit of 1 arcmin")
     time_axis(bottom)
 
 

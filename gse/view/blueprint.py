@@ -1,16 +1,22 @@
 """Layout of the screen: place and time range of each view."""
 
+import math
+
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from gse.config.station import Station
-from gse.view.picture import RESIDUAL_SCALE
+from gse.view.picture import LEGEND_ENDS
 from gse.view.series import TIMELINE
 
 LIVE_WINDOW_S = 600.0
 """A live view shows the last ten minutes."""
+
+
+_ROOM = 1.2
+_FEWEST_POWERS, _MOST_POWERS = 1.05, 2.4
 
 
 def layout(
@@ -22,15 +28,18 @@ def layout(
     graphs = rrb.Vertical(
         _error_view("d_ra", "dRA* (arcsec)", station.limits.d_ra_cosde_arcsec, axis),
         _error_view("d_de", "dDE (arcsec)", station.limits.d_de_arcsec, axis),
-        _graph("/cross", "Cross-boresight error x, y (arcsec)", axis),
-        _graph("/roll", "Roll error (arcsec)", axis),
         rrb.Tabs(
-            _graph("/identification_ms", f"Identification (ms), limit {station.limits.identification_ms:g}", axis),
-            _graph("/clock", "Host clock (ms)", axis),
-            _graph("/temperature_c", "Detector temperature (degC)", axis),
+            _graph("/cross", "Cross x, y (arcsec)", axis),
+            _graph("/roll", "Roll (arcsec)", axis),
+            _graph("/stars", "Stars, magnitude", axis),
         ),
-        rrb.StateTimelineView(origin="/link", name="Link state", time_view=axis),
-        row_shares=[3, 3, 2.4, 2, 2.2, 1.5],
+        rrb.Tabs(
+            _graph("/identification_ms", f"Time (ms), limit {station.limits.identification_ms:g}", axis),
+            _graph("/clock", "Clock (ms)", axis),
+            _graph("/temperature_c", "Detector (degC)", axis),
+        ),
+        rrb.StateTimelineView(origin="/state", name="Link, sky", time_view=axis),
+        row_shares=[3, 3, 2.4, 2.4, 2],
     )
     pictures = rrb.Vertical(
         _panorama_view(station),
@@ -72,9 +81,19 @@ def _error_view(path: str, name: str, limit: float, axis: rrb.TimeAxis) -> rrb.T
         origin=f"/{path}",
         name=f"{name}, limit {limit:g}",
         axis_x=axis,
-        axis_y=rrb.ScalarAxis(range=(-1.5 * limit, 1.5 * limit)),
+        axis_y=rrb.ScalarAxis(range=(-_reach(limit), _reach(limit))),
         plot_legend=rrb.PlotLegend(visible=False),
     )
+
+
+def _reach(limit: float) -> float:
+    """How far an axis reaches on either side, at least to 1.2 limits, so that it has numbers beside 0.
+
+    rerun puts them at powers of ten that are 20 points apart: on an axis of 95 points up to 2.4 of them fit.
+    """
+    power = 10.0 ** math.floor(math.log10(_ROOM * limit))
+    wanted = max(_ROOM * limit / power, _FEWEST_POWERS)
+    return power * (wanted if wanted <= _MOST_POWERS else 10 * _FEWEST_POWERS)
 
 
 def _graph(path: str, name: str, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
@@ -97,19 +116,15 @@ def _log_view() -> rrb.TextLogView:
 def _panorama_view(station: Station) -> rrb.Spatial2DView:
     columns, rows = station.sensor.columns, station.sensor.rows
     margin = 0.03 * columns
-    name = (
-        "Panorama (px): blue star, orange unidentified, red hot pixel, pink planet; "
-        f"arrows: residual x {RESIDUAL_SCALE}"
-    )
-    bounds = rrb.VisualBounds2D(x_range=(-margin, columns + margin), y_range=(-margin, rows + margin))
-    return rrb.Spatial2DView(origin="/panorama", name=name, visual_bounds=bounds)
+    bounds = rrb.VisualBounds2D(x_range=(-margin, columns + margin), y_range=(-margin, LEGEND_ENDS * rows))
+    return rrb.Spatial2DView(origin="/panorama", name="Panorama (px)", visual_bounds=bounds)
 
 
 def _scatter_view(station: Station, ranges: rrb.VisibleTimeRanges) -> rrb.Spatial2DView:
     x, y = 1.5 * station.limits.d_ra_cosde_arcsec, 1.5 * station.limits.d_de_arcsec
     return rrb.Spatial2DView(
         origin="/scatter",
-        name="dRA* and dDE (arcsec)",
+        name="Scatter",
         visual_bounds=rrb.VisualBounds2D(x_range=(-x, x), y_range=(-y, 1.1 * y)),
         overrides={"/scatter/points": ranges},
     )
@@ -124,7 +139,7 @@ def _sky_view(ranges: rrb.VisibleTimeRanges, boresight_icrs: NDArray[np.float64]
         )
     return rrb.Spatial3DView(
         origin="/sky",
-        name="Sky (ICRS): blue measured, red true",
+        name="Sky",
         eye_controls=eye,
         line_grid=False,
         overrides={"/sky/true": ranges, "/sky/measured": ranges},

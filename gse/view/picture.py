@@ -8,6 +8,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from gse.camera import Camera
+from gse.catalog import StarCatalog
 from gse.constants import ARCSEC_RAD
 from gse.drawing.palette import GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
 from gse.station.non_stellar import HOT_PIXEL, UNKNOWN
@@ -26,6 +27,9 @@ _LABELLED = ("named", "hot", "planets")
 _RADIUS_SHARE = (0.004, 0.012)
 """Radius of the dimmest and brightest object, as a share of the detector's width."""
 
+LEGEND_ENDS = 1.2
+"""Where the legend below the detector ends, as a share of its rows."""
+
 _ANONYMOUS = ("Gaia", "HIP", "HR", "HD", "BSC")
 """Prefix of stars with a name on hover only: 30 catalogue numbers would cover the picture."""
 
@@ -36,6 +40,7 @@ class Picture:
 
     camera: Camera
     index_max: int
+    catalog: StarCatalog | None = None
 
     def begin(self, stream: rr.RecordingStream) -> None:
         """The frame of the detector, its principal point, and how each kind of object looks.
@@ -54,6 +59,22 @@ class Picture:
             stream.log(f"/panorama/{kind}", style, static=True)
         arrows = rr.Arrows2D.from_fields(colors=[YELLOW], radii=[rr.Radius.ui_points(0.8)])
         stream.log("/panorama/residuals", arrows, static=True)
+        stream.log("/panorama/legend", self._legend(), static=True)
+
+    def _legend(self) -> rr.Points2D:
+        """The meaning of the colours below the detector, where no title can be cut."""
+        words = ("star", "unidentified", "hot pixel", "planet", f"arrow: residual x {RESIDUAL_SCALE}")
+        colours = (SKY_BLUE, ORANGE, VERMILLION, PINK, YELLOW)
+        # In two rows: a label is as wide as its text, whatever the size of the view.
+        columns, rows = self.camera.columns, self.camera.rows
+        places = [(0.14, 1.05), (0.5, 1.05), (0.86, 1.05), (0.2, 1.12), (0.68, 1.12)]
+        return rr.Points2D(
+            [(x * columns, y * rows) for x, y in places],
+            labels=list(words),
+            colors=list(colours),
+            radii=[rr.Radius.ui_points(3.0)],
+            show_labels=True,
+        )
 
     def send(self, stream: rr.RecordingStream, frames: Sequence[FrameResult]) -> None:
         """The objects of some frames: named stars, other stars, unidentified, hot pixels and planets apart."""
@@ -62,13 +83,17 @@ class Picture:
         xy_px = np.concatenate([panorama.xy_px for panorama in panoramas]).reshape(-1, 2).astype(np.float32)
         radii = self._radii(np.concatenate([panorama.brightness for panorama in panoramas]))
         row = np.repeat(np.arange(len(frames)), [len(panorama.brightness) for panorama in panoramas])
-        objects = [_objects(frame) for frame in frames]
-        kinds = np.array([kind for kinds, _ in objects for kind in kinds], dtype=np.str_)
-        labels = [label for _, labels in objects for label in labels]
+        objects = [_objects(frame, self.catalog) for frame in frames]
+        kinds = np.array([kind for kinds, _, _ in objects for kind in kinds], dtype=np.str_)
+        labels = [label for _, labels, _ in objects for label in labels]
+        facts = [fact for _, _, facts in objects for fact in facts]
         for kind in _KINDS:
-            chosen = np.flatnonzero(kinds == kind)
+            # A named star is drawn as a star with its facts on hover; its name alone is the label that always shows.
+            is_star = (kinds == "named") | (kinds == "stars")
+            chosen = np.flatnonzero(is_star if kind == "stars" else kinds == kind)
+            shown = facts if kind == "stars" else labels
             columns = rr.Points2D.columns(
-                positions=xy_px[chosen], radii=radii[chosen], labels=[labels[place] for place in chosen]
+                positions=xy_px[chosen], radii=radii[chosen], labels=[shown[place] for place in chosen]
             )
             lengths = np.bincount(row[chosen], minlength=len(frames))
             stream.send_columns(f"/panorama/{kind}", [at], columns.partition(lengths))
@@ -90,14 +115,16 @@ class Picture:
         stream.send_columns("/panorama/residuals", [times(columns["utc_ns"])], arrows.partition(lengths))
 
 
-def _objects(frame: FrameResult) -> tuple[list[str], list[str]]:
-    """Kind and label of each object of a frame: name of a star or planet, or its class."""
+def _objects(frame: FrameResult, catalog: StarCatalog | None) -> tuple[list[str], list[str], list[str]]:
+    """Kind, label and facts of each object of a frame: the name of a star or planet, or its class."""
     count = len(frame.panorama.brightness)
-    kinds, labels = ["unidentified"] * count, [UNKNOWN] * count
+    kinds, labels, facts = ["unidentified"] * count, [UNKNOWN] * count, [""] * count
     for row, name in frame.others:
         if name != UNKNOWN:
             kinds[row], labels[row] = "hot" if name == HOT_PIXEL else "planets", name
-    for match in frame.matches:
+    for match, star in zip(frame.matches, frame.matches.stars.tolist(), strict=True):
         row, name = match.object, match.star
+        magnitude = f", {catalog.magnitude[star]:.1f} mag" if catalog is not None else ""
+        facts[row] = f"{name}{magnitude}, residual {match.residual_arcsec:.1f} arcsec"
         kinds[row], labels[row] = "stars" if name.startswith(_ANONYMOUS) else "named", name
-    return kinds, labels
+    return kinds, labels, facts

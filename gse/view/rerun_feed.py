@@ -38,11 +38,12 @@ QUEUE_FRAMES = 2000
 """Three minutes at 10 Hz; some 10 MB."""
 
 BATCH_FRAMES = 250
-BATCH_EVERY_S = 0.1
-"""Frames go to rerun in batches: columns cost a tenth of single log calls."""
+BATCH_EVERY_S = 1.0
+"""Frames go to rerun in batches, because a viewer takes its time for each batch, not for each frame: one without a
+graphics card never caught up with ten batches a second."""
 
-MEMORY_LIMIT = "256MB"
-"""Data that rerun's server keeps for later viewers; older data are dropped."""
+MEMORY_LIMIT = "32MB"
+"""Data that rerun's server keeps for later viewers, some ten minutes; older data are dropped."""
 
 _CLOSE_WITHIN_S = 5.0
 
@@ -135,7 +136,7 @@ class RerunFeed:
             _LOG.warning("the live view has ended (%s: %s); the session goes on", type(error).__name__, error)
 
     def _feed(self, station: Station, catalog: StarCatalog | None) -> None:
-        feed = _SceneFeed(Scene(self._stream, station, catalog, live=True))
+        feed = _SceneFeed(Scene(self._stream, station, catalog, live=True), every_picture=not self.grpc_port)
         while True:
             last = self._closing.is_set()
             while batch := self._take():
@@ -163,8 +164,9 @@ def _server(bind: str, port: int) -> object:
 class _SceneFeed:
     """Adds queued items to a scene, in order."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, *, every_picture: bool) -> None:
         self._scene = scene
+        self._every_picture = every_picture
         self._link = LinkCounters()
         self._status: StatusMessage | None = None
         self._clock: ClockReading | None = None
@@ -181,7 +183,7 @@ class _SceneFeed:
                 self._link = item.link
                 self._status = item.status
         if frames:
-            self._scene.add(frames)
+            self._scene.add(frames, pictures=len(frames) if self._every_picture else 1)
         for item in batch:
             if isinstance(item, LinkEvent):
                 self._scene.running.add_event(item)

@@ -35,6 +35,14 @@ SKY_WORDS: dict[str, str] = {
 }
 """The sky after each kind of event that changes it."""
 
+SKY_COLOURS = {
+    "clear": GREEN,
+    "clouded": ORANGE,
+    "no stars": VERMILLION,
+    "daylight": YELLOW,
+    "dark night": SKY_BLUE,
+}
+
 LINK_COLOURS = {
     "streaming": GREEN,
     "syncing": SKY_BLUE,

@@ -38,6 +38,7 @@ class SavedView:
 
     def on_event(self, event: LinkEvent) -> None:
         """Add an event."""
+        self._scene.running.add_event(event)
         self._scene.event(event)
 
     def finish(self, session: SessionData, verdict: str, reasons: Sequence[str]) -> None:
@@ -47,7 +48,8 @@ class SavedView:
         """
         self._send_objects()
         if len(session.frames):
-            self._scene.add_columns(session.frames.columns, session.frames.matches)
+            self._scene.add_columns(session.frames.columns)
+            self._scene.add_residuals(session.frames.columns, session.frames.matches)
         self._scene.flush()
         self._scene.clock(session.clock)
         clock = session.clock[-1] if session.clock else None
@@ -58,7 +60,7 @@ class SavedView:
 
     def _send_objects(self) -> None:
         if self._frames:
-            self._scene.add_objects(self._frames)
+            self._scene.add_objects(self._frames, pictures=len(self._frames))
             self._frames = []
 
 

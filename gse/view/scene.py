@@ -17,8 +17,9 @@ from gse.station.event_kinds import StationKind
 from gse.station.frame_table import FrameTable
 from gse.station.results import FrameResult, Status
 from gse.view.blueprint import LIVE_WINDOW_S, layout
+from gse.view.event_lines import EventLines
 from gse.view.picture import Picture
-from gse.view.running_statistics import LINK_COLOURS, LINK_WORDS, Running
+from gse.view.running_statistics import LINK_COLOURS, LINK_WORDS, SKY_COLOURS, SKY_WORDS, Running
 from gse.view.series import OUTAGE_NS, begin_series, send_clock, send_outages, send_series, times
 from gse.view.sky import TRACK_ROW_NS, begin_scatter, begin_sky, send_scatter, send_sky, unit_vectors
 
@@ -30,10 +31,17 @@ _GOOD_EVENTS = {
     LinkKind.STREAMING,
     StationKind.CLOSED,
     StationKind.ALIGNED,
+    StationKind.NOTE,
+    StationKind.CLEAR,
+    StationKind.DARK_NIGHT,
     RecorderKind.FILE_RESTORED,
     RecorderKind.RECOVERED,
     RecorderKind.SEGMENT,
 }
+
+
+_COUNTS_LOGGED = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+"""Which repetitions of an event get a line: a link that flaps does not hide all else."""
 
 
 class Scene:
@@ -49,39 +57,47 @@ class Scene:
         self._latest_ns: np.int64 | None = None
         self._boresight_icrs: NDArray[np.float64] | None = None
         self._window_s: float | None = None
-        self._picture = Picture(station.sensor.camera(), station.sensor.index_max)
+        self._picture = Picture(station.sensor.camera(), station.sensor.index_max, catalog)
         self._track: list[NDArray[np.void]] = []
         self._status: Status | None = None
+        self._events = EventLines(frozenset({StationKind.NOTE}))
         self.running = Running(station.limits)
         stream.send_blueprint(layout(station))
         begin_series(stream)
         self._picture.begin(stream)
         begin_sky(stream, catalog)
         begin_scatter(stream, station.limits)
-        words = list(LINK_COLOURS)
-        style = rr.StateConfiguration(values=words, labels=words, colors=list(LINK_COLOURS.values()))
-        stream.log("/link", style, static=True)
+        for path, colours in (("/state/link", LINK_COLOURS), ("/state/sky", SKY_COLOURS)):
+            words = list(colours)
+            style = rr.StateConfiguration(values=words, labels=words, colors=list(colours.values()))
+            stream.log(path, style, static=True)
 
-    def add(self, frames: Sequence[FrameResult]) -> None:
-        """Show some frames, in order of time."""
+    def add(self, frames: Sequence[FrameResult], *, pictures: int) -> None:
+        """Show some frames, in order of time; only the last ``pictures`` of them as panoramas."""
         table = FrameTable()
         for frame in frames:
             table.append(frame)
-        self.add_objects(frames)
-        self.add_columns(table.columns, table.matches)
+        self.add_objects(frames, pictures=pictures)
+        self.add_columns(table.columns)
+        shown = FrameTable()
+        shown.extend(frames[-pictures:])
+        self.add_residuals(shown.columns, shown.matches)
 
-    def add_objects(self, frames: Sequence[FrameResult]) -> None:
-        """Show the objects of some frames, log what changes, and count."""
-        self._picture.send(self._stream, frames)
+    def add_objects(self, frames: Sequence[FrameResult], *, pictures: int) -> None:
+        """Show the objects of the last ``pictures`` of some frames, log what changes, and count."""
+        self._picture.send(self._stream, frames[-pictures:])
         for frame in frames:
             self.running.add(frame)
             self._log_change(frame)
 
-    def add_columns(self, columns: NDArray[np.void], matches: NDArray[np.void]) -> None:
-        """Show all but the objects of some frames: rows of FRAME, and their rows of MATCH."""
+    def add_residuals(self, columns: NDArray[np.void], matches: NDArray[np.void]) -> None:
+        """Show the residuals of some frames: rows of FRAME, and their rows of MATCH."""
+        self._picture.send_residuals(self._stream, columns, matches)
+
+    def add_columns(self, columns: NDArray[np.void]) -> None:
+        """Show all but the objects of some frames, rows of FRAME."""
         self._break_lines(columns["utc_ns"])
         send_series(self._stream, columns, self._station.limits)
-        self._picture.send_residuals(self._stream, columns, matches)
         self._track.append(columns)
         if columns["utc_ns"][-1] - self._track[0]["utc_ns"][0] >= TRACK_ROW_NS:
             self.flush()
@@ -133,11 +149,15 @@ class Scene:
 
     def event(self, event: LinkEvent) -> None:
         """Show an event of the link in its state bar and in the log."""
-        word = LINK_WORDS.get(event.kind)
-        if word is not None:
-            at = times([event.utc_ns])
-            self._stream.send_columns("/link", [at], rr.StateChange.columns(state=[word]))
-        self.log(event.utc_ns, f"{event.kind}: {event.text}", "INFO" if event.kind in _GOOD_EVENTS else "WARN")
+        for path, words in (("/state/link", LINK_WORDS), ("/state/sky", SKY_WORDS)):
+            if (word := words.get(event.kind)) is not None:
+                at = times([event.utc_ns])
+                self._stream.send_columns(path, [at], rr.StateChange.columns(state=[word]))
+        line = self._events.add(event)
+        if line.count in _COUNTS_LOGGED or line.count % _COUNTS_LOGGED[-1] == 0:
+            repeated = f" ({line.count} x)" if line.count > 1 else ""
+            level = "INFO" if event.kind in _GOOD_EVENTS else "WARN"
+            self.log(event.utc_ns, f"{event.kind}{repeated}: {event.text}", level)
 
     def clock(self, readings: Sequence[ClockReading]) -> None:
         """Show the health of the host clock."""

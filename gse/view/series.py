@@ -7,7 +7,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from drivers.clock import ClockReading
-from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, PINK, SKY_BLUE, VERMILLION
+from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
 from gse.instant import NS_PER_S
 from gse.limits import Limits
 
@@ -37,6 +37,7 @@ def begin_series(stream: rr.RecordingStream) -> None:
     _lines(stream, "/roll", ["roll"], [PINK])
     _lines(stream, "/identification_ms", ["identification"], [GREEN])
     _lines(stream, "/temperature_c", ["detector"], [ORANGE])
+    _lines(stream, "/stars", ["named", "limiting magnitude"], [SKY_BLUE, YELLOW])
     _lines(stream, "/clock", ["offset", "+ error bound", "- error bound"], [BLUE, GREY, GREY])
 
 
@@ -64,6 +65,7 @@ def send_series(stream: rr.RecordingStream, columns: NDArray[np.void], limits: L
     _send(stream, "/roll", at, _stacked(columns, "d_roll_arcsec"))
     _send(stream, "/identification_ms", at, _stacked(columns, "elapsed_us") / 1000)
     _send(stream, "/temperature_c", at, _stacked(columns, "temperature_c"))
+    _send(stream, "/stars", at, _stacked(columns, "stars_seen", "limiting_mag"))
 
 
 def send_outages(stream: rr.RecordingStream, utc_ns: NDArray[np.int64], limits: Limits) -> None:
@@ -72,7 +74,8 @@ def send_outages(stream: rr.RecordingStream, utc_ns: NDArray[np.int64], limits: 
     for path, limit in (("d_ra", limits.d_ra_cosde_arcsec), ("d_de", limits.d_de_arcsec)):
         bounds = np.full((len(utc_ns), 2), limit) * (1, -1)
         _send(stream, f"/{path}/value", at, np.column_stack([nothing, bounds]))
-    _send(stream, "/cross", at, np.repeat(nothing, 2, axis=1))
+    for path in ("/cross", "/stars"):
+        _send(stream, path, at, np.repeat(nothing, 2, axis=1))
     for path in ("/roll", "/identification_ms", "/temperature_c"):
         _send(stream, path, at, nothing)
 

@@ -64,8 +64,9 @@ def _loud(count: int) -> str:
 
 
 def _row(name: str, last: float | None, moments: Moments, limit: float) -> str:
-    cells = (last, moments.mean if moments.n else None, moments.std, moments.nea)
-    return f"| {name} | " + " | ".join(arcsec(cell) for cell in cells) + f" | {limit:g} |"
+    signed = (last, moments.mean if moments.n else None)
+    cells = [*map(arcsec, signed), *(arcsec(size, "") for size in (moments.std, moments.nea))]
+    return f"| {name} | {' | '.join(cells)} | {limit:g} |"
 
 
 def clock_health(clock: ClockReading) -> str:
@@ -75,9 +76,9 @@ def clock_health(clock: ClockReading) -> str:
     return f"within {1000 * clock.error_bound_s:.3g} ms"
 
 
-def arcsec(value: float | None) -> str:
-    """One decimal with sign, or a dash."""
-    return "-" if value is None or math.isnan(value) else f"{value:+.1f}"
+def arcsec(value: float | None, sign: str = "+") -> str:
+    """One decimal, with its sign unless ``sign`` is empty, or a dash."""
+    return "-" if value is None or math.isnan(value) else f"{value:{sign}.1f}"
 
 
 def percent(share: float) -> str:

@@ -159,7 +159,7 @@ def test_a_sensor_that_leaves_aberration_in_is_not_blamed_and_one_that_hides_it_
         ("{body_axes: x y}", "body_axes is 'x y': expected x, y and z in some order"),
         ("{body_axes: x y -z}", "one is mirrored and the other is not"),
         ("{scaler: first}", "unknown key sensor.attitude.scaler; did you mean scalar?"),
-        ("{roll_zero_deg: 45}", "sensor.attitude.roll_zero_deg is 45"),
+        ("{roll_zero_deg: 45}", "roll_zero_deg is 45: expected 0, 90, 180 or 270"),
     ],
 )
 def test_a_convention_that_is_none_is_named_with_its_line(attitude, words):

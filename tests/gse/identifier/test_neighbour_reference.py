@@ -10,7 +10,7 @@ from skies.reference_neighbour import ReferenceNeighbour, angle_urad, onboard_ta
 from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
 from gse.identifier.consistency import MOST_CANDIDATES, room_for_candidates, separations
-from gse.identifier.neighbour_search import Limits, _level_1, _seen_from, best_vote, first_fit
+from gse.identifier.neighbour_search import EVERYWHERE, Limits, _level_1, _seen_from, best_vote, first_fit
 from gse.identifier.tables import build_pair_table, field_diameter_rad
 from gse.spiral import spiral_directions
 
@@ -44,7 +44,7 @@ def plain_table(stars):
 def compared(search, directions, stars, table, plain_table, limits):
     """What the compiled and the plain search answer, as {object: star}."""
     objects, named, _ = search(directions, stars.icrs, table, limits)
-    plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, *limits)
+    plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, limits.tolerance_urad, limits.min_fit, limits.alphas)
     slow = plain.first_fit if search is first_fit else plain.best_vote
     return dict(zip(objects.tolist(), named.tolist(), strict=True)), slow(directions.tolist())
 
@@ -59,7 +59,7 @@ def test_the_table_of_pairs_is_the_onboard_table(table, plain_table):
 @pytest.mark.parametrize("min_fit", [3, 6])
 def test_same_answers_over_the_sky(source, stars, table, plain_table, search, min_fit):
     sky, rng = sky_of(source, CAMERA, 4.5), np.random.default_rng(11)
-    limits, named = Limits(TOLERANCE_URAD, min_fit, 3), 0
+    limits, named = Limits(TOLERANCE_URAD, min_fit, min_fit, 3, False, EVERYWHERE), 0
     for boresight in spiral_directions(8):
         frame = made_frame(sky, CAMERA, boresight, NOISE, rng)
         directions = CAMERA.directions(frame.xy_px)
@@ -72,8 +72,8 @@ def test_same_answers_over_the_sky(source, stars, table, plain_table, search, mi
 def test_level_1_counts_as_eq_2_5_for_every_star(source, stars, table, plain_table):
     frame = made_frame(sky_of(source, CAMERA, 4.5), CAMERA, spiral_directions(8)[3], NOISE, np.random.default_rng(1))
     directions = CAMERA.directions(frame.xy_px)
-    limits = Limits(3 * TOLERANCE_URAD, 1, 1)
-    plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, *limits)
+    limits = Limits(3 * TOLERANCE_URAD, 1, 1, 1, False, EVERYWHERE)
+    plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, limits.tolerance_urad, limits.min_fit, limits.alphas)
     room = room_for_candidates()
     angles = separations(directions)
     seen = _seen_from(0, angles.cosine, angles.sine, limits.tolerance_urad)
@@ -90,8 +90,8 @@ def test_level_1_keeps_the_nearest_candidates_where_more_fit_than_there_is_room_
     plain_table = onboard_table(polar.icrs.tolist(), field_diameter_rad(CAMERA))
     frame = made_frame(sky_of(source, CAMERA, 4.5), CAMERA, spiral_directions(8)[3], NOISE, np.random.default_rng(1))
     directions = CAMERA.directions(frame.xy_px)
-    limits = Limits(60 * TOLERANCE_URAD, 1, 1)
-    plain = ReferenceNeighbour(polar.icrs.tolist(), plain_table, *limits)
+    limits = Limits(60 * TOLERANCE_URAD, 1, 1, 1, False, EVERYWHERE)
+    plain = ReferenceNeighbour(polar.icrs.tolist(), plain_table, limits.tolerance_urad, limits.min_fit, limits.alphas)
     room, angles = room_for_candidates(), separations(directions)
     seen = _seen_from(0, angles.cosine, angles.sine, limits.tolerance_urad)
     fits = []
@@ -111,7 +111,7 @@ def test_level_1_keeps_the_nearest_candidates_where_more_fit_than_there_is_room_
 )
 def test_same_answers_on_any_objects(stars, table, plain_table, search, pixels, min_fit):
     directions = CAMERA.directions(np.array(pixels, dtype=float))
-    limits = Limits(2 * TOLERANCE_URAD, min_fit, 2)
+    limits = Limits(2 * TOLERANCE_URAD, min_fit, min_fit, 2, False, EVERYWHERE)
     fast, slow = compared(search, directions, stars, table, plain_table, limits)
     assert fast == slow
 

@@ -22,6 +22,7 @@ from gse.station.event_kinds import StationKind
 from gse.station.results import FrameResult, Status
 from gse.station.sky_condition import SUN_LIMIT_DEG
 from gse.truth import horizon_to_sensor
+from gse.view.blueprint import _reach
 from gse.view.dawn import next_dawn_ns
 from gse.view.event_lines import EventLines
 from gse.view.focus import focus_of
@@ -207,3 +208,11 @@ def test_repeated_events_are_one_line_with_a_count_and_each_note_is_its_own() ->
         "18:30:01 NOTE: note 1",
         "18:30:00 NOTE: note 0",
     ]
+
+
+@pytest.mark.parametrize("limit", [1.0, 5.0, 12.0, 20.0, 30.0, 60.0, 100.0, 600.0])
+def test_the_axis_of_an_error_holds_its_limit_and_two_powers_of_ten_that_fit(limit: float) -> None:
+    reach = _reach(limit)
+    power = 10.0 ** math.floor(math.log10(reach))
+    assert reach >= 1.2 * limit
+    assert 95 / (2 * reach / power) >= 19.5, "rerun leaves out numbers that are nearer than 20 points"

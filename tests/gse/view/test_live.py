@@ -55,7 +55,7 @@ def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session,
     assert view.dropped == 0
     assert len(moving(rows["/d_ra/value"])) == FRAMES
     assert len(moving(rows["/clock"])) == len(session.clock)
-    assert len(moving(rows["/link"])) == len(session.events)
+    assert len(moving(rows["/state/link"])) == len(session.events)
     assert moving(rows["/verdict"])[-1]["TextDocument:text"][0].startswith("# ✔ PASS\n- all limits are kept")
     assert view_threads() == []
 

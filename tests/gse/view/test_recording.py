@@ -69,7 +69,7 @@ def test_no_line_is_drawn_across_an_outage(tmp_path: Path, live) -> None:
     stream.set_sinks(rerun.FileSink(str(path)))
     scene = Scene(stream, session.station, None, live=live)
     for batch in (slow[:2], slow[2:3], slow[3:]):
-        scene.add(batch)
+        scene.add(batch, pictures=len(batch))
     stream.disconnect()
     series = moving(rows_of(path)["/d_ra/value"])
     breaks = [row["utc"] for row in series if math.isnan(row["Scalars:scalars"][0])]
@@ -92,10 +92,14 @@ def test_objects_of_a_panorama_are_told_apart_by_kind(rows, frames) -> None:
     kinds = {kind: moving(rows[f"/panorama/{kind}"]) for kind in ("named", "stars", "unidentified", "hot", "planets")}
     assert all(len(kind) == FRAMES for kind in kinds.values())
     assert kinds["named"][0]["Points2D:labels"] == ["Alphard"]
+    facts = kinds["stars"][0]["Points2D:labels"][0]
+    residual_arcsec = next(iter(frames[0].matches)).residual_arcsec
+    assert facts.startswith("Alphard, ")
+    assert facts.endswith(f" mag, residual {residual_arcsec:.1f} arcsec")
     assert kinds["hot"][0]["Points2D:labels"] == ["hot pixel"]
     assert kinds["planets"][0]["Points2D:labels"] == ["Jupiter"]
     assert np.allclose(kinds["hot"][0]["Points2D:positions"], [[300, 700]])
-    shown = sum(len(kind[0]["Points2D:positions"]) for kind in kinds.values())
+    shown = sum(len(kinds[kind][0]["Points2D:positions"]) for kind in kinds if kind != "named")
     assert shown == len(frames[0].panorama.brightness)
     assert len(kinds["unidentified"][49]["Points2D:positions"]) == len(frames[49].panorama.brightness)
 
@@ -150,7 +154,7 @@ def test_the_verdict_is_seen_at_any_time_and_says_why(rows) -> None:
 
 
 def test_link_states_and_log_tell_what_happened(rows) -> None:
-    states = [row["StateChange:state"][0] for row in moving(rows["/link"])]
+    states = [row["StateChange:state"][0] for row in moving(rows["/state/link"])]
     assert states == ["waiting", "streaming", "no port", "waiting", "streaming", "closed"]
     log = [row["TextLog:text"][0] for row in moving(rows["/log"])]
     assert any("LOST: device disconnected" in line for line in log)
