@@ -46,7 +46,7 @@ _COMMANDS = {
     "emulate": "simulate a sensor on a pseudo-terminal or a TCP port",
     "calibrate": "fit focal length, principal point, distortion, mirror and hot pixels",
     "align": "fit the direction of the mount",
-    "compare": "compare two sessions, or one session under two identifiers",
+    "compare": "compare sessions, or one session under two identifiers",
     "conventions": "name the convention of the sensor's own answers",
     "session": "show, verify, recover, trim or export a session",
     "decode": "list the frames and the discarded bytes of a session or raw capture",

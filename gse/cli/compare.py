@@ -1,7 +1,9 @@
-"""``gse compare``: two sessions, or one session under two identifiers or two station files."""
+"""``gse compare``: sessions side by side, or one session under two identifiers or two station files."""
 
+import functools
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
 @click.command("compare")
 @click.argument("first", metavar="A", type=click.Path(path_type=Path))
-@click.argument("second", metavar="[B]", required=False, type=click.Path(path_type=Path))
+@click.argument("others", metavar="[B]...", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--identifier",
     "identifiers",
@@ -57,7 +59,7 @@ def command(
     ctx: click.Context,
     *,
     first: Path,
-    second: Path | None,
+    others: tuple[Path, ...],
     identifiers: tuple[str, ...],
     stations: tuple[Path, ...],
     sigmas: float,
@@ -70,17 +72,31 @@ def command(
     """Compare the statistics of session A and session B, or of A under two identifiers or two station files.
 
     The exit code is 1 if the second session is worse: by more than --sigmas, and by more than --allow of a limit.
-    Sessions of different panoramas are compared as over the star fields of the first.
+    Sessions of different panoramas are compared as over the star fields of the first. More than two sessions, of one
+    sensor or of several, get a row each in the table of the LAPAN paper, and each is compared with A.
     """
+    compared = functools.partial(
+        session_comparison, sigmas=sigmas, allowed_share=allowed_share, bias_is_regression=bias_is_regression
+    )
+    if len(others) > 1:
+        if identifiers or stations:
+            raise UsageError(
+                f"{len(others) + 1} sessions are compared as they are; leave out --identifier and --station"
+            )
+        paths = (first, *others)
+        sessions = [_session(path, None, None, start_utc, anew=anew) for path in paths]
+        comparisons = [compared(sessions[0], session) for session in sessions[1:]]
+        document = _document_of_many(paths, sessions, comparisons)
+        click.echo(json.dumps(document) if as_json else "\n".join(_lines_of_many(document)))
+        ctx.exit(EXIT_FAIL if any(result.regressions for result in comparisons) else 0)
+    second = others[0] if others else None
     if second is None and not identifiers and not stations:
         raise UsageError("a comparison needs two sides; give a second session, or --identifier, or --station")
     sessions = [
         _session(path, _of(identifiers, place), _of(stations, place), start_utc, anew=anew)
         for place, path in enumerate((first, second or first))
     ]
-    result = session_comparison(
-        *sessions, sigmas=sigmas, allowed_share=allowed_share, bias_is_regression=bias_is_regression
-    )
+    result = compared(*sessions)
     click.echo(json.dumps(compare_report(result)) if as_json else "\n".join(_lines(result)))
     ctx.exit(EXIT_FAIL if result.regressions else 0)
 
@@ -126,6 +142,37 @@ def compare_report(result: SessionComparison) -> dict[str, Any]:
             for row in result.rows
         ],
     }
+
+
+def _document_of_many(
+    paths: Sequence[Path], sessions: Sequence["SessionData"], comparisons: Sequence[SessionComparison]
+) -> dict[str, Any]:
+    """The JSON of schema gse.compare-many/1: a row for each subject of each session, and each session against A."""
+    from gse.assessment.statistics import statistics
+    from gse.report.summary import plain, table_4_1
+
+    names = [f"{session.station.sensor.name} {path.name}" for path, session in zip(paths, sessions, strict=True)]
+    table = table_4_1((name, statistics(session)) for name, session in zip(names, sessions, strict=True))
+    return {
+        "schema": "gse.compare-many/1",
+        "regression": any(result.regressions for result in comparisons),
+        "table_4_1": plain(table),
+        "comparisons": [
+            {"first": names[0], "second": name, **compare_report(result)}
+            for name, result in zip(names[1:], comparisons, strict=True)
+        ],
+    }
+
+
+def _lines_of_many(document: dict[str, Any]) -> list[str]:
+    from gse.report.terminal import TABLE_4_1_HEAD, aligned, table_4_1_rows
+
+    lines = [*aligned(TABLE_4_1_HEAD, table_4_1_rows(document)), ""]
+    for item in document["comparisons"]:
+        worse = ", ".join(row["name"] for row in item["rows"] if row["worse"])
+        found = f"REGRESSION in {worse}" if worse else "no regression"
+        lines.append(f"{item['second']} against {item['first']}: {found}")
+    return lines
 
 
 def _number(value: float, digits: int = 6) -> float | None:

@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import math
+from collections.abc import Iterable
 from enum import Enum
 from typing import Any
 
@@ -54,7 +55,7 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "equivalence": stats.equivalence,
         "link": {**dataclasses.asdict(session.link), "truncated": session.truncated},
         "truth_budget": _budget(assessment.budget),
-        "table_4_1": _table_4_1(session, stats),
+        "table_4_1": table_4_1([(session.station.sensor.name, stats)]),
         "sky": _sky(session),
         "sensor_health": assessment.health,
         "exclusions": [_exclusion(item, count) for item, count in stats.exclusions],
@@ -62,8 +63,8 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
     }
     if session.external is not None:
         report["external_identifier"] = _external(session, session.external)
-    plain: dict[str, Any] = _plain(report)
-    return plain
+    document: dict[str, Any] = plain(report)
+    return document
 
 
 def _external(session: SessionData, identity: dict[str, Any]) -> dict[str, Any]:
@@ -128,11 +129,14 @@ def _budget(budget: TruthUncertaintyBudget) -> dict[str, Any]:
     return {"ra_arcsec": budget.ra_arcsec, "de_arcsec": budget.de_arcsec, "axes": budget.axes, "terms": budget.terms}
 
 
-def _table_4_1(session: SessionData, stats: Statistics) -> dict[str, Any]:
-    name = session.station.sensor.name
-    own = [this_sensor(f"{name}, {subject}", of_one) for subject, of_one in stats.subjects.items()]
-    rows = (*own, *PAPER)
-    return {"rows": [_table_row(row) for row in rows], "limit_deg": LIMIT_DEG}
+def table_4_1(sessions: Iterable[tuple[str, Statistics]]) -> dict[str, Any]:
+    """Table 4-1 of the LAPAN paper below a row for each subject of named sessions; NaN where a value is unknown."""
+    own = [
+        this_sensor(f"{name}, {subject}", of_one)
+        for name, stats in sessions
+        for subject, of_one in stats.subjects.items()
+    ]
+    return {"rows": [_table_row(row) for row in (*own, *PAPER)], "limit_deg": LIMIT_DEG}
 
 
 def _table_row(row: Row) -> dict[str, Any]:
@@ -197,7 +201,7 @@ def _range(values: NDArray[np.float32]) -> dict[str, Any]:
     return {"min": finite.min(), "max": finite.max()} if len(finite) else {"min": None, "max": None}
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Only what JSON knows: enums as text, dataclasses as objects, floats rounded, NaN and infinity as null."""
     if isinstance(value, Enum):
         return value.value
@@ -207,11 +211,11 @@ def _plain(value: Any) -> Any:
         # + 0.0 makes a zero of a rounded-off negative number
         return _rounded(float(value)) + 0.0 if math.isfinite(value) else None
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     raise TypeError(f"{type(value).__name__} has no place in a report")
 
 

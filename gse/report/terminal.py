@@ -32,9 +32,9 @@ def plain_lines(report: dict[str, Any]) -> list[str]:
         _headline(report),
         *(f"  {reason}" for reason in report["reasons"]),
         "",
-        *_aligned(_HEAD, measurement_rows(report)),
+        *aligned(_HEAD, measurement_rows(report)),
         "",
-        *_aligned(TABLE_4_1_HEAD, table_4_1_rows(report)),
+        *aligned(TABLE_4_1_HEAD, table_4_1_rows(report)),
         "",
         *facts(report),
     ]
@@ -124,7 +124,8 @@ def _boxed(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
     return table
 
 
-def _aligned(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+def aligned(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+    """Lines of a table in columns."""
     widths = [max(len(row[place]) for row in (head, *rows)) for place in range(len(head))]
     return [
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in (head, *rows)

@@ -1,10 +1,14 @@
 """gse align, gse calibrate and gse compare, on simulated sessions."""
 
 import json
+from pathlib import Path
 
 import pytest
 from devices.command_line import Gse, runner
+from skies.known_nights import session
 
+from gse.assessment.session_comparison import session_comparison
+from gse.cli import compare
 from gse.config.station import read_station
 from gse.simulator.scenario import load_scenario
 
@@ -181,3 +185,15 @@ def test_a_raw_capture_without_its_start_says_what_is_missing(gse, tmp_path, com
     done = gse(command, raw)
     assert done.code == 2
     assert "--start-utc" in done.err
+
+
+def test_more_than_two_sessions_have_a_row_each_and_are_compared_with_the_first():
+    made = [session(300, noise=noise, seed=seed) for seed, noise in enumerate((2.0, 2.0, 9.0))]
+    paths = [Path("one.mcap"), Path("two.mcap"), Path("noisy.mcap")]
+    document = compare._document_of_many(paths, made, [session_comparison(made[0], other) for other in made[1:]])
+    names = [row["name"] for row in document["table_4_1"]["rows"][:3]]
+    assert names == [f"LAPAN-like {path.name}, onboard" for path in paths]
+    assert [item["regression"] for item in document["comparisons"]] == [False, True]
+    lines = "\n".join(compare._lines_of_many(document))
+    assert "LAPAN-like noisy.mcap against LAPAN-like one.mcap: REGRESSION in mean |dRA*|" in lines
+    assert "Star Sensor 1 of the paper" in lines
