@@ -122,7 +122,7 @@ def _sky(sessions: list[Session]) -> list[dict[str, Any]]:
     return [
         {
             "night": one.night,
-            "zero_point_mag": one.row["onboard_zero_point_median_mag"],
+            "zero_point_mag": one.row["zero_point_median_mag"],
             "temperature_c": one.row["temperature_median_c"],
             "frames": one.row["frames"],
             "excluded": _causes(one),

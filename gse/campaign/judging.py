@@ -29,6 +29,7 @@ from gse.errors import GseError
 from gse.release_memory import give_back
 from gse.report import summarise
 from gse.sessions.replay import StationText, replay_session
+from gse.station.setup import keep_one_sky
 from gse.tables import ResultKey, failed_session, session_tables
 from protocols import ProtocolError
 
@@ -80,6 +81,7 @@ def judge_source(source: Source, job: Job) -> Judged:
     except StorageError as error:
         return Judged(source, error=str(error), is_disk_full=error.is_full)
     finally:
+        keep_one_sky()
         give_back()
     return Judged(
         source, key.text, found, result.verdict, result.place.sensor, result.place.night, result.error, is_new=True

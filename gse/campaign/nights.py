@@ -38,7 +38,7 @@ COLUMNS = (
         "sensor_serial",
     ),
     *("first_utc", "verdict", "relative", "simulated", "truncated", "reasons", "measurements", "frames", "duration_s"),
-    *("exclusions", "site_name", "temperature_median_c", "onboard_zero_point_median_mag", "camera_focal_length_px"),
+    *("exclusions", "site_name", "temperature_median_c", "zero_point_median_mag", "camera_focal_length_px"),
     *("camera_rows", "camera_columns", "mount_azimuth_deg", "mount_altitude_deg", "mount_roll_deg", "mount_fit_frames"),
     *("limit_decision", COLUMN.name),
     *(f"{subject.value}_{name}" for subject in Subject for name in _OF_SUBJECT),

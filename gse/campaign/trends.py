@@ -72,7 +72,7 @@ def trends(nights: dict[str, list[Session]], subject: Subject, scale: dict[str, 
             for angle in ("azimuth", "altitude", "roll")
         ]
     wanted.append(("temperature", "degC", nightly(nights, "temperature_median_c")))
-    wanted.append(("zero point", "mag", nightly(nights, "onboard_zero_point_median_mag")))
+    wanted.append(("zero point", "mag", nightly(nights, "zero_point_median_mag")))
     return [trend(name, unit, values) for name, unit, values in wanted if values]
 
 

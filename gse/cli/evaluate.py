@@ -3,6 +3,8 @@
 import itertools
 import json
 import math
+import textwrap
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,11 +16,13 @@ from gse.cli.options import IDENTIFIER, station_of, station_option, with_identif
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
-    from gse.evaluation.plan import Outcome, Plan
+    from gse.evaluation.plan import Counter, Outcome, Plan
 
 BENCHMARK = ("robust", "neighbour", "pivot", "match-group")
 """The identifiers of --panoramas."""
 
+_COLUMNS = 80
+"""Of a terminal."""
 _NOISE_ARCSEC, _NOISE_MAGNITUDE, _LIMIT = 10.0, 0.3, 6.0
 
 
@@ -43,7 +47,7 @@ class _Finite(click.FloatRange):
 )
 @click.option("--preset", type=click.Choice(("pivot-paper", "lapan")), help="Use the settings of a paper.")
 @click.option(
-    "--frames", type=click.IntRange(1, 10_000_000), default=1000, show_default=True, help="Number of directions."
+    "--frames", type=click.IntRange(1, 1_000_000_000), default=1000, show_default=True, help="Number of directions."
 )
 @click.option(
     "--noise-arcsec",
@@ -68,6 +72,7 @@ class _Finite(click.FloatRange):
 @click.option("--limit", type=_Finite(2, 10), help="Magnitude limit of the sensor.  [default: 6]")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of all noise.")
 @click.option("--workers", type=click.IntRange(1, 256), default=1, show_default=True, help="Number of processes.")
+@click.option("--scheduler", help="Address of a Dask scheduler whose workers do the work, e.g. tcp://127.0.0.1:8786.")
 @click.option(
     "--catalog", type=click.Path(path_type=Path, dir_okay=False), help="Star catalogue; default: that of the station."
 )
@@ -88,6 +93,7 @@ def command(
     /,
     *,
     workers: int,
+    scheduler: str | None,
     as_json: bool,
     figures: Path | None,
     folders: tuple[Path, ...],
@@ -96,8 +102,9 @@ def command(
     """Measure how often identifiers are right, over directions spread evenly on the sky, and their CPU time.
 
     An answer is right if its boresight is within 0.05 deg; coarse if most stars are right and it is 0.05 to 0.5 deg
-    off; any other answer is false. Shares are those of frames with at least 4 real stars. The same seed gives the same
-    answers on any number of workers. Ctrl-C ends early with the frames done so far, exit code 130.
+    off; any other answer is false. Shares are those of frames with at least 4 real stars. The same seed gives the
+    same answers on any number of workers, here or of a Dask cluster. Ctrl-C ends early with the frames done so far,
+    exit code 130.
 
     --preset pivot-paper, the settings of the pivot paper: noise on each angle between stars of an 8 deg circular field,
     tolerance 3 sigma, frames with 3 stars or more; an answer is right if its first star is. The limit is V = 6.0, or
@@ -109,7 +116,7 @@ def command(
     --panoramas FOLDER scores identifiers, built-in or external, on panoramas of the real sky (or anybody's) beside the
     seeded ones: success, false answers, none, boresight error and time in one table.
     """
-    from gse.evaluation.plan import report, tallies
+    from gse.evaluation.plan import report
 
     if folders:
         _benchmark(folders, options, as_json=as_json)
@@ -119,12 +126,13 @@ def command(
         from gse.evaluation.plots import refuse_existing
 
         refuse_existing(figures)
-    done, interrupted = _run(plan, workers)
-    document = report(plan, tallies(plan, done), interrupted=interrupted)
+    counter, interrupted = _run(plan, workers, scheduler)
+    document = report(plan, counter.tallies(), interrupted=interrupted)
     if as_json:
         click.echo(json.dumps(document))
     else:
-        click.echo("\n".join([note, *table(document)]))
+        lines = [part for line in note.splitlines() for part in textwrap.wrap(line, _COLUMNS)]
+        click.echo("\n".join([*lines, *table(document)]))
     if figures is not None:
         from gse.evaluation.plots import write_figures
 
@@ -215,28 +223,41 @@ def _refuse_for_angles(options: dict[str, Any]) -> None:
             )
 
 
-def _run(plan: "Plan", workers: int) -> tuple[list["Outcome"], bool]:
-    """All outcomes, or those until Ctrl-C; a bar on stderr where that is a terminal."""
+def _run(plan: "Plan", workers: int, scheduler: str | None) -> tuple["Counter", bool]:
+    """All outcomes counted, or those until Ctrl-C; a bar on stderr where that is a terminal."""
     from rich.console import Console
     from rich.progress import Progress
 
-    from gse.evaluation.monte_carlo import outcomes
+    from gse.evaluation.plan import Counter
 
-    console = Console(stderr=True)
-    done: list[Outcome] = []
+    console, counter = Console(stderr=True), Counter(plan)
     try:
         with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
             task = progress.add_task("evaluating", total=plan.frames * len(plan.cells))
-            for chunk in outcomes(plan, workers):
-                done += chunk
-                progress.update(task, completed=len(done))
+            for chunk in _outcomes(plan, workers, scheduler):
+                progress.update(task, advance=counter.add(chunk))
     except KeyboardInterrupt:
-        return done, True
+        return counter, True
     except SystemError as error:
         if not was_interrupted(error):
             raise
-        return done, True
-    return done, False
+        return counter, True
+    return counter, False
+
+
+def _outcomes(plan: "Plan", workers: int, scheduler: str | None) -> Iterator[list["Outcome"]]:
+    from gse.evaluation.monte_carlo import outcomes
+
+    if scheduler is None:
+        return outcomes(plan, workers)
+    if workers != 1:
+        raise UsageError("--scheduler has workers of its own; leave out --workers or --scheduler")
+    from gse.cli.campaign import require_packages
+
+    require_packages()
+    from gse.campaign.monte_carlo import outcomes_on
+
+    return outcomes_on(scheduler, plan)
 
 
 def table(document: dict[str, Any]) -> list[str]:

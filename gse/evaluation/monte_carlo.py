@@ -58,7 +58,6 @@ class Evaluator:
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
         self._source = load_catalog(plan.catalog)
-        self._directions = spiral_directions(plan.frames)
         self._ready: dict[int, tuple[FrameMaker, Identifier | ExternalIdentifier]] = {}
         if plan.angle_noise:
             limit = plan.optics.magnitude_limit
@@ -69,9 +68,12 @@ class Evaluator:
         """The outcomes of some frames of a cell."""
         if cell not in self._ready:
             self._ready[cell] = self._prepared(self._plan.cells[cell])
-            for frame in range(min(_WARM_UP_FRAMES, self._plan.frames)):
-                self._outcome(cell, frame)
-        return [self._outcome(cell, frame) for frame in frames]
+            self._outcomes(cell, range(min(_WARM_UP_FRAMES, self._plan.frames)))
+        return self._outcomes(cell, frames)
+
+    def _outcomes(self, cell: int, frames: range) -> list[Outcome]:
+        directions = spiral_directions(self._plan.frames, frames)  # of all frames they would be 240 MB for 10^7
+        return [self._outcome(cell, *each) for each in zip(frames, directions, strict=True)]
 
     def _prepared(self, cell: Cell) -> tuple[FrameMaker, Identifier | ExternalIdentifier]:
         plan, conditions = self._plan, cell.conditions
@@ -81,10 +83,10 @@ class Evaluator:
             return FrameMaker(plan.optics, exact, self._source), _for_angles(cell, plan.optics, mission)
         return FrameMaker(plan.optics, conditions, self._source), _for_field(cell, plan.optics, self._source)
 
-    def _outcome(self, cell: int, frame: int) -> Outcome:
+    def _outcome(self, cell: int, frame: int, direction: NDArray[np.float64]) -> Outcome:
         maker, identifier = self._ready[cell]
         rng = np.random.default_rng(np.random.SeedSequence(self._plan.seed, spawn_key=(frame,)))
-        seen = maker.frame(self._directions[frame], rng)
+        seen = maker.frame(direction, rng)
         if isinstance(identifier, ExternalIdentifier):
             kind, elapsed_us = _asked(identifier, seen, frame)
             return Outcome(cell, frame, kind, seen.real_stars, elapsed_us)
@@ -180,14 +182,14 @@ def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[Outcome]]:
     """
     if workers == 1:
         bench = Evaluator(plan)
-        yield from (bench.run(*task) for task in _tasks(plan))
+        yield from (bench.run(*task) for task in tasks(plan))
         return
     load_catalog(plan.catalog)  # so that its errors are raised here, not in a worker that cannot start
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(plan,))
     queued: deque[Future[list[Outcome]]] = deque()
     try:
-        for task in _tasks(plan):
+        for task in tasks(plan):
             with _interrupts_held():
                 queued.append(executor.submit(_work, *task))
             if len(queued) == _QUEUED_PER_WORKER * workers:
@@ -204,7 +206,8 @@ def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[Outcome]]:
     executor.shutdown()
 
 
-def _tasks(plan: Plan) -> Iterator[tuple[int, range]]:
+def tasks(plan: Plan) -> Iterator[tuple[int, range]]:
+    """The chunks of a plan, each a cell and some of its frames, in the order of the outcomes."""
     chunks = math.ceil(plan.frames / _CHUNK_FRAMES)
     return ((cell, range(c, plan.frames, chunks)) for c in range(chunks) for cell in range(len(plan.cells)))
 

@@ -1,7 +1,8 @@
 """Plans of ``gse evaluate``: the settings of both papers, and their results as rates with intervals."""
 
 import math
-from collections.abc import Iterable, Sequence
+from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -113,24 +114,32 @@ class Tally:
         return sum(self.counted.values())
 
 
-def tallies(plan: Plan, done: Iterable[Outcome]) -> list[Tally]:
-    """The counts of every cell of a plan, of the frames that were done."""
-    import numpy as np
+class Counter:
+    """Counts the outcomes of a plan as they come; of each frame only its time is kept, 8 bytes."""
 
-    cells: list[list[Outcome]] = [[] for _ in plan.cells]
-    for outcome in done:
-        cells[outcome.cell].append(outcome)
-    result = []
-    for cell in cells:
-        enough = [one for one in cell if one.real_stars >= plan.fewest_stars]
-        few = [one for one in cell if one.real_stars < plan.fewest_stars]
-        times = percentiles(np.array([one.cpu_us for one in cell], dtype=np.float64))
-        result.append(Tally(len(cell), _counts(enough), _counts(few), times))
-    return result
+    def __init__(self, plan: Plan) -> None:
+        self._fewest_stars = plan.fewest_stars
+        self._counted = [dict.fromkeys(KINDS, 0) for _ in plan.cells]
+        self._excluded = [dict.fromkeys(KINDS, 0) for _ in plan.cells]
+        self._cpu_us = [array("d") for _ in plan.cells]
 
+    def add(self, done: Sequence[Outcome]) -> int:
+        """Count outcomes; returns how many they were."""
+        for outcome in done:
+            counts = self._counted if outcome.real_stars >= self._fewest_stars else self._excluded
+            counts[outcome.cell][outcome.kind] += 1
+            self._cpu_us[outcome.cell].append(outcome.cpu_us)
+        return len(done)
 
-def _counts(outcomes: Sequence[Outcome]) -> dict[str, int]:
-    return {kind: sum(one.kind == kind for one in outcomes) for kind in KINDS}
+    def tallies(self) -> list[Tally]:
+        """The counts of every cell so far."""
+        import numpy as np
+
+        columns = zip(self._counted, self._excluded, self._cpu_us, strict=True)
+        return [
+            Tally(len(times), dict(counted), dict(excluded), percentiles(np.array(times, dtype=np.float64)))
+            for counted, excluded, times in columns
+        ]
 
 
 def interval(count: int, total: int) -> tuple[float, float] | None:

@@ -9,6 +9,7 @@ from matplotlib.ticker import PercentFormatter
 from gse.assessment.sky_summary import seen_share
 from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLOW, hex_of
 from gse.report.plot_data import PlotData
+from gse.report.svg import set_margins
 from gse.report.time_plots import line, time_axis
 from gse.station.frame_table import SKY_CONDITIONS
 from gse.station.results import SkyCondition
@@ -25,6 +26,7 @@ _ALPHA = 0.25
 
 def draw_sky_condition(figure: Figure, drawn: PlotData) -> None:
     """Shares above, the magnitude of the faintest star below; coloured where the sky was not clear."""
+    set_margins(figure, bottom_in=0.75, top_in=0.1)
     top, bottom = figure.subplots(2, 1, sharex=True)
     line(top, drawn, seen_share(drawn.frames), GREEN, "stars seen of those expected")
     line(top, drawn, drawn.frames["transparency"].astype(np.float64), BLUE, "transparency")
@@ -36,7 +38,7 @@ def draw_sky_condition(figure: Figure, drawn: PlotData) -> None:
     shown = _shade((top, bottom), drawn)
     handles, labels = top.get_legend_handles_labels()
     handles += [Patch(color=hex_of(_COLOURS[name]), alpha=_ALPHA) for name in shown]
-    figure.legend(handles, [*labels, *(name.value for name in shown)], loc="outside lower center", ncols=6)
+    figure.legend(handles, [*labels, *(name.value for name in shown)], loc="lower center", ncols=6)
     time_axis(bottom)
 
 

@@ -16,6 +16,8 @@ from gse.report.spectrum import power_density
 
 _MAX_POINTS = 3000
 _BINS = 60
+_POINT = 1.0
+"""Diameter of a point, in points."""
 _AXES = (("d_ra_cosde_arcsec", "dRA*", SKY_BLUE), ("d_de_arcsec", "dDE", ORANGE))
 
 
@@ -47,8 +49,11 @@ def draw_scatter(figure: Figure, drawn: PlotData) -> None:
 
 
 def _points(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
+    """Round-ended strokes without length, in one path: as markers each would be an element of its own."""
     rows = sample(len(x), _MAX_POINTS)
-    axes.plot(x[rows], y[rows], ".", color=hex_of(SKY_BLUE), markersize=2, markeredgewidth=0, zorder=1)
+    strokes = [np.repeat(values[rows], 3) for values in (x, y)]
+    strokes[1][2::3] = np.nan
+    axes.plot(*strokes, color=hex_of(SKY_BLUE), linewidth=_POINT, solid_capstyle="round", zorder=1)
 
 
 def _rings(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:

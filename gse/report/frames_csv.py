@@ -1,21 +1,25 @@
 """frames.csv: one line per panorama, for a spreadsheet."""
 
-import csv
-import io
 from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
+from pyarrow.csv import WriteOptions, write_csv
 
-from gse import instant
 from gse.assessment.sensor_answers import SensorAnswers
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
 from gse.station.housekeeping import MODES
 from gse.station.results import Subject
 
-_ROWS_AT_ONCE = 1024
+_ROWS_AT_ONCE = 1 << 15
+_UTC_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
+_LARGEST = 1e12
+"""A number beyond is of a sensor gone wrong: it is written as Python writes it."""
+_DIGITS = 20
 _DECIMALS = {
     "_altitude_deg": 2,
     "_separation_deg": 2,
@@ -34,6 +38,7 @@ _DECIMALS = {
 _COMMON = tuple(name for name in FRAME.names or () if name not in (*ONBOARD_COLUMNS, "utc_ns"))
 """Columns of the panorama itself, its sky and truth."""
 
+_WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS, "sky_condition": SKY_CONDITIONS, "mode": MODES}
 _SENSOR = tuple(field.name for field in fields(SensorAnswers))
 
 
@@ -49,28 +54,36 @@ def frames_csv(
     yield ",".join(["utc", *head]) + "\n"
     for first in range(0, len(frames), _ROWS_AT_ONCE):
         rows = slice(first, first + _ROWS_AT_ONCE)
-        columns = [[instant.to_text(utc_ns) for utc_ns in frames["utc_ns"][rows].tolist()]]
+        columns = [_utc(frames["utc_ns"][rows])]
         columns += [_texts(name, frames[name][rows]) for name in (*_COMMON, *ONBOARD_COLUMNS)]
         columns += [_texts(name, getattr(own, name)[rows]) for name in sensor]
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(zip(*columns, strict=True))
-        yield text.getvalue()
+        yield _lines(columns)
 
 
-def _texts(name: str, values: NDArray[Any]) -> list[str]:
-    if name == "status":
-        return [STATUSES[place].value for place in values.tolist()]
-    if name == "answer_check":
-        return [ANSWER_CHECKS[place].value for place in values.tolist()]
-    if name == "mode":
-        return [MODES[place].value for place in values.tolist()]
-    if name == "sky_condition":
-        return [SKY_CONDITIONS[place].value for place in values.tolist()]
-    if values.dtype.kind == "b":
-        return [str(int(value)) for value in values.tolist()]
+def _lines(columns: list[pa.Array]) -> str:
+    table = pa.table(columns, names=[str(number) for number in range(len(columns))])
+    text = pa.BufferOutputStream()
+    write_csv(table, text, WriteOptions(include_header=False, quoting_style="none"))
+    return str(text.getvalue().to_pybytes(), "utf-8")
+
+
+def _utc(utc_ns: NDArray[np.int64]) -> pa.Array:
+    """RFC 3339, cut to microseconds."""
+    return pc.strftime(pa.array(utc_ns // 1000).cast(pa.timestamp("us", "UTC")), format=_UTC_FORMAT)
+
+
+def _texts(name: str, values: NDArray[Any]) -> pa.Array:
+    """A column as Arrow writes it: words, whole numbers, numbers with a fixed count of decimals, null where unknown."""
+    values = np.ascontiguousarray(values)
+    if name in _WORDS:
+        words = pa.array([word.value for word in _WORDS[name]])
+        return words.take(pa.array(values))
     if values.dtype.kind != "f":
-        return [str(value) for value in values.tolist()]
+        return pa.array(values.astype(np.uint8) if values.dtype.kind == "b" else values)
+    unknown = np.isnan(values)
     if name == "false_match_probability":
-        return ["" if value != value else f"{value:.3g}" for value in values.tolist()]
+        return pa.array([f"{value:.3g}" for value in values.tolist()], mask=unknown)
     decimals = next(digits for end, digits in _DECIMALS.items() if name.endswith(end))
-    return ["" if value != value else f"{value:.{decimals}f}" for value in values.tolist()]
+    if (np.abs(values[~unknown]) > _LARGEST).any():
+        return pa.array([f"{value:.{decimals}f}" for value in values.tolist()], mask=unknown)
+    return pa.array(values.astype(np.float64), mask=unknown).cast(pa.decimal128(_DIGITS, decimals))

@@ -22,7 +22,7 @@ from gse.report.metric_table import metric_table
 from gse.report.plot_data import PlotData
 from gse.report.provenance import Provenance
 from gse.report.sky_plots import draw_residual_map, draw_sky
-from gse.report.svg import svg_of
+from gse.report.svg import svgs_of
 from gse.report.terminal import quantity
 from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_timelines
 from gse.station.session_data import SessionData
@@ -77,11 +77,13 @@ def report_html(
     )
     environment.filters.update(quantity=quantity_text, number=_number, angle=_angle, given=_given)
     template = environment.from_string(_resource("report.html.jinja"))
-    plots = {name: svg_of(name, height_in, partial(draw, drawn=drawn[0])) for name, height_in, draw in _PLOTS}
+    wanted = [(name, height_in, partial(draw, drawn=drawn[0])) for name, height_in, draw in _PLOTS]
     for of_subject in drawn:
-        for name, height_in, draw in _PLOTS_OF_SUBJECT:
-            title = f"{of_subject.subject}-{name}"
-            plots[title] = svg_of(title, height_in, partial(draw, drawn=of_subject))
+        wanted += [
+            (f"{of_subject.subject}-{name}", height_in, partial(draw, drawn=of_subject))
+            for name, height_in, draw in _PLOTS_OF_SUBJECT
+        ]
+    plots = svgs_of(wanted)
     return template.render(
         report=report,
         fingerprint=canonical(fingerprint(report)),

@@ -14,6 +14,7 @@ from gse.drawing.outline import field_outline_icrs
 from gse.drawing.palette import BLUE, GREEN, VERMILLION, hex_of
 from gse.report.decimation import sample
 from gse.report.plot_data import PlotData
+from gse.report.svg import set_margins
 
 _MAX_POINTS = 1500
 _CELLS = 12
@@ -26,6 +27,7 @@ def draw_sky(figure: Figure, drawn: PlotData) -> None:
     """Measured and true boresight on the sky, and the field of view at the beginning and the end."""
     answered = np.flatnonzero(~drawn.unidentified)
     measured = drawn.frames[answered[sample(len(answered), _MAX_POINTS)]]
+    set_margins(figure, right_in=1.4)
     near_pole = len(measured) > 0 and bool(np.abs(measured["de_deg"]).max() > _NEAR_POLE_DEG)
     axes = figure.subplots(subplot_kw={"projection": "polar"} if near_pole else {})
     place = _Places(axes, measured, polar=near_pole)
@@ -76,6 +78,7 @@ def _outline(frame: np.void, camera: Camera) -> tuple[NDArray[np.float64], NDArr
 
 def draw_residual_map(figure: Figure, drawn: PlotData) -> None:
     """Mean residual of the stars in each cell of the detector, as an arrow, and its rms as a colour."""
+    set_margins(figure, top_in=0.45)
     axes = figure.subplots()
     camera, matches = drawn.session.station.sensor.camera(), drawn.session.frames.matches
     pixel_arcsec = camera.pixel_rad * ARCSEC_PER_RAD

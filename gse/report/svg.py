@@ -2,7 +2,7 @@
 
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import matplotlib as mpl
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -12,6 +12,9 @@ from gse.drawing.palette import GREY, hex_of
 
 WIDTH_IN = 7.2
 """The printed width of A4 less its margins."""
+
+_LEFT_IN = 0.75
+"""Room for a label of two lines and for numbers of six characters."""
 
 _STYLE = {
     "svg.fonttype": "path",
@@ -29,33 +32,60 @@ _STYLE = {
     "legend.fontsize": 7,
     "legend.framealpha": 0.9,
     "lines.linewidth": 0.8,
-    "figure.constrained_layout.use": True,
     "path.simplify": False,
 }
-_MANY_DECIMALS = re.compile(r"(?<!scale\()(\d+\.\d{3})\d+")
+_MANY_DECIMALS = re.compile(r"(?<=\.\d{3})(?<!scale\(0\.\d{3})\d+")
 """A thousandth of a point is enough for a place, and not every machine has the last of six decimals alike."""
 
 _IDS = re.compile(r'(?<=\bid=")[^"]+|(?<=href="#)[^"]+|(?<=url\(#)[^)]+')
 
 
-def svg_of(name: str, height_in: float, draw: Callable[[Figure], None]) -> str:
-    """The SVG element that ``draw`` makes; ``name`` keeps its ids apart from those of other figures on the page."""
+Draw = Callable[[Figure], None]
+
+
+def svgs_of(plots: Iterable[tuple[str, float, Draw]]) -> dict[str, str]:
+    """SVG elements by name, of each plot's name, height in inches and what draws it."""
     with mpl.rc_context({**mpl.rcParamsDefault, **_STYLE, "backend": "svg"}):
-        figure = Figure(figsize=(WIDTH_IN, height_in))
-        draw(figure)
-        _lay_out(figure)
-        text = io.StringIO()
-        FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})
+        return {name: _svg_of(name, height_in, draw) for name, height_in, draw in plots}
+
+
+def set_margins(
+    figure: Figure,
+    *,
+    right_in: float = 0.12,
+    bottom_in: float = 0.5,
+    top_in: float = 0.3,
+    between: tuple[float, float] = (0.25, 0.12),
+) -> None:
+    """Place the panels by margins in inches, and the gaps ``between`` columns and rows as shares of a panel.
+
+    matplotlib's layout engines find them by drawing all text twice, which takes almost as long as the drawing.
+    """
+    width_in, height_in = figure.get_size_inches()
+    figure.subplots_adjust(
+        left=_LEFT_IN / width_in,
+        right=1 - right_in / width_in,
+        bottom=bottom_in / height_in,
+        top=1 - top_in / height_in,
+        wspace=between[0],
+        hspace=between[1],
+    )
+
+
+def svg_of(name: str, height_in: float, draw: Draw) -> str:
+    """The one SVG element that ``draw`` makes."""
+    return svgs_of([(name, height_in, draw)])[name]
+
+
+def _svg_of(name: str, height_in: float, draw: Draw) -> str:
+    """The SVG element that ``draw`` makes; ``name`` keeps its ids apart from those of other figures on the page."""
+    figure = Figure(figsize=(WIDTH_IN, height_in))
+    set_margins(figure)
+    draw(figure)
+    text = io.StringIO()
+    FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})
     svg = text.getvalue()
-    return _MANY_DECIMALS.sub(r"\1", _renumbered(svg[svg.index("<svg") :], name))
-
-
-def _lay_out(figure: Figure) -> None:
-    """Find the places of all parts once; savefig would draw the whole figure two more times for that."""
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        engine.execute(figure)
-        figure.set_layout_engine("none")
+    return _MANY_DECIMALS.sub("", _renumbered(svg[svg.index("<svg") :], name))
 
 
 def _renumbered(svg: str, name: str) -> str:

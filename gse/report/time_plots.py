@@ -14,10 +14,14 @@ from gse.instant import NS_PER_S
 from gse.report.decimation import extremes, sample
 from gse.report.paper import LIMIT_DEG
 from gse.report.plot_data import PlotData, edge_of, unit_of
+from gse.report.svg import set_margins
 from gse.view.running_statistics import LINK_COLOURS, LINK_WORDS
 
 _MAX_MARKS = 400
 _SHARE_BINS = 120
+_WITH_LEGEND_IN = 0.75
+"""The margin below a figure with its legend there."""
+
 _GAP_STEPS = 3
 """A line is broken where frames are this many median steps apart."""
 
@@ -25,12 +29,13 @@ _GAP_STEPS = 3
 def draw_errors(figure: Figure, drawn: PlotData) -> None:
     """dRA* and dDE with their limits, frames outside, frames without an answer, and stretches left out."""
     limits = drawn.session.station.limits
+    set_margins(figure, bottom_in=_WITH_LEGEND_IN)
     top, bottom = figure.subplots(2, 1, sharex=True)
     _error_panel(top, drawn, "d_ra_cosde_arcsec", "dRA*", limits.d_ra_cosde_arcsec)
     _error_panel(bottom, drawn, "d_de_arcsec", "dDE", limits.d_de_arcsec)
     top.set_title(f"{drawn.subject}: dRA* = dRA cos DE, and dDE, against their limits")
     handles, labels = top.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=5)
+    figure.legend(handles, labels, loc="lower center", ncols=5)
     time_axis(bottom)
 
 
@@ -87,6 +92,7 @@ def draw_paper(figure: Figure, drawn: PlotData) -> None:
 
 def draw_identification_time(figure: Figure, drawn: PlotData) -> None:
     """Time of the identification against time, and its distribution."""
+    set_margins(figure, between=(0.06, 0))
     left, right = figure.subplots(1, 2, width_ratios=[3, 1], sharey=True)
     values = drawn.frames["elapsed_us"].astype(np.float64) / 1000
     limit = drawn.session.station.limits.identification_ms
@@ -111,6 +117,7 @@ def draw_identification_time(figure: Figure, drawn: PlotData) -> None:
 
 def draw_timelines(figure: Figure, drawn: PlotData) -> None:
     """Share of frames identified, link state, host clock, detector temperature."""
+    set_margins(figure, between=(0, 0.36))
     share, link, clock, temperature = figure.subplots(4, 1, sharex=True, height_ratios=[2, 0.7, 1.6, 1.6])
     _share(share, drawn)
     _link(link, drawn)

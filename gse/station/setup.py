@@ -135,6 +135,12 @@ def clear_caches() -> None:
     give_back()
 
 
+def keep_one_sky() -> None:
+    """Drop cached catalogues and tables where they are of more than one date: for a process of many sessions."""
+    if _catalog.cache_info().currsize > 1:
+        clear_caches()
+
+
 def versions() -> dict[str, str]:
     """Versions of the packages that the numbers depend on."""
     return {name: importlib.metadata.version(name) for name in PACKAGES}

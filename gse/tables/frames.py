@@ -52,7 +52,7 @@ def frames_table(session: SessionData, stats: Statistics, key: str) -> pa.Table:
     arrays |= {f"{session.subject}_{name}": arrow_column(name, frames[name]) for name in ONBOARD_COLUMNS}
     arrays |= {f"{session.subject}_{name}": pa.array(getattr(counted, name)) for name in _COUNTED_OF_SUBJECT}
     of_sensor = _own(frames) if session.subject is Subject.SENSOR else _beside_panoramas(stats.own)
-    arrays |= {f"{Subject.SENSOR}_{name}": pa.array(values, from_pandas=True) for name, values in of_sensor.items()}
+    arrays |= {f"{Subject.SENSOR}_{name}": numbers(values) for name, values in of_sensor.items()}
     return table_of(arrays, frames_schema(), len(frames))
 
 
@@ -75,7 +75,12 @@ def arrow_column(name: str, values: NDArray[Any]) -> pa.Array:
     if name in WORDS:
         places = pa.array(values.astype(np.int8))
         return pa.DictionaryArray.from_arrays(places, [word.value for word in WORDS[name]])
-    return pa.array(values, from_pandas=True)
+    return numbers(values)
+
+
+def numbers(values: NDArray[Any]) -> pa.Array:
+    """An array with null where a number is unknown."""
+    return pa.array(values, mask=np.isnan(values)) if values.dtype.kind == "f" else pa.array(values)
 
 
 def same_key(key: str, count: int) -> pa.Array:

@@ -13,7 +13,7 @@ from gse.catalog.stars import ListedStars
 from gse.constants import ARCSEC_PER_RAD
 from gse.station.frame_table import MATCH
 from gse.station.session_data import SessionData
-from gse.tables.frames import KEY, arrow_column, same_key, table_of
+from gse.tables.frames import KEY, arrow_column, numbers, same_key, table_of
 from gse.tables.records import UTC
 from gse.tables.units import field, schema
 
@@ -52,7 +52,7 @@ def stars_table(session: SessionData, key: str) -> pa.Table:
         "frame": pa.array(np.ascontiguousarray(of_frame)),
         "utc": arrow_column("utc_ns", frames["utc_ns"][of_frame]),
         "star_row": pa.array(np.ascontiguousarray(matches["star"])),
-        "temperature_c": pa.array(frames["temperature_c"][of_frame], from_pandas=True),
+        "temperature_c": numbers(frames["temperature_c"][of_frame]),
         **_names(matches["star"], session.stars),
         **{name: arrow_column(name, matches[name]) for name in _OF_MATCH},
         **_places(matches, session.station.sensor.camera()),
@@ -85,4 +85,4 @@ def _places(matches: NDArray[np.void], camera: Camera) -> dict[str, pa.Array]:
     phase_px = expected_px - np.floor(expected_px + 0.5)
     columns = {"phase_x_px": phase_px[:, 0], "phase_y_px": phase_px[:, 1]}
     columns |= {"field_x_deg": field_deg[:, 0], "field_y_deg": field_deg[:, 1]}
-    return {name: pa.array(values.astype(np.float32), from_pandas=True) for name, values in columns.items()}
+    return {name: numbers(values.astype(np.float32)) for name, values in columns.items()}

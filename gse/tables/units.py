@@ -23,6 +23,7 @@ _UNITS = {
     "k": "K",
     "mag": "mag",
     "hpa": "hPa",
+    "v": "V",
     "m": "m",
     "ppm": "ppm",
     "jyear": "Julian year",

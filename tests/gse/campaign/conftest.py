@@ -4,28 +4,9 @@ import shutil
 from pathlib import Path
 
 import pytest
+from skies.short_nights import make_session
 
 pytest.importorskip("distributed")
-
-from drivers.mock.urls import sim_url
-from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.instant import from_text
-from gse.simulator.recording import record_simulation
-from gse.truth import EarthOrientation
-
-FRAMES = 40
-
-
-def make_session(path: Path, day: int, *, seed: int = 1, frames: int = FRAMES, sensor: str = "LAPAN-like", **options):
-    """A simulated session of one evening in March 2026, at one panorama in 2 s."""
-    start = f"2026-03-{day:02d}T15:00:00Z"
-    text = BUILT_IN_TEXT.replace("name: LAPAN-like", f"name: {sensor}")
-    station = parse_station(text)
-    url = sim_url(scenario="clear-zenith", start=start, rate_hz="0.5", seed=str(seed), frames=str(frames), **options)
-    port = station.port.model_copy(update={"url": url})
-    orientation = EarthOrientation.from_disk(from_text(start)).to_json()
-    record_simulation(path, station.model_copy(update={"port": port}), text, orientation)
-    return path
 
 
 @pytest.fixture(scope="session")

@@ -142,6 +142,14 @@ def test_wrong_credentials_and_unknown_hosts_are_named(running, sftp, gse, night
     assert "not found in known_hosts" in gse(*arguments).err
 
 
+def test_an_evaluation_gives_the_same_on_the_cluster_as_here(running, gse):
+    arguments = ("evaluate", "--identifier", "neighbour", "--frames", "60", "--seed", "7", "--json")
+    documents = [json.loads(gse(*arguments, *more).out) for more in ((), ("--scheduler", running.address))]
+    for document in documents:
+        document["cells"][0].pop("cpu_ms")
+    assert documents[0] == documents[1]
+
+
 def test_a_scheduler_that_goes_away_leaves_what_was_judged(running, nights, tmp_path):
     def attack(client) -> None:
         running.scheduler.end()

@@ -6,10 +6,11 @@ from scipy import stats
 
 from gse.assessment.decision import Outcome
 from gse.campaign.decision import campaign_rows, campaign_share, verdict_of
-from gse.campaign.hot_pixels import hot_pixels
-from gse.campaign.nights import Session, by_night
+from gse.campaign.hot_pixels import COLUMN, hot_pixels
+from gse.campaign.nights import COLUMNS, Session, by_night
 from gse.campaign.trends import trend
 from gse.station.results import Verdict
+from gse.tables import sessions_schema
 
 
 def night(number, value, *, limit=60.0, truth=0.0, count=990, of=1000, left_out="", name="mean |dDE|", unit="arcsec"):
@@ -96,3 +97,7 @@ def test_hot_pixels_are_born_and_gone():
     first, second = hot_pixels([("2026-03-01", [old]), ("2026-03-02", [old, new]), ("2026-03-03", [new])])
     assert (first.x_px, first.born, first.gone, first.nights) == (5, False, True, 2)
     assert (second.x_px, second.born, second.gone, second.first_night) == (8, True, False, "2026-03-02")
+
+
+def test_every_column_that_the_report_reads_is_in_the_table_of_sessions():
+    assert set(COLUMNS) - {COLUMN.name} <= set(sessions_schema().names)
