@@ -17,6 +17,7 @@ from gse.station.own_answers import OwnAnswerTruth
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.truth import mount_of, truth_of
+from gse.truth.orientation import FIRST_NS
 
 SEARCHED_S = 60.0
 MOST_ANSWERS = 300
@@ -37,7 +38,8 @@ def evidence_of(session: SessionData, seconds: float = SEARCHED_S) -> Evidence |
     frames = session.frames.columns
     answers = session.sensor_attitudes.columns
     rows, places = paired_answers(session)
-    good = answers["acquired"][places]
+    # A clock far off its time has no sidereal truth.
+    good = answers["acquired"][places] & (frames["utc_ns"][rows] >= FIRST_NS)
     rows, places = rows[good], places[good]
     by_stars = rows[:0] if session.subject is Subject.SENSOR else rows[_confirmed(frames)[rows]]
     if len(by_stars) >= _FEWEST_PANORAMAS:

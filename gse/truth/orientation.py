@@ -23,6 +23,7 @@ from gse.truth.iers_tables import (
 )
 
 FIRST_MJD = 41_317
+FIRST_NS = (FIRST_MJD - UNIX_EPOCH_MJD) * NS_PER_DAY
 """1972-01-01, when UTC began to go by leap seconds: there is no truth before."""
 
 _SCHEMA = "gse.earth-orientation/1"
