@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from gse.cli import EXIT_FAIL
 from gse.cli.finish import TRUNCATED, applied, conclude, judge_as_stated, say_exit_code, show_paths, show_report
 from gse.cli.live_outputs import LiveOutputs, ViewMode
 from gse.cli.options import (
@@ -35,6 +36,12 @@ from gse.truth.iers_tables import GivenTables
 @click.option("--to", "to_utc", help="Replay before this UTC.")
 @click.option("--loop", type=click.IntRange(min=1), help="Replay this many times in a row.")
 @click.option("--step", is_flag=True, help="Wait for the Enter key after each panorama.")
+@click.option(
+    "--expect",
+    "expected_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Count the answers that differ from those of this file (lines of gse.answer/1 or gse.frame/1); exit code 1.",
+)
 @start_utc_option
 @view_option
 @bind_option
@@ -58,6 +65,7 @@ def command(
     to_utc: str | None,
     loop: int | None,
     step: bool,
+    expected_path: Path | None,
     start_utc: str | None,
     view: ViewMode,
     bind: str,
@@ -75,6 +83,7 @@ def command(
     The station file of the session is used, unless --station gives another one. A raw capture needs --start-utc. The
     report is written to a new folder in --out.
     """
+    from gse.sessions.expected_answers import ExpectedAnswers
     from gse.sessions.live import new_session_folder
     from gse.sessions.replay import ReplayOptions, replay_session
 
@@ -87,11 +96,21 @@ def command(
         given_orientation=given_orientation,
     )
     live_outputs = LiveOutputs(
-        view=view, bind=bind, http_port=http_port, save_rrd=save_rrd, json_frames=json_frames, step=step
+        view=view,
+        bind=bind,
+        http_port=http_port,
+        save_rrd=save_rrd,
+        json_frames=json_frames,
+        step=step,
+        diagnose=speed != "max",
     )
+    expected = [ExpectedAnswers(expected_path)] if expected_path else []
     with live_outputs:
         replay = replay_session(
-            path, options=options, station=change_to(station_path, identifier), make_listeners=live_outputs.listeners
+            path,
+            options=options,
+            station=change_to(station_path, identifier),
+            make_listeners=lambda loop, folder: (*live_outputs.listeners(loop, folder), *expected),
         )
         live_outputs.enter_judging()
         frames = replay.session.frames.columns
@@ -103,4 +122,8 @@ def command(
     show_report(report, as_json=as_json, json_frames=json_frames)
     show_paths(folder)
     data_lost = TRUNCATED if replay.session.truncated else ""
-    ctx.exit(say_exit_code(applied(report, folder, data_lost=data_lost)))
+    found = applied(report, folder, data_lost=data_lost)
+    for answers in expected:
+        click.echo(answers.text(), err=True)
+        found += [] if answers.is_same else [(EXIT_FAIL, "answers differ from the expected ones")]
+    ctx.exit(say_exit_code(found))

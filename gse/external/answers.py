@@ -29,6 +29,9 @@ _SCALAR_FIRST, _SCALAR_LAST = "scalar-first", "scalar-last"
 _TO_SENSOR, _TO_ICRS = "icrs-to-sensor", "sensor-to-icrs"
 
 
+_NONE = np.zeros(0, np.int64)
+
+
 class FailureKind(StrEnum):
     """How an external identifier failed on a panorama."""
 
@@ -145,6 +148,8 @@ def _matches(matches: Any, objects: int) -> tuple[NDArray[np.int64], NDArray[np.
     """Objects and their stars, each object once."""
     if not isinstance(matches, list) or len(matches) > objects:
         raise ValueError(f"matches is {matches!r:.60}: expected a list of at most {objects}, one for each object")
+    if not matches:
+        return _NONE, _NONE
     rows, stars = [], []
     for match in matches:
         named: dict[str, Any] = match if isinstance(match, dict) else {}

@@ -39,7 +39,7 @@ def layout(
             _graph("/temperature_c", "Detector (degC)", axis),
         ),
         rrb.StateTimelineView(origin="/state", name="Link, sky", time_view=axis),
-        row_shares=[3, 3, 2.4, 2.4, 2],
+        row_shares=[3, 3, 2.3, 2.2, 2.7],
     )
     pictures = rrb.Vertical(
         _panorama_view(station),

@@ -65,7 +65,7 @@ function show(state) {
   put("stars-of", stars.expected === null ? "named of objects" : "named of expected");
   put("magnitude", number(stars.limiting_mag, 1));
   put("magnitude-note", state.sky ? `sky ${state.sky}` : "faintest star named");
-  put("forecast", state.forecast || "-");
+  put("forecast", state.forecast.replace(/^verdict: /, "") || "-");
   put("dawn", state.dawn_min === null ? "none" : state.dawn_min <= 0 ? "bright" : `in ${duration(state.dawn_min)}`);
   put("dawn-note", "Sun above −12 deg");
   put("clock", state.clock ?? "not read");
@@ -164,7 +164,7 @@ function applyThemes() {
   for (const theme of ["red", "large"]) {
     const on = themes.has(theme);
     document.documentElement.classList.toggle(theme, on);
-    at(theme === "red" ? "theme" : "large").setAttribute("aria-pressed", String(on));
+    at(`${theme}-theme`).setAttribute("aria-pressed", String(on));
   }
   fitWord();
 }
@@ -180,8 +180,8 @@ function turn(theme) {
   history.replaceState(null, "", `#${[...themes].join(",")}`);
   applyThemes();
 }
-at("theme").onclick = () => turn("red");
-at("large").onclick = () => turn("large");
+at("red-theme").onclick = () => turn("red");
+at("large-theme").onclick = () => turn("large");
 at("tone").onclick = () => {
   audio = audio ? null : new AudioContext();
   put("tone", audio ? "tone: on" : "tone: off");

@@ -67,13 +67,27 @@ class LiveView:
         return self._feed.dropped if self._feed else 0
 
     def _serve(self, bind: str, port: int, notes: Notes | None) -> None:
-        content = Content(glance=self._glance, notes=notes, grpc_port=self.grpc_port)
+        content = Content(
+            glance=self._glance,
+            notes=notes,
+            grpc_port=self.grpc_port,
+            on_behind=self._on_behind,
+            on_viewer=self._on_viewer,
+        )
         try:
             self._server = ViewServer(bind, port, content, usual_port=USUAL_PORT)
         except GseError as error:
             _LOG.warning("no live view: %s; the session goes on", error)
             return
         self.url, self.token = self._server.url, self._server.token
+
+    def _on_behind(self, seconds: float) -> None:
+        if self._feed:
+            self._feed.pace(seconds)
+
+    def _on_viewer(self) -> None:
+        if self._feed:
+            self._feed.viewer_came()
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Show a result; dropped where the view is too slow."""

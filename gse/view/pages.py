@@ -3,6 +3,7 @@
 import asyncio
 import hmac
 import json
+import re
 from http import HTTPStatus
 from importlib import metadata, resources
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,8 @@ _FILES = {
 _LOOPBACK = ("127.0.0.1", "::1")
 _MOST_MESSAGE_BYTES = 1 << 10
 _PIECE_BYTES = 1 << 20
+_BEHIND = re.compile(r"behind (\d{1,6}\.\d)")
+"""What a page with rerun's viewer tells: how many seconds it is behind."""
 _WRONG_TOKEN_S = 1.0
 """Between two wrong tokens, whoever sends them: nobody tries four thousand million of them."""
 
@@ -152,7 +155,13 @@ class _Live(_Page, WebSocketHandler):
         self.server.ask(self)
 
     def on_message(self, message: str | bytes) -> None:
-        self.server.ask(self)
+        if message == "viewer":
+            self.server.content.on_viewer()
+        elif isinstance(message, str) and (found := _BEHIND.fullmatch(message)):
+            self.server.content.on_behind(float(found[1]))
+            self.server.ask(self)
+        else:
+            self.server.ask(self)
 
     def on_close(self) -> None:
         self.server.leave(self)

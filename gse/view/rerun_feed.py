@@ -39,13 +39,17 @@ QUEUE_FRAMES = 2000
 
 BATCH_FRAMES = 250
 BATCH_EVERY_S = 1.0
+MOST_BATCH_S = 8.0
 """Frames go to rerun in batches, because a viewer takes its time for each batch, not for each frame: one without a
 graphics card never caught up with ten batches a second."""
 
-MEMORY_LIMIT = "32MB"
-"""Data that rerun's server keeps for later viewers, some ten minutes; older data are dropped."""
+_BEHIND_S = 4.0
+"""A page that is further behind gets fewer batches."""
 
-_CLOSE_WITHIN_S = 5.0
+MEMORY_LIMIT = "1MB"
+"""Data that rerun's server keeps for later viewers, some seconds; the past comes in one piece (``send_again``)."""
+
+_CLOSE_WITHIN_S = 9.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +88,11 @@ class RerunFeed:
     ) -> None:
         self.grpc_port = free_port(bind) if serve else 0
         self.dropped = 0
+        self.batch_s = BATCH_EVERY_S
         self._readings = 0
         self._queue: deque[_Item] = deque(maxlen=queue_frames)
         self._closing = threading.Event()
+        self._came = threading.Event()
         self._stream = rr.RecordingStream("gse", send_properties=False)
         sinks: list[object] = [] if save_rrd is None else [rrd_file_sink(save_rrd)]
         if serve:
@@ -105,6 +111,15 @@ class RerunFeed:
     def on_event(self, event: LinkEvent) -> None:
         """Show an event of the link."""
         self._put(event)
+
+    def pace(self, behind_s: float) -> None:
+        """Send longer batches to a viewer that is behind by so many seconds, and shorter ones when it has caught up."""
+        longer = self.batch_s * 1.1 if behind_s > _BEHIND_S + self.batch_s else self.batch_s / 1.1
+        self.batch_s = min(max(longer, BATCH_EVERY_S), MOST_BATCH_S)
+
+    def viewer_came(self) -> None:
+        """Send the last ten minutes again, to a viewer that has just come."""
+        self._came.set()
 
     def conclude(self, verdict: str, reasons: Sequence[str]) -> None:
         """Show the verdict at the end."""
@@ -141,9 +156,12 @@ class RerunFeed:
             last = self._closing.is_set()
             while batch := self._take():
                 feed.add(batch, self.dropped)
+            if self._came.is_set():
+                self._came.clear()
+                feed.send_again()
             if last:
                 break
-            self._closing.wait(BATCH_EVERY_S)
+            self._closing.wait(self.batch_s)
         feed.finish()
         self._stream.flush()
         self._stream.disconnect()
@@ -198,6 +216,9 @@ class _SceneFeed:
         if running.utc_ns - self._panel_utc_ns >= NS_PER_S:
             self._panel_utc_ns = running.utc_ns
             self._scene.words(running.utc_ns, self._so_far())
+
+    def send_again(self) -> None:
+        self._scene.send_again()
 
     def _so_far(self) -> str:
         return verdict_so_far(self._scene.running, self._link, self._clock, self._dropped)

@@ -1,5 +1,6 @@
 """Scene of a session in rerun, for the live view and the saved view."""
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -40,6 +41,10 @@ _GOOD_EVENTS = {
 }
 
 
+_MOST_RECENT = 700
+_LOG_AGAIN = 200
+"""Log lines and changes of state that a viewer gets that has just come."""
+
 _COUNTS_LOGGED = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 """Which repetitions of an event get a line: a link that flaps does not hide all else."""
 
@@ -61,6 +66,10 @@ class Scene:
         self._track: list[NDArray[np.void]] = []
         self._status: Status | None = None
         self._events = EventLines(frozenset({StationKind.NOTE}))
+        self._recent: deque[NDArray[np.void]] = deque()
+        self._logged: deque[tuple[int, str, str]] = deque(maxlen=_LOG_AGAIN)
+        self._states: deque[tuple[str, int, str]] = deque(maxlen=_LOG_AGAIN)
+        self._words: tuple[int, str] | None = None
         self.running = Running(station.limits)
         stream.send_blueprint(layout(station))
         begin_series(stream)
@@ -90,6 +99,29 @@ class Scene:
             self.running.add(frame)
             self._log_change(frame)
 
+    def send_again(self) -> None:
+        """Send the last ten minutes once more, each series in one piece: for a viewer that has just come."""
+        if self._recent:
+            columns = np.concatenate(self._recent)
+            send_series(self._stream, columns, self._station.limits)
+            send_sky(self._stream, columns, self._picture.camera)
+            send_scatter(self._stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
+        for path, utc_ns, word in self._states:
+            self._stream.send_columns(path, [times([utc_ns])], rr.StateChange.columns(state=[word]))
+        if self._logged:
+            lines = rr.TextLog.columns(
+                text=[text for _, text, _ in self._logged], level=[level for _, _, level in self._logged]
+            )
+            self._stream.send_columns("/log", [times([at_ns for at_ns, _, _ in self._logged])], lines)
+        if self._words is not None:
+            self.words(*self._words)
+
+    def _remember(self, columns: NDArray[np.void]) -> None:
+        self._recent.append(columns.copy())
+        oldest_ns = columns["utc_ns"][-1] - round(LIVE_WINDOW_S * NS_PER_S)
+        while self._recent[0]["utc_ns"][-1] < oldest_ns or len(self._recent) > _MOST_RECENT:
+            self._recent.popleft()
+
     def add_residuals(self, columns: NDArray[np.void], matches: NDArray[np.void]) -> None:
         """Show the residuals of some frames: rows of FRAME, and their rows of MATCH."""
         self._picture.send_residuals(self._stream, columns, matches)
@@ -97,6 +129,8 @@ class Scene:
     def add_columns(self, columns: NDArray[np.void]) -> None:
         """Show all but the objects of some frames, rows of FRAME."""
         self._break_lines(columns["utc_ns"])
+        if self._live:
+            self._remember(columns)
         send_series(self._stream, columns, self._station.limits)
         self._track.append(columns)
         if columns["utc_ns"][-1] - self._track[0]["utc_ns"][0] >= TRACK_ROW_NS:
@@ -153,6 +187,7 @@ class Scene:
             if (word := words.get(event.kind)) is not None:
                 at = times([event.utc_ns])
                 self._stream.send_columns(path, [at], rr.StateChange.columns(state=[word]))
+                self._states.append((path, event.utc_ns, word))
         line = self._events.add(event)
         if line.count in _COUNTS_LOGGED or line.count % _COUNTS_LOGGED[-1] == 0:
             repeated = f" ({line.count} x)" if line.count > 1 else ""
@@ -167,11 +202,13 @@ class Scene:
     def log(self, utc_ns: int, text: str, level: str = "INFO") -> None:
         """Show one line in the log."""
         time_of_day = instant.to_text(utc_ns, 0)[11:]
+        self._logged.append((utc_ns, f"{time_of_day} {text}", level))
         columns = rr.TextLog.columns(text=[f"{time_of_day} {text}"], level=[level])
         self._stream.send_columns("/log", [times([utc_ns])], columns)
 
     def words(self, utc_ns: int, markdown: str) -> None:
         """Show a text in the verdict panel."""
+        self._words = utc_ns, markdown
         columns = rr.TextDocument.columns(text=[markdown], media_type=["text/markdown"])
         self._stream.send_columns("/verdict", [times([utc_ns])], columns)
 

@@ -15,6 +15,7 @@ import os
 import secrets
 import socket
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -54,12 +55,17 @@ _CLOSE_WITHIN_S = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Content:
-    """What is served: a running session (``glance``), a ``recording`` (.rrd), rerun's data of ``grpc_port``."""
+    """What is served: a running session (``glance``), a ``recording`` (.rrd), rerun's data of ``grpc_port``.
+
+    ``on_viewer`` is called when a page has connected rerun's viewer, ``on_behind`` with the seconds that it is behind.
+    """
 
     glance: Glance | None = None
     notes: Notes | None = None
     grpc_port: int = 0
     recording: Path | None = None
+    on_behind: Callable[[float], None] = lambda seconds: None
+    on_viewer: Callable[[], None] = lambda: None
     files: ViewerFiles = field(default_factory=ViewerFiles)
 
     @property

@@ -1,5 +1,6 @@
 import json
 
+import numpy as np
 import pytest
 from devices.command_line import runner
 from devices.programs import program
@@ -7,8 +8,10 @@ from devices.programs import program
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import Message
 from gse.cli import main
+from gse.cli.options import change_to
 from gse.config.station import BUILT_IN_TEXT
 from gse.recording.session_format import ANSWER_TOPIC, LOG_TOPIC
+from gse.sessions.expected_answers import ExpectedAnswers
 from gse.sessions.replay import replay_session
 from gse.station.frame_json import frame_json
 
@@ -112,9 +115,11 @@ def test_a_replay_starts_no_program_and_gives_the_same_report(sessions, folder, 
     assert json.loads(done.out) == report_of(sessions[1])
 
 
-def test_a_session_with_an_external_identifier_can_be_judged_under_a_built_in_one(sessions, folder, gse):
-    done = gse("replay", sessions[1], "--identifier", "neighbour", "--out", folder / "neighbour", "--json")
-    assert json.loads(done.out)["accuracy"] == report_of(sessions[0])["accuracy"]
+def test_a_session_with_an_external_identifier_can_be_judged_under_a_built_in_one(sessions):
+    replay = replay_session(sessions[1], station=change_to(None, "neighbour"))
+    own = replay_session(sessions[0])
+    for name in ("ra_deg", "de_deg", "d_de_arcsec"):
+        assert np.array_equal(replay.session.frames.columns[name], own.session.frames.columns[name])
 
 
 def test_external_alone_names_no_program(sessions, folder, gse):
@@ -143,3 +148,31 @@ def test_a_station_file_names_a_program_beside_it(folder, gse):
     (folder / "beside").chmod(0o644)
     refused = gse("config", "check", station)
     assert (refused.code, "is not executable" in refused.err) == (2, True)
+
+
+def compared(session, path):
+    """The result of a replay against expected answers."""
+    expected = ExpectedAnswers(path)
+    replay_session(session, make_listeners=lambda loop, folder: [expected])
+    return expected
+
+
+def test_answers_are_compared_with_expected_ones_to_the_bit(sessions, folder):
+    messages = [record for record in read_capture(sessions[1] / "session.mcap") if isinstance(record, Message)]
+    answers = [json.loads(message.data).get("answer") for message in messages if message.topic == ANSWER_TOPIC]
+    lines = [answer for answer in answers if answer]
+    lines[7]["ra_deg"] += 1e-9
+    path = folder / "answers.ndjson"
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    other = compared(sessions[1], path)
+    assert (other.compared, other.different, other.missing, other.unused) == (119, 1, 1, 0)
+    assert "1 of 119 answers differ from the expected ones; 1 frames without an expected answer" in other.text()
+    assert f"frame {lines[7]['frame_no']}: ra_deg is" in other.text()
+
+
+def test_the_lines_of_a_replay_are_expected_of_the_next_one(sessions, folder, gse):
+    assert compared(sessions[0], folder / "own.ndjson").is_same
+    path = folder / "broken.ndjson"
+    path.write_text('{"frame_no": 1}\nnonsense\n')
+    broken = gse("replay", sessions[0], "--expect", path, "--out", folder / "expect-broken")
+    assert (broken.code, "broken.ndjson, line 2: expected an answer" in broken.err) == (2, True)

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import rerun as rr
 import rerun.error_utils
 from devices.rerun_recording import moving, rows_of
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
@@ -17,7 +18,9 @@ from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_nig
 from gse.errors import GseError
 from gse.view.live import LiveView
 from gse.view.ports import free_port
-from gse.view.rerun_feed import RerunFeed
+from gse.view.rerun_feed import BATCH_EVERY_S, MOST_BATCH_S, RerunFeed
+from gse.view.saved_view import rrd_file_sink
+from gse.view.scene import Scene
 from gse.view.server import Content, ViewServer
 from gse.view.viewer import quiet_environment, rerun_program
 
@@ -231,3 +234,36 @@ def test_a_port_that_is_taken_is_told_with_what_to_do() -> None:
         port = page.port
         with pytest.raises(GseError, match=f"port {port}: Address already in use; choose another"):
             ViewServer("127.0.0.1", port, Content(grpc_port=9876))
+
+
+def test_a_viewer_that_comes_late_gets_the_past_again_in_one_piece_for_each_series(
+    frames, session, tmp_path: Path
+) -> None:
+    path = tmp_path / "late.rrd"
+    scene_stream = rr.RecordingStream("gse", send_properties=False)
+    scene_stream.set_sinks(rrd_file_sink(path))
+    scene = Scene(scene_stream, session.station, None, live=True)
+    for event in session.events:
+        scene.event(event)
+    for first in range(0, FRAMES, 30):
+        scene.add(frames[first : first + 30], pictures=1)
+    scene.send_again()
+    scene_stream.flush()
+    scene_stream.disconnect()
+    rows = rows_of(path)
+    assert len(moving(rows["/d_ra/value"])) == 2 * FRAMES
+    assert len(moving(rows["/state/link"])) >= 2
+    assert len(moving(rows["/panorama/stars"])) == FRAMES // 30
+
+
+def test_batches_become_longer_for_a_page_that_is_behind_and_short_again_when_it_is_not(session) -> None:
+    feed = RerunFeed(session.station, serve=False)
+    try:
+        for _ in range(100):
+            feed.pace(60.0)
+        assert feed.batch_s == MOST_BATCH_S
+        for _ in range(100):
+            feed.pace(0.5)
+        assert feed.batch_s == BATCH_EVERY_S
+    finally:
+        feed.close()

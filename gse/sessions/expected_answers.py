@@ -1,0 +1,112 @@
+"""Answers that a replay is expected to give: bit-true replay of flight software.
+
+The file has a line of JSON for each panorama, schema gse.answer/1 (what the flight computer answered) or gse.frame/1
+(what ``gse replay --json-frames`` printed). Compared are the keys that a line has of RA, DE, roll and, for gse.frame/1,
+status: to the last bit for gse.answer/1, to the printed decimals for gse.frame/1.
+"""
+
+import json
+from collections import defaultdict, deque
+from pathlib import Path
+from typing import Any
+
+from drivers.chunk import LinkEvent
+from gse.errors import TableError
+from gse.external.answers import ExternalAnswer
+from gse.station.frame_json import SCHEMA, frame_json
+from gse.station.results import FrameResult
+from gse.station.session_data import SessionData
+
+MOST_BYTES = 500_000_000
+"""Eight hours of answers at 10 Hz take 60 MB, with their matches 300 MB."""
+
+MOST_LISTED = 10
+_ANGLES = ("ra_deg", "de_deg", "roll_deg")
+
+
+class ExpectedAnswers:
+    """A listener that compares each result with the expected answer to its frame; TableError for a damaged file.
+
+    ``compared`` frames had one, ``different`` of them were answered otherwise, ``missing`` frames had none;
+    ``listed`` says of the first differences what they are.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.compared = self.different = self.missing = 0
+        self.listed: list[str] = []
+        self._answers = _read(path)
+
+    @property
+    def unused(self) -> int:
+        """Expected answers without a frame in the replay."""
+        return sum(map(len, self._answers.values()))
+
+    @property
+    def is_same(self) -> bool:
+        """Whether all frames were answered as expected, and all expected answers were given."""
+        return not (self.different or self.missing or self.unused)
+
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
+        """Compare a result with the next expected answer to its frame number."""
+        waiting = self._answers.get(result.panorama.frame_no)
+        if not waiting:
+            self.missing += 1
+            return
+        self.compared += 1
+        expected = waiting.popleft()
+        given = frame_json(result) if expected.get("schema") == SCHEMA else _exact(result)
+        keys = (*_ANGLES, "status") if expected.get("schema") == SCHEMA else _ANGLES
+        wrong = [key for key in keys if (key in expected or key != "roll_deg") and expected.get(key) != given.get(key)]
+        if wrong:
+            self.different += 1
+            if len(self.listed) < MOST_LISTED:
+                words = (f"{key} is {given.get(key)!r}, expected {expected.get(key)!r}" for key in wrong)
+                self.listed.append(f"frame {result.panorama.frame_no}: {'; '.join(words)}")
+
+    def on_event(self, event: LinkEvent) -> None:
+        """Nothing: events are not compared."""
+
+    def text(self) -> str:
+        """The result in one line, and the first differences."""
+        head = f"{self.different} of {self.compared} answers differ from the expected ones"
+        head += f"; {self.missing} frames without an expected answer" if self.missing else ""
+        head += f"; {self.unused} expected answers without a frame" if self.unused else ""
+        return "\n".join([head, *(f"  {line}" for line in self.listed)])
+
+
+def _exact(result: FrameResult) -> dict[str, Any]:
+    """RA, DE and roll to the last bit: as an external identifier wrote them, else of the attitude."""
+    if result.given is not None and isinstance(result.given.answer, ExternalAnswer):
+        return result.given.answer.document
+    attitude = result.attitude
+    if attitude is None:
+        return {}
+    return {"ra_deg": attitude.ra_deg, "de_deg": attitude.de_deg, "roll_deg": attitude.roll_deg}
+
+
+def _read(path: Path) -> dict[int, deque[dict[str, Any]]]:
+    found: dict[int, deque[dict[str, Any]]] = defaultdict(deque)
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise TableError(f"{path} is larger than {MOST_BYTES} bytes; expected answers as lines of JSON")
+        with path.open(encoding="utf-8") as file:
+            for number, line in enumerate(file, 1):
+                if line.strip():
+                    document = _line(path, number, line)
+                    found[document["frame_no"]].append(document)
+    except OSError as error:
+        raise TableError(f"cannot read {path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise TableError(f"{path} is not UTF-8 text: expected answers as lines of JSON") from error
+    return found
+
+
+def _line(path: Path, number: int, line: str) -> dict[str, Any]:
+    try:
+        document = json.loads(line)
+        frame_no = document["frame_no"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        frame_no = None
+    if not isinstance(frame_no, int):
+        raise TableError(f"{path}, line {number}: expected an answer as JSON with frame_no, ra_deg and de_deg")
+    return {key: document[key] for key in ("schema", "frame_no", "status", *_ANGLES) if key in document}
