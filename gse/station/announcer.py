@@ -11,8 +11,8 @@ from gse.station.session_data import SessionData
 _ROUTINE = {LinkKind.OPENED, LinkKind.WAITING, LinkKind.SYNCING, LinkKind.STREAMING}
 """Routine events: announced once, left out of the repeat counts."""
 
-_EACH_TIME = {"RECORDER_REFUSED", "RECORDER_RECOVERED"}
-"""Announced each time, because data may be lost; the recorder limits their number."""
+_EACH_TIME = {"NOTE", "RECORDER_REFUSED", "RECORDER_RECOVERED"}
+"""Announced each time: a note is said to be taken, and data may be lost; their number is limited."""
 
 
 class Announcer:
