@@ -1,153 +1,28 @@
 """Diagnosis against injected causes: how often the right one is named, how often a wrong one, and on clean sessions.
 
-Sessions are made of stars on a detector, without bytes and without an identifier: catalogue stars over a true site and
-mount become pixels with noise, and the station's own steps (camera, refraction, attitude, truth) make error angles and
-residuals of them, vectorised. Each cause is injected at a number of standard errors of its own estimate, which a clean
-session of the same kind gives. Run: python benchmarks/diagnosis.py [--sessions 20] [--sigmas 6] [--clean 200]
+Sessions are made of stars on a detector, without bytes and without an identifier (tests/skies/star_errors.py). Each
+cause is injected at a number of standard errors of its own estimate, which the finding of a great one gives.
+Run: python benchmarks/diagnosis.py [--sessions 20] [--sigmas 6] [--clean 200]
 """
 
 import argparse
 import itertools
 import math
+import sys
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from gse.assessment.error_series import error_series
-from gse.assessment.field_patterns import field_of_errors
-from gse.assessment.fine_causes import SessionModel, fine_causes
-from gse.assessment.fine_findings import Setting, fine_findings
-from gse.camera import Camera
-from gse.catalog import load_catalog
-from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD
-from gse.instant import NS_PER_S, from_text
+from gse.assessment.fine_causes import fine_causes
 from gse.mount import Mount
-from gse.site import Site
-from gse.star_influence import attitude_operators, boresight_shifts
-from gse.station.frame_table import FRAME, MATCH
-from gse.truth import EarthOrientation, Refraction, SiderealTruth, horizon_to_sensor
 
-START_NS = from_text("2026-03-20T15:00:00Z")
-TABLE = EarthOrientation.from_disk(START_NS)
-CAMERA = Camera(1024, 1024, 4169.905, (511.5, 511.5))
-SETTINGS = (
-    (
-        Site(latitude_deg=-6.53, longitude_deg=106.70, height_m=250.0),
-        Mount(azimuth_deg=130, altitude_deg=60, roll_deg=25),
-    ),
-    (
-        Site(latitude_deg=48.2, longitude_deg=11.6, height_m=500.0),
-        Mount(azimuth_deg=200, altitude_deg=45, roll_deg=-10),
-    ),
-    (
-        Site(latitude_deg=-35.3, longitude_deg=-70.2, height_m=2400.0),
-        Mount(azimuth_deg=20, altitude_deg=75, roll_deg=100),
-    ),
-)
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from skies.star_errors import CAMERA, SETTINGS, Truth, findings_of, made, model_of
+
 DURATIONS_S = (60.0, 600.0, 7200.0)
-FRAMES = 1200
-STARS = 20
-STARS_ICRS = load_catalog().icrs[:6000]
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What is true where it is not what the station file says; times in s from the start."""
-
-    site: Site
-    mount: Mount
-    camera: Camera = CAMERA
-    clock_s: float = 0.0
-    clock_ppm: float = 0.0
-    clock_step_s: float = 0.0
-    slip_arcsec: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    moves_arcsec_per_h: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    wave_arcsec: tuple[float, float] = (0.0, 0.0)
-    wave_period_s: float = 1.0
-    vibration_arcsec: float = 0.0
-    at_s: float = 0.0
-
-
-def made(truth, site, mount, duration_s, rng, *, noise_px=0.25, wander=(0.0, 1.0), whole_pixels=False):
-    """Rows of FRAME and MATCH of a session that the station believes to be on ``site`` and ``mount``.
-
-    ``wander`` is a correlated error of the boresight on each axis: arcsec and its time constant in s.
-    """
-    time_s = np.linspace(0, duration_s, FRAMES)
-    true_ns = START_NS + np.round(time_s * NS_PER_S).astype(np.int64)
-    late = (time_s > truth.at_s).astype(float)
-    fast_s = truth.clock_s + 1e-6 * truth.clock_ppm * time_s + truth.clock_step_s * late
-    utc_ns = true_ns + np.round(fast_s * NS_PER_S).astype(np.int64)
-    sky, stated_sky = SiderealTruth(truth.site, TABLE), SiderealTruth(site, TABLE)
-    turns = late[:, None] * np.array(truth.slip_arcsec) + time_s[:, None] / 3600 * np.array(truth.moves_arcsec_per_h)
-    phase = 2 * math.pi * time_s / truth.wave_period_s + rng.uniform(0, 2 * math.pi)
-    turns[:, :2] += np.sin(phase)[:, None] * np.array(truth.wave_arcsec)
-    turns[:, :2] += rng.normal(0, truth.vibration_arcsec + 1e-12, (FRAMES, 2))
-    turns[:, :2] += correlated(rng, time_s, *wander)
-    axes = horizon_to_sensor(truth.mount)
-    pointing = axes @ sky.icrs_to_horizon_at(true_ns)
-    middle = pointing[FRAMES // 2]
-    reach = math.cos(CAMERA.diagonal_rad / 2 + math.radians(16 * duration_s / 7200 / 2 + 1))
-    near = STARS_ICRS[STARS_ICRS @ middle[2] > reach]
-    exact = np.einsum("mij,nj->mni", pointing, near)
-    exact = exact + np.cross(turns[:, None] * ARCSEC_RAD, exact)
-    seen = Refraction.at(truth.site).added(exact.reshape(-1, 3), axes[:, 2])
-    px = truth.camera.pixels(seen).reshape(FRAMES, len(near), 2)
-    inside = CAMERA.contains(px.reshape(-1, 2)).reshape(FRAMES, len(near))
-    inside &= np.cumsum(inside, axis=1) <= STARS
-    frame, star = np.nonzero(inside)
-    px = px[frame, star] + rng.normal(0, noise_px, (len(frame), 2))
-    px = np.rint(px) if whole_pixels else px
-    measured = Refraction.at(site).removed(CAMERA.directions(px), horizon_to_sensor(mount)[:, 2])
-    expected = (horizon_to_sensor(mount) @ stated_sky.icrs_to_horizon_at(utc_ns))[frame]
-    expected = np.einsum("nij,nj->ni", expected, near[star])
-    operators = attitude_operators(measured, frame)
-    total = np.zeros((FRAMES, 3))
-    rest = measured - expected
-    for _ in range(3):
-        turn = np.zeros((FRAMES, 3))
-        np.add.at(turn, frame, np.einsum("nij,nj->ni", operators, rest[:, :2]))
-        total += turn
-        angle = total[frame]
-        size = np.linalg.norm(angle, axis=1, keepdims=True)
-        turned = expected + np.sinc(size / math.pi) * np.cross(angle, expected)
-        turned += 0.5 * np.sinc(size / 2 / math.pi) ** 2 * np.cross(angle, np.cross(angle, expected))
-        rest = measured - turned
-    frames = np.zeros(FRAMES, dtype=FRAME)
-    frames["utc_ns"], frames["exposure_s"] = utc_ns, 0.1
-    shifts = boresight_shifts(total) * ARCSEC_PER_RAD
-    for name, column in zip(("cross_x", "cross_y", "d_roll"), shifts.T, strict=True):
-        frames[f"{name}_arcsec"] = column
-    matches = np.zeros(len(frame), dtype=MATCH)
-    matches["frame"], matches["star"], matches["x_px"], matches["y_px"] = frame, star, px[:, 0], px[:, 1]
-    matches["residual_x_arcsec"], matches["residual_y_arcsec"] = rest[:, :2].T * ARCSEC_PER_RAD
-    return frames, matches
-
-
-def correlated(rng, time_s, size, tau_s):
-    """A first-order autoregressive course (M, 2)."""
-    share = math.exp(-float(time_s[1]) / tau_s)
-    steps = rng.normal(0, size * math.sqrt(1 - share**2) + 1e-12, (len(time_s), 2))
-    course = np.empty_like(steps)
-    course[0] = rng.normal(0, size + 1e-12, 2)
-    for row in range(1, len(steps)):
-        course[row] = share * course[row - 1] + steps[row]
-    return course
-
-
-def model_of(frames, matches, site, mount):
-    """The session as the causes compete for it."""
-    used = np.ones(len(frames), dtype=bool)
-    series = error_series(frames, used)
-    zenith = horizon_to_sensor(mount)[:, 2]
-    field = field_of_errors(matches, frames["utc_ns"], used, CAMERA, site, zenith)
-    return SessionModel.of(series, field, site, mount, is_fitted=False)
-
-
-def findings_of(truth, site, mount, duration_s, rng, **noise):
-    model = model_of(*made(truth, site, mount, duration_s, rng, **noise), site, mount)
-    return fine_findings(model, Setting(CAMERA, site, mount, START_NS, 0.1))
 
 
 def turned(mount, arcsec):

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gse.assessment.counted_frames import CountedFrames
+from gse.assessment.counted_frames import CountedFrames, counted_frames
 from gse.assessment.error_series import error_series
 from gse.assessment.field_patterns import field_of_errors
 from gse.assessment.fine_causes import SessionModel
@@ -36,6 +36,14 @@ def findings(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
     return (*causes, *facts) or tuple(_unexplained(session, stats))
 
 
+def causes_so_far(session: SessionData) -> tuple[Finding, ...]:
+    """The causes that a running session shows, without the statistics of a whole one."""
+    counted = counted_frames(session)
+    gross = gross_finding(session, counted)
+    causes = (gross,) if gross else _fine(session, counted)
+    return (*causes, *_events(session, {finding.cause for finding in causes}), *_nothing_identified(session))
+
+
 def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator[Finding]:
     """What events, time tags and counts say by themselves; nothing that a named cause says already."""
     yield from _events(session, named)
@@ -51,7 +59,7 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
 def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
     frames, station = session.frames.columns, session.station
     series = error_series(frames, counted.used)
-    if series is None:
+    if series is None or station.mount.inertial is not None:
         return ()
     mount, camera = session.alignment.mount if session.alignment else station.mount, station.sensor.camera()
     zenith_sensor = np.asarray(horizon_to_sensor(mount)[:, 2])
@@ -96,7 +104,7 @@ def gross_finding(session: SessionData, counted: CountedFrames) -> Finding | Non
     frames = session.frames.columns
     checked_false = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
     rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded)
-    if orientation is None or not mount.stated or not len(rows):
+    if orientation is None or not mount.stated or mount.inertial is not None or not len(rows):
         return None
     raw = RawAttitudes.of(frames[rows], session.station.sensor.camera())
     return gross_cause(raw, session.station.site, mount, orientation)
@@ -150,8 +158,9 @@ def _sensor_clock(stats: Statistics) -> Iterator[Finding]:
 
 def _hot_pixels(session: SessionData) -> Iterator[Finding]:
     count = session.frames.columns["hot_pixels"]
-    usual = float(np.median(count)) if len(count) else 0.0
-    if usual >= 1:
+    late = count[-(len(count) // 4) :]  # a pixel is told from a star once the sky has moved
+    usual = float(np.median(late)) if len(late) else 0.0
+    if usual > len(session.station.sensor.hot_pixels):
         yield Finding(
             "hot pixels",
             f"{usual:.0f} objects of a frame (median) stand still on the detector while the stars move",

@@ -35,18 +35,19 @@ def session_convention(session: SessionData, seconds: float = SEARCHED_S) -> Con
 def evidence_of(session: SessionData, seconds: float = SEARCHED_S) -> Evidence | None:
     """The first answers beside the truth: what the stars of their panoramas show, or where the mount looked."""
     frames = session.frames.columns
-    rows, answers = paired_answers(session)
-    good = answers["acquired"]
-    rows, answers = rows[good], answers[good]
-    by_stars = rows[:0] if session.subject is Subject.SENSOR else rows[_confirmed(frames[rows])]
+    answers = session.sensor_attitudes.columns
+    rows, places = paired_answers(session)
+    good = answers["acquired"][places]
+    rows, places = rows[good], places[good]
+    by_stars = rows[:0] if session.subject is Subject.SENSOR else rows[_confirmed(frames)[rows]]
     if len(by_stars) >= _FEWEST_PANORAMAS:
         chosen = _first(frames["utc_ns"], by_stars, seconds)
-        return _by_stars(session, chosen, answers[np.searchsorted(rows, chosen)])
+        return _by_stars(session, chosen, answers[places[np.searchsorted(rows, chosen)]])
     truth = own_truth(session)
     if truth is None or not len(rows):
         return None
     chosen = _first(frames["utc_ns"], rows, seconds)
-    utc_ns, sent = frames["utc_ns"][chosen], _sent(answers[np.searchsorted(rows, chosen)])
+    utc_ns, sent = frames["utc_ns"][chosen], _sent(answers[places[np.searchsorted(rows, chosen)]])
     left_in, taken_out = (
         OwnAnswerTruth(truth.truth, truth.mount, corrected).expected(utc_ns) for corrected in (False, True)
     )

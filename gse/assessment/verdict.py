@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gse.assessment.decision import Outcome, Row, judge_figure, judge_share
 from gse.assessment.diagnosis import findings
@@ -23,8 +24,10 @@ from gse.assessment.sensor_findings import sensor_findings
 from gse.assessment.sensor_health import SensorHealth, health_findings, sensor_health
 from gse.assessment.statistics import Statistics, SubjectStatistics, figure_of, statistics
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
+from gse.constants import ARCSEC_PER_RAD
 from gse.finding import Finding
 from gse.limits import Limits
+from gse.mount import Mount, MountUncertainty
 from gse.station.exclusions import Cause, excluded
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
@@ -38,6 +41,8 @@ MOST_EXCLUDED_S = 60.0
 """More than both of a session left out for clock or link decides nothing."""
 
 OTHER_MOUNT_DEG = 1.0
+OTHER_MOUNT_HALF_WIDTHS = 1.96 / 3
+"""Three standard deviations, in the half-widths of 95 % that a station file states."""
 
 TRUTH_SHARE = 3.0
 """Truth that is worse than this share of a limit is named where a session does not pass."""
@@ -263,14 +268,27 @@ def _other_mount(session: SessionData) -> Iterator[str]:
     stated, alignment = session.station.mount, session.alignment
     if alignment is None or not stated.stated:
         return
-    apart = small_rotations(horizon_to_sensor(alignment.mount)[None], horizon_to_sensor(stated))[0]
-    apart_deg = math.degrees(float(np.linalg.norm(apart)))
-    if apart_deg > OTHER_MOUNT_DEG:
+    turn = small_rotations(horizon_to_sensor(alignment.mount)[None], horizon_to_sensor(stated))[0]
+    apart_deg = math.degrees(float(np.linalg.norm(turn)))
+    if apart_deg > OTHER_MOUNT_DEG or _beyond_stated(turn, stated):
+        apart = f"{apart_deg:.1f} deg" if apart_deg > 0.1 else f"{apart_deg * 3600:.0f} arcsec"
         yield (
-            f"the fitted mount is {apart_deg:.1f} deg from the stated one: azimuth {alignment.mount.azimuth_deg:.2f}, "
+            f"the fitted mount is {apart} from the stated one: azimuth {alignment.mount.azimuth_deg:.2f}, "
             f"altitude {alignment.mount.altitude_deg:.2f}, roll {alignment.mount.roll_deg:.2f} deg were fitted; check "
             "the angles, the site and the clock"
         )
+
+
+def _beyond_stated(turn_rad: NDArray[np.float64], stated: Mount) -> bool:
+    """Whether a turn in the sensor frame is more than three of the standard deviations that the station file states.
+
+    Across the boresight the greater of azimuth's and altitude's counts; the defaults are no statement.
+    """
+    known = stated.uncertainty
+    if known == MountUncertainty():
+        return False
+    x, y, z = np.abs(turn_rad) * ARCSEC_PER_RAD * OTHER_MOUNT_HALF_WIDTHS
+    return bool(math.hypot(x, y) > max(known.azimuth_arcsec, known.altitude_arcsec) or z > known.roll_arcsec)
 
 
 def _relative_to(session: SessionData) -> str:

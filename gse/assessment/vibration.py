@@ -47,7 +47,7 @@ def vibration(series: ErrorSeries, field: FieldOfErrors, *, shortest_s: float = 
     predicted = _predicted(field, dict(zip(series.rows.tolist(), blocks.tolist(), strict=True)))
     ratio = np.array([_usual_variance(axis, blocks) for axis in quick.T]) / predicted
     sigma = np.sqrt(2 / np.array([_independent(axis) for axis in quick.T]))
-    if not ((ratio > LEAST_RATIO) & (ratio - 1 > _LEAST_SIGMAS * sigma * ratio)).any():
+    if not ((ratio > LEAST_RATIO) & (ratio - 1 > _LEAST_SIGMAS * sigma)).any():
         return None
     axis = int(((ratio - 1) * predicted).argmax())
     excess = float(np.maximum((ratio - 1) * predicted, 0).sum())

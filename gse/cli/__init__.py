@@ -37,6 +37,7 @@ _COMMANDS = {
     "note": "record a line of text in a running session",
     "replay": "do the same from a session or a raw capture",
     "report": "write the report of a session",
+    "why": "show one page on a session: what happened, why, what next",
     "view": "show a session in rerun",
     "identify": "identify one panorama table: stars, RA, DE, roll",
     "extract": "extract a panorama table from an image, as the sensor does",

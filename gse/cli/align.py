@@ -1,5 +1,6 @@
 """``gse align``: the mount's direction from a session."""
 
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -9,6 +10,7 @@ import click
 import numpy as np
 
 from gse.attitude import Attitude
+from gse.cli import EXIT_FAIL
 from gse.cli.new_files import write_new
 from gse.cli.options import change_to, fit_options
 from gse.config.edit import with_values
@@ -22,7 +24,14 @@ _NEAR_ZENITH_DEG = 89.9
 
 @click.command("align")
 @fit_options(write_help="Write the station file with this mount to a new file.", schema="gse.alignment/1")
+@click.option(
+    "--accept-gross",
+    is_flag=True,
+    help="Write a mount that is far from the stated angles, though a mistake of site or clock would look the same.",
+)
+@click.pass_context
 def command(
+    ctx: click.Context,
     *,
     path: Path,
     station_path: Path | None,
@@ -31,13 +40,20 @@ def command(
     start_utc: str | None,
     write_path: Path | None,
     as_json: bool,
+    accept_gross: bool,
 ) -> None:
     """Fit azimuth, altitude and roll of the mount to the identified frames of the session FILE.
 
     The result has the covariance of the fit. For a check, the even minutes are compared with the fit to the odd ones,
     and the odd minutes with the fit to the even ones. Do not judge a session with a mount that was fitted to its own
     frames: use --write for the next session, or `align: first 60 s` in the station file.
+
+    A fit takes up a wrong sign of the latitude, a clock at local time or an azimuth from south, and hides it. So the
+    angles that the station file states are compared with the fit: where a mistake of degrees explains the difference it
+    is named, nothing is written without --accept-gross, and the exit code is 1.
     """
+    from gse.assessment.counted_frames import counted_frames
+    from gse.assessment.diagnosis import gross_finding
     from gse.sessions.replay import ReplayOptions, replay_session
 
     measured = MeasuredMounts()
@@ -48,12 +64,19 @@ def command(
         make_listeners=lambda loop, folder: [measured],
     )
     validation = cross_validated(measured, replay.session)
-    if write_path is not None:
+    gross = gross_finding(replay.session, counted_frames(replay.session))
+    refused = gross is not None and not accept_gross
+    if write_path is not None and not refused:
         mount = validation.alignment.mount
         angles = {name: round(getattr(mount, name), 6) for name in ("azimuth_deg", "altitude_deg", "roll_deg")}
         write_new(write_path, with_values(replay.session.station_text, "mount", angles, drop=("align",)))
     report = alignment_report(validation, replay.session.station.mount)
+    report["gross"] = None if gross is None else dataclasses.asdict(gross)
     click.echo(json.dumps(report) if as_json else "\n".join(_lines(report)))
+    if gross is not None:
+        written = "nothing is written: " if refused and write_path is not None else ""
+        click.echo(f"{written}the fit hides a gross difference from the stated set-up: {gross}", err=True)
+        ctx.exit(0 if accept_gross else EXIT_FAIL)
 
 
 def alignment_report(validation: CrossValidation, stated: Mount) -> dict[str, Any]:

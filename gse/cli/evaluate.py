@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+import textwrap
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 BENCHMARK = ("robust", "neighbour", "pivot", "match-group")
 """The identifiers of --panoramas."""
 
+_COLUMNS = 80
+"""Of a terminal."""
 _NOISE_ARCSEC, _NOISE_MAGNITUDE, _LIMIT = 10.0, 0.3, 6.0
 
 
@@ -128,7 +131,8 @@ def command(
     if as_json:
         click.echo(json.dumps(document))
     else:
-        click.echo("\n".join([note, *table(document)]))
+        lines = [part for line in note.splitlines() for part in textwrap.wrap(line, _COLUMNS)]
+        click.echo("\n".join([*lines, *table(document)]))
     if figures is not None:
         from gse.evaluation.plots import write_figures
 

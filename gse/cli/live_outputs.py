@@ -55,7 +55,10 @@ class Steps:
 
 
 class LiveOutputs:
-    """The listeners of a session, opened after the setup and closed with the session."""
+    """The listeners of a session, opened after the setup and closed with the session.
+
+    ``diagnose`` announces findings while the session runs.
+    """
 
     def __init__(
         self,
@@ -66,12 +69,13 @@ class LiveOutputs:
         save_rrd: Path | None,
         json_frames: bool,
         step: bool = False,
+        diagnose: bool = True,
         notes: Notes | None = None,
     ) -> None:
         self._view, self._bind, self._port, self._save_rrd = view, bind, http_port, save_rrd
         self._notes = notes
         self._json_frames = json_frames
-        self._step = step
+        self._step, self._diagnose = step, diagnose
         self._live: LiveView | None = None
         self._forecast: Forecast | None = None
         self._status: StatusLine | None = None
@@ -88,7 +92,7 @@ class LiveOutputs:
             listeners.append(self._open_view(loop, folder))
         if self._step:
             listeners.append(Steps())
-        return listeners
+        return [*listeners, _live_diagnosis(listeners)] if self._diagnose else listeners
 
     @property
     def page(self) -> str | None:
@@ -154,6 +158,17 @@ class LiveOutputs:
             click.echo(f"notes from other machines: {view.url}#token={view.token}", err=True)
         self._live = view
         return view
+
+
+def _live_diagnosis(listeners: Sequence[Listener]) -> Listener:
+    """Findings go to the other listeners, not into the session."""
+    from gse.assessment.live_diagnosis import LiveDiagnosis
+
+    def announce(event: LinkEvent) -> None:
+        for listener in listeners:
+            listener.on_event(event)
+
+    return LiveDiagnosis(announce)
 
 
 def _frame_text(result: FrameResult) -> str:

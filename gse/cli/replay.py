@@ -96,7 +96,13 @@ def command(
         given_orientation=given_orientation,
     )
     live_outputs = LiveOutputs(
-        view=view, bind=bind, http_port=http_port, save_rrd=save_rrd, json_frames=json_frames, step=step
+        view=view,
+        bind=bind,
+        http_port=http_port,
+        save_rrd=save_rrd,
+        json_frames=json_frames,
+        step=step,
+        diagnose=speed != "max",
     )
     expected = [ExpectedAnswers(expected_path)] if expected_path else []
     with live_outputs:

@@ -13,7 +13,7 @@ from gse.instant import NS_PER_S
 from gse.simulator.firmware import BITS_PER_BYTE, Detector, SensorFirmware, Transmission
 from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.panorama import PanoramaSource
-from gse.simulator.scenario import DEFAULT, Scenario, check_start, load_scenario
+from gse.simulator.scenario import DEFAULT, Host, Scenario, check_start, load_scenario
 from protocols import load_protocol
 
 OPTIONS = ("scenario", "seed", "frames", "start", "rate_hz", "standby", "level", "reset_s")
@@ -32,10 +32,11 @@ class SimulatedSensor:
 
     def __init__(
         self, firmware: SensorFirmware, random: np.random.Generator, *, start_ns: int, end_ns: int, baudrate: int,
-        jitter_ms: tuple[float, float],
+        jitter_ms: tuple[float, float], host: Host,
     ) -> None:  # fmt: skip
         self._firmware, self._random = firmware, random
         self._now_ns, self._end_ns = start_ns, end_ns
+        self._start_ns, self._host = start_ns, host
         self._mono_minus_utc_ns = _BOOTED_NS - start_ns
         self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
         self._jitter_ns = (jitter_ms[0] * 1e6, jitter_ms[1] * 1e6)
@@ -75,7 +76,8 @@ class SimulatedSensor:
 
     def _pass(self, utc_ns: int, data: bytes) -> None:
         self._now_ns = utc_ns
-        self._chunks.append(Chunk(utc_ns, utc_ns + self._mono_minus_utc_ns, data))
+        fast_ns = round(self._host.fast_s((utc_ns - self._start_ns) / NS_PER_S) * NS_PER_S)
+        self._chunks.append(Chunk(utc_ns + fast_ns, utc_ns + self._mono_minus_utc_ns, data))
 
 
 def device_factory(station: Station) -> Callable[[dict[str, str]], SimulatedSensor]:
@@ -156,6 +158,7 @@ def _sensor(station: Station, scenario: Scenario, options: dict[str, str]) -> Si
         end_ns=start_ns + round(scenario.seconds * NS_PER_S),
         baudrate=scenario.device_for(station).port.baudrate,
         jitter_ms=scenario.firmware.host_jitter_ms,
+        host=scenario.host,
     )
 
 

@@ -7,8 +7,11 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from gse.constants import ARCSEC_RAD
 from gse.mount import Mount
+from gse.simulator.scenario import Motion
 
 
 def horizon_to_sensor(mount: Mount) -> NDArray[np.float64]:
@@ -31,3 +34,17 @@ def _about(axis: int, angle_deg: float) -> NDArray[np.float64]:
     matrix[[one, other], [one, other]] = cosine
     matrix[one, other], matrix[other, one] = -sine, sine
     return matrix
+
+
+def moved_by(motion: Motion, since_start_s: float) -> NDArray[np.float64]:
+    """The matrix (3, 3) from the sensor frame of the mount at rest to that of the moved one."""
+    moved = np.array(motion.drift_arcsec_per_h) * (since_start_s / 3600)
+    for at_s, *arcsec in motion.slips:
+        moved += np.array(arcsec) * (since_start_s >= at_s)
+    slow = math.sin(2 * math.pi * since_start_s / motion.sinusoid_period_s)
+    quick = math.sin(2 * math.pi * since_start_s * motion.vibration_hz)
+    moved[:2] += slow * np.array(motion.sinusoid_arcsec) + quick * np.array(motion.vibration_arcsec)
+    along_columns, along_rows, about = moved * ARCSEC_RAD
+    # A boresight that goes to larger columns leaves the old one at smaller ones.
+    rotation: NDArray[np.float64] = Rotation.from_rotvec([along_rows, -along_columns, about]).as_matrix()
+    return rotation

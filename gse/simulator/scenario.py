@@ -80,6 +80,35 @@ class Air(_Section):
     """Surface brightness of the moonless night, per square arcsecond."""
 
 
+class Motion(_Section):
+    """How a mount moves that should stand still: along columns and rows, and about the boresight."""
+
+    slips: tuple[tuple[float, float, float, float], ...] = ()
+    """Seconds after the start, then arcsec along columns, along rows and about the boresight, for good."""
+    drift_arcsec_per_h: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sinusoid_arcsec: tuple[float, float] = (0.0, 0.0)
+    """Amplitude along columns and rows: what a heater does that switches on and off."""
+    sinusoid_period_s: Annotated[float, Field(gt=0)] = 600.0
+    vibration_arcsec: tuple[float, float] = (0.0, 0.0)
+    """Amplitude along columns and rows."""
+    vibration_hz: Annotated[float, Field(gt=0, le=10_000)] = 3.3
+
+
+class Host(_Section):
+    """The clock of the host that stamps the bytes; an emulator's host has its own."""
+
+    clock_s: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
+    """How fast it is."""
+    clock_drift_ppm: Annotated[float, Field(ge=-10_000, le=10_000)] = 0.0
+    clock_steps: tuple[tuple[float, float], ...] = ()
+    """Seconds after the start, and by how many seconds the clock is set forward."""
+
+    def fast_s(self, since_start_s: float) -> float:
+        """How fast the clock is at a time."""
+        stepped = sum(step_s for at_s, step_s in self.clock_steps if since_start_s >= at_s)
+        return self.clock_s + stepped + 1e-6 * self.clock_drift_ppm * since_start_s
+
+
 class Firmware(_Section):
     """Traits of the sensor's computer."""
 
@@ -154,6 +183,8 @@ class Scenario(_Section):
     optics: Optics = Optics()
     detector: Detector = Detector()
     air: Air = Air()
+    motion: Motion = Motion()
+    host: Host = Host()
     firmware: Firmware = Firmware()
     attitude: Attitude = Attitude()
     find: Finding = Finding()

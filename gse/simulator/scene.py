@@ -11,7 +11,7 @@ from gse.catalog import load_catalog
 from gse.config.station import Station
 from gse.instant import to_julian_year
 from gse.simulator.bodies import FIRST_PLANET, MOON, SUN, BodyCell, bodies_over
-from gse.simulator.pointing import horizon_to_sensor
+from gse.simulator.pointing import horizon_to_sensor, moved_by
 from gse.simulator.scenario import Air, Scenario, profile_at
 from gse.simulator.sky import CELL_NS, AstropySite, Sky, SkyCell, Track
 from gse.simulator.skylight import EXTINCTION_PER_AIRMASS, airmass, sky_magnitude
@@ -155,7 +155,8 @@ class Scene:
         return self._sky
 
     def _pixels(self, points: SkyCell, utc_ns: int) -> NDArray[np.float64]:
-        return self.camera.pixels(points.track.directions(utc_ns) @ self.horizon_to_sensor.T)
+        moved = moved_by(self._scenario.motion, self.since_start_s(utc_ns)) @ self.horizon_to_sensor
+        return self.camera.pixels(points.track.directions(utc_ns) @ moved.T)
 
 
 class Satellites:

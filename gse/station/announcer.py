@@ -5,14 +5,15 @@ from collections.abc import Callable
 
 from drivers.chunk import LinkEvent, LinkKind
 from gse import instant
+from gse.station.event_kinds import StationKind
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 
 _ROUTINE = {LinkKind.OPENED, LinkKind.WAITING, LinkKind.SYNCING, LinkKind.STREAMING}
 """Routine events: announced once, left out of the repeat counts."""
 
-_EACH_TIME = {"NOTE", "RECORDER_REFUSED", "RECORDER_RECOVERED"}
-"""Announced each time: a note is said to be taken, and data may be lost; their number is limited."""
+_EACH_TIME = {"RECORDER_REFUSED", "RECORDER_RECOVERED", StationKind.FINDING, StationKind.NOTE}
+"""Announced each time, because data may be lost, or because each is another; their makers limit their number."""
 
 
 class Announcer:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from drivers.chunk import LinkEvent
+from gse.finding import Finding
 
 
 class StationKind(StrEnum):
@@ -24,6 +25,7 @@ class StationKind(StrEnum):
     NO_STARS = "NO_STARS"
     DAYLIGHT = "DAYLIGHT"
     DARK_NIGHT = "DARK_NIGHT"
+    FINDING = "FINDING"
     CLOSED = "CLOSED"
     TERMINAL_LOST = "TERMINAL_LOST"
     TERMINAL_STUCK = "TERMINAL_STUCK"
@@ -39,3 +41,10 @@ class ClockStep(LinkEvent):
 
     step_ns: int
     utc_kept: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class FindingEvent(LinkEvent):
+    """A finding of a running session, for its listeners; it is not recorded, since a replay finds it again."""
+
+    finding: Finding

@@ -1,0 +1,44 @@
+"""Live diagnosis: findings of a running session, announced when they first show."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from drivers.chunk import LinkEvent
+from gse.assessment.diagnosis import causes_so_far
+from gse.instant import NS_PER_S
+from gse.station.event_kinds import FindingEvent, StationKind
+from gse.station.results import FrameResult
+from gse.station.session_data import SessionData
+
+FIRST_AFTER_S = 10.0
+"""Of the data's time, after the first panorama; then after twice the time, four times ...: a look costs half a second
+of the loop's thread."""
+
+
+@dataclass(slots=True)
+class LiveDiagnosis:
+    """A listener that looks for causes now and then; ``announce`` gets an event for each that is new.
+
+    The findings of the report come from the whole session: one that was announced may be gone at the end.
+    """
+
+    announce: Callable[[LinkEvent], None]
+    _begun_ns: int | None = None
+    _due_ns: int = 0
+    _known: set[str] = field(default_factory=set)
+
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
+        """Look, where it is time."""
+        utc_ns = result.panorama.utc_ns
+        if self._begun_ns is None:
+            self._begun_ns, self._due_ns = utc_ns, utc_ns + round(FIRST_AFTER_S * NS_PER_S)
+        if utc_ns < self._due_ns:
+            return
+        self._due_ns = utc_ns + (utc_ns - self._begun_ns)
+        for finding in causes_so_far(session):
+            if finding.cause not in self._known:
+                self._known.add(finding.cause)
+                self.announce(FindingEvent(utc_ns, 0, StationKind.FINDING, str(finding), finding))
+
+    def on_event(self, event: LinkEvent) -> None:
+        """Events are no frames."""

@@ -1,0 +1,55 @@
+"""``gse why``: one page on a session: what happened, when, why, what next."""
+
+from pathlib import Path
+
+import click
+
+from gse.cli.options import clock_error_option
+
+
+@click.command("why")
+@click.argument("path", metavar="SESSION", type=click.Path(path_type=Path))
+@clock_error_option
+@click.option(
+    "--bundle",
+    "bundle_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Also write a new .zip file for a maintainer: this page, report, station file, events, versions.",
+)
+@click.option(
+    "--with-site",
+    is_flag=True,
+    help="Put the recording and the place of the mount into the bundle; without it the place is blurred to a degree.",
+)
+def command(*, path: Path, clock_error_s: float | None, bundle_path: Path | None, with_site: bool) -> None:
+    """Show one page on SESSION: what happened, when, why, and the next step as a command.
+
+    The findings are those of the report; docs/troubleshooting.md explains each.
+    """
+    from gse.assessment.verdict import judge
+    from gse.cli.progress import replay_with_progress
+    from gse.errors import UsageError
+    from gse.report.bundle import write_bundle
+    from gse.report.summary import summarise
+    from gse.report.why import why_page
+
+    if with_site and bundle_path is None:
+        raise UsageError("--with-site says what a bundle holds; expected --bundle FILE beside it")
+    if bundle_path is not None and bundle_path.exists():
+        raise UsageError(f"{bundle_path} exists already; choose another name")
+    session = replay_with_progress(path).session
+    if clock_error_s is not None:
+        session.clock_error_s = clock_error_s
+    report = summarise(session, judge(session))
+    page = why_page(report, session.events, str(path))
+    click.echo(page)
+    if bundle_path is not None:
+        try:
+            write_bundle(bundle_path, session, report, page, _recording(path) if with_site else None)
+        except OSError as error:
+            raise UsageError(f"cannot write {bundle_path}: {error.strerror}") from error
+        click.echo(f"bundle: {bundle_path}", err=True)
+
+
+def _recording(path: Path) -> Path:
+    return path / "session.mcap" if path.is_dir() else path

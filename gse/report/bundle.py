@@ -1,0 +1,92 @@
+"""A bundle for a maintainer: what is needed to find a fault, without the place of the mount unless it is asked for.
+
+Star directions with their times tell where a mount stands, so that recorded bytes and answers stay out with the place.
+"""
+
+import json
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gse.config.edit import with_values
+from gse.instant import to_text
+from gse.station.session_data import SessionData
+from protocols.yaml_text import load_document
+
+BLUR_DEG = 1.0
+"""Some hundred kilometres: the sky is nearly the same, the address is not to be found."""
+
+_COORDINATE = re.compile(r"(latitude_deg|longitude_deg)(: | is )-?\d+(\.\d+)?")
+_STATED = re.compile(r"(stated is )-?\d+(\.\d+)?")
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def write_bundle(path: Path, session: SessionData, report: dict[str, Any], page: str, recording: Path | None) -> None:
+    """Write a new zip file. With ``recording`` everything goes in as it is; without it the place is blurred.
+
+    FileExistsError where there is a file.
+    """
+    plain = recording is not None
+    text = session.station_text if plain else blurred_station(session.station_text)
+    parts = {
+        "why.txt": page if plain else blurred_text(page),
+        "report.json": json.dumps(report if plain else blurred_report(report), indent=1),
+        "station.yaml": text,
+        "events.txt": "\n".join(f"{to_text(event.utc_ns, 3)} {event.kind}: {event.text}" for event in session.events),
+        "versions.json": json.dumps(session.versions, indent=1),
+        "README.txt": _READ_ME[plain],
+    }
+    with path.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as bundle:
+        for name, content in parts.items():
+            bundle.writestr(zipfile.ZipInfo(name, _EPOCH), content, zipfile.ZIP_DEFLATED)
+        if recording is not None:
+            bundle.write(recording, "session.mcap")
+
+
+_READ_ME = {
+    True: "A session of a star sensor, with the place of its mount.\n",
+    False: "A session of a star sensor. The place of its mount is blurred to a degree, and the recording is left out, "
+    "since stars and times tell the place. gse why SESSION --bundle FILE --with-site adds both.\n",
+}
+
+
+def blurred_station(text: str) -> str:
+    """A station file with the coordinates rounded to BLUR_DEG, and without names of place and people."""
+    document = load_document(text)[1]
+    site = document.get("site") or {}
+    rounded = {name: _round(site[name]) for name in ("latitude_deg", "longitude_deg") if name in site}
+    kept = with_values(text, "site", {**rounded, "name": "blurred"}, drop=("uncertainty",))
+    document = load_document(kept)[1]
+    document.pop("test", None)
+    return str(yaml.safe_dump(document, sort_keys=False))
+
+
+def blurred_report(report: dict[str, Any]) -> dict[str, Any]:
+    """The same of a report: its site, and coordinates in its lines."""
+    copy: dict[str, Any] = json.loads(blurred_text(json.dumps(report)))
+    site = copy["session"]["site"]
+    copy["session"]["site"] = {
+        **site,
+        "name": "blurred",
+        **{name: _round(site[name]) for name in ("latitude_deg", "longitude_deg")},
+    }
+    copy.pop("test", None)
+    return copy
+
+
+def blurred_text(text: str) -> str:
+    """Coordinates in lines of text become whole degrees."""
+    text = _COORDINATE.sub(lambda found: f"{found[1]}{found[2]}{_rounded_in(found[0])}", text)
+    return _STATED.sub(lambda found: f"{found[1]}{_rounded_in(found[0])}", text)
+
+
+def _rounded_in(words: str) -> str:
+    number = re.search(r"-?\d+(\.\d+)?$", words)
+    return f"{_round(float(number[0])):g}" if number else ""
+
+
+def _round(degrees: float) -> float:
+    return round(degrees / BLUR_DEG) * BLUR_DEG

@@ -1,0 +1,109 @@
+"""gse why, and what else is said of a session whose latitude has the wrong sign."""
+
+import json
+import zipfile
+
+import pytest
+from devices.command_line import runner
+
+from drivers.chunk import LinkEvent
+from gse.assessment.live_diagnosis import LiveDiagnosis
+from gse.config.edit import with_values
+from gse.sessions.replay import replay_session
+from gse.station.event_kinds import FindingEvent
+
+SCENARIO = """\
+text: The latitude lacks its minus, and the clock is right.
+station:
+  site: {latitude_deg: 37.42, longitude_deg: -122.13, name: Back garden}
+  mount: {azimuth_deg: 140, altitude_deg: 55, roll_deg: 10}
+device:
+  site: {latitude_deg: -37.42}
+start: "2026-03-20T08:00:00Z"
+seconds: 12
+rate_hz: 5
+"""
+
+
+@pytest.fixture
+def gse(capsys):
+    return runner(capsys)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    return tmp_path_factory.mktemp("wrong latitude")
+
+
+@pytest.fixture
+def session(gse, recorded):
+    path = recorded / "session.mcap"
+    if not path.exists():
+        scenario = recorded / "scenario.yaml"
+        scenario.write_text(SCENARIO)
+        assert gse("simulate", "--scenario", scenario, "--file", path).code == 0
+    return path
+
+
+def test_why_names_the_cause_and_the_next_step_with_this_session(gse, session, tmp_path):
+    bundle = tmp_path / "bundle.zip"
+    done = gse("why", session, "--bundle", bundle)
+    assert done.code == 0
+    assert done.out.startswith("FAIL (SIMULATED): LAPAN-like, 2026-03-20T08:00:00Z for 12 s")
+    why = done.out.split("\nWhy\n")[1]
+    assert why.lstrip().startswith("latitude sign: the stars fit site.latitude_deg: -37.42; that explains 74.")
+    assert f"gse report {session} --station FILE" in " ".join(done.out.split())
+    assert len(done.out.splitlines()) < 50
+    held = zipfile.ZipFile(bundle)
+    assert set(held.namelist()) == {
+        "why.txt", "report.json", "station.yaml", "events.txt", "versions.json", "README.txt",
+    }  # fmt: skip
+    for name in held.namelist():
+        text = held.read(name).decode()
+        assert "37.42" not in text
+        assert "122.13" not in text
+        assert "Back garden" not in text
+    assert json.loads(held.read("report.json"))["session"]["site"]["latitude_deg"] == 37.0
+
+
+def test_a_bundle_with_the_site_has_the_recording(gse, session, tmp_path):
+    bundle = tmp_path / "bundle.zip"
+    assert gse("why", session, "--bundle", bundle, "--with-site").code == 0
+    held = zipfile.ZipFile(bundle)
+    assert held.read("session.mcap") == session.read_bytes()
+    assert "37.42" in held.read("station.yaml").decode()
+    again = gse("why", session, "--bundle", bundle)
+    assert again.code == 2
+    assert "exists already" in again.err
+    assert "--bundle FILE" in gse("why", session, "--with-site").err
+
+
+def test_align_refuses_to_hide_a_gross_mistake(gse, session, tmp_path):
+    written = tmp_path / "aligned.yaml"
+    done = gse("align", session, "--write", written, "--json")
+    assert done.code == 1
+    assert not written.exists()
+    assert json.loads(done.out)["gross"]["cause"] == "latitude sign"
+    assert "nothing is written: the fit hides a gross difference from the stated set-up: latitude sign" in done.err
+    assert gse("align", session, "--write", written, "--accept-gross").code == 0
+    assert written.exists()
+
+
+def test_a_mount_that_is_fitted_does_not_hide_it_in_the_report(gse, session, tmp_path):
+    station = tmp_path / "station.yaml"
+    recorded = replay_session(session).session
+    station.write_text(with_values(recorded.station_text, "mount", {"align": "first 4 s"}))
+    done = gse("report", session, "--station", station, "--out", tmp_path / "report", "--json")
+    report = json.loads(done.out)
+    assert report["verdict"] != "PASS"
+    assert report["diagnosis"][0]["cause"] == "latitude sign"
+    assert any("the fitted mount is 74." in reason for reason in report["reasons"])
+
+
+def test_a_running_session_announces_it_within_thirty_seconds(session):
+    told: list[LinkEvent] = []
+    replay_session(session, make_listeners=lambda loop, folder: [LiveDiagnosis(told.append)])
+    (event,) = told
+    assert isinstance(event, FindingEvent)
+    assert event.finding.cause == "latitude sign"
+    assert event.finding.is_gross

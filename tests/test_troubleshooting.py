@@ -1,0 +1,100 @@
+"""docs/troubleshooting.md has each finding, and a word of each message that ends a session."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
+FINDINGS, MESSAGES = PAGE.split("## Messages that end a session")
+ENDING = {
+    "CaptureError",
+    "CatalogError",
+    "CommandError",
+    "ConfigError",
+    "DescriptionError",
+    "GseError",
+    "PortError",
+    "SerialException",
+    "TruthError",
+    "UrlError",
+}
+ROOMS = ("gse/sessions", "gse/station", "gse/config", "gse/identifier", "gse/recording", "gse/truth", "gse/catalog")
+FEWEST_LETTERS = 8
+"""Less is punctuation around another message."""
+
+
+def first_cells(text):
+    """The words in backticks in the first column of tables."""
+    return [word for row in re.findall(r"^\| (`.*?) \|", text, re.M) for word in re.findall(r"`([^`]+)`", row)]
+
+
+def messages():
+    """Class, place and constant text of each error that is raised."""
+    for path in (path for room in ("gse", "drivers", "protocols") for path in (ROOT / room).rglob("*.py")):
+        name = path.relative_to(ROOT).as_posix()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args:
+                kind = ast.unparse(node.exc.func)
+                text = "".join(
+                    part.value
+                    for part in ast.walk(node.exc.args[0])
+                    if isinstance(part, ast.Constant) and isinstance(part.value, str)
+                )
+                if kind in ENDING or (kind == "UsageError" and name.startswith(ROOMS)):
+                    yield f"{name}:{node.lineno}", text
+
+
+_CAUSES = (
+    *("gross_causes", "fine_causes", "fine_findings", "diagnosis"),
+    *("sensor_convention", "sensor_findings", "sensor_health"),
+)
+
+
+def causes():
+    """The causes that the code names: first texts of findings, hypotheses and tables of them."""
+    for name in _CAUSES:
+        tree = ast.parse((ROOT / "gse" / "assessment" / f"{name}.py").read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in ("Finding", "Hypothesis", "_Hypothesis", "of"):
+                yield from (arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant) and arg.value)
+            if isinstance(node, ast.FunctionDef) and node.name in ("_of_mount", "_clock_words", "_events"):
+                place = 1 if node.name == "_events" else 0
+                yield from (
+                    of_one.elts[place].value
+                    for of_one in ast.walk(node)
+                    if isinstance(of_one, ast.Tuple)
+                    and len(of_one.elts) > 1
+                    and isinstance(of_one.elts[place], ast.Constant)
+                )
+
+
+def test_each_finding_has_its_entry():
+    found = set(causes())
+    assert {"latitude sign", "roll sign", "clock off by a day", "vibration", "frozen sensor", "none of these"} <= found
+    assert found - set(first_cells(FINDINGS)) == set()
+
+
+def test_each_entry_is_a_finding_of_the_code():
+    assert set(first_cells(FINDINGS)) - set(causes()) == set()
+
+
+def test_each_message_that_ends_a_session_bears_a_word_of_the_page():
+    words = first_cells(MESSAGES)
+    told = list(messages())
+    assert len(told) > 80
+    lost = [
+        f"{place}: {text}"
+        for place, text in told
+        if len(re.findall("[a-z]", text)) >= FEWEST_LETTERS and not any(word.lower() in text.lower() for word in words)
+    ]
+    assert lost == []
+
+
+@pytest.mark.parametrize("word", first_cells(MESSAGES))
+def test_each_word_of_the_page_is_in_a_message(word):
+    everything = "".join(path.read_text(encoding="utf-8") for room in ("gse", "drivers", "protocols")
+                         for path in (ROOT / room).rglob("*.py"))  # fmt: skip
+    assert word.lower() in everything.lower()
