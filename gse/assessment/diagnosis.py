@@ -64,10 +64,13 @@ def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
     mount, camera = session.alignment.mount if session.alignment else station.mount, station.sensor.camera()
     zenith_sensor = np.asarray(horizon_to_sensor(mount)[:, 2])
     field = field_of_errors(session.frames.matches, frames["utc_ns"], counted.used, camera, station.site, zenith_sensor)
-    model = SessionModel.of(series, field, station.site, mount, is_fitted=session.alignment is not None)
     exposure_s = float(np.nanmedian(frames["exposure_s"][series.rows]))
     first_ns = int(frames["utc_ns"][series.rows[0]])
-    return fine_findings(model, Setting(camera, station.site, mount, first_ns, exposure_s))
+    try:
+        model = SessionModel.of(series, field, station.site, mount, is_fitted=session.alignment is not None)
+        return fine_findings(model, Setting(camera, station.site, mount, first_ns, exposure_s))
+    except np.linalg.LinAlgError:  # stars or errors that lie on one line: they tell no cause, and end no session
+        return ()
 
 
 def _with_event(session: SessionData, finding: Finding) -> Finding:

@@ -15,6 +15,7 @@ from gse.report.decimation import extremes, sample
 from gse.report.paper import LIMIT_DEG
 from gse.report.plot_data import PlotData, edge_of, unit_of
 from gse.report.svg import set_margins
+from gse.station.event_kinds import StationKind
 from gse.view.running_statistics import LINK_COLOURS, LINK_WORDS
 
 _MAX_MARKS = 400
@@ -66,6 +67,11 @@ def _error_panel(axes: Axes, drawn: PlotData, name: str, label: str, limit: floa
 def _shade(axes: Axes, drawn: PlotData) -> None:
     for number, item in enumerate(drawn.exclusions):
         axes.axvspan(_day(item.from_ns), _day(item.until_ns), color="#dddddd", label=None if number else "left out")
+    notes = [event for event in drawn.session.events if event.kind == StationKind.NOTE]
+    for number, event in enumerate(notes):
+        axes.axvline(
+            _day(event.utc_ns), color=hex_of(GREY), linewidth=1, linestyle=":", label=None if number else "note"
+        )
 
 
 def _day(utc_ns: int) -> float:

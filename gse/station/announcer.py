@@ -12,7 +12,7 @@ from gse.station.session_data import SessionData
 _ROUTINE = {LinkKind.OPENED, LinkKind.WAITING, LinkKind.SYNCING, LinkKind.STREAMING}
 """Routine events: announced once, left out of the repeat counts."""
 
-_EACH_TIME = {"RECORDER_REFUSED", "RECORDER_RECOVERED", StationKind.FINDING}
+_EACH_TIME = {"RECORDER_REFUSED", "RECORDER_RECOVERED", StationKind.FINDING, StationKind.NOTE}
 """Announced each time, because data may be lost, or because each is another; their makers limit their number."""
 
 
