@@ -17,6 +17,7 @@ from gse.simulator import device_factory
 from gse.station.reception import Reception
 from protocols import (
     Ack,
+    AttitudeMessage,
     FrameDecoder,
     Message,
     Nak,
@@ -92,8 +93,11 @@ def test_the_sub_pixel_protocol_carries_32nds_of_a_pixel() -> None:
     assert (xy_px * 32 == np.rint(xy_px * 32)).all()
 
 
-@pytest.mark.parametrize("name", built_in_names())
-def test_every_protocol_can_be_spoken(name: str) -> None:
+COMMANDED = [name for name in built_in_names() if "START" in load_protocol(name).types]
+
+
+@pytest.mark.parametrize("name", COMMANDED)
+def test_every_protocol_with_commands_starts_at_one(name: str) -> None:
     station = STATION.model_copy(update={"protocol": name})
     protocol = load_protocol(name)
     device = device_factory(station)({"standby": "yes", "frames": "20"})
@@ -105,6 +109,16 @@ def test_every_protocol_can_be_spoken(name: str) -> None:
     assert all(0 < len(message.index) <= protocol.slots and not message.problems for message in seen)
 
 
+@pytest.mark.parametrize("name", built_in_names())
+def test_every_protocol_can_be_spoken(name: str) -> None:
+    station = STATION.model_copy(update={"protocol": name})
+    protocol = load_protocol(name)
+    wanted = PanoramaMessage if protocol.slots else AttitudeMessage
+    said = [message for message in messages(chunks(station, frames="20"), station) if isinstance(message, wanted)]
+    assert len(said) in (19, 20)  # an answer comes after its exposure
+    assert not any(message.problems for message in said)
+
+
 def test_a_sensor_without_a_word_for_resets_or_panoramas(tmp_path: Path) -> None:
     text = built_in("panorama-v1").replace(", 3: clock reset", "")
     (tmp_path / "terse.yaml").write_text(text)
@@ -112,6 +126,8 @@ def test_a_sensor_without_a_word_for_resets_or_panoramas(tmp_path: Path) -> None
     assert len(panoramas(chunks(terse, scenario="cold-start", rate_hz="1", frames="30"), terse)) > 15
     pattern = re.compile(r"  PANORAMA:\n(?:    .*\n)*")
     dumb = pattern.sub("  PICTURE: {code: 1, direction: from sensor, length: 202, ignored: true}\n", text)
+    angles = re.compile(r"  ATTITUDE:\n(?:    .*\n)*")
+    dumb = angles.sub("  ANGLES: {code: 3, direction: from sensor, length: 40, ignored: true}\n", dumb)
     (tmp_path / "dumb.yaml").write_text(dumb)
     with pytest.raises(UrlError, match="has no PANORAMA"):
         chunks(STATION.model_copy(update={"protocol": str(tmp_path / "dumb.yaml")}))
