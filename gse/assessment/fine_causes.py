@@ -305,13 +305,17 @@ def _drifts(model: SessionModel) -> Iterator[Hypothesis]:
 def _weights(over_time: NDArray[np.float64]) -> NDArray[np.float64]:
     """Of the least-squares coefficient of a course (M,) beside a mean, times its standard deviation."""
     off = over_time - over_time.mean()
-    return np.asarray(off / (off.std() * len(off)))
+    scale = float(off.std()) * len(off)
+    return np.asarray(off / scale if scale > 0 else off)
 
 
 def _steps(model: SessionModel, observed: Observed, base: Fitted, named: list[Hypothesis]) -> Iterator[Hypothesis]:
     """A step at the best place of many, of the clock, of one angle of the mount, or of all."""
     count = len(model.series.time_s)
     places = np.unique(np.linspace(0, count, _STEPS + 2)[1:-1].astype(np.int64))
+    places = places[places > 0]
+    if not len(places):
+        return
     steps = (np.arange(count)[:, None] >= places).astype(np.float64)
     left = observed.cosines - _together(observed, named).cosines @ base.coefficients
     gains = _gains(model.series.cosines(steps), left, base.precision)

@@ -19,7 +19,7 @@ from gse.assessment.sampling import MIN_FRAMES, error_bounds
 
 PROBABILITY = 0.9
 """Of a PASS, where the sensor does what is expected."""
-SESSIONS = 200
+SESSIONS = 120
 MAX_SIMULATED = 400
 
 _SEED = 1
@@ -28,7 +28,7 @@ _LEAST_N_EFF = 10.0
 _PER_INDEPENDENT = 8.0
 """Simulated frames in the time of one independent value: more would change nothing."""
 _MAX_STEPS = 10
-_CLOSE = 0.05
+_CLOSE = 0.08
 _MOST_STRETCH = 2.0
 """In one step: the rare session with very wide bounds does not become longer by scaling."""
 _LAST_STRETCH = 1e6

@@ -94,7 +94,9 @@ def judge(session: SessionData) -> Assessment:
     reasons = [row.reason for row in rows if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE)]
     reasons += obstacles
     if verdict is not Verdict.PASS:
-        reasons += [*_complaints(session, budget), *map(str, found)]
+        # A gross mistake explains the figures that follow it.
+        first = [str(finding) for finding in found if finding.is_gross]
+        reasons = [*first, *reasons, *_complaints(session, budget), *map(str, found)]
     if relative:
         reasons.append(_relative_to(session))
     return Assessment(

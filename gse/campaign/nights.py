@@ -1,20 +1,22 @@
 """Nights of a campaign: which sessions count, which are left out, and why.
 
-A session is left out where it could not be judged, where no answer of it was compared with truth, or where more than
-half of its panoramas had no sky. It is never left out for what it found.
+A session is left out where it could not be judged, where no answer of it was compared with truth, where more than half
+of its panoramas had no sky, or where it is INCONCLUSIVE though its rows are decided: steps of the clock, a mount that
+was fitted far from the stated one. It is never left out for what it found.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gse.assessment.decision import Outcome
 from gse.assessment.sampling import MIN_FRAMES
 from gse.campaign.dataset import DataSet
 from gse.campaign.hot_pixels import COLUMN
 from gse.campaign.keys import OWN_STATION
 from gse.errors import UsageError
 from gse.station.exclusions import Cause
-from gse.station.results import Subject
+from gse.station.results import Subject, Verdict
 
 AXES = ("d_ra_cosde", "d_de", "d_roll")
 MOST_WITHOUT_SKY = 0.5
@@ -124,3 +126,6 @@ def _reasons(row: dict[str, Any]) -> Iterator[str]:
     if compared < MIN_FRAMES:
         why = f": {row['reasons'][0]}" if row["reasons"] else ""
         yield f"{compared} answers were compared with truth, {MIN_FRAMES} are needed{why}"
+    outcomes = {item["outcome"] for item in row["measurements"] or ()}
+    if row["verdict"] == Verdict.INCONCLUSIVE and not outcomes & {Outcome.INCONCLUSIVE, Outcome.FAIL}:
+        yield f"{Verdict.INCONCLUSIVE} though every row is decided: {'; '.join(row['reasons'] or ())}"

@@ -53,6 +53,8 @@ class Lights:
         sun = (
             f"Sun {abs(self.sun_altitude_deg):.0f} deg {'above' if self.sun_altitude_deg >= 0 else 'below'} the horizon"
         )
+        if SUN_LIMIT_DEG < self.sun_altitude_deg < 0:
+            sun += " (twilight)"
         if not self.moon_altitude_deg > 0:
             return f"{sun}, Moon down"
         apart = f", {self.moon_separation_deg:.0f} deg from the boresight" if self.moon_separation_deg >= 0 else ""

@@ -2,11 +2,13 @@
 
     python tests/devices/without_posix.py < lines
 
-Each line is a JSON list of arguments; each answer a line with the exit code. Python's own modules and other packages
-keep what they need: only imports and attributes asked for by gse, drivers and protocols are refused.
+Each line is a JSON list of arguments, in which patterns of files are resolved; each answer a line with the exit code.
+Python's own modules and other packages keep what they need: only imports and attributes asked for by gse, drivers and
+protocols are refused.
 """
 
 import builtins
+import glob
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -77,7 +79,7 @@ def exit_code(arguments: Sequence[str]) -> int:
     from gse.cli import main
 
     try:
-        main(arguments)
+        main([found for word in arguments for found in (glob.glob(word) or [word])])
     except SystemExit as done:
         return int(done.code or 0)
     return 0

@@ -7,7 +7,7 @@ from scipy import stats
 from gse.assessment.decision import Outcome
 from gse.campaign.decision import campaign_rows, campaign_share, verdict_of
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
-from gse.campaign.nights import COLUMNS, Session, by_night
+from gse.campaign.nights import COLUMNS, Session, _reasons, by_night
 from gse.campaign.trends import trend
 from gse.station.results import Verdict
 from gse.tables import sessions_schema
@@ -101,3 +101,21 @@ def test_hot_pixels_are_born_and_gone():
 
 def test_every_column_that_the_report_reads_is_in_the_table_of_sessions():
     assert set(COLUMNS) - {COLUMN.name} <= set(sessions_schema().names)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "outcome", "counts"),
+    [
+        ("INCONCLUSIVE", "PASS", False),
+        ("INCONCLUSIVE", "INCONCLUSIVE", True),
+        ("PASS", "PASS", True),
+        ("FAIL", "FAIL", True),
+    ],
+)
+def test_a_session_that_is_doubted_as_a_whole_is_left_out_and_a_short_one_is_not(verdict, outcome, counts):
+    row = night(1, 1.0).row | {"error": None, "exclusions": [], "verdict": verdict, "reasons": ["the clock stepped"]}
+    row |= {"onboard_d_de_n": 1000, "sensor_d_de_n": None}
+    row["measurements"] = [{**row["measurements"][0], "outcome": outcome}]
+    reasons = list(_reasons(row))
+    assert (not reasons) == counts
+    assert counts or "the clock stepped" in reasons[0]

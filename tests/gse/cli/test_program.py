@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -53,7 +54,7 @@ def test_the_help_of_each_command_ends_with_two_examples_that_it_takes(name: str
     command = cli.get_command(click.Context(cli), name)
     assert command is not None
     help_text = command.get_help(click.Context(command, info_name=f"gse {name}"))
-    examples = [line.split() for line in help_text.partition("Examples:\n")[2].splitlines()]
+    examples = [shlex.split(line) for line in help_text.partition("Examples:\n")[2].splitlines()]
     assert len(examples) == 2
     for gse, called, *arguments in examples:
         assert (gse, called) == ("gse", name)

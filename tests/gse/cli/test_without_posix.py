@@ -39,29 +39,22 @@ def with_crlf(path: Path, to: Path) -> Path:
 def test_the_way_from_port_to_report_needs_no_posix(tmp_path):
     station = with_crlf(TABLES / "tripod-vega-05sec.yaml", tmp_path / "station.yaml")
     table = with_crlf(TABLES / "tables" / "tripod-vega-05sec.csv", tmp_path / "table.csv")
-    folder = "sessions/one"
+    session = "sessions/*/session.mcap"
     commands = (
         ["identify", str(table), "--station", str(station)],
         ["config", "check", str(station)],
-        ["run", "--port", "sim://?frames=700", "--out", "sessions"],
+        ["run", "--port", "sim://?frames=600", "--out", "sessions"],
         ["status", "sessions"],
+        ["replay", session, "--out", "again"],
+        ["report", "sessions/*"],
+        ["view", session, "--save", "view.rrd"],
+        ["session", "verify", session],
+        ["calibrate", session],
     )
-    (identified, stars), checked, (run, _), (status, state) = answers(tmp_path, *commands)
-    assert identified == checked[0] == run == status == 0
-    assert "RA" in stars
-    assert "ended" in state
-    assert "PASS" in state
-    (made,) = (tmp_path / "sessions").iterdir()
-    made.rename(tmp_path / folder)
-    later = (
-        ["replay", f"{folder}/session.mcap", "--out", "again"],
-        ["report", folder],
-        ["view", f"{folder}/session.mcap", "--save", "view.rrd"],
-        ["session", "verify", f"{folder}/session.mcap"],
-        ["calibrate", f"{folder}/session.mcap"],
-    )
-    codes = [code for code, _ in answers(tmp_path, *later)]
-    assert codes == [0] * len(later)
+    found = answers(tmp_path, *commands)
+    assert [code for code, _ in found] == [0] * len(commands)
+    assert "RA" in found[0][1]
+    assert all(word in found[3][1] for word in ("ended", "PASS"))
 
 
 def test_what_such_a_system_lacks_is_told_with_a_way_round(tmp_path):

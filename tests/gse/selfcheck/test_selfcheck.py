@@ -69,12 +69,15 @@ class Altered(FrameTable):
         super().__init__()
         self.signs = signs
 
-    def append(self, result):
+    def extend(self, results):
+        super().extend([self.turned(result) for result in results])
+
+    def turned(self, result):
         error = result.attitude_error
-        if error is not None:
-            turned = {f"{axis}_arcsec": -getattr(error, f"{axis}_arcsec") for axis in self.signs}
-            result = replace(result, attitude_error=replace(error, **turned))
-        super().append(result)
+        if error is None:
+            return result
+        signs = {f"{axis}_arcsec": -getattr(error, f"{axis}_arcsec") for axis in self.signs}
+        return replace(result, attitude_error=replace(error, **signs))
 
 
 def with_sign_of(*axes):
