@@ -25,6 +25,8 @@ _MOST_ROWS = 40_000
 _FEWEST_ROWS = 100
 _FEWEST_STARS = 4
 _OUTLIER = 5.0
+_WHOLE_PIXELS_HIDE_PX, _CENTROIDS_HIDE_PX = 0.25, 0.05
+"""Stars that keep their place on the pixels lie so far off for a whole session, whatever the camera's parameters."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +35,8 @@ class FieldOfErrors:
 
     ``normal`` (F, F) and ``right`` (F,) are the normal equations in units of the residuals' variance, for which
     sums over one star count as one (as its errors depend on each other), with ``freedom``. ``shifts`` (L, 3, F) are
-    what each pattern does to the attitude of the frames ``rows`` (L,), in arcsec per unit.
+    what each pattern does to the attitude of the frames ``rows`` (L,), in arcsec per unit. ``reach_px`` (F,) is the
+    greatest displacement of a star per unit, and ``least_px`` the smallest that is no property of the pixels.
     """
 
     normal: NDArray[np.float64]
@@ -42,6 +45,8 @@ class FieldOfErrors:
     rows: NDArray[np.int64]
     shifts: NDArray[np.float64]
     stars: "StarErrors"
+    reach_px: NDArray[np.float64]
+    least_px: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,12 +126,23 @@ def _fitted(
     rest = residuals - (left @ fit)
     _, star, sightings = np.unique(matches["star"], return_inverse=True, return_counts=True)
     variance, freedom = _variance_of_sums(rest, star, sightings, len(PARAMETERS))
+    variance = max(variance, _variance_of_pulls(left, rest, star, normal))
     frames = matches["frame"].astype(np.int64)
     whole_arcsec = camera.pixel_rad * ARCSEC_PER_RAD if (xy_px == np.rint(xy_px)).all() else 0.0
     star_rows = matches["star"].astype(np.int64)
     errors = StarErrors(frames, utc_ns[frames], star_rows, operators, unfitted(rest, frames), whole_arcsec)
     shifts = np.stack([boresight_shifts(turns[:, :, part]) for part in range(len(PARAMETERS))], axis=2)
-    return FieldOfErrors(normal / variance, right / variance, freedom, numbers.astype(np.int64), shifts, errors)
+    reach_px = np.hypot(patterns[:, 0], patterns[:, 1]).max(axis=0) / (camera.pixel_rad * ARCSEC_PER_RAD)
+    return FieldOfErrors(
+        normal / variance,
+        right / variance,
+        freedom,
+        numbers.astype(np.int64),
+        shifts,
+        errors,
+        reach_px,
+        _WHOLE_PIXELS_HIDE_PX if whole_arcsec else _CENTROIDS_HIDE_PX,
+    )
 
 
 def _scaled(normal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -143,6 +159,19 @@ def _variance_of_sums(
     freedom = max(2 * len(sightings) - fitted, 1)
     together = float((sums**2).sum()) / len(rest) / 2
     return max(together * 2 * len(sightings) / freedom, float((rest**2).mean())), float(freedom)
+
+
+def _variance_of_pulls(
+    left: NDArray[np.float64], rest: NDArray[np.float64], star: NDArray[np.int64], normal: NDArray[np.float64]
+) -> float:
+    """The same from how single stars pull at the parameters (Liang & Zeger 1986): the greatest over the parameters.
+
+    A star at the edge of the field pulls more than its share, and keeps its error for as long as it stays on its pixel.
+    """
+    each = np.einsum("nip,ni->np", left, rest)
+    pulls = np.column_stack([np.bincount(star, weights=part) for part in each.T])
+    count = len(pulls)
+    return float(((pulls**2).sum(axis=0) / np.diag(normal)).max()) * count / max(count - len(PARAMETERS), 1)
 
 
 def _patterns(

@@ -175,11 +175,23 @@ def fine_causes(model: SessionModel) -> tuple[Named, ...]:
         tried = [one for one in fixed if one.cause not in done]
         tried += [*_steps(model, observed, base, named), *_sinusoids(model, observed, base, named)]
         gains = [(_score(observed, [*named, one]) - base.twice_log_likelihood, one) for one in tried]
-        gain, best = max(gains, key=lambda item: item[0])
+        seen = [item for item in gains if _is_seen(model, observed, named, item[1])]
+        if not seen:
+            break
+        gain, best = max(seen, key=lambda item: item[0])
         if gain + best.cost < best.is_worth or not _outlasts_stars(model, observed, named, best):
             break
         named = [*_without_idle(observed, named, best), best]
     return tuple(_named(observed, named, one, fixed) for one in named)
+
+
+def _is_seen(model: SessionModel, observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bool:
+    """Whether what a cause does to the stars is more than their places on the pixels do."""
+    if model.field is None or not one.columns.field.any():
+        return True
+    coefficients = _fit(observed, [*named, one]).coefficients[-one.columns.count :]
+    moved_px = np.abs(one.columns.field @ coefficients) * model.field.reach_px
+    return bool(moved_px.max() >= model.field.least_px)
 
 
 def _fit(observed: Observed, causes: Sequence[Hypothesis]) -> Fitted:
