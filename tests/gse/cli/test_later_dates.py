@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -44,12 +45,13 @@ def midnight_station(tmp_path: Path) -> Path:
 def emulated(offset: str, station: Path) -> Iterator[str]:
     """An emulated sensor on a pty, its sky that of the date; gives the port's name."""
     command = at(offset, "emulate", "--pty", "--station", station)
-    with subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, env=ENVIRONMENT, start_new_session=True, **pipes) as process:
         assert process.stdout is not None
         try:
             yield process.stdout.readline().decode().strip()
         finally:
-            process.terminate()
+            os.killpg(process.pid, signal.SIGTERM)  # faketime does not hand a signal on
 
 
 @pytest.mark.parametrize(("offset", "words"), [("+400d", "leap seconds"), ("+4y", "UT1 is only known to")])
