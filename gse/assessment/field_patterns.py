@@ -23,10 +23,11 @@ PARAMETERS = ("focal length", "k1", "k2", "principal point x", "principal point 
 _STEPS = (1e-5, 1e-4, 1e-4, 0.1, 0.1, 10.0)
 _MOST_ROWS = 40_000
 _FEWEST_ROWS = 100
+_SHOWN_ROWS = 1000
 _FEWEST_STARS = 4
 _OUTLIER = 5.0
-_WHOLE_PIXELS_HIDE_PX, _CENTROIDS_HIDE_PX = 0.25, 0.05
-"""Stars that keep their place on the pixels lie so far off for a whole session, whatever the camera's parameters."""
+_WHOLE_PIXELS_HIDE_PX, _CENTROIDS_HIDE_PX = 0.1, 0.05
+"""Root mean square by which stars that keep their place on the pixels lie off for a whole session."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,8 +36,8 @@ class FieldOfErrors:
 
     ``normal`` (F, F) and ``right`` (F,) are the normal equations in units of the residuals' variance, for which
     sums over one star count as one (as its errors depend on each other), with ``freedom``. ``shifts`` (L, 3, F) are
-    what each pattern does to the attitude of the frames ``rows`` (L,), in arcsec per unit. ``reach_px`` (F,) is the
-    greatest displacement of a star per unit, and ``least_px`` the smallest that is no property of the pixels.
+    what each pattern does to the attitude of the frames ``rows`` (L,), in arcsec per unit. ``moved_px`` (Q, 2, F)
+    are displacements of some of the stars per unit; root mean squares below ``least_px`` may be the pixels'.
     """
 
     normal: NDArray[np.float64]
@@ -45,7 +46,7 @@ class FieldOfErrors:
     rows: NDArray[np.int64]
     shifts: NDArray[np.float64]
     stars: "StarErrors"
-    reach_px: NDArray[np.float64]
+    moved_px: NDArray[np.float64]
     least_px: float
 
 
@@ -132,7 +133,7 @@ def _fitted(
     star_rows = matches["star"].astype(np.int64)
     errors = StarErrors(frames, utc_ns[frames], star_rows, operators, unfitted(rest, frames), whole_arcsec)
     shifts = np.stack([boresight_shifts(turns[:, :, part]) for part in range(len(PARAMETERS))], axis=2)
-    reach_px = np.hypot(patterns[:, 0], patterns[:, 1]).max(axis=0) / (camera.pixel_rad * ARCSEC_PER_RAD)
+    moved_px = patterns[:: -(-len(patterns) // _SHOWN_ROWS)] / (camera.pixel_rad * ARCSEC_PER_RAD)
     return FieldOfErrors(
         normal / variance,
         right / variance,
@@ -140,7 +141,7 @@ def _fitted(
         numbers.astype(np.int64),
         shifts,
         errors,
-        reach_px,
+        moved_px,
         _WHOLE_PIXELS_HIDE_PX if whole_arcsec else _CENTROIDS_HIDE_PX,
     )
 

@@ -190,8 +190,8 @@ def _is_seen(model: SessionModel, observed: Observed, named: list[Hypothesis], o
     if model.field is None or not one.columns.field.any():
         return True
     coefficients = _fit(observed, [*named, one]).coefficients[-one.columns.count :]
-    moved_px = np.abs(one.columns.field @ coefficients) * model.field.reach_px
-    return bool(moved_px.max() >= model.field.least_px)
+    moved_px = model.field.moved_px @ (one.columns.field @ coefficients)
+    return bool((moved_px**2).sum(axis=1).mean() >= model.field.least_px**2)
 
 
 def _fit(observed: Observed, causes: Sequence[Hypothesis]) -> Fitted:
