@@ -24,7 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtr, stdtrit
+
+from gse.assessment.mixed_student import MixedStudent
 
 ORDINATES = 32
 """More would separate short correlation times from white noise, but would ask more of the shape."""
@@ -39,8 +40,6 @@ _CYCLES = np.arange(2.0, 12.1, 0.4)
 """Of a sinusoid in the session: fewer are taken for slow noise, more lie beyond most of the ordinates."""
 _PEAKS = np.array([3.0, 30.0, 300.0])
 """Greatest ordinate of the sinusoid, in the spectrum of the white part."""
-_MAX_STEPS = 100
-_ACCURACY = 1e-6
 _FLOOR = 1e-9
 """Least spectrum, in that of white noise of the same variance: a pattern that cancels to nothing in every sum."""
 _NEGLIGIBLE = 1e-9
@@ -50,37 +49,6 @@ _PRIOR_POWER = -0.5
 """The prior of a shape with exponential correlation goes as its time in _TIMES to this power."""
 _SINUSOID_PRIOR = 0.1
 _PHASES = 2000
-
-
-@dataclass(frozen=True, slots=True)
-class MixedStudent:
-    """A symmetric error about zero: a mixture of Student t distributions, as weights and scales (G,)."""
-
-    weights: NDArray[np.float64]
-    scales: NDArray[np.float64]
-    freedom: int
-
-    def half_width(self, probability: float) -> float:
-        """The error that is not exceeded, sign counted, with this probability above 0.5."""
-        least = float(self.scales.min()) * float(stdtrit(self.freedom, probability))
-        error = least * self.standard / float(self.scales.min())
-        # The distribution is concave above zero: Newton's steps from above end below, and from below they stay there.
-        for _ in range(_MAX_STEPS):
-            place = error / self.scales
-            missing = probability - float(self.weights @ stdtr(self.freedom, place))
-            density = (1 + place**2 / self.freedom) ** (-(self.freedom + 1) / 2) / self.scales
-            step = missing / (_peak(self.freedom) * float(self.weights @ density))
-            error = max(error + step, least)
-            if abs(step) < _ACCURACY * error:
-                break
-        return error
-
-    @property
-    def standard(self) -> float:
-        """The standard error without the uncertainty of it: the weighted median of the scales."""
-        order = np.argsort(self.scales)
-        share = np.cumsum(self.weights[order])
-        return float(self.scales[order][min(int(np.searchsorted(share, 0.5)), len(order) - 1)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,11 +62,6 @@ class _Shapes:
     log_prior: NDArray[np.float64]
     power: NDArray[np.float64]
     cycles: NDArray[np.float64]
-
-
-def _peak(freedom: int) -> float:
-    """Density of Student's t at zero."""
-    return math.exp(math.lgamma((freedom + 1) / 2) - math.lgamma(freedom / 2)) / math.sqrt(math.pi * freedom)
 
 
 def mean_error(values: NDArray[np.float64]) -> MixedStudent:
