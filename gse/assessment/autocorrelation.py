@@ -7,7 +7,7 @@ between them and zero is not known: a plain average of the ordinates (Lazarus, L
 541) takes it to be flat and gives intervals too narrow wherever the correlation time is more than a hundredth of the
 session. Here the spectrum is white noise alone, or with a part of exponential correlation (as in Müller 2014, JBES
 32, 311), of any strength and of any correlation time between twenty times and a three-hundredth of the session, or
-with a sinusoid of random phase that has at least two cycles in the session. Each of these shapes, with its scale
+with a sinusoid of random phase that has at least one cycle in the session. Each of these shapes, with its scale
 integrated out, predicts the mean as a Student t; weighted by its likelihood and a fixed prior they give a mixture of
 t distributions, whose quantiles are the bounds. A session of few correlation times thereby gets wide bounds instead
 of narrow ones, and nothing is drawn at random. Refusing bounds below an effective number of one, or of ten, was tried
@@ -36,10 +36,11 @@ _TIMES = np.geomspace(0.05, 300.0, 20)
 """Lengths of the session in exponential correlation times."""
 _STRENGTHS = np.array([0.3, 1.0, 3.0, 10.0, 100.0, 1e6])
 """Spectrum of the correlated part at zero, in that of the white part."""
-_CYCLES = np.arange(2.0, 12.1, 0.4)
+_CYCLES = np.arange(1.0, 12.1, 0.2)
 """Of a sinusoid in the session: fewer are taken for slow noise, more lie beyond most of the ordinates."""
-_PEAKS = np.array([3.0, 30.0, 300.0])
-"""Greatest ordinate of the sinusoid, in the spectrum of the white part."""
+_PEAKS = np.array([3.0, 30.0, 300.0, 3000.0, 30_000.0])
+"""Greatest ordinate of the sinusoid, in the spectrum of the white part. It is 1800 for an hour at 1 Hz with half of the
+mean square in a sinusoid; a list that ends too early makes a strong sinusoid small."""
 _FLOOR = 1e-9
 """Least spectrum, in that of white noise of the same variance: a pattern that cancels to nothing in every sum."""
 _NEGLIGIBLE = 1e-9
@@ -55,13 +56,12 @@ _PHASES = 2000
 class _Shapes:
     """Spectra (G, ORDINATES + 1) at the places 0, 1, ... of the cosines, and the logarithm of the prior (G,).
 
-    The last of them are sinusoids, of which ``power`` (the mean square, times M) and ``cycles`` are given.
+    The last of them are sinusoids of _CYCLES, each with _PEAKS, of which ``power`` (the mean square, times M) is given.
     """
 
     spectra: NDArray[np.float64]
     log_prior: NDArray[np.float64]
     power: NDArray[np.float64]
-    cycles: NDArray[np.float64]
 
 
 def mean_error(values: NDArray[np.float64]) -> MixedStudent:
@@ -69,8 +69,7 @@ def mean_error(values: NDArray[np.float64]) -> MixedStudent:
     amplitudes = cosines(values - values.mean())
     squares = amplitudes**2 + _FLOOR * values.var()
     shapes = _shapes()
-    places = slice(1, len(amplitudes) + 1)
-    weights, scales = _posterior(squares, shapes.spectra[:, places], shapes.log_prior)
+    weights, scales = _posterior(squares, 1)
     return _mixed(weights, scales * np.sqrt(shapes.spectra[:, 0] / len(values)), len(amplitudes))
 
 
@@ -86,16 +85,21 @@ def weighted_sum_error(weights: NDArray[np.float64], residuals: NDArray[np.float
     last = len(factors)
     spectra = shapes.spectra[:, 1 : last + 1]
     variance = spectra @ factors**2 + spectra[:, -1] * max(float(weights @ weights - factors @ factors), 0.0)
-    sinusoids = len(shapes.cycles)  # whose cosines are not independent
-    variance[-sinusoids:] = weights @ weights + shapes.power / len(weights) * _response(weights, shapes.cycles)
-    posterior, scales = _posterior(squares, spectra[:, 1:], shapes.log_prior)
+    sinusoids = len(shapes.power)  # whose cosines are not independent
+    variance[-sinusoids:] = weights @ weights + shapes.power / len(weights) * _response(weights)
+    posterior, scales = _posterior(squares, 2)
     return _mixed(posterior, scales * np.sqrt(variance), len(amplitudes))
 
 
-def _response(weights: NDArray[np.float64], cycles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean square, over all phases, of the weighted sum of a sinusoid of mean square 1."""
-    place = (np.arange(len(weights)) + 0.5) / len(weights)
-    return np.asarray(np.abs(np.exp(2j * math.pi * cycles[:, None] * place) @ weights) ** 2)
+def _response(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean square, over all phases, of the weighted sum of each sinusoid of mean square 1."""
+    return np.repeat(np.abs(_waves(len(weights)) @ weights) ** 2, len(_PEAKS))
+
+
+@functools.lru_cache(maxsize=4)
+def _waves(n: int) -> NDArray[np.complex128]:
+    """Of _CYCLES (rows) at n values."""
+    return np.asarray(np.exp(2j * math.pi * _CYCLES[:, None] * (np.arange(n) + 0.5) / n))
 
 
 def _mixed(weights: NDArray[np.float64], scales: NDArray[np.float64], freedom: int) -> MixedStudent:
@@ -120,16 +124,25 @@ def _basis(n: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     return edges[:-1], np.cos(math.pi * places[:, None] * middle)
 
 
-def _posterior(
-    squares: NDArray[np.float64], spectra: NDArray[np.float64], log_prior: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Weight and scale (standard deviation at spectrum 1) of each shape, the scale with Jeffreys' prior."""
-    count = len(squares)
-    sums = (1 / spectra) @ squares
-    log_weight = log_prior - 0.5 * np.log(spectra).sum(axis=1) - 0.5 * count * np.log(sums)
+def _posterior(squares: NDArray[np.float64], first: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Weight and scale (standard deviation at spectrum 1) of each shape, the scale with Jeffreys' prior.
+
+    From squared amplitudes (C,) at the places ``first``, ``first`` + 1, ... of the cosines.
+    """
+    inverse, log_factor = _likelihood(first, len(squares))
+    sums = inverse @ squares
+    log_weight = log_factor - 0.5 * len(squares) * np.log(sums)
     weights = np.exp(log_weight - log_weight.max())
     weights[weights < _NEGLIGIBLE] = 0.0
-    return weights / weights.sum(), np.sqrt(sums / count)
+    return weights / weights.sum(), np.sqrt(sums / len(squares))
+
+
+@functools.lru_cache(maxsize=16)
+def _likelihood(first: int, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Inverse spectra (G, count) from the place ``first`` on, and what the likelihood (G,) owes to shape and prior."""
+    shapes = _shapes()
+    spectra = shapes.spectra[:, first : first + count]
+    return 1 / spectra, shapes.log_prior - 0.5 * np.log(spectra).sum(axis=1)
 
 
 @functools.cache
@@ -145,7 +158,6 @@ def _shapes() -> _Shapes:
         np.vstack([np.ones(ORDINATES + 1), correlated, sinusoids]),
         np.log(np.concatenate([[_WHITE_PRIOR], prior, np.full(len(power), _SINUSOID_PRIOR / len(power))])),
         power,
-        np.repeat(_CYCLES, len(_PEAKS)),
     )
 
 

@@ -24,7 +24,7 @@ class MixedStudent:
     def half_width(self, probability: float) -> float:
         """The error that is not exceeded, sign counted, with this probability above 0.5."""
         quantile = float(stdtrit(self.freedom, probability))
-        least, start = float(self.scales.min()) * quantile, self.standard * quantile
+        least, start = float(self.scales.min()) * quantile, float(self.weights @ self.scales) * quantile
         return _quantile(self.weights, self.scales, self.freedom, probability, least, start)
 
     @property
@@ -44,7 +44,7 @@ def _quantile(
     least: float,
     start: float,
 ) -> float:
-    """By Newton's steps, which from above end below and from below stay there: above zero the distribution is concave."""
+    """By Newton's steps. Above zero the distribution is concave: they end below from above, and stay below."""
     error = start
     peak = math.exp(math.lgamma((freedom + 1) / 2) - math.lgamma(freedom / 2)) / math.sqrt(math.pi * freedom)
     for _ in range(_MAX_STEPS):

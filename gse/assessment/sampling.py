@@ -7,8 +7,9 @@ JASA 47, 635, on the logarithm of the share); where less than three independent 
 tail, which errs to the safe side for tails up to exponential. The share is never taken as better known than the mean
 absolute value: the few values of a tail tell little of their correlation.
 
-A slow error shows in a session as a bias. Absolute values hide it where it is small by chance, so that their upper
-bounds are at least what they would be with the bias at either of its own bounds.
+A slow error shows in a session as a bias, and a session shorter than it lasts shows little of its scatter. Absolute
+values hide both, so that their bounds are at least as wide as with the bias at either of its own bounds, and upwards
+with the variance of the mean beside the scatter.
 """
 
 import math
@@ -173,13 +174,21 @@ def _percentile_95(absolute: NDArray[np.float64], of_mean: MixedStudent) -> Boun
 def _shifted(errors: NDArray[np.float64], half_width: float, quantile: float) -> NDArray[np.float64]:
     """Mean and 95th percentile (rows) of the absolute values with the bias at either end of its interval: least, most.
 
-    Towards zero the scatter is what the session shows; away from it with the variance of the mean, which it cannot show.
+    The most has the variance of the mean beside the scatter that the session shows.
     """
     mean = float(errors.mean())
     scatter = math.hypot(1.0, half_width / quantile / float(errors.std()))
     towards = np.abs(errors - min(max(mean, -half_width), half_width))
     away = np.abs(scatter * (errors - mean) + mean + math.copysign(half_width, mean))
-    return np.array([[float(one.mean()), float(np.percentile(one, 95))] for one in (towards, away)]).T
+    return np.array([[float(one.mean()), percentile_95(one)] for one in (towards, away)]).T
+
+
+def percentile_95(values: NDArray[np.float64]) -> float:
+    """As numpy's, which spends ten times as long on its options."""
+    place = 0.95 * (len(values) - 1)
+    left = min(int(place), len(values) - 2)
+    below, above = np.partition(values, (left, left + 1))[left : left + 2]
+    return float(below + (place - left) * (above - below))
 
 
 def _widened(bounds: Bounds, two: NDArray[np.float64], one: NDArray[np.float64]) -> Bounds:
