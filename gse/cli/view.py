@@ -58,6 +58,7 @@ def command(
 def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -> None:
     from gse.assessment.verdict import judge
     from gse.cli.progress import replay_with_progress
+    from gse.report.metric_table import metrics_in_markdown
     from gse.station.loop import Listener, StationLoop
     from gse.view.saved_view import SavedView
 
@@ -71,7 +72,8 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
     if clock_error_s is not None:
         session.clock_error_s = clock_error_s
     assessment = judge(session)
-    views[0].finish(session, assessment.verdict.value, assessment.reasons)
+    metrics = metrics_in_markdown(assessment.statistics)
+    views[0].finish(session, assessment.verdict.value, assessment.reasons, metrics=metrics)
 
 
 def _serve_until_interrupt(url: str) -> None:
