@@ -37,7 +37,7 @@ class PtyEndpoint:
         return os.read(self._sensor, READ_BYTES) if readable else b""
 
     def send(self, data: bytes) -> None:
-        """Bytes to the station, lost before it is open; unread ones are dropped, so that a later client gets new ones."""
+        """Bytes to the station, lost before it is open; unread ones are dropped, so that it reads new ones later."""
         if termios.tcgetattr(self._station)[5] == _NOT_SET:
             return
         unread = struct.unpack("i", fcntl.ioctl(self._station, termios.FIONREAD, b"\0\0\0\0"))[0]
