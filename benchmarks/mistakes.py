@@ -27,12 +27,21 @@ WITHIN_S = 30.0
 WITHOUT_RIGHTS = ("setpriv", "--bounding-set", "-dac_override,-dac_read_search")
 STATION = """version: 1
 sensor: {{name: ST-1, rows: 1024, columns: 1024, focal_length_px: {focal}, mirrored: {mirrored}}}
-site: {{name: roof, latitude_deg: {latitude}, longitude_deg: 11.3, height_m: 600}}
+site: {{name: roof, latitude_deg: {latitude}, longitude_deg: {longitude}, height_m: 600}}
 mount: {{azimuth_deg: 200, altitude_deg: 60, roll_deg: 10}}
 port: {{url: {port}, baudrate: {baudrate}}}
 protocol: {protocol}
 """
-TRUE = {"focal": 4169.905, "mirrored": "false", "latitude": 47.9, "baudrate": 115200, "protocol": "panorama-v1"}
+MIDNIGHT_DEG = (-15 * time.gmtime().tm_hour + 180) % 360 - 180
+"""The longitude where it is night: by day a lens cap is not told from the Sun."""
+TRUE = {
+    "longitude": MIDNIGHT_DEG,
+    "focal": 4169.905,
+    "mirrored": "false",
+    "latitude": 47.9,
+    "baudrate": 115200,
+    "protocol": "panorama-v1",
+}
 
 
 @dataclass(frozen=True)
@@ -99,7 +108,7 @@ def emulator(folder: Path, *options: str) -> Iterator[Path]:
     (folder / "true.yaml").write_text(STATION.format(**wanted))
     (folder / "cap.yaml").write_text("text: The lens cap is on.\nair:\n  capped_s: [[0, 100000]]\n")
     options = tuple(option.format(folder=folder) for option in options)
-    command = [*GSE, "emulate", "--pty", "--station", str(folder / "true.yaml"), "--dark", *options]
+    command = [*GSE, "emulate", "--pty", "--station", str(folder / "true.yaml"), *options]
     sensor = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert sensor.stdout is not None
     port = folder / "tty"
