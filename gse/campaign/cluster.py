@@ -1,8 +1,8 @@
 """The Dask cluster of a campaign: worker processes of this machine, or a scheduler by its address.
 
 The own cluster listens on 127.0.0.1 alone, with certificates made for the run, so that no other user of this machine
-can talk to it, and without a dashboard or other page. Each worker is a process with one thread. Lost workers, retries and the order
-of work are Dask's; its settings (``distributed.scheduler.worker-ttl``, ``distributed.comm.tls``) hold.
+can talk to it, and without a dashboard or other page. Each worker is a process with one thread. Lost workers, retries
+and the order of work are Dask's; its settings (``distributed.scheduler.worker-ttl``, ``distributed.comm.tls``) hold.
 """
 
 import logging
