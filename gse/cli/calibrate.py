@@ -39,7 +39,7 @@ def command(
 ) -> None:
     """Fit focal length, principal point, radial distortion and mirror to the stars of the session FILE.
 
-    The fit starts from the camera of the station file; its focal length may be wrong by 3 %. Aberration and refraction
+    The fit starts from the camera of the station file; its focal length may be wrong by 25 %. Aberration and refraction
     are corrected with the site and the times of the session. Use the new station file with `gse replay --station` or
     `gse run --station`.
     """

@@ -6,21 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.identifier.attitude_fit import fit
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS, weigh
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.search_plan import search_pass
-from gse.identifier.verify import (
-    Attempt,
-    Noise,
-    Objects,
-    attempt_at,
-    fit,
-    named,
-    noise_of,
-    objects_of,
-    squared_residuals,
-    with_noise,
-)
+from gse.identifier.tangent_plane import Attempt, Noise, Objects, attempt_at, noise_of, objects_of, with_noise
+from gse.identifier.verify import named, squared_residuals
 from gse.identifier.votes import FEW_LOOKED_AT, hypotheses_of, pair_rotation
 from gse.jit import compiled
 

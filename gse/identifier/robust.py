@@ -65,8 +65,8 @@ from gse.identifier.input_checks import refusal
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
+from gse.identifier.tangent_plane import Noise, outside_field
 from gse.identifier.tracking import follow
-from gse.identifier.verify import Noise, outside_field
 
 _FEWEST_OBJECTS = 3
 

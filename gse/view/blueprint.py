@@ -30,11 +30,16 @@ def layout(
         _error_view("d_de", "dDE (arcsec)", station.limits.d_de_arcsec, axis),
         rrb.Tabs(
             _graph("/cross", "Cross x, y (arcsec)", axis),
-            _graph("/roll", "Roll (arcsec)", axis),
+            _graph("/roll", "Roll (arcsec)", axis, "/sensor/roll"),
             _graph("/stars", "Stars, magnitude", axis),
         ),
         rrb.Tabs(
-            _graph("/identification_ms", f"Time (ms), limit {station.limits.identification_ms:g}", axis),
+            _graph(
+                "/identification_ms",
+                f"Time (ms), limit {station.limits.identification_ms:g}",
+                axis,
+                "/sensor/latency_ms",
+            ),
             _graph("/clock", "Clock (ms)", axis),
             _graph("/temperature_c", "Detector (degC)", axis),
         ),
@@ -79,6 +84,7 @@ def _time_ranges(window_s: float | None) -> rrb.VisibleTimeRanges:
 def _error_view(path: str, name: str, limit: float, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"/{path}",
+        contents=["$origin/**", f"/sensor/{path}"],
         name=f"{name}, limit {limit:g}",
         axis_x=axis,
         axis_y=rrb.ScalarAxis(range=(-_reach(limit), _reach(limit))),
@@ -96,8 +102,14 @@ def _reach(limit: float) -> float:
     return power * (wanted if wanted <= _MOST_POWERS else 10 * _FEWEST_POWERS)
 
 
-def _graph(path: str, name: str, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(origin=path, name=name, axis_x=axis, plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop))
+def _graph(path: str, name: str, axis: rrb.TimeAxis, *beside: str) -> rrb.TimeSeriesView:
+    legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
+    contents = ["$origin/**", *beside]
+    return rrb.TimeSeriesView(origin=path, contents=contents, name=name, axis_x=axis, plot_legend=legend)
+
+
+def _time_title(station: Station) -> str:
+    return f"Time (ms), limit {station.limits.identification_ms:g}"
 
 
 def _log_view() -> rrb.TextLogView:

@@ -21,7 +21,15 @@ from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.event_lines import EventLines
 from gse.view.picture import Picture
 from gse.view.running_statistics import LINK_COLOURS, LINK_WORDS, SKY_COLOURS, SKY_WORDS, Running
-from gse.view.series import OUTAGE_NS, begin_series, send_clock, send_outages, send_series, times
+from gse.view.series import (
+    OUTAGE_NS,
+    begin_series,
+    send_clock,
+    send_outages,
+    send_own_answers,
+    send_series,
+    times,
+)
 from gse.view.sky import TRACK_ROW_NS, begin_scatter, begin_sky, send_scatter, send_sky, unit_vectors
 
 _GOOD_EVENTS = {
@@ -67,6 +75,7 @@ class Scene:
         self._status: Status | None = None
         self._events = EventLines(frozenset({StationKind.NOTE}))
         self._recent: deque[NDArray[np.void]] = deque()
+        self._own_recent: deque[NDArray[np.void]] = deque()
         self._logged: deque[tuple[int, str, str]] = deque(maxlen=_LOG_AGAIN)
         self._states: deque[tuple[str, int, str]] = deque(maxlen=_LOG_AGAIN)
         self._words: tuple[int, str] | None = None
@@ -99,6 +108,15 @@ class Scene:
             self.running.add(frame)
             self._log_change(frame)
 
+    def add_own_answers(self, errors: NDArray[np.void]) -> None:
+        """Show errors of the sensor's own answers, rows of OWN_ERROR."""
+        if not len(errors):
+            return
+        self.running.add_own(errors)
+        if self._live:
+            self._remember_in(self._own_recent, errors)
+        send_own_answers(self._stream, errors)
+
     def send_again(self) -> None:
         """Send the last ten minutes once more, each series in one piece: for a viewer that has just come."""
         if self._recent:
@@ -106,6 +124,8 @@ class Scene:
             send_series(self._stream, columns, self._station.limits)
             send_sky(self._stream, columns, self._picture.camera)
             send_scatter(self._stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
+        if self._own_recent:
+            send_own_answers(self._stream, np.concatenate(self._own_recent))
         for path, utc_ns, word in self._states:
             self._stream.send_columns(path, [times([utc_ns])], rr.StateChange.columns(state=[word]))
         if self._logged:
@@ -116,11 +136,12 @@ class Scene:
         if self._words is not None:
             self.words(*self._words)
 
-    def _remember(self, columns: NDArray[np.void]) -> None:
-        self._recent.append(columns.copy())
+    @staticmethod
+    def _remember_in(recent: deque[NDArray[np.void]], columns: NDArray[np.void]) -> None:
+        recent.append(columns.copy())
         oldest_ns = columns["utc_ns"][-1] - round(LIVE_WINDOW_S * NS_PER_S)
-        while self._recent[0]["utc_ns"][-1] < oldest_ns or len(self._recent) > _MOST_RECENT:
-            self._recent.popleft()
+        while recent[0]["utc_ns"][-1] < oldest_ns or len(recent) > _MOST_RECENT:
+            recent.popleft()
 
     def add_residuals(self, columns: NDArray[np.void], matches: NDArray[np.void]) -> None:
         """Show the residuals of some frames: rows of FRAME, and their rows of MATCH."""
@@ -130,7 +151,7 @@ class Scene:
         """Show all but the objects of some frames, rows of FRAME."""
         self._break_lines(columns["utc_ns"])
         if self._live:
-            self._remember(columns)
+            self._remember_in(self._recent, columns)
         send_series(self._stream, columns, self._station.limits)
         self._track.append(columns)
         if columns["utc_ns"][-1] - self._track[0]["utc_ns"][0] >= TRACK_ROW_NS:
