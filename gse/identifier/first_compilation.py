@@ -16,7 +16,7 @@ import numpy as np
 from gse.identifier.hypotheses import search_many
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
-from gse.identifier.verify import Noise
+from gse.identifier.tangent_plane import Noise
 from gse.jit import is_on_disk
 
 _LONGEST_S = 300.0
