@@ -67,6 +67,7 @@ from gse.station.results import FrameResult, OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
 from gse.station.sky_watch import SkyWatch
+from gse.station.unreadable_bytes import what_fits
 from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
 from protocols import StatusMessage
@@ -140,7 +141,8 @@ class StationLoop:
             paper_mean=station.identifier.attitude == "paper-mean",
         )
         self._own_answers = OwnAnswerProcessor(station.sensor.attitude)
-        self._monitor = LinkMonitor(station.port.baudrate)
+        baudrate = station.port.baudrate
+        self._monitor = LinkMonitor(baudrate, explain=lambda sample: what_fits(sample, setup.protocol, baudrate))
         self._camera_watch = CameraWatch(setup.camera, setup.identifier.catalog)
         self._truth_sought = False
         self._event_log = EventLog()
