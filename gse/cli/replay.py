@@ -19,6 +19,7 @@ from gse.cli.options import (
     leave_out_option,
     out_option,
     save_rrd_option,
+    say,
     start_utc_option,
     station_option,
     view_option,
@@ -111,6 +112,7 @@ def command(
             options=options,
             station=change_to(station_path, identifier),
             make_listeners=lambda loop, folder: (*live_outputs.listeners(loop, folder), *expected),
+            tell=say,
         )
         live_outputs.enter_judging()
         frames = replay.session.frames.columns
