@@ -7,6 +7,8 @@ import os
 import signal
 from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as gse does, where it comes before numpy
+
 import pytest
 from astropy.utils import iers
 
