@@ -28,7 +28,7 @@ class Named:
 _FRAMES = "gse/station/frame_processor.py"
 _GUARD = "gse/assessment/guard_band.py"
 _DECISION = "gse/assessment/decision.py"
-_STATISTICS = "gse/assessment/statistics.py"
+_STATISTICS = "gse/assessment/subject_statistics.py"
 _ACCEPTANCE = "gse/identifier/acceptance.py"
 _HOT = "gse/calibration/hot_pixels.py"
 _TO_DECISION = "tests/gse/assessment/test_decision.py"
