@@ -56,7 +56,7 @@ ROOMS = {
             "gse/identifier/evidence.py:LOG_UNAMBIGUOUS",
             "gse/identifier/evidence.py:LOG_STRONG",
             "gse/identifier/hypotheses.py:_LOG_MIRRORED",
-            "gse/identifier/hypotheses.py:search_both",
+            "gse/identifier/hypotheses.py:search_many",
             "gse/identifier/robust.py:_answer",
             "gse/identifier/robust.py:_false_match_probability",
         ),

@@ -252,3 +252,8 @@ def _exclusions(texts: tuple[str, ...]) -> tuple["Exclusion", ...]:
     from gse.station.exclusions import parse_exclusion
 
     return tuple(parse_exclusion(text) for text in texts)
+
+
+def say(text: str) -> None:
+    """A line on stderr."""
+    click.echo(f"gse: {text}", err=True)

@@ -26,6 +26,7 @@ from gse.cli.options import (
     json_option,
     leave_out_option,
     out_option,
+    say,
     start_utc_option,
     station_option,
 )
@@ -102,6 +103,7 @@ def command(
             options=options,
             station=change_to(station_path, identifier),
             make_listeners=lambda loop, folder: (*live_outputs.listeners(loop, folder), *expected),
+            tell=say,
         )
         live_outputs.enter_judging()
         folder = _new_folder(out, replay)
