@@ -75,7 +75,7 @@ def test_frames_that_the_sequence_misses_were_expected_and_are_not_available():
 def test_what_arrives_late_is_measured_from_the_middle_of_the_exposure_to_the_host():
     made = at_seconds(range(4))
     made.frames.columns["host_utc_ns"][:] = made.frames.columns["utc_ns"] + 7_000_000
-    assert statistics(made).arrival_ms.median == 7.0
+    assert statistics(made).arrival_ms.p50 == 7.0
 
 
 def test_frames_over_the_limit_of_time_are_slow_and_one_at_it_is_not():
