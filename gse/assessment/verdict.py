@@ -22,7 +22,8 @@ from gse.assessment.guard_band import COVERAGE_FACTOR
 from gse.assessment.sensor_convention import is_wrong
 from gse.assessment.sensor_findings import sensor_findings
 from gse.assessment.sensor_health import SensorHealth, health_findings, sensor_health
-from gse.assessment.statistics import Statistics, SubjectStatistics, figure_of, statistics
+from gse.assessment.statistics import Statistics, statistics
+from gse.assessment.subject_statistics import SubjectStatistics, figure_of
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
 from gse.assessment.uncounted import uncounted
 from gse.constants import ARCSEC_PER_RAD

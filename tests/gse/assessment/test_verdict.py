@@ -10,7 +10,8 @@ from skies.known_nights import START_NS, STATION, TRUTH, frame, session, unanswe
 from drivers.clock import ClockReading
 from gse.assessment.clock_health import clock_health, stated_error_s
 from gse.assessment.decision import Outcome
-from gse.assessment.statistics import about_circular_mean, statistics
+from gse.assessment.statistics import statistics
+from gse.assessment.subject_statistics import about_circular_mean
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
 from gse.errors import UsageError
