@@ -9,7 +9,7 @@ import click
 from gse.calibration.camera_fit import Calibration
 from gse.calibration.session_fit import PanoramaSample, SessionCalibration, calibrate_session
 from gse.cli.new_files import write_new
-from gse.cli.options import change_to, fit_options, with_identifier
+from gse.cli.options import change_to, fit_options, say, with_identifier
 from gse.config.edit import with_values
 from gse.errors import TruthError
 from gse.truth import EarthOrientation, SiderealTruth
@@ -56,7 +56,7 @@ def command(
     station, text = recording.station, recording.station_text
     if station.identifier.algorithm == "external":
         station, text = with_identifier(station, text, "robust")
-    setup = set_up(station, text, utc_ns=first_ns, protocol_text=recording.protocol.text)
+    setup = set_up(station, text, utc_ns=first_ns, protocol_text=recording.protocol.text, tell=say)
     result = calibrate_session(sample, setup.camera, setup.built_in, _truth(recording, first_ns), tangential=tangential)
     if write_path is not None:
         write_new(write_path, with_values(recording.station_text, "sensor", _sensor_values(result)))
