@@ -26,10 +26,11 @@ from gse.instant import NS_PER_S
 from gse.station.housekeeping import in_words
 from gse.station.results import FrameResult, LinkCounters
 from gse.station.session_data import SessionData
+from gse.view.own_answers import OwnAnswerErrors
 from gse.view.ports import free_port
 from gse.view.saved_view import rrd_file_sink
 from gse.view.scene import Scene
-from gse.view.verdict_text import verdict_at_end, verdict_so_far
+from gse.view.verdict_text import standing, verdict_at_end, verdict_so_far
 from protocols import StatusMessage
 
 _LOG = logging.getLogger(__name__)
@@ -92,6 +93,7 @@ class RerunFeed:
         self.dropped = 0
         self.batch_s = BATCH_EVERY_S
         self._readings = 0
+        self._own = OwnAnswerErrors(station)
         self._queue: deque[_Item] = deque(maxlen=queue_frames)
         self._closing = threading.Event()
         self._came = threading.Event()
@@ -108,6 +110,7 @@ class RerunFeed:
         readings = tuple(session.clock[self._readings :])
         self._readings += len(readings)
         status = session.statuses[-1][1] if session.statuses else None
+        self._own.take(result, session)
         self._put(_Shown(result, replace(session.link), readings, status))
 
     def on_event(self, event: LinkEvent) -> None:
@@ -158,6 +161,7 @@ class RerunFeed:
         while True:
             last = self._closing.is_set()
             while batch := self._take():
+                scene.add_own_answers(self._own.errors())
                 feed.add(batch, self.dropped)
             if self._came.is_set():
                 self._came.clear()
@@ -220,6 +224,7 @@ class _SceneFeed:
         if running.utc_ns - self._panel_utc_ns >= NS_PER_S:
             self._panel_utc_ns = running.utc_ns
             self._scene.words(running.utc_ns, self._so_far())
+            self._scene.stands(running.utc_ns, standing(running, self._link.frames_lost))
 
     def send_again(self) -> None:
         self._scene.send_again()
@@ -233,6 +238,7 @@ class _SceneFeed:
         text = verdict_at_end(item.verdict, list(item.reasons), self._so_far())
         self._panel_utc_ns = 1 << 62
         self._scene.words(self._scene.running.utc_ns, text)
+        self._scene.stands(self._scene.running.utc_ns, item.verdict)
 
     def finish(self) -> None:
         self._scene.flush()

@@ -27,6 +27,7 @@ def verdict_so_far(
         "|---|---|---|---|---|---|",
         _row("dRA*", last.d_ra_cosde_arcsec if last else None, running.d_ra, limits.d_ra_cosde_arcsec),
         _row("dDE", last.d_de_arcsec if last else None, running.d_de, limits.d_de_arcsec),
+        *_own_rows(running),
         "",
         *(f"- {status}: {count}" for status, count in sorted(running.by_status.items())),
         f"- false answers: {running.false_answers}",
@@ -66,8 +67,27 @@ def headline(running: Running, lost: int) -> str:
     return f"Running: OUTSIDE the limits: {', '.join(outside)}" if outside else "Running: inside the limits"
 
 
+def standing(running: Running, lost: int) -> str:
+    """The same in a word of VERDICT_COLOURS; empty before the first frame."""
+    if not running.frames:
+        return ""
+    if running.silence or not running.d_ra.n:
+        return "no answer"
+    return "OUTSIDE" if running.outside(lost) else "inside"
+
+
 def _loud(count: int) -> str:
     return f"**{count}**" if count else "0"
+
+
+def _own_rows(running: Running) -> list[str]:
+    """Rows of the sensor's own answers, where it sends some."""
+    limits = running.limits
+    axes = (
+        ("sensor dRA*", running.own_d_ra, limits.d_ra_cosde_arcsec),
+        ("sensor dDE", running.own_d_de, limits.d_de_arcsec),
+    )
+    return [_row(name, axis.last, axis, limit) for name, axis, limit in axes if axis.n]
 
 
 def _row(name: str, last: float | None, moments: Moments, limit: float) -> str:
