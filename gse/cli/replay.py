@@ -1,6 +1,8 @@
 """``gse replay``: a test from a session or a raw capture."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -26,6 +28,13 @@ from gse.cli.options import (
 from gse.station.exclusions import Exclusion
 from gse.truth.iers_tables import GivenTables
 
+if TYPE_CHECKING:
+    from gse.sessions.expected_answers import Comparison
+    from gse.station.loop import Listener, StationLoop
+
+_SENSOR = "sensor"
+"""The word of --expect for the sensor's own answers."""
+
 
 @click.command("replay")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
@@ -38,9 +47,10 @@ from gse.truth.iers_tables import GivenTables
 @click.option("--step", is_flag=True, help="Wait for the Enter key after each panorama.")
 @click.option(
     "--expect",
-    "expected_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Count the answers that differ from those of this file (lines of gse.answer/1 or gse.frame/1); exit code 1.",
+    "expected",
+    metavar="FILE|sensor",
+    help="Count the answers that differ from those of this file (lines of gse.answer/1 or gse.frame/1), or from the "
+    "sensor's own (sensor: its ATTITUDE frames in the session); exit code 1.",
 )
 @start_utc_option
 @view_option
@@ -65,7 +75,7 @@ def command(
     to_utc: str | None,
     loop: int | None,
     step: bool,
-    expected_path: Path | None,
+    expected: str | None,
     start_utc: str | None,
     view: ViewMode,
     bind: str,
@@ -83,7 +93,6 @@ def command(
     The station file of the session is used, unless --station gives another one. A raw capture needs --start-utc. The
     report is written to a new folder in --out.
     """
-    from gse.sessions.expected_answers import ExpectedAnswers
     from gse.sessions.live import new_session_folder
     from gse.sessions.replay import ReplayOptions, replay_session
 
@@ -104,13 +113,19 @@ def command(
         step=step,
         diagnose=speed != "max",
     )
-    expected = [ExpectedAnswers(expected_path)] if expected_path else []
+    compare = _comparison(expected)
+    comparisons: list[Comparison] = []
+
+    def listeners_of(loop: "StationLoop", folder: Path | None) -> "list[Listener]":
+        comparisons.extend(compare(loop))
+        return [*live_outputs.listeners(loop, folder), *comparisons]
+
     with live_outputs:
         replay = replay_session(
             path,
             options=options,
             station=change_to(station_path, identifier),
-            make_listeners=lambda loop, folder: (*live_outputs.listeners(loop, folder), *expected),
+            make_listeners=listeners_of,
         )
         live_outputs.enter_judging()
         frames = replay.session.frames.columns
@@ -123,7 +138,21 @@ def command(
     show_paths(folder)
     data_lost = TRUNCATED if replay.session.truncated else ""
     found = applied(report, folder, data_lost=data_lost)
-    for answers in expected:
+    for answers in comparisons:
+        answers.finish(replay.session)
         click.echo(answers.text(), err=True)
         found += [] if answers.is_same else [(EXIT_FAIL, "answers differ from the expected ones")]
     ctx.exit(say_exit_code(found))
+
+
+def _comparison(expected: str | None) -> "Callable[[StationLoop], list[Comparison]]":
+    """What --expect compares, for the loop of a replay; a damaged file is refused before it."""
+    from gse.sessions.expected_answers import ExpectedAnswers
+    from gse.sessions.expected_attitudes import ExpectedAttitudes
+
+    if expected is None:
+        return lambda loop: []
+    if expected == _SENSOR:
+        return lambda loop: [ExpectedAttitudes(loop.setup.protocol, loop.setup.station.sensor.attitude)]
+    answers = ExpectedAnswers(Path(expected))
+    return lambda loop: [answers]
