@@ -56,7 +56,7 @@ ROOMS = {
             "gse/identifier/evidence.py:LOG_UNAMBIGUOUS",
             "gse/identifier/evidence.py:LOG_STRONG",
             "gse/identifier/hypotheses.py:_LOG_MIRRORED",
-            "gse/identifier/hypotheses.py:search_both",
+            "gse/identifier/hypotheses.py:search_many",
             "gse/identifier/robust.py:_answer",
             "gse/identifier/robust.py:_false_match_probability",
         ),
@@ -257,8 +257,11 @@ def importers(tree: Path, module: str) -> set[str]:
     return found
 
 
-def tests_of(tree: Path, room: Room, module: str) -> list[str]:
-    """The test files of a room: those that import the module, those named after it, and the others."""
+def tests_of(tree: Path, room: Room, module: str) -> list[list[str]]:
+    """The test files of a room in two parts: those that import the module or are named after it, and the others.
+
+    Most mutants fall to the first part, and the files of the second need not be imported for them.
+    """
     name, stem = module[:-3].replace("/", "."), Path(module).stem
     package = str(Path(module).parent).replace("/", ".")
     files = [path for folder in room.tests for path in sorted((tree / folder).rglob("test_*.py"))]
@@ -270,8 +273,10 @@ def tests_of(tree: Path, room: Room, module: str) -> list[str]:
             return 0, slow
         return 1 if f"from {name} import" in text else 2 if f"from {package} import" in text else 3, slow
 
-    files.sort(key=rank)
-    return [name for name in (str(path.relative_to(tree)) for path in files) if name not in WITHOUT]
+    files = sorted((path for path in files if str(path.relative_to(tree)) not in WITHOUT), key=rank)
+    near = sum(rank(path)[0] <= 1 for path in files)
+    names = [str(path.relative_to(tree)) for path in files]
+    return [part for part in (names[:near], names[near:]) if part]
 
 
 def copy_of_tree(folder: Path) -> Path:
@@ -338,8 +343,8 @@ def _forked(files: list[str], most_cpu_s: int) -> tuple[str, float]:
     return word, usage.ru_utime + usage.ru_stime
 
 
-def with_mutant(tester: Tester, mutant: Mutant, room: Room, most_cpu_s: int) -> str:
-    """The outcome of one mutant; the tree is the same again afterwards."""
+def with_mutant(tester: Tester, mutant: Mutant, parts: list[list[str]], most_cpu_s: int) -> str:
+    """The outcome of one mutant under test files, part by part; the tree is the same again afterwards."""
     tree = tester.tree
     path, sound = tree / mutant.module, tree / "sound.py"
     modules = importers(tree, mutant.module)
@@ -349,7 +354,8 @@ def with_mutant(tester: Tester, mutant: Mutant, room: Room, most_cpu_s: int) -> 
     path.rename(sound)
     path.write_text(mutant.source)
     try:
-        return tester.outcome(tests_of(tree, room, mutant.module), most_cpu_s)[0]
+        said = (tester.outcome(files, most_cpu_s)[0] for files in parts)
+        return next((word for word in said if word != "survived"), "survived")
     finally:
         sound.replace(path)
         for code in _machine_code(tree, modules):
@@ -367,7 +373,7 @@ def _machine_code(tree: Path, modules: set[str]) -> list[Path]:
 def score(name: str, mutants: list[Mutant], testers: SimpleQueue[Tester], workers: int) -> None:
     """Run the mutants of a room, and print its line of the table and its survivors."""
     room, tester = ROOMS[name], testers.get()
-    word, cpu_s = tester.outcome(tests_of(tester.tree, room, ""), 3600)
+    word, cpu_s = tester.outcome([name for part in tests_of(tester.tree, room, "") for name in part], 3600)
     if word != "survived":
         sys.exit(f"the tests of {name} fail without any mutant")
     most_cpu_s = round(SLOWER * cpu_s) + 60
@@ -376,7 +382,7 @@ def score(name: str, mutants: list[Mutant], testers: SimpleQueue[Tester], worker
     def one(mutant: Mutant) -> str:
         tester = testers.get()
         try:
-            said = with_mutant(tester, mutant, room, most_cpu_s)
+            said = with_mutant(tester, mutant, tests_of(tester.tree, room, mutant.module), most_cpu_s)
         finally:
             testers.put(tester)
         print(f"{said:9} {mutant.module}:{mutant.line}  {mutant.change}", file=sys.stderr, flush=True)

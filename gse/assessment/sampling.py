@@ -78,7 +78,7 @@ def error_bounds(errors: NDArray[np.float64]) -> ErrorBounds:
     bias = _symmetric(float(errors.mean()), of_bias)
     if not _tells(absolute):
         return ErrorBounds(n_eff, len(errors) / n_eff, bias)
-    of_mean = mean_error(absolute)
+    of_mean = _half_widths(mean_error(absolute))
     mean_abs = _of_logarithm(float(absolute.mean()), of_mean, 1.0)
     p95_abs = _percentile_95(absolute, of_mean)
     least = [_shifted(errors, half) for half in ((bias.high - bias.low) / 2, (bias.upper - bias.lower) / 2)]
@@ -101,9 +101,8 @@ def root_mean_square_bounds(values: NDArray[np.float64]) -> Bounds:
     squares = values**2
     if not _tells(squares):
         return NO_BOUNDS
-    error = mean_error(squares)
     mean = float(squares.mean())
-    bounds = _of_logarithm(mean, error, 0.5)
+    bounds = _of_logarithm(mean, _half_widths(mean_error(squares)), 0.5)
     root = 1 / math.sqrt(mean)
     return Bounds(*(root * value for value in (bounds.low, bounds.high, bounds.lower, bounds.upper)))
 
@@ -137,28 +136,30 @@ def _tells(values: NDArray[np.float64]) -> bool:
     return len(values) >= MIN_FRAMES and float(np.ptp(values)) > 0
 
 
+def _half_widths(error: MixedStudent) -> tuple[float, float]:
+    """Of the two-sided and of the one-sided interval."""
+    return error.half_width(TWO_SIDED), error.half_width(ONE_SIDED)
+
+
 def _symmetric(value: float, error: MixedStudent) -> Bounds:
-    two, one = error.half_width(TWO_SIDED), error.half_width(ONE_SIDED)
+    two, one = _half_widths(error)
     return Bounds(value - two, value + two, value - one, value + one)
 
 
-def _of_logarithm(mean: float, error: MixedStudent, power: float) -> Bounds:
-    two, one = (power * error.half_width(probability) / mean for probability in (TWO_SIDED, ONE_SIDED))
+def _of_logarithm(mean: float, half_widths: tuple[float, float], power: float) -> Bounds:
+    two, one = (power * half_width / mean for half_width in half_widths)
     return Bounds(*(mean * _exp(log) for log in (-two, two, -one, one)))
 
 
-def _percentile_95(absolute: NDArray[np.float64], of_mean: MixedStudent) -> Bounds:
+def _percentile_95(absolute: NDArray[np.float64], of_mean: tuple[float, float]) -> Bounds:
     ascending = np.sort(absolute)
     beyond = (absolute >= _at_share(ascending, _TAIL_SHARE)).astype(np.float64)
     if not _tells(beyond):
         return NO_BOUNDS
     share = float(beyond.mean())
     scatter = math.sqrt(share * (1 - share)) / float(absolute.std())
-    of_share = mean_error(beyond)
-    two, one = (
-        max(of_share.half_width(probability), scatter * of_mean.half_width(probability)) / share
-        for probability in (TWO_SIDED, ONE_SIDED)
-    )
+    of_share = _half_widths(mean_error(beyond))
+    two, one = (max(own, scatter * other) / share for own, other in zip(of_share, of_mean, strict=True))
     n_eff = (1 - share) / share * (_Z / two) ** 2
     low, lower = (_at_share(ascending, _TAIL_SHARE * _exp(log)) for log in (two, one))
     high, upper = (_beyond(ascending, log, n_eff) for log in (two, one))

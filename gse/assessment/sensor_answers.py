@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from gse.attitude_convention import AttitudeConvention, state_angles
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD
+from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.own_answers import OwnAnswerTruth, attitude_errors, measured_rotations
 from gse.station.session_data import SessionData
 from gse.truth import truth_of
@@ -28,7 +29,8 @@ class SensorAnswers:
     ``sent`` frames have an ATTITUDE frame, ``acquired`` ones an answer in it. RA, DE and roll are in ICRS, read by the
     convention of the station file; errors are in arcsec, as in AttitudeError. ``latency_ms`` is the processing time
     that the sensor states, ``arrival_ms`` from mid-exposure to the first byte of the ATTITUDE frame at the host,
-    ``matched`` how many stars it says it identified.
+    ``matched`` how many stars it says it identified. ``not_compared`` answers of the session are to no panorama, or
+    another one to the same panorama followed that says otherwise.
     """
 
     sent: NDArray[np.bool_]
@@ -44,6 +46,7 @@ class SensorAnswers:
     latency_ms: NDArray[np.float64]
     arrival_ms: NDArray[np.float64]
     matched: NDArray[np.int64]
+    not_compared: int = 0
 
 
 def sensor_answers(session: SessionData) -> SensorAnswers | None:
@@ -63,7 +66,7 @@ def sensor_answers(session: SessionData) -> SensorAnswers | None:
     matched[rows] = answers["matched"][places]
     good = answers["acquired"][places]
     _measure(session, rows[good], places[good], columns)
-    return SensorAnswers(sent, acquired, **columns, matched=matched)
+    return SensorAnswers(sent, acquired, **columns, matched=matched, not_compared=_not_compared(answers, places))
 
 
 def paired_answers(session: SessionData) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -81,6 +84,20 @@ def paired_answers(session: SessionData) -> tuple[NDArray[np.int64], NDArray[np.
     same &= (frames["frame_no"][rows] == answers["frame_no"]) | (answers["frame_no"] == 0)
     rows, later = np.unique(rows[same][::-1], return_index=True)
     return rows, np.flatnonzero(same)[::-1][later]
+
+
+def _not_compared(answers: NDArray[np.void], places: NDArray[np.int64]) -> int:
+    """Answers (rows of OWN_ANSWER) that are not among the compared ``places`` (K,), without copies of these."""
+    left = answers["acquired"].copy()
+    left[places] = False
+    others = np.flatnonzero(left)
+    compared = places[np.argsort(answers["time_us"][places], kind="stable")]
+    at = np.searchsorted(answers["time_us"][compared], answers["time_us"][others])
+    said, then = answers[others], answers[compared[np.minimum(at, len(compared) - 1)]]
+    copies = np.ones(len(others), dtype=bool)
+    for name in ("time_us", "frame_no", *ANGLES, *QUATERNION):
+        copies &= (said[name] == then[name]) | (np.isnan(said[name]) & np.isnan(then[name]))
+    return int((~copies).sum())
 
 
 def own_truth(session: SessionData) -> OwnAnswerTruth | None:

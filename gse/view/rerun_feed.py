@@ -30,7 +30,7 @@ from gse.view.own_answers import OwnAnswerErrors
 from gse.view.ports import free_port
 from gse.view.saved_view import rrd_file_sink
 from gse.view.scene import Scene
-from gse.view.verdict_text import verdict_at_end, verdict_so_far
+from gse.view.verdict_text import standing, verdict_at_end, verdict_so_far
 from protocols import StatusMessage
 
 _LOG = logging.getLogger(__name__)
@@ -221,6 +221,7 @@ class _SceneFeed:
         if running.utc_ns - self._panel_utc_ns >= NS_PER_S:
             self._panel_utc_ns = running.utc_ns
             self._scene.words(running.utc_ns, self._so_far())
+            self._scene.stands(running.utc_ns, standing(running, self._link.frames_lost))
 
     def send_again(self) -> None:
         self._scene.send_again()
@@ -232,6 +233,7 @@ class _SceneFeed:
         text = verdict_at_end(item.verdict, list(item.reasons), self._so_far())
         self._panel_utc_ns = 1 << 62
         self._scene.words(self._scene.running.utc_ns, text)
+        self._scene.stands(self._scene.running.utc_ns, item.verdict)
 
     def finish(self) -> None:
         self._scene.flush()

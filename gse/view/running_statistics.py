@@ -55,6 +55,16 @@ LINK_COLOURS = {
     "closed": GREY,
 }
 
+VERDICT_COLOURS = {
+    "inside": GREEN,
+    "OUTSIDE": VERMILLION,
+    "no answer": GREY,
+    "PASS": GREEN,
+    "FAIL": VERMILLION,
+    "INCONCLUSIVE": ORANGE,
+}
+"""How a session stands so far, and its verdict."""
+
 _FEWEST_FOR_SHARES = 100
 """Frames before which one lost frame would say that the availability is too low."""
 

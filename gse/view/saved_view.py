@@ -58,6 +58,8 @@ class SavedView:
         clock = session.clock[-1] if session.clock else None
         text = verdict_so_far(self._scene.running, session.link, clock)
         self._scene.words_for_all_times(verdict_at_end(verdict, list(reasons), text))
+        if len(session.frames):
+            self._scene.stands(int(session.frames.columns["utc_ns"][0]), verdict)
         self._stream.flush()
         self._stream.disconnect()
 

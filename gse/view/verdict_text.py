@@ -60,6 +60,15 @@ def headline(running: Running, lost: int) -> str:
     return f"Running: OUTSIDE the limits: {', '.join(outside)}" if outside else "Running: inside the limits"
 
 
+def standing(running: Running, lost: int) -> str:
+    """The same in a word of VERDICT_COLOURS; empty before the first frame."""
+    if not running.frames:
+        return ""
+    if running.silence or not running.d_ra.n:
+        return "no answer"
+    return "OUTSIDE" if running.outside(lost) else "inside"
+
+
 def _loud(count: int) -> str:
     return f"**{count}**" if count else "0"
 

@@ -123,7 +123,7 @@ def test_a_star_noise_that_grew_is_a_regression_under_other_stars_too():
 
 
 def test_equal_sensors_under_other_stars_differ_by_one_sigma():
-    sessions = [starry(20, seed=seed, count=200) for seed in range(1, 9)]
+    sessions = [starry(20, seed=seed, count=200) for seed in range(1, 7)]
     rows = [row for one, two in itertools.combinations(sessions, 2) for row in session_comparison(one, two).rows]
     sigmas = np.array([row.sigmas for row in rows if row.name.startswith("NEA")])
     assert 0.6 < np.sqrt((sigmas**2).mean()) < 1.4
