@@ -141,7 +141,7 @@ class ExpectedAttitudes(Comparison):
         return np.asarray(given.icrs_to_sensor[None] @ frame.transpose(0, 2, 1))  # type: ignore[index]
 
     def _as_sent(self, sent: np.void, numbers: dict[str, float]) -> AttitudeMessage:
-        values = {name: float(np.nan_to_num(number)) for name, number in numbers.items()}
+        values: dict[str, Any] = {name: float(np.nan_to_num(number)) for name, number in numbers.items()}
         message = AttitudeMessage(int(sent["time_us"]), state=ACQUIRED, latency_s=0.0, **values)
         read = self._protocol.as_sent(message)
         assert isinstance(read, AttitudeMessage)
