@@ -93,13 +93,16 @@ def forecast_text(assessment: Assessment) -> str:
     """When a verdict is to be expected, in a line."""
     if assessment.verdict is not Verdict.INCONCLUSIVE:
         return f"{assessment.word}, if it ended now"
+    left = rows_left(assessment)
+    if not any(item.row.unit == "arcsec" for item in left):
+        return "no verdict as it goes: no answer was compared with truth"
     minutes = minutes_left(assessment)
     if math.isnan(minutes):
         return "verdict: too early to tell"
     if minutes > _NIGHT_MINUTES and assessment.statistics.duration_s < _SETTLES_S:
         return "verdict: too early to tell"
     if minutes > _NIGHT_MINUTES:
-        never = [item.row.name for item in rows_left(assessment) if item.minutes > _NIGHT_MINUTES]
+        never = [item.row.name for item in left if item.minutes > _NIGHT_MINUTES]
         return f"no verdict as it goes: {', '.join(never[:_MOST_NAMED]) or assessment.reasons[0]}"
     if minutes < 1:
         return "a verdict in less than a minute"

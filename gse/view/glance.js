@@ -4,6 +4,7 @@
 const LOST_AFTER_MS = 2000;
 const AGAIN_AFTER_MS = 1000;
 const STALE_AFTER_S = 2;
+const EDGE = 1.45, MARK = 0.3;
 const at = (id) => document.getElementById(id);
 const svg = (name, attributes) => {
   const node = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -106,8 +107,15 @@ function showAxis(axis, place, isStale) {
     (axis.outside ? " OUTSIDE" : "");
   box.querySelector(".bounds").textContent = `dashed: ±${axis.limit_arcsec}`;
   const recent = axis.recent ?? [];
-  const line = recent.map((pair, x) => pair ? `M${x + 0.5} ${-Math.min(1.45, pair[1])}V${-Math.max(-1.45, pair[0]) + 0.02}` : "");
+  const line = recent.map((pair, x) => pair ? `M${x + 0.5} ${bar(pair).join("V")}` : "");
   box.querySelector(".spark").setAttribute("d", line.join(""));
+}
+
+// From top to bottom of the errors of some seconds, in limits downwards; far ones are a mark at the edge.
+function bar([low, high]) {
+  const top = -Math.min(EDGE, high), bottom = -Math.max(-EDGE, low);
+  if (low > EDGE - MARK) return [top, top + MARK];
+  return high < MARK - EDGE ? [bottom - MARK, bottom] : [top, bottom + 0.02];
 }
 
 function showTurn(turn) {

@@ -71,7 +71,12 @@ def _at_the_end(facts: Facts) -> Word:
         return Word("JUDGING", Level.IDLE, "the session is closed, judged and reported")
     if not facts.verdict:
         return Word("ENDED", Level.WARN, "the session ended without a verdict")
-    return Word(f"DONE: {facts.verdict}", level_of(facts.verdict), "; ".join(facts.reasons[:2]))
+    return Word(f"DONE: {facts.verdict}", level_of(facts.verdict), "; ".join(_most_useful(facts)))
+
+
+def _most_useful(facts: Facts) -> tuple[str, ...]:
+    """The first reason of a verdict, and the cause that was found, where one was."""
+    return (*facts.reasons[:1], facts.cause) if facts.reasons and facts.cause else facts.reasons[:2]
 
 
 def level_of(verdict: str) -> Level:
