@@ -13,8 +13,10 @@ memory, and more than CPU_S seconds for a MB of input. The inputs that were kept
 """
 
 import contextlib
+import importlib
 import io
 import json
+import pkgutil
 import resource
 import sys
 import tempfile
@@ -28,8 +30,12 @@ import atheris  # type: ignore[import-not-found]
 WHOLE = "--whole" in sys.argv
 if WHOLE:
     # What numba compiles cannot be instrumented.
+    import gse.identifier
     import gse.station.frame_processor
-    import gse.station.setup  # noqa: F401
+    import gse.station.setup
+
+    for module in pkgutil.iter_modules(gse.identifier.__path__, "gse.identifier."):
+        importlib.import_module(module.name)
 with atheris.instrument_imports(include=["drivers", "mcap"] + ["gse", "protocols"] * WHOLE):
     import zstandard
     from mcap.data_stream import RecordBuilder
@@ -161,7 +167,7 @@ def _bytes(given: "atheris.FuzzedDataProvider", protocol: Protocol) -> bytes:
             StatusMessage(time_us=time_us, temperature_c=20.0, supply_v=5.0, mode="standby", firmware=(1, 2, 3)),
             sequence,
         )
-    count = given.ConsumeIntInRange(0, 30)
+    count = given.ConsumeIntInRange(0, min(30, protocol.slots))
     rng = np.random.default_rng(given.ConsumeIntInRange(0, 255))
     message = PanoramaMessage(
         time_us=time_us,

@@ -29,8 +29,7 @@ class SensorAnswers:
     ``sent`` frames have an ATTITUDE frame, ``acquired`` ones an answer in it. RA, DE and roll are in ICRS, read by the
     convention of the station file; errors are in arcsec, as in AttitudeError. ``latency_ms`` is the processing time
     that the sensor states, ``arrival_ms`` from mid-exposure to the first byte of the ATTITUDE frame at the host,
-    ``matched`` how many stars it says it identified. ``not_compared`` answers of the session are to no panorama, or
-    another one to the same panorama followed that says otherwise.
+    ``matched`` how many stars it says it identified.
     """
 
     sent: NDArray[np.bool_]
@@ -46,7 +45,6 @@ class SensorAnswers:
     latency_ms: NDArray[np.float64]
     arrival_ms: NDArray[np.float64]
     matched: NDArray[np.int64]
-    not_compared: int = 0
 
 
 def sensor_answers(session: SessionData) -> SensorAnswers | None:
@@ -66,7 +64,7 @@ def sensor_answers(session: SessionData) -> SensorAnswers | None:
     matched[rows] = answers["matched"][places]
     good = answers["acquired"][places]
     _measure(session, rows[good], places[good], columns)
-    return SensorAnswers(sent, acquired, **columns, matched=matched, not_compared=_not_compared(answers, places))
+    return SensorAnswers(sent, acquired, **columns, matched=matched)
 
 
 def paired_answers(session: SessionData) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -86,8 +84,11 @@ def paired_answers(session: SessionData) -> tuple[NDArray[np.int64], NDArray[np.
     return rows, np.flatnonzero(same)[::-1][later]
 
 
-def _not_compared(answers: NDArray[np.void], places: NDArray[np.int64]) -> int:
-    """Answers (rows of OWN_ANSWER) that are not among the compared ``places`` (K,), without copies of these."""
+def not_compared(session: SessionData) -> int:
+    """How many answers are to no panorama, or were followed by one to the same panorama that says otherwise."""
+    answers, (_, places) = session.sensor_attitudes.columns, paired_answers(session)
+    if not len(places):
+        return int(answers["acquired"].sum())
     left = answers["acquired"].copy()
     left[places] = False
     others = np.flatnonzero(left)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from gse.assessment.sensor_answers import not_compared
 from gse.assessment.statistics import Statistics
 from gse.instant import NS_PER_S
 from gse.station.clock_steps import clock_steps, first_rows
@@ -77,7 +78,7 @@ def _answers_not_compared(session: SessionData, stats: Statistics) -> Iterator[s
     """More of them than may be false; answers to panoramas that were lost on the way are no fault."""
     if Subject.SENSOR not in stats.subjects or stats.own is None:
         return
-    count = stats.own.not_compared - session.link.frames_lost
+    count = not_compared(session) - session.link.frames_lost
     given = int(stats.own.acquired.sum())
     if count > session.station.limits.false_share * (given + count):
         yield (
