@@ -251,35 +251,44 @@ def _shown(node: ast.AST) -> str:
     return "; ".join(line.strip() for line in ast.unparse(node).splitlines()[:2])[:90]
 
 
-def importers(tree: Path, module: str) -> set[str]:
-    """The modules that import one, and theirs: their machine code may contain its own."""
+def importers(tree: Path, module: str) -> list[set[str]]:
+    """The module, those that import it, those that import these, ...: their machine code may contain its own."""
     texts = {str(path.relative_to(tree)): path.read_text() for path in (tree / "gse").rglob("*.py")}
-    found, new = {module}, {module}
-    while new:
-        names = [f"from {name[:-3].replace('/', '.')} import" for name in new]
-        new = {path for path, text in texts.items() if any(name in text for name in names)} - found
-        found |= new
-    return found
+    steps = [{module}]
+    while steps[-1]:
+        names = [_import_of(name) for name in steps[-1]]
+        new = {path for path, text in texts.items() if any(name in text for name in names)}
+        steps.append(new.difference(*steps))
+    return steps
+
+
+def _import_of(module: str) -> str:
+    return f"from {module[:-3].replace('/', '.')} import"
+
+
+def _test_of(module: str) -> str:
+    return f"test_{Path(module).stem}.py"
 
 
 def tests_of(tree: Path, room: Room, module: str) -> list[list[str]]:
-    """The test files of a room in two parts: those that import the module or are named after it, and the others.
+    """The test files of a room in two parts: the nearest to a module, and the others.
 
-    Most mutants fall to the first part, and the files of the second need not be imported for them.
+    A file is named after it, or imports it, or where none does imports what imports it. Most mutants fall to the first
+    part, and the files of the second need not be imported for them.
     """
-    name, stem = module[:-3].replace("/", "."), Path(module).stem
-    package = str(Path(module).parent).replace("/", ".")
     files = [path for folder in room.tests for path in sorted((tree / folder).rglob("test_*.py"))]
+    steps = importers(tree, module) if module else []
 
     def rank(path: Path) -> tuple[int, bool]:
         text = path.read_text()
         slow = "astropy" in text or "skyfield" in text
-        if f"test_{stem}.py" == path.name:
+        if path.name == _test_of(module):
             return 0, slow
-        return 1 if f"from {name} import" in text else 2 if f"from {package} import" in text else 3, slow
+        near = (any(_import_of(name) in text or path.name == _test_of(name) for name in names) for names in steps)
+        return next((1 + step for step, is_near in enumerate(near) if is_near), 1 + len(steps)), slow
 
     files = sorted((path for path in files if str(path.relative_to(tree)) not in WITHOUT), key=rank)
-    near = sum(rank(path)[0] <= 1 for path in files)
+    near = sum(rank(path)[0] <= max(rank(files[0])[0], 1) for path in files)
     names = [str(path.relative_to(tree)) for path in files]
     return [part for part in (names[:near], names[near:]) if part]
 
@@ -301,7 +310,7 @@ class Tester:
     def __init__(self, tree: Path, *, whole: bool = False) -> None:
         self.tree = tree
         self._process = subprocess.Popen(
-            ["nice", "-n", "5", sys.executable, __file__, "--serve", str(tree), *(["--whole"] if whole else [])],
+            [sys.executable, __file__, "--serve", str(tree), *(["--whole"] if whole else [])],
             env=os.environ | {"PYTHONPATH": str(tree), "PYTHONHASHSEED": "0"},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -426,7 +435,7 @@ def in_tree(tester: Tester, mutant: Mutant, parts: list[list[str]], most_cpu_s: 
     """The outcome of one mutant in the tree, which is the same again afterwards."""
     tree = tester.tree
     path, sound = tree / mutant.module, tree / "sound.py"
-    modules = importers(tree, mutant.module)
+    modules = set().union(*importers(tree, mutant.module))
     machine_code = {code: code.read_bytes() for code in _machine_code(tree, modules)}
     for code in machine_code:
         code.unlink()
