@@ -20,7 +20,16 @@ from gse.station import external_result
 from gse.station.attitude_error import attitude_error, attitude_errors
 from gse.station.left_out_stars import LeftOutStars, SolvedFrames
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import NO_MATCHES, NO_STARLIGHT, AnswerCheck, AttitudeError, FrameResult, Matches, Starlight, Status
+from gse.station.results import (
+    NO_MATCHES,
+    NO_STARLIGHT,
+    AnswerCheck,
+    AttitudeError,
+    FrameResult,
+    Matches,
+    Starlight,
+    Status,
+)
 from gse.station.starlight import starlights
 from gse.truth import SiderealTruth
 

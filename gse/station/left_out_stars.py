@@ -50,19 +50,24 @@ class LeftOutStars:
         """The stars of each of K frames that its answer does not name, with their residuals."""
         rest = [_others(answer, len(objects)) for answer, objects in zip(named, directions_sensor, strict=True)]
         counts = [len(rows) for rows in rest]
-        seen = np.concatenate([objects.take(rows, axis=0) for objects, rows in zip(directions_sensor, rest, strict=True)])
+        seen = np.concatenate(
+            [objects.take(rows, axis=0) for objects, rows in zip(directions_sensor, rest, strict=True)]
+        )
         frame_of, objects = np.repeat(np.arange(len(rest)), counts), np.concatenate(rest)
         icrs = np.einsum("nji,nj->ni", frames.raw[frame_of], seen)
-        apart, star = self._places.query(icrs, distance_upper_bound=_BEFORE_AIR_PX * self._pixel_rad)
+        found = self._places.query(icrs, distance_upper_bound=_BEFORE_AIR_PX * self._pixel_rad)
+        apart, star = (np.asarray(column) for column in found)
         near = np.flatnonzero(np.isfinite(apart))
         near = near[_free(frame_of[near], star[near], apart[near], named, len(self._catalog))]
         frame_of, objects, star = frame_of[near], objects[near], star[near]
         residuals = self._residuals(seen[near], star, frame_of, frames)
         good = np.hypot(*residuals.T) <= WITHIN_PX * self._pixel_rad
         ends = np.searchsorted(frame_of[good], np.arange(1, len(rest)))
-        parts = (np.split(column[good], ends) for column in (objects, star, residuals * ARCSEC_PER_RAD))
-        name = self._catalog.name
-        return [Matches(*columns, name) if len(columns[0]) else NO_MATCHES for columns in zip(*parts, strict=True)]
+        parts = [np.split(column[good], ends) for column in (objects, star, residuals * ARCSEC_PER_RAD)]
+        return [
+            Matches(rows, stars, arcsec, self._catalog.name) if len(rows) else NO_MATCHES
+            for rows, stars, arcsec in zip(*parts, strict=True)
+        ]
 
     def _residuals(
         self, seen: NDArray[np.float64], star: NDArray[np.int64], frame_of: NDArray[np.int64], frames: SolvedFrames
