@@ -111,8 +111,7 @@ class PivotIdentifier:
         """The cells of some stars and all that touch them, or all cells."""
         if before is None:
             return self._everywhere
-        nearby: NDArray[np.bool_] = self._sky.around[np.unique(self._sky.cell[before])].any(axis=0)
-        return nearby
+        return np.asarray(self._sky.around[np.unique(self._sky.cell[before])].any(axis=0))
 
     def identify_many(
         self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
