@@ -123,6 +123,11 @@ def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
             "mirrored image",
             "turn sensor.mirrored over in the station file: gse calibrate SESSION",
         ),
+        (
+            StationKind.WRONG_CAMERA,
+            "focal length",
+            "enter it and judge the same recording again: gse report SESSION --station FILE; gse calibrate fits it",
+        ),
         (StationKind.NO_STATION, "station file", "give the right one: gse report SESSION --station FILE"),
         (StationKind.SEQUENCE_CHAOS, "sequence numbers", "see what the link brings: gse decode SESSION --explain"),
         (
@@ -139,13 +144,15 @@ def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
 def _nothing_identified(session: SessionData) -> Iterator[Finding]:
     status = session.frames.columns["status"]
     no_match = int((status == STATUSES.index(Status.NO_MATCH)).sum())
+    if any(event.kind == StationKind.WRONG_CAMERA for event in session.events):
+        return
     if no_match and not (status == STATUSES.index(Status.IDENTIFIED)).any():
         yield Finding(
             "nothing identified",
-            f"not one of {no_match} panoramas with enough objects was identified: a focal length that is wrong by more "
-            "than 0.2 %, or a mirrored image, does that",
-            ("a sky that the catalogue does not hold: many objects that are no stars",),
-            "gse calibrate SESSION finds focal length and mirror",
+            f"not one of {no_match} panoramas with enough objects was identified, with no focal length within 25 % of "
+            "the stated one, nor mirrored: most objects are no stars, or sensor.rows, columns or the optics are others",
+            (),
+            "look at the panoramas: gse view SESSION; check the sensor section of the station file",
         )
 
 

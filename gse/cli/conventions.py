@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_FAIL
-from gse.cli.options import change_to
+from gse.cli.options import change_to, say
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def _session(path: Path, station_path: Path | None, seconds: float) -> "SessionD
         if results:
             begun[:] = [begun[0] if begun else results[0].panorama.utc_ns, results[-1].panorama.utc_ns]
 
-    return replay_session(path, station=change_to(station_path, None), stop=stop, each=each).session
+    return replay_session(path, station=change_to(station_path, None), stop=stop, each=each, tell=say).session
 
 
 def _document(search: "ConventionSearch", stated: "AttitudeConvention") -> dict[str, Any]:

@@ -6,7 +6,7 @@
 import math
 from dataclasses import dataclass
 
-from gse.assessment.statistics import SubjectStatistics
+from gse.assessment.subject_statistics import SubjectStatistics
 from gse.station.results import Subject
 
 ARCMIN_PER_DEG = 60.0

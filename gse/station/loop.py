@@ -54,6 +54,7 @@ from gse.external.answers import Failure
 from gse.external.identifier import Given
 from gse.panorama import Panorama
 from gse.recording.session_format import RecordedTimings
+from gse.station.camera_watch import CameraWatch
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.event_log import EventLog
 from gse.station.frame_processor import Answer, FrameProcessor
@@ -67,6 +68,7 @@ from gse.station.results import FrameResult, OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
 from gse.station.sky_watch import SkyWatch
+from gse.station.unreadable_bytes import what_fits
 from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
 from protocols import StatusMessage
@@ -141,7 +143,9 @@ class StationLoop:
             left_out=LeftOutStars(setup.camera, setup.identifier.catalog),
         )
         self._own_answers = OwnAnswerProcessor(station.sensor.attitude)
-        self._monitor = LinkMonitor(station.port.baudrate)
+        baudrate = station.port.baudrate
+        self._monitor = LinkMonitor(baudrate, explain=lambda sample: what_fits(sample, setup.protocol, baudrate))
+        self._camera_watch = CameraWatch(setup.camera, setup.identifier.catalog)
         self._truth_sought = False
         self._event_log = EventLog()
         self.sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
@@ -221,6 +225,7 @@ class StationLoop:
     def finish(self) -> list[FrameResult]:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self._for_identification(self.reception.finish()))
+        self._log_camera(self._camera_watch.finish())
         if self.session.station.mount.inertial is None:
             self._log_all(self.sky.finish(self.session.frames.columns))
         fill_housekeeping(self.session.frames.columns, self.session.statuses)
@@ -243,6 +248,10 @@ class StationLoop:
     def _log_all(self, events: list[LinkEvent]) -> None:
         for event in events:
             self.on_event(event)
+
+    def _log_camera(self, text: str) -> None:
+        if text:
+            self.on_event(LinkEvent(int(self.session.frames.columns["utc_ns"][-1]), 0, StationKind.WRONG_CAMERA, text))
 
     def read_clock(self, reading: ClockReading) -> None:
         """Store a reading of the host clock."""
@@ -298,6 +307,7 @@ class StationLoop:
                 self._count_given(result.panorama, given)
             if isinstance(answer, Answer) and answer.is_mirrored:
                 self.on_event(LinkEvent(result.panorama.utc_ns, 0, StationKind.MIRRORED, result.detail))
+            self._log_camera(self._camera_watch.look(result))
             if self._first_seconds is not None and self._frame_processor.truth is not None:
                 self._first_seconds.add(result, self._frame_processor.truth)
             for listener in self.listeners:

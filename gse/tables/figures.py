@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 from gse.assessment.axis_statistics import AxisStatistics
 from gse.assessment.spatial_errors import SpatialErrors
-from gse.assessment.statistics import AXES, Statistics, SubjectStatistics
+from gse.assessment.statistics import Statistics
+from gse.assessment.subject_statistics import AXES, SubjectStatistics
 from gse.assessment.thermal import ThermalError
 from gse.assessment.truth_budget import TruthUncertaintyBudget
 from gse.assessment.uncertainty import AXES as TRUTH_AXES
