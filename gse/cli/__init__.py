@@ -76,6 +76,9 @@ class _Commands(click.Group):
         command = module.command
         assert isinstance(command, click.Command)
         command.epilog = epilog(cmd_name)
+        if isinstance(command, click.Group):
+            for name, below in command.commands.items():
+                below.epilog = epilog(f"{cmd_name} {name}")
         return command
 
     def resolve_command(

@@ -104,7 +104,7 @@ class RunningIdentifier:
         if self._failures_in_a_row >= MOST_FAILURES_IN_A_ROW:
             text = f"it failed {MOST_FAILURES_IN_A_ROW} times in a row and is not started again"
             return [Given(Failure(FailureKind.GIVEN_UP, text)) for _ in panoramas]
-        requests = [self._plug.request(panorama) for panorama in panoramas]
+        requests = self._plug.requests(panoramas)
         first_s = self._timeout_s
         if self._child is None:
             try:
