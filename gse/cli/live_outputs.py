@@ -118,6 +118,10 @@ class LiveOutputs:
         """The line on the time to a verdict; empty before it is known."""
         return self._forecast.text if self._forecast else ""
 
+    def metrics(self) -> str:
+        """The metrics so far as a table in Markdown; empty before they are known."""
+        return self._forecast.metrics if self._forecast else ""
+
     def enter_judging(self) -> None:
         """Show that the session is closed and judged."""
         if self._forecast is not None:
@@ -166,6 +170,7 @@ class LiveOutputs:
             folder=folder,
             notes=self._notes,
             forecast=self.forecast,
+            metrics=self.metrics,
         )
         if view.url:
             click.echo(f"live page: {view.url} (rerun: {view.url}rerun)", err=True)

@@ -1,5 +1,6 @@
 """``gse replay``: a test from a session or a raw capture."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,8 +34,12 @@ from gse.cli.options import (
 from gse.station.exclusions import Exclusion
 
 if TYPE_CHECKING:
-    from gse.sessions.expected_answers import ExpectedAnswers
+    from gse.sessions.expected_answers import Comparison
     from gse.sessions.replay import Replay, ReplayOptions
+    from gse.station.loop import Listener, StationLoop
+
+_SENSOR = "sensor"
+"""The word of --expect for the sensor's own answers."""
 
 
 def _replay_options(**values: Any) -> "ReplayOptions":
@@ -63,9 +68,10 @@ _replayed = gathered(
 @click.option("--step", is_flag=True, help="Wait for the Enter key after each panorama.")
 @click.option(
     "--expect",
-    "expected_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Count the answers that differ from those of this file (lines of gse.answer/1 or gse.frame/1); exit code 1.",
+    "expected",
+    metavar="FILE|sensor",
+    help="Count the answers that differ from those of this file (lines of gse.answer/1 or gse.frame/1), or from the "
+    "sensor's own (sensor: its ATTITUDE frames in the session); exit code 1.",
 )
 @live_options
 @clock_error_option
@@ -81,7 +87,7 @@ def command(
     identifier: str | None,
     options: "ReplayOptions",
     step: bool,
-    expected_path: Path | None,
+    expected: str | None,
     live: LiveOptions,
     clock_error_s: float | None,
     excluded: tuple[Exclusion, ...],
@@ -93,16 +99,21 @@ def command(
     The station file of the session is used, unless --station gives another one. A raw capture needs --start-utc. The
     report is written to a new folder in --out.
     """
-    from gse.sessions.expected_answers import ExpectedAnswers
     from gse.sessions.replay import replay_session
 
-    expected = [ExpectedAnswers(expected_path)] if expected_path else []
+    compare = _comparison(expected)
+    comparisons: list[Comparison] = []
+
+    def listeners_of(loop: "StationLoop", folder: Path | None) -> "list[Listener]":
+        comparisons.extend(compare(loop))
+        return [*live_outputs.listeners(loop, folder), *comparisons]
+
     with LiveOutputs(live, step=step, diagnose=options.speed != "max") as live_outputs:
         replay = replay_session(
             path,
             options=options,
             station=change_to(station_path, identifier),
-            make_listeners=lambda loop, folder: (*live_outputs.listeners(loop, folder), *expected),
+            make_listeners=listeners_of,
             tell=say,
         )
         live_outputs.enter_judging()
@@ -113,7 +124,7 @@ def command(
     show_report(report, as_json=as_json, json_frames=live.json_frames)
     show_paths(folder)
     found = applied(report, folder, data_lost=TRUNCATED if replay.session.truncated else "")
-    ctx.exit(say_exit_code([*found, *_differing(expected)]))
+    ctx.exit(say_exit_code([*found, *_differing(comparisons, replay)]))
 
 
 def _new_folder(out: Path, replay: "Replay") -> Path:
@@ -124,8 +135,22 @@ def _new_folder(out: Path, replay: "Replay") -> Path:
     return new_session_folder(out, f"{replay.session.station.sensor.name}-replay", first_ns)
 
 
-def _differing(expected: "list[ExpectedAnswers]") -> list[Applied]:
+def _comparison(expected: str | None) -> "Callable[[StationLoop], list[Comparison]]":
+    """What --expect compares, for the loop of a replay; a damaged file is refused before it."""
+    from gse.sessions.expected_answers import ExpectedAnswers
+    from gse.sessions.expected_attitudes import ExpectedAttitudes
+
+    if expected is None:
+        return lambda loop: []
+    if expected == _SENSOR:
+        return lambda loop: [ExpectedAttitudes(loop.setup.protocol, loop.setup.station.sensor.attitude)]
+    answers = ExpectedAnswers(Path(expected))
+    return lambda loop: [answers]
+
+
+def _differing(comparisons: "list[Comparison]", replay: "Replay") -> list[Applied]:
     """The exit codes of answers that differ from expected ones, which are told."""
-    for answers in expected:
+    for answers in comparisons:
+        answers.finish(replay.session)
         click.echo(answers.text(), err=True)
-    return [(EXIT_FAIL, "answers differ from the expected ones") for answers in expected if not answers.is_same]
+    return [(EXIT_FAIL, "answers differ from the expected ones") for answers in comparisons if not answers.is_same]
