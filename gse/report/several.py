@@ -12,6 +12,7 @@ from gse import instant
 from gse.assessment.verdict import Assessment
 from gse.report.paper import LIMIT_DEG, PAPER, Row, this_sensor
 from gse.report.summary import plain, table_row
+from gse.station.results import Subject
 from gse.station.session_data import SessionData
 
 SCHEMA = "gse.sessions/1"
@@ -43,7 +44,7 @@ def _session(name: str, session: SessionData, assessment: Assessment) -> dict[st
 
 
 def _rows(named: Sequence[tuple[str, SessionData, Assessment]]) -> list[Row]:
-    by_subject: dict[str, list[Row]] = {}
+    by_subject: dict[Subject, list[Row]] = {}
     for name, session, assessment in named:
         for subject, figures in assessment.statistics.subjects.items():
             label = f"{session.station.sensor.name}, {name}, {subject}"
