@@ -113,7 +113,8 @@ def gross_cause_of(session: SessionData, counted: CountedFrames) -> GrossCause |
     mount, orientation = session.station.mount, session.earth_orientation
     frames = session.frames.columns
     checked_false = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
-    rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded)
+    has_roll = np.isfinite(frames["roll_deg"])  # an external identifier may answer RA and DE alone
+    rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded & has_roll)
     if orientation is None or not mount.stated or mount.inertial is not None or not len(rows):
         return None
     raw = RawAttitudes.of(frames[rows], session.station.sensor.camera())

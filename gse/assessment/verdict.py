@@ -216,8 +216,7 @@ def _shares(subject: SubjectStatistics, limits: Limits) -> Iterator[Row]:
 
 def _time(subject: SubjectStatistics, limits: Limits) -> Row:
     """The 99th percentile of the time; the share of the slow frames decides, by its exact bounds."""
-    here = subject.subject is Subject.ONBOARD
-    name = "identification time on this host, 99 %" if here else "processing time as it states, 99 %"
+    name = "processing time as it states, 99 %" if subject.time_is_stated else "identification time on this host, 99 %"
     row = judge_share(subject.subject, name, subject.slow, limit=SLOW_SHARE, at_least=False, decision=limits.decision)
     reason = row.reason
     if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE):
