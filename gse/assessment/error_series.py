@@ -49,8 +49,8 @@ class ErrorSeries:
 
 
 def error_series(frames: NDArray[np.void], used: NDArray[np.bool_]) -> ErrorSeries | None:
-    """Of the used (M,) rows of FRAME, in the order of time; None of too few."""
-    rows = np.flatnonzero(used)
+    """Of the used (M,) rows of FRAME that have a roll, in the order of time; None of too few."""
+    rows = np.flatnonzero(used & np.isfinite(frames["d_roll_arcsec"]))
     rows = rows[np.argsort(frames["utc_ns"][rows], kind="stable")]
     if len(rows) < FEWEST_FRAMES:
         return None

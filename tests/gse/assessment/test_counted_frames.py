@@ -7,7 +7,7 @@ import pytest
 from devices.injected_clocks import MISBEHAVIOURS, InjectedClocks, Sky, until_14_s, wrong_objects
 from skies.known_nights import START_NS, STATION, frame, session
 
-from gse.assessment.counted_frames import counted_frames
+from gse.assessment.counted_frames import counted_frames, false_answers
 from gse.assessment.statistics import statistics
 from gse.assessment.time_tags import time_tag_faults
 from gse.assessment.uncounted import missing_by_time
@@ -34,6 +34,24 @@ def no_answer(utc_ns, number, *, objects=0):
     panorama = frame(utc_ns, number, AttitudeError(0, 0, 0, 0, 0)).panorama
     panorama = dataclasses.replace(panorama, xy_px=np.zeros((objects, 2)), brightness=np.ones(objects))
     return FrameResult(panorama, Status.NO_MATCH if objects else Status.TOO_FEW, "", "neighbour")
+
+
+# Answers that nothing confirms
+
+
+@pytest.mark.parametrize(("off_arcsec", "expected"), [(1790.0, False), (1810.0, True)])
+def test_an_answer_is_false_half_a_degree_from_the_median_where_nothing_confirms_its_stars(off_arcsec, expected):
+    made = session(60, noise=1.0, judged=AnswerCheck.UNKNOWN)
+    frames = made.frames.columns
+    frames["cross_x_arcsec"][7] = np.median(frames["cross_x_arcsec"]) + off_arcsec
+    assert false_answers(frames)[7] == expected
+    assert false_answers(frames).sum() == expected
+
+
+def test_an_answer_far_from_the_median_is_right_where_the_reference_identifier_confirms_its_stars():
+    made = session(60, noise=1.0)
+    made.frames.columns["cross_x_arcsec"][7] += 5000.0
+    assert not false_answers(made.frames.columns).any()
 
 
 # Buffers
