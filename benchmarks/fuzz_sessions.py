@@ -50,7 +50,7 @@ with atheris.instrument_imports(include=["drivers", "mcap"] + ["gse", "protocols
     from drivers.session_file.records import CLOCK, EVENTS, RX, TX, Damage, Message, Record
     from drivers.session_file.writer import CaptureWriter
     from protocols import Protocol
-    from protocols.errors import ProtocolError
+    from protocols.errors import EncodeError, ProtocolError
 
     if WHOLE:
         import numpy as np
@@ -66,6 +66,7 @@ with atheris.instrument_imports(include=["drivers", "mcap"] + ["gse", "protocols
         from gse.report.terminal import plain_lines
         from gse.sessions.export import export_csv, export_ndjson
         from gse.sessions.replay import replay_session
+        from gse.station.setup import clear_caches
         from protocols import PanoramaMessage, StatusMessage, load_protocol
 
 MOST_MIB = 400
@@ -129,6 +130,7 @@ def one_session(data: bytes) -> None:
         for work in (session_info, _replay, _export):
             with contextlib.suppress(GseError, DriverError, ProtocolError):
                 work(path)
+            clear_caches()
 
 
 def write_session(path: Path, given: "atheris.FuzzedDataProvider") -> None:
@@ -178,7 +180,9 @@ def _bytes(given: "atheris.FuzzedDataProvider", protocol: Protocol) -> bytes:
         xy_px=np.floor(rng.uniform(0, 1023, (count, 2))),
         index=np.sort(rng.integers(1, 4096, count))[::-1].astype(float),
     )
-    return protocol.encode(message, sequence)
+    with contextlib.suppress(EncodeError):  # brighter than this protocol can say
+        return protocol.encode(message, sequence)
+    return b""
 
 
 def _any_message(given: "atheris.FuzzedDataProvider", protocol: Protocol) -> bytes:

@@ -178,11 +178,13 @@ def main(word: str = "") -> None:
     """Run the rows, one after the other."""
     chosen = [(named, mutant_of(named)) for named in NAMED if word in named.words]
     with tempfile.TemporaryDirectory(prefix="gse-mutation-") as folder:
-        tester = Tester(copy_of_tree(Path(folder)))
+        tree = copy_of_tree(Path(folder) / "tree")
+        testers = Tester(tree), Tester(tree, whole=True)
         for named, mutant in chosen:
-            said = with_mutant(tester, mutant, [[named.tests]], MOST_CPU_S)
+            said = with_mutant(testers, mutant, [[named.tests]], MOST_CPU_S)
             print(f"{said:9} {named.module}:{mutant.line}  {named.words}", flush=True)
-        tester.close()
+        for tester in testers:
+            tester.close()
 
 
 if __name__ == "__main__":

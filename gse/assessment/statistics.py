@@ -66,7 +66,7 @@ def statistics(session: SessionData) -> Statistics:
     lost = session.link.frames_lost + session.link.frames_repeated
     convention = session_convention(session) if len(session.sensor_attitudes) else None
     unreadable = is_wrong(convention, session.station.sensor.attitude)
-    answers = _of_frames(frames, counted)
+    answers = _of_frames(session, counted)
     if session.subject is Subject.SENSOR and unreadable:
         answers = answers.uncompared()
     subjects = {session.subject: subject_statistics(session.subject, frames, answers, lost, limit_ms, field_rad)}
@@ -103,7 +103,8 @@ def _statuses(status: NDArray[np.uint8]) -> dict[str, int]:
     return counts
 
 
-def _of_frames(frames: NDArray[np.void], counted: CountedFrames) -> Answers:
+def _of_frames(session: SessionData, counted: CountedFrames) -> Answers:
+    frames, given = session.frames.columns, session.external_counts
     columns = {f"{axis}_arcsec": frames[f"{axis}_arcsec"] for axis in AXES}
     columns |= {name: frames[name] for name in ("ra_deg", "de_deg")}
     return Answers(
@@ -115,6 +116,7 @@ def _of_frames(frames: NDArray[np.void], counted: CountedFrames) -> Answers:
         counted.used,
         frames["elapsed_us"] / 1e3,
         np.where(frames["host_utc_ns"] > 0, (frames["host_utc_ns"] - frames["utc_ns"]) / 1e6, np.nan),
+        session.subject is Subject.SENSOR or 0 < given.answers == given.own_times,
     )
 
 
@@ -123,7 +125,7 @@ def _sensor(own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames
     columns |= {"ra_deg": own.ra_deg, "de_deg": own.de_deg}
     false, used = sensor_masks(own, frames, counted)
     masks = counted.expected, ~counted.excluded, own.acquired, false, used
-    return Answers(columns, *masks, own.latency_ms, own.arrival_ms)
+    return Answers(columns, *masks, own.latency_ms, own.arrival_ms, time_is_stated=True)
 
 
 def sensor_masks(

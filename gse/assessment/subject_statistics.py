@@ -48,8 +48,9 @@ class SubjectStatistics:
 
     ``available`` is answered and not false, of the expected frames; ``false_answers`` is of the answered frames, on as
     many ``star_fields`` of the sky. ``half_cone_95`` is the half-cone that holds 95 % of the boresights.
-    ``time_ms`` is the identification time of this host for the onboard subject, and the processing time that the sensor
-    states for its own answers; ``slow`` the share of frames over the limit of time. ``outage_s`` is the longest time
+    ``time_ms`` is the identification time of this host for the onboard subject, and where ``time_is_stated`` the
+    processing time that the sensor or an external identifier states by its own clock; ``slow`` the share of frames over
+    the limit of time. ``outage_s`` is the longest time
     between good answers. ``arrival_ms`` is from mid-exposure to the arrival of its frame at the host: of the panorama
     for the onboard subject, of ATTITUDE for the sensor. ``thermal`` has an axis as key, None where the temperature
     tells nothing; ``first_fixes_s`` has an entry for each start of the sensor.
@@ -65,6 +66,7 @@ class SubjectStatistics:
     mean_abs_d_de_deg: float
     earth_rate: EarthRate
     time_ms: Percentiles
+    time_is_stated: bool
     slow: Share
     arrival_ms: Percentiles
     acquisition_s: float
@@ -77,7 +79,7 @@ class SubjectStatistics:
 class Answers:
     """One subject's answers as columns (M,) in the order of the frame table, whatever their source.
 
-    ``timed`` frames have a certain time.
+    ``timed`` frames have a certain time. ``time_is_stated`` as in SubjectStatistics.
     """
 
     columns: dict[str, NDArray[np.float64]]
@@ -88,6 +90,7 @@ class Answers:
     used: NDArray[np.bool_]
     time_ms: NDArray[np.float64]
     arrival_ms: NDArray[np.float64]
+    time_is_stated: bool
 
     def uncompared(self) -> "Answers":
         """The same where the convention is not known: there are no errors, and none is called false."""
@@ -127,6 +130,7 @@ def subject_statistics(
         mean_abs_d_de_deg=axes["d_de"].mean_abs_arcsec / 3600,
         earth_rate=_earth_rate(de_true_deg, axes["d_ra_cosde"]),
         time_ms=percentiles(timed),
+        time_is_stated=answers.time_is_stated,
         slow=_share(timed > limit_ms),
         arrival_ms=percentiles(answers.arrival_ms[np.isfinite(answers.arrival_ms)]),
         acquisition_s=_acquisition_s(kept_ns, good[answers.timed]),

@@ -76,10 +76,10 @@ def _missing(seconds: NDArray[np.float64], here: NDArray[np.bool_]) -> int:
 
 def _answers_not_compared(session: SessionData, stats: Statistics) -> Iterator[str]:
     """More of them than may be false; answers to panoramas that were lost on the way are no fault."""
-    if Subject.SENSOR not in stats.subjects or stats.own is None:
+    if session.subject is Subject.SENSOR:
         return
     count = not_compared(session) - session.link.frames_lost
-    given = int(stats.own.acquired.sum())
+    given = 0 if stats.own is None else int(stats.own.acquired.sum())
     if count > session.station.limits.false_share * (given + count):
         yield (
             f"sensor: {count} of its answers belong to no panorama, or another answer to the same one followed: they "

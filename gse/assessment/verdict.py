@@ -4,7 +4,8 @@ Each subject on trial has its rows: mean |dRA*| and mean |dDE|, as in table 4-1 
 frames have |dRA*| and |dDE| within the same limit; the same of roll against a limit of its own; the half-cone that
 holds 95 % of the boresights; availability; false answers; and time. gse.assessment.decision gives the rule.
 
-FAIL where a row fails. INCONCLUSIVE where a row of the accuracy, availability or false answers cannot be decided, where
+FAIL where a row fails. A row that fails by a mistake of the set-up is INCONCLUSIVE (gse.assessment.set_up_mistake); so
+is a session where a row of the accuracy, availability or false answers cannot be decided, where
 more than a little of the session was left out for clock or link, or was not counted at all, where most of it had no
 sky, or where the mount that was fitted is not the stated one. PASS otherwise, with what was not tested.
 """
@@ -23,6 +24,7 @@ from gse.assessment.mount_terms import STABILITY
 from gse.assessment.sensor_convention import is_wrong
 from gse.assessment.sensor_findings import sensor_findings
 from gse.assessment.sensor_health import SensorHealth, health_findings, sensor_health
+from gse.assessment.set_up_mistake import excused, set_up_mistake
 from gse.assessment.statistics import Statistics, statistics
 from gse.assessment.subject_statistics import SubjectStatistics, figure_of
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
@@ -88,18 +90,24 @@ def judge(session: SessionData) -> Assessment:
         for subject in stats.subjects.values()
         for row in _rows(subject, stats, budget, session.station.limits, relative)
     )
-    obstacles = tuple(_obstacles(session, stats, rows))
-    verdict = _verdict(rows, obstacles)
     found = _causes(session, stats)
+    mistake = set_up_mistake(session, stats.counted, found) if Outcome.FAIL in {row.outcome for row in rows} else None
+    if mistake:
+        rows = tuple(excused(row, mistake) for row in rows)
+    obstacles = tuple(_obstacles(session, stats, rows))
+    if mistake:
+        obstacles = (f"set-up: {mistake}", *obstacles)
+    verdict = _verdict(rows, obstacles)
     found += sensor_findings(session, stats.own, stats.convention)
     health = sensor_health(session)
     found += tuple(health_findings(session, health))
     reasons = [row.reason for row in rows if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE)]
-    reasons += obstacles
+    # A mistake of the set-up explains the figures that follow it.
+    reasons = [*obstacles[:1], *reasons, *obstacles[1:]] if mistake else [*reasons, *obstacles]
     if verdict is not Verdict.PASS:
-        # A gross mistake explains the figures that follow it.
-        first = [str(finding) for finding in found if finding.is_gross]
-        reasons = [*first, *reasons, *_complaints(session, budget), *map(str, found)]
+        first = [str(finding) for finding in found if finding.is_gross and finding is not mistake]
+        others = [str(finding) for finding in found if finding != mistake]
+        reasons = [*(() if mistake else first), *reasons, *_complaints(session, budget), *others]
     if relative:
         reasons.append(_relative_to(session))
     return Assessment(
@@ -216,8 +224,7 @@ def _shares(subject: SubjectStatistics, limits: Limits) -> Iterator[Row]:
 
 def _time(subject: SubjectStatistics, limits: Limits) -> Row:
     """The 99th percentile of the time; the share of the slow frames decides, by its exact bounds."""
-    here = subject.subject is Subject.ONBOARD
-    name = "identification time on this host, 99 %" if here else "processing time as it states, 99 %"
+    name = "processing time as it states, 99 %" if subject.time_is_stated else "identification time on this host, 99 %"
     row = judge_share(subject.subject, name, subject.slow, limit=SLOW_SHARE, at_least=False, decision=limits.decision)
     reason = row.reason
     undecided = row.outcome is Outcome.INCONCLUSIVE

@@ -33,10 +33,10 @@ Split = Callable[[bytearray], bytes | None]
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """A message from the child, and this host's time for it in microseconds."""
+    """A message from the child, and this host's time for it in microseconds; None of the first after a start."""
 
     data: bytes
-    elapsed_us: float
+    elapsed_us: float | None
 
 
 def split_line(buffer: bytearray) -> bytes | None:

@@ -39,7 +39,7 @@ _COMMON = tuple(name for name in FRAME.names or () if name not in (*ONBOARD_COLU
 """Columns of the panorama itself, its sky and truth."""
 
 _WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS, "sky_condition": SKY_CONDITIONS, "mode": MODES}
-_SENSOR = tuple(field.name for field in fields(SensorAnswers) if field.name != "not_compared")
+_SENSOR = tuple(field.name for field in fields(SensorAnswers))
 
 
 def frames_csv(

@@ -36,7 +36,9 @@ def figures(stats: Statistics | None) -> Iterator[Column]:
 
 
 def _of_subject(subject: Subject, stats: SubjectStatistics | None) -> Iterator[Column]:
-    yield from columns_of(SubjectStatistics, stats, subject.value, without=("subject", "axes", "thermal"))
+    yield from columns_of(
+        SubjectStatistics, stats, subject.value, without=("subject", "axes", "thermal", "time_is_stated")
+    )
     for axis in AXES:
         stem = f"{subject.value}_{axis}"
         yield from columns_of(AxisStatistics, stats.axes[axis] if stats else None, stem)
