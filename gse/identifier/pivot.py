@@ -14,8 +14,6 @@ The paper leaves open how far "best concurrence" reaches and which members a lat
 published success is met within a point.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,7 +22,7 @@ from gse.catalog import StarCatalog
 from gse.identifier.acceptance import RandomSky, accepted
 from gse.identifier.cells import Cells
 from gse.identifier.consistency import Separations, separations
-from gse.identifier.input_checks import distinct_objects, refusal
+from gse.identifier.input_checks import distinct_objects, refusals
 from gse.identifier.pivot_search import (
     FEWEST_OBJECTS,
     FOUND,
@@ -36,7 +34,7 @@ from gse.identifier.pivot_search import (
     PivotSky,
     search,
 )
-from gse.identifier.result import Identification, Reason, Unidentified
+from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified, answered
 from gse.identifier.tables import field_diameter_rad, pair_table, tolerance_rad
 from gse.identifier_options import IdentifierOptions
 
@@ -67,11 +65,18 @@ class PivotIdentifier:
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
-        directions = np.ascontiguousarray(directions_sensor, dtype=np.float64)
-        brightness = np.ascontiguousarray(brightness, dtype=np.float64)
-        refused = refusal(directions, brightness, FEWEST_OBJECTS)
-        if refused:
-            return refused
+        return self.identify_many(ObjectColumns.of([(directions_sensor, brightness)]))[0]
+
+    def identify_many(self, objects: ObjectColumns) -> Answers:
+        """The answers to many panoramas, each as for ``identify``."""
+        return answered(objects, refusals(objects, FEWEST_OBJECTS), self._found)
+
+    def _found(self, objects: ObjectColumns) -> Answers:
+        """The answers to panoramas that nothing is wrong with."""
+        each = (objects.parts.rows(k) for k in range(len(objects)))
+        return Answers.of([self._named(objects.directions_sensor[rows], objects.brightness[rows]) for rows in each])
+
+    def _named(self, directions: NDArray[np.float64], brightness: NDArray[np.float64]) -> Identification | Unidentified:
         distinct = distinct_objects(directions)
         named = self.identify_angles(separations(directions[distinct]), brightness[distinct])
         if isinstance(named, Unidentified):
@@ -81,12 +86,6 @@ class PivotIdentifier:
             len(directions), len(objects) - 1, len(directions)
         )
         return accepted(directions, self.catalog, objects, stars, self._tolerance_rad, false_match_probability)
-
-    def identify_many(
-        self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
-    ) -> list[Identification | Unidentified]:
-        """The answers to many panoramas, each as for ``identify``."""
-        return [self.identify(*objects) for objects in panoramas]
 
     def identify_angles(
         self, angles: Separations, brightness: NDArray[np.float64]

@@ -14,6 +14,7 @@ from drivers.chunk import LinkEvent
 from gse.errors import TableError
 from gse.external.answers import ExternalAnswer
 from gse.station.frame_json import SCHEMA, frame_json
+from gse.station.frame_results import NewResults
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 
@@ -46,22 +47,25 @@ class ExpectedAnswers:
         """Whether all frames were answered as expected, and all expected answers were given."""
         return not (self.different or self.missing or self.unused)
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
+    def on_results(self, results: NewResults, session: SessionData) -> None:
         """Compare a result with the next expected answer to its frame number."""
-        waiting = self._answers.get(result.panorama.frame_no)
-        if not waiting:
-            self.missing += 1
-            return
-        self.compared += 1
-        expected = waiting.popleft()
-        given = frame_json(result) if expected.get("schema") == SCHEMA else _exact(result)
-        keys = (*_ANGLES, "status") if expected.get("schema") == SCHEMA else _ANGLES
-        wrong = [key for key in keys if (key in expected or key != "roll_deg") and expected.get(key) != given.get(key)]
-        if wrong:
-            self.different += 1
-            if len(self.listed) < MOST_LISTED:
-                words = (f"{key} is {given.get(key)!r}, expected {expected.get(key)!r}" for key in wrong)
-                self.listed.append(f"frame {result.panorama.frame_no}: {'; '.join(words)}")
+        for result in results:
+            waiting = self._answers.get(result.panorama.frame_no)
+            if not waiting:
+                self.missing += 1
+                continue
+            self.compared += 1
+            expected = waiting.popleft()
+            given = frame_json(result) if expected.get("schema") == SCHEMA else _exact(result)
+            keys = (*_ANGLES, "status") if expected.get("schema") == SCHEMA else _ANGLES
+            wrong = [
+                key for key in keys if (key in expected or key != "roll_deg") and expected.get(key) != given.get(key)
+            ]
+            if wrong:
+                self.different += 1
+                if len(self.listed) < MOST_LISTED:
+                    words = (f"{key} is {given.get(key)!r}, expected {expected.get(key)!r}" for key in wrong)
+                    self.listed.append(f"frame {result.panorama.frame_no}: {'; '.join(words)}")
 
     def on_event(self, event: LinkEvent) -> None:
         """Nothing: events are not compared."""

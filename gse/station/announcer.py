@@ -6,7 +6,7 @@ from collections.abc import Callable
 from drivers.chunk import LinkEvent, LinkKind
 from gse import instant
 from gse.station.event_kinds import StationKind
-from gse.station.results import FrameResult
+from gse.station.frame_results import NewResults
 from gse.station.session_data import SessionData
 
 _ROUTINE = {LinkKind.OPENED, LinkKind.WAITING, LinkKind.SYNCING, LinkKind.STREAMING}
@@ -27,7 +27,7 @@ class Announcer:
         self._say = say
         self._seen: Counter[str] = Counter()
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
+    def on_results(self, results: NewResults, session: SessionData) -> None:
         """Panoramas are not announced."""
 
     def on_event(self, event: LinkEvent) -> None:

@@ -1,9 +1,10 @@
 """Result types: one result per panorama; byte and frame counters of the link."""
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,6 +148,40 @@ class Starlight:
 
 
 NO_STARLIGHT = Starlight()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Starlights:
+    """Starlight of K panoramas as columns; ``light[k]`` is that of one."""
+
+    stars: NDArray[np.int64]
+    zero_point_mag: NDArray[np.float64]
+    limiting_mag: NDArray[np.float64]
+    faintest_index: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, lights: Sequence[Starlight]) -> Self:
+        """The columns of what panoramas show one by one."""
+        made = cls.none(len(lights))
+        for k, light in enumerate(lights):
+            made.stars[k], made.zero_point_mag[k] = light.stars, light.zero_point_mag
+            made.limiting_mag[k], made.faintest_index[k] = light.limiting_mag, light.faintest_index
+        return made
+
+    @classmethod
+    def none(cls, count: int) -> Self:
+        """So many panoramas that show nothing."""
+        nothing = np.full(count, np.nan)
+        return cls(np.zeros(count, dtype=np.int64), nothing, nothing.copy(), np.full(count, np.inf))
+
+    def fill(self, places: NDArray[np.bool_], others: Self) -> None:
+        """Take the others' values at these places (K,)."""
+        for column in fields(self):
+            getattr(self, column.name)[places] = getattr(others, column.name)[places]
+
+    def __getitem__(self, k: int) -> Starlight:
+        columns = self.zero_point_mag, self.limiting_mag, self.faintest_index
+        return Starlight(int(self.stars[k]), *(float(column[k]) for column in columns))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

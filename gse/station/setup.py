@@ -15,7 +15,7 @@ from gse.config.station import Station
 from gse.external.identifier import AnswerSource, ExternalIdentifier, RunningIdentifier
 from gse.external.panoramas import SensorDescription, WireUnit
 from gse.external.plugs import plug_of
-from gse.identifier import Identification, Identifier, make_identifier
+from gse.identifier import Identification, Identifier, ObjectColumns, make_identifier
 from gse.identifier.hypotheses import search
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
 from gse.instant import to_julian_year
@@ -177,4 +177,4 @@ def _warm_up(setup: Setup) -> None:
         if isinstance(answer, Identification):
             solve_attitude(directions_sensor[answer.objects], stars_icrs[answer.stars], 1e-4)
     if setup.reference:
-        setup.reference.identify_many([(directions_sensor, brightness)])
+        setup.reference.identify_many(ObjectColumns.of([(directions_sensor, brightness)]))

@@ -22,6 +22,7 @@ from gse.config.station import Station
 from gse.instant import NS_PER_S
 from gse.mount import Mount
 from gse.station.event_kinds import StationKind
+from gse.station.frame_results import NewResults
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.view.dawn import is_bright, next_dawn_ns
@@ -85,17 +86,16 @@ class Glance:
         self._slow: dict[str, Any] = {}
         self._slow_due_ns = 0
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Take a result; the oldest one that waits is dropped where there are too many."""
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        """Take results; the oldest ones that wait are dropped where there are too many."""
         clock = session.clock[-1] if session.clock else None
         mount = session.alignment.mount if session.alignment else self._fixed_mount()
-        count = len(session.frames)
+        count, lost = len(session.frames), session.link.frames_lost
         if count >= self._sky_due:
             # The sky's columns are filled some seconds late, by windows: one look in a second is enough.
             self._sky_due = count + _SKY_EVERY_FRAMES
             self._expected = _latest_known(session.frames.columns["stars_expected"][-_SKY_WITHIN_FRAMES:])
-        shown = _Shown(result, count, session.link.frames_lost, clock, mount, self._expected)
-        self._items.append(shown)
+        self._items.extend(_Shown(result, count, lost, clock, mount, self._expected) for result in results)
 
     def on_event(self, event: LinkEvent) -> None:
         """Take an event."""
@@ -131,7 +131,7 @@ class Glance:
         result, utc_ns = shown.result, shown.result.panorama.utc_ns
         self._latest = shown
         self._first_utc_ns = self._first_utc_ns or utc_ns
-        self._running.add(result)
+        self._running.add(NewResults.of([result]).rows)
         if result.attitude is not None:
             self._answered_utc_ns = utc_ns
         if result.attitude_error is not None:

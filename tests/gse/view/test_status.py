@@ -11,6 +11,7 @@ from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
+from gse.station.frame_results import NewResults
 from gse.station.results import AnswerCheck, LinkCounters, Status
 from gse.view.running_statistics import Moments, Running
 from gse.view.status import StatusLine
@@ -25,7 +26,7 @@ def told(session, frames, *, folder: Path | None = None, terminal: bool = False,
         for event in session.events:
             status.on_event(event)
         for frame in frames:
-            status.on_result(frame, session)
+            status.on_results(NewResults.of([frame]), session)
     return screen.getvalue()
 
 
