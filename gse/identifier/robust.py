@@ -196,7 +196,8 @@ class RobustIdentifier:
         best, second = evidence.T
         probability = np.array([_false_match_probability(value) for value in best.tolist()])
         answers = Answers(Parts(ends), found, stars, probability, {})
-        wrong = (mirrored | (best < LOG_ACCEPTED) | (best - second < LOG_UNAMBIGUOUS)).nonzero()[0].tolist()
+        alone = np.where(best < LOG_ACCEPTED, math.inf, best)  # minus infinity less minus infinity is no number
+        wrong = (mirrored | (best < LOG_ACCEPTED) | (alone - second < LOG_UNAMBIGUOUS)).nonzero()[0].tolist()
         counts = answers.parts.counts, objects.parts.counts
         return answers.but(
             {

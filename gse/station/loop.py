@@ -43,7 +43,6 @@ import math
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import groupby
 from operator import itemgetter
 from typing import Protocol
 
@@ -59,6 +58,7 @@ from gse.external.answers import Failure
 from gse.identifier import Reason
 from gse.panorama import Panorama, Panoramas
 from gse.recording.session_format import RecordedTimings
+from gse.station.byte_stream import FrameAt
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.event_log import EventLog
 from gse.station.frame_processor import FrameProcessor
@@ -68,24 +68,19 @@ from gse.station.identified import Identified
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.own_answer_results import OwnAnswerProcessor
-from gse.station.reception import Received, Reception
+from gse.station.reception import News, Received, Reception
 from gse.station.results import FrameResult, OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
 from gse.station.sky_watch import SkyWatch
 from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
-from protocols import StatusMessage
 
 RECEIVE_TIMEOUT_S = 0.2
 MOST_STATUSES = 50_000
 """One a second for 14 h; those that follow are decoded and dropped."""
 MOST_AT_ONCE = 512
 """Panoramas that are processed before the first of them is shown, where so many wait."""
-
-
-_News = Panorama | OwnAnswer | LinkEvent
-"""What has a place in the order of a session."""
 
 
 class Listener(Protocol):
@@ -190,35 +185,21 @@ class StationLoop:
 
     def take(self, items: Sequence[Chunk | LinkEvent]) -> list[FrameResults]:
         """Decode the items and identify the panoramas that are complete."""
-        news: list[_News] = []
+        stream: list[FrameAt | LinkEvent] = []
         for item in items:
-            news += self._port_event(item) if isinstance(item, LinkEvent) else self._decoded(item)
-        return self._identify(news)
+            stream += self._port_event(item) if isinstance(item, LinkEvent) else self._framed(item)
+        return self._identify(self.reception.receive(stream)) if stream else []
 
     def _port_event(self, event: LinkEvent) -> list[LinkEvent]:
         """The changes of state by the silence before the event, the event, and the changes of state by it."""
         silence = self._monitor.pass_time(event.utc_ns, event.mono_ns)
         return [*silence, event, *self._monitor.port_event(event)]
 
-    def _decoded(self, chunk: Chunk) -> list[_News]:
-        frames = self.reception.counters.frames
-        received = self.reception.receive(chunk)
-        frames = self.reception.counters.frames - frames
-        changes = self._monitor.received(chunk, frames, self.reception.latest_reasons)
-        return [*changes, *self._for_identification(received)] if changes or received else []
-
-    def _for_identification(self, received: list[Received]) -> list[_News]:
-        """Panoramas, events and answers without a panorama, in order; STATUS and ATTITUDE messages are stored."""
-        news: list[_News] = []
-        for item in received:
-            if isinstance(item, Panorama | LinkEvent):
-                news.append(item)
-            elif isinstance(item, StatusMessage) and len(self.session.statuses) < MOST_STATUSES:
-                self.session.statuses.append((self.reception.last_host_utc_ns, item))
-            elif isinstance(item, OwnAnswer):
-                self.session.sensor_attitudes.append(item.host_utc_ns, item.message)
-                news += [item] if item.utc_ns is not None else []
-        return news
+    def _framed(self, chunk: Chunk) -> Sequence[FrameAt | LinkEvent]:
+        """The changes of state by a chunk, and the frames that it completes."""
+        frames = self.reception.stream.feed(chunk)
+        changes = self._monitor.received(chunk, len(frames), self.reception.stream.latest_reasons)
+        return [*changes, *frames] if changes else frames
 
     def pass_time(self, utc_ns: int, mono_ns: int) -> None:
         """Update the state of the link: no bytes came until now."""
@@ -226,11 +207,11 @@ class StationLoop:
 
     def finish(self) -> list[FrameResults]:
         """Process the bytes left in the decoder at the end of the stream."""
-        results = self._identify(self._for_identification(self.reception.finish()))
+        results = self._identify(self.reception.receive(self.reception.stream.finish()))
         if self.session.station.mount.inertial is None:
             self._log_all(self.sky.finish(self.session.frames.columns))
         fill_housekeeping(self.session.frames.columns, self.session.statuses)
-        self.session.raw_sha256 = self.reception.raw_sha256
+        self.session.raw_sha256 = self.reception.stream.raw_sha256
         return results
 
     def on_event(self, event: LinkEvent) -> None:
@@ -254,23 +235,32 @@ class StationLoop:
         """Store a reading of the host clock."""
         self.session.clock.append(reading)
 
-    def _identify(self, news: list[_News]) -> list[FrameResults]:
-        """Process what came in its order: panoramas that follow each other at once, at most ``most_at_once``."""
+    def _identify(self, received: Received) -> list[FrameResults]:
+        """Process what came in its order, panoramas that follow each other at once."""
         results: list[FrameResults] = []
-        for kind, items in groupby(news, type):
-            if kind is Panorama:
-                results += self._process(Panoramas.of([item for item in items if isinstance(item, Panorama)]))
-                continue
-            for item in items:
-                if isinstance(item, OwnAnswer):
-                    results.append(self._conclude_own(item))
-                elif isinstance(item, LinkEvent):
-                    self.on_event(item)
-        return results
+        first = 0
+        for before, item in [(before, item) for before, item in received.news if self._has_place(item)]:
+            results += self._process(received.panoramas.part(first, before))
+            first = before
+            if isinstance(item, LinkEvent):
+                self.on_event(item)
+            elif isinstance(item, OwnAnswer):
+                results.append(self._conclude_own(item))
+        return [*results, *self._process(received.panoramas.part(first, len(received.panoramas)))]
+
+    def _has_place(self, item: News) -> bool:
+        """Whether an item has a place among the results: STATUS messages and answers to panoramas are only stored."""
+        if isinstance(item, OwnAnswer):
+            self.session.sensor_attitudes.append(item.host_utc_ns, item.message)
+            return item.utc_ns is not None
+        if isinstance(item, tuple) and len(self.session.statuses) < MOST_STATUSES:
+            self.session.statuses.append(item)
+        return isinstance(item, LinkEvent)
 
     def observe(self, panorama: Panorama) -> FrameResult:
         """Process one panorama and store the result."""
-        return self._identify([panorama])[0][0]
+        (results,) = self._process(Panoramas.of([panorama]))
+        return results[0]
 
     def _process(self, panoramas: Panoramas) -> Iterator[FrameResults]:
         """Identify panoramas, compare them with truth, store the results and pass them on."""
