@@ -67,8 +67,7 @@ def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session,
 def test_frames_that_the_view_has_no_room_for_are_dropped_and_counted(frames, session, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
     with RerunFeed(session.station, serve=False, save_rrd=path, queue_frames=10) as view:
-        for frame in frames:
-            view.on_results(NewResults.of([frame]), session)
+        view.on_results(NewResults.of(frames), session)
     shown = len(moving(rows_of(path)["/d_ra/value"]))
     assert view.dropped > 0
     assert shown + view.dropped == FRAMES

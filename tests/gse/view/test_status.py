@@ -25,8 +25,8 @@ def told(session, frames, *, folder: Path | None = None, terminal: bool = False,
     with StatusLine(session.station, folder, console) as status:
         for event in session.events:
             status.on_event(event)
-        for frame in frames:
-            status.on_results(NewResults.of([frame]), session)
+        if shown := list(frames):
+            status.on_results(NewResults.of(shown), session)
     return screen.getvalue()
 
 
