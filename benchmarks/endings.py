@@ -58,6 +58,8 @@ class Session:
         def own_terminal() -> None:
             os.setsid()
             fcntl.ioctl(slave, termios.TIOCSCTTY, 0)
+            for number in (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT):
+                signal.signal(number, signal.SIG_DFL)  # this script may run under nohup, or in the background
             before()
 
         command = [*GSE, "run", "--out", str(out), "--clock-error", "1ms", *options]

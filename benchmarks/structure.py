@@ -120,9 +120,10 @@ def _modules(sources: Sources) -> dict[str, str]:
 
 
 def room_imports(modules: Mapping[str, str]) -> dict[str, set[str]]:
-    """The rooms, and which other rooms each imports."""
-    rooms: dict[str, set[str]] = {_room(name): set() for name in modules if name != "gse"}
-    for name, text in modules.items():
+    """The rooms, and which other rooms each imports; gse itself, a door to gse.api, is none."""
+    below = {name: text for name, text in modules.items() if name != "gse"}
+    rooms: dict[str, set[str]] = {_room(name): set() for name in below}
+    for name, text in below.items():
         for target in _imported(text, modules):
             if _room(target) not in (_room(name), "gse"):
                 rooms[_room(name)].add(_room(target))

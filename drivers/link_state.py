@@ -11,7 +11,7 @@ neither the changes of state nor their times. A state that ends by silence ends 
 even if that is noticed later.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
 
@@ -31,13 +31,17 @@ class LinkMonitor:
     """State machine, fed with every event of the link, and every chunk with its frames and reasons of discards.
 
     Each call returns the changes of state as events with their times; also ``SILENT`` once per silence, and
-    ``NO_FRAMES`` with the probable cause once per stretch of unreadable bytes.
+    ``NO_FRAMES`` with the probable cause once per stretch of unreadable bytes. ``explain`` says what some such bytes
+    are, as far as they tell.
     """
 
-    def __init__(self, baudrate: int, silence_s: float = SILENCE_S) -> None:
+    def __init__(
+        self, baudrate: int, silence_s: float = SILENCE_S, *, explain: Callable[[bytes], str] = lambda sample: ""
+    ) -> None:
         self.state = UNKNOWN
         self._baudrate = baudrate
         self._silence_s = silence_s
+        self._explain = explain
         self._patience_ns = round(silence_s * _NS)
         self._utc_minus_mono_ns = 0
         self._now_ns = 0
@@ -125,8 +129,13 @@ class LinkMonitor:
 
     def _why_no_frames(self) -> str:
         head = f"{self._unframed_bytes} bytes in {self._silence_s:g} s, but no valid frame: "
+        if explained := self._explain(bytes(self._sample)):
+            return head + explained
         if reasons := sorted(self._reasons - _NO_START):
             return head + f"frames begin, but none is whole ({', '.join(reasons)}); noise, or another protocol?"
         if len(set(self._sample)) <= FEW_VALUES < len(self._sample):
             return head + f"wrong baud rate: it looks as if the sensor is much slower than {self._baudrate}"
-        return head + f"the baud rate is wrong ({self._baudrate} here), or the protocol is another one"
+        return head + (
+            f"the baud rate is wrong ({self._baudrate} here), or the protocol is another one; gse preflight tries the "
+            "usual rates"
+        )

@@ -32,6 +32,8 @@ class IdentifierOptions:
     """Whether the stars must fit an attitude; the flight unit of the LAPAN paper has no such check."""
     pivot_members: Literal[4, 5] = 4
     """K of the pivot paper."""
+    a_priori: Literal["none", "cells"] = "none"
+    """Whether ``pivot`` and ``match-group`` look first in the cells where the panorama before was."""
     magnitude_limit: Annotated[float, Interval(ge=0, le=12)] | None = None
     """Faintest magnitude of the catalogue of ``pivot`` and ``match-group``; 6.0 in the pivot paper."""
     attitude: Literal["wahba", "paper-mean"] = "wahba"

@@ -52,7 +52,9 @@ Code = Annotated[int, Field(strict=True, ge=0, le=2**64 - 1)]
 class Part(BaseModel):
     """Unknown keys are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, arbitrary_types_allowed=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, arbitrary_types_allowed=True, defer_build=True
+    )
 
 
 class FieldDescription(Part):

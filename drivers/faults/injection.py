@@ -9,8 +9,8 @@ from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.faults.byte_faults import ByteFaults
 from drivers.faults.frame_faults import FrameFaults, FrameFinder, Piece
 from drivers.faults.options import NS_PER_S, Faults, Outage, Places
-from drivers.faults.uart import received_at
 from drivers.mock.timestamped_port import Item
+from drivers.uart import received_at
 
 _STALL_S = (0.2, 3.0)
 _Part = Piece | LinkEvent

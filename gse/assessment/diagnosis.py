@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from gse.assessment.counted_frames import CountedFrames, counted_frames
-from gse.assessment.error_series import error_series
+from gse.assessment.error_series import error_series, with_left_out
 from gse.assessment.field_patterns import field_of_errors
 from gse.assessment.fine_causes import SessionModel
 from gse.assessment.fine_findings import Setting, fine_findings
@@ -63,6 +63,7 @@ def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
         return ()
     mount, camera = session.alignment.mount if session.alignment else station.mount, station.sensor.camera()
     zenith_sensor = np.asarray(horizon_to_sensor(mount)[:, 2])
+    series = with_left_out(series, session.frames.matches, camera)
     field = field_of_errors(session.frames.matches, frames["utc_ns"], counted.used, camera, station.site, zenith_sensor)
     exposure_s = float(np.nanmedian(frames["exposure_s"][series.rows]))
     first_ns = int(frames["utc_ns"][series.rows[0]])
@@ -106,7 +107,8 @@ def gross_finding(session: SessionData, counted: CountedFrames) -> Finding | Non
     mount, orientation = session.station.mount, session.earth_orientation
     frames = session.frames.columns
     checked_false = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
-    rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded)
+    has_roll = np.isfinite(frames["roll_deg"])  # an external identifier may answer RA and DE alone
+    rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded & has_roll)
     if orientation is None or not mount.stated or mount.inertial is not None or not len(rows):
         return None
     raw = RawAttitudes.of(frames[rows], session.station.sensor.camera())
@@ -121,6 +123,11 @@ def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
             StationKind.MIRRORED,
             "mirrored image",
             "turn sensor.mirrored over in the station file: gse calibrate SESSION",
+        ),
+        (
+            StationKind.WRONG_CAMERA,
+            "focal length",
+            "enter it and judge the same recording again: gse report SESSION --station FILE; gse calibrate fits it",
         ),
         (StationKind.NO_STATION, "station file", "give the right one: gse report SESSION --station FILE"),
         (StationKind.SEQUENCE_CHAOS, "sequence numbers", "see what the link brings: gse decode SESSION --explain"),
@@ -138,13 +145,15 @@ def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
 def _nothing_identified(session: SessionData) -> Iterator[Finding]:
     status = session.frames.columns["status"]
     no_match = int((status == STATUSES.index(Status.NO_MATCH)).sum())
+    if any(event.kind == StationKind.WRONG_CAMERA for event in session.events):
+        return
     if no_match and not (status == STATUSES.index(Status.IDENTIFIED)).any():
         yield Finding(
             "nothing identified",
-            f"not one of {no_match} panoramas with enough objects was identified: a focal length that is wrong by more "
-            "than 0.2 %, or a mirrored image, does that",
-            ("a sky that the catalogue does not hold: many objects that are no stars",),
-            "gse calibrate SESSION finds focal length and mirror",
+            f"not one of {no_match} panoramas with enough objects was identified, with no focal length within 25 % of "
+            "the stated one, nor mirrored: most objects are no stars, or sensor.rows, columns or the optics are others",
+            (),
+            "look at the panoramas: gse view SESSION; check the sensor section of the station file",
         )
 
 

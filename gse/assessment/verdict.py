@@ -5,8 +5,8 @@ frames have |dRA*| and |dDE| within the same limit; the same of roll against a l
 holds 95 % of the boresights; availability; false answers; and time. gse.assessment.decision gives the rule.
 
 FAIL where a row fails. INCONCLUSIVE where a row of the accuracy, availability or false answers cannot be decided, where
-more than a little of the session was left out for clock or link, where most of it had no sky, or where the mount that
-was fitted is not the stated one. PASS otherwise, with what was not tested.
+more than a little of the session was left out for clock or link, or was not counted at all, where most of it had no
+sky, or where the mount that was fitted is not the stated one. PASS otherwise, with what was not tested.
 """
 
 import math
@@ -22,8 +22,10 @@ from gse.assessment.guard_band import COVERAGE_FACTOR
 from gse.assessment.sensor_convention import is_wrong
 from gse.assessment.sensor_findings import sensor_findings
 from gse.assessment.sensor_health import SensorHealth, health_findings, sensor_health
-from gse.assessment.statistics import Statistics, SubjectStatistics, figure_of, statistics
+from gse.assessment.statistics import Statistics, statistics
+from gse.assessment.subject_statistics import SubjectStatistics, figure_of
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
+from gse.assessment.uncounted import uncounted
 from gse.constants import ARCSEC_PER_RAD
 from gse.finding import Finding
 from gse.limits import Limits
@@ -206,8 +208,7 @@ def _shares(subject: SubjectStatistics, limits: Limits) -> Iterator[Row]:
 
 def _time(subject: SubjectStatistics, limits: Limits) -> Row:
     """The 99th percentile of the time; the share of the slow frames decides, by its exact bounds."""
-    here = subject.subject is Subject.ONBOARD
-    name = "identification time on this host, 99 %" if here else "processing time as it states, 99 %"
+    name = "processing time as it states, 99 %" if subject.time_is_stated else "identification time on this host, 99 %"
     row = judge_share(subject.subject, name, subject.slow, limit=SLOW_SHARE, at_least=False, decision=limits.decision)
     reason = row.reason
     if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE):
@@ -222,6 +223,7 @@ def _obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) -
     """Why a session cannot pass though its rows may."""
     yield from _untested_core(rows)
     yield from _much_excluded(session, stats)
+    yield from uncounted(session, stats)
     yield from _little_sky(session, stats)
     yield from _other_mount(session)
     if is_wrong(stats.convention, session.station.sensor.attitude):

@@ -1,7 +1,6 @@
 """Calibration from a session: its panoramas are identified, if need be by search, and the camera is fitted to them."""
 
 import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,8 +12,7 @@ from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.errors import UsageError
 from gse.identifier import Identification, Identifier
-from gse.identifier.neighbour import NeighbourIdentifier
-from gse.identifier_options import IdentifierOptions
+from gse.identifier.camera_search import REACH, find_camera
 from gse.panorama import Panorama
 from gse.truth import SiderealTruth
 
@@ -22,11 +20,7 @@ MAX_PANORAMAS = 400
 """More do not make it better: neighbouring ones show the same stars on the same pixels."""
 
 _TRIED = 5
-_ALPHA_RETRIES = 3
 _ENOUGH = 0.5
-_SCALE_STEP = 0.002
-"""An identifier tolerates a focal length that is wrong by 0.2 %."""
-_SCALE_STEPS = 15
 _ROUNDS = 3
 
 
@@ -79,7 +73,7 @@ def calibrate_session(
     *,
     tangential: bool = False,
 ) -> SessionCalibration:
-    """Fit the camera of a session, starting from one whose focal length may be wrong by 3 % or that lacks the mirror.
+    """Fit the camera of a session, starting from one whose focal length may be wrong by 25 % or that lacks the mirror.
 
     Without ``truth`` stars are taken from the catalogue as they are: that leaves refraction (0.03 % of the focal
     length) and aberration (0.01 %) in the result. ``tangential`` distortion is fitted on request. UsageError where
@@ -129,33 +123,14 @@ def _identified(panoramas: list[Panorama], camera: Camera, identifier: Identifie
 
 
 def _search(some: list[Panorama], camera: Camera, catalog: StarCatalog) -> Camera:
-    """The trial camera that identifies most of a few panoramas, nearest to the given one first.
-
-    By the neighbour technique with few alpha stars, the quickest to refuse: most trials end so.
-    """
-    identifier = NeighbourIdentifier(catalog, camera, IdentifierOptions(alpha_retries=_ALPHA_RETRIES))
-    best, most = camera, 0
-    for trial in _trials(camera):
-        count = len(_identified(some, trial, identifier))
-        if count > most:
-            best, most = trial, count
-        if count >= max(_ENOUGH * len(some), 1):
-            return best
-    if most == 0:
+    found = find_camera(some, camera, catalog)
+    if found is None:
         raise UsageError(
             f"none of {len(some)} panoramas could be identified with a focal length within "
-            f"{_SCALE_STEP * _SCALE_STEPS:.0%} of {camera.focal_length_px:g} px, as it is or mirrored; "
+            f"{REACH:.0%} of {camera.focal_length_px:g} px, as it is or mirrored; "
             "check sensor.rows, sensor.columns and sensor.focal_length_px"
         )
-    return best
-
-
-def _trials(camera: Camera) -> Iterator[Camera]:
-    for step in range(_SCALE_STEPS + 1):
-        for sign in (1, -1) if step else (1,):
-            scaled = replace(camera, focal_length_px=camera.focal_length_px * (1 + sign * step * _SCALE_STEP))
-            yield scaled
-            yield replace(scaled, mirrored=not camera.mirrored)
+    return found.camera
 
 
 def _field(item: _Named, identifier: Identifier, truth: SiderealTruth | None) -> StarField:

@@ -1,8 +1,8 @@
 """The Dask cluster of a campaign: worker processes of this machine, or a scheduler by its address.
 
 The own cluster listens on 127.0.0.1 alone, with certificates made for the run, so that no other user of this machine
-can talk to it, and without a dashboard. Each worker is a process with one thread. Lost workers, retries and the order
-of work are Dask's; its settings (``distributed.scheduler.worker-ttl``, ``distributed.comm.tls``) hold.
+can talk to it, and without a dashboard or other page. Each worker is a process with one thread. Lost workers, retries
+and the order of work are Dask's; its settings (``distributed.scheduler.worker-ttl``, ``distributed.comm.tls``) hold.
 """
 
 import logging
@@ -32,12 +32,14 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Client]:
         return
     # Workers of this machine share its memory: Dask's default limit is each one's share.
     with (
+        dask.config.set({"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}),
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             processes=True,
             host=LOOPBACK,
-            dashboard_address=None,
+            # Without a dashboard Dask opens port 8787 all the same, and complains where somebody has it.
+            scheduler_kwargs={"dashboard": False, "dashboard_address": f"{LOOPBACK}:0"},
             worker_dashboard_address=None,
             security=True,
             silence_logs=logging.CRITICAL,

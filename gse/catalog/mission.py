@@ -78,7 +78,9 @@ def merge_doubles(catalog: StarCatalog, within_rad: float) -> StarCatalog:
     icrs, total = np.zeros_like(catalog.icrs), np.zeros(len(catalog))
     np.add.at(icrs, leader, flux[:, None] * catalog.icrs)
     np.add.at(total, leader, flux)
-    grown = np.setdiff1d(leader[leader != np.arange(len(catalog))], [])
+    has_grown = np.zeros(len(catalog), dtype=np.bool_)
+    has_grown[leader[leader != np.arange(len(catalog))]] = True
+    grown = np.flatnonzero(has_grown)
     merged_icrs, magnitude = catalog.icrs.copy(), catalog.magnitude.copy()
     merged_icrs[grown] = icrs[grown] / np.linalg.norm(icrs[grown], axis=1)[:, None]
     magnitude[grown] = -2.5 * np.log10(total[grown])

@@ -12,7 +12,7 @@ import numpy as np
 from gse.attitude import Attitude
 from gse.cli import EXIT_FAIL
 from gse.cli.new_files import write_new
-from gse.cli.options import change_to, fit_options
+from gse.cli.options import change_to, fit_options, say
 from gse.config.edit import with_values
 from gse.mount import Mount
 from gse.station.attitude_error import attitude_error
@@ -62,6 +62,7 @@ def command(
         options=ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc),
         station=change_to(station_path),
         make_listeners=lambda loop, folder: [measured],
+        tell=say,
     )
     validation = cross_validated(measured, replay.session)
     gross = gross_finding(replay.session, counted_frames(replay.session))

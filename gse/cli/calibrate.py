@@ -9,7 +9,7 @@ import click
 from gse.calibration.camera_fit import Calibration
 from gse.calibration.session_fit import PanoramaSample, SessionCalibration, calibrate_session
 from gse.cli.new_files import write_new
-from gse.cli.options import change_to, fit_options, with_identifier
+from gse.cli.options import change_to, fit_options, say, with_identifier
 from gse.config.edit import with_values
 from gse.errors import TruthError
 from gse.truth import EarthOrientation, SiderealTruth
@@ -39,7 +39,7 @@ def command(
 ) -> None:
     """Fit focal length, principal point, radial distortion and mirror to the stars of the session FILE.
 
-    The fit starts from the camera of the station file; its focal length may be wrong by 3 %. Aberration and refraction
+    The fit starts from the camera of the station file; its focal length may be wrong by 25 %. Aberration and refraction
     are corrected with the site and the times of the session. Use the new station file with `gse replay --station` or
     `gse run --station`.
     """
@@ -56,7 +56,7 @@ def command(
     station, text = recording.station, recording.station_text
     if station.identifier.algorithm == "external":
         station, text = with_identifier(station, text, "robust")
-    setup = set_up(station, text, utc_ns=first_ns, protocol_text=recording.protocol.text)
+    setup = set_up(station, text, utc_ns=first_ns, protocol_text=recording.protocol.text, tell=say)
     result = calibrate_session(sample, setup.camera, setup.built_in, _truth(recording, first_ns), tangential=tangential)
     if write_path is not None:
         write_new(write_path, with_values(recording.station_text, "sensor", _sensor_values(result)))

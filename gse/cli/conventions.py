@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_FAIL
-from gse.cli.options import change_to
+from gse.cli.options import change_to, say
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def _session(path: Path, station_path: Path | None, seconds: float) -> "SessionD
                 int(results[-1].panoramas.utc_ns[-1]),
             ]
 
-    return replay_session(path, station=change_to(station_path, None), stop=stop, each=each).session
+    return replay_session(path, station=change_to(station_path, None), stop=stop, each=each, tell=say).session
 
 
 def _document(search: "ConventionSearch", stated: "AttitudeConvention") -> dict[str, Any]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from gse import instant
-from gse.cli.options import identifier_option, station_of, station_option, with_identifier
+from gse.cli.options import identifier_option, say, station_of, station_option, with_identifier
 from gse.errors import UsageError
 from gse.station.results import FrameResult, Status
 
@@ -46,7 +46,7 @@ def command(
         utc_ns = instant.from_text(utc_text) if utc_text else 0
     except ValueError as error:
         raise UsageError(f"--utc: {error}") from error
-    setup = set_up(*with_identifier(station, text, identifier))
+    setup = set_up(*with_identifier(station, text, identifier), tell=say)
     result = StationLoop(setup).observe(Panorama(utc_ns, xy_px, brightness))
     if as_json:
         document = frame_json(result)

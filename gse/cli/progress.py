@@ -4,13 +4,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from drivers.mock.playback import is_session
 from drivers.session_file.reader import messages
 from drivers.session_file.records import RX
+from gse.cli.options import say
 from gse.sessions.replay import Replay, ReplayOptions, StationText, replay_session
 from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
@@ -31,7 +31,7 @@ def replay_with_progress(
     options = options or ReplayOptions()
     console = Console(stderr=True)
     if not console.is_terminal or not path.exists():
-        return replay_session(path, options=options, station=station, make_listeners=make_listeners)
+        return replay_session(path, options=options, station=station, make_listeners=make_listeners, tell=say)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("replaying", total=_bytes_of(path))
@@ -44,7 +44,7 @@ def replay_with_progress(
         def each(results: list[FrameResults]) -> None:
             progress.update(task, completed=loops[0].session.link.bytes_in)
 
-        return replay_session(path, options=options, station=station, make_listeners=listeners_of, each=each)
+        return replay_session(path, options=options, station=station, make_listeners=listeners_of, each=each, tell=say)
 
 
 def judged_with_progress(
@@ -68,11 +68,6 @@ def judged_with_progress(
         replay = derive()
         return Judged(replay.session, judge(replay.session), replay.own_elapsed_us)
     return judged_session(path, station=station, derive=derive, tell=say, anew=anew)
-
-
-def say(text: str) -> None:
-    """A line on stderr."""
-    click.echo(f"gse: {text}", err=True)
 
 
 def _bytes_of(path: Path) -> int:

@@ -110,7 +110,8 @@ def _verify(page: str, session: SessionData, assessment: "Assessment") -> int:
 
 
 def _say_if_running(path: Path) -> None:
-    from gse.sessions.status_file import is_running, read_status
+    from gse.sessions.status_document import read_status
+    from gse.sessions.status_file import is_running
 
     status = read_status(path if path.is_dir() else path.parent)
     if status is not None and is_running(status):

@@ -41,24 +41,27 @@ def command(
             recording = Path(tempfile.mkdtemp(prefix="gse-view-")) / "session.rrd"
             if web or screenshot:
                 stack.callback(_remove, recording)
-        _write_recording(path, recording, clock_error_s)
+        verdict = _write_recording(path, recording, clock_error_s)
         if save is not None:
             click.echo(f"saved: {save}", err=True)
         if screenshot is not None:
             save_screenshot(recording, screenshot)
             click.echo(f"picture: {screenshot}", err=True)
         if web:
-            server = stack.enter_context(ViewServer(bind, http_port, Content(recording=recording)))
+            server = stack.enter_context(ViewServer(bind, http_port, Content(recording=recording, verdict=verdict)))
             _serve_until_interrupt(server.url)
         elif save is None and screenshot is None:
             open_native_viewer(str(recording))
             click.echo(f"opened in rerun: {recording}", err=True)
 
 
-def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -> None:
+def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -> tuple[str, str]:
+    """Write it; returns the verdict and its level, for the bar of the page."""
     from gse.assessment.verdict import judge
     from gse.cli.progress import replay_with_progress
+    from gse.report.metric_table import metrics_in_markdown
     from gse.station.loop import Listener, StationLoop
+    from gse.view.glance_word import level_of
     from gse.view.saved_view import SavedView
 
     views: list[Any] = []
@@ -71,7 +74,9 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
     if clock_error_s is not None:
         session.clock_error_s = clock_error_s
     assessment = judge(session)
-    views[0].finish(session, assessment.verdict.value, assessment.reasons)
+    metrics = metrics_in_markdown(assessment.statistics)
+    views[0].finish(session, assessment.verdict.value, assessment.reasons, metrics=metrics)
+    return "; ".join([assessment.verdict.value, *assessment.reasons[:1]]), level_of(assessment.verdict.value)
 
 
 def _serve_until_interrupt(url: str) -> None:

@@ -104,8 +104,8 @@ class RunningIdentifier:
         if self._failures_in_a_row >= MOST_FAILURES_IN_A_ROW:
             text = f"it failed {MOST_FAILURES_IN_A_ROW} times in a row and is not started again"
             return [Given(Failure(FailureKind.GIVEN_UP, text)) for _ in panoramas]
-        requests = [self._plug.request(panorama) for panorama in panoramas]
-        first_s = self._timeout_s
+        requests = self._plug.requests(panoramas)
+        first_s, starts = self._timeout_s, self._child is None
         if self._child is None:
             try:
                 self._child = self._plug.start(self._log)
@@ -116,6 +116,8 @@ class RunningIdentifier:
         replies, failure = self._child.exchange(
             requests, self._plug.split, len(panoramas), first_s=first_s, each_s=self._timeout_s
         )
+        if starts and replies:  # the time of its start is not that of an identification
+            replies[0] = Reply(replies[0].data, None)
         return self._read(panoramas, replies, failure)
 
     def _read(self, panoramas: Sequence[Panorama], replies: list[Reply], failure: Failure | None) -> list[Given]:

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.identifier.robust_tables import SkyTables
-from gse.identifier.verify import Attempt, Noise, Objects, grow, squared_residuals, with_noise
+from gse.identifier.tangent_plane import Attempt, Noise, Objects, with_noise
+from gse.identifier.verify import grow, squared_residuals
 from gse.jit import compiled
 
 CHANCE_OF_EVIDENCE = 0.05

@@ -6,21 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.identifier.attitude_fit import fit
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS, weigh
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.search_plan import search_pass
-from gse.identifier.verify import (
-    Attempt,
-    Noise,
-    Objects,
-    attempt_at,
-    fit,
-    named,
-    noise_of,
-    objects_of,
-    squared_residuals,
-    with_noise,
-)
+from gse.identifier.tangent_plane import Attempt, Noise, Objects, attempt_at, noise_of, objects_of, with_noise
+from gse.identifier.verify import named, squared_residuals
 from gse.identifier.votes import FEW_LOOKED_AT, hypotheses_of, pair_rotation
 from gse.jit import compiled
 
@@ -49,46 +40,31 @@ def search_many(
     plan: NDArray[np.float64],
     known: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """``search_both`` for K panoramas: evidence (K, 2), mirrored (K,), ends (K + 1,), objects and stars (M,).
+    """``search`` for K panoramas: evidence (K, 2), mirrored (K,), ends (K + 1,), objects and stars (M,).
 
     Panorama k is the rows ``first[k]`` to before ``first[k + 1]`` of ``directions`` and ``brightness``; its answer is
-    ``ends[k]`` to before ``ends[k + 1]`` of the objects and stars returned.
+    ``ends[k]`` to before ``ends[k + 1]`` of the objects and stars returned, from the image or, where ``mirrored``,
+    from the flipped image. Evidence that comes to no answer is minus infinity.
     """
     count = len(first) - 1
-    evidence, mirrored = np.empty((count, 2)), np.empty(count, dtype=np.bool_)
+    evidence, mirrored = np.full((count, 2), -np.inf), np.zeros(count, dtype=np.bool_)
     ends = np.zeros(count + 1, dtype=np.int64)
     objects, stars = np.empty(len(brightness), dtype=np.int64), np.empty(len(brightness), dtype=np.int64)
     for k in range(count):
-        rows = slice(first[k], first[k + 1])
-        evidence[k, 0], evidence[k, 1], mirrored[k], found, of_sky = search_both(
-            sky, directions[rows], brightness[rows], plan, known
-        )
-        ends[k + 1] = ends[k] + len(found)
-        objects[ends[k] : ends[k + 1]] = found
-        stars[ends[k] : ends[k + 1]] = of_sky
+        seen, bright = directions[first[k] : first[k + 1]].copy(), brightness[first[k] : first[k + 1]]
+        ends[k + 1] = ends[k]
+        for turn in range(2):
+            passes, needed = (len(plan), LOG_ACCEPTED) if turn == 0 else (_MIRROR_PASSES, _LOG_MIRRORED)
+            best, second, found, of_sky = search(sky, seen, bright, plan[:passes], known)
+            if best >= needed and (turn == 0 or best - second >= LOG_UNAMBIGUOUS):
+                evidence[k, 0], evidence[k, 1], mirrored[k] = best, second, turn == 1
+                for i in range(len(found)):  # a slice at once would bring numba's texts of its errors along
+                    objects[ends[k] + i], stars[ends[k] + i] = found[i], of_sky[i]
+                ends[k + 1] = ends[k] + len(found)
+                break
+            for i in range(len(seen)):
+                seen[i, 0] *= -1.0
     return evidence, mirrored, ends, objects[: ends[count]], stars[: ends[count]]
-
-
-@compiled
-def search_both(
-    sky: tuple[Any, ...],
-    directions: NDArray[np.float64],
-    brightness: NDArray[np.float64],
-    plan: NDArray[np.float64],
-    known: NDArray[np.float64],
-) -> tuple[float, float, bool, NDArray[np.int64], NDArray[np.int64]]:
-    """Result of ``search`` for an answer, from the image or from the flipped image (third value); else none.
-
-    Evidence that comes to no answer is minus infinity.
-    """
-    seen = directions.copy()
-    for turn in range(2):
-        passes, needed = (len(plan), LOG_ACCEPTED) if turn == 0 else (_MIRROR_PASSES, _LOG_MIRRORED)
-        best, second, objects, stars = search(sky, seen, brightness, plan[:passes], known)
-        if best >= needed and (turn == 0 or best - second >= LOG_UNAMBIGUOUS):
-            return best, second, turn == 1, objects, stars
-        seen[:, 0] *= -1.0
-    return -np.inf, -np.inf, False, objects[:0], stars[:0]
 
 
 @compiled

@@ -30,7 +30,8 @@ from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.identifier.acceptance import RandomSky, misfit
 from gse.identifier.input_checks import refusals
-from gse.identifier.neighbour_search import EVERYWHERE, Found, Limits, best_vote_many, first_fit_many
+from gse.identifier.neighbour_batch import Found, best_vote_many, first_fit_many
+from gse.identifier.neighbour_search import EVERYWHERE, Limits
 from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified, answered
 from gse.identifier.tables import field_diameter_rad, pair_table, tolerance_rad
 from gse.identifier_options import IdentifierOptions

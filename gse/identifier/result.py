@@ -74,6 +74,11 @@ class ObjectColumns:
     def __len__(self) -> int:
         return len(self.parts)
 
+    def __iter__(self) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        return (
+            (self.directions_sensor[rows], self.brightness[rows]) for rows in map(self.parts.rows, range(len(self)))
+        )
+
     def chosen(self, wanted: NDArray[np.bool_]) -> Self:
         """Those of the panoramas that are wanted (K,)."""
         parts, rows = self.parts.chosen(wanted)

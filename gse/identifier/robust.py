@@ -58,13 +58,13 @@ from gse.camera import Camera
 from gse.catalog import StarCatalog, merge_doubles
 from gse.catalog.mission import MERGED_WITHIN_PX
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_UNAMBIGUOUS, TRUSTED_SCALE_SIGMA
-from gse.identifier.hypotheses import search, search_both, search_many
+from gse.identifier.hypotheses import search, search_many
 from gse.identifier.input_checks import refusal, refusals
 from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified, answered
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
+from gse.identifier.tangent_plane import Noise, outside_field, outside_fields
 from gse.identifier.tracking import follow
-from gse.identifier.verify import Noise, outside_field, outside_fields
 from gse.parts import Parts
 
 _FEWEST_OBJECTS = 3
@@ -150,12 +150,7 @@ class RobustIdentifier:
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
-        directions, brightness = _contiguous(directions_sensor, brightness)
-        refused = self._refusal(directions, brightness)
-        if refused:
-            return refused
-        found = search_both(self._sky, directions, brightness, self._plan, self._noise)
-        return _answer(*found, len(brightness))
+        return self.identify_many(ObjectColumns.of([(directions_sensor, brightness)]))[0]
 
     def track(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64], previous: Attitude

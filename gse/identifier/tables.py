@@ -127,6 +127,6 @@ def _fits(table: PairTable, stars: int) -> bool:
     columns: tuple[NDArray[np.integer], ...] = tuple(table)
     if any(c.shape != (n,) or c.dtype != t for c, n, t in zip(columns, lengths, types, strict=True)):
         return False
-    rows = np.concatenate([table.brighter, table.dimmer, table.neighbour])
+    rows = (table.brighter, table.dimmer, table.neighbour)
     ordered = table.first[0] == 0 and table.first[-1] == 2 * pairs and bool((np.diff(table.first) >= 0).all())
-    return ordered and (pairs == 0 or bool(rows.min() >= 0 and rows.max() < stars))
+    return ordered and (pairs == 0 or all(row.min() >= 0 and row.max() < stars for row in rows))

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 from gse.identifier.evidence import weigh
 from gse.identifier.robust_tables import SkyTables
-from gse.identifier.verify import (
+from gse.identifier.tangent_plane import (
     SMALLEST_RANGE,
     U_BINS,
     Attempt,
     Objects,
     attempt_at,
-    named,
     noise_of,
     objects_of,
     place,
 )
+from gse.identifier.verify import named
 from gse.jit import compiled
 
 _MAX_OFFSETS = 256

@@ -1,5 +1,6 @@
 """Checks before a session: one for each frequent cause of a lost session."""
 
+import math
 import os
 import shutil
 from collections.abc import Iterator
@@ -9,7 +10,9 @@ from drivers.chunk import Chunk
 from drivers.clock import read_clock
 from drivers.errors import DriverError
 from drivers.link import SerialLink
-from drivers.ports import is_mock
+from drivers.link_state import SAMPLE_BYTES
+from drivers.ports import is_device, is_mock
+from drivers.uart import USUAL_BAUDS
 from gse import instant
 from gse.catalog.mission import stars_for_field
 from gse.catalog.readers import load_catalog
@@ -20,6 +23,7 @@ from gse.inspection.check import Check, Outcome
 from gse.inspection.plausibility import plausibility
 from gse.limits import Limits
 from gse.site import Site
+from gse.station.unreadable_bytes import what_fits
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 from gse.view.viewer import rerun_program
@@ -27,8 +31,9 @@ from protocols import Frame, FrameDecoder, Protocol, ProtocolError, load_protoco
 
 LISTEN_S = 3.0
 """The slowest sensor known exposes for 2 s."""
+TRY_S = 1.5
+"""With each other baud rate: a frame at 1 Hz."""
 ENOUGH_FRAMES = 3
-"""Motion of the sky at the equator."""
 BITS_PER_BYTE = 10
 OVERHEAD = 2.5
 """Records around the bytes, derived results, and the compressed copy beside the plain file at close."""
@@ -66,41 +71,57 @@ def _protocol(station: Station) -> Check:
 
 
 def _port(station: Station) -> Check:
-    url = station.port.url
+    url, baudrate = station.port.url, station.port.baudrate
     if is_mock(url):
         return Check("port", Outcome.OK, f"{url} needs no device")
     try:
         protocol = load_protocol(station.protocol)
-        with SerialLink(url, station.port.baudrate) as link:
-            size, frames = _listen(link, protocol)
+        sample, frames = _listen(url, baudrate, protocol, LISTEN_S)
+        if sample and not frames:
+            return _unreadable(station, protocol, sample)
     except DriverError as error:
         return Check("port", Outcome.FAIL, str(error), "list the ports with 'gse ports'")
     except ProtocolError:
         return Check("port", Outcome.WARN, f"{url} opens; without a valid protocol its bytes cannot be checked")
     if frames:
-        return Check("port", Outcome.OK, f"{url} at {station.port.baudrate}: valid frames come")
-    if size:
-        text = f"{url} at {station.port.baudrate}: {size} bytes in {LISTEN_S:g} s, but no valid frame"
-        return Check("port", Outcome.FAIL, text, "check baud rate and protocol of the sensor")
-    text = f"{url} opens, but no bytes came within {LISTEN_S:g} s"
+        return Check("port", Outcome.OK, f"{url} at {baudrate}: valid frames come")
     return Check(
         "port",
         Outcome.WARN,
-        text,
+        f"{url} opens, but no bytes came within {LISTEN_S:g} s",
         "check the sensor's power; ask it with 'gse sensor status', start it with 'gse sensor start'",
     )
 
 
-def _listen(link: SerialLink, protocol: Protocol) -> tuple[int, int]:
-    """Numbers of received bytes and valid frames within LISTEN_S; ends early after ENOUGH_FRAMES."""
-    decoder = FrameDecoder(protocol)
-    frames = 0
-    until_ns = link.mono_ns() + round(LISTEN_S * instant.NS_PER_S)
-    while link.mono_ns() < until_ns and frames < ENOUGH_FRAMES:
-        for item in link.receive(0.2):
-            pieces = decoder.feed(item.data) if isinstance(item, Chunk) else []
-            frames += sum(isinstance(piece, Frame) for piece in pieces)
-    return decoder.bytes_in, frames
+def _unreadable(station: Station, protocol: Protocol, sample: bytes) -> Check:
+    """What would make frames of the bytes: by their look, or by the usual baud rates, tried one after the other."""
+    url, baudrate = station.port.url, station.port.baudrate
+    text = f"{url} at {baudrate}: {len(sample)} bytes in {LISTEN_S:g} s, but no valid frame"
+    if explained := what_fits(sample[:SAMPLE_BYTES], protocol, baudrate):
+        return Check("port", Outcome.FAIL, text, explained)
+    tried = []
+    for baud in sorted(USUAL_BAUDS, key=lambda rate: abs(math.log(rate / baudrate)))[1:] if is_device(url) else []:
+        came, frames = _listen(url, baud, protocol, TRY_S)
+        if frames:
+            return Check("port", Outcome.FAIL, text, f"valid frames come with port.baudrate: {baud}")
+        if not came:
+            break
+        tried.append(str(baud))
+    also = f"none comes with {', '.join(tried)} either; " if tried else ""
+    return Check("port", Outcome.FAIL, text, f"{also}check baud rate and protocol of the sensor")
+
+
+def _listen(url: str, baudrate: int, protocol: Protocol, seconds: float) -> tuple[bytes, int]:
+    """What came within some seconds, and its number of valid frames; ends early after ENOUGH_FRAMES."""
+    decoder, received, frames = FrameDecoder(protocol), bytearray(), 0
+    with SerialLink(url, baudrate) as link:
+        until_ns = link.mono_ns() + round(seconds * instant.NS_PER_S)
+        while link.mono_ns() < until_ns and frames < ENOUGH_FRAMES:
+            for item in link.receive(0.2):
+                if isinstance(item, Chunk):
+                    received += item.data
+                    frames += sum(isinstance(piece, Frame) for piece in decoder.feed(item.data))
+    return bytes(received), frames
 
 
 def _clock(station: Station) -> Check:

@@ -14,12 +14,12 @@ from gse import instant
 from gse.assessment.decision import DECISION_TEXT, RISK
 from gse.assessment.decision import Row as DecisionRow
 from gse.assessment.guard_band import COVERAGE_FACTOR
+from gse.assessment.metrics import metrics
 from gse.assessment.sky_summary import SkyStretch, sky_summary
 from gse.assessment.statistics import Statistics
 from gse.assessment.truth_budget import TruthUncertaintyBudget
 from gse.assessment.verdict import Assessment
 from gse.report.documented_test import documented_test, requirement_of
-from gse.report.metrics import metrics
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, Row, this_sensor
 from gse.station.session_data import SessionData
 

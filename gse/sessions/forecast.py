@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from drivers.chunk import LinkEvent
 from gse.assessment.session_plan import NEVER, minutes_left, rows_left
 from gse.assessment.verdict import Assessment, judge
+from gse.report.metric_table import metrics_in_markdown
 from gse.station.frame_results import NewResults
 from gse.station.results import Verdict
 from gse.station.session_data import SessionData
@@ -35,12 +36,14 @@ _MOST_NAMED = 2
 class Forecast:
     """A listener that knows how long a session still has to be; ``text`` is a line, empty before the first answer.
 
+    ``metrics`` are those of ECSS-E-ST-60-20C so far, as a table in Markdown, empty before too.
+
     ``fill_sky`` fills the sky columns of a snapshot's frames (rows of FRAME), which the loop itself does at the end.
     """
 
     def __init__(self, fill_sky: Callable[[NDArray[np.void]], None] = lambda frames: None) -> None:
         self._fill_sky = fill_sky
-        self.text = ""
+        self.text = self.metrics = ""
         self._wanted = threading.Event()
         self._wanted.set()
         self._closing = threading.Event()
@@ -68,7 +71,9 @@ class Forecast:
         while (session := self._snapshots.get()) is not None:
             began_s = time.thread_time()
             with suppress(Exception):  # a forecast that fails must not end the session; the verdict will say why
-                self.text = forecast_text(judge(session))
+                assessment = judge(session)
+                self.text = forecast_text(assessment)
+                self.metrics = metrics_in_markdown(assessment.statistics)
             if self._closing.wait(max(EVERY_S, _PAUSES * (time.thread_time() - began_s))):
                 return
             self._wanted.set()

@@ -38,7 +38,7 @@ from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
 from gse.station.notes import Notes
 from gse.station.session_data import SessionData
-from gse.station.setup import Setup, check_external, is_compiled, set_up
+from gse.station.setup import check_external, set_up
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 from protocols import load_protocol
@@ -138,7 +138,8 @@ def run_live(
         operator.opened(folder, status)
         first = link.receive(FIRST_WITHIN_S)
         with operator.ending.interruptible():
-            setup = _set_up(station, station_text, first[0].utc_ns if first else None, operator)
+            began_ns = first[0].utc_ns if first else None
+            setup = set_up(station, station_text, utc_ns=began_ns, tell=operator.tell)
             loop = StationLoop(setup, given_orientation=given_orientation)
         derived_data = _DerivedDataRecorder(loop, recorder, link, operator, duration_s)
         loop.session.clock_error_s = clock_error_s
@@ -153,18 +154,6 @@ def run_live(
         loop.on_event(event)
         operator.tell(f"{event.kind}: {event.text}")
     return LiveSession(session, folder, loop.own_elapsed_us, recorder.lost_bytes, recorder.damage)
-
-
-def _set_up(station: Station, station_text: str, utc_ns: int | None, operator: Operator) -> Setup:
-    """The setup; the first time on a computer, the operator is informed why it takes so long."""
-    if is_compiled():
-        return set_up(station, station_text, utc_ns=utc_ns)
-    operator.tell("first session on this computer: compiling takes about a minute; bytes are recorded meanwhile")
-    began_ns = read_clock().mono_ns
-    setup = set_up(station, station_text, utc_ns=utc_ns)
-    elapsed_s = (read_clock().mono_ns - began_ns) / instant.NS_PER_S
-    operator.tell(f"compiled in {elapsed_s:.0f} s; the next session starts without this")
-    return setup
 
 
 def _closing_words(recorder: Recorder) -> str:

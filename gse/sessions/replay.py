@@ -30,7 +30,7 @@ from gse.station.event_kinds import StationKind
 from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
 from gse.station.session_data import SessionData
-from gse.station.setup import set_up
+from gse.station.setup import no_words, set_up
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 
@@ -91,11 +91,13 @@ def replay_session(
     make_listeners: Callable[[StationLoop, Path | None], Sequence[Listener]] = lambda loop, folder: (),
     stop: Callable[[], bool] = lambda: False,
     each: Callable[[list[FrameResults]], None] = lambda results: None,
+    tell: Callable[[str], None] = no_words,
 ) -> Replay:
     """Replay a recording into a SessionData.
 
     The station file is that of the session, or the built-in one where there is none; ``station`` may change or replace
-    it. CaptureError where the file is missing or foreign.
+    it. ``tell`` gets lines on what takes long, the first time on a computer. CaptureError where the file is missing or
+    foreign.
     """
     if not path.exists():
         raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
@@ -109,7 +111,7 @@ def replay_session(
         )
     with SerialLink(options.url(path)) as link:
         first = link.receive(FIRST_WITHIN_S)
-        loop = _loop(path, recorded, options, station, first[0].utc_ns if first else None)
+        loop = _loop(path, recorded, options, station, first[0].utc_ns if first else None, tell)
         loop.listeners = make_listeners(loop, None)
         session = loop.run(link, first, stop=stop, each=each)
     if recorded is not None:
@@ -142,13 +144,19 @@ def _loop(
     options: ReplayOptions,
     change: Callable[[StationText], StationText],
     utc_ns: int | None,
+    tell: Callable[[str], None],
 ) -> StationLoop:
     attachments, given = recorded.attachments if recorded else {}, options.given_orientation
     force = station_in_force(attachments, change)
     program = read_identity(attachments.get(IDENTIFIER))
     answers = RecordedAnswers(path, program) if names_program(force.station) else None
     setup = set_up(
-        force.station, force.text, utc_ns=utc_ns, protocol_text=force.protocol_text, recorded_answers=answers
+        force.station,
+        force.text,
+        utc_ns=utc_ns,
+        protocol_text=force.protocol_text,
+        recorded_answers=answers,
+        tell=tell,
     )
     loop = StationLoop(
         setup,

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 
+from drivers.uart import received_at
 from gse.instant import NS_PER_S
 from gse.simulator.endpoints import Endpoint
 from gse.simulator.firmware import BITS_PER_BYTE, SensorFirmware, Transmission
@@ -19,6 +20,7 @@ class Emulator:
         self, firmware: SensorFirmware, endpoint: Endpoint, now_ns: Callable[[], int], *, baudrate: int
     ) -> None:
         self._firmware, self._endpoint, self._now_ns = firmware, endpoint, now_ns
+        self._baudrate = baudrate
         self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
         self._line: deque[tuple[int, bytes]] = deque()
 
@@ -27,11 +29,21 @@ class Emulator:
         while not stop():
             data = self._endpoint.wait(self._wait_s())
             if data:
-                self._put(self._firmware.command(data, self._now_ns()))
+                self._put(self._firmware.command(self._heard(data), self._now_ns()))
             while (due_ns := self._firmware.due_ns) is not None and due_ns <= self._now_ns() and not stop():
                 self._put(self._firmware.step())
             while self._line and self._line[0][0] <= self._now_ns():
                 self._endpoint.send(self._line.popleft()[1])
+
+    def _read_by_the_station(self, data: bytes) -> bytes:
+        """What a station reads of these bytes: something else where it has set another baud rate."""
+        listening = self._endpoint.listening_baud() or self._baudrate
+        return data if listening == self._baudrate else received_at(data, self._baudrate, listening)
+
+    def _heard(self, data: bytes) -> bytes:
+        """What the sensor reads of the station's bytes."""
+        sending = self._endpoint.listening_baud() or self._baudrate
+        return data if sending == self._baudrate else received_at(data, sending, self._baudrate)
 
     def _wait_s(self) -> float:
         dues = [self._line[0][0]] if self._line else []
@@ -45,8 +57,9 @@ class Emulator:
         """Lay bytes on the line: the first when it is complete, the others in pieces as they follow."""
         for sent in transmissions:
             at, size = 0, 1
-            while at < len(sent.data):
-                piece = sent.data[at : at + size]
+            data = self._read_by_the_station(sent.data)
+            while at < len(data):
+                piece = data[at : at + size]
                 at += len(piece)
                 self._line.append((sent.start_ns + at * self._byte_ns, piece))
                 size = max(_PIECE_NS // self._byte_ns, 1)

@@ -23,6 +23,9 @@ class Endpoint(Protocol):
     def send(self, data: bytes) -> None:
         """Bytes to the station; lost without one."""
 
+    def listening_baud(self) -> int | None:
+        """The baud rate of the station; None where the cable has none."""
+
     def close(self) -> None:
         """Unplug."""
 
@@ -66,6 +69,9 @@ class TcpEndpoint:
             self._client.sendall(data)
         except OSError:
             self._hang_up()
+
+    def listening_baud(self) -> None:
+        """TCP has no baud rate."""
 
     def close(self) -> None:
         """Hang up and listen no more."""

@@ -8,18 +8,26 @@ import struct
 import termios
 import tty
 
+from drivers.uart import USUAL_BAUDS
 from gse.simulator.endpoints import READ_BYTES
 
 _UNREAD_LIMIT_BYTES = 3072
 """More pending bytes mean that nothing reads the terminal; the limit of the kernel is 4095."""
 
 
+_NOT_SET = termios.B50
+_BAUDS = {getattr(termios, f"B{baud}"): baud for baud in USUAL_BAUDS if hasattr(termios, f"B{baud}")}
+
+
 class PtyEndpoint:
-    """A pseudo-terminal; ``address`` is the device that the station opens."""
+    """A pseudo-terminal; ``address`` is the device that the station opens. Bytes are lost until it sets a baud rate."""
 
     def __init__(self) -> None:
         self._sensor, self._station = pty.openpty()
         tty.setraw(self._station)
+        settings = termios.tcgetattr(self._station)
+        settings[4] = settings[5] = _NOT_SET
+        termios.tcsetattr(self._station, termios.TCSANOW, settings)
         os.set_blocking(self._sensor, False)
         self.address = os.ttyname(self._station)
 
@@ -29,7 +37,9 @@ class PtyEndpoint:
         return os.read(self._sensor, READ_BYTES) if readable else b""
 
     def send(self, data: bytes) -> None:
-        """Bytes to the station; unread ones are dropped, so that a later client gets current data."""
+        """Bytes to the station, lost before it is open; unread ones are dropped, so that it reads new ones later."""
+        if termios.tcgetattr(self._station)[5] == _NOT_SET:
+            return
         unread = struct.unpack("i", fcntl.ioctl(self._station, termios.FIONREAD, b"\0\0\0\0"))[0]
         if unread + len(data) > _UNREAD_LIMIT_BYTES:
             termios.tcflush(self._station, termios.TCIFLUSH)
@@ -37,6 +47,10 @@ class PtyEndpoint:
             os.write(self._sensor, data)
         except BlockingIOError:
             return
+
+    def listening_baud(self) -> int | None:
+        """The baud rate that the station has set; None for an unusual one."""
+        return _BAUDS.get(termios.tcgetattr(self._station)[5])
 
     def close(self) -> None:
         """Remove the device."""

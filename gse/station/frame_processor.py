@@ -21,8 +21,9 @@ from gse.station.attitude_error import attitude_errors
 from gse.station.frame_results import ERRORS, FrameResults
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.identified import Identified
+from gse.station.left_out_stars import LeftOutStars, SolvedFrames
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import AnswerCheck, Starlights, Status
+from gse.station.results import NO_MATCHES, AnswerCheck, MatchColumns, Starlights, Status
 from gse.station.starlight import rows_of, starlights
 from gse.truth import SiderealTruth
 
@@ -56,6 +57,7 @@ class FrameProcessor:
     truth: SiderealTruth | None
     mount: Mount | None
     paper_mean: bool = False
+    left_out: LeftOutStars | None = None
 
     def identify(self, panoramas: Panoramas) -> Identified:
         """The part that depends on each panorama alone."""
@@ -94,7 +96,7 @@ class FrameProcessor:
             )
             return FrameResults.of(each)
         answers = identified.answers
-        geometric, true, errors_arcsec, residuals_arcsec = self._compared(panoramas, identified)
+        geometric, true, errors_arcsec, residuals_arcsec, left_out = self._compared(panoramas, identified)
         seen_from = identified.attitudes if self.truth is None else geometric
         others = self.non_stellar.name(
             panoramas,
@@ -122,6 +124,7 @@ class FrameProcessor:
             identified.answer_check,
             others,
             identified.light,
+            left_out,
         )
 
     def _directions(self, panoramas: Panoramas, sound: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -177,8 +180,8 @@ class FrameProcessor:
 
     def _compared(
         self, panoramas: Panoramas, identified: Identified
-    ) -> tuple[Attitudes, Attitudes, NDArray[np.float64], NDArray[np.float64]]:
-        """Geometric and true attitudes, the errors (K, 5) of the one against the other, and residuals (M, 2) in arcsec.
+    ) -> tuple[Attitudes, Attitudes, NDArray[np.float64], NDArray[np.float64], MatchColumns]:
+        """Geometric and true attitudes, errors (K, 5) and residuals (M, 2) in arcsec, and stars that were left out.
 
         From apparent places and un-refracted directions; where there is no answer there is nothing to compare.
         """
@@ -187,8 +190,8 @@ class FrameProcessor:
         stars_icrs = self.identifier.catalog.icrs.take(answers.stars, axis=0)
         seen_from, true = identified.attitudes, Attitudes.none(len(panoramas))
         geometric, errors_arcsec = true, np.full((len(panoramas), len(ERRORS)), np.nan)
+        utc_ns, icrs_to_horizon = panoramas.utc_ns[named], None
         if self.truth is not None and named.any():
-            utc_ns = panoramas.utc_ns[named]
             frame_of = np.repeat(np.arange(len(utc_ns)), answers.parts.counts[named])
             icrs_to_horizon = self.truth.icrs_to_horizon_at(utc_ns)
             zenith_sensor = np.einsum("kij,kj->ki", seen_from.icrs_to_sensor[named], icrs_to_horizon[:, 2])
@@ -199,7 +202,14 @@ class FrameProcessor:
                 true = self.truth.attitudes_true(icrs_to_horizon, self.mount).among(named)
                 errors_arcsec[named] = attitude_errors(geometric.icrs_to_sensor[named], true.icrs_to_sensor[named])
         expected_sensor = np.einsum("mij,mj->mi", seen_from.icrs_to_sensor[answers.parts.of_row], stars_icrs)
-        return geometric, true, errors_arcsec, (measured - expected_sensor)[:, :2] * ARCSEC_PER_RAD
+        residuals_arcsec = (measured - expected_sensor)[:, :2] * ARCSEC_PER_RAD
+        left_out = MatchColumns.of([NO_MATCHES] * len(panoramas))
+        if self.left_out is not None and named.any():
+            objects = ObjectColumns(identified.directions_sensor, panoramas.brightness, panoramas.parts)
+            rotations = identified.attitudes.icrs_to_sensor[named], seen_from.icrs_to_sensor[named]
+            frames = SolvedFrames(*rotations, self.truth, utc_ns, icrs_to_horizon)
+            left_out = self.left_out.of(objects, answers, frames)
+        return geometric, true, errors_arcsec, residuals_arcsec, left_out
 
     def _light(self, objects: ObjectColumns, answers: Answers, true_stars: Answers | None) -> Starlights:
         """What the stars show of the sky: those of the answer, or of the reference identifier where there is none."""

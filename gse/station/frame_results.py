@@ -12,7 +12,7 @@ from gse.identifier import Answers, Identification
 from gse.panorama import Panoramas
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, MATCH, STATUSES
 from gse.station.non_stellar import HOT_PIXEL, UNKNOWN, Others
-from gse.station.results import NO_MATCHES, AttitudeError, FrameResult, Matches, Starlights
+from gse.station.results import NO_MATCHES, AttitudeError, FrameResult, MatchColumns, Matches, Starlights
 from gse.station.starlight import rows_of
 
 ERRORS = tuple(field.name for field in fields(AttitudeError))
@@ -52,6 +52,7 @@ class FrameResults(Sequence[FrameResult]):
     answer_check: NDArray[np.uint8]
     others: Others
     light: Starlights
+    left_out: MatchColumns
     made: Sequence[FrameResult] = ()
 
     @classmethod
@@ -77,6 +78,7 @@ class FrameResults(Sequence[FrameResult]):
             np.array([ANSWER_CHECKS.index(result.answer_check) for result in results], dtype=np.uint8),
             Others.of([result.others for result in results]),
             Starlights.of([result.light for result in results]),
+            MatchColumns.of([result.left_out for result in results]),
             results,
         )
 
@@ -108,6 +110,7 @@ class FrameResults(Sequence[FrameResult]):
             attitude_true=self.true[k],
             answer_check=ANSWER_CHECKS[self.answer_check[k]],
             others=self.others[k],
+            left_out=self.left_out[k],
             light=self.light[k],
         )
 
@@ -140,13 +143,19 @@ class FrameResults(Sequence[FrameResult]):
         return self.others.count(UNKNOWN, brightness > self.light.faintest_index[frame_of])
 
     def match_rows(self) -> NDArray[np.void]:
-        """The rows (M,) of MATCH; ``frame`` counts from the first of these panoramas."""
-        rows = np.empty(len(self.answers.objects), dtype=MATCH)
-        seen = rows_of(self.panoramas.parts, self.answers)
-        rows["frame"], rows["star"] = self.answers.parts.of_row, self.answers.stars
+        """The rows (M,) of MATCH, by frame; ``frame`` counts from the first of these panoramas."""
+        stars = self.answers.parts, self.answers.objects, self.answers.stars, self.residuals_arcsec
+        named = MatchColumns(*stars, self.star_name)
+        rows = np.concatenate([self._match_rows(named, True), self._match_rows(self.left_out, False)])
+        return rows[np.argsort(rows["frame"], kind="stable")] if len(self.left_out.objects) else rows
+
+    def _match_rows(self, matches: MatchColumns, named: bool) -> NDArray[np.void]:
+        rows = np.empty(len(matches.objects), dtype=MATCH)
+        seen = rows_of(self.panoramas.parts, matches)
+        rows["frame"], rows["star"], rows["named"] = matches.parts.of_row, matches.stars, named
         rows["x_px"], rows["y_px"] = self.panoramas.xy_px.take(seen, axis=0).T
         rows["brightness"] = self.panoramas.brightness.take(seen)
-        rows["residual_x_arcsec"], rows["residual_y_arcsec"] = self.residuals_arcsec.T
+        rows["residual_x_arcsec"], rows["residual_y_arcsec"] = matches.residuals_arcsec.T
         return rows
 
 

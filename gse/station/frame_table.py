@@ -95,10 +95,12 @@ MATCH = np.dtype(
         ("residual_x_arcsec", "f4"),
         ("residual_y_arcsec", "f4"),
         ("brightness", "f4"),
+        ("named", "?"),
     ]
 )
-"""One row per identified object of the frames that keep theirs; ``frame`` is the row of its panorama, ``star`` that of
-its star in the mission catalogue, ``brightness`` its index value."""
+"""One row per star of the frames that keep theirs; ``frame`` is the row of its panorama, ``star`` that of its star in
+the mission catalogue, ``brightness`` its index value. The answer has ``named`` it, or has left it out
+(gse.station.left_out_stars)."""
 
 
 class _Rows:
@@ -176,5 +178,5 @@ class FrameTable:
 
     @property
     def matches(self) -> NDArray[np.void]:
-        """One row per identified object, dtype MATCH; in a long session not from every frame."""
+        """One row per star, dtype MATCH; in a long session not from every frame."""
         return self._matches.array()

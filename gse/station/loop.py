@@ -59,12 +59,14 @@ from gse.identifier import Reason
 from gse.panorama import Panorama, Panoramas
 from gse.recording.session_format import RecordedTimings
 from gse.station.byte_stream import FrameAt
+from gse.station.camera_watch import CameraWatch
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.event_log import EventLog
 from gse.station.frame_processor import FrameProcessor
 from gse.station.frame_results import FrameResults, NewResults
 from gse.station.housekeeping import fill_housekeeping
 from gse.station.identified import Identified
+from gse.station.left_out_stars import LeftOutStars
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.own_answer_results import OwnAnswerProcessor
@@ -73,6 +75,7 @@ from gse.station.results import FrameResult, OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
 from gse.station.sky_watch import SkyWatch
+from gse.station.unreadable_bytes import what_fits
 from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
 
@@ -140,9 +143,12 @@ class StationLoop:
             truth=None,
             mount=mount,
             paper_mean=station.identifier.attitude == "paper-mean",
+            left_out=LeftOutStars(setup.camera, setup.identifier.catalog),
         )
         self._own_answers = OwnAnswerProcessor(station.sensor.attitude)
-        self._monitor = LinkMonitor(station.port.baudrate)
+        baudrate = station.port.baudrate
+        self._monitor = LinkMonitor(baudrate, explain=lambda sample: what_fits(sample, setup.protocol, baudrate))
+        self._camera_watch = CameraWatch(setup.camera, setup.identifier.catalog)
         self._truth_sought = False
         self._event_log = EventLog()
         self.sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
@@ -208,6 +214,9 @@ class StationLoop:
     def finish(self) -> list[FrameResults]:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self.reception.receive(self.reception.stream.finish()))
+        if text := self._camera_watch.finish():
+            utc_ns = int(self.session.frames.columns["utc_ns"][-1])
+            self.on_event(LinkEvent(utc_ns, 0, StationKind.WRONG_CAMERA, text))
         if self.session.station.mount.inertial is None:
             self._log_all(self.sky.finish(self.session.frames.columns))
         fill_housekeeping(self.session.frames.columns, self.session.statuses)
@@ -321,6 +330,8 @@ class StationLoop:
             if answer.reason is Reason.MIRRORED:
                 utc_ns = int(results.panoramas.utc_ns[k])
                 events.append((k, LinkEvent(utc_ns, 0, StationKind.MIRRORED, answer.detail)))
+        for k, text in self._camera_watch.look(results):
+            events.append((k, LinkEvent(int(results.panoramas.utc_ns[k]), 0, StationKind.WRONG_CAMERA, text)))
         return sorted(events, key=itemgetter(0))
 
     def _conclude_own(self, answer: OwnAnswer) -> FrameResults:

@@ -13,6 +13,7 @@ from gse.attitude import Attitude
 from gse.external.identifier import Given
 from gse.identifier.result import Identification
 from gse.panorama import Panorama
+from gse.parts import Parts
 from protocols import AttitudeMessage
 
 
@@ -117,6 +118,35 @@ class Matches:
 NO_MATCHES = Matches(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), str)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MatchColumns:
+    """Matches of K panoramas as columns of M rows, in parts; ``columns[k]`` are those of one."""
+
+    parts: Parts
+    objects: NDArray[np.int64]
+    stars: NDArray[np.int64]
+    residuals_arcsec: NDArray[np.float64]
+    name_of: Callable[[int], str]
+
+    @classmethod
+    def of(cls, matches: Sequence[Matches]) -> Self:
+        """The columns of matches given one by one, of one catalogue."""
+        return cls(
+            Parts.of_counts([len(of_one) for of_one in matches]),
+            np.concatenate([NO_MATCHES.objects, *(of_one.objects for of_one in matches)]),
+            np.concatenate([NO_MATCHES.stars, *(of_one.stars for of_one in matches)]),
+            np.concatenate([NO_MATCHES.residuals_arcsec, *(of_one.residuals_arcsec for of_one in matches)]),
+            matches[0].name_of if matches else str,
+        )
+
+    def __getitem__(self, k: int) -> Matches:
+        rows = self.parts.rows(k)
+        return Matches(self.objects[rows], self.stars[rows], self.residuals_arcsec[rows], self.name_of)
+
+    def __iter__(self) -> Iterator[Matches]:
+        return (self[k] for k in range(len(self.parts)))
+
+
 @dataclass(frozen=True, slots=True)
 class AttitudeError:
     """Measured minus true attitude, all in arcsec.
@@ -191,7 +221,8 @@ class FrameResult:
     ``attitude`` is what the sensor would answer: from catalogue places in ICRS, uncorrected for aberration and
     refraction. ``attitude_geometric`` is the same with these corrections, ``attitude_true`` where the mount looked
     (geometric direction, ICRS axes), and ``attitude_error`` is between these two. ``others`` classifies non-stellar
-    objects: (object, "hot pixel" | "Jupiter" | "unknown" ...). ``given`` is what an external identifier gave; an answer
+    objects: (object, "hot pixel" | "Jupiter" | "unknown" ...). ``left_out`` are stars that the answer does not name
+    although the panorama shows them. ``given`` is what an external identifier gave; an answer
     of RA and DE alone ``has_roll`` False, and its roll means nothing.
     """
 
@@ -208,6 +239,7 @@ class FrameResult:
     attitude_true: Attitude | None = None
     answer_check: AnswerCheck = AnswerCheck.UNKNOWN
     others: tuple[tuple[int, str], ...] = ()
+    left_out: Matches = NO_MATCHES
     light: Starlight = NO_STARLIGHT
     has_roll: bool = True
     given: Given | None = None

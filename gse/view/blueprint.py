@@ -16,30 +16,37 @@ LIVE_WINDOW_S = 600.0
 
 
 _ROOM = 1.2
-_FEWEST_POWERS, _MOST_POWERS = 1.05, 2.4
+_FEWEST_POWERS, _MOST_POWERS = 1.2, 2.4
 
 
 def layout(
-    station: Station, *, window_s: float | None = None, boresight_icrs: NDArray[np.float64] | None = None
+    station: Station,
+    *,
+    window_s: float | None = None,
+    boresight_icrs: NDArray[np.float64] | None = None,
+    own: bool = False,
 ) -> rrb.Blueprint:
-    """All views of a station over the last ``window_s`` seconds, or over the whole session (None)."""
+    """All views of a station over the last ``window_s`` seconds, or over the whole session (None).
+
+    With ``own`` the sensor sends answers of its own, which the titles then name.
+    """
     ranges = _time_ranges(window_s)
     axis = rrb.TimeAxis(view_range=_time_range(window_s))
     graphs = rrb.Vertical(
-        _error_view("d_ra", "dRA* (arcsec)", station.limits.d_ra_cosde_arcsec, axis),
-        _error_view("d_de", "dDE (arcsec)", station.limits.d_de_arcsec, axis),
+        _error_view("d_ra", "dRA* (arcsec)", station.limits.d_ra_cosde_arcsec, axis, own=own),
+        _error_view("d_de", "dDE (arcsec)", station.limits.d_de_arcsec, axis, own=own),
         rrb.Tabs(
+            _graph("/stars", "Sky (stars, mag)", axis),
             _graph("/cross", "Cross x, y (arcsec)", axis),
-            _graph("/roll", "Roll (arcsec)", axis),
-            _graph("/stars", "Stars, magnitude", axis),
+            _graph("/roll", "Roll (arcsec)", axis, "/sensor/roll"),
         ),
         rrb.Tabs(
-            _graph("/identification_ms", f"Time (ms), limit {station.limits.identification_ms:g}", axis),
+            _graph("/identification_ms", _time_title(station), axis, "/sensor/latency_ms"),
             _graph("/clock", "Clock (ms)", axis),
             _graph("/temperature_c", "Detector (degC)", axis),
         ),
-        rrb.StateTimelineView(origin="/state", name="Link, sky", time_view=axis),
-        row_shares=[3, 3, 2.3, 2.2, 2.7],
+        rrb.StateTimelineView(origin="/state", name="Link, sky, verdict", time_view=axis),
+        row_shares=[2.8, 2.8, 2.1, 2.0, 3.8],
     )
     pictures = rrb.Vertical(
         _panorama_view(station),
@@ -52,7 +59,7 @@ def layout(
         row_shares=[3, 2],
     )
     return rrb.Blueprint(
-        rrb.Horizontal(graphs, pictures, words, column_shares=[4, 4, 2.4]),
+        rrb.Horizontal(graphs, pictures, words, column_shares=[4, 3.8, 2.8]),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TopPanel(state="collapsed"),
@@ -76,10 +83,11 @@ def _time_ranges(window_s: float | None) -> rrb.VisibleTimeRanges:
     return rrb.VisibleTimeRanges(timeline=TIMELINE, start=wanted.start, end=wanted.end)
 
 
-def _error_view(path: str, name: str, limit: float, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
+def _error_view(path: str, name: str, limit: float, axis: rrb.TimeAxis, *, own: bool) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"/{path}",
-        name=f"{name}, limit {limit:g}",
+        contents=["$origin/**", f"/sensor/{path}"],
+        name=f"{name}, limit {limit:g}{'; orange: the sensor itself' if own else ''}",
         axis_x=axis,
         axis_y=rrb.ScalarAxis(range=(-_reach(limit), _reach(limit))),
         plot_legend=rrb.PlotLegend(visible=False),
@@ -96,8 +104,14 @@ def _reach(limit: float) -> float:
     return power * (wanted if wanted <= _MOST_POWERS else 10 * _FEWEST_POWERS)
 
 
-def _graph(path: str, name: str, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(origin=path, name=name, axis_x=axis, plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop))
+def _graph(path: str, name: str, axis: rrb.TimeAxis, *beside: str) -> rrb.TimeSeriesView:
+    legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
+    contents = ["$origin/**", *beside]
+    return rrb.TimeSeriesView(origin=path, contents=contents, name=name, axis_x=axis, plot_legend=legend)
+
+
+def _time_title(station: Station) -> str:
+    return f"Time (ms), limit {station.limits.identification_ms:g}"
 
 
 def _log_view() -> rrb.TextLogView:

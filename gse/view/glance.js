@@ -128,6 +128,7 @@ function showFocus(focus) {
   if (!focus) return;
   const fwhm = focus.fwhm_px === null ? "width of the stars not sent" : `FWHM ${focus.fwhm_px.toFixed(1)} px`;
   put("focus", `${focus.objects} objects, brightest ${focus.brightest} of ${focus.index_max}; ${fwhm}`);
+  put("index-max", String(focus.index_max));
   const most = Math.max(1, ...focus.histogram), step = 120 / focus.histogram.length;
   at("histogram").replaceChildren(...focus.histogram.map((count, place) => svg("rect", {
     x: place * step + 0.5, width: step - 1, y: 60 - 58 * count / most - 1, height: 58 * count / most + 1,

@@ -23,13 +23,14 @@ from gse.instant import NS_PER_S
 from gse.mount import Mount
 from gse.station.event_kinds import StationKind
 from gse.station.frame_results import NewResults
-from gse.station.results import FrameResult
+from gse.station.results import FrameResult, Subject
 from gse.station.session_data import SessionData
 from gse.view.dawn import is_bright, next_dawn_ns
 from gse.view.event_lines import EventLines
 from gse.view.focus import focus_of
 from gse.view.glance_word import Facts, Phase, word_of
 from gse.view.mount_turn import mount_turn
+from gse.view.own_answers import OwnAnswerErrors
 from gse.view.recent_errors import RecentErrors
 from gse.view.running_statistics import LINK_WORDS, Moments, Running
 from gse.view.verdict_text import clock_health
@@ -73,7 +74,10 @@ class Glance:
         self._reasons: tuple[str, ...] = ()
         self._sky_due, self._expected = 0, math.nan
         self._running = Running(station.limits)
-        self._recent = {"dRA*": RecentErrors(), "dDE": RecentErrors()}
+        self._own = OwnAnswerErrors(station)
+        self._recent = {
+            (subject, name): RecentErrors() for subject in ("onboard", "sensor") for name in ("dRA*", "dDE")
+        }
         self._events = EventLines(frozenset({StationKind.NOTE}))
         self._link = "no link"
         self._latest: _Shown | None = None
@@ -90,12 +94,14 @@ class Glance:
         """Take results; the oldest ones that wait are dropped where there are too many."""
         clock = session.clock[-1] if session.clock else None
         mount = session.alignment.mount if session.alignment else self._fixed_mount()
-        count, lost = len(session.frames), session.link.frames_lost
+        count = len(session.frames)
         if count >= self._sky_due:
             # The sky's columns are filled some seconds late, by windows: one look in a second is enough.
             self._sky_due = count + _SKY_EVERY_FRAMES
             self._expected = _latest_known(session.frames.columns["stars_expected"][-_SKY_WITHIN_FRAMES:])
-        self._items.extend(_Shown(result, count, lost, clock, mount, self._expected) for result in results)
+        for result in results:
+            self._own.take(result, session)
+            self._items.append(_Shown(result, count, session.link.frames_lost, clock, mount, self._expected))
 
     def on_event(self, event: LinkEvent) -> None:
         """Take an event."""
@@ -126,6 +132,7 @@ class Glance:
             else:
                 self._add(item)
                 self._latest_mono_ns = now.mono_ns
+        self._add_own(self._own.errors())
 
     def _add(self, shown: _Shown) -> None:
         result, utc_ns = shown.result, shown.result.panorama.utc_ns
@@ -135,8 +142,21 @@ class Glance:
         if result.attitude is not None:
             self._answered_utc_ns = utc_ns
         if result.attitude_error is not None:
-            self._recent["dRA*"].add(utc_ns, result.attitude_error.d_ra_cosde_arcsec)
-            self._recent["dDE"].add(utc_ns, result.attitude_error.d_de_arcsec)
+            self._recent[self._subject, "dRA*"].add(utc_ns, result.attitude_error.d_ra_cosde_arcsec)
+            self._recent[self._subject, "dDE"].add(utc_ns, result.attitude_error.d_de_arcsec)
+
+    @property
+    def _subject(self) -> str:
+        """Whose answers the results are: of a sensor that sends no panoramas its own."""
+        is_sensor = self._latest is not None and self._latest.result.identifier == Subject.SENSOR.value
+        return (Subject.SENSOR if is_sensor else Subject.ONBOARD).value
+
+    def _add_own(self, errors: NDArray[np.void]) -> None:
+        self._running.add_own(errors)
+        for name, column in (("dRA*", "d_ra_cosde_arcsec"), ("dDE", "d_de_arcsec")):
+            for utc_ns, value in errors[["utc_ns", column]].tolist():
+                if not math.isnan(value):
+                    self._recent[Subject.SENSOR.value, name].add(utc_ns, value)
 
     def document(self, now: ClockReading) -> dict[str, Any]:
         """The whole page as one document, schema gse.glance/1."""
@@ -144,7 +164,6 @@ class Glance:
             self._slow_due_ns = now.mono_ns + _SLOW_EVERY_NS
             self._slow = self._slow_document(now)
         running, latest = self._running, self._latest
-        limits = self._station.limits
         facts = self._facts(now)
         word = word_of(facts)
         return {
@@ -159,10 +178,7 @@ class Glance:
             "frames_per_s": _number(running.frames_per_s, 1),
             "identified": _number(running.identified, 4),
             "false_answers": running.false_answers,
-            "axes": [
-                self._axis("dRA*", running.d_ra, limits.d_ra_cosde_arcsec),
-                self._axis("dDE", running.d_de, limits.d_de_arcsec),
-            ],
+            "axes": self._axes(),
             "stars": self._stars(),
             "sky": running.sky or None,
             "forecast": self._forecast(),
@@ -181,18 +197,26 @@ class Glance:
             "limiting_mag": _number(light.limiting_mag, 1),
         }
 
-    def _axis(self, name: str, moments: Moments, limit_arcsec: float) -> dict[str, Any]:
-        last = self._running.last
-        values = {"dRA*": last.d_ra_cosde_arcsec, "dDE": last.d_de_arcsec} if last else {name: math.nan}
+    def _axes(self) -> list[dict[str, Any]]:
+        """dRA* and dDE of the results, and of the sensor's own answers beside them where it sends some."""
+        running, limits = self._running, self._station.limits
+        shown = [(self._subject, "dRA*", running.d_ra), (self._subject, "dDE", running.d_de)]
+        if running.own_d_ra.n:
+            own = Subject.SENSOR.value
+            shown += [(own, "dRA*", running.own_d_ra), (own, "dDE", running.own_d_de)]
+        of_name = {"dRA*": limits.d_ra_cosde_arcsec, "dDE": limits.d_de_arcsec}
+        return [self._axis(subject, name, moments, of_name[name]) for subject, name, moments in shown]
+
+    def _axis(self, subject: str, name: str, moments: Moments, limit_arcsec: float) -> dict[str, Any]:
         return {
-            "subject": "onboard",
+            "subject": subject,
             "name": name,
-            "last_arcsec": _number(values[name], 1),
+            "last_arcsec": _number(moments.last, 1),
             "mean_arcsec": _number(moments.mean if moments.n else math.nan, 1),
             "std_arcsec": _number(moments.std, 1),
             "limit_arcsec": limit_arcsec,
             "outside": moments.mean_abs > limit_arcsec,
-            "recent": self._recent[name].until(self._running.utc_ns, limit_arcsec),
+            "recent": self._recent[subject, name].until(self._running.utc_ns, limit_arcsec),
         }
 
     def _facts(self, now: ClockReading) -> Facts:

@@ -70,8 +70,12 @@ def _at_the_end(facts: Facts) -> Word:
         return Word("JUDGING", Level.IDLE, "the session is closed, judged and reported")
     if not facts.verdict:
         return Word("ENDED", Level.WARN, "the session ended without a verdict")
-    level = {"PASS": Level.GOOD, "FAIL": Level.BAD}.get(facts.verdict, Level.WARN)
-    return Word(f"DONE: {facts.verdict}", level, "; ".join(facts.reasons[:2]))
+    return Word(f"DONE: {facts.verdict}", level_of(facts.verdict), "; ".join(facts.reasons[:2]))
+
+
+def level_of(verdict: str) -> Level:
+    """How much a verdict asks for attention."""
+    return {"PASS": Level.GOOD, "FAIL": Level.BAD}.get(verdict, Level.WARN)
 
 
 def _of_link(facts: Facts) -> Word | None:

@@ -112,6 +112,7 @@ class _OwnFile(_Page):
             text = jinja2.Template(text).render(
                 grpc_port=self.server.content.grpc_port,
                 live=json.dumps(self.server.content.glance is not None),
+                verdict=json.dumps(self.server.content.verdict),
                 version=metadata.version("rerun-sdk"),
             )
         self.set_header("Content-Type", _FILES[name])

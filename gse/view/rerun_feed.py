@@ -10,7 +10,7 @@ A viewer that connects late gets the newest data first, and no more of the past 
 import logging
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -27,10 +27,11 @@ from gse.station.frame_results import NewResults
 from gse.station.housekeeping import in_words
 from gse.station.results import FrameResult, LinkCounters
 from gse.station.session_data import SessionData
+from gse.view.own_answers import OwnAnswerErrors
 from gse.view.ports import free_port
 from gse.view.saved_view import rrd_file_sink
 from gse.view.scene import Scene
-from gse.view.verdict_text import verdict_at_end, verdict_so_far
+from gse.view.verdict_text import standing, verdict_at_end, verdict_so_far
 from protocols import StatusMessage
 
 _LOG = logging.getLogger(__name__)
@@ -86,11 +87,14 @@ class RerunFeed:
         catalog: StarCatalog | None = None,
         bind: str = "127.0.0.1",
         queue_frames: int = QUEUE_FRAMES,
+        metrics: Callable[[], str] = lambda: "",
     ) -> None:
+        self._metrics = metrics
         self.grpc_port = free_port(bind) if serve else 0
         self.dropped = 0
         self.batch_s = BATCH_EVERY_S
         self._readings = 0
+        self._own = OwnAnswerErrors(station)
         self._queue: deque[_Item] = deque(maxlen=queue_frames)
         self._closing = threading.Event()
         self._came = threading.Event()
@@ -108,6 +112,7 @@ class RerunFeed:
         self._readings += len(readings)
         status = session.statuses[-1][1] if session.statuses else None
         for result in results:
+            self._own.take(result, session)
             self._put(_Shown(result, replace(session.link), readings, status))
             readings = ()
 
@@ -154,10 +159,12 @@ class RerunFeed:
             _LOG.warning("the live view has ended (%s: %s); the session goes on", type(error).__name__, error)
 
     def _feed(self, station: Station, catalog: StarCatalog | None) -> None:
-        feed = _SceneFeed(Scene(self._stream, station, catalog, live=True), every_picture=not self.grpc_port)
+        scene = Scene(self._stream, station, catalog, live=True)
+        feed = _SceneFeed(scene, every_picture=not self.grpc_port, metrics=self._metrics)
         while True:
             last = self._closing.is_set()
             while batch := self._take():
+                scene.add_own_answers(self._own.errors())
                 feed.add(batch, self.dropped)
             if self._came.is_set():
                 self._came.clear()
@@ -185,8 +192,9 @@ def _server(bind: str, port: int) -> object:
 class _SceneFeed:
     """Adds queued items to a scene, in order."""
 
-    def __init__(self, scene: Scene, *, every_picture: bool) -> None:
+    def __init__(self, scene: Scene, *, every_picture: bool, metrics: Callable[[], str]) -> None:
         self._scene = scene
+        self._metrics = metrics
         self._every_picture = every_picture
         self._link = LinkCounters()
         self._status: StatusMessage | None = None
@@ -219,17 +227,21 @@ class _SceneFeed:
         if running.utc_ns - self._panel_utc_ns >= NS_PER_S:
             self._panel_utc_ns = running.utc_ns
             self._scene.words(running.utc_ns, self._so_far())
+            self._scene.stands(running.utc_ns, standing(running, self._link.frames_lost))
 
     def send_again(self) -> None:
         self._scene.send_again()
 
     def _so_far(self) -> str:
-        return verdict_so_far(self._scene.running, self._link, self._clock, self._dropped)
+        return verdict_so_far(
+            self._scene.running, self._link, self._clock, dropped=self._dropped, metrics=self._metrics()
+        )
 
     def _conclude(self, item: _Concluded) -> None:
         text = verdict_at_end(item.verdict, list(item.reasons), self._so_far())
         self._panel_utc_ns = 1 << 62
         self._scene.words(self._scene.running.utc_ns, text)
+        self._scene.stands(self._scene.running.utc_ns, item.verdict)
 
     def finish(self) -> None:
         self._scene.flush()

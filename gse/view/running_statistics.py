@@ -57,6 +57,16 @@ LINK_COLOURS = {
     "closed": GREY,
 }
 
+VERDICT_COLOURS = {
+    "inside": GREEN,
+    "OUTSIDE": VERMILLION,
+    "no answer": GREY,
+    "PASS": GREEN,
+    "FAIL": VERMILLION,
+    "INCONCLUSIVE": ORANGE,
+}
+"""How a session stands so far, and its verdict."""
+
 _FEWEST_FOR_SHARES = 100
 """Frames before which one lost frame would say that the availability is too low."""
 
@@ -78,7 +88,7 @@ class Moments:
     mean: float = 0.0
     mean_abs: float = 0.0
     _m2: float = 0.0
-    _last: float = math.nan
+    last: float = math.nan
     _steps: int = 0
     _steps_squared: float = 0.0
 
@@ -89,10 +99,10 @@ class Moments:
         self.mean += step / self.n
         self.mean_abs += (abs(value) - self.mean_abs) / self.n
         self._m2 += step * (value - self.mean)
-        if not math.isnan(self._last):
+        if not math.isnan(self.last):
             self._steps += 1
-            self._steps_squared += (value - self._last) ** 2
-        self._last = value
+            self._steps_squared += (value - self.last) ** 2
+        self.last = value
 
     @property
     def std(self) -> float:
@@ -115,6 +125,8 @@ class Running:
     false_answers: int = 0
     d_ra: Moments = field(default_factory=Moments)
     d_de: Moments = field(default_factory=Moments)
+    own_d_ra: Moments = field(default_factory=Moments)
+    own_d_de: Moments = field(default_factory=Moments)
     inside: int = 0
     last: AttitudeError | None = None
     utc_ns: int = 0
@@ -149,6 +161,13 @@ class Running:
         self.d_de.add(found.d_de_arcsec)
         self.inside += self.is_inside(found)
 
+    def add_own(self, errors: NDArray[np.void]) -> None:
+        """Add errors of the sensor's own answers, rows of OWN_ERROR."""
+        for d_ra_arcsec, d_de_arcsec in errors[["d_ra_cosde_arcsec", "d_de_arcsec"]].tolist():
+            if not math.isnan(d_ra_arcsec):
+                self.own_d_ra.add(d_ra_arcsec)
+                self.own_d_de.add(d_de_arcsec)
+
     def add_event(self, event: LinkEvent) -> None:
         """Note what an event says of the sky."""
         if event.kind in SKY_WORDS:
@@ -172,7 +191,12 @@ class Running:
 
     def _outside(self, lost: int) -> Iterator[str]:
         limits = self.limits
-        axes = (("dRA*", self.d_ra, limits.d_ra_cosde_arcsec), ("dDE", self.d_de, limits.d_de_arcsec))
+        axes = (
+            ("dRA*", self.d_ra, limits.d_ra_cosde_arcsec),
+            ("dDE", self.d_de, limits.d_de_arcsec),
+            ("sensor dRA*", self.own_d_ra, limits.d_ra_cosde_arcsec),
+            ("sensor dDE", self.own_d_de, limits.d_de_arcsec),
+        )
         for name, axis, limit in axes:
             if axis.mean_abs > limit:
                 yield f"mean |{name}| {axis.mean_abs:.1f} arcsec (limit {limit:g})"

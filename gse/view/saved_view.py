@@ -12,6 +12,7 @@ from gse.errors import UsageError
 from gse.station.frame_results import NewResults
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
+from gse.view.own_answers import OwnAnswerErrors
 from gse.view.scene import Scene
 from gse.view.verdict_text import verdict_at_end, verdict_so_far
 
@@ -29,11 +30,14 @@ class SavedView:
         self._stream = rr.RecordingStream("gse", send_properties=False)
         self._stream.set_sinks(rrd_file_sink(path))
         self._scene = Scene(self._stream, station, catalog, live=False)
+        self._own = OwnAnswerErrors(station)
         self._frames: list[FrameResult] = []
 
     def on_results(self, results: NewResults, session: SessionData) -> None:
         """Add frames."""
-        self._frames += results
+        for result in results:
+            self._own.take(result, session)
+            self._frames.append(result)
         if len(self._frames) >= BATCH_FRAMES:
             self._send_objects()
 
@@ -42,10 +46,10 @@ class SavedView:
         self._scene.running.add_event(event)
         self._scene.event(event)
 
-    def finish(self, session: SessionData, verdict: str, reasons: Sequence[str]) -> None:
+    def finish(self, session: SessionData, verdict: str, reasons: Sequence[str], *, metrics: str = "") -> None:
         """Write the columns of the session, the clock and the verdict, and close the file.
 
-        ``session`` has the same frames that were added.
+        ``session`` has the same frames that were added; ``metrics`` is a table in Markdown.
         """
         self._send_objects()
         if len(session.frames):
@@ -54,12 +58,15 @@ class SavedView:
         self._scene.flush()
         self._scene.clock(session.clock)
         clock = session.clock[-1] if session.clock else None
-        text = verdict_so_far(self._scene.running, session.link, clock)
+        text = verdict_so_far(self._scene.running, session.link, clock, metrics=metrics)
         self._scene.words_for_all_times(verdict_at_end(verdict, list(reasons), text))
+        if len(session.frames):
+            self._scene.stands(int(session.frames.columns["utc_ns"][0]), verdict)
         self._stream.flush()
         self._stream.disconnect()
 
     def _send_objects(self) -> None:
+        self._scene.add_own_answers(self._own.errors())
         if self._frames:
             self._scene.add_objects(self._frames, pictures=len(self._frames))
             self._frames = []

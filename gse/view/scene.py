@@ -20,8 +20,23 @@ from gse.station.results import FrameResult, Status
 from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.event_lines import EventLines
 from gse.view.picture import Picture
-from gse.view.running_statistics import LINK_COLOURS, LINK_WORDS, SKY_COLOURS, SKY_WORDS, Running
-from gse.view.series import OUTAGE_NS, begin_series, send_clock, send_outages, send_series, times
+from gse.view.running_statistics import (
+    LINK_COLOURS,
+    LINK_WORDS,
+    SKY_COLOURS,
+    SKY_WORDS,
+    VERDICT_COLOURS,
+    Running,
+)
+from gse.view.series import (
+    OUTAGE_NS,
+    begin_series,
+    send_clock,
+    send_outages,
+    send_own_answers,
+    send_series,
+    times,
+)
 from gse.view.sky import TRACK_ROW_NS, begin_scatter, begin_sky, send_scatter, send_sky, unit_vectors
 
 _GOOD_EVENTS = {
@@ -67,16 +82,20 @@ class Scene:
         self._status: Status | None = None
         self._events = EventLines(frozenset({StationKind.NOTE}))
         self._recent: deque[NDArray[np.void]] = deque()
+        self._own_recent: deque[NDArray[np.void]] = deque()
         self._logged: deque[tuple[int, str, str]] = deque(maxlen=_LOG_AGAIN)
         self._states: deque[tuple[str, int, str]] = deque(maxlen=_LOG_AGAIN)
         self._words: tuple[int, str] | None = None
+        self._standing = ""
+        self._shows_own = False
         self.running = Running(station.limits)
         stream.send_blueprint(layout(station))
         begin_series(stream)
         self._picture.begin(stream)
         begin_sky(stream, catalog)
         begin_scatter(stream, station.limits)
-        for path, colours in (("/state/link", LINK_COLOURS), ("/state/sky", SKY_COLOURS)):
+        lanes = (("/state/link", LINK_COLOURS), ("/state/sky", SKY_COLOURS), ("/state/verdict", VERDICT_COLOURS))
+        for path, colours in lanes:
             words = list(colours)
             style = rr.StateConfiguration(values=words, labels=words, colors=list(colours.values()))
             stream.log(path, style, static=True)
@@ -95,6 +114,15 @@ class Scene:
         for frame in frames:
             self._log_change(frame)
 
+    def add_own_answers(self, errors: NDArray[np.void]) -> None:
+        """Show errors of the sensor's own answers, rows of OWN_ERROR."""
+        if not len(errors):
+            return
+        self.running.add_own(errors)
+        if self._live:
+            self._remember_in(self._own_recent, errors)
+        send_own_answers(self._stream, errors)
+
     def send_again(self) -> None:
         """Send the last ten minutes once more, each series in one piece: for a viewer that has just come."""
         if self._recent:
@@ -102,6 +130,8 @@ class Scene:
             send_series(self._stream, columns, self._station.limits)
             send_sky(self._stream, columns, self._picture.camera)
             send_scatter(self._stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
+        if self._own_recent:
+            send_own_answers(self._stream, np.concatenate(self._own_recent))
         for path, utc_ns, word in self._states:
             self._stream.send_columns(path, [times([utc_ns])], rr.StateChange.columns(state=[word]))
         if self._logged:
@@ -112,11 +142,12 @@ class Scene:
         if self._words is not None:
             self.words(*self._words)
 
-    def _remember(self, columns: NDArray[np.void]) -> None:
-        self._recent.append(columns.copy())
+    @staticmethod
+    def _remember_in(recent: deque[NDArray[np.void]], columns: NDArray[np.void]) -> None:
+        recent.append(columns.copy())
         oldest_ns = columns["utc_ns"][-1] - round(LIVE_WINDOW_S * NS_PER_S)
-        while self._recent[0]["utc_ns"][-1] < oldest_ns or len(self._recent) > _MOST_RECENT:
-            self._recent.popleft()
+        while recent[0]["utc_ns"][-1] < oldest_ns or len(recent) > _MOST_RECENT:
+            recent.popleft()
 
     def add_residuals(self, columns: NDArray[np.void], matches: NDArray[np.void]) -> None:
         """Show the residuals of some frames: rows of FRAME, and their rows of MATCH."""
@@ -126,7 +157,7 @@ class Scene:
         """Show all but the objects of some frames, rows of FRAME."""
         self._break_lines(columns["utc_ns"])
         if self._live:
-            self._remember(columns)
+            self._remember_in(self._recent, columns)
         send_series(self._stream, columns, self._station.limits)
         self._track.append(columns)
         if columns["utc_ns"][-1] - self._track[0]["utc_ns"][0] >= TRACK_ROW_NS:
@@ -159,7 +190,7 @@ class Scene:
         self._status = frame.status
 
     def _lay_out(self, columns: NDArray[np.void]) -> None:
-        """Send the layout anew when the boresight is first known, and when a live view has got its ten minutes.
+        """Send the layout anew when boresight or own answers of the sensor first come, and after ten minutes.
 
         Only then, because the user's own arrangement is lost each time.
         """
@@ -173,22 +204,34 @@ class Scene:
         narrows = self._live and self._window_s is None and age_s > LIVE_WINDOW_S
         if narrows:
             self._window_s = LIVE_WINDOW_S
-        if aims or narrows:
-            wanted = layout(self._station, window_s=self._window_s, boresight_icrs=self._boresight_icrs)
+        begins_own = self.running.own_d_ra.n > 0 and not self._shows_own
+        self._shows_own |= begins_own
+        if aims or narrows or begins_own:
+            wanted = layout(
+                self._station, window_s=self._window_s, boresight_icrs=self._boresight_icrs, own=self._shows_own
+            )
             self._stream.send_blueprint(wanted)
 
     def event(self, event: LinkEvent) -> None:
         """Show an event of the link in its state bar and in the log."""
         for path, words in (("/state/link", LINK_WORDS), ("/state/sky", SKY_WORDS)):
             if (word := words.get(event.kind)) is not None:
-                at = times([event.utc_ns])
-                self._stream.send_columns(path, [at], rr.StateChange.columns(state=[word]))
-                self._states.append((path, event.utc_ns, word))
+                self._state(path, event.utc_ns, word)
         line = self._events.add(event)
         if line.count in _COUNTS_LOGGED or line.count % _COUNTS_LOGGED[-1] == 0:
             repeated = f" ({line.count} x)" if line.count > 1 else ""
             level = "INFO" if event.kind in _GOOD_EVENTS else "WARN"
             self.log(event.utc_ns, f"{event.kind}{repeated}: {event.text}", level)
+
+    def stands(self, utc_ns: int, word: str) -> None:
+        """Show how the session stands, a word of VERDICT_COLOURS, from an instant on."""
+        if word != self._standing:
+            self._standing = word
+            self._state("/state/verdict", utc_ns, word)
+
+    def _state(self, path: str, utc_ns: int, word: str) -> None:
+        self._stream.send_columns(path, [times([utc_ns])], rr.StateChange.columns(state=[word]))
+        self._states.append((path, utc_ns, word))
 
     def clock(self, readings: Sequence[ClockReading]) -> None:
         """Show the health of the host clock."""

@@ -18,6 +18,14 @@ EDGE = 1.4
 OUTAGE_NS = 3 * NS_PER_S
 """Longest time without a frame over which a line is drawn."""
 
+OWN_PATHS = {
+    "/sensor/d_ra": "d_ra_cosde_arcsec",
+    "/sensor/d_de": "d_de_arcsec",
+    "/sensor/roll": "d_roll_arcsec",
+    "/sensor/latency_ms": "latency_ms",
+}
+"""The series of the sensor's own answers, beside those of the identifier under test."""
+
 _DECIMALS = 3
 """Milliarcseconds, microseconds: rerun's tooltips print every digit there is."""
 
@@ -38,6 +46,10 @@ def begin_series(stream: rr.RecordingStream) -> None:
     _lines(stream, "/identification_ms", ["identification"], [GREEN])
     _lines(stream, "/temperature_c", ["detector"], [ORANGE])
     _lines(stream, "/stars", ["named", "limiting magnitude"], [SKY_BLUE, YELLOW])
+    for path in ("/sensor/d_ra", "/sensor/d_de"):
+        _lines(stream, path, ["sensor's own"], [ORANGE])
+    _lines(stream, "/sensor/roll", ["sensor's own"], [YELLOW])
+    _lines(stream, "/sensor/latency_ms", ["sensor's own"], [ORANGE])
     _lines(stream, "/clock", ["offset", "+ error bound", "- error bound"], [BLUE, GREY, GREY])
 
 
@@ -66,6 +78,16 @@ def send_series(stream: rr.RecordingStream, columns: NDArray[np.void], limits: L
     _send(stream, "/identification_ms", at, _stacked(columns, "elapsed_us") / 1000)
     _send(stream, "/temperature_c", at, _stacked(columns, "temperature_c"))
     _send(stream, "/stars", at, _stacked(columns, "stars_seen", "limiting_mag"))
+
+
+def send_own_answers(stream: rr.RecordingStream, errors: NDArray[np.void]) -> None:
+    """The series of the sensor's own answers, rows of OWN_ERROR; a gap where it has none, or was silent."""
+    utc_ns = errors["utc_ns"]
+    silent = np.flatnonzero(np.diff(utc_ns) > OUTAGE_NS)
+    for path, name in OWN_PATHS.items():
+        _send(stream, path, times(utc_ns), _stacked(errors, name))
+        if len(silent):
+            _send(stream, path, times(utc_ns[silent] + 1), np.full((len(silent), 1), np.nan))
 
 
 def send_outages(stream: rr.RecordingStream, utc_ns: NDArray[np.int64], limits: Limits) -> None:

@@ -57,6 +57,7 @@ _CLOSE_WITHIN_S = 2.0
 class Content:
     """What is served: a running session (``glance``), a ``recording`` (.rrd), rerun's data of ``grpc_port``.
 
+    ``verdict`` is that of a recording: what the bar over it says, and its level.
     ``on_viewer`` is called when a page has connected rerun's viewer, ``on_behind`` with the seconds that it is behind.
     """
 
@@ -64,6 +65,7 @@ class Content:
     notes: Notes | None = None
     grpc_port: int = 0
     recording: Path | None = None
+    verdict: tuple[str, str] = ("", "")
     on_behind: Callable[[float], None] = lambda seconds: None
     on_viewer: Callable[[], None] = lambda: None
     files: ViewerFiles = field(default_factory=ViewerFiles)

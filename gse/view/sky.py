@@ -128,7 +128,7 @@ def send_scatter(
         at = times(found["utc_ns"][:1])
         columns = rr.LineStrips2D.columns(strips=[ring.astype(np.float32) for ring in rings])
         stream.send_columns("/scatter/rings", [at], columns.partition([len(rings)]))
-        label = f"1 and 3 sigma; 1 sigma = {moments[0].std:.1f} x {moments[1].std:.1f} arcsec"
+        label = f"sigma {moments[0].std:.1f} x {moments[1].std:.1f}; rings: 1, 3 sigma"
         stream.send_columns("/scatter/sigma", [at], rr.Points2D.columns(labels=[label]).partition([1]))
 
 

@@ -9,8 +9,13 @@ from gse.view.running_statistics import Moments, Running
 _MARKS = {"PASS": "✔", "FAIL": "✘", "INCONCLUSIVE": "?"}
 
 
-def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | None = None, dropped: int = 0) -> str:
-    """Markdown on a running session; ``dropped`` counts frames that the slow view did not show."""
+def verdict_so_far(
+    running: Running, link: LinkCounters, clock: ClockReading | None = None, *, dropped: int = 0, metrics: str = ""
+) -> str:
+    """Markdown on a running session; ``dropped`` counts frames that the slow view did not show.
+
+    ``metrics`` is a table in Markdown, below the rest.
+    """
     limits, last = running.limits, running.last
     share = running.inside / running.d_ra.n if running.d_ra.n else math.nan
     lines = [
@@ -22,6 +27,7 @@ def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | N
         "|---|---|---|---|---|---|",
         _row("dRA*", last.d_ra_cosde_arcsec if last else None, running.d_ra, limits.d_ra_cosde_arcsec),
         _row("dDE", last.d_de_arcsec if last else None, running.d_de, limits.d_de_arcsec),
+        *_own_rows(running),
         "",
         *(f"- {status}: {count}" for status, count in sorted(running.by_status.items())),
         f"- false answers: {running.false_answers}",
@@ -38,6 +44,8 @@ def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | N
         lines.append(f"- {running.frames_per_s:.1f} frames per second")
     if dropped:
         lines.append(f"- **not shown here: {dropped}** (the view was too slow; the session has them)")
+    if metrics:
+        lines += ["", "metrics so far, with their 95 % intervals (ECSS-E-ST-60-20C)", "", metrics]
     return "\n".join(lines)
 
 
@@ -59,8 +67,27 @@ def headline(running: Running, lost: int) -> str:
     return f"Running: OUTSIDE the limits: {', '.join(outside)}" if outside else "Running: inside the limits"
 
 
+def standing(running: Running, lost: int) -> str:
+    """The same in a word of VERDICT_COLOURS; empty before the first frame."""
+    if not running.frames:
+        return ""
+    if running.silence or not running.d_ra.n:
+        return "no answer"
+    return "OUTSIDE" if running.outside(lost) else "inside"
+
+
 def _loud(count: int) -> str:
     return f"**{count}**" if count else "0"
+
+
+def _own_rows(running: Running) -> list[str]:
+    """Rows of the sensor's own answers, where it sends some."""
+    limits = running.limits
+    axes = (
+        ("sensor dRA*", running.own_d_ra, limits.d_ra_cosde_arcsec),
+        ("sensor dDE", running.own_d_de, limits.d_de_arcsec),
+    )
+    return [_row(name, axis.last, axis, limit) for name, axis, limit in axes if axis.n]
 
 
 def _row(name: str, last: float | None, moments: Moments, limit: float) -> str:

@@ -28,6 +28,8 @@ START_NS = from_text("2026-03-20T15:00:00Z")
 EXPOSURE_S = 0.1
 _BYTE_NS = 10 * NS_PER_S // 115_200
 _POWER_ON_S = 1.0
+_CHUNKS_AT_ONCE = 64
+"""As a replay hands them in."""
 
 
 def nominal(true_s: float) -> float:
@@ -85,8 +87,9 @@ class Sky:
             loop.read_clock(
                 ClockReading(utc_ns, round(clocks.mono_s(true_s) * 1e9), source, synchronised, 0.0, error_s)
             )
-        for chunk in self.chunks(clocks, blind_s, blind_px, own):
-            loop.take([chunk])
+        chunks = self.chunks(clocks, blind_s, blind_px, own)
+        while some := list(itertools.islice(chunks, _CHUNKS_AT_ONCE)):
+            loop.take(some)
         loop.finish()
         return loop.session
 

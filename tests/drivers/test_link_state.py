@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
-from drivers.faults.uart import received_at
 from drivers.link_state import LinkMonitor
+from drivers.uart import received_at
 
 S = 1_000_000_000
 UTC = 1_774_000_000 * S

@@ -11,11 +11,12 @@ from skies.one_by_one import add_frame
 from gse.assessment.counted_frames import counted_frames
 from gse.assessment.statistics import statistics
 from gse.assessment.time_tags import time_tag_faults
+from gse.assessment.uncounted import missing_by_time
 from gse.assessment.verdict import judge
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.exclusions import Cause, parse_exclusion
+from gse.station.exclusions import Cause, Exclusion, excluded, parse_exclusion
 from gse.station.results import AnswerCheck, AttitudeError, FrameResult, Status, Verdict
 
 CLEAR_ZERO_POINT_MAG = 14.0
@@ -191,6 +192,59 @@ def test_a_restart_with_a_fast_clock_hides_no_wrong_stars(sky, change_s):
     assert assessment.statistics.exclusions == ()
     assert assessment.verdict is not Verdict.PASS
     assert any("sensor time tag: it ran 20% fast" in line for line in map(str, assessment.findings))
+
+
+# Frames that never came
+
+
+def without(sky, is_missing, clocks=None):
+    """The verdict on a session of which frames are missing by their true time, where sequence numbers go on."""
+    whole = sky.frames
+    sky.frames = [item for item in whole if not is_missing(item[0])]
+    try:
+        return judge(sky.session(clocks or InjectedClocks()))
+    finally:
+        sky.frames = whole
+
+
+@pytest.mark.parametrize(
+    ("is_missing", "clocks"),
+    [
+        (lambda t: round(5 * t) % 5 == 0, None),
+        (lambda t: round(5 * t) % 5 == 0, InjectedClocks(sequence=lambda n: n * 7919)),
+        (lambda t: t % 10 < 4, None),
+        (lambda t: t % 10 < 4, InjectedClocks(tag_s=lambda t: t % 10)),
+    ],
+    ids=["every fifth left out", "sequence chaos", "silent 4 of 10 s", "restarts each 10 s"],
+)
+def test_frames_that_no_sequence_number_tells_as_missing_make_no_pass(sky, is_missing, clocks):
+    assessment = without(sky, is_missing, clocks)
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert any(reason.startswith("by time ") for reason in assessment.reasons)
+
+
+def test_the_frames_that_are_missing_by_time_are_counted():
+    made = session(600)
+    frames = made.frames.columns
+    assert missing_by_time(frames) == 0
+    assert missing_by_time(np.delete(frames, np.s_[100:140])) == 40
+    assert missing_by_time(np.delete(frames, np.s_[5:600:5])) == 119
+    assert missing_by_time(frames[np.r_[0:300, 300:600:10]]) <= 10
+    leaping = frames.copy()
+    leaping["time_us"][300:] += 15_900_000
+    assert missing_by_time(leaping) == 0
+    in_bunches = frames.copy()
+    in_bunches["host_utc_ns"] -= in_bunches["host_utc_ns"] % NS_PER_S
+    assert missing_by_time(in_bunches) == 0
+
+
+def test_a_pause_that_the_operator_leaves_out_is_not_missing():
+    frames = np.delete(session(600).frames.columns, np.s_[100:140])
+    assert missing_by_time(frames, excluded(frames["utc_ns"], [pause(9.0, 15.0)])) == 0
+
+
+def pause(from_s, until_s):
+    return Exclusion(START_NS + round(from_s * NS_PER_S), START_NS + round(until_s * NS_PER_S), "", Cause.OPERATOR)
 
 
 # Clock steps

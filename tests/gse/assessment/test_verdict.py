@@ -11,13 +11,15 @@ from skies.one_by_one import add_frame
 from drivers.clock import ClockReading
 from gse.assessment.clock_health import clock_health, stated_error_s
 from gse.assessment.decision import Outcome
-from gse.assessment.statistics import about_circular_mean, statistics
+from gse.assessment.statistics import statistics
+from gse.assessment.subject_statistics import about_circular_mean
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount, MountUncertainty
 from gse.site import SiteUncertainty
+from gse.station.attitude_table import AttitudeTable
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.results import AnswerCheck, AttitudeError, Status, Subject, Verdict
 from gse.station.session_data import SessionData
@@ -262,6 +264,20 @@ def test_a_sensor_whose_own_answers_are_a_degree_wrong_fails():
     assert outcomes(assessment)["mean |dRA*|"] is Outcome.PASS
     assert outcomes(assessment, Subject.SENSOR)["mean |dRA*|"] is Outcome.FAIL
     assert any(reason.startswith("sensor mean |dRA*| is") for reason in assessment.reasons)
+
+
+@pytest.mark.parametrize("frame_no_off", [0, 10**6], ids=["before the right one", "to no panorama"])
+@pytest.mark.parametrize(("changed_deg", "verdict"), [(10.0, Verdict.INCONCLUSIVE), (0.0, Verdict.PASS)])
+def test_answers_that_are_compared_with_nothing_make_no_pass(frame_no_off, changed_deg, verdict):
+    made = with_own_answers(session(600))
+    rows = made.sensor_attitudes.columns
+    more = rows[::3].copy()
+    more["de_deg"] += changed_deg
+    more["frame_no"] += frame_no_off
+    made.sensor_attitudes = AttitudeTable.of(np.concatenate([more, rows]))
+    if frame_no_off:
+        verdict = Verdict.INCONCLUSIVE  # right or wrong, nobody knows
+    assert judge(made).verdict is verdict
 
 
 def test_a_sensor_that_answers_too_late_fails_by_the_time_that_it_states():

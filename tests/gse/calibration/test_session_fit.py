@@ -1,22 +1,18 @@
 """From a session to its camera: which panoramas, which trial cameras, how far the sky moved."""
 
-import dataclasses
 import itertools
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gse.calibration.session_fit import MAX_PANORAMAS, PanoramaSample, _field, _moved_px, _trials, calibrate_session
-from gse.camera import Camera
+from gse.calibration.session_fit import MAX_PANORAMAS, PanoramaSample, _field, _moved_px, calibrate_session
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.identifier import Identification, make_identifier
 from gse.panorama import Panorama
 from gse.site import Site
 from gse.truth import EarthOrientation, SiderealTruth
-
-CAMERA = Camera(1024, 1024, 4169.9, (511.5, 511.5))
 
 
 def filled(count):
@@ -44,15 +40,6 @@ def test_some_of_a_sample_are_as_many_as_asked_first_and_last_among_them():
     assert numbers(filled(11).percentiles(3)) == [0, 5, 10]
     assert numbers(filled(3).percentiles(5)) == [0, 1, 2]
     assert filled(0).percentiles(5) == []
-
-
-def test_the_trials_go_from_the_camera_outwards_each_as_it_is_and_mirrored():
-    trials = list(_trials(CAMERA))
-    scales = [round(trial.focal_length_px / CAMERA.focal_length_px, 6) for trial in trials]
-    assert scales[:6] == [1, 1, 1.002, 1.002, 0.998, 0.998]
-    assert (min(scales), max(scales), len(trials)) == (0.97, 1.03, 62)
-    assert [trial.mirrored for trial in trials] == [False, True] * 31
-    assert [trial.mirrored for trial in _trials(dataclasses.replace(CAMERA, mirrored=True))][:2] == [True, False]
 
 
 def named(xy_px, stars):
@@ -110,7 +97,8 @@ def test_stars_are_fitted_where_the_air_shows_them():
     utc_ns = 1_774_000_000_000_000_000
     site = Site(latitude_deg=48.0, longitude_deg=11.0, height_m=0.0, pressure_hpa=1010.0, temperature_c=10.0)
     truth = SiderealTruth(site, EarthOrientation.from_disk(utc_ns))
-    identifier = make_identifier(parse_station(BUILT_IN_TEXT).identifier, CAMERA, load_catalog())
+    station = parse_station(BUILT_IN_TEXT)
+    identifier = make_identifier(station.identifier, station.sensor.camera(), load_catalog())
     zenith = truth.icrs_to_horizon(utc_ns)[2]
     without_air = truth.apparent(identifier.catalog.icrs, utc_ns) @ zenith
     low = np.flatnonzero((without_air > np.sin(np.radians(15))) & (without_air < np.sin(np.radians(60))))

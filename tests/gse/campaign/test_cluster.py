@@ -9,6 +9,7 @@ from pathlib import Path
 
 import fsspec
 import fsspec.config
+import psutil
 import pytest
 from devices.cluster import BUCKET, cluster
 from devices.command_line import runner
@@ -84,6 +85,22 @@ def test_a_worker_that_is_killed_and_one_that_hangs_lose_nothing(running, nights
             os.kill(attacked[1], signal.SIGSTOP)
 
     outcomes = judge(running.address, nights, tmp_path / "dataset", attack)
+    assert [one.error for one in outcomes] == [""] * 4
+    assert len(whole(tmp_path / "dataset")) == 4
+
+
+def test_workers_of_its_own_listen_on_loopback_alone_and_one_that_is_killed_loses_nothing(nights, tmp_path):
+    listening = set()
+
+    def attack(client) -> None:
+        if not listening:
+            here = psutil.Process()
+            for process in (here, *here.children(recursive=True)):
+                listening.update(one.laddr.ip for one in process.net_connections() if one.status == psutil.CONN_LISTEN)
+            os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
+
+    outcomes = judge(None, nights, tmp_path / "dataset", attack)
+    assert listening == {"127.0.0.1"}
     assert [one.error for one in outcomes] == [""] * 4
     assert len(whole(tmp_path / "dataset")) == 4
 

@@ -10,7 +10,8 @@ from skies.reference_neighbour import ReferenceNeighbour, angle_urad, onboard_ta
 from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
 from gse.identifier.consistency import MOST_CANDIDATES, room_for_candidates, separations
-from gse.identifier.neighbour_search import EVERYWHERE, Limits, _level_1, _seen_from, best_vote, first_fit
+from gse.identifier.neighbour_level_1 import level_1, seen_from
+from gse.identifier.neighbour_search import EVERYWHERE, Limits, best_vote, first_fit
 from gse.identifier.tables import build_pair_table, field_diameter_rad
 from gse.spiral import spiral_directions
 
@@ -76,9 +77,9 @@ def test_level_1_counts_as_eq_2_5_for_every_star(source, stars, table, plain_tab
     plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, limits.tolerance_urad, limits.min_fit, limits.alphas)
     room = room_for_candidates()
     angles = separations(directions)
-    seen = _seen_from(0, angles.cosine, angles.sine, limits.tolerance_urad)
+    seen = seen_from(0, angles.cosine, angles.sine, limits.tolerance_urad)
     for star in range(len(stars)):
-        fit, count = _level_1(star, seen, table, limits, room)
+        fit, count = level_1(star, seen, table, limits.tolerance_urad, limits.min_fit, room)
         candidates = list(zip(room.object[:count].tolist(), room.star[:count].tolist(), strict=True))
         assert (fit, candidates) == plain.level_1(star, plain.from_alpha(directions.tolist(), 0))
 
@@ -93,10 +94,10 @@ def test_level_1_keeps_the_nearest_candidates_where_more_fit_than_there_is_room_
     limits = Limits(60 * TOLERANCE_URAD, 1, 1, 1, False, EVERYWHERE)
     plain = ReferenceNeighbour(polar.icrs.tolist(), plain_table, limits.tolerance_urad, limits.min_fit, limits.alphas)
     room, angles = room_for_candidates(), separations(directions)
-    seen = _seen_from(0, angles.cosine, angles.sine, limits.tolerance_urad)
+    seen = seen_from(0, angles.cosine, angles.sine, limits.tolerance_urad)
     fits = []
     for star in range(len(polar)):
-        fit, count = _level_1(star, seen, table, limits, room)
+        fit, count = level_1(star, seen, table, limits.tolerance_urad, limits.min_fit, room)
         candidates = list(zip(room.object[:count].tolist(), room.star[:count].tolist(), strict=True))
         assert (fit, candidates) == plain.level_1(star, plain.from_alpha(directions.tolist(), 0))
         fits.append(fit)

@@ -50,9 +50,10 @@ def test_the_loop_hands_over_one_snapshot_and_goes_on() -> None:
             forecast.on_results(NewResults.of([frame]), session)
         pause = threading.Event()
         for _ in range(600):
-            if forecast.text:
+            if forecast.metrics:
                 break
             pause.wait(0.05)
         assert forecast.text
+        assert "| onboard noise equivalent angle | " in forecast.metrics
     finally:
         forecast.close()

@@ -135,7 +135,7 @@ def forge(folder: Path, table: pa.Table) -> None:
     whole = folder / KEY.text
     before = sha256((whole / "frames.parquet").read_bytes()).hexdigest()
     (whole / "frames.parquet").unlink()
-    write_parquet(table, whole / "frames.parquet")
+    write_parquet([table], whole / "frames.parquet")
     after = sha256((whole / "frames.parquet").read_bytes()).hexdigest()
     text = (whole / CONTEXT).read_text().split("\n")[1].replace(before, after)
     (whole / CONTEXT).write_text(f"{sha256(text.encode()).hexdigest()}\n{text}\n")

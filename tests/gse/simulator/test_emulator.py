@@ -5,6 +5,7 @@ import itertools
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -15,6 +16,8 @@ from drivers.link import SerialLink
 from gse.cli.emulate import command
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError
+from gse.inspection.check import Outcome
+from gse.inspection.preflight import checks
 from gse.simulator.device import detector_of, firmware_of, scenario_of
 from gse.simulator.emulator import Emulator
 from gse.simulator.endpoints import Endpoint, TcpEndpoint
@@ -124,6 +127,24 @@ def test_a_sensor_that_nobody_listens_to_goes_on_and_sends_fresh_frames_later(de
         listener = Listener(link)
         heard = listener.until(lambda heard: len(panoramas(heard)) >= 3)
         assert panoramas(heard)[0].frame_no < 40
+
+
+def test_a_station_at_half_the_baud_rate_reads_what_a_uart_would(detector: Detector) -> None:
+    with emulated(PtyEndpoint(), detector) as address, SerialLink(address, 460800) as link:
+        received = b""
+        while len(received) < 2000:
+            received += b"".join(item.data for item in link.receive(0.2) if isinstance(item, Chunk))
+    decoder = FrameDecoder(PROTOCOL)
+    frames = [piece for piece in decoder.feed(received) if isinstance(piece, Frame)]
+    assert frames == []
+
+
+def test_preflight_finds_the_baud_rate_of_a_faster_sensor(detector: Detector, tmp_path: Path) -> None:
+    with emulated(PtyEndpoint(), detector) as address:
+        text = BUILT_IN_TEXT.replace("url: sim://", f"url: {address}\n  baudrate: {BAUDRATE // 2}")
+        check = next(check for check in checks(parse_station(text), tmp_path, 1.0) if check.name == "port")
+    assert check.outcome is Outcome.FAIL
+    assert f"valid frames come with port.baudrate: {BAUDRATE}" in check.advice
 
 
 def test_a_client_may_leave_and_another_come(detector: Detector) -> None:

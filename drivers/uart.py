@@ -1,5 +1,8 @@
 """What a UART receives from one that sends at another baud rate."""
 
+USUAL_BAUDS = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
+"""Rates that sensors and adapters have."""
+
 
 def received_at(data: bytes, sent_baud: int, listening_baud: int) -> bytes:
     """The bytes that come out at one end when ``data`` goes in at the other, without a pause between its bytes.

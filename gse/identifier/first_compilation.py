@@ -1,0 +1,76 @@
+"""Compilation of the robust identifier by a process of its own, for the first run on a computer.
+
+Its code takes as long to compile as all other code of a session, so two processes halve the wait. The other process
+leaves code in numba's cache on disk, where this one finds it. If it comes to nothing, this process compiles at the
+first call, as always.
+"""
+
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from gse.identifier.hypotheses import search_many
+from gse.identifier.robust_tables import sky_tables
+from gse.identifier.search_plan import search_plan
+from gse.identifier.tangent_plane import Noise
+from gse.jit import is_on_disk
+
+_LONGEST_S = 300.0
+"""A slow computer takes a minute; a process that hangs must not hold a session for ever."""
+
+
+def is_compiled() -> bool:
+    """Whether an earlier run on this computer compiled the robust identifier."""
+    return is_on_disk(search_many)
+
+
+class FirstCompilation:
+    """The other process, if there has to be one; it ends with the ``with`` block at the latest."""
+
+    def __init__(self) -> None:
+        self.process = None if is_compiled() else _started()
+
+    def __enter__(self) -> "FirstCompilation":
+        return self
+
+    def finish(self) -> None:
+        """Wait until the code is on disk."""
+        if self.process is not None:
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(_LONGEST_S)
+
+    def __exit__(self, *_: object) -> None:
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+
+
+def _started() -> "subprocess.Popen[bytes] | None":
+    # -P: a folder named gse where the user stands is not this package.
+    command = [sys.executable, "-P", "-m", "gse.identifier.first_compilation"]
+    nowhere = subprocess.DEVNULL
+    try:
+        return subprocess.Popen(command, stdin=nowhere, stdout=nowhere, stderr=nowhere)
+    except OSError:
+        return None
+
+
+def compile_robust() -> None:
+    """Compile the search by calling it with few stars, for the types are those of all."""
+    rng = np.random.default_rng(0)
+    stars = rng.normal(size=(100, 3))
+    stars /= np.linalg.norm(stars, axis=1)[:, None]
+    magnitude, field = np.linspace(1.0, 6.0, len(stars)), np.array([-0.1, 0.1, -0.1, 0.1, np.inf, 0.04])
+    with tempfile.TemporaryDirectory() as folder:
+        sky = tuple(sky_tables(stars, magnitude, field, Path(folder)))
+    plan = search_plan(1e-3, 300.0, widest_px=np.inf, sigma_px=None)
+    known = np.array(Noise(1e-3, 1e-4, 6, 2.5e-3, np.nan, 0.5), dtype=np.float64)
+    search_many(sky, stars[:3].copy(), magnitude[:3].copy(), np.cumsum([0, 3]), plan, known)
+
+
+if __name__ == "__main__":
+    compile_robust()

@@ -1,0 +1,66 @@
+"""Watch for a camera that the station file states wrongly: looked for while nothing is identified."""
+
+from collections.abc import Iterable
+
+from gse.camera import Camera
+from gse.catalog import StarCatalog, mission_catalog
+from gse.identifier.camera_search import find_camera
+from gse.instant import NS_PER_S
+from gse.panorama import Panorama
+from gse.station.results import FrameResult, Status
+
+_FIRST_AFTER_S = 5.0
+"""Of the data's time, from the first panorama without an answer; then after ten times that, and so on: a search that
+finds nothing takes a second."""
+_LATER = 10
+_FEWEST_OBJECTS = 7
+
+
+class CameraWatch:
+    """Looks at panoramas until one is identified, or the true camera is found."""
+
+    def __init__(self, camera: Camera, catalog: StarCatalog) -> None:
+        self._camera, self._catalog = camera, catalog
+        self._first: Panorama | None = None
+        self._latest: Panorama | None = None
+        self._after_s = _FIRST_AFTER_S
+        self._is_over = False
+
+    def look(self, results: Iterable[FrameResult]) -> list[tuple[int, str]]:
+        """What the stars say of the stated camera, each with the place of its result; mostly nothing."""
+        said = []
+        for k, result in enumerate(() if self._is_over else results):
+            if text := self._look(result.status, result.panorama):
+                said.append((k, text))
+            if self._is_over:
+                break
+        return said
+
+    def _look(self, status: Status, panorama: Panorama) -> str:
+        if status is Status.IDENTIFIED:
+            self._is_over = True
+        if self._is_over or status is not Status.NO_MATCH or len(panorama.brightness) < _FEWEST_OBJECTS:
+            return ""
+        self._first, self._latest = self._first or panorama, panorama
+        if panorama.utc_ns - self._first.utc_ns < self._after_s * NS_PER_S:
+            return ""
+        self._after_s *= _LATER
+        return self.finish()
+
+    def finish(self) -> str:
+        """The same at the end of the session, where the latest panoramas were not searched yet."""
+        if self._is_over or self._first is None or self._latest is None:
+            return ""
+        panoramas, self._latest = (self._first, self._latest), None
+        found = find_camera(panoramas, self._camera, mission_catalog(self._catalog, self._camera, "auto"))
+        self._is_over = found is not None
+        return _in_words(self._camera, found.camera) if found else ""
+
+
+def _in_words(stated: Camera, fitted: Camera) -> str:
+    excess = stated.focal_length_px / fitted.focal_length_px - 1
+    mirror = f" and sensor.mirrored: {str(fitted.mirrored).lower()}" if fitted.mirrored != stated.mirrored else ""
+    return (
+        f"the stars fit sensor.focal_length_px: {fitted.focal_length_px:.1f}{mirror}; stated is "
+        f"{stated.focal_length_px:g}, {100 * abs(excess):.1f} % too {'long' if excess > 0 else 'short'}"
+    )

@@ -1,0 +1,26 @@
+"""What another process compiles on the first run is what a session calls."""
+
+import numpy as np
+
+from gse.camera import Camera
+from gse.catalog import load_catalog
+from gse.identifier.first_compilation import FirstCompilation, compile_robust, is_compiled
+from gse.identifier.hypotheses import search_many
+from gse.identifier.robust import RobustIdentifier, stars_looked_at
+
+
+def test_the_other_process_compiles_for_the_types_of_a_session() -> None:
+    compile_robust()
+    compiled = set(search_many.signatures)
+    camera = Camera(768, 1024, 4178.0, (511.5, 383.5))
+    identifier = RobustIdentifier(camera, load_catalog("gaia", stars=stars_looked_at(camera)))
+    xy_px = np.random.default_rng(1).uniform(0.0, 700.0, (5, 2))
+    identifier.identify(camera.directions(xy_px), np.linspace(400.0, 100.0, 5))
+    assert set(search_many.signatures) == compiled
+
+
+def test_no_process_is_started_once_the_code_is_on_disk() -> None:
+    compile_robust()
+    assert is_compiled()
+    with FirstCompilation() as nothing:
+        assert nothing.process is None

@@ -1,0 +1,66 @@
+"""A camera that the station file states wrongly."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gse.camera import Camera
+from gse.catalog import load_catalog, mission_catalog
+from gse.instant import NS_PER_S
+from gse.panorama import Panorama
+from gse.station.camera_watch import CameraWatch
+from gse.station.results import FrameResult, Status
+
+TRUE = Camera(1024, 1024, 4300.0, (511.5, 511.5))
+STATED = replace(TRUE, focal_length_px=1.03 * 4300.0)
+
+
+@pytest.fixture(scope="module")
+def catalog():
+    return mission_catalog(load_catalog(), TRUE)
+
+
+@pytest.fixture(scope="module")
+def stars_px(catalog):
+    xy = TRUE.pixels(catalog.icrs @ Rotation.random(random_state=3).as_matrix().T)
+    return xy[TRUE.contains(xy)][:28]
+
+
+def seen(stars_px, at_s, status=Status.NO_MATCH):
+    panorama = Panorama(round(at_s * NS_PER_S), stars_px, np.linspace(4000, 300, len(stars_px)))
+    return FrameResult(panorama, status, "", "neighbour")
+
+
+def look(watch, result):
+    return "".join(text for _, text in watch.look([result]))
+
+
+def test_it_is_named_with_value_and_size_five_seconds_after_the_first_panorama(catalog, stars_px):
+    watch = CameraWatch(STATED, catalog)
+    texts = [look(watch, seen(stars_px, at_s)) for at_s in (100, 104.9, 105.1, 200)]
+    assert [bool(text) for text in texts] == [False, False, True, False]
+    assert "focal_length_px: 4300." in texts[2]
+    assert "stated is 4429, 3.0 % too long" in texts[2]
+
+
+def test_a_short_session_is_looked_at_when_it_ends(catalog, stars_px):
+    watch = CameraWatch(STATED, catalog)
+    assert look(watch, seen(stars_px, 0)) == ""
+    assert "3.0 % too long" in watch.finish()
+    assert watch.finish() == ""
+
+
+def test_an_answer_ends_the_watch(catalog, stars_px):
+    watch = CameraWatch(STATED, catalog)
+    look(watch, seen(stars_px, 0, Status.IDENTIFIED))
+    look(watch, seen(stars_px, 1))
+    assert look(watch, seen(stars_px, 100)) == watch.finish() == ""
+
+
+def test_a_search_that_finds_nothing_is_repeated_after_ten_times_as_long(catalog, stars_px):
+    watch, noise = CameraWatch(STATED, catalog), np.random.default_rng(1).uniform(0, 1023, (28, 2))
+    assert look(watch, seen(noise, 0)) == look(watch, seen(noise, 6)) == ""
+    assert look(watch, seen(stars_px, 49)) == ""
+    assert "3.0 % too long" in look(watch, seen(stars_px, 51))
