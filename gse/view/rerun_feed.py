@@ -1,6 +1,6 @@
 """Running session in rerun, fed by a separate thread behind a bounded queue.
 
-The feed cannot delay the measurement: ``on_result`` puts a frame on a bounded queue or counts it as dropped. rerun's
+The feed cannot delay the measurement: ``on_results`` puts a frame on a bounded queue or counts it as dropped. rerun's
 data go to a server in this process, bound to 127.0.0.1, from which viewers fetch them; an absent, frozen or killed
 viewer delays nothing. (A client connection to a viewer does block, after some 36,000 frames.)
 
