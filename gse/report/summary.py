@@ -136,10 +136,11 @@ def table_4_1(sessions: Iterable[tuple[str, Statistics]]) -> dict[str, Any]:
         for name, stats in sessions
         for subject, of_one in stats.subjects.items()
     ]
-    return {"rows": [_table_row(row) for row in (*own, *PAPER)], "limit_deg": LIMIT_DEG}
+    return {"rows": [table_row(row) for row in (*own, *PAPER)], "limit_deg": LIMIT_DEG}
 
 
-def _table_row(row: Row) -> dict[str, Any]:
+def table_row(row: Row) -> dict[str, Any]:
+    """A row of table 4-1 in degrees and arcmin."""
     return {
         "name": row.name,
         "mean_d_ra_deg": row.d_ra_deg,

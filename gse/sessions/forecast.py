@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
-from gse.assessment.session_plan import NEVER, minutes_left, rows_left
+from gse.assessment.session_plan import minutes_left, rows_left
 from gse.assessment.verdict import Assessment, judge
 from gse.report.metric_table import metrics_in_markdown
 from gse.station.frame_results import NewResults
@@ -30,6 +30,8 @@ _PAUSES = 100.0
 _FEWEST_FRAMES = 30
 _SETTLES_S = 300.0
 """Before, the drift of the mount is so little known that its uncertainty alone may exceed a limit."""
+_NIGHT_MINUTES = 720.0
+"""A verdict that comes later comes not in this session."""
 _MOST_NAMED = 2
 
 
@@ -97,13 +99,16 @@ def forecast_text(assessment: Assessment) -> str:
     """When a verdict is to be expected, in a line."""
     if assessment.verdict is not Verdict.INCONCLUSIVE:
         return f"{assessment.word}, if it ended now"
+    left = rows_left(assessment)
+    if not any(item.row.unit == "arcsec" for item in left):
+        return "no verdict as it goes: no answer was compared with truth"
     minutes = minutes_left(assessment)
     if math.isnan(minutes):
         return "verdict: too early to tell"
-    if minutes == NEVER and assessment.statistics.duration_s < _SETTLES_S:
+    if minutes > _NIGHT_MINUTES and assessment.statistics.duration_s < _SETTLES_S:
         return "verdict: too early to tell"
-    if minutes == NEVER:
-        never = [item.row.name for item in rows_left(assessment) if item.minutes == NEVER]
+    if minutes > _NIGHT_MINUTES:
+        never = [item.row.name for item in left if item.minutes > _NIGHT_MINUTES]
         return f"no verdict as it goes: {', '.join(never[:_MOST_NAMED]) or assessment.reasons[0]}"
     if minutes < 1:
         return "a verdict in less than a minute"

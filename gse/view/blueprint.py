@@ -49,7 +49,7 @@ def layout(
         row_shares=[2.8, 2.8, 2.1, 2.0, 3.8],
     )
     pictures = rrb.Vertical(
-        _panorama_view(station),
+        rrb.Tabs(_panorama_view(station), rrb.TextDocumentView(origin="/metrics", name="Metrics")),
         rrb.Horizontal(_scatter_view(station, ranges), _sky_view(ranges, boresight_icrs)),
         row_shares=[3, 2],
     )

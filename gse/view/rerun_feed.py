@@ -226,21 +226,19 @@ class _SceneFeed:
         running.housekeeping = in_words(self._status) if self._status else ""
         if running.utc_ns - self._panel_utc_ns >= NS_PER_S:
             self._panel_utc_ns = running.utc_ns
-            self._scene.words(running.utc_ns, self._so_far())
+            self._scene.words(running.utc_ns, self._so_far(), self._metrics())
             self._scene.stands(running.utc_ns, standing(running, self._link.frames_lost))
 
     def send_again(self) -> None:
         self._scene.send_again()
 
     def _so_far(self) -> str:
-        return verdict_so_far(
-            self._scene.running, self._link, self._clock, dropped=self._dropped, metrics=self._metrics()
-        )
+        return verdict_so_far(self._scene.running, self._link, self._clock, dropped=self._dropped)
 
     def _conclude(self, item: _Concluded) -> None:
         text = verdict_at_end(item.verdict, list(item.reasons), self._so_far())
         self._panel_utc_ns = 1 << 62
-        self._scene.words(self._scene.running.utc_ns, text)
+        self._scene.words(self._scene.running.utc_ns, text, self._metrics())
         self._scene.stands(self._scene.running.utc_ns, item.verdict)
 
     def finish(self) -> None:

@@ -58,8 +58,8 @@ class SavedView:
         self._scene.flush()
         self._scene.clock(session.clock)
         clock = session.clock[-1] if session.clock else None
-        text = verdict_so_far(self._scene.running, session.link, clock, metrics=metrics)
-        self._scene.words_for_all_times(verdict_at_end(verdict, list(reasons), text))
+        text = verdict_so_far(self._scene.running, session.link, clock)
+        self._scene.words_for_all_times(verdict_at_end(verdict, list(reasons), text), metrics)
         if len(session.frames):
             self._scene.stands(int(session.frames.columns["utc_ns"][0]), verdict)
         self._stream.flush()

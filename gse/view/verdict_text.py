@@ -9,13 +9,8 @@ from gse.view.running_statistics import Moments, Running
 _MARKS = {"PASS": "✔", "FAIL": "✘", "INCONCLUSIVE": "?"}
 
 
-def verdict_so_far(
-    running: Running, link: LinkCounters, clock: ClockReading | None = None, *, dropped: int = 0, metrics: str = ""
-) -> str:
-    """Markdown on a running session; ``dropped`` counts frames that the slow view did not show.
-
-    ``metrics`` is a table in Markdown, below the rest.
-    """
+def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | None = None, *, dropped: int = 0) -> str:
+    """Markdown on a running session; ``dropped`` counts frames that the slow view did not show."""
     limits, last = running.limits, running.last
     share = running.inside / running.d_ra.n if running.d_ra.n else math.nan
     lines = [
@@ -44,8 +39,6 @@ def verdict_so_far(
         lines.append(f"- {running.frames_per_s:.1f} frames per second")
     if dropped:
         lines.append(f"- **not shown here: {dropped}** (the view was too slow; the session has them)")
-    if metrics:
-        lines += ["", "metrics so far, with their 95 % intervals (ECSS-E-ST-60-20C)", "", metrics]
     return "\n".join(lines)
 
 

@@ -59,7 +59,7 @@ def test_frames_are_counted_by_status_and_check():
     made.frames.columns["answer_check"][0] = list(AnswerCheck).index(AnswerCheck.FALSE)
     stats = statistics(made)
     assert {name: count for name, count in stats.statuses.items() if count} == {"IDENTIFIED": 4, "NO_MATCH": 2}
-    assert stats.answer_checks["FALSE"] == 1
+    assert stats.answer_checks["false"] == 1
     assert (stats.frames, stats.frames_expected) == (6, 6)
     assert (stats.onboard.available.count, stats.onboard.available.of) == (3, 6)
     assert (stats.onboard.false_answers.count, stats.onboard.false_answers.of) == (1, 4)

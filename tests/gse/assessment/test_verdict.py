@@ -116,7 +116,9 @@ def test_answers_that_are_all_the_same_number_show_nothing():
 def test_all_frames_excluded_is_inconclusive():
     made = session(600)
     made.excluded = (Exclusion(0, 2**62, "all", Cause.OPERATOR),)
-    assert judge(made).verdict is Verdict.INCONCLUSIVE
+    assessment = judge(made)
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert "all 600 frames are left out: operator: all" in assessment.reasons
 
 
 # Truth
@@ -287,6 +289,14 @@ def test_a_sensor_that_answers_too_late_fails_by_the_time_that_it_states():
 
 
 # What a fitted mount, a mock port and the operator change
+
+
+def test_stars_by_day_on_a_fitted_mount_say_that_clock_or_site_is_wrong():
+    made = aligned(Mount(altitude_deg=45.0), stated=False)
+    made.frames.columns["sun_altitude_deg"] = 23.0
+    assessment = judge(made)
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert any("though the Sun stands 23 deg above" in reason for reason in assessment.reasons)
 
 
 def aligned(mount, *, stated=True):

@@ -8,7 +8,7 @@ from skies.synthetic_night import synthetic_night
 
 from gse.assessment.verdict import judge
 from gse.errors import UsageError
-from gse.report import write_report
+from gse.report.files import write_report
 from gse.report.fingerprint import fingerprint_in
 from gse.report.provenance import provenance
 from gse.report.verification import Answer, compare_pages, read_page, verify
