@@ -1,7 +1,7 @@
 """The facts of the glance page: a listener of the station loop that makes one small document of a session.
 
-``on_results`` and ``on_event`` only append to a queue that drops its oldest item: the loop never waits here. All else is
-done by the thread of the page's server, which calls ``absorb`` and ``document`` a few times per second.
+``on_results`` and ``on_event`` only append to a queue that drops its oldest item: the loop never waits here. All else
+is done by the thread of the page's server, which calls ``absorb`` and ``document`` a few times per second.
 """
 
 import math
