@@ -14,7 +14,7 @@ from gse.assessment.error_series import error_series, with_left_out
 from gse.assessment.field_patterns import field_of_errors
 from gse.assessment.fine_causes import SessionModel
 from gse.assessment.fine_findings import Setting, fine_findings
-from gse.assessment.gross_causes import RawAttitudes, gross_cause
+from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause
 from gse.assessment.statistics import Statistics
 from gse.assessment.time_tags import time_tag_faults
 from gse.finding import Finding
@@ -104,6 +104,12 @@ def _unexplained(session: SessionData, stats: Statistics) -> Iterator[Finding]:
 
 def gross_finding(session: SessionData, counted: CountedFrames) -> Finding | None:
     """The mistake of the set-up, against the stated angles of the mount, whether or not a fit replaced them."""
+    cause = gross_cause_of(session, counted)
+    return cause.finding if cause else None
+
+
+def gross_cause_of(session: SessionData, counted: CountedFrames) -> GrossCause | None:
+    """The same with the errors that it leaves."""
     mount, orientation = session.station.mount, session.earth_orientation
     frames = session.frames.columns
     checked_false = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
@@ -185,11 +191,11 @@ def _unlike(stats: Statistics) -> Iterator[Finding]:
     own = stats.equivalence
     if own is None or own.same:
         return
+    apart = f", the others lie up to {own.separation_arcsec.max:.1f} arcsec apart" if own.both else ""
     yield Finding(
         "sensor answers otherwise",
         f"the sensor's own answers are not the onboard-equivalent ones: of {own.answers}, {own.only_sensor} were "
-        f"answered only by the sensor and {own.only_station} only here, the others lie up to "
-        f"{own.separation_arcsec.max:.1f} arcsec apart",
+        f"answered only by the sensor and {own.only_station} only here{apart}",
         ("another catalogue or identifier in the sensor",),
         "compare frame by frame: frames.csv of gse report SESSION",
     )

@@ -9,6 +9,7 @@ import click
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.finish import TRUNCATED, applied, conclude, judge_as_stated, say_exit_code, show_paths, show_report
 from gse.cli.options import anew_option, change_to, clock_error_option, earth_orientation_option, leave_out_option
+from gse.cli.working import working
 from gse.errors import UsageError
 from gse.station.exclusions import Exclusion
 from gse.station.session_data import SessionData
@@ -100,7 +101,8 @@ def command(
     if page is not None:
         ctx.exit(_verify(page, session, assessment))
     folder = _new_folder(out, path)
-    report = conclude(session, assessment, folder, judged.own_elapsed_us)
+    with working("drawing the report"):
+        report = conclude(session, assessment, folder, judged.own_elapsed_us)
     if browser and pdf:
         click.echo(f"PDF: {print_to_pdf(browser, folder / 'report.html')}", err=True)
     if browser and screenshot:

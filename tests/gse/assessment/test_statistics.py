@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from skies.known_nights import START_NS, frame, session, unanswered
+from skies.one_by_one import add_frame
 
 from gse.assessment.statistics import statistics
 from gse.assessment.subject_statistics import about_circular_mean
@@ -16,7 +17,7 @@ def at_seconds(answered, *, silent=()):
     error = AttitudeError(3.0, -4.0, 5.0, 3.0, 4.0)
     for second in sorted({*answered, *silent}):
         utc_ns = START_NS + second * NS_PER_S
-        made.frames.append(frame(utc_ns, second, error) if second in answered else unanswered(second))
+        add_frame(made.frames, frame(utc_ns, second, error) if second in answered else unanswered(second))
         made.frames.columns["utc_ns"][-1] = utc_ns
     return made
 
