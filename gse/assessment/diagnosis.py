@@ -193,11 +193,11 @@ def _unlike(stats: Statistics) -> Iterator[Finding]:
     own = stats.equivalence
     if own is None or own.same:
         return
+    apart = f", the others lie up to {own.separation_arcsec.max:.1f} arcsec apart" if own.both else ""
     yield Finding(
         "sensor answers otherwise",
         f"the sensor's own answers are not the onboard-equivalent ones: of {own.answers}, {own.only_sensor} were "
-        f"answered only by the sensor and {own.only_station} only here, the others lie up to "
-        f"{own.separation_arcsec.max:.1f} arcsec apart",
+        f"answered only by the sensor and {own.only_station} only here{apart}",
         ("another catalogue or identifier in the sensor",),
         "compare frame by frame: frames.csv of gse report SESSION",
     )

@@ -4,8 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from devices.injected_clocks import InjectedClocks, Sky
+from devices.injected_clocks import MISBEHAVIOURS, InjectedClocks, Sky, until_14_s, wrong_objects
 from skies.known_nights import START_NS, STATION, frame, session
+from skies.one_by_one import add_frame
 
 from gse.assessment.counted_frames import counted_frames, false_answers
 from gse.assessment.statistics import statistics
@@ -27,7 +28,7 @@ def appended(made, result, *, utc_ns=None, host_utc_ns=None, time_us=None):
     panorama = dataclasses.replace(
         result.panorama, **{key: value for key, value in changes.items() if value is not None}
     )
-    made.frames.append(dataclasses.replace(result, panorama=panorama))
+    add_frame(made.frames, dataclasses.replace(result, panorama=panorama))
 
 
 def no_answer(utc_ns, number, *, objects=0):
@@ -67,7 +68,7 @@ def test_frames_that_waited_in_a_buffer_before_the_port_was_read_are_excluded_by
             far_off = dataclasses.replace(result, attitude_error=AttitudeError(-55.0, 0.0, 0.0, 0.0, 0.0))
             appended(made, far_off, utc_ns=read_ns, host_utc_ns=read_ns + 10_000_000)
         else:
-            made.frames.append(result)
+            add_frame(made.frames, result)
     stats = statistics(made)
     ((stretch, count),) = stats.exclusions
     assert stretch.reason.startswith("read up to 3.80 s late: these frames waited")
@@ -131,49 +132,9 @@ def sky():
     return Sky()
 
 
-def until_14_s(bad, good=lambda value: value, *, change=14):
-    return lambda value: bad(value) if value < change else good(value)
-
-
-def in_bunches(true_s):
-    return true_s // 1 + 1
-
-
-MISBEHAVIOURS = {
-    "sound clocks": InjectedClocks(),
-    "stuck tags": InjectedClocks(tag_s=until_14_s(lambda t: 0.0)),
-    "tags 20 % fast": InjectedClocks(tag_s=until_14_s(lambda t: 1.2 * t, lambda t: t + 2.8)),
-    "tags 20 % slow": InjectedClocks(tag_s=until_14_s(lambda t: 0.8 * t, lambda t: t - 2.8)),
-    "a leap ahead": InjectedClocks(tag_s=until_14_s(lambda t: t, lambda t: t + 3)),
-    "a leap back": InjectedClocks(tag_s=until_14_s(lambda t: t, lambda t: t - 3)),
-    "a leap ahead, read in bunches": InjectedClocks(
-        tag_s=until_14_s(lambda t: t, lambda t: t + 3), read_s=until_14_s(in_bunches)
-    ),
-    "a long leap, read in bunches": InjectedClocks(
-        tag_s=until_14_s(lambda t: t, lambda t: t + 15.9), read_s=until_14_s(in_bunches)
-    ),
-    "a real backlog": InjectedClocks(read_s=until_14_s(lambda t: 14.0)),
-    "a clock step at its end": InjectedClocks(utc_s=until_14_s(lambda t: t, lambda t: t + 3)),
-    "a clock an hour ahead": InjectedClocks(utc_s=until_14_s(lambda t: t + 3600)),
-    "frame_no stands still": InjectedClocks(frame_no=until_14_s(lambda n: 7, change=70)),
-    "sequence chaos": InjectedClocks(sequence=until_14_s(lambda n: n * 7919, change=70)),
-    "sequence stands still": InjectedClocks(sequence=until_14_s(lambda n: 5, change=70)),
-    "sequence and tags stand still": InjectedClocks(
-        sequence=until_14_s(lambda n: 5, change=70), tag_s=until_14_s(lambda t: 0.0)
-    ),
-    "nothing moves but the stars": InjectedClocks(
-        sequence=until_14_s(lambda n: 5, change=70),
-        tag_s=until_14_s(lambda t: 0.0),
-        frame_no=until_14_s(lambda n: 5, change=70),
-    ),
-}
-
-
 @pytest.mark.parametrize("clocks", MISBEHAVIOURS.values(), ids=MISBEHAVIOURS.keys())
 def test_no_clock_or_counter_hides_that_stars_were_wrong(sky, clocks):
-    rng = np.random.default_rng(7)
-    wrong_px = [np.clip(xy_px[:4] + rng.normal(0, 40, (4, 2)), 1, 1000) for _, xy_px in sky.frames]
-    session = sky.session(clocks, blind_s=(0.0, 14.0), blind_px=wrong_px)
+    session = sky.session(clocks, blind_s=(0.0, 14.0), blind_px=wrong_objects(sky))
     assessment = judge(session)
     assert assessment.verdict is not Verdict.PASS
     available = assessment.statistics.onboard.available
@@ -396,7 +357,7 @@ def test_a_stretch_without_sense_is_refused(text):
 
 def test_what_is_counted_is_decided_once():
     made = session(600)
-    made.frames.append(frame(START_NS, 700, AttitudeError(9e4, 9e4, 0, 9e4, 9e4), AnswerCheck.FALSE))
+    add_frame(made.frames, frame(START_NS, 700, AttitudeError(9e4, 9e4, 0, 9e4, 9e4), AnswerCheck.FALSE))
     counted = counted_frames(made)
     stats = statistics(made)
     assert stats.onboard.axes["d_de"].n == counted.used.sum() == 600
