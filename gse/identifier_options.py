@@ -56,8 +56,10 @@ class IdentifierOptions:
         """The algorithm, or the name of an external program."""
         if self.algorithm != "external":
             return self.algorithm
-        program = self.entry_point or self.library or (self.command or ("external",))[0]
-        return program.rpartition("/")[2]
+        first, *others = self.command or ("external",)
+        if "/" not in first:  # an interpreter: its script says more
+            first = next((part for part in others if not part.startswith("-")), first)
+        return (self.entry_point or self.library or first).rpartition("/")[2]
 
     def facts(self) -> dict[str, Any]:
         """The options that the algorithm knows, for the report: nothing of the host's folders."""

@@ -93,7 +93,7 @@ def error_bounds(errors: NDArray[np.float64]) -> ErrorBounds:
         len(errors) / n_eff,
         bias,
         _widened(mean_abs, two[0], one[0]),
-        _widened(p95_abs, two[1], one[1]),
+        _widened(_above(p95_abs, mean_abs), two[1], one[1]),
     )
 
 
@@ -154,7 +154,12 @@ def _symmetric(value: float, error: MixedStudent) -> Bounds:
 
 def _of_logarithm(mean: float, half_widths: tuple[float, float], power: float) -> Bounds:
     two, one = (power * half_width / mean for half_width in half_widths)
-    return Bounds(*(mean * _exp(log) for log in (-two, two, -one, one)))
+    return Bounds(mean * _exp(-two), mean * _growth(two), mean * _exp(-one), mean * _growth(one))
+
+
+def _growth(log: float) -> float:
+    """The exponential, beyond 1 its tangent: what is less certain than by its own size has no such skew."""
+    return math.exp(log) if log < 1 else math.e * log
 
 
 def _percentile_95(absolute: NDArray[np.float64], of_mean: tuple[float, float]) -> Bounds:
@@ -195,6 +200,11 @@ def percentile_95(values: NDArray[np.float64]) -> float:
 def _widened(bounds: Bounds, two: NDArray[np.float64], one: NDArray[np.float64]) -> Bounds:
     low, high = min(bounds.low, float(two[0])), max(bounds.high, float(two[1]))
     return Bounds(low, high, min(bounds.lower, float(one[0])), max(bounds.upper, float(one[1])))
+
+
+def _above(bounds: Bounds, least: Bounds) -> Bounds:
+    """Bounds of what is at least as great as something else: a percentile of few values is bounded by 0 alone."""
+    return Bounds(max(bounds.low, least.low), bounds.high, max(bounds.lower, least.lower), bounds.upper)
 
 
 def _beyond(ascending: NDArray[np.float64], log: float, n_eff: float) -> float:

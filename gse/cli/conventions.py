@@ -9,6 +9,7 @@ import click
 
 from gse.cli import EXIT_FAIL
 from gse.cli.options import change_to, say
+from gse.cli.working import working
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -38,8 +39,9 @@ def command(ctx: click.Context, *, path: Path, seconds: float, station_path: Pat
     """
     from gse.assessment.sensor_convention import is_wrong, session_convention
 
-    session = _session(path, station_path, seconds)
-    search = session_convention(session, seconds)
+    with working("comparing the sensor's answers"):
+        session = _session(path, station_path, seconds)
+        search = session_convention(session, seconds)
     if search is None:
         raise UsageError(
             f"{path} has {len(session.sensor_attitudes)} answers of the sensor in {seconds:g} s that can be compared; "
@@ -54,16 +56,19 @@ def _session(path: Path, station_path: Path | None, seconds: float) -> "SessionD
     """The session up to the end of the stretch."""
     from gse.instant import NS_PER_S
     from gse.sessions.replay import replay_session
-    from gse.station.results import FrameResult
+    from gse.station.frame_results import FrameResults
 
     begun: list[int] = []
 
     def stop() -> bool:
         return len(begun) > 1 and begun[1] - begun[0] > (seconds + 1) * NS_PER_S
 
-    def each(results: list[FrameResult]) -> None:
+    def each(results: list[FrameResults]) -> None:
         if results:
-            begun[:] = [begun[0] if begun else results[0].panorama.utc_ns, results[-1].panorama.utc_ns]
+            begun[:] = [
+                begun[0] if begun else int(results[0].panoramas.utc_ns[0]),
+                int(results[-1].panoramas.utc_ns[-1]),
+            ]
 
     return replay_session(path, station=change_to(station_path, None), stop=stop, each=each, tell=say).session
 

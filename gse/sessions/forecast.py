@@ -21,7 +21,8 @@ from drivers.chunk import LinkEvent
 from gse.assessment.session_plan import minutes_left, rows_left
 from gse.assessment.verdict import Assessment, judge
 from gse.report.metric_table import metrics_in_markdown
-from gse.station.results import FrameResult, Verdict
+from gse.station.frame_results import NewResults
+from gse.station.results import Verdict
 from gse.station.session_data import SessionData
 
 EVERY_S = 10.0
@@ -52,7 +53,7 @@ class Forecast:
         self._thread = threading.Thread(target=self._run, name="forecast", daemon=True)
         self._thread.start()
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
+    def on_results(self, results: NewResults, session: SessionData) -> None:
         """Hand a snapshot to the thread where it wants one."""
         if self._wanted.is_set() and len(session.frames) >= _FEWEST_FRAMES:
             self._wanted.clear()

@@ -165,7 +165,9 @@ function connect() {
 
 setInterval(() => {
   const silentMs = performance.now() - heardMs;
-  if (silentMs > LOST_AFTER_MS && !latest?.ended) {
+  const isLost = silentMs > LOST_AFTER_MS && !latest?.ended;
+  document.body.classList.toggle("lost", isLost);
+  if (isLost) {
     const last = latest ? `last word: ${latest.word.text} at ${latest.utc.slice(11, 19)} UTC` : "no word from the station yet";
     putWord(`CONNECTION LOST ${Math.floor(silentMs / 1000)} s`, "bad", `${last}; the session may go on or have ended: gse status shows it`);
   }

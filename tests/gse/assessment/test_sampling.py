@@ -117,6 +117,17 @@ def test_a_session_shorter_than_its_correlation_seldom_passes_at_its_limit():
     assert failed <= 30
 
 
+def test_what_lies_far_beyond_its_limit_fails_however_slowly_it_changes():
+    errors = 78_000 + 10 * np.arange(600.0)
+    assert exceeds(float(np.percentile(errors, 95)), error_bounds(errors).p95_abs.lower, 60.0)
+
+
+def test_a_slow_error_has_bounds_of_the_size_of_what_it_may_have_hidden():
+    errors = 12 * np.sin(np.arange(60.0) / 15) + white(60)
+    bounds = error_bounds(errors)
+    assert bounds.mean_abs.upper < 3 * max(abs(bounds.bias.lower), bounds.bias.upper)
+
+
 @pytest.mark.parametrize("cycles", [1, 1.4, 2])
 def test_the_drift_of_a_sinusoid_of_few_cycles_lies_between_its_bounds(cycles):
     time_s, held, noise = np.arange(3600.0), [], np.random.default_rng(1)
