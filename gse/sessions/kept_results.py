@@ -17,8 +17,8 @@ import os
 import re
 import shutil
 from collections.abc import Mapping
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -148,7 +148,7 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _opened(path: Path) -> BinaryIO:
+def _opened(path: Path) -> BufferedReader:
     """A file to read; ValueError where a pipe, a link or a device stands in its place, which may never end."""
     if path.is_symlink() or not path.is_file():
         raise ValueError(f"{path.name} is no file")
