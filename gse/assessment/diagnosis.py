@@ -68,8 +68,8 @@ def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
     exposure_s = float(np.nanmedian(frames["exposure_s"][series.rows]))
     first_ns = int(frames["utc_ns"][series.rows[0]])
     try:
-        model = SessionModel.of(series, field, station.site, mount, is_fitted=session.alignment is not None)
-        return fine_findings(model, Setting(camera, station.site, mount, first_ns, exposure_s))
+        model = SessionModel.of(series.shortened(), field, station.site, mount, is_fitted=session.alignment is not None)
+        return fine_findings(model, series, Setting(camera, station.site, mount, first_ns, exposure_s))
     except np.linalg.LinAlgError:  # stars or errors that lie on one line: they tell no cause, and end no session
         return ()
 

@@ -21,6 +21,8 @@ MOST_ORDINATES = 128
 """A step is known to a 250th of the session, a sinusoid of up to 60 cycles is seen."""
 FEWEST_FRAMES = 20
 _BLOCKS = 1024
+MOST_INSTANTS = 8 * _BLOCKS
+"""More than the transform can tell apart."""
 _OUTLIER = 5.0
 
 
@@ -35,12 +37,19 @@ class ErrorSeries:
     @property
     def duration_s(self) -> float:
         """From the first to the last."""
-        return float(self.time_s[-1])
+        return float(self.time_s[-1] - self.time_s[0])
 
     @property
     def ordinates(self) -> int:
         """How many of the transform are used."""
         return min(MOST_ORDINATES, len(self.time_s) // 2)
+
+    def shortened(self) -> "ErrorSeries":
+        """MOST_INSTANTS at most: means of neighbours, with the row of the first of each."""
+        edges = np.linspace(0, len(self.rows), min(len(self.rows), MOST_INSTANTS) + 1).astype(np.int64)
+        first, count = edges[:-1], np.diff(edges)
+        time_s = np.add.reduceat(self.time_s, first) / count
+        return ErrorSeries(self.rows[first], time_s, np.add.reduceat(self.errors_arcsec, first) / count[:, None])
 
     def cosines(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
         """The lowest ordinates (K, ...) of columns (M, ...), without the mean; white noise keeps its variance."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gse.assessment.error_series import ErrorSeries
 from gse.assessment.fine_causes import Named, fine_causes
 from gse.assessment.fine_hypotheses import Hypothesis
 from gse.assessment.session_model import SessionModel
@@ -41,13 +42,13 @@ class Setting:
     exposure_s: float
 
 
-def fine_findings(model: SessionModel, setting: Setting) -> tuple[Finding, ...]:
-    """The fine causes of a session as findings; a vibration is one of its own."""
+def fine_findings(model: SessionModel, series: ErrorSeries, setting: Setting) -> tuple[Finding, ...]:
+    """The fine causes of a session as findings; a vibration, which every frame of ``series`` shows, is one of its own."""
     causes = fine_causes(model)
     found = [_WORDS[one.hypothesis.cause](one, setting) for one in causes]
     if model.field is not None:
         periods_s = [one.hypothesis.at_s for one in causes if one.hypothesis.cause == "thermal sinusoid"]
-        shaking = vibration(without_waves(model.series, periods_s), model.field)
+        shaking = vibration(without_waves(series, periods_s), model.field)
         found += [_vibration(shaking)] if shaking else []
     return tuple(found)
 
