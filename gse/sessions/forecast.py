@@ -13,15 +13,17 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
-from gse.assessment.session_plan import NEVER, minutes_left, rows_left
-from gse.assessment.verdict import Assessment, judge
 from gse.station.results import FrameResult, Verdict
 from gse.station.session_data import SessionData
+
+if TYPE_CHECKING:
+    from gse.assessment.verdict import Assessment
 
 EVERY_S = 10.0
 _PAUSES = 100.0
@@ -40,6 +42,7 @@ class Forecast:
     def __init__(self, fill_sky: Callable[[NDArray[np.void]], None] = lambda frames: None) -> None:
         self._fill_sky = fill_sky
         self.text = ""
+        self._begun = threading.Event()
         self._wanted = threading.Event()
         self._wanted.set()
         self._closing = threading.Event()
@@ -49,6 +52,7 @@ class Forecast:
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Hand a snapshot to the thread where it wants one."""
+        self._begun.set()
         if self._wanted.is_set() and len(session.frames) >= _FEWEST_FRAMES:
             self._wanted.clear()
             taken = snapshot(session)
@@ -62,8 +66,14 @@ class Forecast:
         """End the thread; it does not ask again."""
         self._closing.set()
         self._snapshots.put(None)
+        self._begun.set()
 
     def _run(self) -> None:
+        self._begun.wait()  # the first frame is shown before all that judges is imported
+        if self._closing.is_set():
+            return
+        from gse.assessment.verdict import judge
+
         while (session := self._snapshots.get()) is not None:
             began_s = time.thread_time()
             with suppress(Exception):  # a forecast that fails must not end the session; the verdict will say why
@@ -87,8 +97,10 @@ def snapshot(session: SessionData) -> SessionData:
     )
 
 
-def forecast_text(assessment: Assessment) -> str:
+def forecast_text(assessment: "Assessment") -> str:
     """When a verdict is to be expected, in a line."""
+    from gse.assessment.session_plan import NEVER, minutes_left, rows_left
+
     if assessment.verdict is not Verdict.INCONCLUSIVE:
         return f"{assessment.word}, if it ended now"
     minutes = minutes_left(assessment)
