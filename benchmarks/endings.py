@@ -37,7 +37,7 @@ HANG_UP = b"hang up"
 STATES = ("starting", "preparing", "waiting for the port", "running", "closing", "reporting")
 SIGNALS = ("HUP", "INT", "INT twice at once", "INT, and again after 1.5 s", "QUIT", "TERM", "KILL")
 MARKS = {
-    "preparing": "preparing catalogue",
+    "preparing": "recording: ",
     "waiting for the port": "waiting for the port",
     "running": "STREAMING",
     "closing": "closing ",
@@ -58,6 +58,8 @@ class Session:
         def own_terminal() -> None:
             os.setsid()
             fcntl.ioctl(slave, termios.TIOCSCTTY, 0)
+            for number in (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT):
+                signal.signal(number, signal.SIG_DFL)  # this script may run under nohup, or in the background
             before()
 
         command = [*GSE, "run", "--out", str(out), "--clock-error", "1ms", *options]
@@ -87,7 +89,7 @@ class Session:
         until_s = time.monotonic() + PATIENCE_S
         while words not in self.words:
             if self.process.poll() is not None or time.monotonic() > until_s:
-                raise RuntimeError(f"expected {words!r}, but it said:\n{self.words}")
+                raise RuntimeError(f"expected {words!r}, but it said:\n{self.words[-2000:]}")
             time.sleep(0.005)
 
     def send(self, what: str) -> None:

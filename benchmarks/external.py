@@ -11,6 +11,7 @@ import statistics
 import subprocess
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -130,7 +131,10 @@ def _alike(answer: Identification, theirs: object, stars: object, seen: np.ndarr
 def costs(folder: Path) -> None:
     """CPU time of the station per panorama, with a child that answers at once."""
     sensor = SensorDescription("made", FIELD_14_DEG, 4096)
-    made = [panorama for panorama, _ in panoramas(CAMERAS["B"], Conditions("made"), 1000)]
+    made = [
+        replace(panorama, brightness=np.rint(panorama.brightness))  # a wire carries whole counts
+        for panorama, _ in panoramas(CAMERAS["B"], Conditions("made"), 1000)
+    ]
     library = compiled(ECHO_LIBRARY, folder / "echo.so", "-shared", "-fPIC")
     plugs = {"command": {"command": (str(compiled(ECHO, folder / "echo")),)}, "library": {"library": str(library)}}
     print(f"{'plug':10}{'one by one':>14}{'batch of 64':>14}   us of CPU per panorama, median of 5 runs of 960")

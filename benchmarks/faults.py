@@ -2,7 +2,8 @@
 
     python benchmarks/faults.py [PART ...]
 
-Parts: wire, recorder, files, ports, load, readers, signals, changed, strangers, network.
+Parts: wire, recorder, files, ports, load, readers, signals, changed, strangers, network, silence, words, commands, web,
+floats, statuses.
 
 Prints a table with the goal beside each figure; without arguments, all of it (some 20 minutes). The stalled and the
 full disk are real ones, and need root to mount them.
@@ -38,6 +39,7 @@ from devices.hostile_sessions import FILES, write_file, write_flood, write_steer
 from devices.ser2net import PROGRAM, Ser2net
 from devices.terminal import Terminal
 from endings import readers, signals
+from hostile import commands, floats, silence, statuses, web, words
 
 PROTOCOL = load_protocol("panorama-v1")
 FRAMES = 20_000
@@ -74,7 +76,8 @@ def main() -> None:
     """Measure what was asked for and print the table."""
     parts = {"wire": wire, "recorder": recorder, "files": files, "ports": ports, "load": load}
     parts |= {"readers": readers, "signals": signals}
-    parts |= {"changed": changed, "strangers": strangers, "network": network}
+    parts |= {"changed": changed, "strangers": strangers, "network": network, "silence": silence}
+    parts |= {"words": words, "commands": commands, "web": web, "floats": floats, "statuses": statuses}
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.2f}", flush=True)
     for name in sys.argv[1:] or parts:
         with tempfile.TemporaryDirectory() as folder:
@@ -471,8 +474,8 @@ def strangers(folder: Path) -> list[Row]:
         path = make(folder / "session.mcap")
         megabytes = max(path.stat().st_size / 1e6, 1.0)
         codes, most_mib, most_s = set(), 0.0, 0.0
-        for words in (("session", "verify"), ("session", "info"), ("report",)):
-            code, mib, seconds = _measured([str(Path(sys.executable).parent / "gse"), *words, str(path)])
+        for command in (("session", "verify"), ("session", "info"), ("report",)):
+            code, mib, seconds = _measured([str(Path(sys.executable).parent / "gse"), *command, str(path)])
             codes.add(code)
             most_mib, most_s = max(most_mib, mib), max(most_s, seconds / megabytes)
         path.unlink()

@@ -1,20 +1,28 @@
 """Coverage-guided fuzzing of sessions as inputs, with atheris (pip install atheris).
 
-    python benchmarks/fuzz_sessions.py -max_total_time=3600 -max_len=4096          the reader
-    python benchmarks/fuzz_sessions.py --whole -max_total_time=3600 -max_len=4096  replay, verdict and report besides
+    python benchmarks/fuzz_sessions.py -max_total_time=900 -max_len=4096 CORPUS          the reader
+    python benchmarks/fuzz_sessions.py --whole -max_total_time=900 -max_len=4096 CORPUS  replay, verdict, report besides
 
 Each input of the reader is read as a session file, as what follows a true head, and behind right checksums as an
-attachment and as the inside of a chunk, plain and compressed. With ``--whole`` an input says which messages and
-attachments a session has, with right checksums, and that is judged and exported. Anything but an error of ours is a
-find, and so are bytes out of nothing, control characters in what is shown, and JSON that is none.
+attachment and as the inside of a chunk, plain and compressed. With ``--whole`` an input says which protocol, messages
+and attachments a session has, with right checksums, and that is judged and exported. Anything but an error of ours is a
+find, and so are bytes out of nothing, control characters in what is shown, JSON that is none, more than MOST_MIB of
+memory, and more than CPU_S seconds for a MB of input. The inputs that were kept are unpacked with
+
+    unzip benchmarks/seeds.zip -d CORPUS
 """
 
 import contextlib
+import importlib
 import io
 import json
+import pkgutil
+import resource
 import sys
 import tempfile
+import time
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import atheris  # type: ignore[import-not-found]
@@ -22,8 +30,12 @@ import atheris  # type: ignore[import-not-found]
 WHOLE = "--whole" in sys.argv
 if WHOLE:
     # What numba compiles cannot be instrumented.
+    import gse.identifier
     import gse.station.frame_processor
-    import gse.station.setup  # noqa: F401
+    import gse.station.setup
+
+    for module in pkgutil.iter_modules(gse.identifier.__path__, "gse.identifier."):
+        importlib.import_module(module.name)
 with atheris.instrument_imports(include=["drivers", "mcap"] + ["gse", "protocols"] * WHOLE):
     import zstandard
     from mcap.data_stream import RecordBuilder
@@ -37,7 +49,8 @@ with atheris.instrument_imports(include=["drivers", "mcap"] + ["gse", "protocols
     from drivers.session_file.record_scanner import MAGIC, RecordScanner
     from drivers.session_file.records import CLOCK, EVENTS, RX, TX, Damage, Message, Record
     from drivers.session_file.writer import CaptureWriter
-    from protocols.errors import ProtocolError
+    from protocols import Protocol
+    from protocols.errors import EncodeError, ProtocolError
 
     if WHOLE:
         import numpy as np
@@ -45,7 +58,7 @@ with atheris.instrument_imports(include=["drivers", "mcap"] + ["gse", "protocols
         from gse.assessment.verdict import judge
         from gse.config.station import BUILT_IN_TEXT
         from gse.errors import GseError
-        from gse.recording.session_format import TIMING_TOPIC
+        from gse.recording.session_format import ANSWER_TOPIC, LOG_TOPIC, TIMING_TOPIC
         from gse.recording.session_tools import session_info
         from gse.report.frames_csv import frames_csv
         from gse.report.junit import junit_xml
@@ -53,8 +66,12 @@ with atheris.instrument_imports(include=["drivers", "mcap"] + ["gse", "protocols
         from gse.report.terminal import plain_lines
         from gse.sessions.export import export_csv, export_ndjson
         from gse.sessions.replay import replay_session
+        from gse.station.setup import clear_caches
         from protocols import PanoramaMessage, StatusMessage, load_protocol
 
+MOST_MIB = 400
+CPU_S = 10.0
+"""Per MB of input; a small one counts as a MB."""
 HEAD = MAGIC + bytes.fromhex("0122000000000000000b000000") + b"gse-session" + b"\x0f\0\0\0" + b"gse-star-sensor"
 
 
@@ -113,6 +130,7 @@ def one_session(data: bytes) -> None:
         for work in (session_info, _replay, _export):
             with contextlib.suppress(GseError, DriverError, ProtocolError):
                 work(path)
+            clear_caches()
 
 
 def write_session(path: Path, given: "atheris.FuzzedDataProvider") -> None:
@@ -121,7 +139,9 @@ def write_session(path: Path, given: "atheris.FuzzedDataProvider") -> None:
         if given.ConsumeBool():
             station = BUILT_IN_TEXT.replace("rooftop", given.ConsumeUnicode(10)) + given.ConsumeUnicode(30)
             writer.attach("station.yaml", "application/yaml", station.encode("utf-8", "replace"))
-        for name in ("protocol.yaml", "earth_orientation.json", "stated.json"):
+        protocol = PROTOCOLS[given.ConsumeIntInRange(0, len(PROTOCOLS) - 1)]
+        writer.attach("protocol.yaml", "application/yaml", protocol.text.encode())
+        for name in ("protocol.yaml", "earth_orientation.json", "stated.json", "identifier.json"):
             if given.ConsumeIntInRange(0, 7) == 0:
                 writer.attach(name, "application/json", _json(given))
         utc_ns, mono_ns = 1_774_018_800_000_000_000, 0
@@ -129,25 +149,27 @@ def write_session(path: Path, given: "atheris.FuzzedDataProvider") -> None:
             step = given.ConsumeIntInRange(0, 9)
             utc_ns = given.ConsumeIntInRange(0, 2**64 - 1) if step == 0 else utc_ns + 100_000_000
             mono_ns = given.ConsumeIntInRange(0, 2**64 - 1) if step == 1 else mono_ns + 100_000_000
-            topic = given.PickValueInList([RX, RX, RX, RX, TX, EVENTS, CLOCK, TIMING_TOPIC])
-            content = _bytes(given) if topic in (RX, TX) else _json(given)
+            topic = given.PickValueInList([RX, RX, RX, RX, TX, EVENTS, CLOCK, TIMING_TOPIC, ANSWER_TOPIC, LOG_TOPIC])
+            content = _bytes(given, protocol) if topic in (RX, TX, LOG_TOPIC) else _json(given)
             writer.write(Message(topic, min(utc_ns, 2**64 - 1), min(mono_ns, 2**64 - 1), content))
 
 
-def _bytes(given: "atheris.FuzzedDataProvider") -> bytes:
-    kind = given.ConsumeIntInRange(0, 3)
+def _bytes(given: "atheris.FuzzedDataProvider", protocol: Protocol) -> bytes:
+    kind = given.ConsumeIntInRange(0, 4)
     if kind == 0:
         return bytes(given.ConsumeBytes(40))
+    if kind == 4 or "PANORAMA" not in protocol.frame_layout.names.values():
+        return _any_message(given, protocol)
     sequence, time_us = (
         given.ConsumeIntInRange(0, 65535),
         given.ConsumeIntInRange(0, 2 ** given.PickValueInList([40, 64]) - 1),
     )
-    if kind == 1:
-        return PROTOCOL.encode(
+    if kind == 1 and "STATUS" in protocol.frame_layout.names.values():
+        return protocol.encode(
             StatusMessage(time_us=time_us, temperature_c=20.0, supply_v=5.0, mode="standby", firmware=(1, 2, 3)),
             sequence,
         )
-    count = given.ConsumeIntInRange(0, 30)
+    count = given.ConsumeIntInRange(0, min(30, protocol.slots))
     rng = np.random.default_rng(given.ConsumeIntInRange(0, 255))
     message = PanoramaMessage(
         time_us=time_us,
@@ -158,12 +180,23 @@ def _bytes(given: "atheris.FuzzedDataProvider") -> bytes:
         xy_px=np.floor(rng.uniform(0, 1023, (count, 2))),
         index=np.sort(rng.integers(1, 4096, count))[::-1].astype(float),
     )
-    return PROTOCOL.encode(message, sequence)
+    with contextlib.suppress(EncodeError):  # brighter than this protocol can say
+        return protocol.encode(message, sequence)
+    return b""
+
+
+def _any_message(given: "atheris.FuzzedDataProvider", protocol: Protocol) -> bytes:
+    """Any bytes as any message, behind a right checksum: numbers that are none, words that nobody knows."""
+    code = given.PickValueInList(list(protocol.frame_layout.names))
+    size = protocol.frame_layout.sizes[code]
+    content = bytes(given.ConsumeBytes(size)).ljust(size, b"\0")
+    return protocol.encode_payload(protocol.frame_layout.names[code], content, given.ConsumeIntInRange(0, 65535))
 
 
 def _json(given: "atheris.FuzzedDataProvider") -> bytes:
     keys = ["kind", "text", "utc_ns", "mono_ns", "source", "synchronised", "offset_s", "error_bound_s", "time_us",
-            "elapsed_us", "clock_error_s"]  # fmt: skip
+            "elapsed_us", "clock_error_s", "frame_no", "answer", "failure", "ra_deg", "de_deg", "quaternion", "matches",
+            "name", "version"]  # fmt: skip
     values = [
         lambda: given.ConsumeUnicode(12),
         lambda: given.PickValueInList(["CLOCK_STEP", "LOST", "REOPENED", "ALIGNED", "CLOSED"]),
@@ -172,6 +205,8 @@ def _json(given: "atheris.FuzzedDataProvider") -> bytes:
         given.ConsumeBool,
         lambda: None,
         list,
+        lambda: [given.ConsumeFloat() for _ in range(4)],
+        lambda: {"ra_deg": given.ConsumeFloat(), "de_deg": 0.0, "frame_no": 1},
     ]
     chosen = [key for key in keys if given.ConsumeIntInRange(0, 3)]
     document = {key: given.PickValueInList(values)() for key in chosen}
@@ -198,9 +233,24 @@ def _export(path: Path) -> None:
     list(read_capture(path))
 
 
+def bounded(work: Callable[[bytes], None]) -> Callable[[bytes], None]:
+    """The same work, which is a find where it takes too much memory or time."""
+
+    def run(data: bytes) -> None:
+        began_s = time.process_time()
+        work(data)
+        elapsed_s = time.process_time() - began_s
+        assert elapsed_s <= CPU_S * max(1.0, len(data) / 1e6), f"{elapsed_s:.1f} s for {len(data)} bytes"
+        mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        assert mib <= MOST_MIB, f"{mib:.0f} MiB"
+
+    return run
+
+
 if __name__ == "__main__":
     if WHOLE:
         sys.argv.remove("--whole")
-        PROTOCOL = load_protocol("panorama-v1")
-    atheris.Setup(sys.argv, one_session if WHOLE else one_file)
+        PROTOCOLS = [load_protocol(name) for name in ("panorama-v1", "attitude-quaternion", "panorama-slip-xxhash")]
+        one_session(b"")  # compiles, and loads catalogue and tables
+    atheris.Setup(sys.argv, bounded(one_session if WHOLE else one_file))
     atheris.Fuzz()

@@ -1,11 +1,13 @@
 """Mutation score of the rooms whose answers decide a verdict: how many small faults do their tests notice?
 
     python benchmarks/mutation.py --rooms assessment,station --sample 200 --seed 1
-    python benchmarks/mutation.py --rooms truth --sample 60 --only gse/truth/alignment.py
+    python benchmarks/mutation.py --rooms truth --sample 60 --only gse/truth/alignment.py --near
 
 A random sample of mutants per room, each in a copy of the tree in a temporary folder, against the tests of its room,
 those that import the mutated module first, until one fails. The golden replays are left out: ``gse ci --update`` would
-bless a wrong report. Machine code is compiled anew for a mutated module and for the modules that import it.
+bless a wrong report. A mutant is put in the place of the module in a process that has all of gse in memory already: a
+second instead of six. Where that cannot work (machine code, which is compiled anew for a mutated module and for those
+that import it) and where it survives, a process of its own reads the mutated tree.
 
 Mutations: comparison (boundary and negation), arithmetic, number (an integer plus and minus 1, a float doubled and
 halved), Boolean constant, ``and`` and ``or``, condition negated, ``min`` and ``max``, ``any`` and ``all``, minus sign
@@ -25,6 +27,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import types
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -80,6 +83,8 @@ LIBRARIES = (
 
 SLOWER = 4
 """A mutant is stopped after so many times the processor time of the sound tests, and a minute more to compile."""
+
+NEAR_CPU_S = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,32 +251,46 @@ def _shown(node: ast.AST) -> str:
     return "; ".join(line.strip() for line in ast.unparse(node).splitlines()[:2])[:90]
 
 
-def importers(tree: Path, module: str) -> set[str]:
-    """The modules that import one, and theirs: their machine code may contain its own."""
+def importers(tree: Path, module: str) -> list[set[str]]:
+    """The module, those that import it, those that import these, ...: their machine code may contain its own."""
     texts = {str(path.relative_to(tree)): path.read_text() for path in (tree / "gse").rglob("*.py")}
-    found, new = {module}, {module}
-    while new:
-        names = [f"from {name[:-3].replace('/', '.')} import" for name in new]
-        new = {path for path, text in texts.items() if any(name in text for name in names)} - found
-        found |= new
-    return found
+    steps = [{module}]
+    while steps[-1]:
+        names = [_import_of(name) for name in steps[-1]]
+        new = {path for path, text in texts.items() if any(name in text for name in names)}
+        steps.append(new.difference(*steps))
+    return steps
 
 
-def tests_of(tree: Path, room: Room, module: str) -> list[str]:
-    """The test files of a room: those that import the module, those named after it, and the others."""
-    name, stem = module[:-3].replace("/", "."), Path(module).stem
-    package = str(Path(module).parent).replace("/", ".")
+def _import_of(module: str) -> str:
+    return f"from {module[:-3].replace('/', '.')} import"
+
+
+def _test_of(module: str) -> str:
+    return f"test_{Path(module).stem}.py"
+
+
+def tests_of(tree: Path, room: Room, module: str) -> list[list[str]]:
+    """The test files of a room in two parts: the nearest to a module, and the others.
+
+    A file is named after it, or imports it, or where none does imports what imports it. Most mutants fall to the first
+    part, and the files of the second need not be imported for them.
+    """
     files = [path for folder in room.tests for path in sorted((tree / folder).rglob("test_*.py"))]
+    steps = importers(tree, module) if module else []
 
     def rank(path: Path) -> tuple[int, bool]:
         text = path.read_text()
         slow = "astropy" in text or "skyfield" in text
-        if f"test_{stem}.py" == path.name:
+        if path.name == _test_of(module):
             return 0, slow
-        return 1 if f"from {name} import" in text else 2 if f"from {package} import" in text else 3, slow
+        near = (any(_import_of(name) in text or path.name == _test_of(name) for name in names) for names in steps)
+        return next((1 + step for step, is_near in enumerate(near) if is_near), 1 + len(steps)), slow
 
-    files.sort(key=rank)
-    return [name for name in (str(path.relative_to(tree)) for path in files) if name not in WITHOUT]
+    files = sorted((path for path in files if str(path.relative_to(tree)) not in WITHOUT), key=rank)
+    near = sum(rank(path)[0] <= max(rank(files[0])[0], 1) for path in files)
+    names = [str(path.relative_to(tree)) for path in files]
+    return [part for part in (names[:near], names[near:]) if part]
 
 
 def copy_of_tree(folder: Path) -> Path:
@@ -286,23 +305,27 @@ def copy_of_tree(folder: Path) -> Path:
 
 
 class Tester:
-    """A process that has the libraries in memory, and forks for each run of the tests: half the time of a new one."""
+    """A process that forks for each run of the tests; it has the libraries in memory, or with ``whole`` all of gse."""
 
-    def __init__(self, tree: Path) -> None:
+    def __init__(self, tree: Path, *, whole: bool = False) -> None:
         self.tree = tree
         self._process = subprocess.Popen(
-            ["nice", "-n", "5", sys.executable, __file__, "--serve", str(tree)],
+            [sys.executable, __file__, "--serve", str(tree), *(["--whole"] if whole else [])],
             env=os.environ | {"PYTHONPATH": str(tree), "PYTHONHASHSEED": "0"},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
         )
 
-    def outcome(self, files: list[str], most_cpu_s: int) -> tuple[str, float]:
-        """What the tests say of the tree: ``survived``, ``killed`` or ``timeout``, and their processor time in s."""
+    def outcome(self, files: list[str], most_cpu_s: int, mutant: Mutant | None = None) -> tuple[str, float]:
+        """What the tests say of the tree: ``survived``, ``killed`` or ``timeout``, and their processor time in s.
+
+        A ``mutant`` takes the place of its module in memory.
+        """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        print(json.dumps([files, most_cpu_s]), file=self._process.stdin, flush=True)
+        replaced = (mutant.module, mutant.source) if mutant else None
+        print(json.dumps([files, most_cpu_s, replaced]), file=self._process.stdin, flush=True)
         word, cpu_s = json.loads(self._process.stdout.readline())
         return word, cpu_s
 
@@ -311,8 +334,8 @@ class Tester:
         self._process.communicate()
 
 
-def serve(tree: Path) -> None:
-    """Read test files and a limit of processor time, line by line, and write what the tests say."""
+def serve(tree: Path, *, whole: bool) -> None:
+    """Read test files, a limit of processor time and a mutant, line by line, and write what the tests say."""
     os.chdir(tree)
     sys.path[0] = str(tree)
     for name in LIBRARIES:
@@ -320,11 +343,17 @@ def serve(tree: Path) -> None:
     iers = importlib.import_module("astropy.utils.iers")
     iers.IERS_Auto.read = functools.cache(iers.IERS_Auto.read)  # Each run of the tests reads it anew: 1.5 s.
     iers.IERS_Auto.read()
+    if whole:
+        sys.path.append(str(tree / "tests"))
+        for path in (*sorted((tree / "gse").rglob("*.py")), *sorted((tree / "tests" / "skies").glob("*.py"))):
+            if path.stem not in ("__main__", "__init__"):
+                base = tree / "tests" if "skies" in path.parts else tree
+                importlib.import_module(".".join(path.relative_to(base).with_suffix("").parts))
     for line in sys.stdin:
         print(json.dumps(_forked(*json.loads(line))), flush=True)
 
 
-def _forked(files: list[str], most_cpu_s: int) -> tuple[str, float]:
+def _forked(files: list[str], most_cpu_s: int, replaced: tuple[str, str] | None) -> tuple[str, float]:
     child = os.fork()
     if child == 0:
         resource.setrlimit(resource.RLIMIT_CPU, (most_cpu_s, most_cpu_s))
@@ -332,24 +361,89 @@ def _forked(files: list[str], most_cpu_s: int) -> tuple[str, float]:
         for stream in (0, 1, 2):
             os.dup2(nowhere, stream)
         options = ["-x", "-q", "-n", "0", "--assert=plain", "-p", "no:cacheprovider", "--hypothesis-profile", "ci"]
+        try:
+            if replaced:
+                replace_in_memory(*replaced)
+        except (KeyError, ValueError):
+            os._exit(0)  # No function or constant: the tree will tell.
         os._exit(int(importlib.import_module("pytest").main([*options, *files])))
     _, status, usage = os.wait4(child, 0)
     word = "survived" if status == 0 else "timeout" if os.WIFSIGNALED(status) else "killed"
     return word, usage.ru_utime + usage.ru_stime
 
 
-def with_mutant(tester: Tester, mutant: Mutant, room: Room, most_cpu_s: int) -> str:
-    """The outcome of one mutant; the tree is the same again afterwards."""
+def replace_in_memory(module: str, source: str) -> None:
+    """Let the one statement of a loaded module that a mutated source has otherwise take effect.
+
+    Functions and methods keep their identity and take the new code; a constant is replaced wherever it was imported.
+    """
+    old = importlib.import_module(module[:-3].replace("/", "."))
+    pairs = zip(ast.parse(Path(str(old.__file__)).read_text()).body, ast.parse(source).body, strict=True)
+    (changed,) = (new for sound, new in pairs if ast.dump(sound) != ast.dump(new))
+    names = dict(vars(old))
+    exec(compile(ast.Module([changed], []), str(old.__file__), "exec", dont_inherit=True), names)  # noqa: S102
+    for name in _names(changed):
+        before, value = vars(old)[name], names[name]
+        if isinstance(before, type):
+            for key, part in vars(before).items():
+                _take_code(part, vars(value).get(key))
+        elif not _take_code(before, value):
+            for other in list(sys.modules.values()):
+                if getattr(other, "__dict__", {}).get(name) is before:
+                    setattr(other, name, value)
+
+
+def _take_code(old: object, new: object) -> bool:
+    """Whether these are functions; the old one then does what the new one does."""
+    if isinstance(old, property) and isinstance(new, property):
+        return _take_code(old.fget, new.fget)
+    if hasattr(old, "cache_clear"):
+        old.cache_clear()
+    old, new = (getattr(one, "__wrapped__", getattr(one, "__func__", one)) for one in (old, new))
+    if not isinstance(old, types.FunctionType) or not isinstance(new, types.FunctionType):
+        return False
+    if len(old.__code__.co_freevars) == len(new.__code__.co_freevars):
+        old.__code__, old.__defaults__, old.__kwdefaults__ = new.__code__, new.__defaults__, new.__kwdefaults__
+    return True
+
+
+def with_mutant(
+    testers: tuple[Tester, Tester], mutant: Mutant, parts: list[list[str]], most_cpu_s: int, *, near: bool = False
+) -> str:
+    """The outcome of one mutant under test files, part by part: in memory first, then in a tree.
+
+    ``near`` is in memory and by the first part alone, where that can be.
+    """
+    slow, fast = testers
+    in_memory = "@compiled" not in mutant.source
+    if near:
+        parts = parts[:1]
+        _expect_sound(fast, tuple(parts[0]))
+    for files in parts if in_memory else ():
+        if (word := fast.outcome(files, most_cpu_s, mutant)[0]) != "survived":
+            return word
+    return "survived" if near and in_memory else in_tree(slow, mutant, parts, most_cpu_s)
+
+
+@functools.cache
+def _expect_sound(tester: Tester, files: tuple[str, ...]) -> None:
+    if tester.outcome(list(files), NEAR_CPU_S)[0] != "survived":
+        sys.exit(f"without any mutant, some test fails in {' '.join(files)}")
+
+
+def in_tree(tester: Tester, mutant: Mutant, parts: list[list[str]], most_cpu_s: int) -> str:
+    """The outcome of one mutant in the tree, which is the same again afterwards."""
     tree = tester.tree
     path, sound = tree / mutant.module, tree / "sound.py"
-    modules = importers(tree, mutant.module)
+    modules = set().union(*importers(tree, mutant.module))
     machine_code = {code: code.read_bytes() for code in _machine_code(tree, modules)}
     for code in machine_code:
         code.unlink()
     path.rename(sound)
     path.write_text(mutant.source)
     try:
-        return tester.outcome(tests_of(tree, room, mutant.module), most_cpu_s)[0]
+        said = (tester.outcome(files, most_cpu_s)[0] for files in parts)
+        return next((word for word in said if word != "survived"), "survived")
     finally:
         sound.replace(path)
         for code in _machine_code(tree, modules):
@@ -364,25 +458,30 @@ def _machine_code(tree: Path, modules: set[str]) -> list[Path]:
     return [code for path in paths for code in path.parent.glob(f"__pycache__/{path.stem}.*.nb?")]
 
 
-def score(name: str, mutants: list[Mutant], testers: SimpleQueue[Tester], workers: int) -> None:
+def score(
+    name: str, mutants: list[Mutant], testers: SimpleQueue[tuple[Tester, Tester]], options: argparse.Namespace
+) -> None:
     """Run the mutants of a room, and print its line of the table and its survivors."""
-    room, tester = ROOMS[name], testers.get()
-    word, cpu_s = tester.outcome(tests_of(tester.tree, room, ""), 3600)
-    if word != "survived":
-        sys.exit(f"the tests of {name} fail without any mutant")
-    most_cpu_s = round(SLOWER * cpu_s) + 60
-    testers.put(tester)
+    room, both = ROOMS[name], testers.get()
+    most_cpu_s = NEAR_CPU_S
+    if not options.near:
+        word, cpu_s = both[1].outcome([name for part in tests_of(both[0].tree, room, "") for name in part], 3600)
+        if word != "survived":
+            sys.exit(f"the tests of {name} fail without any mutant")
+        most_cpu_s = round(SLOWER * cpu_s) + 60
+    testers.put(both)
 
     def one(mutant: Mutant) -> str:
-        tester = testers.get()
+        both = testers.get()
         try:
-            said = with_mutant(tester, mutant, room, most_cpu_s)
+            parts = tests_of(both[0].tree, room, mutant.module)
+            said = with_mutant(both, mutant, parts, most_cpu_s, near=options.near)
         finally:
-            testers.put(tester)
+            testers.put(both)
         print(f"{said:9} {mutant.module}:{mutant.line}  {mutant.change}", file=sys.stderr, flush=True)
         return said
 
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(options.workers) as pool:
         said = list(pool.map(one, mutants))
     count = {word: said.count(word) for word in ("killed", "timeout", "survived")}
     share = 100 * (1 - count["survived"] / max(len(said), 1))
@@ -408,24 +507,27 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", help="only modules whose path contains this")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--near", action="store_true", help="only tests that import the module: a bound from below")
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--whole", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.serve:
-        serve(options.serve)
+        serve(options.serve, whole=options.whole)
         return
     if unknown := set(options.rooms.split(",")) - set(ROOMS):
         parser.error(f"no room is called {sorted(unknown)[0]}; known are: {', '.join(ROOMS)}")
     with tempfile.TemporaryDirectory(prefix="gse-mutation-") as folder:
-        made = [Tester(copy_of_tree(Path(folder) / str(number))) for number in range(options.workers)]
-        testers: SimpleQueue[Tester] = SimpleQueue()
-        for tester in made:
-            testers.put(tester)
+        trees = [copy_of_tree(Path(folder) / str(number)) for number in range(options.workers)]
+        made = [(Tester(tree), Tester(tree, whole=True)) for tree in trees]
+        testers: SimpleQueue[tuple[Tester, Tester]] = SimpleQueue()
+        for both in made:
+            testers.put(both)
         print(f"seed {options.seed}, {options.sample} mutants per room, without the golden replays")
         print(f"{'room':12} {'of':>5} {'killed':>7} {'timeout':>8} {'survived':>9} {'score':>7}", flush=True)
         rooms = {name: sampled(name, options) for name in options.rooms.split(",")}
         for name, mutants in rooms.items():
-            score(name, mutants, testers, options.workers)
-        for tester in made:
+            score(name, mutants, testers, options)
+        for tester in (one for both in made for one in both):
             tester.close()
 
 

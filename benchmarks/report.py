@@ -33,7 +33,7 @@ def one(count: int) -> None:
     started = time.process_time()
     sys.path.insert(0, str(ROOT / "tests"))
     from gse.assessment.verdict import judge
-    from gse.report import write_report
+    from gse.report.files import write_report
     from gse.sessions.kept_results import keep, kept
     from gse.tables import ResultKey
 

@@ -1,9 +1,11 @@
 """Coverage of the sampling bounds, risks of the decision, power, plan against simulation.
 
-    python benchmarks/sampling.py [--quick] [--sessions 10000]
+    python benchmarks/sampling.py [--sessions 10000] [--frames 60 600 3600 36000] [--workers 2] [--no-plan]
 
-Each cell is a process (white, exponential correlation, sinusoid of random phase with white noise), a length and a bias;
-its sessions are errors, not bytes. Two processes work at once.
+Each cell is a process (white, exponential correlation, sinusoid of random phase with white noise) and a length; its
+sessions are errors, not bytes, without and with a bias of two standard deviations. Time counts in frames: a
+correlation of 300 s at 1 Hz and one of 30 s at 10 Hz are the same. Sessions have ten seconds at least: shorter ones
+have no bounds.
 """
 
 import argparse
@@ -17,6 +19,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from gse.assessment.axis_statistics import drift
 from gse.assessment.guard_band import exceeds, keeps
@@ -25,116 +28,106 @@ from gse.assessment.sampling import error_bounds
 
 TRUE_VALUES = 1_000_000
 WHITE_SHARE = 0.2
+BIASES = (0.0, 2.0)
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A process of standard deviation 1: ``time_s`` is the time constant, or the period where ``wave``."""
+    """A process of standard deviation 1: ``time`` is the time constant, or the period where ``wave``, in frames."""
 
     n: int
-    step_s: float
-    time_s: float
-    bias: float
+    time: float
     wave: bool = False
-
-    @property
-    def duration_s(self) -> float:
-        """Length of a session."""
-        return self.n * self.step_s
 
     @property
     def name(self) -> str:
         """The process, in words."""
-        return f"sinusoid {self.time_s:g} s" if self.wave else f"tau {self.time_s:g} s" if self.time_s else "white"
+        return f"sinusoid {self.time:g}" if self.wave else f"tau {self.time:g}" if self.time else "white"
 
     @property
     def n_eff(self) -> float:
         """Independent values in the mean; NaN for a sinusoid, whose mean has no noise but the white."""
         if self.wave:
             return math.nan
-        kept = math.exp(-self.step_s / self.time_s) if self.time_s else 0.0
+        kept = math.exp(-1 / self.time) if self.time else 0.0
         lags = np.arange(1, self.n)
         return self.n / (1 + 2 * float(((1 - lags / self.n) * kept**lags).sum()))
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Shares of the sessions of a cell: coverage of those given bounds, decisions of all."""
+    """Shares of the sessions of a cell with one bias: coverage (bias, mean, 95 %, drift), decisions (mean, 95 %)."""
 
     cell: Cell
-    coverage: tuple[float, float, float, float]
-    passes_at_limit: tuple[float, float]
-    fails_at_limit: tuple[float, float]
+    bias: float
+    coverage: tuple[float, ...]
+    passes_at_limit: tuple[float, ...]
+    fails_at_limit: tuple[float, ...]
     passes_at_half: float
-    given: float
     n_eff: float
 
 
 def cells() -> list[Cell]:
-    """White noise, three correlation times, two frame rates, periods up to the session's length."""
-    correlated = [
-        Cell(n, step_s, time_s, bias)
-        for bias in (0.0, 2.0)
-        for n, step_s in ((60, 0.1), (60, 1.0), (600, 0.1), (600, 1.0), (3600, 1.0), (36_000, 0.1), (36_000, 1.0))
-        for time_s in (0.0, 3.0, 30.0, 300.0)
+    """Correlation times of 3, 30 and 300 s at 1 and 10 frames/s, periods from 5 min to the session's length."""
+    times = {60: (0, 3, 30, 300), 600: (0, 3, 30, 300, 3000), 3600: (0, 3, 30, 300), 36_000: (0, 3, 30, 300, 3000)}
+    periods = {600: (300, 600), 3600: (300, 1000, 2500, 3600)}
+    return [
+        *(Cell(n, float(time)) for n, of_length in times.items() for time in of_length),
+        *(Cell(n, float(period), wave=True) for n, of_length in periods.items() for period in of_length),
     ]
-    waves = [
-        Cell(n, 1.0, period_s, bias, wave=True)
-        for bias in (0.0, 2.0)
-        for n, period_s in ((600, 300.0), (600, 600.0), (3600, 300.0), (3600, 1000.0), (3600, 2500.0), (3600, 3600.0))
-    ]
-    return correlated + waves
 
 
 def errors(cell: Cell, generator: np.random.Generator, sessions: int) -> NDArray[np.float64]:
-    """Sessions (sessions, n) of a cell."""
-    if not cell.wave:
-        kept = math.exp(-cell.step_s / cell.time_s) if cell.time_s else 0.0
-        return simulated_errors(Expected(cell.bias, 1.0, (1 + kept) / (1 - kept), 1.0), cell.n, sessions, generator)
-    turns = np.arange(cell.n) * cell.step_s / cell.time_s + generator.random((sessions, 1))
-    noise = math.sqrt(WHITE_SHARE) * generator.standard_normal((sessions, cell.n))
-    return np.asarray(cell.bias + math.sqrt(2 - 2 * WHITE_SHARE) * np.sin(2 * math.pi * turns) + noise)
+    """Sessions (sessions, n) of a cell, without bias."""
+    white = generator.standard_normal((sessions, cell.n))
+    if cell.wave:
+        turns = np.arange(cell.n) / cell.time + generator.random((sessions, 1))
+        return np.asarray(math.sqrt(2 - 2 * WHITE_SHARE) * np.sin(2 * math.pi * turns) + math.sqrt(WHITE_SHARE) * white)
+    if not cell.time:
+        return white
+    kept = math.exp(-1 / cell.time)
+    white[:, 1:] *= math.sqrt(1 - kept**2)
+    return np.asarray(lfilter([1.0], [1.0, -kept], white, axis=1))
 
 
-def truth(cell: Cell) -> tuple[float, float]:
+def truth(cell: Cell, bias: float) -> tuple[float, float]:
     """Mean and 95th percentile of the absolute errors of all sessions."""
-    one = Cell(1, cell.step_s, cell.time_s, cell.bias, cell.wave)
-    absolute = np.abs(errors(one, np.random.default_rng(0), TRUE_VALUES)[:, 0])
+    one = errors(Cell(1, cell.time, cell.wave), np.random.default_rng(0), TRUE_VALUES)[:, 0]
+    absolute = np.abs(one + bias)
     return float(absolute.mean()), float(np.percentile(absolute, 95))
 
 
-def measure(task: tuple[Cell, int]) -> Outcome:
-    """All sessions of a cell."""
+def measure(task: tuple[Cell, int]) -> list[Outcome]:
+    """All sessions of a cell, with each bias."""
     cell, sessions = task
-    true, generator = truth(cell), np.random.default_rng(2)
-    time_s = np.arange(cell.n) * cell.step_s
+    true = [truth(cell, bias) for bias in BIASES]
+    generator, seconds = np.random.default_rng(2), np.arange(cell.n, dtype=np.float64)
     chunk = max(min(sessions, 2_000_000 // cell.n), 1)
-    rows = []
-    for _ in range(math.ceil(sessions / chunk)):
-        rows += [_session(one, time_s, cell.bias, true) for one in errors(cell, generator, chunk)]
-    given = [row for row in rows if row is not None]
-    shares = np.mean([row[:9] for row in given], axis=0) if given else np.full(9, math.nan)
-    number = float(np.median([row[9] for row in given])) if given else math.nan
-    shares[4:9] *= len(given) / len(rows)  # a session without bounds neither passes nor fails
-    coverage = (shares[0], shares[1], shares[2], shares[3])
+    rows: list[list[tuple[float, ...]]] = [[] for _ in BIASES]
+    for first in range(0, sessions, chunk):
+        for one in errors(cell, generator, min(chunk, sessions - first)):
+            slopes = drift(seconds, one)[1]
+            for place, bias in enumerate(BIASES):
+                rows[place].append((*_session(one + bias, bias, true[place]), slopes.low <= 0 <= slopes.high))
+    return [outcome(cell, bias, np.array(of_bias)) for bias, of_bias in zip(BIASES, rows, strict=True)]
+
+
+def outcome(cell: Cell, bias: float, rows: NDArray[np.float64]) -> Outcome:
+    """The shares of what each session gave (rows, in the order of _session, drift last)."""
+    shares = [float(share) for share in rows.mean(axis=0)]
+    coverage = (*shares[:3], shares[9])
     return Outcome(
-        cell, coverage, (shares[4], shares[5]), (shares[6], shares[7]), shares[8], len(given) / len(rows), number
+        cell, bias, coverage, tuple(shares[3:5]), tuple(shares[5:7]), shares[7], float(np.median(rows[:, 8]))
     )
 
 
-def _session(
-    one: NDArray[Any], time_s: NDArray[Any], bias: float, true: tuple[float, float]
-) -> tuple[float, ...] | None:
+def _session(one: NDArray[Any], bias: float, true: tuple[float, float]) -> tuple[float, ...]:
     bounds, absolute = error_bounds(one), np.abs(one)
-    _, slopes = drift(time_s, one)
     values = float(absolute.mean()), float(np.percentile(absolute, 95))
     both = bounds.mean_abs, bounds.p95_abs
-    if math.isnan(bounds.bias.low):
-        return None
     return (
         bounds.bias.low <= bias <= bounds.bias.high,
         *(part.low <= value <= part.high for part, value in zip(both, true, strict=True)),
-        slopes.low <= 0 <= slopes.high,
         *(keeps(value, part.upper, limit) for value, part, limit in zip(values, both, true, strict=True)),
         *(exceeds(value, part.lower, limit) for value, part, limit in zip(values, both, true, strict=True)),
         all(keeps(value, part.upper, 2 * limit) for value, part, limit in zip(values, both, true, strict=True)),
@@ -179,21 +172,21 @@ def _passing(expected: Expected, limit: float, standard: float, n: int, sessions
 def main() -> None:
     """Measure all and print the tables in Markdown."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="100 sessions a cell, and no cells of 36,000 frames")
     parser.add_argument("--sessions", type=int, default=10_000)
-    arguments = parser.parse_args()
-    sessions = 100 if arguments.quick else arguments.sessions
-    chosen = [cell for cell in cells() if not (arguments.quick and cell.n > 3600)]
-    with ProcessPoolExecutor(2) as pool:
-        print(f"{sessions} sessions a cell; true n_eff, then medians and shares in %.\n")
-        print("| process | frames | step s | bias | n_eff true | found | given | bias | mean | 95 % | drift |", end="")
-        print(" PASS at limit mean | 95 % | FAIL at limit mean | 95 % | PASS at half |")
-        print("|" + "---|" * 16)
-        for outcome in pool.map(measure, [(cell, sessions) for cell in chosen]):
-            print(row(outcome), flush=True)
+    parser.add_argument("--frames", type=int, nargs="*", default=[60, 600, 3600, 36_000], help="lengths of sessions")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--no-plan", action="store_true")
+    given = parser.parse_args()
+    with ProcessPoolExecutor(given.workers) as pool:
+        print(f"{given.sessions} sessions a cell; true n_eff, then its median and shares in %.\n")
+        print("| process | frames | bias | n_eff true | found | bias | mean | 95 % | drift |", end="")
+        print(" PASS at limit | FAIL at limit | PASS at half |\n" + "|---" * 12 + "|")
+        chosen = [(cell, given.sessions) for cell in cells() if cell.n in given.frames]
+        for of_cell in pool.map(measure, chosen):
+            print("\n".join(map(row, of_cell)), flush=True)
+        asked = [] if given.no_plan else [(plan, min(given.sessions, 1000)) for plan in plans()]
         print("\n| bias | noise | tau s | frames/s | limit | truth | planned | needed | PASS in % after the plan's |")
-        print("|" + "---|" * 9)
-        asked = [(plan, min(sessions, 1000)) for plan in plans()]
+        print("|---" * 9 + "|")
         for (plan, _), (planned, simulated, share) in zip(asked, pool.map(needed, asked), strict=True):
             expected, limit, standard = plan
             print(
@@ -203,14 +196,16 @@ def main() -> None:
             )
 
 
-def row(outcome: Outcome) -> str:
+def row(one: Outcome) -> str:
     """A line of the first table."""
-    cell = outcome.cell
+    cell = one.cell
     true = "" if cell.wave else f"{cell.n_eff:.3g}"
-    shares = (outcome.given, *outcome.coverage, *outcome.passes_at_limit, *outcome.fails_at_limit)
-    numbers = " | ".join(f"{100 * share:.1f}" for share in (*shares, outcome.passes_at_half))
-    head = f"| {cell.name} | {cell.n} | {cell.step_s:g} | {cell.bias:g} | {true} | {outcome.n_eff:.3g}"
-    return f"{head} | {numbers} |"
+    coverage = " | ".join(f"{100 * share:.1f}" for share in one.coverage)
+    passes, fails = (
+        " / ".join(f"{100 * share:.1f}" for share in both) for both in (one.passes_at_limit, one.fails_at_limit)
+    )
+    head = f"| {cell.name} | {cell.n} | {one.bias:g} | {true} | {one.n_eff:.3g}"
+    return f"{head} | {coverage} | {passes} | {fails} | {100 * one.passes_at_half:.1f} |"
 
 
 if __name__ == "__main__":

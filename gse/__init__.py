@@ -5,7 +5,10 @@ functions that many rooms share. ARCHITECTURE.md is the plan. For notebooks: ``g
 ``gse.identify`` (gse.api), imported when they are first used.
 """
 
+import os
 from typing import TYPE_CHECKING, Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's matrices here are small: more threads wait for each other
 
 if TYPE_CHECKING:
     from gse.api import identify as identify

@@ -4,6 +4,7 @@ import atexit
 import gc
 import os
 import signal
+import sys
 
 _EXIT_INTERRUPTED = 130
 """gse.cli.EXIT_INTERRUPTED, which takes numpy and pydantic to import."""
@@ -17,7 +18,7 @@ is imported stays."""
 def main() -> None:
     """Run the command line; Ctrl-C while its packages are still being imported ends it without a word."""
     gc.set_threshold(_NEW_OBJECTS)
-    atexit.register(gc.freeze)  # a last search for garbage in all that was imported takes a tenth of a second
+    atexit.register(_leave_garbage)
     _fill_standard_descriptors()
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:
@@ -26,6 +27,15 @@ def main() -> None:
 
     signal.signal(signal.SIGINT, before)
     command_line()
+
+
+def _leave_garbage() -> None:
+    """Do without a last search for garbage in all that was imported: a tenth of a second.
+
+    duckdb complains on stderr of each of its objects that is left.
+    """
+    if "duckdb" not in sys.modules:
+        gc.freeze()
 
 
 def _fill_standard_descriptors() -> None:

@@ -38,13 +38,14 @@ class Attitude:
     def from_angles(cls, ra_deg: float, de_deg: float, roll_deg: float) -> Self:
         """The attitude that answers these angles, with zero covariance."""
         ra, de, roll = math.radians(ra_deg), math.radians(de_deg), math.radians(roll_deg)
-        x, y, z = math.cos(de) * math.cos(ra), math.cos(de) * math.sin(ra), math.sin(de)
+        cos_ra, sin_ra, cos_de, sin_de = math.cos(ra), math.sin(ra), math.cos(de), math.sin(de)
         cos_roll, sin_roll = math.cos(roll), math.sin(roll)
-        up_x = cos_roll * -math.sin(de) * math.cos(ra) + sin_roll * -math.sin(ra)
-        up_y = cos_roll * -math.sin(de) * math.sin(ra) + sin_roll * math.cos(ra)
-        up_z = cos_roll * math.cos(de)
+        x, y, z = cos_de * cos_ra, cos_de * sin_ra, sin_de
+        up_x = cos_roll * -sin_de * cos_ra + sin_roll * -sin_ra
+        up_y = cos_roll * -sin_de * sin_ra + sin_roll * cos_ra
+        up_z = cos_roll * cos_de
         right = (-up_y * z + up_z * y, -up_z * x + up_x * z, -up_x * y + up_y * x)  # columns: down x boresight
-        return cls(np.array([right, (-up_x, -up_y, -up_z), (x, y, z)]), np.zeros((3, 3)))
+        return cls(np.array([*right, -up_x, -up_y, -up_z, x, y, z]).reshape(3, 3), np.zeros((3, 3)))
 
     @property
     def boresight_icrs(self) -> NDArray[np.float64]:

@@ -32,6 +32,8 @@ class IdentifierOptions:
     """Whether the stars must fit an attitude; the flight unit of the LAPAN paper has no such check."""
     pivot_members: Literal[4, 5] = 4
     """K of the pivot paper."""
+    a_priori: Literal["none", "cells"] = "none"
+    """Whether ``pivot`` and ``match-group`` look first in the cells where the panorama before was."""
     magnitude_limit: Annotated[float, Interval(ge=0, le=12)] | None = None
     """Faintest magnitude of the catalogue of ``pivot`` and ``match-group``; 6.0 in the pivot paper."""
     attitude: Literal["wahba", "paper-mean"] = "wahba"
@@ -54,8 +56,10 @@ class IdentifierOptions:
         """The algorithm, or the name of an external program."""
         if self.algorithm != "external":
             return self.algorithm
-        program = self.entry_point or self.library or (self.command or ("external",))[0]
-        return program.rpartition("/")[2]
+        first, *others = self.command or ("external",)
+        if "/" not in first:  # an interpreter: its script says more
+            first = next((part for part in others if not part.startswith("-")), first)
+        return (self.entry_point or self.library or first).rpartition("/")[2]
 
     def facts(self) -> dict[str, Any]:
         """The options that the algorithm knows, for the report: nothing of the host's folders."""

@@ -3,6 +3,7 @@
 Leap seconds are not counted, as in POSIX time; inside a leap second the instant is that of the second before.
 """
 
+import functools
 import re
 from datetime import UTC, datetime
 
@@ -20,8 +21,14 @@ _RFC_3339 = re.compile(r"(\d{4}-\d{2}-\d{2})[T ](\d{2}:\d{2}:\d{2})(?:\.(\d{1,9}
 def to_text(utc_ns: int, digits: int = 6) -> str:
     """RFC 3339 with Z, cut (not rounded) to ``digits`` decimals of a second."""
     seconds, ns = divmod(utc_ns, NS_PER_S)
-    whole = datetime.fromtimestamp(seconds, UTC).isoformat()[:19]
+    whole = _second_text(seconds)
     return f"{whole}.{ns:09d}"[: 20 + digits] + "Z" if digits else whole + "Z"
+
+
+@functools.lru_cache(maxsize=64)
+def _second_text(seconds: int) -> str:
+    """Kept for the panoramas of the same second: it is most of the time that a text takes."""
+    return datetime.fromtimestamp(seconds, UTC).isoformat()[:19]
 
 
 def from_text(text: str) -> int:

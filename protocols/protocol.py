@@ -86,6 +86,11 @@ class Protocol:
         codec = self._codecs[name]
         return self.encode_payload(name, codec.encode(message), sequence, flags)
 
+    def as_sent(self, message: Message) -> Message:
+        """The message as it is read at the other end: its values as counts of the wire; EncodeError as for encode."""
+        codec = self._codecs[NAME_OF[type(message)]]
+        return codec.decode(codec.encode(message))
+
     def encode_payload(self, type_name: str, payload: bytes, sequence: int, flags: int = 0) -> bytes:
         """The bytes on the wire of a payload, without a check of its content."""
         layout, frames = self._codecs[type_name].layout, self.frame_layout

@@ -1,22 +1,47 @@
-"""The same tests on any host: astropy reads the installed tables whatever the date, and signals are not ignored."""
+"""The same tests on any host, in an order that keeps its processors at work.
 
+astropy reads the installed tables whatever the date, and signals are not ignored.
+"""
+
+import os
 import signal
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as gse does, where it comes before numpy
 
 import pytest
 from astropy.utils import iers
+
+TESTS = Path(__file__).parent
 
 # A runner that was started in the background, or by nohup, hands ignored signals down to every process.
 for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, handler)
 
-FIRST = ("test_tutorial.py", "test_cluster.py", "test_later_dates.py", "test_without_posix.py", "test_endings.py")
+WITHOUT_MACHINE_CODE = ("protocols", "drivers")
+"""Folders whose tests compile nothing: in a fresh clone they run while the tutorial compiles for all."""
+
+LONG = ("test_cluster.py", "test_later_dates.py", "test_without_posix.py", "test_endings.py")
 """Files that take long and wait much: begun last, they would leave a processor without work at the end."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest files."""
-    items.sort(key=lambda item: FIRST.index(item.path.name) if item.path.name in FIRST else len(FIRST))
+    """Begin with the tutorial, with what needs no machine code, and with the longest files."""
+    items.sort(key=_turn)
+
+
+def _turn(item: pytest.Item) -> int:
+    if item.path.name == "test_tutorial.py":
+        return 0
+    if item.path.relative_to(TESTS).parts[0] in WITHOUT_MACHINE_CODE:
+        return 1
+    return 2 if item.path.name in LONG else 3
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One worker more than there are processors: many tests wait for a clock, a disk or another process."""
+    return (os.cpu_count() or 1) + 1
 
 
 iers.conf.auto_download = False

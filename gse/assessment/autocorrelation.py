@@ -7,7 +7,7 @@ between them and zero is not known: a plain average of the ordinates (Lazarus, L
 541) takes it to be flat and gives intervals too narrow wherever the correlation time is more than a hundredth of the
 session. Here the spectrum is white noise alone, or with a part of exponential correlation (as in Müller 2014, JBES
 32, 311), of any strength and of any correlation time between twenty times and a three-hundredth of the session, or
-with a sinusoid of random phase that has at least two cycles in the session. Each of these shapes, with its scale
+with a sinusoid of random phase that has at least one cycle in the session. Each of these shapes, with its scale
 integrated out, predicts the mean as a Student t; weighted by its likelihood and a fixed prior they give a mixture of
 t distributions, whose quantiles are the bounds. A session of few correlation times thereby gets wide bounds instead
 of narrow ones, and nothing is drawn at random. Refusing bounds below an effective number of one, or of ten, was tried
@@ -24,7 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtr, stdtrit
+
+from gse.assessment.mixed_student import MixedStudent
 
 ORDINATES = 32
 """More would separate short correlation times from white noise, but would ask more of the shape."""
@@ -35,12 +36,11 @@ _TIMES = np.geomspace(0.05, 300.0, 20)
 """Lengths of the session in exponential correlation times."""
 _STRENGTHS = np.array([0.3, 1.0, 3.0, 10.0, 100.0, 1e6])
 """Spectrum of the correlated part at zero, in that of the white part."""
-_CYCLES = np.arange(2.0, 12.1, 0.4)
+_CYCLES = np.arange(1.0, 12.1, 0.2)
 """Of a sinusoid in the session: fewer are taken for slow noise, more lie beyond most of the ordinates."""
-_PEAKS = np.array([3.0, 30.0, 300.0])
-"""Greatest ordinate of the sinusoid, in the spectrum of the white part."""
-_MAX_STEPS = 100
-_ACCURACY = 1e-6
+_PEAKS = np.array([3.0, 30.0, 300.0, 3000.0, 30_000.0])
+"""Greatest ordinate of the sinusoid, in the spectrum of the white part. It is 1800 for an hour at 1 Hz with half of the
+mean square in a sinusoid; a list that ends too early makes a strong sinusoid small."""
 _FLOOR = 1e-9
 """Least spectrum, in that of white noise of the same variance: a pattern that cancels to nothing in every sum."""
 _NEGLIGIBLE = 1e-9
@@ -53,52 +53,15 @@ _PHASES = 2000
 
 
 @dataclass(frozen=True, slots=True)
-class MixedStudent:
-    """A symmetric error about zero: a mixture of Student t distributions, as weights and scales (G,)."""
-
-    weights: NDArray[np.float64]
-    scales: NDArray[np.float64]
-    freedom: int
-
-    def half_width(self, probability: float) -> float:
-        """The error that is not exceeded, sign counted, with this probability above 0.5."""
-        least = float(self.scales.min()) * float(stdtrit(self.freedom, probability))
-        error = least * self.standard / float(self.scales.min())
-        # The distribution is concave above zero: Newton's steps from above end below, and from below they stay there.
-        for _ in range(_MAX_STEPS):
-            place = error / self.scales
-            missing = probability - float(self.weights @ stdtr(self.freedom, place))
-            density = (1 + place**2 / self.freedom) ** (-(self.freedom + 1) / 2) / self.scales
-            step = missing / (_peak(self.freedom) * float(self.weights @ density))
-            error = max(error + step, least)
-            if abs(step) < _ACCURACY * error:
-                break
-        return error
-
-    @property
-    def standard(self) -> float:
-        """The standard error without the uncertainty of it: the weighted median of the scales."""
-        order = np.argsort(self.scales)
-        share = np.cumsum(self.weights[order])
-        return float(self.scales[order][min(int(np.searchsorted(share, 0.5)), len(order) - 1)])
-
-
-@dataclass(frozen=True, slots=True)
 class _Shapes:
     """Spectra (G, ORDINATES + 1) at the places 0, 1, ... of the cosines, and the logarithm of the prior (G,).
 
-    The last of them are sinusoids, of which ``power`` (the mean square, times M) and ``cycles`` are given.
+    The last of them are sinusoids of _CYCLES, each with _PEAKS, of which ``power`` (the mean square, times M) is given.
     """
 
     spectra: NDArray[np.float64]
     log_prior: NDArray[np.float64]
     power: NDArray[np.float64]
-    cycles: NDArray[np.float64]
-
-
-def _peak(freedom: int) -> float:
-    """Density of Student's t at zero."""
-    return math.exp(math.lgamma((freedom + 1) / 2) - math.lgamma(freedom / 2)) / math.sqrt(math.pi * freedom)
 
 
 def mean_error(values: NDArray[np.float64]) -> MixedStudent:
@@ -106,8 +69,7 @@ def mean_error(values: NDArray[np.float64]) -> MixedStudent:
     amplitudes = cosines(values - values.mean())
     squares = amplitudes**2 + _FLOOR * values.var()
     shapes = _shapes()
-    places = slice(1, len(amplitudes) + 1)
-    weights, scales = _posterior(squares, shapes.spectra[:, places], shapes.log_prior)
+    weights, scales = _posterior(squares, 1)
     return _mixed(weights, scales * np.sqrt(shapes.spectra[:, 0] / len(values)), len(amplitudes))
 
 
@@ -123,16 +85,21 @@ def weighted_sum_error(weights: NDArray[np.float64], residuals: NDArray[np.float
     last = len(factors)
     spectra = shapes.spectra[:, 1 : last + 1]
     variance = spectra @ factors**2 + spectra[:, -1] * max(float(weights @ weights - factors @ factors), 0.0)
-    sinusoids = len(shapes.cycles)  # whose cosines are not independent
-    variance[-sinusoids:] = weights @ weights + shapes.power / len(weights) * _response(weights, shapes.cycles)
-    posterior, scales = _posterior(squares, spectra[:, 1:], shapes.log_prior)
+    sinusoids = len(shapes.power)  # whose cosines are not independent
+    variance[-sinusoids:] = weights @ weights + shapes.power / len(weights) * _response(weights)
+    posterior, scales = _posterior(squares, 2)
     return _mixed(posterior, scales * np.sqrt(variance), len(amplitudes))
 
 
-def _response(weights: NDArray[np.float64], cycles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean square, over all phases, of the weighted sum of a sinusoid of mean square 1."""
-    place = (np.arange(len(weights)) + 0.5) / len(weights)
-    return np.asarray(np.abs(np.exp(2j * math.pi * cycles[:, None] * place) @ weights) ** 2)
+def _response(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean square, over all phases, of the weighted sum of each sinusoid of mean square 1."""
+    return np.repeat(np.abs(_waves(len(weights)) @ weights) ** 2, len(_PEAKS))
+
+
+@functools.lru_cache(maxsize=4)
+def _waves(n: int) -> NDArray[np.complex128]:
+    """Of _CYCLES (rows) at n values."""
+    return np.asarray(np.exp(2j * math.pi * _CYCLES[:, None] * (np.arange(n) + 0.5) / n))
 
 
 def _mixed(weights: NDArray[np.float64], scales: NDArray[np.float64], freedom: int) -> MixedStudent:
@@ -157,16 +124,25 @@ def _basis(n: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     return edges[:-1], np.cos(math.pi * places[:, None] * middle)
 
 
-def _posterior(
-    squares: NDArray[np.float64], spectra: NDArray[np.float64], log_prior: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Weight and scale (standard deviation at spectrum 1) of each shape, the scale with Jeffreys' prior."""
-    count = len(squares)
-    sums = (1 / spectra) @ squares
-    log_weight = log_prior - 0.5 * np.log(spectra).sum(axis=1) - 0.5 * count * np.log(sums)
+def _posterior(squares: NDArray[np.float64], first: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Weight and scale (standard deviation at spectrum 1) of each shape, the scale with Jeffreys' prior.
+
+    From squared amplitudes (C,) at the places ``first``, ``first`` + 1, ... of the cosines.
+    """
+    inverse, log_factor = _likelihood(first, len(squares))
+    sums = inverse @ squares
+    log_weight = log_factor - 0.5 * len(squares) * np.log(sums)
     weights = np.exp(log_weight - log_weight.max())
     weights[weights < _NEGLIGIBLE] = 0.0
-    return weights / weights.sum(), np.sqrt(sums / count)
+    return weights / weights.sum(), np.sqrt(sums / len(squares))
+
+
+@functools.lru_cache(maxsize=16)
+def _likelihood(first: int, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Inverse spectra (G, count) from the place ``first`` on, and what the likelihood (G,) owes to shape and prior."""
+    shapes = _shapes()
+    spectra = shapes.spectra[:, first : first + count]
+    return 1 / spectra, shapes.log_prior - 0.5 * np.log(spectra).sum(axis=1)
 
 
 @functools.cache
@@ -182,7 +158,6 @@ def _shapes() -> _Shapes:
         np.vstack([np.ones(ORDINATES + 1), correlated, sinusoids]),
         np.log(np.concatenate([[_WHITE_PRIOR], prior, np.full(len(power), _SINUSOID_PRIOR / len(power))])),
         power,
-        np.repeat(_CYCLES, len(_PEAKS)),
     )
 
 

@@ -147,7 +147,8 @@ def _too_short(n: int, duration_s: float, n_eff: float) -> str:
         return f"too short to tell ({duration_s:.1f} s, {MIN_S:g} s are needed)"
     if math.isnan(n_eff):
         return "every value is the same: nothing tells its scatter"
-    return f"too short to tell (n_eff {n_eff:.2g})" if n_eff < MIN_N_EFF else ""
+    number = f"{n_eff:.2g}" if n_eff >= 1 else "below 1"
+    return f"too short to tell (n_eff {number})" if n_eff < MIN_N_EFF else ""
 
 
 def _frame_s(time_s: NDArray[np.float64]) -> float:

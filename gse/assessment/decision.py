@@ -36,6 +36,8 @@ DECISION_TEXT = {
     ),
 }
 
+_NO_LENGTH = "a longer session cannot decide"
+_BY_DRIFT = "most of it a drift that a longer session tells better"
 _NAN = float("nan")
 
 
@@ -98,8 +100,12 @@ def judge_figure(
     truth_uncertainty: float,
     decision: Decision,
     relative: bool = False,
+    settles: bool = False,
 ) -> Row:
-    """The row of a figure that must not exceed its limit."""
+    """The row of a figure that must not exceed its limit.
+
+    ``settles`` where most of what truth leaves open is what a longer session tells better.
+    """
     above = guard(figure.bounds.upper - figure.value, truth_uncertainty)
     below = guard(figure.value - figure.bounds.lower, truth_uncertainty)
     outcome = _outcome(figure, limit, truth_uncertainty, decision)
@@ -115,7 +121,10 @@ def judge_figure(
         reason = f"{label} is {_amount(figure.value, unit)}, the limit is {_amount(limit, unit)}"
         reason += f" (U {_amount(below, unit)})" if math.isfinite(below) else ""
     elif outcome is Outcome.INCONCLUSIVE:
-        reason = _why_undecided(label, figure, above, unit, limit, truth_uncertainty)
+        uncertainty = above if figure.value <= limit else below
+        reason = _why_undecided(label, figure, uncertainty, unit, limit, truth_uncertainty)
+        if settles:
+            reason = reason.replace(_NO_LENGTH, _BY_DRIFT)
     else:
         reason = ""
     return Row(
@@ -148,19 +157,20 @@ def _risk(value: float, above: float, limit: float) -> float:
     return float(ndtr(-(limit - value) * COVERAGE_FACTOR / above)) if above > 0 else _NAN
 
 
-def _why_undecided(label: str, figure: Figure, above: float, unit: str, limit: float, truth_uncertainty: float) -> str:
+def _why_undecided(
+    label: str, figure: Figure, uncertainty: float, unit: str, limit: float, truth_uncertainty: float
+) -> str:
     if math.isnan(figure.bounds.upper):
         number = f" (n_eff {figure.n_eff:.0f})" if math.isfinite(figure.n_eff) else ""
         return f"{label}: the session is too short to tell{number}"
     if math.isinf(truth_uncertainty):
         return f"{label}: truth is not known well enough to compare with"
-    text = (
-        f"{label} is {_amount(figure.value, unit)} with U {_amount(above, unit)}, the limit is {_amount(limit, unit)}"
-    )
+    value, u, most = (_amount(amount, unit) for amount in (figure.value, uncertainty, limit))
+    text = f"{label} is {value} with U {u}, the limit is {most}"
     more_min = minutes_more(figure, limit, truth_uncertainty)
     if math.isfinite(more_min):
         return f"{text}: {_minutes(more_min)} would have decided"
-    return f"{text}: truth leaves {_amount(COVERAGE_FACTOR * truth_uncertainty, unit)}, a longer session cannot decide"
+    return f"{text}: truth leaves {_amount(COVERAGE_FACTOR * truth_uncertainty, unit)}, {_NO_LENGTH}"
 
 
 def minutes_more(figure: Figure, limit: float, truth_uncertainty: float) -> float:

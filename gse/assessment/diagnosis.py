@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from gse.assessment.counted_frames import CountedFrames, counted_frames
-from gse.assessment.error_series import error_series
+from gse.assessment.error_series import error_series, with_left_out
 from gse.assessment.field_patterns import field_of_errors
 from gse.assessment.fine_causes import SessionModel
 from gse.assessment.fine_findings import Setting, fine_findings
-from gse.assessment.gross_causes import RawAttitudes, gross_cause
+from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause
 from gse.assessment.statistics import Statistics
 from gse.assessment.time_tags import time_tag_faults
 from gse.finding import Finding
@@ -63,6 +63,7 @@ def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
         return ()
     mount, camera = session.alignment.mount if session.alignment else station.mount, station.sensor.camera()
     zenith_sensor = np.asarray(horizon_to_sensor(mount)[:, 2])
+    series = with_left_out(series, session.frames.matches, camera)
     field = field_of_errors(session.frames.matches, frames["utc_ns"], counted.used, camera, station.site, zenith_sensor)
     exposure_s = float(np.nanmedian(frames["exposure_s"][series.rows]))
     first_ns = int(frames["utc_ns"][series.rows[0]])
@@ -103,10 +104,17 @@ def _unexplained(session: SessionData, stats: Statistics) -> Iterator[Finding]:
 
 def gross_finding(session: SessionData, counted: CountedFrames) -> Finding | None:
     """The mistake of the set-up, against the stated angles of the mount, whether or not a fit replaced them."""
+    cause = gross_cause_of(session, counted)
+    return cause.finding if cause else None
+
+
+def gross_cause_of(session: SessionData, counted: CountedFrames) -> GrossCause | None:
+    """The same with the errors that it leaves."""
     mount, orientation = session.station.mount, session.earth_orientation
     frames = session.frames.columns
     checked_false = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
-    rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded)
+    has_roll = np.isfinite(frames["roll_deg"])  # an external identifier may answer RA and DE alone
+    rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded & has_roll)
     if orientation is None or not mount.stated or mount.inertial is not None or not len(rows):
         return None
     raw = RawAttitudes.of(frames[rows], session.station.sensor.camera())
@@ -183,11 +191,11 @@ def _unlike(stats: Statistics) -> Iterator[Finding]:
     own = stats.equivalence
     if own is None or own.same:
         return
+    apart = f", the others lie up to {own.separation_arcsec.max:.1f} arcsec apart" if own.both else ""
     yield Finding(
         "sensor answers otherwise",
         f"the sensor's own answers are not the onboard-equivalent ones: of {own.answers}, {own.only_sensor} were "
-        f"answered only by the sensor and {own.only_station} only here, the others lie up to "
-        f"{own.separation_arcsec.max:.1f} arcsec apart",
+        f"answered only by the sensor and {own.only_station} only here{apart}",
         ("another catalogue or identifier in the sensor",),
         "compare frame by frame: frames.csv of gse report SESSION",
     )

@@ -7,19 +7,21 @@ as roll, in arcsec. The transform's ordinates are independent whatever the corre
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
-from gse.star_influence import boresight_shifts
+from gse.star_influence import attitude_operators, boresight_shifts
 
 MOST_ORDINATES = 128
 """A step is known to a 250th of the session, a sinusoid of up to 60 cycles is seen."""
 FEWEST_FRAMES = 20
 _BLOCKS = 1024
+_OUTLIER = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,8 +49,8 @@ class ErrorSeries:
 
 
 def error_series(frames: NDArray[np.void], used: NDArray[np.bool_]) -> ErrorSeries | None:
-    """Of the used (M,) rows of FRAME, in the order of time; None of too few."""
-    rows = np.flatnonzero(used)
+    """Of the used (M,) rows of FRAME that have a roll, in the order of time; None of too few."""
+    rows = np.flatnonzero(used & np.isfinite(frames["d_roll_arcsec"]))
     rows = rows[np.argsort(frames["utc_ns"][rows], kind="stable")]
     if len(rows) < FEWEST_FRAMES:
         return None
@@ -56,6 +58,28 @@ def error_series(frames: NDArray[np.void], used: NDArray[np.bool_]) -> ErrorSeri
     x, y, roll = (frames[f"{name}_arcsec"][rows] / ARCSEC_PER_RAD for name in ("cross_x", "cross_y", "d_roll"))
     turns = _rotation_vectors(x, y, roll) * ARCSEC_PER_RAD
     return ErrorSeries(rows, (utc_ns - utc_ns[0]) / 1e9, boresight_shifts(turns))
+
+
+def with_left_out(series: ErrorSeries, matches: NDArray[np.void], camera: Camera) -> ErrorSeries:
+    """The errors as they are with the stars (rows of MATCH) that answers left out; between frames without rows linear.
+
+    Those that an identifier names are chosen by their distances, which biases them (gse.station.left_out_stars).
+    """
+    matches = matches[np.isin(matches["frame"], series.rows)]
+    residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
+    length = np.hypot(*residuals.T)
+    sound = matches["named"] | (length <= _OUTLIER * np.median(length)) if len(matches) else matches["named"]
+    if sound.sum() == (matches["named"] & sound).sum():
+        return series
+    matches, residuals = matches[sound], residuals[sound]
+    xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
+    operators = attitude_operators(camera.directions(xy_px), matches["frame"])
+    numbers, place = np.unique(matches["frame"], return_inverse=True)
+    turns = np.zeros((len(numbers), 3))
+    np.add.at(turns, place, np.einsum("nij,nj->ni", operators, residuals))
+    shifts = boresight_shifts(turns)
+    more = np.column_stack([np.interp(series.rows, numbers, shift) for shift in shifts.T])
+    return replace(series, errors_arcsec=series.errors_arcsec + more)
 
 
 def _rotation_vectors(x: NDArray[np.float64], y: NDArray[np.float64], roll: NDArray[np.float64]) -> NDArray[np.float64]:

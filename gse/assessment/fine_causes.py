@@ -328,9 +328,9 @@ def _steps(model: SessionModel, observed: Observed, base: Fitted, named: list[Hy
     places = places[places > 0]
     if not len(places):
         return
-    steps = (np.arange(count)[:, None] >= places).astype(np.float64)
+    each = [model.series.cosines((np.arange(count) >= place).astype(np.float64)) for place in places]
     left = observed.cosines - _together(observed, named).cosines @ base.coefficients
-    gains = _gains(model.series.cosines(steps), left, base.precision)
+    gains = _gains(np.column_stack(each), left, base.precision)
     for first in {int(places[gain.argmax()]) for gain in gains}:
         after = (np.arange(count) >= first).astype(np.float64)
         at_s = float(model.series.time_s[first])

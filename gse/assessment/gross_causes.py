@@ -19,11 +19,12 @@ from scipy.spatial.transform import Rotation
 from gse.assessment.turns import EAST, VERTICAL, about, level_axis, pole
 from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
-from gse.constants import EARTH_RATE_RAD_PER_S
+from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_RAD_PER_S
 from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.mount import Mount
 from gse.site import Site
+from gse.star_influence import boresight_shifts
 from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor, mount_of, small_rotations
 
 GROSS_DEG = 0.3
@@ -64,7 +65,10 @@ class RawAttitudes:
 
     def some(self, mask: NDArray[np.bool_]) -> "RawAttitudes":
         """First, middle and last of the masked (M,)."""
-        rows = np.flatnonzero(mask)[[0, int(mask.sum()) // 2, -1]]
+        return self.taken(np.flatnonzero(mask)[[0, int(mask.sum()) // 2, -1]])
+
+    def taken(self, rows: NDArray[np.int64]) -> "RawAttitudes":
+        """Some of them."""
         return RawAttitudes(self.utc_ns[rows], self.icrs_to_sensor[rows], self.field_sensor)
 
     @classmethod
@@ -76,6 +80,17 @@ class RawAttitudes:
         x, y = 0.7 * np.array([camera.columns, camera.rows]) / (2 * camera.focal_length_px)
         field = np.array([[0, 0, 1.0], [x, y, 1.0], [-x, y, 1.0], [x, -y, 1.0], [-x, -y, 1.0]])
         return cls(frames["utc_ns"][rows], rotations, field / np.linalg.norm(field, axis=1)[:, None])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GrossCause:
+    """A finding, and the errors (M, 3) of some frames that are left without it: columns, rows, roll, in arcsec.
+
+    None are where the cause may be the sensor's.
+    """
+
+    finding: Finding
+    left_arcsec: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +105,7 @@ class _Hypothesis:
     clock_s: float = 0.0
 
 
-def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthOrientation) -> Finding | None:
+def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthOrientation) -> GrossCause | None:
     """The gross cause of a session on a stated site and mount; None where nothing is gross."""
     stated = _Hypothesis("", "", "", site, mount)
     measured = _horizon_to_sensor(raw, stated, orientation)
@@ -98,6 +113,7 @@ def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthO
     steady = apart_deg < _STEADY_DEG
     if steady.mean() < _MAJORITY:
         return _follows_the_sky(raw, float(apart_deg.max()))
+    whole, whole_measured = raw.taken(np.flatnonzero(steady)), measured[steady]
     raw, measured = raw.some(steady), measured[steady][:1]
     error_deg = _error_deg(measured, mount)
     if error_deg < GROSS_DEG:
@@ -111,16 +127,27 @@ def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthO
         key=lambda item: item[0],
     )
     if not hits:
-        return _turned(raw, stated, turn, orientation)
+        return GrossCause(_turned(raw, stated, turn, orientation), _scatter_arcsec(whole_measured))
     equal = [one for remaining, one in hits if remaining <= hits[0][0] + _SAME_DEG]
     best = min(equal, key=tried.index)
-    return Finding(
+    finding = Finding(
         best.cause,
         f"{best.size}; that explains {_degrees(error_deg)}, all but {_degrees(hits[0][0])}",
         tuple(f"{one.cause} ({one.size})" for one in equal if one is not best),
         best.next_step,
         is_gross=True,
     )
+    return GrossCause(finding, _arcsec(_horizon_to_sensor(whole, best, orientation), horizon_to_sensor(best.mount)))
+
+
+def _arcsec(measured: NDArray[np.float64], true: NDArray[np.float64]) -> NDArray[np.float64]:
+    return boresight_shifts(small_rotations(measured, true)) * ARCSEC_PER_RAD
+
+
+def _scatter_arcsec(measured: NDArray[np.float64]) -> NDArray[np.float64]:
+    """About the mount that fits the frames best."""
+    off = _arcsec(measured, measured[_central(measured)])
+    return np.asarray(off - off.mean(axis=0))
 
 
 def _horizon_to_sensor(raw: RawAttitudes, under: _Hypothesis, orientation: EarthOrientation) -> NDArray[np.float64]:
@@ -278,19 +305,20 @@ def _central(rotations: NDArray[np.float64]) -> int:
     return int(np.median(distance2, axis=1).argmin())
 
 
-def _follows_the_sky(raw: RawAttitudes, apart_deg: float) -> Finding | None:
+def _follows_the_sky(raw: RawAttitudes, apart_deg: float) -> GrossCause | None:
     """A mount that is driven, or answers that stand still; any other move is left to gse.assessment.fine_causes."""
     at = _central(raw.icrs_to_sensor)
     on_sky = np.degrees(np.linalg.norm(small_rotations(raw.icrs_to_sensor, raw.icrs_to_sensor[at]), axis=1))
     if float(np.median(on_sky)) > _HIT_SHARE * apart_deg:
         return None
-    return Finding(
+    finding = Finding(
         "mount follows the sky",
         f"the sensor sees the same stars all the time, while the ground turned by {_degrees(apart_deg)}",
         ("answers of the sensor that stand still",),
         "stop the drive of the mount: a test needs a mount that is fixed to the ground",
         is_gross=True,
     )
+    return GrossCause(finding, np.zeros((0, 3)))
 
 
 def _degrees(angle_deg: float) -> str:

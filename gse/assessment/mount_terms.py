@@ -15,6 +15,9 @@ from gse.assessment.uncertainty import AXES, TO_STANDARD, Distribution, Term
 from gse.mount import Mount
 from gse.truth import Alignment
 
+STABILITY = "mount stability"
+"""The name of its term."""
+
 _TIME_STAMP_S = 0.001
 """An operating system wakes a reader within this much (Linux, an idle machine)."""
 _BITS_PER_BYTE = 10
@@ -80,7 +83,7 @@ def stability(drift_arcsec_per_h: Mapping[str, float], duration_s: float, *, fit
     reach = hours if fitted else hours / 2
     ra, de, roll = (_half_width(reach * drift_arcsec_per_h.get(axis, 0.0)) / math.sqrt(3) for axis in AXES)
     return Term(
-        "mount stability",
+        STABILITY,
         math.hypot(ra, de),
         "arcsec",
         ra,

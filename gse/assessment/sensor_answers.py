@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from gse.attitude_convention import AttitudeConvention, state_angles
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD
+from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.own_answers import OwnAnswerTruth, attitude_errors, measured_rotations
 from gse.station.session_data import SessionData
 from gse.truth import truth_of
@@ -81,6 +82,23 @@ def paired_answers(session: SessionData) -> tuple[NDArray[np.int64], NDArray[np.
     same &= (frames["frame_no"][rows] == answers["frame_no"]) | (answers["frame_no"] == 0)
     rows, later = np.unique(rows[same][::-1], return_index=True)
     return rows, np.flatnonzero(same)[::-1][later]
+
+
+def not_compared(session: SessionData) -> int:
+    """How many answers are to no panorama, or were followed by one to the same panorama that says otherwise."""
+    answers, (_, places) = session.sensor_attitudes.columns, paired_answers(session)
+    if not len(places):
+        return int(answers["acquired"].sum())
+    left = answers["acquired"].copy()
+    left[places] = False
+    others = np.flatnonzero(left)
+    compared = places[np.argsort(answers["time_us"][places], kind="stable")]
+    at = np.searchsorted(answers["time_us"][compared], answers["time_us"][others])
+    said, then = answers[others], answers[compared[np.minimum(at, len(compared) - 1)]]
+    copies = np.ones(len(others), dtype=bool)
+    for name in ("time_us", "frame_no", *ANGLES, *QUATERNION):
+        copies &= (said[name] == then[name]) | (np.isnan(said[name]) & np.isnan(then[name]))
+    return int((~copies).sum())
 
 
 def own_truth(session: SessionData) -> OwnAnswerTruth | None:

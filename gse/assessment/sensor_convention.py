@@ -57,7 +57,7 @@ def evidence_of(session: SessionData, seconds: float = SEARCHED_S) -> Evidence |
 
 
 def _confirmed(frames: NDArray[np.void]) -> NDArray[np.bool_]:
-    identified = frames["status"] == STATUSES.index(Status.IDENTIFIED)
+    identified = (frames["status"] == STATUSES.index(Status.IDENTIFIED)) & np.isfinite(frames["roll_deg"])
     return np.asarray(identified & (frames["answer_check"] != ANSWER_CHECKS.index(AnswerCheck.FALSE)))
 
 

@@ -1,6 +1,7 @@
 """Two nights side by side: figures, their differences, and which differences are a regression."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from gse.assessment.axis_statistics import AxisStatistics, block_means
 from gse.assessment.counted_frames import false_answers
 from gse.assessment.field_content import FieldContent, field_content
+from gse.assessment.metrics import Metric, metrics
 from gse.assessment.statistics import Statistics, statistics
 from gse.instant import NS_PER_S
 from gse.station.frame_table import STATUSES
@@ -48,10 +50,14 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class SessionComparison:
-    """All rows; ``paired`` where both nights are of the same panoramas, which makes small differences significant."""
+    """All rows; ``paired`` where both nights are of the same panoramas, which makes small differences significant.
+
+    ``metrics`` are the metrics of ECSS-E-ST-60-20C that both nights have, none of them judged.
+    """
 
     rows: tuple[Row, ...]
     paired: bool
+    metrics: tuple[Row, ...]
 
     @property
     def regressions(self) -> tuple[Row, ...]:
@@ -95,7 +101,29 @@ def session_comparison(
     rows.append(_false(figures, columns, pairs))
     if pairs is None:
         rows.append(_time(figures))
-    return SessionComparison(tuple(_judged(row, sigmas) for row in rows), pairs is not None)
+    shown = tuple(_metric_rows(*figures, independent=pairs is None))
+    return SessionComparison(tuple(_judged(row, sigmas) for row in rows), pairs is not None, shown)
+
+
+_AXIS_NAMES = {"cross_x": ", x", "cross_y": ", y", "d_roll": ", roll", None: ""}
+
+
+def _metric_rows(first: Statistics, second: Statistics, *, independent: bool) -> Iterator[Row]:
+    """Metrics of both; sigmas where both have an interval, and are of different panoramas."""
+    others = {(metric.subject, metric.name, metric.axis): metric for metric in metrics(second)}
+    for one in metrics(first):
+        two = others.get((one.subject, one.name, one.axis))
+        if two is None or math.isnan(one.value) or math.isnan(two.value):
+            continue
+        difference = two.value - one.value
+        error = math.hypot(_standard(one), _standard(two)) if independent else _NAN
+        name = f"{one.subject} {one.name}{_AXIS_NAMES[one.axis]}"
+        sigmas = _sigmas(difference, error)
+        yield Row(name, one.unit, one.value, two.value, two.value, difference, sigmas, math.inf, gate=False)
+
+
+def _standard(metric: Metric) -> float:
+    return (metric.high - metric.low) / 2 / 1.96
 
 
 _Pairs = tuple[NDArray[np.int64], NDArray[np.int64]]

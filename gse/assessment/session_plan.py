@@ -18,7 +18,7 @@ from gse.assessment.planning import (
     availability_frames,
     false_answer_frames,
 )
-from gse.assessment.statistics import SubjectStatistics
+from gse.assessment.subject_statistics import SubjectStatistics
 from gse.assessment.verdict import SLOW_SHARE, Assessment
 from gse.limits import Decision, Limits
 from gse.station.results import Subject, Verdict

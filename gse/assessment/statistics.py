@@ -1,85 +1,27 @@
-"""Statistics of a session: accuracy, answers, times and clocks, for each subject on trial.
+"""Statistics of a session: those of each subject on trial, and those of its frames and clocks."""
 
-Accuracy is taken over the frames that were answered, not falsely, and that are not excluded
-(gse.assessment.counted_frames). False answers are counted, not averaged in.
-"""
-
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.assessment.axis_statistics import AxisStatistics, axis_statistics
 from gse.assessment.clock_health import ClockHealth, clock_health
 from gse.assessment.convention_search import ConventionSearch
 from gse.assessment.counted_frames import CountedFrames, counted_frames, explained_arcsec
-from gse.assessment.decision import Figure, Share, share_of
-from gse.assessment.first_fix import first_fixes_s
 from gse.assessment.onboard_equivalence import OnboardEquivalence, equivalence
-from gse.assessment.percentiles import Percentiles, percentiles
-from gse.assessment.sampling import effective_number
+from gse.assessment.percentiles import Percentiles
 from gse.assessment.sensor_answers import SensorAnswers, sensor_answers
 from gse.assessment.sensor_convention import is_wrong, session_convention
 from gse.assessment.spatial_errors import SpatialErrors, spatial_errors
-from gse.assessment.thermal import ThermalError, thermal_error
-from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.assessment.subject_statistics import AXES, NO_EARTH_RATE, Answers, SubjectStatistics, subject_statistics
 from gse.station.clock_steps import instants_ns
 from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
 
-AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y")
-_THERMAL_AXES = ("cross_x", "cross_y", "d_roll")
 _MOST_STAR_ERRORS = 20_000
 """Of a longer session every second, third, ... frame enters the spatial errors: each costs 300 bytes in the fit."""
-_TURN_ARCSEC = 360 * 3600.0
-_MAX_DE_FOR_RA_DEG = 89.9
-_NAN = float("nan")
-
-
-@dataclass(frozen=True, slots=True)
-class EarthRate:
-    """Rate of the boresight about the pole as measured, against that of the Earth, in arcsec/s.
-
-    Measured as the Earth's rate plus the robust drift of dRA* / cos DE, with the half-width of its 95 % interval.
-    """
-
-    measured_arcsec_per_s: float
-    error_arcsec_per_s: float
-    expected_arcsec_per_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class SubjectStatistics:
-    """All statistics of one subject's answers.
-
-    ``available`` is answered and not false, of the expected frames; ``false_answers`` is of the answered frames, on as
-    many ``star_fields`` of the sky. ``half_cone_95`` is the half-cone that holds 95 % of the boresights.
-    ``time_ms`` is the identification time of this host for the onboard subject, and the processing time that the sensor
-    states for its own answers; ``slow`` the share of frames over the limit of time. ``outage_s`` is the longest time
-    between good answers. ``arrival_ms`` is from mid-exposure to the arrival of its frame at the host: of the panorama
-    for the onboard subject, of ATTITUDE for the sensor. ``thermal`` has an axis as key, None where the temperature
-    tells nothing; ``first_fixes_s`` has an entry for each start of the sensor.
-    """
-
-    subject: Subject
-    available: Share
-    false_answers: Share
-    star_fields: int
-    axes: dict[str, AxisStatistics]
-    half_cone_95: AxisStatistics
-    mean_abs_d_ra_deg: float
-    mean_abs_d_de_deg: float
-    earth_rate: EarthRate
-    time_ms: Percentiles
-    slow: Share
-    arrival_ms: Percentiles
-    acquisition_s: float
-    outage_s: float
-    thermal: dict[str, ThermalError | None]
-    first_fixes_s: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,23 +56,6 @@ class Statistics:
         return self.subjects.get(Subject.ONBOARD) or self.subjects[Subject.SENSOR]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Answers:
-    """One subject's answers as columns (M,) in the order of the frame table, whatever their source.
-
-    ``timed`` frames have a certain time.
-    """
-
-    columns: dict[str, NDArray[np.float64]]
-    expected: NDArray[np.bool_]
-    timed: NDArray[np.bool_]
-    answered: NDArray[np.bool_]
-    false: NDArray[np.bool_]
-    used: NDArray[np.bool_]
-    time_ms: NDArray[np.float64]
-    arrival_ms: NDArray[np.float64]
-
-
 def statistics(session: SessionData) -> Statistics:
     """The statistics of a session, without what its events, its sky and its operator exclude."""
     frames = session.frames.columns
@@ -141,18 +66,17 @@ def statistics(session: SessionData) -> Statistics:
     lost = session.link.frames_lost + session.link.frames_repeated
     convention = session_convention(session) if len(session.sensor_attitudes) else None
     unreadable = is_wrong(convention, session.station.sensor.attitude)
-    answers = _of_frames(frames, counted)
+    answers = _of_frames(session, counted)
     if session.subject is Subject.SENSOR and unreadable:
-        answers = _uncompared(answers)
-    subjects = {session.subject: _subject(session.subject, frames, answers, lost, limit_ms, field_rad)}
+        answers = answers.uncompared()
+    subjects = {session.subject: subject_statistics(session.subject, frames, answers, lost, limit_ms, field_rad)}
     own = sensor_answers(session) if session.subject is Subject.ONBOARD else None
     if own is not None:
         answers = _sensor(own, frames, counted)
-        answers = _uncompared(answers) if unreadable else answers
-        subjects[Subject.SENSOR] = _subject(Subject.SENSOR, frames, answers, lost, limit_ms, field_rad)
+        answers = answers.uncompared() if unreadable else answers
+        subjects[Subject.SENSOR] = subject_statistics(Subject.SENSOR, frames, answers, lost, limit_ms, field_rad)
     if session.station.mount.inertial is not None:
-        still = EarthRate(_NAN, _NAN, _NAN)
-        subjects = {name: replace(subject, earth_rate=still) for name, subject in subjects.items()}
+        subjects = {name: replace(subject, earth_rate=NO_EARTH_RATE) for name, subject in subjects.items()}
     return Statistics(
         frames=len(frames),
         duration_s=float(np.ptp(instants_ns(frames, session.events))) / 1e9 if len(frames) else 0.0,
@@ -179,10 +103,11 @@ def _statuses(status: NDArray[np.uint8]) -> dict[str, int]:
     return counts
 
 
-def _of_frames(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
+def _of_frames(session: SessionData, counted: CountedFrames) -> Answers:
+    frames, given = session.frames.columns, session.external_counts
     columns = {f"{axis}_arcsec": frames[f"{axis}_arcsec"] for axis in AXES}
     columns |= {name: frames[name] for name in ("ra_deg", "de_deg")}
-    return _Answers(
+    return Answers(
         columns,
         counted.expected,
         ~counted.excluded,
@@ -191,15 +116,16 @@ def _of_frames(frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
         counted.used,
         frames["elapsed_us"] / 1e3,
         np.where(frames["host_utc_ns"] > 0, (frames["host_utc_ns"] - frames["utc_ns"]) / 1e6, np.nan),
+        session.subject is Subject.SENSOR or 0 < given.answers == given.own_times,
     )
 
 
-def _sensor(own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames) -> _Answers:
+def _sensor(own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames) -> Answers:
     columns = {f"{axis}_arcsec": getattr(own, f"{axis}_arcsec") for axis in AXES}
     columns |= {"ra_deg": own.ra_deg, "de_deg": own.de_deg}
     false, used = sensor_masks(own, frames, counted)
     masks = counted.expected, ~counted.excluded, own.acquired, false, used
-    return _Answers(columns, *masks, own.latency_ms, own.arrival_ms)
+    return Answers(columns, *masks, own.latency_ms, own.arrival_ms, time_is_stated=True)
 
 
 def sensor_masks(
@@ -215,73 +141,6 @@ def sensor_masks(
     return false, known & ~false
 
 
-def _uncompared(answers: _Answers) -> _Answers:
-    """Answers of which the convention is not known: there are no errors, and none is called false."""
-    nothing = np.zeros(len(answers.used), dtype=bool)
-    return replace(answers, false=nothing, used=nothing)
-
-
-def _subject(
-    subject: Subject,
-    frames: NDArray[np.void],
-    answers: _Answers,
-    frames_lost: int,
-    limit_ms: float,
-    field_rad: float,
-) -> SubjectStatistics:
-    """Columns are taken one at a time: a selection of the rows of eight hours at 10 Hz is a copy of 40 MB."""
-    used = np.flatnonzero(answers.used)
-    used = used[np.argsort(frames["utc_ns"][used], kind="stable")]  # a step of the clock may turn the order
-    used_ns = frames["utc_ns"][used]
-    errors = {axis: answers.columns[f"{axis}_arcsec"][used] for axis in AXES}
-    errors["d_roll"] = about_circular_mean(errors["d_roll"])
-    axes = {axis: _axis(used_ns, errors[axis]) for axis in AXES}
-    good = answers.answered & ~answers.false
-    counts = answers.expected | answers.false
-    kept_ns = frames["utc_ns"][answers.timed]
-    de_true_deg, de_deg = frames["de_true_deg"][used], answers.columns["de_deg"][used]
-    de_true_deg = np.where(np.isnan(de_true_deg), de_deg, de_true_deg)  # a frame that only the sensor answered
-    timed = answers.time_ms[np.isfinite(answers.time_ms)]
-    return SubjectStatistics(
-        subject=subject,
-        available=available_share(good[answers.expected], missing=frames_lost),
-        false_answers=_share(answers.false[counts & answers.answered]),
-        star_fields=_star_fields(answers.columns["ra_deg"][used], answers.columns["de_deg"][used], field_rad),
-        axes=axes,
-        half_cone_95=axis_statistics(used_ns, np.hypot(errors["cross_x"], errors["cross_y"])),
-        mean_abs_d_ra_deg=_mean_abs_d_ra_deg(errors["d_ra_cosde"], de_true_deg),
-        mean_abs_d_de_deg=axes["d_de"].mean_abs_arcsec / 3600,
-        earth_rate=_earth_rate(de_true_deg, axes["d_ra_cosde"]),
-        time_ms=percentiles(timed),
-        slow=_share(timed > limit_ms),
-        arrival_ms=percentiles(answers.arrival_ms[np.isfinite(answers.arrival_ms)]),
-        acquisition_s=_acquisition_s(kept_ns, good[answers.timed]),
-        outage_s=_outage_s(kept_ns, good[answers.timed]),
-        thermal=_thermal(used_ns, errors, frames["temperature_c"][used]),
-        first_fixes_s=first_fixes_s(kept_ns, frames["frame_no"][answers.timed], good[answers.timed]),
-    )
-
-
-def _axis(used_ns: NDArray[np.int64], errors_arcsec: NDArray[np.float64]) -> AxisStatistics:
-    """Of the frames that have the angle: an answer of RA and DE alone has no roll."""
-    known = np.isfinite(errors_arcsec)
-    return (
-        axis_statistics(used_ns, errors_arcsec)
-        if known.all()
-        else axis_statistics(used_ns[known], errors_arcsec[known])
-    )
-
-
-def _thermal(
-    used_ns: NDArray[np.int64], errors: dict[str, NDArray[np.float64]], temperature_c: NDArray[np.float32]
-) -> dict[str, ThermalError | None]:
-    known = {axis: np.isfinite(errors[axis]) for axis in _THERMAL_AXES}
-    return {
-        axis: thermal_error(used_ns[rows], errors[axis][rows], temperature_c[rows].astype(np.float64))
-        for axis, rows in known.items()
-    }
-
-
 def _spatial(session: SessionData, counted: CountedFrames) -> tuple[SpatialErrors, SpatialErrors] | None:
     """Of the counted frames; of a long session evenly spaced ones."""
     matches, camera = session.frames.matches, session.station.sensor.camera()
@@ -294,74 +153,3 @@ def _spatial(session: SessionData, counted: CountedFrames) -> tuple[SpatialError
     part = matches[rows]
     xy_px = np.column_stack([part["x_px"], part["y_px"]]).astype(np.float64)
     return spatial_errors(part, camera.directions(xy_px), (camera.columns, camera.rows))
-
-
-def available_share(good: NDArray[np.bool_], *, missing: int) -> Share:
-    """The share of good answers among frames (M,) in their order and ``missing`` ones, on its effective number.
-
-    Outages last: frames that follow each other are not independent.
-    """
-    of = len(good) + missing
-    return share_of(int(good.sum()), of, effective_number(good) * of / len(good) if len(good) else None)
-
-
-def _share(happened: NDArray[np.bool_]) -> Share:
-    return share_of(int(happened.sum()), len(happened))
-
-
-def about_circular_mean(angles_arcsec: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same angles (M,), each within half a turn of their circular mean: +-180 deg do not average to nothing."""
-    known = np.isfinite(angles_arcsec)
-    if not known.all():
-        angles_arcsec = angles_arcsec.copy()
-        angles_arcsec[known] = about_circular_mean(angles_arcsec[known])
-        return angles_arcsec
-    if not len(angles_arcsec):
-        return angles_arcsec
-    phase = angles_arcsec * (2 * math.pi / _TURN_ARCSEC)
-    mean = math.atan2(float(np.sin(phase).mean()), float(np.cos(phase).mean())) * _TURN_ARCSEC / (2 * math.pi)
-    offset: NDArray[np.float64] = angles_arcsec - mean
-    return mean + offset - _TURN_ARCSEC * np.round(offset / _TURN_ARCSEC)
-
-
-def figure_of(axis: AxisStatistics, name: str, duration_s: float) -> Figure:
-    """``mean_abs`` or ``p95_abs`` of an axis as a figure to decide on."""
-    return Figure(
-        getattr(axis, f"{name}_arcsec"), getattr(axis, f"{name}_bounds_arcsec"), axis.n_eff, axis.n, duration_s
-    )
-
-
-def _star_fields(ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64], field_rad: float) -> int:
-    """How many fields of stars the boresights were in, one next to the other: cells of half a field's width."""
-    if not len(ra_deg):
-        return 0
-    ra, de = np.radians(ra_deg), np.radians(de_deg)
-    vectors = np.column_stack([np.cos(de) * np.cos(ra), np.cos(de) * np.sin(ra), np.sin(de)])
-    return len(np.unique(np.floor(vectors / field_rad).astype(np.int64), axis=0))
-
-
-def _mean_abs_d_ra_deg(d_ra_cosde_arcsec: NDArray[np.float64], de_true_deg: NDArray[np.float64]) -> float:
-    """Mean |dRA| (not times cos DE), as in table 4-1 of the LAPAN paper; NaN too near the pole."""
-    if len(de_true_deg) == 0 or not np.abs(de_true_deg).max() <= _MAX_DE_FOR_RA_DEG:
-        return _NAN
-    d_ra_arcsec = d_ra_cosde_arcsec / np.cos(np.radians(de_true_deg))
-    return float(np.abs(d_ra_arcsec).mean()) / 3600
-
-
-def _earth_rate(de_true_deg: NDArray[np.float64], d_ra_cosde: AxisStatistics) -> EarthRate:
-    if len(de_true_deg) == 0 or not abs(de_true_deg[0]) <= _MAX_DE_FOR_RA_DEG:
-        return EarthRate(_NAN, _NAN, EARTH_RATE_ARCSEC_PER_S)
-    per_hour = math.cos(math.radians(float(np.mean(de_true_deg)))) * 3600
-    half_width = (d_ra_cosde.drift_high_arcsec_per_h - d_ra_cosde.drift_low_arcsec_per_h) / 2
-    measured = EARTH_RATE_ARCSEC_PER_S + d_ra_cosde.drift_arcsec_per_h / per_hour
-    return EarthRate(measured, half_width / per_hour, EARTH_RATE_ARCSEC_PER_S)
-
-
-def _acquisition_s(utc_ns: NDArray[np.int64], good: NDArray[np.bool_]) -> float:
-    """From the first panorama to the first good answer."""
-    return float(utc_ns[good][0] - utc_ns[0]) / 1e9 if good.any() else _NAN
-
-
-def _outage_s(utc_ns: NDArray[np.int64], good: NDArray[np.bool_]) -> float:
-    answers = utc_ns[good]
-    return float(np.diff(answers).max()) / 1e9 if len(answers) > 1 else _NAN

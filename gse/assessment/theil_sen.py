@@ -27,13 +27,16 @@ def theil_sen(values: NDArray[np.float64], at: NDArray[np.float64]) -> Slope:
     """
     apart = at[:, None] - at
     later = apart > 0
-    slopes = np.sort((values[:, None] - values)[later] / apart[later])
+    slopes = (values[:, None] - values)[later] / apart[later]
     n = len(values)
     variance = (_of_pairs(n) - _of_ties(at) - _of_ties(values)) / 18
     half_width = -float(ndtri(_TAIL)) * math.sqrt(max(variance, 0.0))
     high = min(round((len(slopes) + half_width) / 2), len(slopes) - 1)
     low = max(round((len(slopes) - half_width) / 2) - 1, 0)
-    return Slope(float(np.median(slopes)), float(slopes[low]), float(slopes[high]))
+    middle = len(slopes) // 2
+    slopes.partition(sorted({low, (len(slopes) - 1) // 2, middle, high}))
+    median = (slopes[(len(slopes) - 1) // 2] + slopes[middle]) / 2
+    return Slope(float(median), float(slopes[low]), float(slopes[high]))
 
 
 def _of_pairs(n: int) -> int:

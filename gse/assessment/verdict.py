@@ -4,9 +4,10 @@ Each subject on trial has its rows: mean |dRA*| and mean |dDE|, as in table 4-1 
 frames have |dRA*| and |dDE| within the same limit; the same of roll against a limit of its own; the half-cone that
 holds 95 % of the boresights; availability; false answers; and time. gse.assessment.decision gives the rule.
 
-FAIL where a row fails. INCONCLUSIVE where a row of the accuracy, availability or false answers cannot be decided, where
-more than a little of the session was left out for clock or link, where most of it had no sky, or where the mount that
-was fitted is not the stated one. PASS otherwise, with what was not tested.
+FAIL where a row fails. A row that fails by a mistake of the set-up is INCONCLUSIVE (gse.assessment.set_up_mistake); so
+is a session where a row of the accuracy, availability or false answers cannot be decided, where
+more than a little of the session was left out for clock or link, or was not counted at all, where most of it had no
+sky, or where the mount that was fitted is not the stated one. PASS otherwise, with what was not tested.
 """
 
 import math
@@ -19,11 +20,15 @@ from numpy.typing import NDArray
 from gse.assessment.decision import Outcome, Row, judge_figure, judge_share
 from gse.assessment.diagnosis import findings
 from gse.assessment.guard_band import COVERAGE_FACTOR
+from gse.assessment.mount_terms import STABILITY
 from gse.assessment.sensor_convention import is_wrong
 from gse.assessment.sensor_findings import sensor_findings
 from gse.assessment.sensor_health import SensorHealth, health_findings, sensor_health
-from gse.assessment.statistics import Statistics, SubjectStatistics, figure_of, statistics
+from gse.assessment.set_up_mistake import excused, set_up_mistake
+from gse.assessment.statistics import Statistics, statistics
+from gse.assessment.subject_statistics import SubjectStatistics, figure_of
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
+from gse.assessment.uncounted import uncounted
 from gse.constants import ARCSEC_PER_RAD
 from gse.finding import Finding
 from gse.limits import Limits
@@ -85,18 +90,24 @@ def judge(session: SessionData) -> Assessment:
         for subject in stats.subjects.values()
         for row in _rows(subject, stats, budget, session.station.limits, relative)
     )
-    obstacles = tuple(_obstacles(session, stats, rows))
-    verdict = _verdict(rows, obstacles)
     found = _causes(session, stats)
+    mistake = set_up_mistake(session, stats.counted, found) if Outcome.FAIL in {row.outcome for row in rows} else None
+    if mistake:
+        rows = tuple(excused(row, mistake) for row in rows)
+    obstacles = tuple(_obstacles(session, stats, rows))
+    if mistake:
+        obstacles = (f"set-up: {mistake}", *obstacles)
+    verdict = _verdict(rows, obstacles)
     found += sensor_findings(session, stats.own, stats.convention)
     health = sensor_health(session)
     found += tuple(health_findings(session, health))
     reasons = [row.reason for row in rows if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE)]
-    reasons += obstacles
+    # A mistake of the set-up explains the figures that follow it.
+    reasons = [*obstacles[:1], *reasons, *obstacles[1:]] if mistake else [*reasons, *obstacles]
     if verdict is not Verdict.PASS:
-        # A gross mistake explains the figures that follow it.
-        first = [str(finding) for finding in found if finding.is_gross]
-        reasons = [*first, *reasons, *_complaints(session, budget), *map(str, found)]
+        first = [str(finding) for finding in found if finding.is_gross and finding is not mistake]
+        others = [str(finding) for finding in found if finding != mistake]
+        reasons = [*(() if mistake else first), *reasons, *_complaints(session, budget), *others]
     if relative:
         reasons.append(_relative_to(session))
     return Assessment(
@@ -167,6 +178,7 @@ def _rows(
                 truth_uncertainty=_truth_uncertainty(budget, axis),
                 decision=limits.decision,
                 relative=relative,
+                settles=_settles(budget, axis),
             )
     yield judge_figure(
         subject.subject,
@@ -187,12 +199,18 @@ def _truth_uncertainty(budget: TruthUncertaintyBudget, axis: str) -> float:
     return budget.axes[axis].one_sided_arcsec / COVERAGE_FACTOR
 
 
+def _settles(budget: TruthUncertaintyBudget, axis: str) -> bool:
+    """Whether the stability of the mount, better known after a longer time, makes most of what truth leaves open."""
+    stability = math.hypot(*(term.of(axis) for term in budget.terms if term.name == STABILITY))
+    return stability**2 > budget.axes[axis].standard_arcsec ** 2 / 2
+
+
 def _shares(subject: SubjectStatistics, limits: Limits) -> Iterator[Row]:
     who, decision = subject.subject, limits.decision
     yield judge_share(
         who, "availability", subject.available, limit=limits.availability, at_least=True, decision=decision
     )
-    fields = f" in {subject.star_fields} star fields"
+    fields = f" in {subject.star_fields} star field{'' if subject.star_fields == 1 else 's'}"
     yield judge_share(
         who,
         "false answers",
@@ -206,13 +224,14 @@ def _shares(subject: SubjectStatistics, limits: Limits) -> Iterator[Row]:
 
 def _time(subject: SubjectStatistics, limits: Limits) -> Row:
     """The 99th percentile of the time; the share of the slow frames decides, by its exact bounds."""
-    here = subject.subject is Subject.ONBOARD
-    name = "identification time on this host, 99 %" if here else "processing time as it states, 99 %"
+    name = "processing time as it states, 99 %" if subject.time_is_stated else "identification time on this host, 99 %"
     row = judge_share(subject.subject, name, subject.slow, limit=SLOW_SHARE, at_least=False, decision=limits.decision)
     reason = row.reason
-    if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE):
+    undecided = row.outcome is Outcome.INCONCLUSIVE
+    if row.outcome is Outcome.FAIL or undecided:
         reason = f"{row.label} is {subject.time_ms.p99:.1f} ms, the limit is {limits.identification_ms:g} ms"
-        reason += f" ({subject.slow.count} of {subject.slow.of} frames are slower)"
+        reason += f" ({subject.slow.count} of {subject.slow.of} frames are slower"
+        reason += f", which shows at most {subject.slow.upper:.1%}: a longer session decides)" if undecided else ")"
     return replace(
         row, value=subject.time_ms.p99, unit="ms", limit=limits.identification_ms, reason=reason, uncertainty=math.nan
     )
@@ -221,9 +240,12 @@ def _time(subject: SubjectStatistics, limits: Limits) -> Row:
 def _obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) -> Iterator[str]:
     """Why a session cannot pass though its rows may."""
     yield from _untested_core(rows)
+    yield from _all_excluded(stats)
     yield from _much_excluded(session, stats)
+    yield from uncounted(session, stats)
     yield from _little_sky(session, stats)
     yield from _other_mount(session)
+    yield from _stars_by_day(session, stats)
     if is_wrong(stats.convention, session.station.sensor.attitude):
         yield "sensor: its answers follow another convention than the station file states, so they were not compared"
 
@@ -239,6 +261,12 @@ def _untested_core(rows: tuple[Row, ...]) -> Iterator[str]:
     ]
     if not any(names.issuperset(_CORE) for names in tested):
         yield "no subject has errors against truth, availability and false answers: nothing can pass"
+
+
+def _all_excluded(stats: Statistics) -> Iterator[str]:
+    if stats.frames and stats.counted.excluded.all():
+        words = dict.fromkeys(f"{item.cause}: {item.reason}" for item, count in stats.exclusions if count)
+        yield f"all {stats.frames} frames are left out: {'; '.join(list(words)[:3])}"
 
 
 def _much_excluded(session: SessionData, stats: Statistics) -> Iterator[str]:
@@ -278,6 +306,19 @@ def _other_mount(session: SessionData) -> Iterator[str]:
             f"the fitted mount is {apart} from the stated one: azimuth {alignment.mount.azimuth_deg:.2f}, "
             f"altitude {alignment.mount.altitude_deg:.2f}, roll {alignment.mount.roll_deg:.2f} deg were fitted; check "
             "the angles, the site and the clock"
+        )
+
+
+def _stars_by_day(session: SessionData, stats: Statistics) -> Iterator[str]:
+    """A fitted mount hides a clock or a site that is wrong by hours, the Sun does not."""
+    if session.station.mount.align is None:
+        return
+    used = session.frames.columns["sun_altitude_deg"][stats.counted.used]
+    sun_deg = float(np.median(used)) if len(used) else math.nan
+    if sun_deg > 0:
+        yield (
+            f"stars are identified though the Sun stands {sun_deg:.0f} deg above the horizon, by this clock and site: "
+            "check both, a fitted mount hides their error"
         )
 
 

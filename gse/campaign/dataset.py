@@ -27,6 +27,7 @@ import pyarrow.parquet as pq
 from gse.campaign.storage import explained, open_storage, put_whole, read_whole
 from gse.errors import UsageError
 from gse.tables import SCHEMA_VERSION
+from gse.tables.parquet import write_parquet
 
 SCHEMA = f"gse.dataset/{SCHEMA_VERSION}"
 MARK = "dataset.json"
@@ -104,9 +105,9 @@ class DataSet:
         except Exception as error:
             raise explained(error, self.url) from error
 
-    def put(self, place: Committed, table: str, rows: pa.Table) -> None:
+    def put(self, place: Committed, table: str, parquet: bytes) -> None:
         """Write the file of one table of a session."""
-        put_whole(self.fs, self.root, place.path(table), parquet_of(rows))
+        put_whole(self.fs, self.root, place.path(table), parquet)
 
     def read(self, path: str, columns: Sequence[str] | None = None) -> pa.Table | None:
         """A Parquet file below the data set's folder, None where there is none."""
@@ -149,9 +150,9 @@ class DataSet:
         known = {(row["url"], row["key"]): row for row in (*self.sources(), *sources)}
         if known:
             rows = pa.Table.from_pylist([known[each] for each in sorted(known)])
-            put_whole(self.fs, self.root, _SOURCES, parquet_of(rows))
+            put_whole(self.fs, self.root, _SOURCES, parquet_of([rows]))
         if self.committed():
-            put_whole(self.fs, self.root, INDEX, parquet_of(self.sessions()))
+            put_whole(self.fs, self.root, INDEX, parquet_of([self.sessions()]))
 
     def _row(self, place: Committed, columns: Sequence[str] | None) -> pa.Table | None:
         in_file = None if columns is None else [name for name in columns if name not in _PLACE]
@@ -180,14 +181,10 @@ def without_place(rows: pa.Table) -> pa.Table:
     return rows.drop_columns([name for name in _PLACE if name in rows.column_names])
 
 
-def parquet_of(rows: pa.Table) -> bytes:
-    """A table as a Parquet file: the same rows give the same bytes.
-
-    A single row, of 800 columns, needs neither statistics nor dictionaries: they would be most of its file.
-    """
+def parquet_of(parts: Iterable[pa.Table]) -> bytes:
+    """The parts of one table as a Parquet file: the same rows give the same bytes."""
     buffer = io.BytesIO()
-    many = len(rows) > 1
-    pq.write_table(rows, buffer, compression="zstd", write_statistics=many, use_dictionary=many)
+    write_parquet(parts, buffer)
     return buffer.getvalue()
 
 

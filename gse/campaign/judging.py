@@ -20,7 +20,17 @@ import pyarrow as pa
 from drivers.errors import DriverError
 from drivers.outside_text import plain_lines
 from gse.assessment.verdict import judge
-from gse.campaign.dataset import FRAMES, REPORT_COLUMN, SESSIONS, STARS, UNKNOWN, Committed, DataSet, without_place
+from gse.campaign.dataset import (
+    FRAMES,
+    REPORT_COLUMN,
+    SESSIONS,
+    STARS,
+    UNKNOWN,
+    Committed,
+    DataSet,
+    parquet_of,
+    without_place,
+)
 from gse.campaign.hot_pixels import COLUMN, HotPixelCounter
 from gse.campaign.keys import OWN_STATION, session_sha256, software_sha256
 from gse.campaign.sources import Source
@@ -30,7 +40,7 @@ from gse.release_memory import give_back
 from gse.report import summarise
 from gse.sessions.replay import StationText, replay_session
 from gse.station.setup import keep_one_sky
-from gse.tables import ResultKey, failed_session, session_tables
+from gse.tables import ResultKey, failed_session, frames_parts, sessions_table, stars_table
 from protocols import ProtocolError
 
 _MOST_ERROR = 1000
@@ -91,7 +101,7 @@ def judge_source(source: Source, job: Job) -> Judged:
 @dataclass(frozen=True, slots=True)
 class _Result:
     place: Committed
-    tables: dict[str, pa.Table]
+    files: dict[str, bytes]
     verdict: str | None
     error: str
 
@@ -135,7 +145,7 @@ def _judged(path: Path, key: ResultKey, job: Job, source: Source) -> _Result:
         )
         session = replay.session
         assessment = judge(session)
-        tables = session_tables(session, assessment, key, source=source.url)
+        row = sessions_table(session, assessment, key, source=source.url)
         report = json.dumps(summarise(session, assessment), indent=2, allow_nan=False) + "\n"
     except (GseError, DriverError, ProtocolError) as error:
         return _failed(key, source, str(error))
@@ -146,11 +156,11 @@ def _judged(path: Path, key: ResultKey, job: Job, source: Source) -> _Result:
         where = f"{Path(place.filename).name}:{place.lineno}"
         return _failed(key, source, f"internal error: {type(error).__name__}: {error} at {where}; please report it")
     return _Result(
-        Committed(session.station.sensor.name, _night(tables.sessions), key.text),
+        Committed(session.station.sensor.name, _night(row), key.text),
         {
-            STARS: tables.stars,
-            FRAMES: tables.frames,
-            SESSIONS: _completed(tables.sessions, hot_pixels.column(), report),
+            STARS: parquet_of([stars_table(session, key.text)]),
+            FRAMES: parquet_of(frames_parts(session, assessment.statistics, key.text)),
+            SESSIONS: parquet_of([_completed(row, hot_pixels.column(), report)]),
         },
         assessment.verdict.value,
         "",
@@ -160,12 +170,14 @@ def _judged(path: Path, key: ResultKey, job: Job, source: Source) -> _Result:
 def _failed(key: ResultKey, source: Source, text: str) -> _Result:
     error = plain_lines(text)[:_MOST_ERROR]
     rows = _completed(failed_session(source.url, error, key), pa.nulls(1, COLUMN.type), None)
-    return _Result(Committed(UNKNOWN, UNKNOWN, key.text), {SESSIONS: rows}, None, error)
+    return _Result(Committed(UNKNOWN, UNKNOWN, key.text), {SESSIONS: parquet_of([rows])}, None, error)
 
 
 def _completed(rows: pa.Table, hot_pixels: pa.Array, report: str | None) -> pa.Table:
-    return rows.append_column(COLUMN, hot_pixels).append_column(
-        pa.field(REPORT_COLUMN, pa.string()), pa.array([report], pa.string())
+    return (
+        without_place(rows)
+        .append_column(COLUMN, hot_pixels)
+        .append_column(pa.field(REPORT_COLUMN, pa.string()), pa.array([report], pa.string()))
     )
 
 
@@ -175,8 +187,8 @@ def _night(rows: pa.Table) -> str:
 
 def _put(dataset: DataSet, result: _Result) -> None:
     """The row in sessions last: with it the results count."""
-    for table, rows in result.tables.items():
-        dataset.put(result.place, table, without_place(rows))
+    for table, parquet in result.files.items():
+        dataset.put(result.place, table, parquet)
 
 
 @functools.lru_cache(maxsize=4)

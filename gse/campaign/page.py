@@ -1,11 +1,13 @@
 """campaign.html: one page, readable offline, printable, in the style of a session's report."""
 
+from collections.abc import Callable
 from functools import partial
 from importlib import resources
 from typing import Any
 
 import jinja2
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
 from gse.campaign.plots import draw_field, draw_phase, draw_rows, draw_sky, draw_trends, trends_height_in
 from gse.report.page import numbered, quantity_text
@@ -42,8 +44,15 @@ def _plots(place: int, sensor: dict[str, Any]) -> dict[str, str]:
     if sensor["sky"]:
         wanted["sky"] = (3.2, draw_sky)
     return {
-        name: svg_of(f"{name}-{place}", height, partial(draw, sensor=sensor)) for name, (height, draw) in wanted.items()
+        name: svg_of(f"{name}-{place}", height, partial(_laid_out, draw=draw, sensor=sensor))
+        for name, (height, draw) in wanted.items()
     }
+
+
+def _laid_out(figure: Figure, draw: Callable[[Figure, dict[str, Any]], None], sensor: dict[str, Any]) -> None:
+    """A figure whose panels make room for all their labels, which the margins of a session's report do not know."""
+    figure.set_layout_engine("constrained")
+    draw(figure, sensor)
 
 
 def _number(value: float | None, digits: int = 3) -> str:

@@ -16,7 +16,7 @@ from typing import Any
 import click
 
 from drivers.errors import CaptureError, CommandError, DriverError, UrlError
-from drivers.outside_text import plain_lines
+from drivers.outside_text import is_plain, plain_line, plain_lines
 from gse.cli.examples import epilog
 from gse.errors import GseError
 from protocols.errors import ProtocolError
@@ -76,6 +76,9 @@ class _Commands(click.Group):
         command = module.command
         assert isinstance(command, click.Command)
         command.epilog = epilog(cmd_name)
+        if isinstance(command, click.Group):
+            for name, below in command.commands.items():
+                below.epilog = epilog(f"{cmd_name} {name}")
         return command
 
     def resolve_command(
@@ -123,6 +126,13 @@ def cli() -> None:
     """
 
 
+def _check_showable(words: Sequence[str]) -> None:
+    """Refuse names that steer a terminal or are no text: a shell's ``*`` finds them in a foreign folder."""
+    for word in words if words[:1] != ["note"] else ():
+        if not is_plain(word):
+            raise click.UsageError(f"'{plain_line(word):.200}' has characters that cannot be shown; rename the file")
+
+
 def was_interrupted(error: BaseException | None) -> bool:
     """Whether Ctrl-C is behind an error: out of compiled code it comes as a SystemError, or as the cause of one."""
     return error is not None and (isinstance(error, KeyboardInterrupt) or was_interrupted(error.__cause__))
@@ -130,8 +140,10 @@ def was_interrupted(error: BaseException | None) -> bool:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; expected errors become one or two lines on stderr and an exit code."""
+    words = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        code = cli.main(None if arguments is None else list(arguments), prog_name="gse", standalone_mode=False)
+        _check_showable(words)
+        code = cli.main(words, prog_name="gse", standalone_mode=False)
     except click.exceptions.Exit as done:
         code = done.exit_code
     except click.ClickException as error:

@@ -12,7 +12,7 @@ import numpy as np
 from gse.attitude import Attitude
 from gse.cli import EXIT_FAIL
 from gse.cli.new_files import write_new
-from gse.cli.options import change_to, fit_options, say
+from gse.cli.options import change_to, fit_options
 from gse.config.edit import with_values
 from gse.mount import Mount
 from gse.station.attitude_error import attitude_error
@@ -54,15 +54,15 @@ def command(
     """
     from gse.assessment.counted_frames import counted_frames
     from gse.assessment.diagnosis import gross_finding
-    from gse.sessions.replay import ReplayOptions, replay_session
+    from gse.cli.progress import replay_with_progress
+    from gse.sessions.replay import ReplayOptions
 
     measured = MeasuredMounts()
-    replay = replay_session(
+    replay = replay_with_progress(
         path,
-        options=ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc),
-        station=change_to(station_path),
-        make_listeners=lambda loop, folder: [measured],
-        tell=say,
+        lambda loop, folder: [measured],
+        ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc),
+        change_to(station_path),
     )
     validation = cross_validated(measured, replay.session)
     gross = gross_finding(replay.session, counted_frames(replay.session))

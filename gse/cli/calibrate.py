@@ -10,6 +10,7 @@ from gse.calibration.camera_fit import Calibration
 from gse.calibration.session_fit import PanoramaSample, SessionCalibration, calibrate_session
 from gse.cli.new_files import write_new
 from gse.cli.options import change_to, fit_options, say, with_identifier
+from gse.cli.working import working
 from gse.config.edit import with_values
 from gse.errors import TruthError
 from gse.truth import EarthOrientation, SiderealTruth
@@ -45,10 +46,19 @@ def command(
     """
     from gse.sessions.panoramas import open_recording
     from gse.sessions.replay import ReplayOptions
+
+    with working("fitting the camera"):
+        options = ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc)
+        recording = open_recording(path, options, change_to(station_path))
+        result = _calibrated(recording, tangential=tangential)
+    if write_path is not None:
+        write_new(write_path, with_values(recording.station_text, "sensor", _sensor_values(result)))
+    click.echo(json.dumps(calibration_report(result)) if as_json else "\n".join(_lines(result)))
+
+
+def _calibrated(recording: "Recording", *, tangential: bool) -> SessionCalibration:
     from gse.station.setup import set_up
 
-    options = ReplayOptions(from_utc=from_utc, to_utc=to_utc, start_utc=start_utc)
-    recording = open_recording(path, options, change_to(station_path))
     sample = PanoramaSample()
     for panorama in recording.panoramas():
         sample.add(panorama)
@@ -57,10 +67,8 @@ def command(
     if station.identifier.algorithm == "external":
         station, text = with_identifier(station, text, "robust")
     setup = set_up(station, text, utc_ns=first_ns, protocol_text=recording.protocol.text, tell=say)
-    result = calibrate_session(sample, setup.camera, setup.built_in, _truth(recording, first_ns), tangential=tangential)
-    if write_path is not None:
-        write_new(write_path, with_values(recording.station_text, "sensor", _sensor_values(result)))
-    click.echo(json.dumps(calibration_report(result)) if as_json else "\n".join(_lines(result)))
+    truth = _truth(recording, first_ns)
+    return calibrate_session(sample, setup.camera, setup.built_in, truth, tangential=tangential)
 
 
 def _truth(recording: "Recording", utc_ns: int | None) -> SiderealTruth | None:

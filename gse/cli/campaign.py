@@ -1,6 +1,6 @@
 """``gse campaign``: many sessions judged into a data set, its report, and questions to it."""
 
-import importlib
+import importlib.util
 import json
 import os
 import sys
@@ -24,15 +24,13 @@ _MOST_LINES = 20
 
 
 def require_packages() -> None:
-    """UsageError with the line that installs them, where the packages of campaigns are not installed."""
-    for name in PACKAGES:
-        try:
-            importlib.import_module(name)
-        except ImportError as error:
-            raise UsageError(
-                f"campaigns need packages that are not installed ({error.name or name}); install them, in the folder "
-                "of gse, with: .venv/bin/pip install '.[campaign]'"
-            ) from error
+    """UsageError with the line that installs them, where packages of campaigns are not installed."""
+    missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
+    if missing:
+        raise UsageError(
+            f"campaigns need packages that are not installed ({', '.join(missing)}); install them, in the folder of "
+            "gse, with: .venv/bin/pip install '.[campaign]'"
+        )
 
 
 @click.group("campaign")

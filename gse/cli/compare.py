@@ -126,21 +126,23 @@ def compare_report(result: SessionComparison) -> dict[str, Any]:
         "schema": "gse.compare/1",
         "regression": bool(result.regressions),
         "paired": result.paired,
-        "rows": [
-            {
-                "name": row.name,
-                "unit": row.unit,
-                "first": _number(row.first),
-                "second": _number(row.second),
-                "second_alike": _number(row.alike),
-                "difference": _number(row.difference),
-                "sigmas": _number(row.sigmas, 2),
-                "allowed": _number(row.allowed),
-                "gated": row.gate,
-                "worse": row.worse,
-            }
-            for row in result.rows
-        ],
+        "rows": [_row_report(row) for row in result.rows],
+        "metrics": [_row_report(row) for row in result.metrics],
+    }
+
+
+def _row_report(row: Row) -> dict[str, Any]:
+    return {
+        "name": row.name,
+        "unit": row.unit,
+        "first": _number(row.first),
+        "second": _number(row.second),
+        "second_alike": _number(row.alike),
+        "difference": _number(row.difference),
+        "sigmas": _number(row.sigmas, 2),
+        "allowed": _number(row.allowed),
+        "gated": row.gate,
+        "worse": row.worse,
     }
 
 
@@ -192,14 +194,24 @@ def _lines(result: SessionComparison) -> list[str]:
         "",
         head,
         *(_line(row) for row in result.rows),
+        "",
+        "metrics after ECSS-E-ST-60-20C (docs/metrics.md), not judged; x along columns, y along rows",
+        f"{'':52}{'first':>12}{'second':>12}{'difference':>12}{'sigmas':>9}",
+        *(_metric_line(row) for row in result.metrics),
     ]
+
+
+def _metric_line(row: Row) -> str:
+    return f"{f'{row.name} ({row.unit})':52}{row.first:12.4f}{row.second:12.4f}{row.difference:+12.4f}{_sigmas(row)}"
+
+
+def _sigmas(row: Row) -> str:
+    return f"{row.sigmas:9.1f}" if math.isfinite(row.sigmas) else f"{'-':>9}"
 
 
 def _line(row: Row) -> str:
     name = f"{row.name} ({row.unit})" if row.unit else row.name
     note = "  WORSE" if row.worse else "" if row.gate else "  (not judged)"
-    sigmas = f"{row.sigmas:9.1f}" if math.isfinite(row.sigmas) else f"{'-':>9}"
     allowed = f"{row.allowed:10.4g}" if row.gate else f"{'-':>10}"
-    return (
-        f"{name:28}{row.first:12.4f}{row.second:12.4f}{row.alike:12.4f}{row.difference:+12.4f}{sigmas}{allowed}{note}"
-    )
+    values = f"{row.first:12.4f}{row.second:12.4f}{row.alike:12.4f}{row.difference:+12.4f}"
+    return f"{name:28}{values}{_sigmas(row)}{allowed}{note}"

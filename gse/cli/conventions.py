@@ -9,6 +9,7 @@ import click
 
 from gse.cli import EXIT_FAIL
 from gse.cli.options import change_to, say
+from gse.cli.working import working
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -38,8 +39,9 @@ def command(ctx: click.Context, *, path: Path, seconds: float, station_path: Pat
     """
     from gse.assessment.sensor_convention import is_wrong, session_convention
 
-    session = _session(path, station_path, seconds)
-    search = session_convention(session, seconds)
+    with working("comparing the sensor's answers"):
+        session = _session(path, station_path, seconds)
+        search = session_convention(session, seconds)
     if search is None:
         raise UsageError(
             f"{path} has {len(session.sensor_attitudes)} answers of the sensor in {seconds:g} s that can be compared; "

@@ -16,6 +16,7 @@ from gse.cli.options import IDENTIFIER, station_of, station_option, with_identif
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
+    from gse.evaluation.paper_sky import PaperSky
     from gse.evaluation.plan import Counter, Outcome, Plan
 
 BENCHMARK = ("robust", "neighbour", "pivot", "match-group")
@@ -108,7 +109,7 @@ def command(
 
     --preset pivot-paper, the settings of the pivot paper: noise on each angle between stars of an 8 deg circular field,
     tolerance 3 sigma, frames with 3 stars or more; an answer is right if its first star is. The limit is V = 6.0, or
-    5.7 in the embedded catalogue, which has as many stars.
+    5.7 in the embedded catalogue, which has as many stars. With --figures also the paper's figures 2 to 7, 9 and 10.
 
     --preset lapan, a field like that of the LAPAN sensor. The paper's are whole pixels, 30 objects and 1.5 px; ours,
     because it states none, are 14 x 14 deg, 1024 x 1024 px, 10 arcsec, 0.3 mag, 0, 3 and 8 false objects, Fn 6.
@@ -123,24 +124,46 @@ def command(
         return
     plan, note = _plan(options)
     if figures is not None:
-        from gse.evaluation.plots import refuse_existing
-
-        refuse_existing(figures)
+        _refuse_existing(figures, plan)
     counter, interrupted = _run(plan, workers, scheduler)
     document = report(plan, counter.tallies(), interrupted=interrupted)
+    sky = _paper_sky(plan)
+    if sky is not None:
+        document["distinct_star"] = sky.distinct_star()
     if as_json:
         click.echo(json.dumps(document))
     else:
         lines = [part for line in note.splitlines() for part in textwrap.wrap(line, _COLUMNS)]
         click.echo("\n".join([*lines, *table(document)]))
     if figures is not None:
-        from gse.evaluation.plots import write_figures
-
-        for path in write_figures(document, figures):
-            click.echo(f"{path} written", err=True)
+        _write_figures(document, figures, plan, sky)
     if interrupted:
         click.echo("interrupted: the result is that of the frames done so far", err=True)
         ctx.exit(EXIT_INTERRUPTED)
+
+
+def _paper_sky(plan: "Plan") -> "PaperSky | None":
+    """The sky of the pivot paper, where the plan is of angles between stars."""
+    from gse.evaluation.paper_sky import PaperSky
+
+    return PaperSky.of(plan) if plan.angle_noise else None
+
+
+def _refuse_existing(folder: Path, plan: "Plan") -> None:
+    from gse.evaluation.paper_sky import FIGURES
+    from gse.evaluation.plots import refuse_existing
+
+    refuse_existing(folder, *(FIGURES if plan.angle_noise else ()))
+
+
+def _write_figures(document: dict[str, Any], folder: Path, plan: "Plan", sky: "PaperSky | None") -> None:
+    from gse.evaluation.paper_sky import write_sky_figures
+    from gse.evaluation.plots import write_figures
+
+    paths = write_figures(document, folder)
+    paths += write_sky_figures(sky, plan.frames, folder) if sky is not None else []
+    for path in paths:
+        click.echo(f"{path} written", err=True)
 
 
 def _benchmark(folders: tuple[Path, ...], options: dict[str, Any], *, as_json: bool) -> None:
@@ -282,6 +305,18 @@ def table(document: dict[str, Any]) -> list[str]:
         f"shares of the frames with at least {document['fewest_stars']} real stars, with 95 % bounds",
         f"few: frames with fewer stars; false answers in them: {few_false}",
         "times: CPU time of one call, all frames",
+        *_distinct_star(document),
+    ]
+
+
+def _distinct_star(document: dict[str, Any]) -> list[str]:
+    """Eqs 1 and 2 of the pivot paper in words, where the document has them."""
+    found = document.get("distinct_star")
+    if found is None:
+        return []
+    return [
+        f"eqs 1, 2: one star a field to magnitude {found['magnitude']:.2f} ({found['fields_eq_1']:.0f} fields);",
+        f"the source has {found['stars']}, and {100 * found['fields_with_one']:.1f} % of the fields have one",
     ]
 
 

@@ -1,4 +1,4 @@
-"""Two examples at the end of each command's help."""
+"""Two examples at the end of the help of each command, and of each below it."""
 
 EXAMPLES = {
     "run": (
@@ -14,14 +14,14 @@ EXAMPLES = {
     "view": ("gse view session.mcap --web", "gse view session.mcap --screenshot session.png"),
     "identify": (
         "gse identify panorama.csv --station roof.yaml",
-        "gse identify panorama.csv --json",
+        "gse identify panorama.csv --station roof.yaml --json",
     ),
     "extract": ("gse extract image.fits", "gse extract image.png --out panorama.csv"),
     "evaluate": ("gse evaluate --frames 1000", "gse evaluate --preset lapan"),
     "simulate": ("gse simulate --list", "gse simulate --scenario clear-zenith --seconds 600"),
     "emulate": ("gse emulate --pty", "gse emulate --tcp 127.0.0.1:4000 --station roof.yaml"),
-    "calibrate": ("gse calibrate session.mcap", "gse calibrate session.mcap --write roof.yaml"),
-    "align": ("gse align session.mcap", "gse align session.mcap --write roof.yaml"),
+    "calibrate": ("gse calibrate session.mcap", "gse calibrate session.mcap --write calibrated.yaml"),
+    "align": ("gse align session.mcap", "gse align session.mcap --write aligned.yaml"),
     "compare": ("gse compare before.mcap after.mcap", "gse compare session.mcap --identifier pivot"),
     "session": ("gse session info session.mcap", "gse session verify session.mcap"),
     "decode": ("gse decode session.mcap --explain", "gse decode capture.bin --protocol sensor.yaml"),
@@ -40,6 +40,45 @@ EXAMPLES = {
     "why": ("gse why sessions/20260320T183000Z-ST-1", "gse why session.mcap --bundle case.zip"),
     "conventions": ("gse conventions session.mcap", "gse conventions session.mcap --json"),
     "note": ('gse note "clouds from the west"', 'gse note "dew on the lens" sessions/20260320T183000Z-ST-1'),
+    "session info": ("gse session info sessions/20260320T183000Z-ST-1", "gse session info session.mcap --json"),
+    "session verify": ("gse session verify session.mcap", "gse session verify session.mcap --json"),
+    "session recover": ("gse session recover session.mcap", "gse session recover session.mcap --out whole.mcap"),
+    "session trim": (
+        "gse session trim session.mcap --from 2026-03-20T18:30:00Z --out part.mcap",
+        "gse session trim session.mcap --to 2026-03-20T19:00:00Z",
+    ),
+    "session export": (
+        "gse session export session.mcap --format parquet --out frames.parquet",
+        "gse session export session.mcap --format mcap --out results.mcap",
+    ),
+    "config init": ("gse config init roof.yaml", "gse config init roof.yaml --yes --port /dev/ttyUSB0"),
+    "config check": ("gse config check roof.yaml", "gse config check roof.yaml --at 2026-03-20T18:30:00Z"),
+    "config show": ("gse config show", "gse config show roof.yaml --json"),
+    "catalog info": ("gse catalog info", "gse catalog info --station roof.yaml"),
+    "catalog export": (
+        "gse catalog export --station roof.yaml --flight flight.csv",
+        "gse catalog export --station roof.yaml --list stars.csv",
+    ),
+    "sensor start": (
+        "gse sensor start --station roof.yaml",
+        "gse sensor start --period 0.1 --port /dev/ttyUSB0",
+    ),
+    "sensor stop": ("gse sensor stop --station roof.yaml", "gse sensor stop --port /dev/ttyUSB0"),
+    "sensor status": ("gse sensor status --station roof.yaml", "gse sensor status --port /dev/ttyUSB0 --json"),
+    "sensor request": ("gse sensor request --station roof.yaml", "gse sensor request --port /dev/ttyUSB0"),
+    "sensor exposure": (
+        "gse sensor exposure 0.2 --station roof.yaml",
+        "gse sensor exposure 0.05 --port /dev/ttyUSB0",
+    ),
+    "campaign judge": (
+        "gse campaign judge 'nights/*' --to dataset",
+        "gse campaign judge 'nights/*' --to dataset --scheduler tcp://10.0.0.1:8786",
+    ),
+    "campaign report": ("gse campaign report dataset", "gse campaign report dataset --out campaign --pdf"),
+    "campaign query": (
+        'gse campaign query dataset "select night, verdict from sessions"',
+        'gse campaign query dataset "select count(*) from sessions" --format json',
+    ),
     "completion": ("gse completion bash >> ~/.bashrc", "gse completion fish > ~/.config/fish/completions/gse.fish"),
 }
 

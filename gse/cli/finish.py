@@ -43,7 +43,8 @@ def conclude(
 ) -> dict[str, Any]:
     """Write the report of a judged session and this host's own times into a folder; returns the report."""
     from gse.release_memory import give_back
-    from gse.report import summarise, write_report
+    from gse.report import summarise
+    from gse.report.files import write_report
     from gse.report.provenance import provenance
 
     report = summarise(session, assessment)

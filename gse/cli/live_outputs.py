@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -10,6 +11,14 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import click
 
 from drivers.chunk import LinkEvent
+from gse.cli.options import (
+    bind_option,
+    gathered,
+    http_port_option,
+    json_frames_option,
+    save_rrd_option,
+    view_option,
+)
 from gse.instant import to_text
 from gse.station.frame_json import frame_json
 from gse.station.loop import Listener, StationLoop
@@ -24,6 +33,22 @@ if TYPE_CHECKING:
 
 _LOOPBACK = ("127.0.0.1", "localhost")
 ViewMode = Literal["web", "native", "none"]
+
+
+@dataclass(frozen=True, slots=True)
+class LiveOptions:
+    """How a session is shown while it runs."""
+
+    view: ViewMode
+    bind: str
+    http_port: int
+    save_rrd: Path | None
+    json_frames: bool
+
+
+live_options = gathered(
+    "live", LiveOptions, view_option, bind_option, http_port_option, save_rrd_option, json_frames_option
+)
 
 
 class JsonFrames:
@@ -61,20 +86,10 @@ class LiveOutputs:
     """
 
     def __init__(
-        self,
-        *,
-        view: ViewMode,
-        bind: str,
-        http_port: int,
-        save_rrd: Path | None,
-        json_frames: bool,
-        step: bool = False,
-        diagnose: bool = True,
-        notes: Notes | None = None,
+        self, options: LiveOptions, *, step: bool = False, diagnose: bool = True, notes: Notes | None = None
     ) -> None:
-        self._view, self._bind, self._port, self._save_rrd = view, bind, http_port, save_rrd
+        self._options = options
         self._notes = notes
-        self._json_frames = json_frames
         self._step, self._diagnose = step, diagnose
         self._live: LiveView | None = None
         self._forecast: Forecast | None = None
@@ -85,10 +100,10 @@ class LiveOutputs:
         from gse.sessions.forecast import Forecast
 
         self._forecast = Forecast(loop.sky.fill)
-        listeners: list[Listener] = [JsonFrames()] if self._json_frames else []
+        listeners: list[Listener] = [JsonFrames()] if self._options.json_frames else []
         listeners.append(self._forecast)
         listeners.append(self._open_status(loop, folder))
-        if self._view != "none" or self._save_rrd is not None:
+        if self._options.view != "none" or self._options.save_rrd is not None:
             listeners.append(self._open_view(loop, folder))
         if self._step:
             listeners.append(Steps())
@@ -102,6 +117,10 @@ class LiveOutputs:
     def forecast(self) -> str:
         """The line on the time to a verdict; empty before it is known."""
         return self._forecast.text if self._forecast else ""
+
+    def metrics(self) -> str:
+        """The metrics so far as a table in Markdown; empty before they are known."""
+        return self._forecast.metrics if self._forecast else ""
 
     def enter_judging(self) -> None:
         """Show that the session is closed and judged."""
@@ -131,7 +150,7 @@ class LiveOutputs:
             self._live.close()
 
     def _open_status(self, loop: StationLoop, folder: Path | None) -> Listener:
-        if self._view == "none":
+        if self._options.view == "none":
             click.echo("to see it live: --view web", err=True)
         status = StatusLine(loop.setup.station, folder, forecast=self.forecast)
         status.__enter__()
@@ -143,18 +162,19 @@ class LiveOutputs:
 
         view = LiveView(
             loop.setup.station,
-            mode=self._view,
-            save_rrd=self._save_rrd,
+            mode=self._options.view,
+            save_rrd=self._options.save_rrd,
             catalog=loop.setup.identifier.catalog,
-            bind=self._bind,
-            port=self._port,
+            bind=self._options.bind,
+            port=self._options.http_port,
             folder=folder,
             notes=self._notes,
             forecast=self.forecast,
+            metrics=self.metrics,
         )
         if view.url:
             click.echo(f"live page: {view.url} (rerun: {view.url}rerun)", err=True)
-        if view.url and self._bind not in _LOOPBACK and self._notes is not None:
+        if view.url and self._options.bind not in _LOOPBACK and self._notes is not None:
             click.echo(f"notes from other machines: {view.url}#token={view.token}", err=True)
         self._live = view
         return view

@@ -1,5 +1,6 @@
 """Options shared by several commands."""
 
+import functools
 import shlex
 from collections.abc import Callable
 from dataclasses import replace
@@ -122,6 +123,24 @@ out_option: Callable[[Any], Any] = click.option(
     show_default=True,
     help="Folder in which the new session folder is made.",
 )
+
+
+def gathered(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Options whose values, by their names, a command takes as one: what ``make`` makes of them."""
+
+    def decorated(command: Any) -> Any:
+        @functools.wraps(command)
+        def whole(*arguments: Any, **values: Any) -> Any:
+            own = {key: values.pop(key) for key in keys}
+            return command(*arguments, **{name: make(**own)}, **values)
+
+        others = len(getattr(command, "__click_params__", ()))
+        for option in reversed(options):
+            option(whole)
+        keys = [param.name for param in vars(whole)["__click_params__"][others:]]
+        return whole
+
+    return decorated
 
 
 def fit_options(*, write_help: str, schema: str) -> Callable[[Any], Any]:

@@ -1,58 +1,82 @@
 """``gse replay``: a test from a session or a raw capture."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from gse.cli import EXIT_FAIL
-from gse.cli.finish import TRUNCATED, applied, conclude, judge_as_stated, say_exit_code, show_paths, show_report
-from gse.cli.live_outputs import LiveOutputs, ViewMode
+from gse.cli.finish import (
+    TRUNCATED,
+    Applied,
+    applied,
+    conclude,
+    judge_as_stated,
+    say_exit_code,
+    show_paths,
+    show_report,
+)
+from gse.cli.live_outputs import LiveOptions, LiveOutputs, live_options
 from gse.cli.options import (
-    bind_option,
     change_to,
     clock_error_option,
     earth_orientation_option,
-    http_port_option,
+    gathered,
     identifier_option,
-    json_frames_option,
     json_option,
     leave_out_option,
     out_option,
-    save_rrd_option,
     say,
     start_utc_option,
     station_option,
-    view_option,
 )
 from gse.station.exclusions import Exclusion
-from gse.truth.iers_tables import GivenTables
+
+if TYPE_CHECKING:
+    from gse.sessions.expected_answers import Comparison
+    from gse.sessions.replay import Replay, ReplayOptions
+    from gse.station.loop import Listener, StationLoop
+
+_SENSOR = "sensor"
+"""The word of --expect for the sensor's own answers."""
+
+
+def _replay_options(**values: Any) -> "ReplayOptions":
+    from gse.sessions.replay import ReplayOptions
+
+    return ReplayOptions(**values)
+
+
+_replayed = gathered(
+    "options",
+    _replay_options,
+    click.option("--speed", default="max", show_default=True, help="Speed of the replay: max, 1, or a factor like 20."),
+    click.option("--from", "from_utc", help="Replay from this UTC on, e.g. 2026-03-20T18:30:00Z."),
+    click.option("--to", "to_utc", help="Replay before this UTC."),
+    click.option("--loop", type=click.IntRange(min=1), help="Replay this many times in a row."),
+    start_utc_option,
+    earth_orientation_option,
+)
 
 
 @click.command("replay")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 @station_option
 @identifier_option
-@click.option("--speed", default="max", show_default=True, help="Speed of the replay: max, 1, or a factor such as 20.")
-@click.option("--from", "from_utc", help="Replay from this UTC on, e.g. 2026-03-20T18:30:00Z.")
-@click.option("--to", "to_utc", help="Replay before this UTC.")
-@click.option("--loop", type=click.IntRange(min=1), help="Replay this many times in a row.")
+@_replayed
 @click.option("--step", is_flag=True, help="Wait for the Enter key after each panorama.")
 @click.option(
     "--expect",
-    "expected_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Count the answers that differ from those of this file (lines of gse.answer/1 or gse.frame/1); exit code 1.",
+    "expected",
+    metavar="FILE|sensor",
+    help="Count the answers that differ from those of this file (lines of gse.answer/1 or gse.frame/1), or from the "
+    "sensor's own (sensor: its ATTITUDE frames in the session); exit code 1.",
 )
-@start_utc_option
-@view_option
-@bind_option
-@http_port_option
-@save_rrd_option
+@live_options
 @clock_error_option
-@earth_orientation_option
 @leave_out_option
 @json_option
-@json_frames_option
 @out_option
 @click.pass_context
 def command(
@@ -61,22 +85,13 @@ def command(
     path: Path,
     station_path: Path | None,
     identifier: str | None,
-    speed: str,
-    from_utc: str | None,
-    to_utc: str | None,
-    loop: int | None,
+    options: "ReplayOptions",
     step: bool,
-    expected_path: Path | None,
-    start_utc: str | None,
-    view: ViewMode,
-    bind: str,
-    http_port: int,
-    save_rrd: Path | None,
+    expected: str | None,
+    live: LiveOptions,
     clock_error_s: float | None,
-    given_orientation: GivenTables | None,
     excluded: tuple[Exclusion, ...],
     as_json: bool,
-    json_frames: bool,
     out: Path,
 ) -> None:
     """Replay FILE, a session or a raw capture, as if a sensor sent it. The same bytes give the same report.
@@ -84,48 +99,58 @@ def command(
     The station file of the session is used, unless --station gives another one. A raw capture needs --start-utc. The
     report is written to a new folder in --out.
     """
-    from gse.sessions.expected_answers import ExpectedAnswers
-    from gse.sessions.live import new_session_folder
-    from gse.sessions.replay import ReplayOptions, replay_session
+    from gse.sessions.replay import replay_session
 
-    options = ReplayOptions(
-        speed=speed,
-        from_utc=from_utc,
-        to_utc=to_utc,
-        loop=loop,
-        start_utc=start_utc,
-        given_orientation=given_orientation,
-    )
-    live_outputs = LiveOutputs(
-        view=view,
-        bind=bind,
-        http_port=http_port,
-        save_rrd=save_rrd,
-        json_frames=json_frames,
-        step=step,
-        diagnose=speed != "max",
-    )
-    expected = [ExpectedAnswers(expected_path)] if expected_path else []
-    with live_outputs:
+    compare = _comparison(expected)
+    comparisons: list[Comparison] = []
+
+    def listeners_of(loop: "StationLoop", folder: Path | None) -> "list[Listener]":
+        comparisons.extend(compare(loop))
+        return [*live_outputs.listeners(loop, folder), *comparisons]
+
+    with LiveOutputs(live, step=step, diagnose=options.speed != "max") as live_outputs:
         replay = replay_session(
             path,
             options=options,
             station=change_to(station_path, identifier),
-            make_listeners=lambda loop, folder: (*live_outputs.listeners(loop, folder), *expected),
+            make_listeners=listeners_of,
             tell=say,
         )
         live_outputs.enter_judging()
-        frames = replay.session.frames.columns
-        first_ns = int(frames["utc_ns"][0]) if len(frames) else 0
-        folder = new_session_folder(out, f"{replay.session.station.sensor.name}-replay", first_ns)
+        folder = _new_folder(out, replay)
         assessment = judge_as_stated(replay.session, clock_error_s, excluded)
         report = conclude(replay.session, assessment, folder, replay.own_elapsed_us)
         live_outputs.conclude(report)
-    show_report(report, as_json=as_json, json_frames=json_frames)
+    show_report(report, as_json=as_json, json_frames=live.json_frames)
     show_paths(folder)
-    data_lost = TRUNCATED if replay.session.truncated else ""
-    found = applied(report, folder, data_lost=data_lost)
-    for answers in expected:
+    found = applied(report, folder, data_lost=TRUNCATED if replay.session.truncated else "")
+    ctx.exit(say_exit_code([*found, *_differing(comparisons, replay)]))
+
+
+def _new_folder(out: Path, replay: "Replay") -> Path:
+    from gse.sessions.live import new_session_folder
+
+    frames = replay.session.frames.columns
+    first_ns = int(frames["utc_ns"][0]) if len(frames) else 0
+    return new_session_folder(out, f"{replay.session.station.sensor.name}-replay", first_ns)
+
+
+def _comparison(expected: str | None) -> "Callable[[StationLoop], list[Comparison]]":
+    """What --expect compares, for the loop of a replay; a damaged file is refused before it."""
+    from gse.sessions.expected_answers import ExpectedAnswers
+    from gse.sessions.expected_attitudes import ExpectedAttitudes
+
+    if expected is None:
+        return lambda loop: []
+    if expected == _SENSOR:
+        return lambda loop: [ExpectedAttitudes(loop.setup.protocol, loop.setup.station.sensor.attitude)]
+    answers = ExpectedAnswers(Path(expected))
+    return lambda loop: [answers]
+
+
+def _differing(comparisons: "list[Comparison]", replay: "Replay") -> list[Applied]:
+    """The exit codes of answers that differ from expected ones, which are told."""
+    for answers in comparisons:
+        answers.finish(replay.session)
         click.echo(answers.text(), err=True)
-        found += [] if answers.is_same else [(EXIT_FAIL, "answers differ from the expected ones")]
-    ctx.exit(say_exit_code(found))
+    return [(EXIT_FAIL, "answers differ from the expected ones") for answers in comparisons if not answers.is_same]

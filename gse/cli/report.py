@@ -1,22 +1,28 @@
-"""``gse report``: the report of a session."""
+"""``gse report``: the report of a session, or of several side by side."""
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.finish import TRUNCATED, applied, conclude, judge_as_stated, say_exit_code, show_paths, show_report
 from gse.cli.options import anew_option, change_to, clock_error_option, earth_orientation_option, leave_out_option
+from gse.cli.working import working
+from gse.errors import UsageError
 from gse.station.exclusions import Exclusion
 from gse.station.session_data import SessionData
 from gse.truth.iers_tables import GivenTables
 
 if TYPE_CHECKING:
     from gse.assessment.verdict import Assessment
+    from gse.sessions.judged import Change
+    from gse.sessions.replay import ReplayOptions
 
 
 @click.command("report")
-@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.argument("paths", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--station",
     "station_path",
@@ -49,7 +55,7 @@ if TYPE_CHECKING:
 def command(
     ctx: click.Context,
     *,
-    path: Path,
+    paths: tuple[Path, ...],
     station_path: Path | None,
     out: Path | None,
     clock_error_s: float | None,
@@ -65,11 +71,21 @@ def command(
 
     The same session gives the same report, byte for byte. Results that an earlier run kept beside FILE are used where
     session, station file and gse are the same. The exit code is the verdict's.
+
+    Of several FILEs, of one sensor or of several: one page with their verdicts and table 4-1 of the LAPAN paper, a row
+    for each (sessions.html, sessions.json); the exit code is that of the worst.
     """
+    if len(paths) > 1:
+        if pdf or screenshot or verified:
+            raise UsageError("--pdf, --screenshot and --verify are for one session; give one FILE")
+        _check_free(out)
+        change, options = change_to(station_path), _options(given_orientation)
+        judged_all = [_judged(path, change, options, anew, clock_error_s, excluded) for path in paths]
+        ctx.exit(_report_several(paths, judged_all, out, as_json=as_json))
+    (path,) = paths
     from gse.cli.progress import judged_with_progress
     from gse.report.printing import find_browser, print_to_pdf, save_picture
     from gse.report.verification import read_page
-    from gse.sessions.replay import ReplayOptions
 
     for wanted in (out, screenshot):
         _check_free(wanted)
@@ -77,10 +93,7 @@ def command(
     browser = find_browser() if pdf or screenshot else None
     _say_if_running(path)
     judged = judged_with_progress(
-        path,
-        options=ReplayOptions(given_orientation=given_orientation),
-        station=change_to(station_path),
-        anew=anew or page is not None,
+        path, options=_options(given_orientation), station=change_to(station_path), anew=anew or page is not None
     )
     session, assessment = judged.session, judged.assessment
     if clock_error_s is not None or excluded:
@@ -88,7 +101,8 @@ def command(
     if page is not None:
         ctx.exit(_verify(page, session, assessment))
     folder = _new_folder(out, path)
-    report = conclude(session, assessment, folder, judged.own_elapsed_us)
+    with working("drawing the report"):
+        report = conclude(session, assessment, folder, judged.own_elapsed_us)
     if browser and pdf:
         click.echo(f"PDF: {print_to_pdf(browser, folder / 'report.html')}", err=True)
     if browser and screenshot:
@@ -98,6 +112,53 @@ def command(
     show_paths(folder)
     data_lost = TRUNCATED if session.truncated else ""
     ctx.exit(say_exit_code(applied(report, folder, data_lost=data_lost)))
+
+
+def _options(given_orientation: GivenTables | None) -> "ReplayOptions":
+    from gse.sessions.replay import ReplayOptions
+
+    return ReplayOptions(given_orientation=given_orientation)
+
+
+def _judged(
+    path: Path,
+    change: "Change",
+    options: "ReplayOptions",
+    anew: bool,
+    clock_error_s: float | None,
+    excluded: tuple[Exclusion, ...],
+) -> "tuple[SessionData, Assessment]":
+    from gse.cli.progress import judged_with_progress
+
+    judged = judged_with_progress(path, options=options, station=change, anew=anew)
+    if clock_error_s is None and not excluded:
+        return judged.session, judged.assessment
+    return judged.session, judge_as_stated(judged.session, clock_error_s, excluded)
+
+
+def _report_several(
+    paths: tuple[Path, ...], judged: "list[tuple[SessionData, Assessment]]", out: Path | None, *, as_json: bool
+) -> int:
+    """Write and show the report of several sessions; the exit code of the worst."""
+    from gse.report.several import sessions_html, sessions_report
+    from gse.report.terminal import TABLE_4_1_HEAD, aligned, table_4_1_rows
+
+    report = sessions_report([(_name_of(path), *one) for path, one in zip(paths, judged, strict=True)])
+    folder = _new_folder(out, paths[0].parent)
+    (folder / "sessions.html").write_text(sessions_html(report), encoding="utf-8")
+    (folder / "sessions.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    verdicts = [(one["verdict"], one["name"]) for one in report["sessions"]]
+    lines = [*(f"{verdict:14}{name}" for verdict, name in verdicts), ""]
+    lines += aligned(TABLE_4_1_HEAD, table_4_1_rows(report))
+    click.echo(json.dumps(report) if as_json else "\n".join(lines))
+    click.echo(f"report: {folder / 'sessions.html'}", err=True)
+    codes = {"FAIL": EXIT_FAIL, "INCONCLUSIVE": EXIT_INCONCLUSIVE}
+    return next((code for verdict, code in codes.items() if verdict in dict(verdicts)), 0)
+
+
+def _name_of(path: Path) -> str:
+    """What tells a session from others: its folder's name where the file is called as all are."""
+    return path.resolve().parent.name if path.name == "session.mcap" else path.name
 
 
 def _verify(page: str, session: SessionData, assessment: "Assessment") -> int:
@@ -110,7 +171,8 @@ def _verify(page: str, session: SessionData, assessment: "Assessment") -> int:
 
 
 def _say_if_running(path: Path) -> None:
-    from gse.sessions.status_file import is_running, read_status
+    from gse.sessions.status_document import read_status
+    from gse.sessions.status_file import is_running
 
     status = read_status(path if path.is_dir() else path.parent)
     if status is not None and is_running(status):
@@ -118,15 +180,11 @@ def _say_if_running(path: Path) -> None:
 
 
 def _check_free(wanted: Path | None) -> None:
-    from gse.errors import UsageError
-
     if wanted is not None and wanted.exists():
         raise UsageError(f"{wanted} exists already; choose another name")
 
 
 def _new_folder(out: Path | None, session: Path) -> Path:
-    from gse.errors import UsageError
-
     beside = session if session.is_dir() else session.parent
     numbered = ["report", *(f"report-{number}" for number in range(2, 1000))]
     for folder in [out] if out else [beside / name for name in numbered]:

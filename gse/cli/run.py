@@ -12,20 +12,15 @@ from gse.cli import EXIT_DATA_LOST, EXIT_INTERRUPTED, exit_code_of, unexpected
 from gse.cli.detach import Detachment, detach
 from gse.cli.durations import duration_option
 from gse.cli.finish import Applied, applied, conclude, judge_as_stated, say_exit_code, show_paths, show_report
-from gse.cli.live_outputs import LiveOutputs, ViewMode
+from gse.cli.live_outputs import LiveOptions, LiveOutputs, live_options
 from gse.cli.options import (
-    bind_option,
     clock_error_option,
     earth_orientation_option,
-    http_port_option,
     identifier_option,
-    json_frames_option,
     json_option,
     out_option,
-    save_rrd_option,
     station_of,
     station_option,
-    view_option,
     with_identifier,
 )
 from gse.cli.output import queued_output
@@ -59,16 +54,12 @@ _MOST_LISTED = 3
     callback=duration_option(least_s=0.1),
     help="Stop after this time: 90, 90s, 5m, 1h30m.",
 )
-@view_option
-@bind_option
-@http_port_option
-@save_rrd_option
+@live_options
 @click.option("--wait-port", is_flag=True, help="Wait for the port if it does not exist yet.")
 @click.option("--detach", "detached", is_flag=True, help="Run without this terminal; 'gse status' shows the state.")
 @clock_error_option
 @earth_orientation_option
 @json_option
-@json_frames_option
 @out_option
 @click.pass_context
 def command(
@@ -78,16 +69,12 @@ def command(
     url: str | None,
     identifier: str | None,
     duration_s: float | None,
-    view: ViewMode,
-    bind: str,
-    http_port: int,
-    save_rrd: Path | None,
+    live: LiveOptions,
     wait_port: bool,
     detached: bool,
     clock_error_s: float | None,
     given_orientation: GivenTables | None,
     as_json: bool,
-    json_frames: bool,
     out: Path,
 ) -> None:
     """Receive, record, identify, compare, show, judge.
@@ -96,43 +83,31 @@ def command(
     Ctrl-C, SIGTERM, the hang-up of its terminal, or after --duration; each time it is closed, judged and reported, and
     the exit code is the verdict's. A second Ctrl-C leaves it without a verdict: exit code 130.
     """
-    station, text = station_of(station_path)
-    station, text = with_identifier(station, text, identifier)
-    if url is not None:
-        station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
-        text = with_values(text, "port", {"url": url})
+    station, text = _station(station_path, url, identifier)
     session = _Session(detach() if detached else None)
     if station.port.url.startswith("sim://"):
         station, text = _simulated(station, text)
     notes = Notes()
-    live_outputs = LiveOutputs(
-        view=view, bind=bind, http_port=http_port, save_rrd=save_rrd, json_frames=json_frames, notes=notes
-    )
+    live_outputs = LiveOutputs(live, notes=notes)
     with Ending(_say) as ending, queued_output(_waits_for_reader(station, ending)) as outputs:
         _list_unfinished(out)
 
         def receive() -> "LiveSession":
             from gse.sessions.live import Operator, run_live
 
-            operator = Operator(ending, _say, session.opened, outputs.news, notes)
-            live = run_live(
+            received = run_live(
                 station,
                 text,
                 out,
-                operator,
-                make_listeners=listeners_of,
+                Operator(ending, _say, session.opened, outputs.news, notes),
+                make_listeners=lambda loop, folder: session.listeners(live_outputs, loop, folder),
                 duration_s=duration_s,
                 wait_port=wait_port,
                 clock_error_s=clock_error_s,
                 given_orientation=given_orientation,
             )
             live_outputs.enter_judging()
-            return live
-
-        def listeners_of(loop: "StationLoop", folder: Path) -> "Sequence[Listener]":
-            found = live_outputs.listeners(loop, folder)
-            session.link_up(live_outputs)
-            return found
+            return received
 
         with live_outputs:
             report, found = session.run(receive, ending, clock_error_s)
@@ -140,7 +115,7 @@ def command(
                 live_outputs.conclude(report)
         outputs.settle()
         if report:
-            show_report(report, as_json=as_json, json_frames=json_frames)
+            show_report(report, as_json=as_json, json_frames=live.json_frames)
         outputs.settle()
         ctx.exit(session.finish(report, found))
 
@@ -161,10 +136,12 @@ class _Session:
         _say(f"recording: {folder / 'session.mcap'}")
         _say("Ctrl-C ends the session: it is closed, judged and reported")
 
-    def link_up(self, live_outputs: LiveOutputs) -> None:
-        """Let the status file show what the live outputs know."""
+    def listeners(self, live_outputs: LiveOutputs, loop: "StationLoop", folder: Path) -> "Sequence[Listener]":
+        """Those of the live outputs; the status file then shows what these know."""
+        found = live_outputs.listeners(loop, folder)
         if self._status is not None:
             self._status.link_up(page=live_outputs.page, forecast=live_outputs.forecast)
+        return found
 
     def run(
         self, receive: Callable[[], "LiveSession"], ending: Ending, clock_error_s: float | None
@@ -210,6 +187,15 @@ class _Session:
         if self._status is not None:
             self._status.close(code, report["verdict"] if report else None)
         return code
+
+
+def _station(path: Path | None, url: str | None, identifier: str | None) -> tuple[Station, str]:
+    """The station to run, with another port and another identifier where they are given, and its text."""
+    station, text = with_identifier(*station_of(path), identifier)
+    if url is None:
+        return station, text
+    port = station.port.model_copy(update={"url": url})
+    return station.model_copy(update={"port": port}), with_values(text, "port", {"url": url})
 
 
 def _say(text: str) -> None:

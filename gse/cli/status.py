@@ -42,7 +42,8 @@ def command(ctx: click.Context, *, path: Path, stop: bool, as_json: bool) -> Non
 
 def newest_session(path: Path) -> tuple[Path, dict[str, Any]]:
     """The chosen session and its status: a running one before the others, then the newest."""
-    from gse.sessions.status_file import is_running, read_status, session_folders
+    from gse.sessions.status_document import read_status
+    from gse.sessions.status_file import is_running, session_folders
 
     known = [(folder, status) for folder in session_folders(path) if (status := read_status(folder)) is not None]
     if not known:

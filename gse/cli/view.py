@@ -59,6 +59,7 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
     """Write it; returns the verdict and its level, for the bar of the page."""
     from gse.assessment.verdict import judge
     from gse.cli.progress import replay_with_progress
+    from gse.report.metric_table import metrics_in_markdown
     from gse.station.loop import Listener, StationLoop
     from gse.view.glance_word import level_of
     from gse.view.saved_view import SavedView
@@ -73,7 +74,8 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
     if clock_error_s is not None:
         session.clock_error_s = clock_error_s
     assessment = judge(session)
-    views[0].finish(session, assessment.verdict.value, assessment.reasons)
+    metrics = metrics_in_markdown(assessment.statistics)
+    views[0].finish(session, assessment.verdict.value, assessment.reasons, metrics=metrics)
     return "; ".join([assessment.verdict.value, *assessment.reasons[:1]]), level_of(assessment.verdict.value)
 
 

@@ -60,9 +60,7 @@ class Evaluator:
         self._source = load_catalog(plan.catalog)
         self._ready: dict[int, tuple[FrameMaker, Identifier | ExternalIdentifier]] = {}
         if plan.angle_noise:
-            limit = plan.optics.magnitude_limit
-            bright = self._source.rows(np.flatnonzero(self._source.magnitude <= limit))
-            self._source = merge_doubles(bright, _DOUBLES_RAD)
+            self._source = of_angles(self._source, plan.optics.magnitude_limit)
 
     def run(self, cell: int, frames: range) -> list[Outcome]:
         """The outcomes of some frames of a cell."""
@@ -103,6 +101,11 @@ class Evaluator:
             first_right = identifier.catalog.ids[answer[1][0]] == seen.star_ids[answer[0][0]]
             kind = "right" if first_right else "false"
         return Outcome(cell, frame, kind, seen.real_stars, cpu_us)
+
+
+def of_angles(source: StarCatalog, magnitude_limit: float) -> StarCatalog:
+    """The stars to a limit, adjacent ones made one: what the pivot paper chooses its mission catalogue from."""
+    return merge_doubles(source.rows(np.flatnonzero(source.magnitude <= magnitude_limit)), _DOUBLES_RAD)
 
 
 def graded(answer: Identification, catalog: StarCatalog, frame: SimulatedFrame) -> str:

@@ -17,9 +17,10 @@ _MARKERS = "osd^vP"
 _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PINK, SKY_BLUE)
 
 
-def refuse_existing(folder: Path) -> None:
-    """UsageError before long work where a plot would be overwritten, or the folder cannot be made."""
-    for name in _AXES:
+def refuse_existing(folder: Path, *others: str) -> None:
+    """UsageError before long work where a plot, or one of ``others``, would be overwritten, or the folder cannot be
+    made."""
+    for name in (*_AXES, *others):
         if (folder / name).exists():
             raise UsageError(f"{folder / name} exists already; choose another folder")
     try:

@@ -21,10 +21,13 @@ MOST_DETAIL = 200
 _NORM_WITHIN = 1e-3
 """A quaternion in single precision is a unit to 1e-7; one in whole thousandths to this."""
 
-_KEYS = (
-    *("frame_no", "status", "detail", "ra_deg", "de_deg", "roll_deg"),
-    *("quaternion", "order", "maps", "matches", "elapsed_us"),
+_KEYS = frozenset(
+    (
+        *("frame_no", "status", "detail", "ra_deg", "de_deg", "roll_deg"),
+        *("quaternion", "order", "maps", "matches", "elapsed_us"),
+    )
 )
+_NUMBERS = (int, float)
 _SCALAR_FIRST, _SCALAR_LAST = "scalar-first", "scalar-last"
 _TO_SENSOR, _TO_ICRS = "icrs-to-sensor", "sensor-to-icrs"
 
@@ -81,7 +84,7 @@ class ExternalAnswer:
 def parse_line(line: bytes, frame_no: int, objects: int) -> ExternalAnswer | Failure:
     """The answer in a line of JSON to the panorama ``frame_no`` of so many objects."""
     try:
-        document = json.loads(line.decode("utf-8"), parse_constant=_no_number)
+        document = _DECODER.decode(line.decode("utf-8"))
     except (ValueError, RecursionError) as error:
         return Failure(FailureKind.NONSENSE, f"not a line of JSON: {_brief(line)} ({_reason(error)})")
     if not isinstance(document, dict):
@@ -97,7 +100,8 @@ def parse_answer(document: dict[str, Any], frame_no: int, objects: int) -> Exter
         came = document.get("frame_no", "no frame_no")
         return Failure(FailureKind.NONSENSE, f"an answer to frame {came!r:.40} came, to {frame_no} was expected")
     try:
-        return _answer({key: document[key] for key in _KEYS if document.get(key) is not None}, objects)
+        known = {key: value for key, value in document.items() if key in _KEYS and value is not None}
+        return _answer(known, objects)
     except (ValueError, TypeError, OverflowError) as error:
         return Failure(FailureKind.NONSENSE, plain_line(str(error))[:MOST_DETAIL], in_step=True)
 
@@ -171,7 +175,7 @@ def _number(document: dict[str, Any], key: str, low: float, high: float) -> floa
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+    return isinstance(value, _NUMBERS) and not isinstance(value, bool) and abs(value) < 1e300
 
 
 def _is_whole(value: Any) -> TypeGuard[int]:
@@ -179,7 +183,9 @@ def _is_whole(value: Any) -> TypeGuard[int]:
 
 
 def _text(document: dict[str, Any], key: str, default: str) -> str:
-    value = document.get(key, default)
+    value = document.get(key)
+    if value is None:
+        return default
     if not isinstance(value, str):
         raise ValueError(f"{key} is {value!r:.40}: expected text")
     return plain_line(value)[:MOST_DETAIL]
@@ -187,6 +193,9 @@ def _text(document: dict[str, Any], key: str, default: str) -> str:
 
 def _no_number(name: str) -> float:
     raise ValueError(f"{name} is no number")
+
+
+_DECODER = json.JSONDecoder(parse_constant=_no_number)
 
 
 def _reason(error: Exception) -> str:

@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.outside_text import plain_line
 from gse.external.answers import Failure, FailureKind
 
 MOST_REPLY_BYTES = 1 << 16
@@ -23,6 +24,7 @@ MOST_REPLY_BYTES = 1 << 16
 _READ_BYTES = 1 << 16
 _END_S = 2.0
 """How long the end of a killed process is awaited."""
+_MOST_TAIL = 200
 _ENVIRONMENT: dict[str, str] = {}
 
 Split = Callable[[bytearray], bytes | None]
@@ -31,10 +33,10 @@ Split = Callable[[bytearray], bytes | None]
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """A message from the child, and this host's time for it in microseconds."""
+    """A message from the child, and this host's time for it in microseconds; None of the first after a start."""
 
     data: bytes
-    elapsed_us: float
+    elapsed_us: float | None
 
 
 def split_line(buffer: bytearray) -> bytes | None:
@@ -66,12 +68,19 @@ class Log:
     def __init__(self, most_bytes: int) -> None:
         self._room = most_bytes
         self._kept = bytearray()
+        self._tail = b""
 
     def add(self, data: bytes) -> None:
         """Keep what there is room for."""
+        self._tail = (self._tail + data)[-_MOST_TAIL:]
         kept = data[: self._room]
         self._room -= len(kept)
         self._kept += kept
+
+    def take_last_line(self) -> str:
+        """The last line that was added, where there is one since the last call: a traceback ends with its reason."""
+        lines, self._tail = self._tail.decode("utf-8", "replace").split("\n"), b""
+        return next((plain_line(line.strip()) for line in reversed(lines) if line.strip()), "")
 
     def take(self) -> bytes:
         """What was added since the last call."""
@@ -184,11 +193,8 @@ class Child:
         except subprocess.TimeoutExpired:
             return "it closed its output"
         self._keep_log()
-        if code >= 0:
-            return f"it ended with exit code {code}"
-        with contextlib.suppress(ValueError):
-            return f"it was ended by {signal.Signals(-code).name}"
-        return f"it was ended by signal {-code}"
+        last = self._log.take_last_line()
+        return f"{_exit_text(code)}; its last line to stderr: {last}" if last else _exit_text(code)
 
     def _keep_log(self) -> None:
         try:
@@ -207,6 +213,14 @@ class Child:
             _kill(self._process)
             self._keep_log()
             self._end()
+
+
+def _exit_text(code: int) -> str:
+    if code >= 0:
+        return f"it ended with exit code {code}"
+    with contextlib.suppress(ValueError):
+        return f"it was ended by {signal.Signals(-code).name}"
+    return f"it was ended by signal {-code}"
 
 
 def _end(process: "subprocess.Popen[bytes]", selector: selectors.BaseSelector) -> None:

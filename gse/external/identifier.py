@@ -21,6 +21,8 @@ from gse.panorama import Panorama
 MOST_FAILURES_IN_A_ROW = 100
 START_S = 10.0
 """Added to the time of the first answer after a start: a program reads its catalogue then."""
+MOST_SILENT_STARTS = 5
+"""Starts in a row without an answer within their time, a minute of a session in all: the program will not answer."""
 MOST_LOG_BYTES = 1 << 20
 """Of what a program writes to stderr in a session."""
 
@@ -78,11 +80,11 @@ class AnswerSource(Protocol):
 class RunningIdentifier:
     """A program that answers; started at once, and again after each failure.
 
-    ``timeout_s`` is the time for one panorama.
+    ``timeout_s`` is the time for one panorama, ``start_s`` the time to start beside it.
     """
 
-    def __init__(self, plug: Plug, timeout_s: float) -> None:
-        self._plug, self._timeout_s = plug, timeout_s
+    def __init__(self, plug: Plug, timeout_s: float, start_s: float = START_S) -> None:
+        self._plug, self._timeout_s, self._start_s = plug, timeout_s, start_s
         self._log = Log(MOST_LOG_BYTES)
         self._failures_in_a_row = 0
         self._child: Child | None = None
@@ -102,20 +104,24 @@ class RunningIdentifier:
     def _some(self, panoramas: Sequence[Panorama]) -> list[Given]:
         """What is given for the first of these, up to the first failure that ends the program."""
         if self._failures_in_a_row >= MOST_FAILURES_IN_A_ROW:
-            text = f"it failed {MOST_FAILURES_IN_A_ROW} times in a row and is not started again"
+            text = "it failed too often in a row and is not started again"
             return [Given(Failure(FailureKind.GIVEN_UP, text)) for _ in panoramas]
-        requests = [self._plug.request(panorama) for panorama in panoramas]
-        first_s = self._timeout_s
+        requests = self._plug.requests(panoramas)
+        first_s, starts = self._timeout_s, self._child is None
         if self._child is None:
             try:
                 self._child = self._plug.start(self._log)
             except OSError as error:
                 return self._ended([], Failure(FailureKind.START, f"it cannot be started: {error.strerror}"))
             requests.insert(0, self._plug.greeting)
-            first_s += START_S
+            first_s += self._start_s
         replies, failure = self._child.exchange(
             requests, self._plug.split, len(panoramas), first_s=first_s, each_s=self._timeout_s
         )
+        if starts and failure is not None and failure.kind is FailureKind.TIMEOUT and not replies:
+            self._failures_in_a_row += MOST_FAILURES_IN_A_ROW // MOST_SILENT_STARTS - 1
+        if starts and replies:  # the time of its start is not that of an identification
+            replies[0] = Reply(replies[0].data, None)
         return self._read(panoramas, replies, failure)
 
     def _read(self, panoramas: Sequence[Panorama], replies: list[Reply], failure: Failure | None) -> list[Given]:

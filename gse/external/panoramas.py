@@ -1,8 +1,10 @@
 """Panoramas as an external identifier gets them: raw y, x and index value in wire units, in the order of the wire."""
 
-import json
+import functools
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -43,30 +45,66 @@ class SensorDescription:
         units = {name: asdict(getattr(self, name)) for name in ("y", "x", "index")}
         return {"schema": SENSOR, "name": self.name, **camera, "index_max": self.index_max, "units": units}
 
-    def counts(self, panorama: Panorama) -> NDArray[np.float64]:
-        """Raw y, x and index value (N, 3), in the order of the wire."""
-        columns = (panorama.xy_px[:, 1], panorama.xy_px[:, 0], panorama.brightness)
+    def counts(self, panoramas: Sequence[Panorama]) -> "Counts":
+        """The counts of some panoramas."""
+        sizes = [len(panorama.brightness) for panorama in panoramas]
+        first = np.cumsum([0, *sizes])
+        xy_px = np.concatenate([panorama.xy_px for panorama in panoramas])
+        values = np.column_stack([xy_px[:, ::-1], np.concatenate([panorama.brightness for panorama in panoramas])])
         units = (self.y, self.x, self.index)
-        counts = np.empty((len(panorama.brightness), 3))
-        for k, (values, unit) in enumerate(zip(columns, units, strict=True)):
-            counts[:, k] = (values - unit.zero) / unit.factor
+        counts = (values - [unit.zero for unit in units]) / [unit.factor for unit in units]
         whole = np.rint(counts)
-        counts = np.where(np.abs(counts - whole) < _WHOLE_WITHIN, whole, counts)
-        return counts if panorama.wire_rows is None else counts.take(np.argsort(panorama.wire_rows), axis=0)
+        place = [
+            np.arange(size) if panorama.wire_rows is None else panorama.wire_rows
+            for panorama, size in zip(panoramas, sizes, strict=True)
+        ]
+        on_wire = np.empty_like(counts)
+        on_wire[np.repeat(first[:-1], sizes) + np.concatenate(place)] = np.where(
+            np.abs(counts - whole) < _WHOLE_WITHIN, whole, counts
+        )
+        return Counts(on_wire, first)
 
-    def line(self, panorama: Panorama) -> bytes:
-        """The line of schema gse.panorama/1."""
-        counts = self.counts(panorama)
-        is_whole = bool((counts == np.rint(counts)).all())
-        document = {
-            "schema": PANORAMA,
-            "frame_no": panorama.frame_no,
-            "utc": instant.to_text(panorama.utc_ns, 9),
-            "time_us": panorama.time_us,
-            "exposure_us": round(1e6 * panorama.exposure_s) if math.isfinite(panorama.exposure_s) else None,
-            "objects": (counts.astype(np.int64) if is_whole else counts).tolist(),
-        }
-        return json.dumps(document, separators=(",", ":")).encode() + b"\n"
+    def lines(self, panoramas: Sequence[Panorama]) -> list[bytes]:
+        """The lines of schema gse.panorama/1, by templates: a JSON encoder takes twice as long."""
+        objects = self.counts(panoramas).texts()
+        return [
+            f'{{"schema":"{PANORAMA}","frame_no":{panorama.frame_no},"utc":"{instant.to_text(panorama.utc_ns, 9)}",'
+            f'"time_us":{panorama.time_us},"exposure_us":{_exposure_text(panorama.exposure_s)},'
+            f'"objects":{text}}}\n'.encode()
+            for panorama, text in zip(panoramas, objects, strict=True)
+        ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Counts:
+    """Raw y, x and index value (M, 3) of the objects of P panoramas, in the order of the wire.
+
+    Those of panorama k are rows ``first[k]`` to ``first[k + 1]``; ``first`` is (P + 1,).
+    """
+
+    values: NDArray[np.float64]
+    first: NDArray[np.int64]
+
+    def texts(self) -> list[str]:
+        """The list ``objects`` of each panorama as JSON; whole numbers where all of a panorama are whole."""
+        fractions = np.concatenate([[0], np.cumsum((self.values != np.rint(self.values)).any(axis=1))])[self.first]
+        whole = np.rint(self.values).astype(np.int64).ravel().tolist()
+        ends = pairwise((3 * self.first).tolist())
+        return [
+            _template("%r", end - begin) % tuple(self.values.ravel()[begin:end].tolist())
+            if has_fractions
+            else _template("%d", end - begin) % tuple(whole[begin:end])
+            for has_fractions, (begin, end) in zip(np.diff(fractions).tolist(), ends, strict=True)
+        ]
+
+
+@functools.cache
+def _template(number: str, count: int) -> str:
+    return "[" + ",".join([f"[{number},{number},{number}]"] * (count // 3)) + "]"
+
+
+def _exposure_text(exposure_s: float) -> str:
+    return str(round(1e6 * exposure_s)) if math.isfinite(exposure_s) else "null"
 
 
 def rows_here(panorama: Panorama, wire_rows: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -21,10 +21,14 @@ def brightest_first(
     y, x, index = (
         units[name]["factor"] * counts[:, k] + units[name]["zero"] for k, name in enumerate(("y", "x", "index"))
     )
-    offset = np.column_stack([x, y]) - sensor["principal_point_px"]
-    k1, k2 = sensor["radial_distortion"]
-    s2 = (offset**2).sum(axis=1) / (sensor["columns"] / 2) ** 2
-    offset *= (1 + s2 * (k1 + s2 * k2))[:, None]
+    (k1, k2), (p1, p2) = sensor["radial_distortion"], sensor["tangential_distortion"]
+    half = sensor["columns"] / 2
+    u, v = ((np.column_stack([x, y]) - sensor["principal_point_px"]) / half).T
+    s2 = u**2 + v**2
+    radial = 1 + s2 * (k1 + s2 * k2)
+    aside_u = 2 * p1 * u * v + p2 * (s2 + 2 * u**2)
+    aside_v = p1 * (s2 + 2 * v**2) + 2 * p2 * u * v
+    offset = half * np.column_stack([u * radial + aside_u, v * radial + aside_v])
     if sensor["mirrored"]:
         offset[:, 0] = -offset[:, 0]
     order = np.argsort(-index, kind="stable")

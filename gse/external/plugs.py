@@ -12,6 +12,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -21,7 +22,7 @@ from gse.errors import UsageError
 from gse.external.answers import ExternalAnswer, Failure, parse_answer, parse_line
 from gse.external.child import Child, Log, split_line, split_record
 from gse.external.panoramas import SensorDescription
-from gse.external.structs import ANSWER, answer_document, panorama_record, sensor_record
+from gse.external.structs import ANSWER, answer_document, panorama_records, sensor_record
 from gse.identifier_options import IdentifierOptions
 from gse.panorama import Panorama
 
@@ -66,8 +67,8 @@ class Plug(Protocol):
         """What the program gets first."""
         ...
 
-    def request(self, panorama: Panorama) -> bytes:
-        """What the program gets for a panorama."""
+    def requests(self, panoramas: Sequence[Panorama]) -> list[bytes]:
+        """What the program gets for each panorama."""
         ...
 
     def split(self, buffer: bytearray) -> bytes | None:
@@ -121,9 +122,9 @@ class CommandPlug:
         """The sensor's line."""
         return _line(self._sensor.document())
 
-    def request(self, panorama: Panorama) -> bytes:
-        """The panorama's line."""
-        return self._sensor.line(panorama)
+    def requests(self, panoramas: Sequence[Panorama]) -> list[bytes]:
+        """The panoramas' lines."""
+        return self._sensor.lines(panoramas)
 
     def split(self, buffer: bytearray) -> bytes | None:
         """The next line that is an answer; a line about the program itself is kept."""
@@ -178,9 +179,9 @@ class LibraryPlug(CommandPlug):
         """The sensor's struct."""
         return sensor_record(self._sensor)
 
-    def request(self, panorama: Panorama) -> bytes:
-        """The panorama's struct."""
-        return panorama_record(panorama, self._sensor.counts(panorama))
+    def requests(self, panoramas: Sequence[Panorama]) -> list[bytes]:
+        """The panoramas' structs."""
+        return panorama_records(panoramas, self._sensor.counts(panoramas))
 
     def split(self, buffer: bytearray) -> bytes | None:
         """The next whole struct."""

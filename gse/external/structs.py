@@ -2,18 +2,23 @@
 
 import math
 import struct
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gse.external.answers import Failure, FailureKind
-from gse.external.panoramas import SensorDescription
+from gse.external.panoramas import Counts, SensorDescription
 from gse.panorama import MAX_OBJECTS, Panorama
 
 ABI = 1
 SENSOR = struct.Struct("=4I14d")
-PANORAMA = struct.Struct(f"=2IqQ2I{3 * MAX_OBJECTS}d")
+PANORAMA = np.dtype(
+    [
+        *(("version", "u4"), ("frame_no", "u4"), ("utc_ns", "i8"), ("time_us", "u8"), ("exposure_us", "u4")),
+        *(("count", "u4"), ("objects", "f8", (MAX_OBJECTS, 3))),
+    ]
+)
 ANSWER = struct.Struct(f"=4I4d{16 * MAX_OBJECTS}s64s")
 _MATCH = np.dtype([("star", "i8"), ("object", "u4"), ("spare", "u4")])
 _LARGEST_U32 = 0xFFFFFFFF
@@ -34,26 +39,28 @@ def sensor_record(sensor: SensorDescription) -> bytes:
         camera.focal_length_px,
         *camera.principal_point_px,
         *camera.radial_distortion,
-        *getattr(camera, "tangential_distortion", (0.0, 0.0)),
+        *camera.tangential_distortion,
         sensor.index_max,
         *units,
     )
 
 
-def panorama_record(panorama: Panorama, counts: NDArray[np.float64]) -> bytes:
-    """The struct gse_panorama of ``counts`` (N, 3)."""
-    used = len(counts)
-    exposure_us = round(1e6 * panorama.exposure_s) if math.isfinite(panorama.exposure_s) else 0
-    return PANORAMA.pack(
-        ABI,
-        panorama.frame_no & _LARGEST_U32,
-        panorama.utc_ns,
-        panorama.time_us,
-        min(max(exposure_us, 0), _LARGEST_U32),
-        used,
-        *counts.ravel().tolist(),
-        *((0.0,) * (3 * (MAX_OBJECTS - used))),
-    )
+def panorama_records(panoramas: Sequence[Panorama], counts: Counts) -> list[bytes]:
+    """The structs gse_panorama."""
+    rows = np.zeros(len(panoramas), PANORAMA)
+    rows["version"] = ABI
+    rows["frame_no"] = [panorama.frame_no & _LARGEST_U32 for panorama in panoramas]
+    rows["utc_ns"] = [panorama.utc_ns for panorama in panoramas]
+    rows["time_us"] = [panorama.time_us for panorama in panoramas]
+    rows["exposure_us"] = [_exposure_us(panorama.exposure_s) for panorama in panoramas]
+    rows["count"] = sizes = np.diff(counts.first)
+    rows["objects"][np.arange(MAX_OBJECTS) < sizes[:, None]] = counts.values
+    data = rows.tobytes()
+    return [data[begin : begin + PANORAMA.itemsize] for begin in range(0, len(data), PANORAMA.itemsize)]
+
+
+def _exposure_us(exposure_s: float) -> int:
+    return min(max(round(1e6 * exposure_s), 0), _LARGEST_U32) if math.isfinite(exposure_s) else 0
 
 
 def answer_document(data: bytes, frame_no: int) -> dict[str, Any] | Failure:

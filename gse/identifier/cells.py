@@ -26,6 +26,16 @@ class Cells:
     def __len__(self) -> int:
         return (self.order + 1) ** 2
 
+    def zones_deg(self) -> list[tuple[float, float, int]]:
+        """Each zone from the north: lowest and highest declination in degrees, and its number of cells."""
+        height_deg = math.degrees(self._height_rad)
+        zones = []
+        for zone in range(self.order + 1):
+            n = 2 * zone if 2 * zone <= self.order else 2 * self.order + 1 - 2 * zone
+            middle_deg = 90 - zone * height_deg
+            zones.append((max(middle_deg - height_deg / 2, -90.0), min(middle_deg + height_deg / 2, 90.0), 2 * n + 1))
+        return zones
+
     def index(self, icrs: NDArray[np.float64]) -> NDArray[np.int64]:
         """Cell of each unit vector (N, 3), eqs 7-9 as mended."""
         ra = np.arctan2(icrs[:, 1], icrs[:, 0])

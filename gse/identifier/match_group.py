@@ -27,9 +27,10 @@ class MatchGroupIdentifier(PivotIdentifier):
         tolerance_rad: float,
         *,
         members: int = PIVOT_MEMBERS,
+        follows: bool = False,
         zero_point: float | None = None,
     ) -> None:
-        super().__init__(catalog, field_rad, tolerance_rad, members=members)
+        super().__init__(catalog, field_rad, tolerance_rad, members=members, follows=follows)
         self._gates = self._gates._replace(
             magnitude=MAGNITUDE_GATE, zero_point=float("nan") if zero_point is None else zero_point
         )
@@ -38,4 +39,10 @@ class MatchGroupIdentifier(PivotIdentifier):
     def for_camera(cls, catalog: StarCatalog, camera: Camera, options: IdentifierOptions) -> "MatchGroupIdentifier":
         """The identifier for a camera, its zero point unknown."""
         tolerance = tolerance_rad(camera, options.tolerance_px)
-        return cls(catalog, field_diameter_rad(camera), tolerance, members=options.pivot_members)
+        return cls(
+            catalog,
+            field_diameter_rad(camera),
+            tolerance,
+            members=options.pivot_members,
+            follows=options.a_priori == "cells",
+        )

@@ -10,6 +10,9 @@ Step 2: every other object is looked for at its distances from the three brighte
 stars in the group's cells and the cells around; here either star of a pair may be the brighter. The paper makes a new
 pattern for each star instead.
 
+The cells as knowledge a priori (``a_priori: cells``; the paper suggests it in section 5): step 1 takes pivots from the
+cells of the panorama before and those around only. Where that finds nothing, or a tie, the whole sky is searched.
+
 The paper leaves open how far "best concurrence" reaches and which members a later pivot has; with these rules the
 published success is met within a point.
 """
@@ -47,7 +50,13 @@ class PivotIdentifier:
     name = "pivot"
 
     def __init__(
-        self, catalog: StarCatalog, field_rad: float, tolerance_rad: float, *, members: int = PIVOT_MEMBERS
+        self,
+        catalog: StarCatalog,
+        field_rad: float,
+        tolerance_rad: float,
+        *,
+        members: int = PIVOT_MEMBERS,
+        follows: bool = False,
     ) -> None:
         self.catalog = catalog
         self._tolerance_rad = tolerance_rad
@@ -56,24 +65,40 @@ class PivotIdentifier:
         self._sky = PivotSky(table, catalog.icrs, catalog.magnitude, cells.index(catalog.icrs), cells.around())
         self._random = RandomSky(len(catalog), len(table.distance_urad), field_rad, tolerance_rad)
         self._gates = Gates(1e6 * tolerance_rad, NO_GATE, 0.0, members)
+        self._follows = follows
+        self._everywhere = np.ones(len(cells), np.bool_)
+        self._before: NDArray[np.int64] | None = None
 
     @classmethod
     def for_camera(cls, catalog: StarCatalog, camera: Camera, options: IdentifierOptions) -> "PivotIdentifier":
         """The identifier for a camera; the tolerance is that of the LAPAN paper, eq 2-1."""
         tolerance = tolerance_rad(camera, options.tolerance_px)
-        return cls(catalog, field_diameter_rad(camera), tolerance, members=options.pivot_members)
+        return cls(
+            catalog,
+            field_diameter_rad(camera),
+            tolerance,
+            members=options.pivot_members,
+            follows=options.a_priori == "cells",
+        )
 
     def identify(
-        self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
+        self,
+        directions_sensor: NDArray[np.float64],
+        brightness: NDArray[np.float64],
+        *,
+        before: NDArray[np.int64] | None = None,
     ) -> Identification | Unidentified:
-        """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
+        """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first.
+
+        ``before`` (M,) are stars of the field that was seen before: the cells of these and those around come first.
+        """
         directions = np.ascontiguousarray(directions_sensor, dtype=np.float64)
         brightness = np.ascontiguousarray(brightness, dtype=np.float64)
         refused = refusal(directions, brightness, FEWEST_OBJECTS)
         if refused:
             return refused
         distinct = distinct_objects(directions)
-        named = self.identify_angles(separations(directions[distinct]), brightness[distinct])
+        named = self.identify_angles(separations(directions[distinct]), brightness[distinct], before=before)
         if isinstance(named, Unidentified):
             return named
         objects, stars = distinct[named[0]], named[1]
@@ -82,21 +107,38 @@ class PivotIdentifier:
         )
         return accepted(directions, self.catalog, objects, stars, self._tolerance_rad, false_match_probability)
 
+    def _cells_of(self, before: NDArray[np.int64] | None) -> NDArray[np.bool_]:
+        """The cells of some stars and all that touch them, or all cells."""
+        if before is None:
+            return self._everywhere
+        return np.asarray(self._sky.around[np.unique(self._sky.cell[before])].any(axis=0))
+
     def identify_many(
         self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
     ) -> list[Identification | Unidentified]:
-        """The answers to many panoramas, each as for ``identify``."""
-        return [self.identify(*objects) for objects in panoramas]
+        """The answers to many panoramas that follow each other, each as for ``identify``.
+
+        With ``a_priori: cells`` each is looked for where the one before was; after one without an answer, everywhere.
+        """
+        return [self._next(*objects) for objects in panoramas]
+
+    def _next(self, directions: NDArray[np.float64], brightness: NDArray[np.float64]) -> Identification | Unidentified:
+        answer = self.identify(directions, brightness, before=self._before)
+        self._before = answer.stars if self._follows and isinstance(answer, Identification) else None
+        return answer
 
     def identify_angles(
-        self, angles: Separations, brightness: NDArray[np.float64]
+        self, angles: Separations, brightness: NDArray[np.float64], *, before: NDArray[np.int64] | None = None
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]] | Unidentified:
         """Objects and their stars (M,), the pivot first, from the angles between objects alone.
 
         The pivot paper validates this, with noise on each angle; without directions no attitude can be solved.
         """
         magnitude = -2.5 * np.log10(np.maximum(brightness, 1.0))
-        outcome, objects, stars = search(Objects(angles.cosine, angles.sine, magnitude), self._sky, self._gates)
+        seen = Objects(angles.cosine, angles.sine, magnitude)
+        outcome, objects, stars = search(seen, self._sky, self._gates, self._cells_of(before))
+        if outcome != FOUND and before is not None:
+            outcome, objects, stars = search(seen, self._sky, self._gates, self._everywhere)
         if outcome == FOUND:
             return objects, stars
         if outcome == TIE:

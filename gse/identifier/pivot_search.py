@@ -62,14 +62,19 @@ class Group(NamedTuple):
 
 
 @compiled
-def search(objects: Objects, sky: PivotSky, gates: Gates) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:
-    """Both steps: FOUND, NO_GROUP or TIE, and the named objects with their stars, the pivot first."""
+def search(
+    objects: Objects, sky: PivotSky, gates: Gates, cells: NDArray[np.bool_]
+) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:
+    """Both steps: FOUND, NO_GROUP or TIE, and the named objects with their stars, the pivot first.
+
+    The pivot is a star of the ``cells`` (C,) that are True: all of them, or those where the sky was before.
+    """
     count = len(objects.magnitude)
     outcome = NO_GROUP
     for pivot in range(count - FEWEST_OBJECTS + 1):
         members = np.arange(pivot, min(pivot + gates.members, count))
         group = Group(members, np.full(len(members), -1))
-        found = _best_group(group, objects, sky, gates)
+        found = _best_group(group, objects, sky, gates, cells)
         if found == FOUND:
             named = _with_others(group, objects, sky, gates)
             return FOUND, named.object, named.star
@@ -79,13 +84,15 @@ def search(objects: Objects, sky: PivotSky, gates: Gates) -> tuple[int, NDArray[
 
 
 @compiled
-def _best_group(best: Group, objects: Objects, sky: PivotSky, gates: Gates) -> int:
+def _best_group(best: Group, objects: Objects, sky: PivotSky, gates: Gates, cells: NDArray[np.bool_]) -> int:
     """Step 1 for one pivot: put the stars of the best group into ``best``."""
     table, size = sky.table, len(best.object)
     group = Group(best.object, best.star.copy())
     best_score, tie, groups = -1, False, 0
     low, high = _window(table.distance_urad, group, 1, objects, gates)
     for pair in range(low, high):
+        if not cells[sky.cell[table.brighter[pair]]]:
+            continue
         group.star[0], group.star[1] = table.brighter[pair], table.dimmer[pair]
         begin, end = table.first[group.star[0]], table.first[group.star[0] + 1]
         distances = table.neighbour_urad[begin:end]

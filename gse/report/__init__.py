@@ -1,9 +1,9 @@
 """The report of a session: report.json, report.html, frames.csv, junit.xml, and the verdict on the terminal.
 
-Shows what ``assessment`` decided and decides nothing. May not import sessions or cli.
+Shows what ``assessment`` decided and decides nothing. May not import sessions or cli. What draws is in
+``gse.report.files``: who needs the figures alone does not wait for matplotlib.
 """
 
-from gse.report.files import write_report
 from gse.report.summary import summarise
 
-__all__ = ["summarise", "write_report"]
+__all__ = ["summarise"]

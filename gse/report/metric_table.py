@@ -2,19 +2,31 @@
 
 from typing import Any
 
-from gse.report.metrics import AXES
+from gse.assessment.metrics import AXES, metrics
+from gse.assessment.statistics import Statistics
+from gse.report.summary import plain
 from gse.report.terminal import quantity
 
 Line = tuple[str, str, str, tuple[str, ...], str]
 
 
-def metric_table(metrics: list[dict[str, Any]], subject: str) -> list[Line]:
+def metric_table(documents: list[dict[str, Any]], subject: str) -> list[Line]:
     """Lines of name, ECSS term, interpretation, cells of AXES (one cell where a metric has no axis), and note."""
     lines: dict[str, list[dict[str, Any]]] = {}
-    for metric in metrics:
+    for metric in documents:
         if metric["subject"] == subject:
             lines.setdefault(metric["name"], []).append(metric)
     return [_line(name, found) for name, found in lines.items()]
+
+
+def metrics_in_markdown(stats: Statistics) -> str:
+    """The metrics of each subject as a table in Markdown, for the panel of a view."""
+    documents = plain([*metrics(stats)])
+    lines = ["| metric | x (columns) | y (rows) | roll |", "|---|---|---|---|"]
+    for subject in stats.subjects:
+        for name, _, _, cells, _ in metric_table(documents, subject):
+            lines.append(f"| {subject} {name} | {' | '.join((*cells, '', '')[:3])} |")
+    return "\n".join(lines)
 
 
 def _line(name: str, found: list[dict[str, Any]]) -> Line:

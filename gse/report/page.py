@@ -1,5 +1,6 @@
 """report.html: one page, readable offline, printable."""
 
+import functools
 import itertools
 import json
 from collections.abc import Callable
@@ -72,11 +73,6 @@ def report_html(
 ) -> str:
     """The page of a session; all but its last section, which says what it is ``made_by``, follows from the session."""
     drawn = plot_data(session, assessment.statistics)
-    environment = jinja2.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-    )
-    environment.filters.update(quantity=quantity_text, number=_number, angle=_angle, given=_given)
-    template = environment.from_string(_resource("report.html.jinja"))
     wanted = [(name, height_in, partial(draw, drawn=drawn[0])) for name, height_in, draw in _PLOTS]
     for of_subject in drawn:
         wanted += [
@@ -84,7 +80,7 @@ def report_html(
             for name, height_in, draw in _PLOTS_OF_SUBJECT
         ]
     plots = svgs_of(wanted)
-    return template.render(
+    return _template().render(
         report=report,
         fingerprint=canonical(fingerprint(report)),
         style=_resource("report.css"),
@@ -99,6 +95,15 @@ def report_html(
         provenance_json=json.dumps(made_by, separators=(",", ":")),
         provenance=[(key.replace("_", " "), _in_words(key, value)) for key, value in (made_by or {}).items()],
     )
+
+
+@functools.cache
+def _template() -> jinja2.Template:
+    environment = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters.update(quantity=quantity_text, number=_number, angle=_angle, given=_given)
+    return environment.from_string(_resource("report.html.jinja"))
 
 
 def plot_data(session: SessionData, stats: Statistics) -> list[PlotData]:

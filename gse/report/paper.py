@@ -6,8 +6,7 @@
 import math
 from dataclasses import dataclass
 
-from gse.assessment.statistics import SubjectStatistics
-from gse.station.results import Subject
+from gse.assessment.subject_statistics import SubjectStatistics
 
 ARCMIN_PER_DEG = 60.0
 LIMIT_DEG = 1 / 60
@@ -33,8 +32,8 @@ PAPER = (
 
 
 def this_sensor(name: str, figures: SubjectStatistics) -> Row:
-    """The row of the sensor under test; its time is the 99th percentile, of this host for the onboard subject."""
+    """The row of the sensor under test; its time is the 99th percentile, of this host where none is stated."""
     p99_ms = figures.time_ms.p99
-    where = " (this host)" if figures.subject is Subject.ONBOARD else ""
+    where = "" if figures.time_is_stated else " (this host)"
     time = "not recorded" if math.isnan(p99_ms) else f"{p99_ms:.3g} ms{where}"
     return Row(name, figures.mean_abs_d_ra_deg, figures.mean_abs_d_de_deg, time)

@@ -14,12 +14,12 @@ from gse import instant
 from gse.assessment.decision import DECISION_TEXT, RISK
 from gse.assessment.decision import Row as DecisionRow
 from gse.assessment.guard_band import COVERAGE_FACTOR
+from gse.assessment.metrics import metrics
 from gse.assessment.sky_summary import SkyStretch, sky_summary
 from gse.assessment.statistics import Statistics
 from gse.assessment.truth_budget import TruthUncertaintyBudget
 from gse.assessment.verdict import Assessment
 from gse.report.documented_test import documented_test, requirement_of
-from gse.report.metrics import metrics
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, Row, this_sensor
 from gse.station.session_data import SessionData
 
@@ -136,10 +136,11 @@ def table_4_1(sessions: Iterable[tuple[str, Statistics]]) -> dict[str, Any]:
         for name, stats in sessions
         for subject, of_one in stats.subjects.items()
     ]
-    return {"rows": [_table_row(row) for row in (*own, *PAPER)], "limit_deg": LIMIT_DEG}
+    return {"rows": [table_row(row) for row in (*own, *PAPER)], "limit_deg": LIMIT_DEG}
 
 
-def _table_row(row: Row) -> dict[str, Any]:
+def table_row(row: Row) -> dict[str, Any]:
+    """A row of table 4-1 in degrees and arcmin."""
     return {
         "name": row.name,
         "mean_d_ra_deg": row.d_ra_deg,

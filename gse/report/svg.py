@@ -28,7 +28,7 @@ _STYLE = {
     "axes.edgecolor": hex_of(GREY),
     "axes.titlesize": 9,
     "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # matplotlib looks for the place by drawing the ticks twice more
+    "axes.titley": 1.0,
     "axes.formatter.useoffset": False,
     "legend.fontsize": 7,
     "legend.framealpha": 0.9,

@@ -1,5 +1,7 @@
 """The verdict on the terminal: what came out, why, and the paper's Table 4-1 beside it."""
 
+from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 from rich.console import Console
@@ -21,8 +23,11 @@ def print_verdict(report: dict[str, Any], console: Console | None = None) -> Non
     reasons = [Text(f"  {reason}") for reason in report["reasons"]]
     headline = Text(_headline(report), style=f"bold {colour}")
     console.print(Panel(Text("\n").join([headline, *reasons]), border_style=colour, expand=False))
-    console.print(_boxed(_HEAD, measurement_rows(report)))
-    console.print(_boxed(TABLE_4_1_HEAD, table_4_1_rows(report)))
+    console.print()
+    console.print(_table(_HEAD[1:], _below_subjects(measurement_rows(report))))
+    console.print()
+    console.print(_table(TABLE_4_1_HEAD, table_4_1_rows(report)))
+    console.print()
     console.print("\n".join(facts(report)), markup=False, highlight=False)
 
 
@@ -115,12 +120,17 @@ def _degrees(value: float | None) -> tuple[str, str]:
     return ("unknown", "") if value is None else (f"{value:.6f}", f"{60 * value:.3f}")
 
 
-def _boxed(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
-    table = Table()
+def _below_subjects(rows: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Rows without the subject, those of each subject below a line with it: a terminal has 80 columns."""
+    return [row for subject, group in groupby(rows, itemgetter(0)) for row in ((subject,), *(row[1:] for row in group))]
+
+
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
+    table = Table(box=None, padding=(0, 1), pad_edge=False)
     for name in head:
         table.add_column(Text(name))
     for row in rows:
-        table.add_row(*(Text(cell, style=_COLOURS.get(cell, "")) for cell in row))
+        table.add_row(*(Text(cell, style=_COLOURS.get(cell, "bold" if len(row) == 1 else "")) for cell in row))
     return table
 
 

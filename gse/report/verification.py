@@ -62,7 +62,11 @@ def verify(page: str, session: SessionData, assessment: Assessment) -> Verificat
     if stated["version"] != found["version"]:
         line = f"made by gse {stated['version']}, this is {found['version']}: verify it with that version"
         return Verification(Answer.ANOTHER_VERSION, line)
-    again = report_html(session, assessment, report, provenance_in(page))
+    return compare_pages(page, report_html(session, assessment, report, provenance_in(page)), stated, found)
+
+
+def compare_pages(page: str, again: str, stated: dict[str, Any], found: dict[str, Any]) -> Verification:
+    """Compare a page with the one that was made again; ``stated`` and ``found`` are their fingerprints."""
     if page == again:
         return Verification(Answer.UNCHANGED, f"SHA-256 of report.json {found['report_sha256']}")
     return Verification(Answer.CHANGED, _what_changed(page, again, stated, found))

@@ -67,7 +67,7 @@ def _why(report: dict[str, Any]) -> Iterator[str]:
     for line, others in zip(findings, equals, strict=True):
         yield from _item(line + (f" - or, which this session cannot tell apart: {others}" if others else ""))
     said = set(report["findings"])
-    reasons = [reason for reason in report["reasons"] if reason not in said]
+    reasons = [reason for reason in report["reasons"] if reason.removeprefix("set-up: ") not in said]
     for reason in reasons[:_MOST_REASONS]:
         yield from _item(reason)
     if len(reasons) > _MOST_REASONS:

@@ -7,6 +7,7 @@ status: to the last bit for gse.answer/1, to the printed decimals for gse.frame/
 
 import json
 from collections import defaultdict, deque
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,47 +25,44 @@ MOST_LISTED = 10
 _ANGLES = ("ra_deg", "de_deg", "roll_deg")
 
 
-class ExpectedAnswers:
-    """A listener that compares each result with the expected answer to its frame; TableError for a damaged file.
+class Comparison:
+    """A listener that compares each result with the expected answer to its frame.
 
     ``compared`` frames had one, ``different`` of them were answered otherwise, ``missing`` frames had none;
     ``listed`` says of the first differences what they are.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self) -> None:
         self.compared = self.different = self.missing = 0
         self.listed: list[str] = []
-        self._answers = _read(path)
+
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
+        """Compare a result."""
+        raise NotImplementedError
+
+    def on_event(self, event: LinkEvent) -> None:
+        """Nothing: events are not compared."""
+
+    def finish(self, session: SessionData) -> None:
+        """Compare what came after the last result; nothing, where that cannot be."""
 
     @property
     def unused(self) -> int:
         """Expected answers without a frame in the replay."""
-        return sum(map(len, self._answers.values()))
+        raise NotImplementedError
 
     @property
     def is_same(self) -> bool:
         """Whether all frames were answered as expected, and all expected answers were given."""
         return not (self.different or self.missing or self.unused)
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Compare a result with the next expected answer to its frame number."""
-        waiting = self._answers.get(result.panorama.frame_no)
-        if not waiting:
-            self.missing += 1
-            return
+    def note(self, frame_no: int, differences: Sequence[str]) -> None:
+        """Count a frame that was compared, and list how its answer differs."""
         self.compared += 1
-        expected = waiting.popleft()
-        given = frame_json(result) if expected.get("schema") == SCHEMA else _exact(result)
-        keys = (*_ANGLES, "status") if expected.get("schema") == SCHEMA else _ANGLES
-        wrong = [key for key in keys if (key in expected or key != "roll_deg") and expected.get(key) != given.get(key)]
-        if wrong:
+        if differences:
             self.different += 1
             if len(self.listed) < MOST_LISTED:
-                words = (f"{key} is {given.get(key)!r}, expected {expected.get(key)!r}" for key in wrong)
-                self.listed.append(f"frame {result.panorama.frame_no}: {'; '.join(words)}")
-
-    def on_event(self, event: LinkEvent) -> None:
-        """Nothing: events are not compared."""
+                self.listed.append(f"frame {frame_no}: {'; '.join(differences)}")
 
     def text(self) -> str:
         """The result in one line, and the first differences."""
@@ -72,6 +70,34 @@ class ExpectedAnswers:
         head += f"; {self.missing} frames without an expected answer" if self.missing else ""
         head += f"; {self.unused} expected answers without a frame" if self.unused else ""
         return "\n".join([head, *(f"  {line}" for line in self.listed)])
+
+
+class ExpectedAnswers(Comparison):
+    """The expected answers of a file; TableError where it is damaged."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._answers = _read(path)
+
+    @property
+    def unused(self) -> int:
+        """Expected answers without a frame in the replay."""
+        return sum(map(len, self._answers.values()))
+
+    def on_result(self, result: FrameResult, session: SessionData) -> None:
+        """Compare a result with the next expected answer to its frame number."""
+        waiting = self._answers.get(result.panorama.frame_no)
+        if not waiting:
+            self.missing += 1
+            return
+        expected = waiting.popleft()
+        given = frame_json(result) if expected.get("schema") == SCHEMA else _exact(result)
+        keys = (*_ANGLES, "status") if expected.get("schema") == SCHEMA else _ANGLES
+        wrong = [key for key in keys if (key in expected or key != "roll_deg") and expected.get(key) != given.get(key)]
+        self.note(
+            result.panorama.frame_no,
+            [f"{key} is {given.get(key)!r}, expected {expected.get(key)!r}" for key in wrong],
+        )
 
 
 def _exact(result: FrameResult) -> dict[str, Any]:

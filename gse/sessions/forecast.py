@@ -30,18 +30,22 @@ _PAUSES = 100.0
 _FEWEST_FRAMES = 30
 _SETTLES_S = 300.0
 """Before, the drift of the mount is so little known that its uncertainty alone may exceed a limit."""
+_NIGHT_MINUTES = 720.0
+"""A verdict that comes later comes not in this session."""
 _MOST_NAMED = 2
 
 
 class Forecast:
     """A listener that knows how long a session still has to be; ``text`` is a line, empty before the first answer.
 
+    ``metrics`` are those of ECSS-E-ST-60-20C so far, as a table in Markdown, empty before too.
+
     ``fill_sky`` fills the sky columns of a snapshot's frames (rows of FRAME), which the loop itself does at the end.
     """
 
     def __init__(self, fill_sky: Callable[[NDArray[np.void]], None] = lambda frames: None) -> None:
         self._fill_sky = fill_sky
-        self.text = ""
+        self.text = self.metrics = ""
         self._begun = threading.Event()
         self._wanted = threading.Event()
         self._wanted.set()
@@ -73,11 +77,14 @@ class Forecast:
         if self._closing.is_set():
             return
         from gse.assessment.verdict import judge
+        from gse.report.metric_table import metrics_in_markdown
 
         while (session := self._snapshots.get()) is not None:
             began_s = time.thread_time()
             with suppress(Exception):  # a forecast that fails must not end the session; the verdict will say why
-                self.text = forecast_text(judge(session))
+                assessment = judge(session)
+                self.text = forecast_text(assessment)
+                self.metrics = metrics_in_markdown(assessment.statistics)
             if self._closing.wait(max(EVERY_S, _PAUSES * (time.thread_time() - began_s))):
                 return
             self._wanted.set()
@@ -99,17 +106,20 @@ def snapshot(session: SessionData) -> SessionData:
 
 def forecast_text(assessment: "Assessment") -> str:
     """When a verdict is to be expected, in a line."""
-    from gse.assessment.session_plan import NEVER, minutes_left, rows_left
+    from gse.assessment.session_plan import minutes_left, rows_left
 
     if assessment.verdict is not Verdict.INCONCLUSIVE:
         return f"{assessment.word}, if it ended now"
+    left = rows_left(assessment)
+    if not any(item.row.unit == "arcsec" for item in left):
+        return "no verdict as it goes: no answer was compared with truth"
     minutes = minutes_left(assessment)
     if math.isnan(minutes):
         return "verdict: too early to tell"
-    if minutes == NEVER and assessment.statistics.duration_s < _SETTLES_S:
+    if minutes > _NIGHT_MINUTES and assessment.statistics.duration_s < _SETTLES_S:
         return "verdict: too early to tell"
-    if minutes == NEVER:
-        never = [item.row.name for item in rows_left(assessment) if item.minutes == NEVER]
+    if minutes > _NIGHT_MINUTES:
+        never = [item.row.name for item in left if item.minutes > _NIGHT_MINUTES]
         return f"no verdict as it goes: {', '.join(never[:_MOST_NAMED]) or assessment.reasons[0]}"
     if minutes < 1:
         return "a verdict in less than a minute"

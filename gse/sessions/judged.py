@@ -14,7 +14,8 @@ from gse.recording.session_format import read_attachments
 from gse.sessions.kept_results import KeptResultsError, keep, kept, results_folder
 from gse.sessions.replay import Replay, StationInForce, StationText, station_in_force
 from gse.sessions.sealed_station import names_program
-from gse.sessions.status_file import is_running, read_status
+from gse.sessions.status_document import read_status
+from gse.sessions.status_file import is_running
 from gse.station.session_data import SessionData
 from gse.station.setup import clear_caches
 from gse.tables.key import ResultKey, session_sha256, software_sha256

@@ -29,7 +29,7 @@ from gse.errors import TruthError
 from gse.sessions.kept_context import KeptContext
 from gse.station.attitude_table import OWN_ANSWER, AttitudeTable
 from gse.station.session_data import SessionData
-from gse.tables import ResultKey, frames_schema, frames_table, sessions_table, stars_schema, stars_table
+from gse.tables import ResultKey, frames_parts, frames_schema, sessions_table, stars_schema, stars_table
 from gse.tables.parquet import read_parquet, write_parquet
 from gse.tables.restored import restored_frames, restored_stars
 
@@ -95,11 +95,10 @@ def kept(key: ResultKey, folder: Path, station: Station, station_text: str) -> S
 
 
 def _write(session: SessionData, assessment: Assessment, key: ResultKey, part: Path) -> None:
-    """One table after the other: that of the frames of 8 h at 10 Hz takes 90 MB."""
-    write_parquet(sessions_table(session, assessment, key), part / "sessions.parquet")
-    write_parquet(frames_table(session, assessment.statistics, key.text), part / "frames.parquet")
-    write_parquet(stars_table(session, key.text), part / "stars.parquet")
-    write_parquet(_answers(session.sensor_attitudes), part / "answers.parquet")
+    write_parquet([sessions_table(session, assessment, key)], part / "sessions.parquet")
+    write_parquet(frames_parts(session, assessment.statistics, key.text), part / "frames.parquet")
+    write_parquet([stars_table(session, key.text)], part / "stars.parquet")
+    write_parquet([_answers(session.sensor_attitudes)], part / "answers.parquet")
     files = {path.name: _sha256(path) for path in sorted(part.iterdir())}
     manifest = _Manifest.model_construct(key=key.text, files=files, context=KeptContext.of(session))
     text = manifest.model_dump_json()

@@ -40,7 +40,7 @@ def export_parquet(tables: SessionTables, folder: Path) -> int:
     """Write sessions.parquet, frames.parquet and stars.parquet into a new folder; returns the number of rows."""
     folder.mkdir(parents=True)
     for name in TABLES:
-        write_parquet(getattr(tables, name), folder / f"{name}.parquet")
+        write_parquet([getattr(tables, name)], folder / f"{name}.parquet")
     return sum(getattr(tables, name).num_rows for name in TABLES)
 
 

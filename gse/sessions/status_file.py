@@ -16,22 +16,21 @@ from typing import Any
 
 from drivers.chunk import LinkEvent
 from drivers.clock import read_clock
+from drivers.outside_text import is_plain
 from drivers.session_file.record_scanner import MAGIC
 from gse import instant
 from gse.config.station import Station
 from gse.sessions.note_files import collect_notes
+from gse.sessions.status_document import NAME, SCHEMA, read_status
 from gse.station.notes import Notes
 from gse.station.results import FrameResult, Status
 from gse.station.session_data import SessionData
 from gse.view.running_statistics import LINK_WORDS, Running
 from gse.view.verdict_text import headline
 
-SCHEMA = "gse.status/1"
-NAME = "status.json"
 EVERY_S = 1.0
 _CLOSE_WITHIN_S = 2.0
 _RENEWED_WITHIN_S = 10.0
-_MOST_BYTES = 64 << 10
 
 
 class StatusFile:
@@ -131,26 +130,17 @@ class StatusFile:
         }
 
 
-def read_status(folder: Path) -> dict[str, Any] | None:
-    """The status of a session folder; None where it is missing or unreadable."""
-    try:
-        with (folder / NAME).open("rb") as file:
-            document = json.loads(file.read(_MOST_BYTES))
-    except (OSError, ValueError, RecursionError):
-        return None
-    is_ours = isinstance(document, dict) and document.get("schema") == SCHEMA and type(document.get("pid")) is int
-    return document if is_ours else None
-
-
-def is_running(status: dict[str, Any]) -> bool:
+def is_running(status: dict[str, Any], *, has_marks: bool | None = None) -> bool:
     """Whether the process that wrote a status still runs; another process with its number does not count.
 
-    Where the system does not say when a process started, a status that is renewed counts as running.
+    Where the system does not say when a process started (``has_marks`` is False; the default asks it), a status that is
+    renewed counts as running; elsewhere one without such a mark is of another computer.
     """
     if status["state"] == "ended":
         return False
     if status["process"] is None:
-        return _age_s(status) < _RENEWED_WITHIN_S
+        has_marks = process_mark(os.getpid()) is not None if has_marks is None else has_marks
+        return not has_marks and _age_s(status) < _RENEWED_WITHIN_S
     return bool(process_mark(status["pid"]) == status["process"])
 
 
@@ -176,11 +166,16 @@ def process_mark(pid: int) -> str | None:
 
 
 def session_folders(out: Path) -> list[Path]:
-    """Folders of recorded sessions directly below ``out``, or ``out`` itself where it is one; oldest first."""
+    """Folders of recorded sessions directly below ``out``, or ``out`` itself where it is one; oldest first.
+
+    A folder whose name would steer a terminal is none of ours.
+    """
     if (out / "session.mcap").exists():
         return [out]
     try:
-        return sorted(folder for folder in out.iterdir() if (folder / "session.mcap").exists())
+        return sorted(
+            folder for folder in out.iterdir() if is_plain(folder.name) and (folder / "session.mcap").exists()
+        )
     except OSError:
         return []
 

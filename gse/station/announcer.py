@@ -26,14 +26,16 @@ class Announcer:
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
         self._seen: Counter[str] = Counter()
+        self._said = ""
 
     def on_result(self, result: FrameResult, session: SessionData) -> None:
         """Panoramas are not announced."""
 
     def on_event(self, event: LinkEvent) -> None:
-        """Print an event if it is the first of its kind."""
+        """Print an event if it is the first of its kind, and says more than the one before (LOST, then NO_PORT)."""
         self._seen[event.kind] += 1
-        if self._seen[event.kind] == 1 or event.kind in _EACH_TIME:
+        is_new, self._said = event.text != self._said, event.text
+        if is_new and (self._seen[event.kind] == 1 or event.kind in _EACH_TIME):
             when = instant.to_text(event.utc_ns, 1) if event.utc_ns else "before the first byte"
             self._say(f"{when} {event.kind}: {event.text}")
 

@@ -18,8 +18,18 @@ from gse.mount import Mount
 from gse.panorama import MAX_OBJECTS, Panorama
 from gse.station import external_result
 from gse.station.attitude_error import attitude_error, attitude_errors
+from gse.station.left_out_stars import LeftOutStars, SolvedFrames
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import NO_STARLIGHT, AnswerCheck, AttitudeError, FrameResult, Matches, Starlight, Status
+from gse.station.results import (
+    NO_MATCHES,
+    NO_STARLIGHT,
+    AnswerCheck,
+    AttitudeError,
+    FrameResult,
+    Matches,
+    Starlight,
+    Status,
+)
 from gse.station.starlight import starlights
 from gse.truth import SiderealTruth
 
@@ -31,8 +41,9 @@ SAME_BORESIGHT_RAD = math.radians(0.05)
 
 FAULT_FLAGS = frozenset({"detector fault", "memory fault"})
 
-Compared = tuple[NDArray[np.float64], Attitude | None, Attitude | None, AttitudeError | None]
-"""Residuals (M, 2) in arcsec, geometric attitude, true attitude, and the error of the one against the other."""
+Compared = tuple[NDArray[np.float64], Attitude | None, Attitude | None, AttitudeError | None, Matches]
+"""Residuals (M, 2) in arcsec, geometric attitude, true attitude, the error of the one against the other, and stars that
+the answer left out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +85,7 @@ class FrameProcessor:
     truth: SiderealTruth | None
     mount: Mount | None
     paper_mean: bool = False
+    left_out: LeftOutStars | None = None
 
     def identify(self, panoramas: Sequence[Panorama]) -> list[Answer | str]:
         """The part that depends on one panorama alone: its answer, or the fault of the sensor in words.
@@ -124,7 +136,7 @@ class FrameProcessor:
                 answer_check=answer.answer_check,
                 light=answer.light,
             )
-        residuals_arcsec, geometric, true, error = next(compared)
+        residuals_arcsec, geometric, true, error, left_out = next(compared)
         return FrameResult(
             panorama,
             Status.IDENTIFIED,
@@ -133,6 +145,7 @@ class FrameProcessor:
             identification=found,
             attitude=attitude,
             matches=Matches(found.objects, found.stars, residuals_arcsec, self.identifier.catalog.name),
+            left_out=left_out,
             elapsed_us=elapsed_us,
             attitude_geometric=geometric,
             attitude_error=error,
@@ -276,9 +289,10 @@ class FrameProcessor:
         geometric: Sequence[Attitude | None] = [None] * len(found)
         true: Sequence[Attitude | None] = geometric
         errors: Sequence[AttitudeError | None] = [None] * len(found)
-        rotations = np.array([attitude.icrs_to_sensor for attitude in attitudes])
+        rotations = raw = np.array([attitude.icrs_to_sensor for attitude in attitudes])
+        utc_ns = np.array([panorama.utc_ns for panorama in panoramas])
+        icrs_to_horizon = None
         if self.truth is not None:
-            utc_ns = np.array([panorama.utc_ns for panorama in panoramas])
             icrs_to_horizon = self.truth.icrs_to_horizon_at(utc_ns)
             zenith_sensor = np.einsum("kij,kj->ki", rotations, icrs_to_horizon[:, 2])
             measured_sensor = self.truth.unrefracted(measured_sensor, zenith_sensor[frame_of])
@@ -290,7 +304,11 @@ class FrameProcessor:
                 errors = attitude_errors(solved, looking)
         expected_sensor = np.einsum("mij,mj->mi", rotations[frame_of], stars_icrs)
         residuals_arcsec = (measured_sensor - expected_sensor)[:, :2] * ARCSEC_PER_RAD
-        return list(zip(np.split(residuals_arcsec, ends[:-1]), geometric, true, errors, strict=True))
+        left_out = [NO_MATCHES] * len(found)
+        if self.left_out is not None:
+            frames = SolvedFrames(raw, rotations, self.truth, utc_ns, icrs_to_horizon)
+            left_out = self.left_out.of(found, directions_sensor, frames)
+        return list(zip(np.split(residuals_arcsec, ends[:-1]), geometric, true, errors, left_out, strict=True))
 
     def _lights(
         self,

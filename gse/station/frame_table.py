@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.attitude import Attitude, angles_deg
+from gse.panorama import Panorama
 from gse.station.results import AnswerCheck, FrameResult, Matches, SkyCondition, Status
 
 STATUSES = tuple(Status)
@@ -100,10 +101,12 @@ MATCH = np.dtype(
         ("residual_x_arcsec", "f4"),
         ("residual_y_arcsec", "f4"),
         ("brightness", "f4"),
+        ("named", "?"),
     ]
 )
-"""One row per identified object of the frames that keep theirs; ``frame`` is the row of its panorama, ``star`` that of
-its star in the mission catalogue, ``brightness`` its index value."""
+"""One row per star of the frames that keep theirs; ``frame`` is the row of its panorama, ``star`` that of its star in
+the mission catalogue, ``brightness`` its index value. The answer has ``named`` it, or has left it out
+(gse.station.left_out_stars)."""
 
 
 class _Rows:
@@ -142,7 +145,7 @@ class FrameTable:
         self._frames = _Rows(FRAME)
         self._matches = _Rows(MATCH)
         self._match_stride = 1
-        self._waiting: list[tuple[int, NDArray[np.float64], NDArray[np.float64], Matches]] = []
+        self._waiting: list[tuple[int, Panorama, Matches, bool]] = []
 
     @classmethod
     def of(cls, frames: NDArray[np.void], matches: NDArray[np.void]) -> Self:
@@ -167,23 +170,25 @@ class FrameTable:
         self._frames.extend([_row(*columns) for columns in zip(results, answered, true, strict=True)])
         for row, result in enumerate(results, first):
             if row % self._match_stride == 0 and len(result.matches):
-                matches, panorama = result.matches, result.panorama
-                places, light = (part.take(matches.objects, axis=0) for part in (panorama.xy_px, panorama.brightness))
-                self._waiting.append((row, places, light, matches))
-                if len(self._waiting) == _FRAMES_AT_ONCE:
+                self._waiting += [(row, result.panorama, result.matches, True)]
+                if len(result.left_out):
+                    self._waiting += [(row, result.panorama, result.left_out, False)]
+                if len(self._waiting) >= _FRAMES_AT_ONCE:
                     self._take_in_matches()
 
     def _take_in_matches(self) -> None:
         """Make columns of the waiting matches; drop every second frame's matches when there are too many."""
         if not self._waiting:
             return
-        frames, xy_px, brightness, matches = zip(*self._waiting, strict=True)
+        frames, panoramas, matches, named = zip(*self._waiting, strict=True)
         self._waiting = []
-        rows = np.empty(sum(map(len, xy_px)), dtype=MATCH)
-        rows["frame"] = np.repeat(frames, [len(of_frame) for of_frame in xy_px])
+        counts = [len(of_frame) for of_frame in matches]
+        rows = np.empty(sum(counts), dtype=MATCH)
+        rows["frame"], rows["named"] = np.repeat(frames, counts), np.repeat(named, counts)
         rows["star"] = np.concatenate([of_frame.stars for of_frame in matches])
-        rows["x_px"], rows["y_px"] = np.concatenate(xy_px).T
-        rows["brightness"] = np.concatenate(brightness)
+        seen = list(zip(panoramas, matches, strict=True))
+        rows["x_px"], rows["y_px"] = np.concatenate([one.xy_px.take(stars.objects, axis=0) for one, stars in seen]).T
+        rows["brightness"] = np.concatenate([one.brightness.take(stars.objects) for one, stars in seen])
         residuals_arcsec = np.concatenate([of_frame.residuals_arcsec for of_frame in matches])
         rows["residual_x_arcsec"], rows["residual_y_arcsec"] = residuals_arcsec.T
         self._matches.extend(rows)
@@ -208,7 +213,7 @@ class FrameTable:
 
     @property
     def matches(self) -> NDArray[np.void]:
-        """One row per identified object, dtype MATCH; in a long session not from every frame."""
+        """One row per star, dtype MATCH; in a long session not from every frame."""
         self._take_in_matches()
         return self._matches.array()
 

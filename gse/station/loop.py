@@ -59,6 +59,7 @@ from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.event_log import EventLog
 from gse.station.frame_processor import Answer, FrameProcessor
 from gse.station.housekeeping import fill_housekeeping
+from gse.station.left_out_stars import LeftOutStars
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.own_answer_results import OwnAnswerProcessor
@@ -139,6 +140,7 @@ class StationLoop:
             truth=None,
             mount=mount,
             paper_mean=station.identifier.attitude == "paper-mean",
+            left_out=LeftOutStars(setup.camera, setup.identifier.catalog),
         )
         self._own_answers = OwnAnswerProcessor(station.sensor.attitude)
         baudrate = station.port.baudrate

@@ -69,7 +69,8 @@ class MeasuredMounts:
 def persistent_arcsec2(session: SessionData) -> NDArray[np.float64]:
     """Covariance (3, 3) of a session's mean attitude, from the part of the residuals that lasts over 20 s."""
     frames, matches = session.frames.columns, session.frames.matches
-    matches = matches[frames["answer_check"][matches["frame"]] != ANSWER_CHECKS.index(AnswerCheck.FALSE)]
+    false = ANSWER_CHECKS.index(AnswerCheck.FALSE)
+    matches = matches[matches["named"] & (frames["answer_check"][matches["frame"]] != false)]
     if len(matches) == 0:
         return np.zeros((3, 3))
     xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)

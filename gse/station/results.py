@@ -156,7 +156,8 @@ class FrameResult:
     ``attitude`` is what the sensor would answer: from catalogue places in ICRS, uncorrected for aberration and
     refraction. ``attitude_geometric`` is the same with these corrections, ``attitude_true`` where the mount looked
     (geometric direction, ICRS axes), and ``attitude_error`` is between these two. ``others`` classifies non-stellar
-    objects: (object, "hot pixel" | "Jupiter" | "unknown" ...). ``given`` is what an external identifier gave; an answer
+    objects: (object, "hot pixel" | "Jupiter" | "unknown" ...). ``left_out`` are stars that the answer does not name
+    although the panorama shows them. ``given`` is what an external identifier gave; an answer
     of RA and DE alone ``has_roll`` False, and its roll means nothing.
     """
 
@@ -173,6 +174,7 @@ class FrameResult:
     attitude_true: Attitude | None = None
     answer_check: AnswerCheck = AnswerCheck.UNKNOWN
     others: tuple[tuple[int, str], ...] = ()
+    left_out: Matches = NO_MATCHES
     light: Starlight = NO_STARLIGHT
     has_roll: bool = True
     given: Given | None = None

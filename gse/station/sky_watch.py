@@ -148,7 +148,7 @@ class SkyWatch:
         if not len(confirmed):
             return
         row = rows[confirmed[len(confirmed) // 2]]
-        attitude = Attitude.from_angles(row["ra_deg"], row["de_deg"], row["roll_deg"])
+        attitude = Attitude.from_angles(row["ra_deg"], row["de_deg"], np.nan_to_num(row["roll_deg"]))
         at_row = icrs_to_horizon(self._site, np.array([row["utc_ns"]]))[0]
         self._horizon_to_sensor = attitude.icrs_to_sensor @ at_row.T
 

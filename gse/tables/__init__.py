@@ -7,7 +7,7 @@
 docs/tables.md lists the columns. Reads ``SessionData`` and ``Assessment``; writes no file. May not import report.
 """
 
-from gse.tables.frames import frames_schema, frames_table
+from gse.tables.frames import frames_parts, frames_schema, frames_table
 from gse.tables.key import ResultKey
 from gse.tables.session_tables import SessionTables, session_tables
 from gse.tables.sessions import failed_session, sessions_schema, sessions_table
@@ -19,6 +19,7 @@ __all__ = [
     "ResultKey",
     "SessionTables",
     "failed_session",
+    "frames_parts",
     "frames_schema",
     "frames_table",
     "session_tables",

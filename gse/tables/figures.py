@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 from gse.assessment.axis_statistics import AxisStatistics
 from gse.assessment.spatial_errors import SpatialErrors
-from gse.assessment.statistics import AXES, Statistics, SubjectStatistics
+from gse.assessment.statistics import Statistics
+from gse.assessment.subject_statistics import AXES, SubjectStatistics
 from gse.assessment.thermal import ThermalError
 from gse.assessment.truth_budget import TruthUncertaintyBudget
 from gse.assessment.uncertainty import AXES as TRUTH_AXES
@@ -35,7 +36,9 @@ def figures(stats: Statistics | None) -> Iterator[Column]:
 
 
 def _of_subject(subject: Subject, stats: SubjectStatistics | None) -> Iterator[Column]:
-    yield from columns_of(SubjectStatistics, stats, subject.value, without=("subject", "axes", "thermal"))
+    yield from columns_of(
+        SubjectStatistics, stats, subject.value, without=("subject", "axes", "thermal", "time_is_stated")
+    )
     for axis in AXES:
         stem = f"{subject.value}_{axis}"
         yield from columns_of(AxisStatistics, stats.axes[axis] if stats else None, stem)

@@ -1,11 +1,14 @@
 """Parquet files of the tables: one way to write them, and a bounded way to read them."""
 
+from collections.abc import Iterable
 from pathlib import Path
+from typing import BinaryIO
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-_ROWS_AT_ONCE = 1 << 16
+ROWS_AT_ONCE = 1 << 16
+"""Of a row group: a longer table is made and written in parts."""
 MOST_ROWS = 1 << 24
 """Two weeks of frames at 10 Hz."""
 MOST_BYTES_PER_ROW = 4096
@@ -16,9 +19,21 @@ _MOST_FOOTER = 1 << 24
 _COMPRESSION = "zstd"
 
 
-def write_parquet(table: pa.Table, path: Path) -> None:
-    """Write a table to a new file; OSError where it cannot be written."""
-    pq.write_table(table, path, compression=_COMPRESSION, row_group_size=_ROWS_AT_ONCE, store_schema=True)
+def write_parquet(parts: Iterable[pa.Table], to: Path | BinaryIO) -> None:
+    """Write the parts of one table, each of ROWS_AT_ONCE at most, to a new file; OSError where it cannot be written.
+
+    The same rows give the same bytes. A single row, of 800 columns, needs neither statistics nor dictionaries: they
+    would be most of its file.
+    """
+    rest = iter(parts)
+    first = next(rest)
+    many = len(first) > 1
+    with pq.ParquetWriter(
+        to, first.schema, compression=_COMPRESSION, write_statistics=many, use_dictionary=many
+    ) as writer:
+        writer.write_table(first)
+        for part in rest:
+            writer.write_table(part)
 
 
 def read_parquet(path: Path, schema: pa.Schema) -> pa.Table:

@@ -16,7 +16,7 @@ LIVE_WINDOW_S = 600.0
 
 
 _ROOM = 1.2
-_FEWEST_POWERS, _MOST_POWERS = 1.05, 2.4
+_FEWEST_POWERS, _MOST_POWERS = 1.2, 2.4
 
 
 def layout(
@@ -36,7 +36,7 @@ def layout(
         _error_view("d_ra", "dRA* (arcsec)", station.limits.d_ra_cosde_arcsec, axis, own=own),
         _error_view("d_de", "dDE (arcsec)", station.limits.d_de_arcsec, axis, own=own),
         rrb.Tabs(
-            _graph("/stars", "Sky: stars, magnitude", axis),
+            _graph("/stars", "Sky (stars, mag)", axis),
             _graph("/cross", "Cross x, y (arcsec)", axis),
             _graph("/roll", "Roll (arcsec)", axis, "/sensor/roll"),
         ),
@@ -46,10 +46,10 @@ def layout(
             _graph("/temperature_c", "Detector (degC)", axis),
         ),
         rrb.StateTimelineView(origin="/state", name="Link, sky, verdict", time_view=axis),
-        row_shares=[2.9, 2.9, 2.2, 2.1, 3.3],
+        row_shares=[2.8, 2.8, 2.1, 2.0, 3.8],
     )
     pictures = rrb.Vertical(
-        _panorama_view(station),
+        rrb.Tabs(_panorama_view(station), rrb.TextDocumentView(origin="/metrics", name="Metrics")),
         rrb.Horizontal(_scatter_view(station, ranges), _sky_view(ranges, boresight_icrs)),
         row_shares=[3, 2],
     )

@@ -3,6 +3,8 @@
 // browser gets fewer of them and never stays behind.
 const LOST_AFTER_MS = 2000;
 const AGAIN_AFTER_MS = 1000;
+const STALE_AFTER_S = 2;
+const EDGE = 1.45, MARK = 0.3;
 const at = (id) => document.getElementById(id);
 const svg = (name, attributes) => {
   const node = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -72,7 +74,8 @@ function show(state) {
   put("disk", number(state.disk_free_gb, 1));
   put("frames", String(state.frames));
   put("frames-note", `${number(state.frames_per_s, 1)}/s, ${state.frames_lost} lost`);
-  state.axes.forEach(showAxis);
+  const isStale = !state.ended && state.since_answer_s > STALE_AFTER_S;
+  state.axes.forEach((axis, place) => showAxis(axis, place, isStale));
   showTurn(state.turn);
   showFocus(state.focus);
   const lines = state.events.join("\n");
@@ -83,7 +86,7 @@ function show(state) {
   put("session", `${state.sensor}, ${state.site}, ${state.port}; ${state.utc.slice(11, 19)} UTC`);
 }
 
-function showAxis(axis, place) {
+function showAxis(axis, place, isStale) {
   const id = `axis-${place}`;
   if (!at(id)) {
     const box = Object.assign(document.createElement("div"), {id, className: "axis"});
@@ -97,14 +100,22 @@ function showAxis(axis, place) {
   box.querySelector("h2").textContent = `${axis.name}, ${axis.subject} (arcsec)`;
   const value = box.querySelector(".value");
   value.textContent = signed(axis.last_arcsec, 1);
+  value.classList.toggle("stale", isStale);
   value.classList.toggle("outside", Math.abs(axis.last_arcsec) > axis.limit_arcsec);
   box.querySelector("small").textContent =
     `mean ${signed(axis.mean_arcsec, 1)}, std ${number(axis.std_arcsec, 1)}, limit ${axis.limit_arcsec}` +
     (axis.outside ? " OUTSIDE" : "");
   box.querySelector(".bounds").textContent = `dashed: ±${axis.limit_arcsec}`;
   const recent = axis.recent ?? [];
-  const line = recent.map((pair, x) => pair ? `M${x + 0.5} ${-Math.min(1.45, pair[1])}V${-Math.max(-1.45, pair[0]) + 0.02}` : "");
+  const line = recent.map((pair, x) => pair ? `M${x + 0.5} ${bar(pair).join("V")}` : "");
   box.querySelector(".spark").setAttribute("d", line.join(""));
+}
+
+// From top to bottom of the errors of some seconds, in limits downwards; far ones are a mark at the edge.
+function bar([low, high]) {
+  const top = -Math.min(EDGE, high), bottom = -Math.max(-EDGE, low);
+  if (low > EDGE - MARK) return [top, top + MARK];
+  return high < MARK - EDGE ? [bottom - MARK, bottom] : [top, bottom + 0.02];
 }
 
 function showTurn(turn) {
@@ -154,7 +165,9 @@ function connect() {
 
 setInterval(() => {
   const silentMs = performance.now() - heardMs;
-  if (silentMs > LOST_AFTER_MS && !latest?.ended) {
+  const isLost = silentMs > LOST_AFTER_MS && !latest?.ended;
+  document.body.classList.toggle("lost", isLost);
+  if (isLost) {
     const last = latest ? `last word: ${latest.word.text} at ${latest.utc.slice(11, 19)} UTC` : "no word from the station yet";
     putWord(`CONNECTION LOST ${Math.floor(silentMs / 1000)} s`, "bad", `${last}; the session may go on or have ended: gse status shows it`);
   }

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.chunk import LinkEvent
+from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading
 from gse import instant
 from gse.config.station import Station
@@ -43,6 +43,8 @@ _SLOW_EVERY_NS = NS_PER_S
 _EVENTS_SHOWN = 8
 _SKY_EVERY_FRAMES = 10
 _SKY_WITHIN_FRAMES = 1000
+_CAUSES = (LinkKind.NO_FRAMES, StationKind.MIRRORED, StationKind.WRONG_CAMERA, StationKind.FINDING)
+"""Events that say why a session is not as it should be."""
 _SKY_WORDS = {"clouded": "CLOUD", "no stars": "NO STARS", "daylight": "DAYLIGHT"}
 
 
@@ -79,6 +81,7 @@ class Glance:
         }
         self._events = EventLines(frozenset({StationKind.NOTE}))
         self._link = "no link"
+        self._cause = self._said = ""
         self._latest: _Shown | None = None
         self._latest_mono_ns = 0
         self._first_utc_ns = 0
@@ -125,13 +128,20 @@ class Glance:
         while self._items:
             item = self._items.popleft()
             if isinstance(item, LinkEvent):
-                self._link = LINK_WORDS.get(item.kind, self._link)
-                self._running.add_event(item)
-                self._events.add(item)
+                self._add_event(item)
             else:
                 self._add(item)
                 self._latest_mono_ns = now.mono_ns
         self._add_own(self._own.errors())
+
+    def _add_event(self, event: LinkEvent) -> None:
+        self._link = LINK_WORDS.get(event.kind, self._link)
+        self._running.add_event(event)
+        if event.kind in _CAUSES:
+            self._cause = event.text
+        if event.text != self._said:  # LOST and NO_PORT are one piece of news
+            self._events.add(event)
+        self._said = event.text
 
     def _add(self, shown: _Shown) -> None:
         result, utc_ns = shown.result, shown.result.panorama.utc_ns
@@ -180,7 +190,7 @@ class Glance:
             "axes": self._axes(),
             "stars": self._stars(),
             "sky": running.sky or None,
-            "forecast": self._forecast(),
+            "forecast": self._verdict if self.has_ended else self._forecast(),
             **self._slow,
         }
 
@@ -240,6 +250,7 @@ class Glance:
             sky="DAYLIGHT" if self._bright else _SKY_WORDS.get(running.sky, ""),
             aligning_s=aligning_s,
             outside=running.outside(latest.lost if latest else 0),
+            cause=self._cause,
         )
 
     def _slow_document(self, now: ClockReading) -> dict[str, Any]:

@@ -31,7 +31,7 @@ class Facts:
     """What the word follows from. ``link`` is of LINK_WORDS; ``sky`` is CLOUD, NO STARS, DAYLIGHT or empty.
 
     ``since_answer_s`` counts from the first panorama as long as there was no answer; ``outside`` names the limits that
-    are not kept; ``aligning_s`` is the time left for the fit of the mount.
+    are not kept; ``aligning_s`` is the time left for the fit of the mount; ``cause`` is what the station found out.
     """
 
     phase: Phase = Phase.RUNNING
@@ -47,6 +47,7 @@ class Facts:
     sky: str = ""
     aligning_s: float = 0.0
     outside: tuple[str, ...] = ()
+    cause: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,12 @@ def _at_the_end(facts: Facts) -> Word:
         return Word("JUDGING", Level.IDLE, "the session is closed, judged and reported")
     if not facts.verdict:
         return Word("ENDED", Level.WARN, "the session ended without a verdict")
-    return Word(f"DONE: {facts.verdict}", level_of(facts.verdict), "; ".join(facts.reasons[:2]))
+    return Word(f"DONE: {facts.verdict}", level_of(facts.verdict), "; ".join(_most_useful(facts)))
+
+
+def _most_useful(facts: Facts) -> tuple[str, ...]:
+    """The first reason of a verdict, and the cause that was found, where one was."""
+    return (*facts.reasons[:1], facts.cause) if facts.reasons and facts.cause else facts.reasons[:2]
 
 
 def level_of(verdict: str) -> Level:
@@ -80,9 +86,13 @@ def level_of(verdict: str) -> Level:
 
 def _of_link(facts: Facts) -> Word | None:
     if facts.link in ("no port", "silent") and facts.frames:
-        what = f"{facts.port} is gone" if facts.link == "no port" else f"{facts.port} is silent"
-        return Word("LINK LOST", Level.BAD, f"{what}, no bytes for {facts.since_bytes_s:.0f} s")
+        gone = facts.link == "no port"
+        what = f"{facts.port} is {'gone' if gone else 'silent'}, no bytes for {facts.since_bytes_s:.0f} s"
+        following = "check the cable, it is opened again by itself" if gone else "check the sensor and its power"
+        return Word("LINK LOST", Level.BAD, f"{what}: {following}")
     if not facts.frames:
+        if facts.cause:
+            return Word("WAITING", Level.WARN, facts.cause)
         waits = "for the port" if facts.link == "no port" else "for the first panorama"
         unread = ", bytes come but no frame is found in them" if facts.link == "syncing" else ""
         return Word("WAITING", Level.IDLE, f"{waits} on {facts.port}{unread}")
@@ -94,15 +104,17 @@ def _of_answers(facts: Facts) -> Word | None:
         return None if facts.answered else Word("ACQUIRING", Level.IDLE, f"{facts.objects} objects, no answer yet")
     silence = f"{_duration(facts.since_answer_s)} without an answer, {facts.objects} objects"
     if facts.sky:
-        return Word(facts.sky, Level.WARN, silence)
-    return Word(f"NO ANSWER {_duration(facts.since_answer_s)}", Level.BAD, silence)
+        return Word(facts.sky, Level.WARN, f"{silence}; frames without sky do not count")
+    cause = f"; {facts.cause}" if facts.cause and not facts.answered else ""
+    return Word(f"NO ANSWER {_duration(facts.since_answer_s)}", Level.BAD, silence + cause)
 
 
 def _of_errors(facts: Facts) -> Word:
     if facts.aligning_s > 0:
         return Word("ACQUIRING", Level.IDLE, f"the mount is fitted, {facts.aligning_s:.0f} s left")
     if facts.outside:
-        return Word("OUTSIDE", Level.BAD, f"outside its limit: {', '.join(facts.outside)}")
+        cause = f"; {facts.cause}" if facts.cause else ""
+        return Word("OUTSIDE", Level.BAD, f"outside its limit: {', '.join(facts.outside)}{cause}")
     return Word("OK", Level.GOOD, "")
 
 

@@ -33,7 +33,8 @@ class LiveView:
 
     ``mode`` is ``web`` (pages at ``url``), ``native`` (rerun's own window), or ``none``: then only ``save_rrd`` is
     written. ``bind`` is the address of all servers, ``port`` that of the pages; 0 for the usual or another free one.
-    ``notes`` takes the notes of the glance page; without it there are none.
+    ``notes`` takes the notes of the glance page; without it there are none. ``forecast`` gives the line on the time to
+    a verdict, ``metrics`` a table in Markdown for rerun's panel of the verdict.
     """
 
     def __init__(
@@ -48,10 +49,11 @@ class LiveView:
         folder: Path | None = None,
         notes: Notes | None = None,
         forecast: Callable[[], str] = lambda: "",
+        metrics: Callable[[], str] = lambda: "",
     ) -> None:
         self.url = self.token = ""
         self._glance = Glance(station, folder=folder, forecast=forecast)
-        self._feed = _feed(station, mode, save_rrd, catalog, bind)
+        self._feed = _feed(station, mode, save_rrd, catalog, bind, metrics)
         self._server: ViewServer | None = None
         if mode == "web":
             self._serve(bind, port, notes)
@@ -130,14 +132,19 @@ class LiveView:
 
 
 def _feed(
-    station: Station, mode: ViewMode, save_rrd: Path | None, catalog: StarCatalog | None, bind: str
+    station: Station,
+    mode: ViewMode,
+    save_rrd: Path | None,
+    catalog: StarCatalog | None,
+    bind: str,
+    metrics: Callable[[], str],
 ) -> "RerunFeed | None":
     """rerun's part of the view; None where it cannot be had, which a line says."""
     try:
         from gse.view.rerun_feed import RerunFeed
         from gse.view.viewer import open_native_viewer
 
-        feed = RerunFeed(station, serve=mode != "none", save_rrd=save_rrd, catalog=catalog, bind=bind)
+        feed = RerunFeed(station, serve=mode != "none", save_rrd=save_rrd, catalog=catalog, bind=bind, metrics=metrics)
     except (GseError, ImportError) as error:
         _LOG.warning("no view in rerun: %s; the session goes on", error)
         return None

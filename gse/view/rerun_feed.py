@@ -10,7 +10,7 @@ A viewer that connects late gets the newest data first, and no more of the past 
 import logging
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -86,7 +86,9 @@ class RerunFeed:
         catalog: StarCatalog | None = None,
         bind: str = "127.0.0.1",
         queue_frames: int = QUEUE_FRAMES,
+        metrics: Callable[[], str] = lambda: "",
     ) -> None:
+        self._metrics = metrics
         self.grpc_port = free_port(bind) if serve else 0
         self.dropped = 0
         self.batch_s = BATCH_EVERY_S
@@ -155,7 +157,7 @@ class RerunFeed:
 
     def _feed(self, station: Station, catalog: StarCatalog | None) -> None:
         scene = Scene(self._stream, station, catalog, live=True)
-        feed = _SceneFeed(scene, every_picture=not self.grpc_port)
+        feed = _SceneFeed(scene, every_picture=not self.grpc_port, metrics=self._metrics)
         while True:
             last = self._closing.is_set()
             while batch := self._take():
@@ -187,8 +189,9 @@ def _server(bind: str, port: int) -> object:
 class _SceneFeed:
     """Adds queued items to a scene, in order."""
 
-    def __init__(self, scene: Scene, *, every_picture: bool) -> None:
+    def __init__(self, scene: Scene, *, every_picture: bool, metrics: Callable[[], str]) -> None:
         self._scene = scene
+        self._metrics = metrics
         self._every_picture = every_picture
         self._link = LinkCounters()
         self._status: StatusMessage | None = None
@@ -220,19 +223,19 @@ class _SceneFeed:
         running.housekeeping = in_words(self._status) if self._status else ""
         if running.utc_ns - self._panel_utc_ns >= NS_PER_S:
             self._panel_utc_ns = running.utc_ns
-            self._scene.words(running.utc_ns, self._so_far())
+            self._scene.words(running.utc_ns, self._so_far(), self._metrics())
             self._scene.stands(running.utc_ns, standing(running, self._link.frames_lost))
 
     def send_again(self) -> None:
         self._scene.send_again()
 
     def _so_far(self) -> str:
-        return verdict_so_far(self._scene.running, self._link, self._clock, self._dropped)
+        return verdict_so_far(self._scene.running, self._link, self._clock, dropped=self._dropped)
 
     def _conclude(self, item: _Concluded) -> None:
         text = verdict_at_end(item.verdict, list(item.reasons), self._so_far())
         self._panel_utc_ns = 1 << 62
-        self._scene.words(self._scene.running.utc_ns, text)
+        self._scene.words(self._scene.running.utc_ns, text, self._metrics())
         self._scene.stands(self._scene.running.utc_ns, item.verdict)
 
     def finish(self) -> None:

@@ -44,10 +44,10 @@ class SavedView:
         self._scene.running.add_event(event)
         self._scene.event(event)
 
-    def finish(self, session: SessionData, verdict: str, reasons: Sequence[str]) -> None:
+    def finish(self, session: SessionData, verdict: str, reasons: Sequence[str], *, metrics: str = "") -> None:
         """Write the columns of the session, the clock and the verdict, and close the file.
 
-        ``session`` has the same frames that were added.
+        ``session`` has the same frames that were added; ``metrics`` is a table in Markdown.
         """
         self._send_objects()
         if len(session.frames):
@@ -57,7 +57,7 @@ class SavedView:
         self._scene.clock(session.clock)
         clock = session.clock[-1] if session.clock else None
         text = verdict_so_far(self._scene.running, session.link, clock)
-        self._scene.words_for_all_times(verdict_at_end(verdict, list(reasons), text))
+        self._scene.words_for_all_times(verdict_at_end(verdict, list(reasons), text), metrics)
         if len(session.frames):
             self._scene.stands(int(session.frames.columns["utc_ns"][0]), verdict)
         self._stream.flush()

@@ -85,7 +85,7 @@ class Scene:
         self._own_recent: deque[NDArray[np.void]] = deque()
         self._logged: deque[tuple[int, str, str]] = deque(maxlen=_LOG_AGAIN)
         self._states: deque[tuple[str, int, str]] = deque(maxlen=_LOG_AGAIN)
-        self._words: tuple[int, str] | None = None
+        self._words: tuple[int, str, str] | None = None
         self._standing = ""
         self._shows_own = False
         self.running = Running(station.limits)
@@ -249,13 +249,18 @@ class Scene:
         columns = rr.TextLog.columns(text=[f"{time_of_day} {text}"], level=[level])
         self._stream.send_columns("/log", [times([utc_ns])], columns)
 
-    def words(self, utc_ns: int, markdown: str) -> None:
-        """Show a text in the verdict panel."""
-        self._words = utc_ns, markdown
-        columns = rr.TextDocument.columns(text=[markdown], media_type=["text/markdown"])
-        self._stream.send_columns("/verdict", [times([utc_ns])], columns)
+    def words(self, utc_ns: int, markdown: str, metrics: str = "") -> None:
+        """Show a text in the panel of the verdict, and a table in that of the metrics."""
+        self._words = utc_ns, markdown, metrics
+        for path, text in (("/verdict", markdown), ("/metrics", _headed(metrics))):
+            columns = rr.TextDocument.columns(text=[text], media_type=["text/markdown"])
+            self._stream.send_columns(path, [times([utc_ns])], columns)
 
-    def words_for_all_times(self, markdown: str) -> None:
-        """Show a text in the verdict panel, wherever the time cursor stands."""
-        document = rr.TextDocument(markdown, media_type="text/markdown")
-        self._stream.log("/verdict", document, static=True)
+    def words_for_all_times(self, markdown: str, metrics: str) -> None:
+        """The same, wherever the time cursor stands."""
+        for path, text in (("/verdict", markdown), ("/metrics", _headed(metrics))):
+            self._stream.log(path, rr.TextDocument(text, media_type="text/markdown"), static=True)
+
+
+def _headed(metrics: str) -> str:
+    return f"with 95 % intervals, after ECSS-E-ST-60-20C (docs/metrics.md)\n\n{metrics}" if metrics else "not known yet"

@@ -9,7 +9,7 @@ from gse.view.running_statistics import Moments, Running
 _MARKS = {"PASS": "✔", "FAIL": "✘", "INCONCLUSIVE": "?"}
 
 
-def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | None = None, dropped: int = 0) -> str:
+def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | None = None, *, dropped: int = 0) -> str:
     """Markdown on a running session; ``dropped`` counts frames that the slow view did not show."""
     limits, last = running.limits, running.last
     share = running.inside / running.d_ra.n if running.d_ra.n else math.nan

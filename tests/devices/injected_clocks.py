@@ -28,6 +28,8 @@ START_NS = from_text("2026-03-20T15:00:00Z")
 EXPOSURE_S = 0.1
 _BYTE_NS = 10 * NS_PER_S // 115_200
 _POWER_ON_S = 1.0
+_CHUNKS_AT_ONCE = 64
+"""As a replay hands them in."""
 
 
 def nominal(true_s: float) -> float:
@@ -85,8 +87,9 @@ class Sky:
             loop.read_clock(
                 ClockReading(utc_ns, round(clocks.mono_s(true_s) * 1e9), source, synchronised, 0.0, error_s)
             )
-        for chunk in self.chunks(clocks, blind_s, blind_px, own):
-            loop.take([chunk])
+        chunks = self.chunks(clocks, blind_s, blind_px, own)
+        while some := list(itertools.islice(chunks, _CHUNKS_AT_ONCE)):
+            loop.take(some)
         loop.finish()
         return loop.session
 
@@ -130,3 +133,56 @@ def messages(
         yield AttitudeMessage(
             time_us, 10.0, 20.0, 30.0, frame_no=clocks.frame_no(number), matched=20, state="acquired", latency_s=0.01
         )
+
+
+def until_14_s(bad: Callable, good: Callable = lambda value: value, *, change: float = 14) -> Callable:
+    """One function of time or number until ``change``, another from then on."""
+    return lambda value: bad(value) if value < change else good(value)
+
+
+def in_bunches(true_s: float) -> float:
+    """When bytes are read that are fetched once a second."""
+    return true_s // 1 + 1
+
+
+TO_2038_S = 365.25 * 86400 * 11.8
+MISBEHAVIOURS = {
+    "sound clocks": InjectedClocks(),
+    "stuck tags": InjectedClocks(tag_s=until_14_s(lambda t: 0.0)),
+    "tags 20 % fast": InjectedClocks(tag_s=until_14_s(lambda t: 1.2 * t, lambda t: t + 2.8)),
+    "tags 20 % slow": InjectedClocks(tag_s=until_14_s(lambda t: 0.8 * t, lambda t: t - 2.8)),
+    "a leap ahead": InjectedClocks(tag_s=until_14_s(lambda t: t, lambda t: t + 3)),
+    "a leap back": InjectedClocks(tag_s=until_14_s(lambda t: t, lambda t: t - 3)),
+    "a leap ahead, read in bunches": InjectedClocks(
+        tag_s=until_14_s(lambda t: t, lambda t: t + 3), read_s=until_14_s(in_bunches)
+    ),
+    "a long leap, read in bunches": InjectedClocks(
+        tag_s=until_14_s(lambda t: t, lambda t: t + 15.9), read_s=until_14_s(in_bunches)
+    ),
+    "a real backlog": InjectedClocks(read_s=until_14_s(lambda t: 14.0)),
+    "a clock step at its end": InjectedClocks(utc_s=until_14_s(lambda t: t, lambda t: t + 3)),
+    "a clock an hour ahead": InjectedClocks(utc_s=until_14_s(lambda t: t + 3600)),
+    "a clock in 2038": InjectedClocks(utc_s=until_14_s(lambda t: t + TO_2038_S)),
+    "a second that NTP repeats": InjectedClocks(utc_s=until_14_s(lambda t: t, lambda t: t - 1)),
+    "a smeared second": InjectedClocks(utc_s=lambda t: t - t / 86400),
+    "a host that sleeps at its end": InjectedClocks(
+        mono_s=until_14_s(lambda t: t, lambda t: t - 5, change=19), asleep_s=(14.0, 19.0)
+    ),
+    "frame_no stands still": InjectedClocks(frame_no=until_14_s(lambda n: 7, change=70)),
+    "sequence chaos": InjectedClocks(sequence=until_14_s(lambda n: n * 7919, change=70)),
+    "sequence stands still": InjectedClocks(sequence=until_14_s(lambda n: 5, change=70)),
+    "sequence and tags stand still": InjectedClocks(
+        sequence=until_14_s(lambda n: 5, change=70), tag_s=until_14_s(lambda t: 0.0)
+    ),
+    "nothing moves but the stars": InjectedClocks(
+        sequence=until_14_s(lambda n: 5, change=70),
+        tag_s=until_14_s(lambda t: 0.0),
+        frame_no=until_14_s(lambda n: 5, change=70),
+    ),
+}
+
+
+def wrong_objects(sky: Sky) -> list[np.ndarray]:
+    """Objects by frame, four of them beside where stars are."""
+    rng = np.random.default_rng(7)
+    return [np.clip(xy_px[:4] + rng.normal(0, 40, (4, 2)), 1, 1000) for _, xy_px in sky.frames]

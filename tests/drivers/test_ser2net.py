@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from devices import own_network
 from devices.ser2net import PROGRAM, Ser2net
 from devices.terminal import Terminal
 
@@ -99,6 +100,15 @@ def test_a_second_client_is_refused_in_words_and_the_first_loses_nothing(server:
             SerialLink(server.url, 115200)
         terminal.write(EVERY_BYTE)
         assert receive(link, len(EVERY_BYTE)) == EVERY_BYTE
+
+
+@pytest.mark.skipif(not own_network.can_be_made(), reason="this system gives no process a network of its own")
+@pytest.mark.parametrize("scheme", ["rfc2217", "socket"])
+def test_a_connection_without_any_packet_is_told_and_opened_again(scheme: str) -> None:
+    found = own_network.half_open(scheme, probe_s=1)
+    assert "is gone" in found["told"]
+    assert found["lost_s"] < 20
+    assert found["identical"]
 
 
 def test_the_kernel_looks_after_a_silent_connection(server: Ser2net) -> None:

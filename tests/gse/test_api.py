@@ -39,14 +39,14 @@ def with_key(table: pa.Table, key: str) -> pa.Table:
 
 def test_a_data_set_of_many_sessions_is_loaded_like_one(session: Path, tmp_path: Path) -> None:
     pytest.importorskip("fsspec")
-    from gse.campaign.dataset import Committed, DataSet, without_place
+    from gse.campaign.dataset import Committed, DataSet, parquet_of, without_place
 
     one = gse.load(session)
     dataset = DataSet.at(str(tmp_path / "nights"), create=True)
     for number, night in enumerate(("2026-03-20", "2026-03-21", "unfinished")):
         place = Committed("LAPAN-like", night, str(number) * 64)
         for name in ("stars", "frames", "sessions")[: 2 if night == "unfinished" else 3]:
-            dataset.put(place, name, without_place(with_key(getattr(one, name), place.key)))
+            dataset.put(place, name, parquet_of([without_place(with_key(getattr(one, name), place.key))]))
     many = gse.load(tmp_path / "nights")
     assert many.frames.num_rows == 2 * one.frames.num_rows
     assert set(many.frames.column("night").to_pylist()) == {"2026-03-20", "2026-03-21"}

@@ -114,6 +114,7 @@ def made(truth, site, mount, duration_s, rng, *, noise_px=0.25, wander=(0.0, 1.0
     for name, column in zip(("cross_x", "cross_y", "d_roll"), shifts.T, strict=True):
         frames[f"{name}_arcsec"] = column
     matches = np.zeros(len(frame), dtype=MATCH)
+    matches["named"] = True
     matches["frame"], matches["star"], matches["x_px"], matches["y_px"] = frame, star, px[:, 0], px[:, 1]
     matches["residual_x_arcsec"], matches["residual_y_arcsec"] = rest[:, :2].T * ARCSEC_PER_RAD
     return frames, matches

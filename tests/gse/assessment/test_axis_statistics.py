@@ -13,6 +13,16 @@ def axis(error, step_s=0.1):
     return axis_statistics(np.arange(len(error)) * round(step_s * NS_PER_S), np.asarray(error, dtype=float))
 
 
+def test_the_figures_of_four_errors_by_hand():
+    figures = axis([1.0, -2.0, 3.0, -6.0], step_s=30.0)
+    assert figures.bias_arcsec == -1.0
+    assert figures.std_arcsec == pytest.approx(math.sqrt((4 + 1 + 16 + 25) / 3))  # of a sample: by one less than four
+    assert figures.three_sigma_arcsec == pytest.approx(3 * math.sqrt(46 / 3))
+    assert figures.rms_arcsec == pytest.approx(math.sqrt((1 + 4 + 9 + 36) / 4))
+    assert (figures.mean_abs_arcsec, figures.max_abs_arcsec) == (3.0, 6.0)
+    assert figures.p95_abs_arcsec == pytest.approx(3 + 3 * 0.85)  # the 2.85th of 0 to 3, between its neighbours
+
+
 def test_white_noise_is_found_as_the_noise_equivalent_angle_both_ways():
     figures = axis(np.random.default_rng(2).normal(3.0, 5.0, 36_000))
     assert figures.nea_arcsec == pytest.approx(5.0, rel=0.02)

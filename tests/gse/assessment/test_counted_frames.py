@@ -4,17 +4,18 @@ import dataclasses
 
 import numpy as np
 import pytest
-from devices.injected_clocks import InjectedClocks, Sky
+from devices.injected_clocks import MISBEHAVIOURS, InjectedClocks, Sky, until_14_s, wrong_objects
 from skies.known_nights import START_NS, STATION, frame, session
 
-from gse.assessment.counted_frames import counted_frames
+from gse.assessment.counted_frames import counted_frames, false_answers
 from gse.assessment.statistics import statistics
 from gse.assessment.time_tags import time_tag_faults
+from gse.assessment.uncounted import missing_by_time
 from gse.assessment.verdict import judge
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.exclusions import Cause, parse_exclusion
+from gse.station.exclusions import Cause, Exclusion, excluded, parse_exclusion
 from gse.station.results import AnswerCheck, AttitudeError, FrameResult, Status, Verdict
 
 CLEAR_ZERO_POINT_MAG = 14.0
@@ -33,6 +34,24 @@ def no_answer(utc_ns, number, *, objects=0):
     panorama = frame(utc_ns, number, AttitudeError(0, 0, 0, 0, 0)).panorama
     panorama = dataclasses.replace(panorama, xy_px=np.zeros((objects, 2)), brightness=np.ones(objects))
     return FrameResult(panorama, Status.NO_MATCH if objects else Status.TOO_FEW, "", "neighbour")
+
+
+# Answers that nothing confirms
+
+
+@pytest.mark.parametrize(("off_arcsec", "expected"), [(1790.0, False), (1810.0, True)])
+def test_an_answer_is_false_half_a_degree_from_the_median_where_nothing_confirms_its_stars(off_arcsec, expected):
+    made = session(60, noise=1.0, judged=AnswerCheck.UNKNOWN)
+    frames = made.frames.columns
+    frames["cross_x_arcsec"][7] = np.median(frames["cross_x_arcsec"]) + off_arcsec
+    assert false_answers(frames)[7] == expected
+    assert false_answers(frames).sum() == expected
+
+
+def test_an_answer_far_from_the_median_is_right_where_the_reference_identifier_confirms_its_stars():
+    made = session(60, noise=1.0)
+    made.frames.columns["cross_x_arcsec"][7] += 5000.0
+    assert not false_answers(made.frames.columns).any()
 
 
 # Buffers
@@ -112,49 +131,9 @@ def sky():
     return Sky()
 
 
-def until_14_s(bad, good=lambda value: value, *, change=14):
-    return lambda value: bad(value) if value < change else good(value)
-
-
-def in_bunches(true_s):
-    return true_s // 1 + 1
-
-
-MISBEHAVIOURS = {
-    "sound clocks": InjectedClocks(),
-    "stuck tags": InjectedClocks(tag_s=until_14_s(lambda t: 0.0)),
-    "tags 20 % fast": InjectedClocks(tag_s=until_14_s(lambda t: 1.2 * t, lambda t: t + 2.8)),
-    "tags 20 % slow": InjectedClocks(tag_s=until_14_s(lambda t: 0.8 * t, lambda t: t - 2.8)),
-    "a leap ahead": InjectedClocks(tag_s=until_14_s(lambda t: t, lambda t: t + 3)),
-    "a leap back": InjectedClocks(tag_s=until_14_s(lambda t: t, lambda t: t - 3)),
-    "a leap ahead, read in bunches": InjectedClocks(
-        tag_s=until_14_s(lambda t: t, lambda t: t + 3), read_s=until_14_s(in_bunches)
-    ),
-    "a long leap, read in bunches": InjectedClocks(
-        tag_s=until_14_s(lambda t: t, lambda t: t + 15.9), read_s=until_14_s(in_bunches)
-    ),
-    "a real backlog": InjectedClocks(read_s=until_14_s(lambda t: 14.0)),
-    "a clock step at its end": InjectedClocks(utc_s=until_14_s(lambda t: t, lambda t: t + 3)),
-    "a clock an hour ahead": InjectedClocks(utc_s=until_14_s(lambda t: t + 3600)),
-    "frame_no stands still": InjectedClocks(frame_no=until_14_s(lambda n: 7, change=70)),
-    "sequence chaos": InjectedClocks(sequence=until_14_s(lambda n: n * 7919, change=70)),
-    "sequence stands still": InjectedClocks(sequence=until_14_s(lambda n: 5, change=70)),
-    "sequence and tags stand still": InjectedClocks(
-        sequence=until_14_s(lambda n: 5, change=70), tag_s=until_14_s(lambda t: 0.0)
-    ),
-    "nothing moves but the stars": InjectedClocks(
-        sequence=until_14_s(lambda n: 5, change=70),
-        tag_s=until_14_s(lambda t: 0.0),
-        frame_no=until_14_s(lambda n: 5, change=70),
-    ),
-}
-
-
 @pytest.mark.parametrize("clocks", MISBEHAVIOURS.values(), ids=MISBEHAVIOURS.keys())
 def test_no_clock_or_counter_hides_that_stars_were_wrong(sky, clocks):
-    rng = np.random.default_rng(7)
-    wrong_px = [np.clip(xy_px[:4] + rng.normal(0, 40, (4, 2)), 1, 1000) for _, xy_px in sky.frames]
-    session = sky.session(clocks, blind_s=(0.0, 14.0), blind_px=wrong_px)
+    session = sky.session(clocks, blind_s=(0.0, 14.0), blind_px=wrong_objects(sky))
     assessment = judge(session)
     assert assessment.verdict is not Verdict.PASS
     available = assessment.statistics.onboard.available
@@ -190,6 +169,59 @@ def test_a_restart_with_a_fast_clock_hides_no_wrong_stars(sky, change_s):
     assert assessment.statistics.exclusions == ()
     assert assessment.verdict is not Verdict.PASS
     assert any("sensor time tag: it ran 20% fast" in line for line in map(str, assessment.findings))
+
+
+# Frames that never came
+
+
+def without(sky, is_missing, clocks=None):
+    """The verdict on a session of which frames are missing by their true time, where sequence numbers go on."""
+    whole = sky.frames
+    sky.frames = [item for item in whole if not is_missing(item[0])]
+    try:
+        return judge(sky.session(clocks or InjectedClocks()))
+    finally:
+        sky.frames = whole
+
+
+@pytest.mark.parametrize(
+    ("is_missing", "clocks"),
+    [
+        (lambda t: round(5 * t) % 5 == 0, None),
+        (lambda t: round(5 * t) % 5 == 0, InjectedClocks(sequence=lambda n: n * 7919)),
+        (lambda t: t % 10 < 4, None),
+        (lambda t: t % 10 < 4, InjectedClocks(tag_s=lambda t: t % 10)),
+    ],
+    ids=["every fifth left out", "sequence chaos", "silent 4 of 10 s", "restarts each 10 s"],
+)
+def test_frames_that_no_sequence_number_tells_as_missing_make_no_pass(sky, is_missing, clocks):
+    assessment = without(sky, is_missing, clocks)
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert any(reason.startswith("by time ") for reason in assessment.reasons)
+
+
+def test_the_frames_that_are_missing_by_time_are_counted():
+    made = session(600)
+    frames = made.frames.columns
+    assert missing_by_time(frames) == 0
+    assert missing_by_time(np.delete(frames, np.s_[100:140])) == 40
+    assert missing_by_time(np.delete(frames, np.s_[5:600:5])) == 119
+    assert missing_by_time(frames[np.r_[0:300, 300:600:10]]) <= 10
+    leaping = frames.copy()
+    leaping["time_us"][300:] += 15_900_000
+    assert missing_by_time(leaping) == 0
+    in_bunches = frames.copy()
+    in_bunches["host_utc_ns"] -= in_bunches["host_utc_ns"] % NS_PER_S
+    assert missing_by_time(in_bunches) == 0
+
+
+def test_a_pause_that_the_operator_leaves_out_is_not_missing():
+    frames = np.delete(session(600).frames.columns, np.s_[100:140])
+    assert missing_by_time(frames, excluded(frames["utc_ns"], [pause(9.0, 15.0)])) == 0
+
+
+def pause(from_s, until_s):
+    return Exclusion(START_NS + round(from_s * NS_PER_S), START_NS + round(until_s * NS_PER_S), "", Cause.OPERATOR)
 
 
 # Clock steps

@@ -5,7 +5,7 @@ import math
 import pytest
 import scipy.stats
 
-from gse.assessment.decision import Figure, Outcome, judge_figure, judge_share, minutes_more, share_of
+from gse.assessment.decision import Figure, Outcome, Share, judge_figure, judge_share, minutes_more, share_of
 from gse.assessment.sampling import NO_BOUNDS, Bounds
 from gse.limits import Decision
 from gse.station.results import Subject
@@ -142,3 +142,25 @@ def test_availability_is_decided_on_its_effective_number(count, of, n_eff, expec
 def test_simple_acceptance_of_availability_takes_the_limit_itself():
     assert available(95, 100, decision=Decision.SIMPLE) == "PASS"
     assert available(94, 100, decision=Decision.SIMPLE) == "FAIL"
+
+
+JUST = 1e-9
+
+
+@pytest.mark.parametrize(
+    ("at_least", "lower", "upper", "expected"),
+    [
+        (True, 0.9, 0.99, "PASS"),  # the lower bound reaches the limit
+        (True, 0.9 - JUST, 0.99, "INCONCLUSIVE"),
+        (True, 0.8, 0.9, "INCONCLUSIVE"),  # the limit itself may be true
+        (True, 0.8, 0.9 - JUST, "FAIL"),
+        (False, 0.8, 0.9, "PASS"),
+        (False, 0.8, 0.9 + JUST, "INCONCLUSIVE"),
+        (False, 0.9, 0.99, "INCONCLUSIVE"),
+        (False, 0.9 + JUST, 0.99, "FAIL"),
+    ],
+)
+def test_a_share_is_decided_by_its_bounds_and_the_limit_itself_keeps_it(at_least, lower, upper, expected):
+    share = Share(85, 100, 0.85, 100.0, lower, upper)
+    found = judge_share(Subject.ONBOARD, "availability", share, limit=0.9, at_least=at_least, decision=Decision.GUARDED)
+    assert found.outcome == expected

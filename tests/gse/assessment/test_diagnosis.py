@@ -44,6 +44,19 @@ def test_a_drifting_clock_is_named_in_ppm():
     assert ppm == pytest.approx(500, rel=0.15)
 
 
+@pytest.mark.parametrize(("ppm", "words"), [(120.0, "ppm slow against"), (-120.0, "ppm fast against")])
+def test_a_sensor_clock_that_runs_slow_is_told_from_a_fast_one(ppm, words):
+    made = session(1500, sensor_ppm=ppm)
+    (finding,) = (line for line in found(made).splitlines() if line.startswith("sensor clock drift"))
+    assert words in finding
+    assert float(finding.split("runs ")[1].split(" ppm")[0]) == pytest.approx(120, abs=5)
+
+
+@pytest.mark.parametrize("ppm", [60.0, -60.0])
+def test_a_sensor_clock_of_an_ordinary_crystal_is_no_finding(ppm):
+    assert "sensor clock drift" not in found(session(1000, sensor_ppm=ppm))
+
+
 def test_a_moving_mount_is_named():
     assert "mount moves: by +30." in found(session(9000, step_s=0.2, drift_per_h=(0.0, 30.0)))
 

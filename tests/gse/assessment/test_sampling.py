@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from gse.assessment.autocorrelation import MixedStudent, cosines, mean_error
-from gse.assessment.axis_statistics import axis_statistics
+from gse.assessment.autocorrelation import cosines, mean_error
+from gse.assessment.axis_statistics import axis_statistics, drift
 from gse.assessment.guard_band import exceeds, further_share, guard, keeps
+from gse.assessment.mixed_student import MixedStudent
 from gse.assessment.planning import (
     Expected,
     accuracy_frames,
@@ -54,6 +55,14 @@ def test_the_cosines_are_those_of_the_discrete_transform(n):
     assert cosines(values) == pytest.approx(expected[: n // 2], abs=0.1)
 
 
+@pytest.mark.parametrize("freedom", [2, 3, 15, 16, 31, 32])
+@pytest.mark.parametrize("probability", [0.6, 0.95, 0.9999])
+def test_the_distribution_is_students_with_any_freedom(freedom, probability):
+    error = MixedStudent(np.array([0.5, 0.5]), np.array([0.1, 20.0]), freedom)
+    reached = error.weights @ scipy.stats.t.cdf(error.half_width(probability) / error.scales, freedom)
+    assert reached == pytest.approx(probability, abs=1e-7)
+
+
 def test_white_noise_has_an_interval_close_to_students():
     ratios = []
     for seed in range(40):
@@ -95,6 +104,38 @@ def test_a_session_shorter_than_its_correlation_gets_no_narrow_bounds():
         said += found.too_short.startswith("too short to tell (n_eff ")
     assert narrow <= 5
     assert said >= 36
+
+
+def test_a_session_shorter_than_its_correlation_seldom_passes_at_its_limit():
+    """It shows neither its bias nor its scatter: a fifth of the time constant, a bias of two standard deviations."""
+    true_p95, passed, failed = 3.6452, 0, 0
+    for values in correlated(60, 600.0, 300):
+        bounds, p95 = error_bounds(values + 2).p95_abs, float(np.percentile(np.abs(values + 2), 95))
+        passed += keeps(p95, bounds.upper, true_p95)
+        failed += exceeds(p95, bounds.lower, true_p95)
+    assert passed <= 30
+    assert failed <= 30
+
+
+def test_what_lies_far_beyond_its_limit_fails_however_slowly_it_changes():
+    errors = 78_000 + 10 * np.arange(600.0)
+    assert exceeds(float(np.percentile(errors, 95)), error_bounds(errors).p95_abs.lower, 60.0)
+
+
+def test_a_slow_error_has_bounds_of_the_size_of_what_it_may_have_hidden():
+    errors = 12 * np.sin(np.arange(60.0) / 15) + white(60)
+    bounds = error_bounds(errors)
+    assert bounds.mean_abs.upper < 3 * max(abs(bounds.bias.lower), bounds.bias.upper)
+
+
+@pytest.mark.parametrize("cycles", [1, 1.4, 2])
+def test_the_drift_of_a_sinusoid_of_few_cycles_lies_between_its_bounds(cycles):
+    time_s, held, noise = np.arange(3600.0), [], np.random.default_rng(1)
+    for phase in np.linspace(0, 2 * np.pi, 16, endpoint=False):
+        wave = 10 * np.sin(2 * np.pi * cycles * time_s / 3600 + phase) + noise.normal(0, 3, 3600)
+        bounds = drift(time_s, wave)[1]
+        held.append(bounds.low < 0 < bounds.high)
+    assert np.mean(held) >= 0.85
 
 
 def test_a_sinusoid_of_several_cycles_is_no_slow_noise():

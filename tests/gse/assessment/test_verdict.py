@@ -10,13 +10,15 @@ from skies.known_nights import START_NS, STATION, TRUTH, frame, session, unanswe
 from drivers.clock import ClockReading
 from gse.assessment.clock_health import clock_health, stated_error_s
 from gse.assessment.decision import Outcome
-from gse.assessment.statistics import about_circular_mean, statistics
+from gse.assessment.statistics import statistics
+from gse.assessment.subject_statistics import about_circular_mean
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount, MountUncertainty
 from gse.site import SiteUncertainty
+from gse.station.attitude_table import AttitudeTable
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.results import AnswerCheck, AttitudeError, Status, Subject, Verdict
 from gse.station.session_data import SessionData
@@ -113,7 +115,9 @@ def test_answers_that_are_all_the_same_number_show_nothing():
 def test_all_frames_excluded_is_inconclusive():
     made = session(600)
     made.excluded = (Exclusion(0, 2**62, "all", Cause.OPERATOR),)
-    assert judge(made).verdict is Verdict.INCONCLUSIVE
+    assessment = judge(made)
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert "all 600 frames are left out: operator: all" in assessment.reasons
 
 
 # Truth
@@ -263,6 +267,20 @@ def test_a_sensor_whose_own_answers_are_a_degree_wrong_fails():
     assert any(reason.startswith("sensor mean |dRA*| is") for reason in assessment.reasons)
 
 
+@pytest.mark.parametrize("frame_no_off", [0, 10**6], ids=["before the right one", "to no panorama"])
+@pytest.mark.parametrize(("changed_deg", "verdict"), [(10.0, Verdict.INCONCLUSIVE), (0.0, Verdict.PASS)])
+def test_answers_that_are_compared_with_nothing_make_no_pass(frame_no_off, changed_deg, verdict):
+    made = with_own_answers(session(600))
+    rows = made.sensor_attitudes.columns
+    more = rows[::3].copy()
+    more["de_deg"] += changed_deg
+    more["frame_no"] += frame_no_off
+    made.sensor_attitudes = AttitudeTable.of(np.concatenate([more, rows]))
+    if frame_no_off:
+        verdict = Verdict.INCONCLUSIVE  # right or wrong, nobody knows
+    assert judge(made).verdict is verdict
+
+
 def test_a_sensor_that_answers_too_late_fails_by_the_time_that_it_states():
     assessment = judge(with_own_answers(session(600), latency_s=0.35))
     assert outcomes(assessment, Subject.SENSOR)["processing time as it states, 99 %"] is Outcome.FAIL
@@ -270,6 +288,14 @@ def test_a_sensor_that_answers_too_late_fails_by_the_time_that_it_states():
 
 
 # What a fitted mount, a mock port and the operator change
+
+
+def test_stars_by_day_on_a_fitted_mount_say_that_clock_or_site_is_wrong():
+    made = aligned(Mount(altitude_deg=45.0), stated=False)
+    made.frames.columns["sun_altitude_deg"] = 23.0
+    assessment = judge(made)
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    assert any("though the Sun stands 23 deg above" in reason for reason in assessment.reasons)
 
 
 def aligned(mount, *, stated=True):

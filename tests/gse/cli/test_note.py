@@ -64,3 +64,16 @@ def test_files_that_are_no_notes_are_thrown_away_and_hold_nothing_up(tmp_path: P
     collect_notes(tmp_path, notes)
     assert "the fourth" in notes.take()
     assert not list(tmp_path.glob("*note-*"))
+
+
+def test_folders_and_links_in_place_of_notes_hold_nothing_up_and_take_no_other_file_in(
+    tmp_path: Path, notes: Notes
+) -> None:
+    (tmp_path / "secret").write_text("the secret")
+    for number in range(30):
+        (tmp_path / f"note-{number}.txt").mkdir()
+    (tmp_path / "note-30.txt").symlink_to(tmp_path / "secret")
+    leave_note(tmp_path, "the last", 40)
+    collect_notes(tmp_path, notes)
+    assert notes.take() == ["the last"]
+    assert (tmp_path / "secret").exists()

@@ -17,6 +17,9 @@ from gse.cli.preflight import command as preflight
 from gse.config.station import BUILT_IN_TEXT
 from protocols import StatusMessage, load_protocol
 
+NIGHT = "2026-03-20T15:00:00Z"
+"""Within the installed tables, whatever the host's date."""
+
 
 @pytest.fixture
 def terminal() -> Iterator[tuple[int, str]]:
@@ -38,7 +41,7 @@ def checked(*arguments: object) -> tuple[dict[str, dict[str, Any]], int]:
 
 
 def test_a_simulated_night_is_ready(tmp_path: Path) -> None:
-    found, exit_code = checked("--out", tmp_path)
+    found, exit_code = checked("--out", tmp_path, "--at", NIGHT)
     technical = ["station", "protocol", "air", "port", "clock", "disk", "earth", "catalogue"]
     sky = ["field", "mount", "baud rate", "night", "Sun", "Moon", "stars", "length"]
     assert list(found) == [*technical, *sky, "viewer"]
@@ -92,7 +95,7 @@ def test_a_full_disk_is_seen_before_the_night(tmp_path: Path) -> None:
 
 
 def test_the_text_names_each_check_and_its_outcome(tmp_path: Path) -> None:
-    text = CliRunner().invoke(preflight, ["--out", str(tmp_path)]).stdout
+    text = CliRunner().invoke(preflight, ["--out", str(tmp_path), "--at", NIGHT]).stdout
     assert text.count("OK ") == 17
 
 

@@ -6,6 +6,7 @@ import os
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -49,18 +50,27 @@ def test_the_program_starts_as_a_module() -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.parametrize("name", cli.list_commands(click.Context(cli)))
-def test_the_help_of_each_command_ends_with_two_examples_that_it_takes(name: str) -> None:
-    command = cli.get_command(click.Context(cli), name)
-    assert command is not None
-    help_text = command.get_help(click.Context(command, info_name=f"gse {name}"))
-    examples = [shlex.split(line) for line in help_text.partition("Examples:\n")[2].splitlines()]
-    assert len(examples) == 2
-    for gse, called, *arguments in examples:
-        assert (gse, called) == ("gse", name)
-        own = list(itertools.takewhile(lambda word: word not in {">", ">>"}, arguments))
-        with contextlib.suppress(GseError):  # a file that is not here
-            command.make_context(name, own)
+def every_command() -> Iterator[tuple[str, click.Command]]:
+    """All commands, and those below them, by what is typed after ``gse``."""
+    for name in cli.list_commands(click.Context(cli)):
+        command = cli.get_command(click.Context(cli), name)
+        assert command is not None
+        yield name, command
+        if isinstance(command, click.Group):
+            yield from ((f"{name} {below}", of) for below, of in command.commands.items())
+
+
+def test_the_help_of_each_command_ends_with_two_examples_that_it_takes() -> None:
+    for name, command in every_command():
+        help_text = command.get_help(click.Context(command, info_name=f"gse {name}"))
+        examples = [shlex.split(line) for line in help_text.partition("Examples:\n")[2].splitlines()]
+        assert len(examples) == 2, name
+        for example in examples:
+            called = ["gse", *name.split()]
+            assert example[: len(called)] == called
+            own = list(itertools.takewhile(lambda word: word not in {">", ">>"}, example[len(called) :]))
+            with contextlib.suppress(GseError):  # a file that is not here
+                command.make_context(name, own)
 
 
 @pytest.mark.parametrize(("given", "meant"), [("runn", "gse run"), ("calibarte", "gse calibrate"), ("xyzzy", "--help")])

@@ -49,7 +49,7 @@ def test_why_names_the_cause_and_the_next_step_with_this_session(gse, session, t
     bundle = tmp_path / "bundle.zip"
     done = gse("why", session, "--bundle", bundle)
     assert done.code == 0
-    assert done.out.startswith("FAIL (SIMULATED): LAPAN-like, 2026-03-20T08:00:00Z for 12 s")
+    assert done.out.startswith("INCONCLUSIVE (SIMULATED): LAPAN-like, 2026-03-20T08:00:00Z for 12 s")
     why = done.out.split("\nWhy\n")[1]
     assert why.lstrip().startswith("latitude sign: the stars fit site.latitude_deg: -37.42; that explains 74.")
     assert f"gse report {session} --station FILE" in " ".join(done.out.split())
@@ -64,6 +64,16 @@ def test_why_names_the_cause_and_the_next_step_with_this_session(gse, session, t
         assert "122.13" not in text
         assert "Back garden" not in text
     assert json.loads(held.read("report.json"))["session"]["site"]["latitude_deg"] == 37.0
+
+
+def test_a_mistake_of_the_set_up_is_no_failure_of_the_sensor(gse, session, tmp_path):
+    done = gse("report", session, "--out", tmp_path / "report", "--json")
+    report = json.loads(done.out)
+    assert done.code == 5
+    assert report["verdict"] == "INCONCLUSIVE"
+    assert report["reasons"][0].startswith("set-up: latitude sign: the stars fit site.latitude_deg: -37.42")
+    failed = [row for row in report["measurements"] if row["name"].endswith("mean |dDE|")]
+    assert [row["outcome"] for row in failed] == ["INCONCLUSIVE"]
 
 
 def test_a_bundle_with_the_site_has_the_recording(gse, session, tmp_path):

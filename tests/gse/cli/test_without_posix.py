@@ -43,7 +43,7 @@ def test_the_way_from_port_to_report_needs_no_posix(tmp_path):
     commands = (
         ["identify", str(table), "--station", str(station)],
         ["config", "check", str(station)],
-        ["run", "--port", "sim://?frames=600", "--out", "sessions"],
+        ["run", "--port", "sim://?frames=320", "--out", "sessions"],
         ["status", "sessions"],
         ["replay", session, "--out", "again"],
         ["report", "sessions/*"],

@@ -104,7 +104,7 @@ except SystemExit:
     sys.stdout.flush()
 print("ready", flush=True)
 signal.signal(signal.SIGVTALRM, lambda *_: signal.raise_signal(signal.SIGINT))
-signal.setitimer(signal.ITIMER_VIRTUAL, 2.5)
+signal.setitimer(signal.ITIMER_VIRTUAL, 1.2)
 hard = ["--noise-arcsec", "50", "--magnitude-noise", "0.5", "--false-objects", "8", "--missing", "0.2"]
 main(["evaluate", "--json", "--frames", "20000", *hard])
 """

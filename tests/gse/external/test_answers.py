@@ -88,7 +88,7 @@ def test_a_panorama_goes_out_in_wire_units_and_in_the_order_of_the_wire():
     xy_px, brightness = np.array([[700.5, 3.0], [10.53125, 20.25]]), np.array([900.0, 30.0])
     wire_rows = np.array([1, 0])
     panorama = Panorama(1_774_018_800_000_000_000, xy_px, brightness, 7, 0.1, 123_000, wire_rows=wire_rows)
-    document = json.loads(sensor.line(panorama))
+    document = json.loads(*sensor.lines([panorama]))
     assert document == {
         "schema": "gse.panorama/1",
         "frame_no": 7,

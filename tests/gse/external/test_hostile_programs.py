@@ -11,7 +11,7 @@ from devices.programs import program
 from gse.camera import Camera
 from gse.errors import UsageError
 from gse.external.answers import ExternalAnswer, Failure, FailureKind
-from gse.external.identifier import MOST_FAILURES_IN_A_ROW, MOST_LOG_BYTES, RunningIdentifier
+from gse.external.identifier import MOST_FAILURES_IN_A_ROW, MOST_LOG_BYTES, MOST_SILENT_STARTS, RunningIdentifier
 from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
 from gse.identifier_options import IdentifierOptions
@@ -98,6 +98,12 @@ def test_what_is_written_after_an_answer_is_not_taken_for_the_next_one(tmp_path)
 def test_a_program_that_reads_nothing_is_given_up_in_the_end(tmp_path):
     found = kinds(running(program(tmp_path, "sys.exit(1)", head="import sys\n")), MOST_FAILURES_IN_A_ROW + 3)
     assert found == ["CRASH"] * MOST_FAILURES_IN_A_ROW + ["GIVEN_UP"] * 3
+
+
+def test_a_program_that_never_answers_costs_some_starts_and_not_a_night(tmp_path):
+    options = IdentifierOptions(algorithm="external", command=(str(program(tmp_path, "time.sleep(60)\n")),))
+    found = kinds(RunningIdentifier(plug_of(options, SENSOR), 0.01, start_s=0.05), MOST_SILENT_STARTS + 2)
+    assert found == ["TIMEOUT"] * MOST_SILENT_STARTS + ["GIVEN_UP"] * 2
 
 
 def test_a_program_that_vanished_is_a_failure_to_start(tmp_path):

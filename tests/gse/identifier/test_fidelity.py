@@ -108,3 +108,28 @@ def test_a_magnitude_limit_shortens_the_catalogue_of_pivot(catalog):
     identifier = make_identifier(options, FIELD_14_DEG, catalog)
     assert identifier.catalog.magnitude[-1] <= 5.0
     assert len(identifier.catalog) > 500
+
+
+def sequence(catalog, frames, **options):
+    """The answers to frames that follow each other, as a session gives them, and which of them are right."""
+    identifier = make_identifier(IdentifierOptions(algorithm="pivot", **options), FIELD_14_DEG, catalog)
+    seen = [(FIELD_14_DEG.directions(frame.xy_px), frame.brightness) for frame in frames]
+    answers = identifier.identify_many(seen[:20]) + identifier.identify_many(seen[20:])
+    return [
+        isinstance(answer, Identification)
+        and (identifier.catalog.ids[answer.stars] == frame.ids[answer.objects]).mean() > 0.5
+        for answer, frame in zip(answers, frames, strict=True)
+    ]
+
+
+def test_cells_known_from_the_frame_before_name_what_the_whole_sky_leaves_open(catalog):
+    sky, rng = sky_of(catalog, FIELD_14_DEG, 6.0), np.random.default_rng(8)
+    still = [made_frame(sky, FIELD_14_DEG, np.array([0.6, 0.0, 0.8]), Noise(), rng) for _ in range(40)]
+    everywhere = sequence(catalog, still, tolerance_px=10)
+    in_cells = sequence(catalog, still, tolerance_px=10, a_priori="cells")
+    assert sum(everywhere) < 0.8 * len(still)
+    assert sum(in_cells) > sum(everywhere) + 4
+
+
+def test_a_sky_that_jumps_is_looked_for_everywhere(catalog, frames):
+    assert sequence(catalog, frames, a_priori="cells") == sequence(catalog, frames)

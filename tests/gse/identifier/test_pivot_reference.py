@@ -49,7 +49,7 @@ def plain(stars, sky):
 def assert_same(sky, plain, directions, brightness, gates):
     angles = separations(directions)
     objects = Objects(angles.cosine, angles.sine, -2.5 * np.log10(brightness))
-    outcome, rows, named = search(objects, sky, gates)
+    outcome, rows, named = search(objects, sky, gates, np.ones(len(sky.around), np.bool_))
     zero_point = None if np.isnan(gates.zero_point) else gates.zero_point
     gate = magnitude_gate(objects.magnitude.tolist(), sky.magnitude.tolist(), gates.magnitude, zero_point)
     angles_urad = (1e6 * np.arctan2(angles.sine, angles.cosine)).tolist()

@@ -24,6 +24,11 @@ def found(station: Station, at: str = "2026-05-20T09:00:00Z", hours: float | Non
     return {check.name: check for check in plausibility(station, from_text(at), hours)}
 
 
+def only(name: str, station: Station, at: str = "2026-05-20T09:00:00Z", hours: float | None = None) -> Check:
+    """One check, without those that come after it."""
+    return next(check for check in plausibility(station, from_text(at), hours) if check.name == name)
+
+
 def test_a_sound_station_has_its_field_its_night_and_its_stars_told() -> None:
     southwards = changed(("azimuth_deg: 0", "azimuth_deg: 180"), ("altitude_deg: 90", "altitude_deg: 60"))
     checks = found(southwards)
@@ -36,7 +41,7 @@ def test_a_sound_station_has_its_field_its_night_and_its_stars_told() -> None:
 
 
 def test_a_focal_length_in_millimetres_is_refused() -> None:
-    check = found(changed(("focal_length_px: 4169.905", "focal_length_px: 50")))["field"]
+    check = only("field", changed(("focal_length_px: 4169.905", "focal_length_px: 50")))
     assert check.outcome is Outcome.FAIL
     assert check.text.startswith("168.8 x 168.8 deg")
     assert "focal length in mm / size of a pixel" in check.advice
@@ -46,7 +51,7 @@ def test_a_focal_length_in_millimetres_is_refused() -> None:
     ("altitude_deg", "outcome"), [(-30, Outcome.FAIL), (0, Outcome.FAIL), (5, Outcome.WARN), (45, Outcome.OK)]
 )
 def test_a_boresight_below_the_horizon_is_refused_and_a_low_one_doubted(altitude_deg: int, outcome: Outcome) -> None:
-    assert found(changed(("altitude_deg: 90", f"altitude_deg: {altitude_deg}")))["mount"].outcome is outcome
+    assert only("mount", changed(("altitude_deg: 90", f"altitude_deg: {altitude_deg}"))).outcome is outcome
 
 
 @pytest.mark.parametrize(
@@ -54,21 +59,21 @@ def test_a_boresight_below_the_horizon_is_refused_and_a_low_one_doubted(altitude
     [(115200, Outcome.OK, ""), (112500, Outcome.FAIL, "did you mean 115200?"), (700_000, Outcome.WARN, "750000")],
 )
 def test_a_baud_rate_that_no_uart_has_is_refused(baudrate: int, outcome: Outcome, words: str) -> None:
-    check = found(changed(("url: /dev/ttyUSB0", f"url: /dev/ttyUSB0\n  baudrate: {baudrate}")))["baud rate"]
+    check = only("baud rate", changed(("url: /dev/ttyUSB0", f"url: /dev/ttyUSB0\n  baudrate: {baudrate}")))
     assert check.outcome is outcome
     assert words in check.advice
 
 
 def test_a_mount_that_looks_at_the_sun_within_the_session_is_refused() -> None:
     overhead = changed()  # at 6.5 deg south the Sun passes near the zenith in March
-    assert found(overhead, "2026-03-05T01:00:00Z", hours=8)["Sun"].outcome is Outcome.FAIL
-    assert found(overhead, "2026-03-05T09:00:00Z", hours=8)["Sun"].outcome is Outcome.WARN
-    assert found(overhead, "2026-06-20T01:00:00Z", hours=8)["Sun"].outcome is Outcome.OK
+    assert only("Sun", overhead, "2026-03-05T01:00:00Z", hours=8).outcome is Outcome.FAIL
+    assert only("Sun", overhead, "2026-03-05T09:00:00Z", hours=8).outcome is Outcome.WARN
+    assert only("Sun", overhead, "2026-06-20T01:00:00Z", hours=8).outcome is Outcome.OK
 
 
 def test_a_moon_in_the_field_is_doubted_with_its_time() -> None:
     # Full Moon on 2026-03-03; at this site it culminates 15 deg from the zenith near 17:00 UTC.
-    checks = [found(changed(), f"2026-0{month}-03T09:00:00Z")["Moon"] for month in range(1, 7)]
+    checks = [only("Moon", changed(), f"2026-0{month}-03T09:00:00Z") for month in range(1, 7)]
     assert any(check.outcome is Outcome.WARN for check in checks)
     assert all("% lit" in check.text for check in checks)
 
@@ -76,8 +81,8 @@ def test_a_moon_in_the_field_is_doubted_with_its_time() -> None:
 def test_a_narrow_field_with_too_few_stars_is_doubted_with_the_hour() -> None:
     narrow = changed(("focal_length_px: 4169.905", "focal_length_px: 15000"), ("altitude_deg: 90", "altitude_deg: 50"))
     text = ROOF.replace("port:", "identifier: {catalog_stars: 4000}\nport:").replace("4169.905", "15000")
-    assert found(narrow)["stars"].outcome in (Outcome.OK, Outcome.WARN)
-    check = found(parse_station(text))["stars"]
+    assert only("stars", narrow).outcome in (Outcome.OK, Outcome.WARN)
+    check = only("stars", parse_station(text))
     assert check.outcome is Outcome.WARN
     assert "fewer than 7" in check.text
 
@@ -91,7 +96,7 @@ def test_a_narrow_field_with_too_few_stars_is_doubted_with_the_hour() -> None:
     ],
 )
 def test_the_poles_have_their_own_nights(latitude_deg: float, at: str, words: str) -> None:
-    assert words in found(changed(("latitude_deg: -6.53", f"latitude_deg: {latitude_deg}")), at)["night"].text
+    assert words in only("night", changed(("latitude_deg: -6.53", f"latitude_deg: {latitude_deg}")), at).text
 
 
 def test_a_simulated_session_has_no_night_to_come() -> None:

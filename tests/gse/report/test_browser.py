@@ -9,7 +9,7 @@ from devices.browser import visit
 from skies.synthetic_night import synthetic_night
 
 from gse.assessment.verdict import judge
-from gse.report import write_report
+from gse.report.files import write_report
 from gse.report.printing import find_browser, print_to_pdf
 
 

@@ -17,7 +17,8 @@ from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
 from gse.assessment.verdict import judge
 from gse.errors import UsageError
-from gse.report import summarise, write_report
+from gse.report import summarise
+from gse.report.files import write_report
 from gse.report.frames_csv import frames_csv
 from gse.report.junit import junit_xml
 from gse.report.page import report_html

@@ -8,10 +8,10 @@ import pytest
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from gse.assessment import statistics as room
+from gse.assessment.metrics import metrics
 from gse.assessment.spatial_errors import MIN_STARS, Part, SpatialErrors, spatial_errors
 from gse.assessment.statistics import statistics
 from gse.report.metric_table import metric_table
-from gse.report.metrics import metrics
 from gse.station.results import Subject
 
 

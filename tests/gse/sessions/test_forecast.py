@@ -2,6 +2,7 @@
 
 import threading
 
+import numpy as np
 import pytest
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
@@ -39,6 +40,13 @@ def test_the_line_follows_the_verdict_so_far(five_minutes, added_arcsec: float, 
     session.frames.columns["d_ra_cosde_arcsec"] -= added_arcsec
 
 
+def test_a_session_without_an_answer_has_no_verdict_ahead_of_it() -> None:
+    session = synthetic_night(200)
+    session.frames.columns["d_ra_cosde_arcsec"] = session.frames.columns["d_de_arcsec"] = np.nan
+    session.frames.columns["d_roll_arcsec"] = np.nan
+    assert forecast_text(judge(session)).startswith("no verdict as it goes")
+
+
 def test_the_loop_hands_over_one_snapshot_and_goes_on() -> None:
     session = synthetic_night(100)
     (frame,) = synthetic_frames(1)
@@ -48,9 +56,10 @@ def test_the_loop_hands_over_one_snapshot_and_goes_on() -> None:
             forecast.on_result(frame, session)
         pause = threading.Event()
         for _ in range(600):
-            if forecast.text:
+            if forecast.metrics:
                 break
             pause.wait(0.05)
         assert forecast.text
+        assert "| onboard noise equivalent angle | " in forecast.metrics
     finally:
         forecast.close()

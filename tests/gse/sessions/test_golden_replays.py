@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from gse.cli import main
 from gse.sessions.golden import check, expected_path, recordings_in
 from gse.sessions.replay import ReplayOptions
 
@@ -29,13 +30,13 @@ def test_the_bad_cable_gives_the_same_report_in_pieces_of_13_bytes() -> None:
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="the instructions that are switched off are x86-64's")
 def test_a_machine_with_a_lesser_processor_gives_the_same_report_to_the_byte(tmp_path: Path) -> None:
     lesser = {"OPENBLAS_CORETYPE": "Nehalem", "NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512_SKX"}
-    pages = []
-    for name, environment in (("this", {}), ("lesser", lesser)):
-        command = [sys.executable, "-m", "gse", "replay", GOLDEN / "inclined.mcap", "--out", tmp_path / name]
-        subprocess.run(command, env={**os.environ, **environment}, check=True, capture_output=True)
-        (page,) = (tmp_path / name).glob("*/report.html")
-        pages.append(page.read_bytes())
-    assert pages[0] == pages[1]
+    words = ["replay", str(GOLDEN / "inclined.mcap"), "--out"]
+    command = [sys.executable, "-m", "gse", *words, tmp_path / "lesser"]
+    subprocess.run(command, env={**os.environ, **lesser}, check=True, capture_output=True)
+    with pytest.raises(SystemExit):
+        main([*words, str(tmp_path / "this")])
+    one, other = (next((tmp_path / name).glob("*/report.html")).read_bytes() for name in ("lesser", "this"))
+    assert one == other
 
 
 def test_each_golden_session_is_small_and_has_its_command_and_its_words() -> None:

@@ -12,7 +12,8 @@ import pytest
 from skies.synthetic_night import START_NS, small_catalog, synthetic_night
 
 from gse.assessment.verdict import judge
-from gse.report import summarise, write_report
+from gse.report import summarise
+from gse.report.files import write_report
 from gse.sessions.judged import judged_session, result_key
 from gse.sessions.kept_results import CONTEXT, MOST_KEPT, KeptResultsError, keep, kept, results_folder
 from gse.sessions.replay import replay_session
@@ -135,7 +136,7 @@ def forge(folder: Path, table: pa.Table) -> None:
     whole = folder / KEY.text
     before = sha256((whole / "frames.parquet").read_bytes()).hexdigest()
     (whole / "frames.parquet").unlink()
-    write_parquet(table, whole / "frames.parquet")
+    write_parquet([table], whole / "frames.parquet")
     after = sha256((whole / "frames.parquet").read_bytes()).hexdigest()
     text = (whole / CONTEXT).read_text().split("\n")[1].replace(before, after)
     (whole / CONTEXT).write_text(f"{sha256(text.encode()).hexdigest()}\n{text}\n")

@@ -1,16 +1,21 @@
 """The status of a session, as it is read by others: which process it is, and whether a report is due."""
 
 import json
+import math
 import os
+import shutil
 import time
 from pathlib import Path
 
 import pytest
+from devices.command_line import runner
 
+from drivers.outside_text import is_plain
 from gse import instant
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.recording.recorder import Recorder
-from gse.sessions.status_file import StatusFile, is_running, is_unfinished, process_mark, read_status, session_folders
+from gse.sessions.status_document import read_status
+from gse.sessions.status_file import StatusFile, is_running, is_unfinished, process_mark, session_folders
 from gse.station.notes import Notes
 
 
@@ -48,10 +53,12 @@ def test_another_process_with_its_number_is_not_taken_for_it() -> None:
 def test_without_a_mark_a_status_that_is_renewed_is_of_a_running_process() -> None:
     now_ns = time.time_ns()
     status = {"state": "running", "pid": os.getpid(), "process": None}
-    assert is_running({**status, "utc": instant.to_text(now_ns, 1)})
-    assert not is_running({**status, "utc": instant.to_text(now_ns - 60 * instant.NS_PER_S, 1)})
-    assert not is_running({**status, "utc": "yesterday"})
-    assert not is_running(status)
+    renewed = {**status, "utc": instant.to_text(now_ns, 1)}
+    assert is_running(renewed, has_marks=False)
+    assert not is_running({**status, "utc": instant.to_text(now_ns - 60 * instant.NS_PER_S, 1)}, has_marks=False)
+    assert not is_running({**status, "utc": "yesterday"}, has_marks=False)
+    assert not is_running(status, has_marks=False)
+    assert not is_running(renewed), "of another computer, and no process of this one is ended for it"
     assert not is_running({**status, "pid": 1 << 30})
 
 
@@ -59,6 +66,45 @@ def test_without_a_mark_a_status_that_is_renewed_is_of_a_running_process() -> No
 def test_a_status_that_is_broken_or_foreign_is_none(folder: Path, text: str) -> None:
     (folder / "status.json").write_text(text)
     assert read_status(folder) is None
+
+
+OURS = {"schema": "gse.status/1", "state": "running", "pid": 4000, "process": "boot:1", "utc": "2026-03-20T18:30:00.0Z"}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *({"pid": pid} for pid in (-1, 0, 1, 1 << 40, True, "1")),
+        *({"state": state} for state in ("running\x1b[2J", "", None)),
+        *({"utc": utc} for utc in ("yesterday", 5, "9" * 30_000)),
+        *({"frames": frames} for frames in ("x", [], -1, 1 << 70)),
+        {"identified": "a"},
+        {"identified": math.nan},
+        {"session_bytes": "1"},
+        {"process": 5},
+    ],
+    ids=repr,
+)
+def test_a_status_of_a_stranger_with_a_value_out_of_order_is_none(folder: Path, change: dict[str, object]) -> None:
+    (folder / "status.json").write_text(json.dumps(OURS))
+    assert read_status(folder) is not None
+    (folder / "status.json").write_text(json.dumps(OURS | change))
+    assert read_status(folder) is None
+
+
+def test_the_words_of_a_stranger_steer_no_terminal(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = dict.fromkeys(("port", "link", "so_far", "verdict", "page", "forecast", "sky"), "\x1b[2J\x9b31m\u202e")
+    (folder / "status.json").write_text(json.dumps(OURS | words))
+    steering = folder.with_name("20270320T183000Z-\x1b[2Jsensor")
+    shutil.copytree(folder, steering)
+    done = runner(capsys)("status", folder.parent)
+    assert done.code == 1
+    assert folder.name in done.out
+    assert all(is_plain(line) for line in (done.out + done.err).split("\n"))
+    done = runner(capsys)("report", steering)
+    assert done.code == 2
+    assert "rename" in done.err
+    assert all(is_plain(line) for line in (done.out + done.err).split("\n"))
 
 
 def test_a_session_is_unfinished_where_no_report_stands_and_nobody_is_at_it(folder: Path) -> None:

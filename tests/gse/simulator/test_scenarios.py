@@ -19,8 +19,8 @@ from gse.station.loop import StationLoop
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up
 
-RATES_HZ = {"twilight": 0.2}
-"""Fewer frames than the scenario says, but enough for a verdict: 299 for the false answers."""
+RATES_HZ = {"twilight": 0.2, "wrong-focal-length": 1}
+"""Fewer frames than the scenario says, but enough for a verdict: 299 for the false answers, fewer where all fails."""
 
 
 def night_of(url: str, setup: Setup) -> SessionData:

@@ -13,8 +13,17 @@ from skies.synthetic_night import small_catalog, synthetic_night
 from gse.assessment.verdict import judge
 from gse.instant import from_text
 from gse.station.frame_table import FRAME, MATCH, ONBOARD_COLUMNS
-from gse.tables import ResultKey, failed_session, frames_schema, session_tables, sessions_schema, stars_schema
+from gse.tables import (
+    ResultKey,
+    failed_session,
+    frames_parts,
+    frames_schema,
+    session_tables,
+    sessions_schema,
+    stars_schema,
+)
 from gse.tables.frames import WORDS, plain_name
+from gse.tables.parquet import write_parquet
 from gse.tables.sessions import night_of
 from gse.tables.units import joined, unit_of
 
@@ -68,6 +77,14 @@ def test_each_column_of_the_frame_table_is_a_column_with_its_values(session, tab
             unknown = np.isnan(frames[name]) if frames[name].dtype.kind == "f" else np.zeros(len(frames), bool)
             np.testing.assert_array_equal(np.array(column.is_null()), unknown)
             np.testing.assert_array_equal(column.to_numpy()[~unknown], frames[name][~unknown])
+
+
+@pytest.mark.parametrize("rows_at_once", [2, 99, 100, 700, 701])
+def test_a_long_table_is_made_and_written_in_parts(session, assessment, tables, tmp_path, rows_at_once) -> None:
+    parts = list(frames_parts(session, assessment.statistics, KEY.text, rows_at_once=rows_at_once))
+    assert max(part.num_rows for part in parts) <= rows_at_once
+    write_parquet(parts, tmp_path / "frames.parquet")
+    assert pq.read_table(tmp_path / "frames.parquet").equals(tables.frames)
 
 
 def test_stars_stand_on_their_pixels_and_in_the_field(session, tables) -> None:

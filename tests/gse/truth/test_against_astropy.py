@@ -17,7 +17,7 @@ from gse.truth import EarthOrientation, Refraction, SiderealTruth
 from gse.truth.solar_system import BODIES, bodies_icrs
 
 ARCSEC = np.pi / 180 / 3600
-CASES = 10_000
+CASES = 2000
 FIRST_NS, LAST_NS = from_text("1973-01-02T00:00:00Z"), from_text("2027-06-01T00:00:00Z")
 
 

@@ -51,9 +51,9 @@ def pixels_near(picture: np.ndarray, colour: tuple[int, int, int], box: tuple[fl
     return int((np.abs(part - colour).sum(axis=2) < 60).sum())
 
 
-GRAPHS = (0.0, 0.0, 0.385, 0.45)
-PANORAMA = (0.385, 0.03, 0.77, 0.58)
-SCATTER = (0.385, 0.6, 0.58, 0.97)
+GRAPHS = (0.0, 0.0, 0.375, 0.45)
+PANORAMA = (0.38, 0.03, 0.735, 0.58)
+SCATTER = (0.38, 0.6, 0.555, 0.97)
 
 
 def wait_until_drawn(page) -> np.ndarray:

@@ -67,6 +67,19 @@ def test_the_word_for_a_limit_names_it() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("facts", "is_said"),
+    [
+        (Facts(link="syncing", cause="wrong baud rate"), True),
+        (replace(ON, answered=False, since_answer_s=12.0, cause="the image is mirrored"), True),
+        (replace(ON, since_answer_s=12.0, cause="the image is mirrored"), False),
+        (replace(ON, outside=("mean |dDE| 70.0 arcsec (limit 60)",), cause="mount: it looks elsewhere"), True),
+    ],
+)
+def test_the_line_below_the_word_says_the_cause_that_the_station_found(facts: Facts, is_said: bool) -> None:
+    assert (facts.cause in word_of(facts).detail) is is_said
+
+
 def clock_at(seconds: float) -> ClockReading:
     return ClockReading(START_NS + round(seconds * NS_PER_S), round(seconds * NS_PER_S), "test", True, 0.0, 0.001)
 
@@ -90,12 +103,15 @@ def test_a_session_at_a_glance_from_the_first_byte_to_the_verdict() -> None:
     assert document["axes"][0]["name"] == "dRA*"
     assert not document["axes"][0]["outside"]
     assert word(10) == "NO ANSWER 6 s"
-    glance.on_event(LinkEvent(START_NS, 0, LinkKind.LOST, "the port is gone"))
+    for kind in (LinkKind.LOST, LinkKind.NO_PORT):
+        glance.on_event(LinkEvent(START_NS, 0, kind, "the port is gone"))
     assert word(11) == "LINK LOST"
+    assert sum("is gone" in line for line in glance.document(clock_at(11))["events"]) == 1
     glance.enter_judging()
     assert word(12) == "JUDGING"
     glance.conclude("PASS", ())
     assert word(13) == "DONE: PASS"
+    assert glance.document(clock_at(13))["forecast"] == "PASS"
     assert glance.document(clock_at(13))["ended"]
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from gse.assessment.axis_statistics import AxisStatistics
 from gse.assessment.spatial_errors import Part, SpatialErrors
-from gse.assessment.statistics import Statistics, SubjectStatistics
+from gse.assessment.statistics import Statistics
+from gse.assessment.subject_statistics import SubjectStatistics
 from gse.assessment.thermal import ThermalError
 from gse.station.results import Subject
 

@@ -1,0 +1,191 @@
+"""Mutants made by hand, each against the tests that say what it breaks: python benchmarks/named_mutants.py [WORD]
+
+A row is a fault in words, the text of a module before and after, and the file whose tests must notice; with WORD only
+the rows whose words contain it. Prints ``killed`` or ``survived`` for each.
+"""
+
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from mutation import ROOT, Mutant, Tester, copy_of_tree, with_mutant
+
+MOST_CPU_S = 300
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """One fault: what it means, where it is, and the test file that must fail."""
+
+    words: str
+    module: str
+    before: str
+    after: str
+    tests: str
+
+
+_FRAMES = "gse/station/frame_processor.py"
+_GUARD = "gse/assessment/guard_band.py"
+_DECISION = "gse/assessment/decision.py"
+_STATISTICS = "gse/assessment/subject_statistics.py"
+_ACCEPTANCE = "gse/identifier/acceptance.py"
+_HOT = "gse/calibration/hot_pixels.py"
+_TO_DECISION = "tests/gse/assessment/test_decision.py"
+_TO_VERDICT = "tests/gse/assessment/test_verdict.py"
+_TO_FRAMES = "tests/gse/station/test_frame_processor.py"
+_TO_ACCEPTANCE = "tests/gse/identifier/test_acceptance.py"
+_TO_CLOCK = "tests/gse/assessment/test_clock_health.py"
+_TO_STATISTICS = "tests/gse/assessment/test_statistics.py"
+_TO_HOT = "tests/gse/calibration/test_hot_pixels.py"
+_TO_ALIGNMENT = "tests/gse/truth/test_alignment.py"
+_SHARE_LIMITS = (
+    "(share.lower >= limit, share.upper < limit) if at_least else (share.upper <= limit, share.lower > limit)"
+)
+
+NAMED = (
+    Named("never FALSE", _FRAMES, "else AnswerCheck.FALSE", "else AnswerCheck.CORRECT", _TO_FRAMES),
+    Named("FALSE from 5 deg on", _FRAMES, "math.radians(0.05)", "math.radians(5)", _TO_FRAMES),
+    Named("time never fails", "gse/assessment/verdict.py", "limit=SLOW_SHARE", "limit=1.0", _TO_VERDICT),
+    Named(
+        "FAIL though truth may be it", _GUARD, "guard(value - lower, truth_standard)", "(value - lower)", _TO_DECISION
+    ),
+    Named(
+        "the fitted mount is never used",
+        "gse/station/loop.py",
+        "replace(self._frame_processor, mount=alignment.mount)",
+        "self._frame_processor",
+        "tests/gse/station/test_aligned_session.py",
+    ),
+    Named(
+        "no proper motion",
+        "gse/station/setup.py",
+        "catalog if epoch_jyear is None else catalog.at_epoch(epoch_jyear)",
+        "catalog",
+        "tests/gse/station/test_setup.py",
+    ),
+    Named(
+        "wrong side of a clock step",
+        "gse/station/exclusions.py",
+        "old_ns, new_ns = event.utc_ns - step_ns, event.utc_ns",
+        "old_ns, new_ns = event.utc_ns + step_ns, event.utc_ns",
+        "tests/gse/assessment/test_counted_frames.py",
+    ),
+    Named(
+        "best clock bound", "gse/assessment/clock_health.py", "bound_s = max((abs(", "bound_s = min((abs(", _TO_CLOCK
+    ),
+    Named(
+        "3 sigma for 1", "gse/truth/alignment.py", "x, y, z = (math.sqrt(", "x, y, z = (3 * math.sqrt(", _TO_ALIGNMENT
+    ),
+    Named("mount gate x 10", "gse/truth/alignment.py", "<= _REJECT_SIGMA *", "<= 10 * _REJECT_SIGMA *", _TO_ALIGNMENT),
+    Named(
+        "outlier gate x 10",
+        "gse/assessment/counted_frames.py",
+        "OUTLIER_ARCSEC = 1800.0",
+        "OUTLIER_ARCSEC = 18000.0",
+        "tests/gse/assessment/test_counted_frames.py",
+    ),
+    Named("limit: keeps <", _GUARD, "truth_standard) <= limit", "truth_standard) < limit", _TO_DECISION),
+    Named("limit: exceeds >=", _GUARD, "truth_standard) > limit", "truth_standard) >= limit", _TO_DECISION),
+    Named("limit: simple <", _DECISION, "PASS if figure.value <= limit", "PASS if figure.value < limit", _TO_DECISION),
+    Named("share: lower >", _DECISION, _SHARE_LIMITS, _SHARE_LIMITS.replace("lower >=", "lower >"), _TO_DECISION),
+    Named("share: upper <=", _DECISION, _SHARE_LIMITS, _SHARE_LIMITS.replace("upper < ", "upper <= "), _TO_DECISION),
+    Named("share: upper <", _DECISION, _SHARE_LIMITS, _SHARE_LIMITS.replace("upper <=", "upper <"), _TO_DECISION),
+    Named("share: lower >=", _DECISION, _SHARE_LIMITS, _SHARE_LIMITS.replace("lower > ", "lower >= "), _TO_DECISION),
+    Named("share: simple >", _DECISION, "share.value >= limit", "share.value > limit", _TO_DECISION),
+    Named("share: simple <", _DECISION, "share.value <= limit", "share.value < limit", _TO_DECISION),
+    Named(
+        "30 frames are too few", _DECISION, "figure.frames < MIN_FRAMES", "figure.frames <= MIN_FRAMES", _TO_DECISION
+    ),
+    Named("29 frames suffice", "gse/assessment/sampling.py", "MIN_FRAMES = 30", "MIN_FRAMES = 29", _TO_DECISION),
+    Named(
+        "|dRA| times cos DE",
+        _STATISTICS,
+        "d_ra_cosde_arcsec / np.cos(",
+        "d_ra_cosde_arcsec * np.cos(",
+        _TO_STATISTICS,
+    ),
+    Named(
+        "longest outage the shortest", _STATISTICS, "np.diff(answers).max()", "np.diff(answers).min()", _TO_STATISTICS
+    ),
+    Named(
+        "slow for fast",
+        "gse/assessment/diagnosis.py",
+        "'slow' if ppm > 0",
+        "'slow' if ppm < 0",
+        "tests/gse/assessment/test_diagnosis.py",
+    ),
+    Named(
+        "slow for fast, in ppm",
+        "gse/assessment/clock_health.py",
+        "late_s = host_s - sensor_s",
+        "late_s = sensor_s - host_s",
+        _TO_CLOCK,
+    ),
+    Named("hot in 15 %", _HOT, "MIN_SHARE = 0.3", "MIN_SHARE = 0.15", _TO_HOT),
+    Named("hot in 60 %", _HOT, "MIN_SHARE = 0.3", "MIN_SHARE = 0.6", _TO_HOT),
+    Named("hot though a star", _HOT, "starlike[pixel] < count / 2", "starlike[pixel] < count", _TO_HOT),
+    Named("hot though seldom a star only", _HOT, "starlike[pixel] < count / 2", "starlike[pixel] < count / 4", _TO_HOT),
+    Named(
+        "chance halved",
+        _ACCEPTANCE,
+        "max(objects - 1, 0) * 2 * self.pairs",
+        "max(objects - 1, 0) * self.pairs",
+        _TO_ACCEPTANCE,
+    ),
+    Named("chance of third stars halved", _ACCEPTANCE, "_GATE = 16.0", "_GATE = 8.0", _TO_ACCEPTANCE),
+    Named(
+        "chance of robust halved",
+        "gse/identifier/robust.py",
+        "return CHANCE_OF_EVIDENCE * math.exp(",
+        "return 0.5 * CHANCE_OF_EVIDENCE * math.exp(",
+        _TO_ACCEPTANCE,
+    ),
+    Named(
+        "residual gate x 100",
+        _ACCEPTANCE,
+        "if rms_rad <= tolerance_rad",
+        "if rms_rad <= 100 * tolerance_rad",
+        _TO_ACCEPTANCE,
+    ),
+    Named("mirrored as no match", _ACCEPTANCE, "Reason.MIRRORED, f", "Reason.NO_MATCH, f", _TO_ACCEPTANCE),
+    Named(
+        "mirrored as no match, robust",
+        "gse/identifier/robust.py",
+        "Reason.MIRRORED,",
+        "Reason.NO_MATCH,",
+        "tests/gse/identifier/test_robust.py",
+    ),
+    Named(
+        "divisor of the deviation",
+        "gse/assessment/axis_statistics.py",
+        "error_arcsec.std(ddof=1)",
+        "error_arcsec.std()",
+        "tests/gse/assessment/test_axis_statistics.py",
+    ),
+)
+
+
+def mutant_of(named: Named) -> Mutant:
+    """The mutated source; AssertionError where the text is not in the module exactly once."""
+    text = (ROOT / named.module).read_text()
+    assert text.count(named.before) == 1, f"{named.words}: {text.count(named.before)} times in {named.module}"
+    line = text[: text.index(named.before)].count("\n") + 1
+    return Mutant(named.module, line, named.words, text.replace(named.before, named.after))
+
+
+def main(word: str = "") -> None:
+    """Run the rows, one after the other."""
+    chosen = [(named, mutant_of(named)) for named in NAMED if word in named.words]
+    with tempfile.TemporaryDirectory(prefix="gse-mutation-") as folder:
+        tree = copy_of_tree(Path(folder) / "tree")
+        testers = Tester(tree), Tester(tree, whole=True)
+        for named, mutant in chosen:
+            said = with_mutant(testers, mutant, [[named.tests]], MOST_CPU_S)
+            print(f"{said:9} {named.module}:{mutant.line}  {named.words}", flush=True)
+        for tester in testers:
+            tester.close()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,61 @@
+"""A mistake of the set-up that explains what a session shows: then its errors tell nothing of the sensor.
+
+The identifier named the right stars, only not where site, clock and mount of the station file say. Where the errors
+that are left without the mistake keep the limits, no row fails for it: the word is INCONCLUSIVE, and the mistake is the
+first reason. A mirrored image, in which nothing can be identified, is one too.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.assessment.counted_frames import CountedFrames
+from gse.assessment.decision import Outcome, Row
+from gse.assessment.diagnosis import gross_cause_of
+from gse.finding import Finding
+from gse.limits import Limits
+from gse.station.event_kinds import StationKind
+from gse.station.frame_table import STATUSES
+from gse.station.results import Status, Subject
+from gse.station.session_data import SessionData
+
+MIRRORED = "mirrored image"
+_KEPT_SHARE = 0.9
+"""Of some 15 frames: one may lie outside."""
+_OF_IDENTIFICATION = ("availability",)
+
+
+def set_up_mistake(session: SessionData, counted: CountedFrames, found: tuple[Finding, ...]) -> Finding | None:
+    """The one of the findings that explains it all, if there is one."""
+    mirrored = [finding for finding in found if finding.cause == MIRRORED]
+    if mirrored and _is_all_mirrored(session):
+        return mirrored[0]
+    gross = [finding for finding in found if finding.is_gross]
+    cause = gross_cause_of(session, counted) if gross else None
+    if cause is None or not _keeps(cause.left_arcsec, session.station.limits):
+        return None
+    return cause.finding
+
+
+def _is_all_mirrored(session: SessionData) -> bool:
+    """Whether each panorama that was refused for its stars may be a mirror image."""
+    status = session.frames.columns["status"]
+    is_told = any(event.kind == StationKind.MIRRORED for event in session.events)
+    return is_told and not (status == STATUSES.index(Status.IDENTIFIED)).any()
+
+
+def _keeps(left_arcsec: NDArray[np.float64], limits: Limits) -> bool:
+    if not len(left_arcsec):
+        return False
+    across = np.hypot(left_arcsec[:, 0], left_arcsec[:, 1]) <= np.hypot(limits.d_ra_cosde_arcsec, limits.d_de_arcsec)
+    return bool((across & (np.abs(left_arcsec[:, 2]) <= limits.d_roll_arcsec)).mean() >= _KEPT_SHARE)
+
+
+def excused(row: Row, mistake: Finding) -> Row:
+    """A row that fails by the mistake: INCONCLUSIVE; another as it is."""
+    is_identification = row.subject is Subject.ONBOARD and row.name in _OF_IDENTIFICATION
+    by_it = is_identification if mistake.cause == MIRRORED else row.unit == "arcsec"
+    if row.outcome is not Outcome.FAIL or not by_it:
+        return row
+    return replace(row, outcome=Outcome.INCONCLUSIVE, reason=f"{row.reason}: by the set-up ({mistake.cause})")

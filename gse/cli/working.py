@@ -1,0 +1,17 @@
+"""A sign of life on the terminal while long work has no progress to show."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+
+
+@contextmanager
+def working(text: str) -> Iterator[None]:
+    """Show ``text`` and a moving mark on stderr, where that is a terminal."""
+    console = Console(stderr=True, highlight=False)
+    if not console.is_terminal:
+        yield
+        return
+    with console.status(text):
+        yield

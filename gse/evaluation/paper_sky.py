@@ -1,0 +1,174 @@
+"""The sky of the pivot paper: its figures 2 to 7, 9 and 10, and its equations 1 and 2.
+
+The equations ask whether there is one distinctly bright star in a field: as many fields as eq 1 finds on the sky hold
+one star each where eq 2 gives as many stars. That is a mean; how many fields have one is counted beside it.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from gse.catalog import StarCatalog, brightest_per_field, load_catalog
+from gse.drawing.palette import BLUE, ORANGE, hex_of
+from gse.evaluation.monte_carlo import of_angles
+from gse.evaluation.plan import Plan
+from gse.identifier.cells import Cells
+from gse.identifier.tables import pair_table
+from gse.spiral import spiral_directions
+
+SOURCE_STARS = 9096
+"""Stars of the Bright Star Catalogue without the 14 entries that are none: of another source its brightest ones."""
+_FIELDS_COUNTED = 20_000
+_BINS = 80
+
+
+@dataclass(frozen=True, slots=True)
+class PaperSky:
+    """Source and mission catalogue of a plan with angles between stars, and the diameter of its field."""
+
+    source: StarCatalog
+    mission: StarCatalog
+    field_rad: float
+
+    @classmethod
+    def of(cls, plan: Plan) -> "PaperSky":
+        """The catalogues as the identifiers of the plan have them."""
+        source = load_catalog(plan.catalog)
+        field_rad = 2 * plan.optics.radius_rad()
+        mission = brightest_per_field(of_angles(source, plan.optics.magnitude_limit), field_rad)
+        brightest = np.argsort(source.magnitude, kind="stable")[:SOURCE_STARS]
+        return cls(source.rows(brightest), mission, field_rad)
+
+    def distinct_star(self) -> dict[str, Any]:
+        """Eqs 1 and 2: the magnitude to which a mean field has one star, and what the source has to there."""
+        fields = fields_on_sky(self.field_rad)
+        magnitude = distinct_magnitude(fields)
+        bright = self.source.rows(np.flatnonzero(self.source.magnitude <= magnitude))
+        directions = spiral_directions(_FIELDS_COUNTED)
+        nearest = np.concatenate([(part @ bright.icrs.T).max(axis=1) for part in np.array_split(directions, 20)])
+        return {
+            "fields_eq_1": round(fields, 1),
+            "magnitude": round(magnitude, 2),
+            "stars_eq_2": round(stars_to(magnitude), 1),
+            "stars": len(bright),
+            "fields_with_one": round(float((nearest >= math.cos(self.field_rad / 2)).mean()), 4),
+        }
+
+
+def fields_on_sky(field_rad: float) -> float:
+    """Eq 1: how many circular fields of this diameter cover the sky."""
+    return 2 / (1 - math.cos(field_rad / 2))
+
+
+def stars_to(magnitude: float) -> float:
+    """Eq 2: about how many stars are brighter."""
+    return 6.75 * math.exp(1.08 * magnitude)
+
+
+def distinct_magnitude(fields: float) -> float:
+    """The magnitude to which eq 2 gives one star for each field."""
+    return math.log(fields / 6.75) / 1.08
+
+
+def write_sky_figures(sky: PaperSky, directions: int, folder: Path) -> list[Path]:
+    """The figures as SVG, each named for what it shows; their paths."""
+    return [_written(draw(sky, directions), folder / name) for name, draw in FIGURES.items()]
+
+
+def _written(figure: Figure, path: Path) -> Path:
+    with mpl.rc_context({"svg.hashsalt": "gse"}):
+        figure.savefig(path, format="svg", dpi=150, metadata={"Date": None})
+    return path
+
+
+def _sky_map(title: str, catalog: StarCatalog) -> Figure:
+    figure, axes = _axes(title, "Right ascension (deg)", "Declination (deg)")
+    ra_deg, de_deg = _degrees(catalog.icrs)
+    size = 0.3 + 0.25 * np.clip(7 - catalog.magnitude, 0, 7) ** 1.5
+    axes.scatter(ra_deg, de_deg, s=size, color=hex_of(BLUE), linewidths=0, rasterized=True)
+    axes.set(xlim=(360, 0), ylim=(-90, 90), xticks=range(0, 361, 60), yticks=range(-90, 91, 30))
+    return figure
+
+
+def _source(sky: PaperSky, directions: int) -> Figure:
+    return _sky_map(f"Source catalogue: {len(sky.source)} stars ({sky.source.source})", sky.source)
+
+
+def _mission(sky: PaperSky, directions: int) -> Figure:
+    return _sky_map(f"Mission catalogue: {len(sky.mission)} stars", sky.mission)
+
+
+def _distances(sky: PaperSky, directions: int) -> Figure:
+    distances = np.degrees(pair_table(sky.mission, sky.field_rad).distance_urad / 1e6)
+    figure, axes = _axes(f"Angular distances: {len(distances)} pairs", "Angular distance (deg)", "Pairs")
+    axes.hist(distances, bins=_BINS, color=hex_of(BLUE))
+    return figure
+
+
+def _cells(sky: PaperSky, directions: int) -> Figure:
+    cells = Cells.for_field(sky.field_rad)
+    title = f"Cells: N = {cells.order}, {len(cells)} cells"
+    figure, axes = _axes(title, "Right ascension (deg)", "Declination (deg)")
+    for low_deg, high_deg, parts in cells.zones_deg():
+        edges = (np.arange(parts) + 0.5) * 360 / parts
+        axes.vlines(edges if parts > 1 else [], low_deg, high_deg, color=hex_of(BLUE), linewidth=0.7)
+        axes.hlines([low_deg, high_deg], 0, 360, color=hex_of(BLUE), linewidth=0.7)
+        axes.plot(np.arange(parts) * 360 / parts, [(low_deg + high_deg) / 2] * parts, ".", color=hex_of(ORANGE), ms=2)
+    axes.set(xlim=(360, 0), ylim=(-90, 90), xticks=range(0, 361, 60), yticks=range(-90, 91, 30))
+    return figure
+
+
+def _stars_per_cell(sky: PaperSky, catalog: StarCatalog, what: str) -> Figure:
+    cells = Cells.for_field(sky.field_rad)
+    counts = np.bincount(cells.index(catalog.icrs), minlength=len(cells))
+    title = f"{what}: {counts.min()} to {counts.max()} stars in a cell, {counts.mean():.1f} in the mean"
+    figure, axes = _axes(title, "Cell index", "Stars")
+    axes.step(np.arange(len(cells)), counts, where="mid", color=hex_of(BLUE), linewidth=0.8)
+    axes.set(xlim=(-1, len(cells)), ylim=(0, None))
+    return figure
+
+
+def _spiral(sky: PaperSky, directions: int) -> Figure:
+    points = spiral_directions(directions)
+    figure = Figure(figsize=(8.4, 4.4), layout="constrained")
+    figure.suptitle(f"Spherical spiral: {directions} directions")
+    sphere, flat = figure.subplots(1, 2, width_ratios=(1, 1.5))
+    near = points[points[:, 0] > 0]
+    sphere.plot(near[:, 1], near[:, 2], ".", color=hex_of(BLUE), ms=2.5)
+    sphere.set(xlabel="y", ylabel="z", aspect="equal", title="the half towards x", xlim=(-1.05, 1.05))
+    ra_deg, de_deg = _degrees(points)
+    flat.plot(ra_deg, de_deg, ".", color=hex_of(BLUE), ms=2)
+    flat.set(xlim=(360, 0), ylim=(-90, 90), xlabel="Right ascension (deg)", ylabel="Declination (deg)")
+    return figure
+
+
+FIGURES: dict[str, Callable[[PaperSky, int], Figure]] = {
+    "figure-02-source-sky.svg": _source,
+    "figure-03-mission-sky.svg": _mission,
+    "figure-04-distances.svg": _distances,
+    "figure-05-cells.svg": _cells,
+    "figure-06-source-per-cell.svg": lambda sky, _: _stars_per_cell(sky, sky.source, "Source catalogue"),
+    "figure-07-mission-per-cell.svg": lambda sky, _: _stars_per_cell(sky, sky.mission, "Mission catalogue"),
+    "figure-09-10-spiral.svg": _spiral,
+}
+"""By file name; the numbers are those of the paper."""
+
+
+def _axes(title: str, across: str, up: str) -> tuple[Figure, Any]:
+    figure = Figure(figsize=(6.4, 3.8), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set(title=title, xlabel=across, ylabel=up)
+    axes.grid(alpha=0.2)
+    return figure, axes
+
+
+def _degrees(vectors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ra_deg = np.degrees(np.arctan2(vectors[:, 1], vectors[:, 0])) % 360
+    return ra_deg, np.degrees(np.arctan2(vectors[:, 2], np.hypot(vectors[:, 0], vectors[:, 1])))

@@ -1,0 +1,70 @@
+"""Report of several sessions side by side: table 4-1 of the LAPAN paper as the paper has it, a row for each sensor."""
+
+import math
+from collections.abc import Sequence
+from importlib import resources
+from statistics import fmean
+from typing import Any
+
+import jinja2
+
+from gse import instant
+from gse.assessment.verdict import Assessment
+from gse.report.paper import LIMIT_DEG, PAPER, Row, this_sensor
+from gse.report.summary import plain, table_row
+from gse.station.results import Subject
+from gse.station.session_data import SessionData
+
+SCHEMA = "gse.sessions/1"
+
+
+def sessions_report(named: Sequence[tuple[str, SessionData, Assessment]]) -> dict[str, Any]:
+    """The JSON of schema gse.sessions/1 of named sessions: their verdicts, and table 4-1 with a row for each subject.
+
+    Below the rows of a subject that several sessions have is their mean, as in the paper.
+    """
+    return {
+        "schema": SCHEMA,
+        "sessions": [_session(*one) for one in named],
+        "table_4_1": {"rows": plain([table_row(row) for row in (*_rows(named), *PAPER)]), "limit_deg": LIMIT_DEG},
+    }
+
+
+def _session(name: str, session: SessionData, assessment: Assessment) -> dict[str, Any]:
+    frames = session.frames.columns
+    return {
+        "name": name,
+        "sensor": session.station.sensor.name,
+        "first_utc": instant.to_text(int(frames["utc_ns"].min())) if len(frames) else None,
+        "frames": len(frames),
+        "verdict": assessment.verdict.value,
+        "reasons": list(assessment.reasons),
+        "raw_sha256": session.raw_sha256,
+    }
+
+
+def _rows(named: Sequence[tuple[str, SessionData, Assessment]]) -> list[Row]:
+    by_subject: dict[Subject, list[Row]] = {}
+    for name, session, assessment in named:
+        for subject, figures in assessment.statistics.subjects.items():
+            label = f"{session.station.sensor.name}, {name}, {subject}"
+            by_subject.setdefault(subject, []).append(this_sensor(label, figures))
+    rows = []
+    for subject, of_subject in by_subject.items():
+        rows += of_subject
+        known = [row for row in of_subject if math.isfinite(row.d_ra_deg) and math.isfinite(row.d_de_deg)]
+        if len(known) > 1:
+            d_ra_deg, d_de_deg = fmean(row.d_ra_deg for row in known), fmean(row.d_de_deg for row in known)
+            rows.append(Row(f"mean of {len(known)}, {subject}", d_ra_deg, d_de_deg, ""))
+    return rows
+
+
+def sessions_html(report: dict[str, Any]) -> str:
+    """The page of several sessions."""
+    environment = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters["number"] = lambda value, decimals: "–" if value is None else f"{value:.{decimals}f}"
+    of_report = resources.files("gse.report")
+    template = environment.from_string(of_report.joinpath("sessions.html.jinja").read_text(encoding="utf-8"))
+    return template.render(report=report, style=of_report.joinpath("report.css").read_text(encoding="utf-8"))

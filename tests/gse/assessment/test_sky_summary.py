@@ -1,0 +1,66 @@
+"""The summary of the sky over a session, by hand."""
+
+import math
+
+import numpy as np
+import pytest
+from skies.known_nights import session
+
+from gse.assessment.percentiles import percentiles
+from gse.assessment.sky_summary import MOST_STRETCHES, seen_share, sky_summary
+from gse.station.frame_table import SKY_CONDITIONS
+from gse.station.results import SkyCondition
+
+
+def frames_of(conditions, *, seen=8, expected=10):
+    frames = session(len(conditions)).frames.columns
+    frames["sky_condition"] = [SKY_CONDITIONS.index(condition) for condition in conditions]
+    frames["stars_seen"], frames["stars_expected"] = seen, expected
+    frames["limiting_mag"] = 5.0
+    return frames
+
+
+CLEAR, CLOUDED = SkyCondition.CLEAR, SkyCondition.CLOUDED
+
+
+def test_stretches_follow_each_other_and_the_most_frequent_condition_is_that_of_the_session():
+    frames = frames_of([CLEAR] * 4 + [CLOUDED] * 3 + [CLEAR] * 2)
+    found = sky_summary(frames)
+    assert [(part.condition, part.frames) for part in found.stretches] == [(CLEAR, 4), (CLOUDED, 3), (CLEAR, 2)]
+    assert (found.stretches[1].from_ns, found.stretches[1].until_ns) == tuple(frames["utc_ns"][[4, 6]].tolist())
+    assert found.condition is CLEAR
+    assert found.shares == {CLEAR: 6 / 9, CLOUDED: 3 / 9}
+    assert found.stretches_more == 0
+
+
+def test_depth_is_that_of_the_clear_frames_and_else_of_those_with_stars():
+    frames = frames_of([CLEAR, CLEAR, CLOUDED, CLOUDED, CLOUDED])
+    frames["limiting_mag"] = [5.0, 6.0, 2.0, 2.0, 2.0]
+    assert sky_summary(frames).limiting_mag == 5.5
+    frames["sky_condition"] = SKY_CONDITIONS.index(CLOUDED)
+    frames["stars_seen"] = [1, 0, 0, 0, 0]
+    assert sky_summary(frames).limiting_mag == 5.0
+
+
+def test_no_more_stars_are_seen_than_are_expected_and_of_none_there_is_no_share():
+    frames = frames_of([CLEAR] * 3)
+    frames["stars_seen"], frames["stars_expected"] = [5, 12, 3], [10, 10, 0]
+    assert seen_share(frames)[:2].tolist() == [0.5, 1.0]
+    assert math.isnan(seen_share(frames)[2])
+    assert sky_summary(frames).stars_expected == (0.0, 10.0)
+
+
+def test_broken_cloud_gives_the_first_stretches_and_the_number_of_the_others():
+    found = sky_summary(frames_of([CLEAR, CLOUDED] * (MOST_STRETCHES // 2 + 3)))
+    assert (len(found.stretches), found.stretches_more) == (MOST_STRETCHES, 6)
+
+
+def test_no_frames_have_no_sky():
+    assert sky_summary(session(0).frames.columns) is None
+
+
+def test_percentiles_leave_out_what_is_not_known():
+    found = percentiles(np.array([np.nan, *range(101), np.inf]))
+    assert (found.n, found.p50, found.p95, found.p99, found.max) == (101, 50.0, 95.0, 99.0, 100.0)
+    assert percentiles(np.array([np.nan])).n == 0
+    assert percentiles(np.array([np.nan])).max == pytest.approx(math.nan, nan_ok=True)

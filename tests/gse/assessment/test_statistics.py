@@ -1,0 +1,86 @@
+"""Statistics of a session by hand: each number from a few frames."""
+
+import pytest
+from skies.known_nights import START_NS, frame, session, unanswered
+
+from gse.assessment.statistics import statistics
+from gse.instant import NS_PER_S
+from gse.station.results import AnswerCheck, AttitudeError
+
+
+def at_seconds(answered, *, silent=()):
+    """A session whose frames at these seconds have an answer, or none."""
+    made = session(0)
+    error = AttitudeError(3.0, -4.0, 5.0, 3.0, 4.0)
+    for second in sorted({*answered, *silent}):
+        utc_ns = START_NS + second * NS_PER_S
+        made.frames.append(frame(utc_ns, second, error) if second in answered else unanswered(second))
+        made.frames.columns["utc_ns"][-1] = utc_ns
+    return made
+
+
+def test_the_longest_time_between_good_answers_is_the_outage():
+    onboard = statistics(at_seconds([0, 1, 2, 10, 11, 13], silent=[5, 7])).onboard
+    assert onboard.outage_s == 8.0
+
+
+def test_a_false_answer_ends_no_outage():
+    made = at_seconds([0, 1, 2, 10, 11, 13])
+    made.frames.columns["answer_check"][3] = list(AnswerCheck).index(AnswerCheck.FALSE)
+    assert statistics(made).onboard.outage_s == 9.0
+
+
+def test_acquisition_takes_from_the_first_panorama_to_the_first_answer():
+    assert statistics(at_seconds([4, 5, 6], silent=[0, 1, 2])).onboard.acquisition_s == 4.0
+
+
+def test_an_error_in_right_ascension_is_greater_than_on_the_sky_by_the_cosine_of_the_declination():
+    made = at_seconds(range(40))
+    made.frames.columns["de_true_deg"][:] = 60.0
+    onboard = statistics(made).onboard
+    assert onboard.axes["d_ra_cosde"].mean_abs_arcsec == 3.0
+    assert onboard.mean_abs_d_ra_deg == pytest.approx(6.0 / 3600)
+    assert onboard.mean_abs_d_de_deg == pytest.approx(4.0 / 3600)
+
+
+def test_at_the_pole_there_is_no_error_in_right_ascension():
+    made = at_seconds(range(40))
+    made.frames.columns["de_true_deg"][:] = 89.95
+    assert not statistics(made).onboard.mean_abs_d_ra_deg >= 0
+
+
+def test_the_session_lasts_from_its_first_frame_to_its_last():
+    assert statistics(at_seconds([2, 3, 9])).duration_s == 7.0
+
+
+def test_frames_are_counted_by_status_and_check():
+    made = at_seconds([0, 1, 2, 3], silent=[5, 6])
+    made.frames.columns["answer_check"][0] = list(AnswerCheck).index(AnswerCheck.FALSE)
+    stats = statistics(made)
+    assert {name: count for name, count in stats.statuses.items() if count} == {"IDENTIFIED": 4, "NO_MATCH": 2}
+    assert stats.answer_checks["false"] == 1
+    assert (stats.frames, stats.frames_expected) == (6, 6)
+    assert (stats.onboard.available.count, stats.onboard.available.of) == (3, 6)
+    assert (stats.onboard.false_answers.count, stats.onboard.false_answers.of) == (1, 4)
+
+
+def test_frames_that_the_sequence_misses_were_expected_and_are_not_available():
+    made = at_seconds(range(10))
+    made.link.frames_lost = 6
+    stats = statistics(made)
+    assert stats.frames_expected == 16
+    assert stats.onboard.available.value == 10 / 16
+
+
+def test_what_arrives_late_is_measured_from_the_middle_of_the_exposure_to_the_host():
+    made = at_seconds(range(4))
+    made.frames.columns["host_utc_ns"][:] = made.frames.columns["utc_ns"] + 7_000_000
+    assert statistics(made).arrival_ms.p50 == 7.0
+
+
+def test_frames_over_the_limit_of_time_are_slow_and_one_at_it_is_not():
+    made = at_seconds(range(4))
+    limit_us = made.station.limits.identification_ms * 1000
+    made.frames.columns["elapsed_us"][:] = [limit_us - 1, limit_us, limit_us + 1000, limit_us + 2000]
+    slow = statistics(made).onboard.slow
+    assert (slow.count, slow.of) == (2, 4)

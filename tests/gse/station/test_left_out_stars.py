@@ -1,0 +1,113 @@
+"""Stars that an identifier leaves out, and the bias of those that it names."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skies.made_frames import FIELD_14_DEG
+
+from gse.attitude import Attitude, solve_attitude
+from gse.catalog import load_catalog
+from gse.identifier import Identification
+from gse.identifier.neighbour import NeighbourIdentifier
+from gse.identifier_options import IdentifierOptions
+from gse.site import Site
+from gse.station.left_out_stars import LeftOutStars, SolvedFrames
+from gse.truth import EarthOrientation, Refraction, SiderealTruth
+
+AIR = Refraction.at(Site(latitude_deg=48.0, longitude_deg=11.0, height_m=300.0))
+LOOKING = Attitude.from_angles(83.0, 0.0, 20.0).icrs_to_sensor
+ZENITH = np.array([0.66, 0.55, 0.5]) / np.linalg.norm([0.66, 0.55, 0.5])
+"""The boresight is 30 deg above the horizon."""
+NOISE_PX = 0.35
+FRAMES = 60
+
+
+@pytest.fixture(scope="module")
+def stars():
+    return load_catalog(stars=4000)
+
+
+def frames(count, utc_ns=0):
+    return SolvedFrames(np.array([LOOKING] * count), np.array([LOOKING] * count), None, np.full(count, utc_ns), None)
+
+
+def shown(stars):
+    """Rows of the stars in the field, and their exact directions."""
+    exact = stars.icrs @ LOOKING.T
+    rows = np.flatnonzero((exact[:, 2] > 0.9) & FIELD_14_DEG.contains(FIELD_14_DEG.pixels(exact)))[:28]
+    return rows, exact[rows]
+
+
+def test_an_object_at_the_place_of_a_star_is_that_star(stars):
+    rows, exact = shown(stars)
+    px = FIELD_14_DEG.pixels(exact)
+    px[3] += [0.0, 2.0]
+    px[5] += [20.0, 0.0]
+    named = Identification(np.array([0, 1, 2]), rows[:3], 1e-9)
+    (found,) = LeftOutStars(FIELD_14_DEG, stars).of([named], [FIELD_14_DEG.directions(px)], frames(1))
+    assert found.objects.tolist() == [3, 4, *range(6, len(rows))]
+    assert found.stars.tolist() == [rows[3], rows[4], *rows[6:]]
+    assert found.residuals_arcsec[0] == pytest.approx([0.0, 2 * FIELD_14_DEG.pixel_rad * 206264.8], abs=0.5)
+    assert np.abs(found.residuals_arcsec[1:]).max() < 0.1
+
+
+def test_of_two_objects_at_one_star_the_nearer_is_the_star_and_a_named_star_is_not_found_again(stars):
+    rows, exact = shown(stars)
+    offset_px = np.array([[0, 0], [0, 0], [0, 0], [1.5, 0], [0.5, 0], [1, 0]])
+    px = FIELD_14_DEG.pixels(exact[[0, 1, 2, 3, 3, 0]]) + offset_px
+    named = Identification(np.array([0, 1, 2]), rows[:3], 1e-9)
+    (found,) = LeftOutStars(FIELD_14_DEG, stars).of([named], [FIELD_14_DEG.directions(px)], frames(1))
+    assert (found.objects.tolist(), found.stars.tolist()) == ([4], [rows[3]])
+
+
+def test_air_biases_the_stars_that_the_neighbour_technique_names_but_not_all_that_the_frames_show(stars):
+    rows, exact = shown(stars)
+    rng = np.random.default_rng(4)
+    places = FIELD_14_DEG.pixels(AIR.added(exact, ZENITH))
+    seen = [FIELD_14_DEG.directions(places + rng.normal(0, NOISE_PX, places.shape)) for _ in range(FRAMES)]
+    light = np.arange(len(rows), 0, -1.0)
+    identifier = NeighbourIdentifier(stars, FIELD_14_DEG, IdentifierOptions())
+    named = identifier.identify_many([(one, light) for one in seen])
+    chosen = [_scale(one, answer.objects, answer.stars, stars) for one, answer in zip(seen, named, strict=True)]
+    left_out = LeftOutStars(FIELD_14_DEG, stars).of(named, seen, frames(FRAMES))
+    whole = [
+        _scale(one, np.append(answer.objects, rest.objects), np.append(answer.stars, rest.stars), stars)
+        for one, answer, rest in zip(seen, named, left_out, strict=True)
+    ]
+    assert 512 * (np.mean(chosen) - 1) > 0.04  # px at the edge of the field
+    assert abs(512 * (np.mean(whole) - 1)) < 0.02
+
+
+def _scale(seen, objects, of_star, stars):
+    """How much wider the stars stand than they do, freed of air."""
+    straight = AIR.removed(seen.take(objects, axis=0), ZENITH)
+    attitude = solve_attitude(straight, stars.icrs[of_star], 1e-4).icrs_to_sensor
+    expected, measured = ((v[:, :2] / v[:, 2:]) for v in (stars.icrs[of_star] @ attitude.T, straight))
+    about = expected - expected.mean(axis=0)
+    return float((about * measured).sum() / (about * expected).sum())
+
+
+def test_residuals_are_free_of_aberration_and_air_where_the_sky_is_known(stars):
+    utc_ns = 1_774_000_000_000_000_000
+    truth = SiderealTruth(
+        Site(latitude_deg=48.0, longitude_deg=11.0, height_m=300.0), EarthOrientation.from_disk(utc_ns)
+    )
+    to_horizon = truth.icrs_to_horizon(utc_ns)
+    zenith_icrs = to_horizon[2]
+    up = 0.7 * zenith_icrs + 0.6 * np.cross(zenith_icrs, [0.0, 0.0, 1.0])
+    up /= np.linalg.norm(up)
+    side = np.cross(up, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+    looking = np.array([side, np.cross(up, side), up])
+    apparent = truth.apparent(stars.icrs, utc_ns) @ looking.T
+    rows = np.flatnonzero((apparent[:, 2] > 0.9) & FIELD_14_DEG.contains(FIELD_14_DEG.pixels(apparent)))[:20]
+    seen = truth.refraction.added(apparent[rows], looking @ zenith_icrs)
+    known = SolvedFrames(looking[None], looking[None], truth, np.array([utc_ns]), to_horizon[None])
+    named = Identification(np.array([0]), rows[:1], 1e-9)
+    (found,) = LeftOutStars(FIELD_14_DEG, stars).of([named], [seen], known)
+    assert found.stars.tolist() == rows[1:].tolist()
+    assert np.abs(found.residuals_arcsec).max() < 0.01
+    unknown = replace(known, truth=None, icrs_to_horizon=None)
+    (found,) = LeftOutStars(FIELD_14_DEG, stars).of([named], [seen], unknown)
+    assert np.abs(found.residuals_arcsec).max() > 10
