@@ -28,7 +28,7 @@ from gse.attitude import solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog
 from gse.evaluation.frames import Conditions, FrameMaker, Optics, SimulatedFrame
-from gse.identifier import Identification, Identifier, make_identifier
+from gse.identifier import Identification, Identifier, ObjectColumns, make_identifier
 from gse.identifier.robust import KnownSensor, RobustIdentifier
 from gse.identifier_options import IdentifierOptions
 from gse.spiral import spiral_directions
@@ -249,8 +249,8 @@ def many_and_tracking(catalog: StarCatalog, seed: int) -> None:
     """Panoramas per second in one call, and the time of tracking, camera B nominal."""
     identifier = robust_for(OPTICS["B"], catalog)
     frames = frames_of(OPTICS["B"], CONDITIONS["nominal"], catalog, 1000, seed)
-    panoramas = [(frame.directions_sensor, frame.brightness) for frame in frames]
-    identifier.identify_many(panoramas[:20])
+    panoramas = ObjectColumns.of([(frame.directions_sensor, frame.brightness) for frame in frames])
+    identifier.identify_many(ObjectColumns.of([(frame.directions_sensor, frame.brightness) for frame in frames[:20]]))
     started = time.thread_time()
     identifier.identify_many(panoramas)
     print(f"many panoramas in one call, B nominal: {len(panoramas) / (time.thread_time() - started):.0f} per second")

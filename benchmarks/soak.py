@@ -65,7 +65,7 @@ def noise(folder: Path, count: int) -> Iterator[None]:
         for number in range(count // NOISE_BYTES):
             chunk = Chunk(10**18 + number * 22_000_000, number * 22_000_000, rng.randbytes(NOISE_BYTES))
             recorder.rx(chunk)
-            reception.receive(chunk)
+            reception.receive(reception.stream.feed(chunk))
             if number == count // NOISE_BYTES // 10:
                 yield
         yield

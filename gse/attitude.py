@@ -56,24 +56,69 @@ class Attitude:
     @property
     def ra_deg(self) -> float:
         """Right ascension of the boresight, 0 <= RA < 360."""
-        return float(angles_deg([self])[0, 0])
+        return float(angles_deg(self.icrs_to_sensor[None])[0, 0])
 
     @property
     def de_deg(self) -> float:
         """Declination of the boresight."""
-        return float(angles_deg([self])[0, 1])
+        return float(angles_deg(self.icrs_to_sensor[None])[0, 1])
 
     @property
     def roll_deg(self) -> float:
         """Position angle of image up (towards row 0) at the boresight, from north through east, 0 <= roll < 360."""
-        return float(angles_deg([self])[0, 2])
+        return float(angles_deg(self.icrs_to_sensor[None])[0, 2])
 
 
-def angles_deg(attitudes: Sequence[Attitude]) -> NDArray[np.float64]:
-    """RA, DE and roll (K, 3) of attitudes, as ``Attitude`` gives them one by one."""
-    rotations = np.array([attitude.icrs_to_sensor for attitude in attitudes], dtype=np.float64).reshape(-1, 3, 3)
-    angles = np.empty((len(rotations), 3))
-    _angles(rotations, angles)
+@dataclass(frozen=True, slots=True, eq=False)
+class Attitudes:
+    """Attitudes of K panoramas as columns, NaN where there is none; ``attitudes[k]`` is one of them or None.
+
+    ``icrs_to_sensor`` and ``covariance_rad2`` are (K, 3, 3).
+    """
+
+    icrs_to_sensor: NDArray[np.float64]
+    covariance_rad2: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, attitudes: Sequence[Attitude | None]) -> Self:
+        """The columns of attitudes given one by one."""
+        made = cls.none(len(attitudes))
+        for k, attitude in enumerate(attitudes):
+            if attitude is not None:
+                made.icrs_to_sensor[k], made.covariance_rad2[k] = attitude.icrs_to_sensor, attitude.covariance_rad2
+        return made
+
+    @classmethod
+    def none(cls, count: int) -> Self:
+        """No attitude for so many panoramas."""
+        return cls(np.full((count, 3, 3), np.nan), np.full((count, 3, 3), np.nan))
+
+    def __len__(self) -> int:
+        return len(self.icrs_to_sensor)
+
+    def __getitem__(self, k: int) -> Attitude | None:
+        rotation = self.icrs_to_sensor[k]
+        return None if math.isnan(rotation[2, 2]) else Attitude(rotation, self.covariance_rad2[k])
+
+    @property
+    def boresights_icrs(self) -> NDArray[np.float64]:
+        """Unit vectors (K, 3) of the boresights in ICRS axes."""
+        boresights: NDArray[np.float64] = self.icrs_to_sensor[:, 2]
+        return boresights
+
+    def among(self, places: NDArray[np.bool_]) -> Self:
+        """These attitudes at the places that are true, none at the others."""
+        if len(self) == len(places):
+            return self
+        made = self.none(len(places))
+        made.icrs_to_sensor[places], made.covariance_rad2[places] = self.icrs_to_sensor, self.covariance_rad2
+        return made
+
+
+def angles_deg(icrs_to_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
+    """RA, DE and roll (K, 3) of rotations (K, 3, 3), as ``Attitude`` gives them one by one; NaN of NaN."""
+    angles = np.empty((len(icrs_to_sensor), 3))
+    _angles(np.ascontiguousarray(icrs_to_sensor, dtype=np.float64), angles)
     return angles
 
 
@@ -104,13 +149,13 @@ def solve_attitude(
 
 def solve_attitudes(
     directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64], ends: NDArray[np.int64], sigma_rad: float
-) -> list[Attitude]:
+) -> Attitudes:
     """``solve_attitude`` for K panoramas: panorama k has the rows from ``ends[k - 1]`` (or 0) to ``ends[k]``."""
     measured, stars = _rows_of_three(directions_sensor), _rows_of_three(stars_icrs)
     attitudes = np.empty((len(ends), 2, 3, 3))
     if _solve_each(measured, stars, ends, sigma_rad**-2.0, attitudes) < len(ends):
         raise ValueError("the directions are parallel or not finite: they do not fix an attitude")
-    return [Attitude(rotation, covariance_rad2) for rotation, covariance_rad2 in attitudes]
+    return Attitudes(attitudes[:, 0], attitudes[:, 1])
 
 
 def paper_mean(attitude: Attitude, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64]) -> Attitude:

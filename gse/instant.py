@@ -18,6 +18,11 @@ LAST_NS = 9_000_000_000 * NS_PER_S
 _RFC_3339 = re.compile(r"(\d{4}-\d{2}-\d{2})[T ](\d{2}:\d{2}:\d{2})(?:\.(\d{1,9}))?Z")
 
 
+def bounded(stamp_ns: int) -> int:
+    """A stamp within what an instant can be."""
+    return min(max(stamp_ns, 0), LAST_NS)
+
+
 def to_text(utc_ns: int, digits: int = 6) -> str:
     """RFC 3339 with Z, cut (not rounded) to ``digits`` decimals of a second."""
     seconds, ns = divmod(utc_ns, NS_PER_S)

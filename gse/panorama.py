@@ -1,9 +1,13 @@
-"""A panorama: the objects that the sensor saw in one exposure."""
+"""Panoramas: the objects that the sensor saw in an exposure, one by one or many as columns."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from gse.parts import Parts
 
 MAX_OBJECTS = 30
 """Slots of a panorama, [S] section 2."""
@@ -32,3 +36,92 @@ class Panorama:
     temperature_c: float = float("nan")
     flags: frozenset[str] = field(default_factory=frozenset)
     wire_rows: NDArray[np.int64] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Panoramas:
+    """K panoramas as columns, in their order; ``panoramas[k]`` is one of them.
+
+    Objects are the rows of ``xy_px`` (M, 2), ``brightness`` (M,) and ``wire_rows`` (M,), in ``parts``. All else has one
+    value for each panorama.
+    """
+
+    parts: Parts
+    xy_px: NDArray[np.float64]
+    brightness: NDArray[np.float64]
+    wire_rows: NDArray[np.int64]
+    utc_ns: NDArray[np.int64]
+    host_utc_ns: NDArray[np.int64]
+    time_us: NDArray[np.int64]
+    frame_no: NDArray[np.int64]
+    sequence: NDArray[np.int64]
+    exposure_s: NDArray[np.float64]
+    temperature_c: NDArray[np.float64]
+    flags: Sequence[frozenset[str]]
+    problems: Sequence[tuple[str, ...]]
+
+    @classmethod
+    def of(cls, panoramas: Sequence[Panorama]) -> Self:
+        """The columns of panoramas given one by one."""
+
+        wire_rows = [
+            np.arange(len(panorama.brightness)) if panorama.wire_rows is None else panorama.wire_rows
+            for panorama in panoramas
+        ]
+        return cls(
+            Parts.of_counts([len(panorama.brightness) for panorama in panoramas]),
+            np.concatenate([np.zeros((0, 2)), *(panorama.xy_px for panorama in panoramas)], dtype=np.float64),
+            np.concatenate([np.zeros(0), *(panorama.brightness for panorama in panoramas)], dtype=np.float64),
+            np.concatenate([np.zeros(0, dtype=np.int64), *wire_rows]),
+            np.array([panorama.utc_ns for panorama in panoramas], dtype=np.int64),
+            np.array([panorama.host_utc_ns for panorama in panoramas], dtype=np.int64),
+            np.array([panorama.time_us for panorama in panoramas], dtype=np.int64),
+            np.array([panorama.frame_no for panorama in panoramas], dtype=np.int64),
+            np.array([panorama.sequence for panorama in panoramas], dtype=np.int64),
+            np.array([panorama.exposure_s for panorama in panoramas], dtype=np.float64),
+            np.array([panorama.temperature_c for panorama in panoramas], dtype=np.float64),
+            [panorama.flags for panorama in panoramas],
+            [panorama.problems for panorama in panoramas],
+        )
+
+    def __len__(self) -> int:
+        return len(self.parts)
+
+    def __getitem__(self, k: int) -> Panorama:
+        rows = self.parts.rows(k)
+        return Panorama(
+            utc_ns=int(self.utc_ns[k]),
+            xy_px=self.xy_px[rows],
+            brightness=self.brightness[rows],
+            frame_no=int(self.frame_no[k]),
+            exposure_s=float(self.exposure_s[k]),
+            time_us=int(self.time_us[k]),
+            host_utc_ns=int(self.host_utc_ns[k]),
+            sequence=int(self.sequence[k]),
+            problems=self.problems[k],
+            temperature_c=float(self.temperature_c[k]),
+            flags=self.flags[k],
+            wire_rows=self.wire_rows[rows],
+        )
+
+    def __iter__(self) -> Iterator[Panorama]:
+        return (self[k] for k in range(len(self)))
+
+    def part(self, begin: int, end: int) -> Self:
+        """The panoramas from ``begin`` to before ``end``."""
+        rows, each = slice(int(self.parts.first[begin]), int(self.parts.first[end])), slice(begin, end)
+        return type(self)(
+            Parts(self.parts.first[begin : end + 1] - self.parts.first[begin]),
+            self.xy_px[rows],
+            self.brightness[rows],
+            self.wire_rows[rows],
+            self.utc_ns[each],
+            self.host_utc_ns[each],
+            self.time_us[each],
+            self.frame_no[each],
+            self.sequence[each],
+            self.exposure_s[each],
+            self.temperature_c[each],
+            self.flags[each],
+            self.problems[each],
+        )

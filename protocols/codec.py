@@ -5,11 +5,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from protocols.conversion import FieldCodec
 from protocols.errors import EncodeError
 from protocols.layout import MessageLayout
-from protocols.messages import Message, Other, PanoramaMessage
+from protocols.messages import Message, Other, PanoramaColumns, PanoramaMessage
 
 
 class MessageCodec:
@@ -63,47 +64,76 @@ class PanoramaCodec(MessageCodec):
         self._x, self._y, self._index = codecs["x"], codecs["y"], codecs["index"]
         self._checked_slots = tuple(field for field in codecs.values() if field.is_checked)
         self._has_floats = any(field.is_float for field in codecs.values())
-        self._end = self._slots.offset + self._slots.repeat * self._slots.dtype.itemsize
 
     def decode(self, payload: bytes) -> PanoramaMessage:
         """The panorama of a payload that has this type's length."""
+        return self.decode_many([payload])[0]
+
+    def decode_many(self, payloads: Sequence[bytes]) -> PanoramaColumns:
+        """The panoramas of payloads that have this type's length."""
         if self._has_floats:
             with np.errstate(invalid="ignore", over="ignore"):  # a signalling NaN, say: a problem, not a warning
-                return self._decode(payload)
-        return self._decode(payload)
+                return self._decode_many(payloads)
+        return self._decode_many(payloads)
 
-    def _decode(self, payload: bytes) -> PanoramaMessage:
-        values, problems = self._decode_fields(payload)
-        used = self._used(payload, values.pop("count", None), problems)
-        slots = np.frombuffer(payload, self._slots.dtype, used, self._slots.offset)
-        xy_px = np.empty((used, 2))
-        xy_px[:, 0] = self._x.values_of(slots["x"])
-        xy_px[:, 1] = self._y.values_of(slots["y"])
-        problems += self._problems(field.problem_among(slots[field.name]) for field in self._checked_slots)
-        return PanoramaMessage(
+    def _decode_many(self, payloads: Sequence[bytes]) -> PanoramaColumns:
+        whole = b"".join(payloads)
+        values, problems = self._values_of(whole, len(payloads))
+        used = self._used(whole, values.get("count"), problems)
+        first = np.zeros(len(payloads) + 1, dtype=np.int64)
+        np.cumsum(used, out=first[1:])
+        slots = self._slots_of(whole, self._slots.dtype, self._slots.dtype.itemsize)
+        objects = slots[np.arange(self._slots.repeat) < used[:, None]]
+        xy_px = np.empty((len(objects), 2))
+        xy_px[:, 0], xy_px[:, 1] = self._x.values_of(objects["x"]), self._y.values_of(objects["y"])
+        for field in self._checked_slots:
+            for k in dict.fromkeys(np.searchsorted(first, field.suspects(objects[field.name]), side="right").tolist()):
+                problem = field.problem_among(objects[field.name][first[k - 1] : first[k]])
+                problems[k - 1] += [] if problem is None else [problem]
+        return PanoramaColumns(
             time_us=values["time_us"],
-            frame_no=values.get("frame_no", 0),
-            exposure_s=values.get("exposure_s", 0.0),
-            flags=values.get("flags", frozenset()),
-            temperature_c=values.get("temperature_c", math.nan),
+            frame_no=values.get("frame_no", [0] * len(payloads)),
+            exposure_s=values.get("exposure_s", [0.0] * len(payloads)),
+            flags=values.get("flags", [frozenset()] * len(payloads)),
+            temperature_c=values.get("temperature_c", [math.nan] * len(payloads)),
+            first=first,
             xy_px=xy_px,
-            index=self._index.values_of(slots["index"]),
-            problems=tuple(problems),
+            index=self._index.values_of(objects["index"]),
+            problems=[tuple(found) for found in problems],
         )
 
-    def _used(self, payload: bytes, count: int | None, problems: list[str]) -> int:
-        """How many slots hold an object; without a count, up to the last that is not all zero."""
-        size = self._slots.dtype.itemsize
-        if count is None:
-            used = len(payload[self._slots.offset : self._end].rstrip(b"\0"))
-            return -(-used // size)
-        if count > self._slots.repeat:
-            problems.append(f"count is {count}, but there are {self._slots.repeat} slots")
-            return self._slots.repeat
-        unused = payload[self._slots.offset + count * size : self._end]
-        if unused.count(0) != len(unused):
-            problems.append(f"count is {count}, but a slot after that is not zero")
-        return count
+    def _values_of(self, whole: bytes, count: int) -> tuple[dict[str, list[Any]], list[list[str]]]:
+        """The values of all fields of so many payloads that follow each other, and the problems of each payload."""
+        problems: list[list[str]] = [[] for _ in range(count)]
+        if not self._fields:
+            return {}, problems
+        rows = np.frombuffer(whole, self.layout.dtype)
+        counts = [rows[field.name].tolist() for field in self._fields]
+        for at, field in self._checked:
+            for found, number in zip(problems, counts[at], strict=True):
+                if (problem := field.problem_of(number)) is not None:
+                    found.append(problem)
+        columns = zip(self._fields, counts, strict=True)
+        return {field.attribute: [field.value_of(number) for number in column] for field, column in columns}, problems
+
+    def _slots_of(self, whole: bytes, dtype: np.dtype[Any], step: int) -> NDArray[Any]:
+        """The slots of payloads that follow each other, (K, repeat) records or (K, bytes)."""
+        size = self._slots.repeat * self._slots.dtype.itemsize
+        shape = len(whole) // self.layout.size, size // step
+        return np.ndarray(shape, dtype, whole, self._slots.offset, (self.layout.size, step))
+
+    def _used(self, whole: bytes, counts: list[int] | None, problems: list[list[str]]) -> NDArray[np.int64]:
+        """How many slots (K,) hold an object; without a count, up to the last that is not all zero."""
+        size, repeat = self._slots.dtype.itemsize, self._slots.repeat
+        is_used = self._slots_of(whole, np.dtype(np.uint8), 1) != 0
+        last = np.where(is_used.any(axis=1), is_used.shape[1] - np.argmax(is_used[:, ::-1], axis=1), 0)
+        if counts is None:
+            return -(-last // size)
+        used = np.array([min(max(count, 0), repeat + 1) for count in counts], dtype=np.int64)
+        for k in ((used > repeat) | (last > used * size)).nonzero()[0].tolist():
+            many = f"there are {repeat} slots" if used[k] > repeat else "a slot after that is not zero"
+            problems[k].append(f"count is {counts[k]}, but {many}")
+        return np.minimum(used, repeat)
 
     def encode(self, message: Message) -> bytes:
         """The payload that says this panorama; EncodeError if a value does not fit."""

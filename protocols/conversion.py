@@ -110,6 +110,11 @@ class FieldCodec:
             return f"time is {count}: no sensor clock runs that long"
         return None
 
+    def suspects(self, counts: NDArray[Any]) -> NDArray[np.int64]:
+        """The places of many counts (N,) with which there may be a problem."""
+        low, high = self._bounds
+        return (~((counts >= low) & (counts <= high))).nonzero()[0]  # as NaN is not within
+
     def problem_among(self, counts: NDArray[Any]) -> str | None:
         """The problem with one of many counts (N,); None without one."""
         low, high = self._bounds

@@ -13,6 +13,7 @@ number that the protocol does not carry is NaN or 0, a word is empty.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -55,6 +56,40 @@ class PanoramaMessage(Message):
         )
 
     __hash__ = None  # type: ignore[assignment]  # it holds arrays
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PanoramaColumns:
+    """Panorama messages of which each object is a row; ``columns[k]`` is one of them.
+
+    Message k has the rows ``first[k]`` to before ``first[k + 1]`` of ``xy_px`` (M, 2) and ``index`` (M,).
+    """
+
+    time_us: Sequence[int]
+    frame_no: Sequence[int]
+    exposure_s: Sequence[float]
+    flags: Sequence[frozenset[str]]
+    temperature_c: Sequence[float]
+    first: NDArray[np.int64]
+    xy_px: NDArray[np.float64]
+    index: NDArray[np.float64]
+    problems: Sequence[tuple[str, ...]]
+
+    def __len__(self) -> int:
+        return len(self.time_us)
+
+    def __getitem__(self, k: int) -> PanoramaMessage:
+        rows = slice(self.first[k], self.first[k + 1])
+        return PanoramaMessage(
+            time_us=self.time_us[k],
+            frame_no=self.frame_no[k],
+            exposure_s=self.exposure_s[k],
+            flags=self.flags[k],
+            temperature_c=self.temperature_c[k],
+            xy_px=self.xy_px[rows],
+            index=self.index[rows],
+            problems=self.problems[k],
+        )
 
 
 def _same(a: float, b: float) -> bool:

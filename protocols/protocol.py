@@ -1,6 +1,7 @@
 """Compiled protocol, ready to decode and encode."""
 
 import reprlib
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from protocols.description import Description
 from protocols.errors import DescriptionError, EncodeError
 from protocols.frame import Frame
 from protocols.layout import FrameLayout, compile_frame, compile_messages
-from protocols.messages import Message, Other
+from protocols.messages import Message, Other, PanoramaColumns
 from protocols.reading import MAX_TEXT, Source, read_document, validate
 from protocols.slip import packed
 from protocols.vocabulary import NAME_OF
@@ -74,6 +75,12 @@ class Protocol:
     def decode(self, frame: Frame) -> Message:
         """The message of a frame of this protocol's own decoder; invalid values are listed in its ``problems``."""
         return self._codecs[frame.type].decode(frame.payload)
+
+    def decode_panoramas(self, frames: Sequence[Frame]) -> PanoramaColumns:
+        """The messages of PANORAMA frames, as columns."""
+        codec = self._codecs["PANORAMA"]
+        assert isinstance(codec, PanoramaCodec)
+        return codec.decode_many([frame.payload for frame in frames])
 
     def encode(self, message: Message, sequence: int, flags: int = 0) -> bytes:
         """The bytes on the wire that say this message, its sequence number wrapped as the protocol does.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from drivers.chunk import LinkEvent
 from gse.instant import NS_PER_S
 from gse.station.event_kinds import FindingEvent, StationKind
-from gse.station.results import FrameResult
+from gse.station.frame_results import NewResults
 from gse.station.session_data import SessionData
 
 FIRST_AFTER_S = 10.0
@@ -26,9 +26,12 @@ class LiveDiagnosis:
     _due_ns: int = 0
     _known: set[str] = field(default_factory=set)
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
+    def on_results(self, results: NewResults, session: SessionData) -> None:
         """Look, where it is time."""
-        utc_ns = result.panorama.utc_ns
+        for utc_ns in results.rows["utc_ns"].tolist():
+            self._look(utc_ns, session)
+
+    def _look(self, utc_ns: int, session: SessionData) -> None:
         if self._begun_ns is None:
             self._begun_ns, self._due_ns = utc_ns, utc_ns + round(FIRST_AFTER_S * NS_PER_S)
         if utc_ns < self._due_ns:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import pyarrow as pa
 
 from drivers.chunk import LinkEvent
+from gse.station.frame_results import NewResults
 from gse.station.non_stellar import HOT_PIXEL, MAX_HOT
-from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 
 COLUMN = pa.field(
@@ -23,12 +23,13 @@ class HotPixelCounter:
     def __init__(self) -> None:
         self._frames: Counter[tuple[int, int]] = Counter()
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
+    def on_results(self, results: NewResults, session: SessionData) -> None:
         """Count the hot pixels of a panorama."""
-        for row, kind in result.others:
-            if kind == HOT_PIXEL:
-                x_px, y_px = result.panorama.xy_px[row]
-                self._frames[round(float(x_px)), round(float(y_px))] += 1
+        for result in results:
+            for row, kind in result.others:
+                if kind == HOT_PIXEL:
+                    x_px, y_px = result.panorama.xy_px[row]
+                    self._frames[round(float(x_px)), round(float(y_px))] += 1
 
     def on_event(self, event: LinkEvent) -> None:
         """Events tell nothing of pixels."""

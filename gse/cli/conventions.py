@@ -56,16 +56,19 @@ def _session(path: Path, station_path: Path | None, seconds: float) -> "SessionD
     """The session up to the end of the stretch."""
     from gse.instant import NS_PER_S
     from gse.sessions.replay import replay_session
-    from gse.station.results import FrameResult
+    from gse.station.frame_results import FrameResults
 
     begun: list[int] = []
 
     def stop() -> bool:
         return len(begun) > 1 and begun[1] - begun[0] > (seconds + 1) * NS_PER_S
 
-    def each(results: list[FrameResult]) -> None:
+    def each(results: list[FrameResults]) -> None:
         if results:
-            begun[:] = [begun[0] if begun else results[0].panorama.utc_ns, results[-1].panorama.utc_ns]
+            begun[:] = [
+                begun[0] if begun else int(results[0].panoramas.utc_ns[0]),
+                int(results[-1].panoramas.utc_ns[-1]),
+            ]
 
     return replay_session(path, station=change_to(station_path, None), stop=stop, each=each, tell=say).session
 

@@ -21,6 +21,7 @@ from gse.cli.options import (
 )
 from gse.instant import to_text
 from gse.station.frame_json import frame_json
+from gse.station.frame_results import NewResults
 from gse.station.loop import Listener, StationLoop
 from gse.station.notes import Notes
 from gse.station.results import FrameResult
@@ -54,9 +55,10 @@ live_options = gathered(
 class JsonFrames:
     """Each frame as one line of JSON on stdout."""
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Print the frame."""
-        click.echo(json.dumps(frame_json(result)))
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        """Print the frames."""
+        for result in results:
+            click.echo(json.dumps(frame_json(result)))
 
     def on_event(self, event: LinkEvent) -> None:
         """Events are not frames."""
@@ -69,11 +71,12 @@ class Steps:
         self._pausing = True
         click.echo("Enter: next panorama; c and Enter: go on to the end", err=True)
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Print the frame's result, and wait for Enter."""
-        if self._pausing:
-            click.echo(_frame_text(result), err=True)
-            self._pausing = sys.stdin.readline() == "\n"
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        """Print each frame's result, and wait for Enter."""
+        for result in results:
+            if self._pausing:
+                click.echo(_frame_text(result), err=True)
+                self._pausing = sys.stdin.readline() == "\n"
 
     def on_event(self, event: LinkEvent) -> None:
         """Events are shown by the status line."""
@@ -106,6 +109,7 @@ class LiveOutputs:
         if self._options.view != "none" or self._options.save_rrd is not None:
             listeners.append(self._open_view(loop, folder))
         if self._step:
+            loop.most_at_once = 1
             listeners.append(Steps())
         return [*listeners, _live_diagnosis(listeners)] if self._diagnose else listeners
 

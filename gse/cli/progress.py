@@ -12,8 +12,8 @@ from drivers.session_file.reader import messages
 from drivers.session_file.records import RX
 from gse.cli.options import say
 from gse.sessions.replay import Replay, ReplayOptions, StationText, replay_session
+from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
-from gse.station.results import FrameResult
 
 if TYPE_CHECKING:
     from gse.sessions.judged import Judged
@@ -41,7 +41,7 @@ def replay_with_progress(
             loops.append(loop)
             return make_listeners(loop, folder)
 
-        def each(results: list[FrameResult]) -> None:
+        def each(results: list[FrameResults]) -> None:
             progress.update(task, completed=loops[0].session.link.bytes_in)
 
         return replay_session(path, options=options, station=station, make_listeners=listeners_of, each=each, tell=say)

@@ -5,7 +5,6 @@ time nor where the sensor should look.
 """
 
 import math
-from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -14,10 +13,18 @@ from numpy.typing import NDArray
 from gse.camera import Camera
 from gse.catalog import StarCatalog, brightest_per_field, mission_catalog
 from gse.errors import UsageError
-from gse.identifier.result import Identification, Reason, Unidentified
+from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified
 from gse.identifier_options import IdentifierOptions
 
-__all__ = ["Identification", "Identifier", "Reason", "Unidentified", "make_identifier"]
+__all__ = [
+    "Answers",
+    "Identification",
+    "Identifier",
+    "ObjectColumns",
+    "Reason",
+    "Unidentified",
+    "make_identifier",
+]
 
 
 class Identifier(Protocol):
@@ -33,9 +40,7 @@ class Identifier(Protocol):
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
         ...
 
-    def identify_many(
-        self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
-    ) -> Sequence[Identification | Unidentified]:
+    def identify_many(self, objects: ObjectColumns) -> Answers:
         """The answers to many panoramas, each as for ``identify``."""
         ...
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.identifier.neighbour import NeighbourIdentifier
-from gse.identifier.result import Identification
+from gse.identifier.result import Identification, ObjectColumns
 from gse.identifier_options import IdentifierOptions
 from gse.panorama import Panorama
 
@@ -68,7 +68,9 @@ def _answers(
     panoramas: Sequence[Panorama], camera: Camera, identifier: NeighbourIdentifier, most_by_chance: float
 ) -> list[_Answer]:
     directions = [camera.directions(panorama.xy_px) for panorama in panoramas]
-    objects = [(seen, panorama.brightness) for seen, panorama in zip(directions, panoramas, strict=True)]
+    objects = ObjectColumns.of(
+        [(seen, panorama.brightness) for seen, panorama in zip(directions, panoramas, strict=True)]
+    )
     return [
         (seen, answer)
         for seen, answer in zip(directions, identifier.identify_many(objects), strict=True)

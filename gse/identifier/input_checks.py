@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.identifier.result import Reason, Unidentified
+from gse.identifier.result import ObjectColumns, Reason, Unidentified, check_shapes
 from gse.jit import compiled
 from gse.panorama import MAX_OBJECTS
 
@@ -21,29 +21,47 @@ _COMPLAINTS = {
 }
 
 
+def refusals(objects: ObjectColumns, fewest: int) -> dict[int, Unidentified]:
+    """Why panoramas cannot be identified at all, by their place: the sensor's faults are answers."""
+    counts = objects.parts.counts
+    refused: dict[int, Unidentified] = {}
+    for k in ((counts > MAX_OBJECTS) | (counts < fewest)).nonzero()[0].tolist():
+        refused[k] = _wrong_number(int(counts[k]), fewest)
+    complaints = np.empty(len(objects), dtype=np.int64)
+    _put_complaints(objects.directions_sensor, objects.brightness, objects.parts.first, complaints)
+    for k in complaints.nonzero()[0].tolist():
+        refused.setdefault(k, Unidentified(Reason.SENSOR_FAULT, _COMPLAINTS[int(complaints[k])]))
+    return refused
+
+
 def refusal(
     directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64], fewest: int
 ) -> Unidentified | None:
-    """Why a panorama cannot be identified at all, or None.
-
-    The sensor's faults are answers; shapes that do not belong together are the caller's: ValueError.
-    """
-    if (
-        directions_sensor.ndim != 2
-        or directions_sensor.shape[1] != 3
-        or brightness.shape != directions_sensor.shape[:1]
-    ):
-        raise ValueError(
-            f"directions came with the shape {directions_sensor.shape} and index values with {brightness.shape}; "
-            "expected (N, 3) and (N,)"
-        )
-    objects = len(brightness)
-    if objects > MAX_OBJECTS:
-        return Unidentified(Reason.SENSOR_FAULT, f"{objects} objects: a panorama holds at most {MAX_OBJECTS}")
-    if objects < fewest:
-        return Unidentified(Reason.TOO_FEW, f"{objects} object(s): at least {fewest} are needed")
+    """Why one panorama cannot be identified, or None; ValueError where shapes do not belong together."""
+    check_shapes(directions_sensor, brightness)
+    if not fewest <= len(brightness) <= MAX_OBJECTS:
+        return _wrong_number(len(brightness), fewest)
     complaint = _COMPLAINTS.get(_soundness(directions_sensor, brightness))
     return Unidentified(Reason.SENSOR_FAULT, complaint) if complaint else None
+
+
+def _wrong_number(objects: int, fewest: int) -> Unidentified:
+    if objects > MAX_OBJECTS:
+        return Unidentified(Reason.SENSOR_FAULT, f"{objects} objects: a panorama holds at most {MAX_OBJECTS}")
+    return Unidentified(Reason.TOO_FEW, f"{objects} object(s): at least {fewest} are needed")
+
+
+@compiled
+def _put_complaints(
+    directions: NDArray[np.float64],
+    brightness: NDArray[np.float64],
+    first: NDArray[np.int64],
+    complaints: NDArray[np.int64],
+) -> None:
+    """Put what is wrong with each panorama into ``complaints`` (K,)."""
+    for k in range(len(complaints)):
+        rows = slice(first[k], first[k + 1])
+        complaints[k] = _soundness(directions[rows], brightness[rows])
 
 
 @compiled

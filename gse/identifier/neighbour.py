@@ -22,8 +22,6 @@ are none. ``alpha: central`` takes the brightest object near the boresight, ``fi
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +29,13 @@ from numpy.typing import NDArray
 from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.identifier.acceptance import RandomSky, misfit
-from gse.identifier.input_checks import refusal
-from gse.identifier.neighbour_batch import best_vote_many, first_fit_many
+from gse.identifier.input_checks import refusals
+from gse.identifier.neighbour_batch import Found, best_vote_many, first_fit_many
 from gse.identifier.neighbour_search import EVERYWHERE, Limits
-from gse.identifier.result import Identification, Reason, Unidentified
+from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified, answered
 from gse.identifier.tables import field_diameter_rad, pair_table, tolerance_rad
 from gse.identifier_options import IdentifierOptions
+from gse.parts import Parts
 
 
 class NeighbourIdentifier:
@@ -65,39 +64,37 @@ class NeighbourIdentifier:
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
-        return self.identify_many([(directions_sensor, brightness)])[0]
+        return self.identify_many(ObjectColumns.of([(directions_sensor, brightness)]))[0]
 
-    def identify_many(
-        self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
-    ) -> list[Identification | Unidentified]:
+    def identify_many(self, objects: ObjectColumns) -> Answers:
         """The answers to many panoramas, each as for ``identify``, by one search that lets other threads run."""
-        answers = [
-            refusal(
-                np.ascontiguousarray(directions, dtype=np.float64),
-                np.ascontiguousarray(brightness, dtype=np.float64),
-                self._limits.min_fit + 1,
-            )
-            for directions, brightness in panoramas
-        ]
-        sound = [directions for (directions, _), refused in zip(panoramas, answers, strict=True) if refused is None]
-        found = iter(self._found(sound) if sound else ())
-        return [refused or next(found) for refused in answers]
+        return answered(objects, refusals(objects, self._limits.min_fit + 1), self._found)
 
-    def _found(self, directions_sensor: list[NDArray[np.float64]]) -> Iterator[Identification | Unidentified]:
+    def _found(self, objects: ObjectColumns) -> Answers:
         """The answers to panoramas that nothing is wrong with."""
-        counts = [len(directions) for directions in directions_sensor]
-        whole = np.concatenate(directions_sensor, dtype=np.float64)
-        found = self._search(whole, np.cumsum([0, *counts]), self.catalog.icrs, self._table, self._limits)
-        columns = pairwise(found.ends.tolist()), found.alphas.tolist(), found.rms_rad.tolist()
-        for directions, (begin, end), alphas, rms_rad in zip(directions_sensor, *columns, strict=True):
-            if alphas < 0:
-                yield Unidentified(Reason.AMBIGUOUS, "two catalogue stars reach the greatest fit equally well")
-                continue
-            if begin == end:
-                reached = f"no catalogue star reached a fit of {self._limits.min_fit}"
-                yield Unidentified(Reason.NO_MATCH, f"{reached} with any of {alphas} alpha star(s)")
-                continue
-            probability = self._sky.false_match_probability(len(directions), end - begin - 1, alphas)
-            answer = Identification(found.objects[begin:end], found.stars[begin:end], probability)
-            fits = rms_rad <= self._tolerance_rad or not self._check
-            yield answer if fits else misfit(answer, directions, self.catalog.icrs, rms_rad, self._tolerance_rad)
+        directions, first = objects.directions_sensor, objects.parts.first
+        found = self._search(directions, first, self.catalog.icrs, self._table, self._limits)
+        parts = Parts(found.ends)
+        columns = objects.parts.counts.tolist(), parts.counts.tolist(), found.alphas.tolist()
+        probability = np.array(
+            [
+                self._sky.false_match_probability(n, m - 1, alphas) if m else math.nan
+                for n, m, alphas in zip(*columns, strict=True)
+            ]
+        )
+        size = int(found.ends[-1])
+        answers = Answers(parts, found.objects[:size], found.stars[:size], probability, {})
+        off = found.rms_rad > self._tolerance_rad if self._check else np.zeros(len(objects), dtype=np.bool_)
+        wrong = (off | (found.alphas < 0) | (parts.counts == 0)).nonzero()[0].tolist()
+        return answers.but({k: self._unidentified(k, answers, found, directions[objects.parts.rows(k)]) for k in wrong})
+
+    def _unidentified(self, k: int, answers: Answers, found: Found, directions: NDArray[np.float64]) -> Unidentified:
+        """Why what was found for panorama k is no answer."""
+        alphas, answer = int(found.alphas[k]), answers[k]
+        if alphas < 0:
+            return Unidentified(Reason.AMBIGUOUS, "two catalogue stars reach the greatest fit equally well")
+        assert isinstance(answer, Identification)
+        if not len(answer.stars):
+            reached = f"no catalogue star reached a fit of {self._limits.min_fit}"
+            return Unidentified(Reason.NO_MATCH, f"{reached} with any of {alphas} alpha star(s)")
+        return misfit(answer, directions, self.catalog.icrs, float(found.rms_rad[k]), self._tolerance_rad)

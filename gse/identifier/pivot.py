@@ -17,8 +17,6 @@ The paper leaves open how far "best concurrence" reaches and which members a lat
 published success is met within a point.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,7 +37,7 @@ from gse.identifier.pivot_search import (
     PivotSky,
     search,
 )
-from gse.identifier.result import Identification, Reason, Unidentified
+from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified
 from gse.identifier.tables import field_diameter_rad, pair_table, tolerance_rad
 from gse.identifier_options import IdentifierOptions
 
@@ -113,14 +111,12 @@ class PivotIdentifier:
             return self._everywhere
         return np.asarray(self._sky.around[np.unique(self._sky.cell[before])].any(axis=0))
 
-    def identify_many(
-        self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
-    ) -> list[Identification | Unidentified]:
+    def identify_many(self, objects: ObjectColumns) -> Answers:
         """The answers to many panoramas that follow each other, each as for ``identify``.
 
         With ``a_priori: cells`` each is looked for where the one before was; after one without an answer, everywhere.
         """
-        return [self._next(*objects) for objects in panoramas]
+        return Answers.of([self._next(*seen) for seen in objects])
 
     def _next(self, directions: NDArray[np.float64], brightness: NDArray[np.float64]) -> Identification | Unidentified:
         answer = self.identify(directions, brightness, before=self._before)

@@ -47,9 +47,7 @@ machine. The sources of the parts are in docs/references.md.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -61,12 +59,13 @@ from gse.catalog import StarCatalog, merge_doubles
 from gse.catalog.mission import MERGED_WITHIN_PX
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_UNAMBIGUOUS, TRUSTED_SCALE_SIGMA
 from gse.identifier.hypotheses import search, search_many
-from gse.identifier.input_checks import refusal
-from gse.identifier.result import Identification, Reason, Unidentified
+from gse.identifier.input_checks import refusal, refusals
+from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified, answered
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
-from gse.identifier.tangent_plane import Noise, outside_field
+from gse.identifier.tangent_plane import Noise, outside_field, outside_fields
 from gse.identifier.tracking import follow
+from gse.parts import Parts
 
 _FEWEST_OBJECTS = 3
 
@@ -151,7 +150,7 @@ class RobustIdentifier:
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
-        return self.identify_many([(directions_sensor, brightness)])[0]
+        return self.identify_many(ObjectColumns.of([(directions_sensor, brightness)]))[0]
 
     def track(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64], previous: Attitude
@@ -175,31 +174,32 @@ class RobustIdentifier:
         directions, brightness = _contiguous(directions_sensor, brightness)
         return _false_match_probability(search(self._sky, directions, brightness, self._plan, self._noise)[0])
 
-    def identify_many(
-        self, panoramas: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
-    ) -> list[Identification | Unidentified]:
+    def identify_many(self, objects: ObjectColumns) -> Answers:
         """The answers to many panoramas, each as for ``identify``, by one search that lets other threads run."""
-        objects = [_contiguous(directions_sensor, brightness) for directions_sensor, brightness in panoramas]
-        refusals = [self._refusal(directions, brightness) for directions, brightness in objects]
-        found = iter(self._found([one for one, refused in zip(objects, refusals, strict=True) if refused is None]))
-        return [refused or next(found) for refused in refusals]
+        refused = refusals(objects, _FEWEST_OBJECTS)
+        outside = np.empty(len(objects), dtype=np.int64)
+        outside_fields(objects.directions_sensor, objects.parts.first, self._field, outside)
+        for k in (outside >= 0).nonzero()[0].tolist():
+            refused.setdefault(k, _outside(int(outside[k])))
+        return answered(objects, refused, self._found)
 
-    def _found(
-        self, sound: list[tuple[NDArray[np.float64], NDArray[np.float64]]]
-    ) -> list[Identification | Unidentified]:
+    def _found(self, objects: ObjectColumns) -> Answers:
         """The answers to panoramas that nothing is wrong with."""
-        if not sound:
-            return []
-        directions, brightness = (np.concatenate(parts) for parts in zip(*sound, strict=True))
-        counts = [len(brightness) for _, brightness in sound]
-        evidence, mirrored, ends, objects, stars = search_many(
-            self._sky, directions, brightness, np.cumsum([0, *counts]), self._plan, self._noise
+        evidence, mirrored, ends, found, stars = search_many(
+            self._sky, objects.directions_sensor, objects.brightness, objects.parts.first, self._plan, self._noise
         )
-        results = zip(evidence.tolist(), mirrored.tolist(), pairwise(ends.tolist()), counts, strict=True)
-        return [
-            _answer(best, second, flipped, objects[start:end], stars[start:end], count)
-            for (best, second), flipped, (start, end), count in results
-        ]
+        best, second = evidence.T
+        probability = np.array([_false_match_probability(value) for value in best.tolist()])
+        answers = Answers(Parts(ends), found, stars, probability, {})
+        alone = np.where(best < LOG_ACCEPTED, math.inf, best)  # minus infinity less minus infinity is no number
+        wrong = (mirrored | (best < LOG_ACCEPTED) | (alone - second < LOG_UNAMBIGUOUS)).nonzero()[0].tolist()
+        counts = answers.parts.counts, objects.parts.counts
+        return answers.but(
+            {
+                k: _unidentified(float(best[k]), float(second[k]), bool(mirrored[k]), *(int(n[k]) for n in counts))
+                for k in wrong
+            }
+        )
 
     def _refusal(self, directions: NDArray[np.float64], brightness: NDArray[np.float64]) -> Unidentified | None:
         refused = refusal(directions, brightness, _FEWEST_OBJECTS)
@@ -207,7 +207,7 @@ class RobustIdentifier:
             return refused
         outside = outside_field(directions, self._field)
         if outside >= 0:
-            return Unidentified(Reason.SENSOR_FAULT, f"object {outside} lies outside the detector")
+            return _outside(outside)
         return None
 
 
@@ -223,22 +223,31 @@ def _contiguous(
     return np.ascontiguousarray(directions_sensor, dtype=np.float64), np.ascontiguousarray(brightness, dtype=np.float64)
 
 
+def _outside(row: int) -> Unidentified:
+    return Unidentified(Reason.SENSOR_FAULT, f"object {row} lies outside the detector")
+
+
 def _answer(
     best: float, second: float, mirrored: bool, objects: NDArray[np.int64], stars: NDArray[np.int64], count: int
 ) -> Identification | Unidentified:
     """The answer to a panorama of ``count`` objects."""
+    if mirrored or best < LOG_ACCEPTED or best - second < LOG_UNAMBIGUOUS:
+        return _unidentified(best, second, mirrored, len(stars), count)
+    return Identification(objects, stars, _false_match_probability(best))
+
+
+def _unidentified(best: float, second: float, mirrored: bool, stars: int, count: int) -> Unidentified:
+    """Why a panorama of ``count`` objects has no answer."""
     if mirrored:
         return Unidentified(
             Reason.MIRRORED,
-            f"the image is mirrored: flipped, {len(stars)} of {count} objects are stars; turn sensor.mirrored over",
+            f"the image is mirrored: flipped, {stars} of {count} objects are stars; turn sensor.mirrored over",
         )
     if best < LOG_ACCEPTED:
         return Unidentified(Reason.NO_MATCH, "no attitude explains the objects better than chance")
-    if best - second < LOG_UNAMBIGUOUS:
-        return Unidentified(
-            Reason.AMBIGUOUS, f"two attitudes explain the objects, one {math.exp(best - second):.1f} times better"
-        )
-    return Identification(objects, stars, _false_match_probability(best))
+    return Unidentified(
+        Reason.AMBIGUOUS, f"two attitudes explain the objects, one {math.exp(best - second):.1f} times better"
+    )
 
 
 def _false_match_probability(log_evidence: float) -> float:

@@ -89,6 +89,15 @@ def outside_field(directions: NDArray[np.float64], field: NDArray[np.float64]) -
 
 
 @compiled
+def outside_fields(
+    directions: NDArray[np.float64], first: NDArray[np.int64], field: NDArray[np.float64], outside: NDArray[np.int64]
+) -> None:
+    """Put the ``outside_field`` of each of K panoramas, parts of the directions, into ``outside`` (K,)."""
+    for k in range(len(outside)):
+        outside[k] = outside_field(directions[first[k] : first[k + 1]], field)
+
+
+@compiled
 def objects_of(directions: NDArray[np.float64], brightness: NDArray[np.float64]) -> Objects:
     """The objects of unit vectors (N, 3) and brightness (N,)."""
     n = len(directions)

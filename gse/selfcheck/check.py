@@ -27,8 +27,9 @@ from gse.selfcheck.made_session import (
     stated_sensor,
 )
 from gse.selfcheck.result import Row, SelfCheckResult
+from gse.station.frame_results import NewResults
 from gse.station.loop import StationLoop
-from gse.station.results import FrameResult, Subject
+from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up, versions
 from gse.truth import SiderealTruth
@@ -61,9 +62,10 @@ class _Frames:
         self.sample = PanoramaSample()
         self.unknown_objects = 0
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        self.sample.add(result.panorama)
-        self.unknown_objects += len(result.others)
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        for result in results:
+            self.sample.add(result.panorama)
+            self.unknown_objects += len(result.others)
 
     def on_event(self, event: object) -> None:
         """Events say nothing here: an hour without bytes is one."""

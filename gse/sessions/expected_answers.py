@@ -15,6 +15,7 @@ from drivers.chunk import LinkEvent
 from gse.errors import TableError
 from gse.external.answers import ExternalAnswer
 from gse.station.frame_json import SCHEMA, frame_json
+from gse.station.frame_results import NewResults
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 
@@ -36,7 +37,12 @@ class Comparison:
         self.compared = self.different = self.missing = 0
         self.listed: list[str] = []
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        """Compare results."""
+        for result in results:
+            self.compare(result, session)
+
+    def compare(self, result: FrameResult, session: SessionData) -> None:
         """Compare a result."""
         raise NotImplementedError
 
@@ -84,7 +90,7 @@ class ExpectedAnswers(Comparison):
         """Expected answers without a frame in the replay."""
         return sum(map(len, self._answers.values()))
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
+    def compare(self, result: FrameResult, session: SessionData) -> None:
         """Compare a result with the next expected answer to its frame number."""
         waiting = self._answers.get(result.panorama.frame_no)
         if not waiting:

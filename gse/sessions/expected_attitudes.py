@@ -50,7 +50,7 @@ class ExpectedAttitudes(Comparison):
         """ATTITUDE frames without a panorama in the replay."""
         return self._dropped + len(self._sent)
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
+    def compare(self, result: FrameResult, session: SessionData) -> None:
         """Compare as soon as a panorama and its ATTITUDE frame are there."""
         if session.subject is Subject.SENSOR:
             return

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
-from gse.station.results import FrameResult, Verdict
+from gse.station.frame_results import NewResults
+from gse.station.results import Verdict
 from gse.station.session_data import SessionData
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ class Forecast:
         self._thread = threading.Thread(target=self._run, name="forecast", daemon=True)
         self._thread.start()
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
+    def on_results(self, results: NewResults, session: SessionData) -> None:
         """Hand a snapshot to the thread where it wants one."""
         self._begun.set()
         if self._wanted.is_set() and len(session.frames) >= _FEWEST_FRAMES:

@@ -5,6 +5,7 @@ import re
 from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 
 from drivers.chunk import LinkEvent
@@ -33,9 +34,9 @@ from gse.release_memory import give_back
 from gse.sessions.ending import Ending
 from gse.sessions.status_file import StatusFile
 from gse.station.event_kinds import StationKind
+from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
 from gse.station.notes import Notes
-from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.station.setup import check_external, set_up
 from gse.truth import EarthOrientation
@@ -187,9 +188,9 @@ class _DerivedDataRecorder:
             return False
         return now_ns - self._first_ns >= self._duration_ns
 
-    def keep(self, results: list[FrameResult]) -> None:
+    def keep(self, results: list[FrameResults]) -> None:
         """Record the derived data of these results."""
-        for result in results:
+        for result in chain.from_iterable(results):
             self._last_ns = result.panorama.host_utc_ns
             if result.elapsed_us is not None:
                 data = timing_json(result.panorama.time_us, result.elapsed_us)

@@ -38,10 +38,10 @@ class Recording:
         reception = Reception(self.protocol, baudrate=self.station.port.baudrate, anchor_utc_ns=anchor_ns)
         with SerialLink(self.options.url(self.path), self.station.port.baudrate) as link:
             while not link.at_end:
-                for item in link.receive(RECEIVE_TIMEOUT_S):
-                    received = reception.receive(item) if isinstance(item, Chunk) else []
-                    yield from (found for found in received if isinstance(found, Panorama))
-            yield from (found for found in reception.finish() if isinstance(found, Panorama))
+                chunks = (item for item in link.receive(RECEIVE_TIMEOUT_S) if isinstance(item, Chunk))
+                frames = [found for chunk in chunks for found in reception.stream.feed(chunk)]
+                yield from reception.receive(frames).panoramas
+            yield from reception.receive(reception.stream.finish()).panoramas
 
 
 def open_recording(

@@ -27,8 +27,8 @@ from gse.recording.session_format import (
 )
 from gse.sessions.sealed_station import names_program, sealed, unsealed
 from gse.station.event_kinds import StationKind
+from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
-from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.station.setup import no_words, set_up
 from gse.truth import EarthOrientation
@@ -90,7 +90,7 @@ def replay_session(
     station: Callable[[StationText], StationText] = lambda recorded: recorded,
     make_listeners: Callable[[StationLoop, Path | None], Sequence[Listener]] = lambda loop, folder: (),
     stop: Callable[[], bool] = lambda: False,
-    each: Callable[[list[FrameResult]], None] = lambda results: None,
+    each: Callable[[list[FrameResults]], None] = lambda results: None,
     tell: Callable[[str], None] = no_words,
 ) -> Replay:
     """Replay a recording into a SessionData.

@@ -22,8 +22,10 @@ from gse import instant
 from gse.config.station import Station
 from gse.sessions.note_files import collect_notes
 from gse.sessions.status_document import NAME, SCHEMA, read_status
+from gse.station.frame_results import NewResults
+from gse.station.frame_table import STATUSES
 from gse.station.notes import Notes
-from gse.station.results import FrameResult, Status
+from gse.station.results import Status
 from gse.station.session_data import SessionData
 from gse.view.running_statistics import LINK_WORDS, Running
 from gse.view.verdict_text import headline
@@ -55,12 +57,14 @@ class StatusFile:
         self._thread = threading.Thread(target=self._run, name="status file", daemon=True)
         self._thread.start()
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Count a frame."""
-        self._running.add(result)
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        """Count frames."""
+        rows = results.rows
+        self._running.add(rows)
         self._frames_lost = session.link.frames_lost
-        if result.status is Status.IDENTIFIED:
-            self._answered_ns = result.panorama.host_utc_ns
+        answered = rows["host_utc_ns"][rows["status"] == STATUSES.index(Status.IDENTIFIED)]
+        if len(answered):
+            self._answered_ns = int(answered[-1])
 
     def on_event(self, event: LinkEvent) -> None:
         """Note the state of the link."""
@@ -170,11 +174,11 @@ def session_folders(out: Path) -> list[Path]:
 
     A folder whose name would steer a terminal is none of ours.
     """
-    if (out / "session.mcap").exists():
+    if (out / "session.mcap").is_file():
         return [out]
     try:
         return sorted(
-            folder for folder in out.iterdir() if is_plain(folder.name) and (folder / "session.mcap").exists()
+            folder for folder in out.iterdir() if is_plain(folder.name) and (folder / "session.mcap").is_file()
         )
     except OSError:
         return []

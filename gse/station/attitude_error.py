@@ -1,7 +1,6 @@
 """Measured against true attitude."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +19,14 @@ def attitude_error(measured: Attitude, true: Attitude) -> AttitudeError:
     another, so that neither the poles nor RA = 0 nor an error of many degrees is a special case. At a pole itself
     "east" is that of the meridian RA = 0.
     """
-    return attitude_errors([measured], [true])[0]
+    return AttitudeError(*attitude_errors(measured.icrs_to_sensor[None], true.icrs_to_sensor[None])[0].tolist())
 
 
-def attitude_errors(measured: Sequence[Attitude], true: Sequence[Attitude]) -> list[AttitudeError]:
-    """``attitude_error`` of K measured attitudes against K true ones."""
+def attitude_errors(measured: NDArray[np.float64], true: NDArray[np.float64]) -> NDArray[np.float64]:
+    """``attitude_error`` of measured rotations (K, 3, 3) against true ones: the fields of AttitudeError, (K, 5)."""
     errors_arcsec = np.empty((len(measured), 5))
-    _put_errors(_rotations(measured), _rotations(true), errors_arcsec)
-    return [AttitudeError(*error) for error in errors_arcsec.tolist()]
-
-
-def _rotations(attitudes: Sequence[Attitude]) -> NDArray[np.float64]:
-    return np.array([attitude.icrs_to_sensor for attitude in attitudes], dtype=np.float64)
+    _put_errors(np.ascontiguousarray(measured), np.ascontiguousarray(true), errors_arcsec)
+    return errors_arcsec
 
 
 @compiled

@@ -1,5 +1,7 @@
 """Watch for a camera that the station file states wrongly: looked for while nothing is identified."""
 
+from collections.abc import Iterable
+
 from gse.camera import Camera
 from gse.catalog import StarCatalog, mission_catalog
 from gse.identifier.camera_search import find_camera
@@ -24,12 +26,20 @@ class CameraWatch:
         self._after_s = _FIRST_AFTER_S
         self._is_over = False
 
-    def look(self, result: FrameResult) -> str:
-        """What the stars say of the stated camera; empty while they say nothing."""
-        if result.status is Status.IDENTIFIED:
+    def look(self, results: Iterable[FrameResult]) -> list[tuple[int, str]]:
+        """What the stars say of the stated camera, each with the place of its result; mostly nothing."""
+        said = []
+        for k, result in enumerate(() if self._is_over else results):
+            if text := self._look(result.status, result.panorama):
+                said.append((k, text))
+            if self._is_over:
+                break
+        return said
+
+    def _look(self, status: Status, panorama: Panorama) -> str:
+        if status is Status.IDENTIFIED:
             self._is_over = True
-        panorama = result.panorama
-        if self._is_over or result.status is not Status.NO_MATCH or len(panorama.brightness) < _FEWEST_OBJECTS:
+        if self._is_over or status is not Status.NO_MATCH or len(panorama.brightness) < _FEWEST_OBJECTS:
             return ""
         self._first, self._latest = self._first or panorama, panorama
         if panorama.utc_ns - self._first.utc_ns < self._after_s * NS_PER_S:

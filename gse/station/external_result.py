@@ -6,23 +6,107 @@ on the sky where it puts them become apparent places, and the attitude between t
 """
 
 import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude, solve_attitude
+from gse.attitude import Attitude, Attitudes, solve_attitude
 from gse.catalog import StarCatalog
 from gse.constants import ARCSEC_PER_RAD
 from gse.external.answers import ExternalAnswer, Failure
 from gse.external.identifier import ExternalIdentifier, Given
 from gse.external.panoramas import rows_here
-from gse.identifier import Identification, Reason, Unidentified
-from gse.panorama import Panorama
-from gse.station.results import NO_MATCHES, Matches, Status
+from gse.identifier import Answers, Identification, Reason, Unidentified
+from gse.mount import Mount
+from gse.panorama import Panorama, Panoramas
+from gse.station.attitude_error import attitude_error
+from gse.station.frame_table import ANSWER_CHECKS
+from gse.station.identified import Identified
+from gse.station.results import NO_MATCHES, FrameResult, Matches, Status
 from gse.truth import SiderealTruth
 
 _CROSS = np.array([[0.0, 0.0, 1.0], [0.05, 0.0, 1.0], [0.0, 0.05, 1.0]]) / np.sqrt([[1.0], [1.0025], [1.0025]])
 """Directions that stand for the objects where there are fewer than two."""
+
+
+def answers_of(
+    identifier: ExternalIdentifier, panoramas: Panoramas, faults: Mapping[int, Unidentified]
+) -> tuple[Answers, Attitudes, NDArray[np.float64], Mapping[int, Given]]:
+    """Answers to K panoramas, their attitudes, times (K,) in us, and what was given for those without a fault."""
+    asked = [k for k in range(len(panoramas)) if k not in faults]
+    given = dict(zip(asked, identifier.source.answers([panoramas[k] for k in asked]), strict=True))
+    found = {k: identification_of(one, panoramas[k], identifier) for k, one in given.items()}
+    elapsed_us = np.full(len(panoramas), np.nan)
+    for k, one in given.items():
+        elapsed_us[k] = np.nan if one.elapsed_us is None else round(one.elapsed_us, 1)
+    every = range(len(panoramas))
+    answers = Answers.of([found[k][0] if k in found else faults[k] for k in every])
+    return answers, Attitudes.of([found[k][1] if k in found else None for k in every]), elapsed_us, given
+
+
+def results_of(
+    identifier: ExternalIdentifier,
+    panoramas: Panoramas,
+    identified: Identified,
+    elapsed_us: Sequence[float],
+    truth: SiderealTruth | None,
+    mount: Mount | None,
+) -> list[FrameResult]:
+    """The results of K panoramas, with the RA, DE and roll that were answered."""
+    return [
+        _result(identifier, panoramas, k, identified, None if math.isnan(us) else us, truth, mount)
+        for k, us in enumerate(elapsed_us)
+    ]
+
+
+def _result(
+    identifier: ExternalIdentifier,
+    panoramas: Panoramas,
+    k: int,
+    identified: Identified,
+    elapsed_us: float | None,
+    truth: SiderealTruth | None,
+    mount: Mount | None,
+) -> FrameResult:
+    panorama = panoramas[k]
+    found, attitude, given = identified.answers[k], identified.attitudes[k], identified.given.get(k)
+    if given is None:
+        assert isinstance(found, Unidentified)
+        return FrameResult(panorama, Status.SENSOR_FAULT, found.detail, identifier.name)
+    check = ANSWER_CHECKS[identified.answer_check[k]]
+    if isinstance(found, Unidentified) or attitude is None:
+        status, detail = status_of(given)
+        return FrameResult(
+            panorama, status, detail, identifier.name, elapsed_us=elapsed_us, answer_check=check, given=given
+        )
+    utc_ns, directions_sensor = panorama.utc_ns, identified.directions_sensor[panoramas.parts.rows(k)]
+    true = truth.attitude_true(utc_ns, mount) if truth and mount else None
+    if not has_roll(given) and true is not None:
+        attitude = with_roll(attitude, true.roll_deg)
+    geometric = None
+    if truth is not None:
+        stars_sensor = directions_sensor.take(found.objects, axis=0)
+        geometric = geometric_of(attitude, stars_sensor if len(stars_sensor) > 1 else directions_sensor, truth, utc_ns)
+    error = attitude_error(geometric, true) if geometric and true else None
+    return FrameResult(
+        panorama,
+        Status.IDENTIFIED,
+        "",
+        identifier.name,
+        identification=found,
+        attitude=attitude,
+        matches=matches_of(found, identifier.catalog, geometric or attitude, directions_sensor, truth, utc_ns),
+        elapsed_us=elapsed_us,
+        attitude_geometric=geometric,
+        attitude_error=error if has_roll(given) or error is None else replace(error, d_roll_arcsec=math.nan),
+        attitude_true=true,
+        answer_check=check,
+        light=identified.light[k],
+        has_roll=has_roll(given),
+        given=given,
+    )
 
 
 def identification_of(

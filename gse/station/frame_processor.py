@@ -1,36 +1,30 @@
-"""Frame processor: panoramas in, results out."""
+"""Frame processor: panoramas in, results out; every step works on columns of many panoramas."""
 
 import math
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude, paper_mean, solve_attitudes
+from gse.attitude import Attitudes, paper_mean, solve_attitudes
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
-from gse.external.identifier import ExternalIdentifier, Given
-from gse.identifier import Identification, Identifier, Reason, Unidentified
+from gse.external.identifier import ExternalIdentifier
+from gse.identifier import Answers, Identifier, ObjectColumns, Reason, Unidentified
+from gse.identifier.result import answered
 from gse.identifier.robust import RobustIdentifier
 from gse.mount import Mount
-from gse.panorama import MAX_OBJECTS, Panorama
+from gse.panorama import MAX_OBJECTS, Panoramas
 from gse.station import external_result
-from gse.station.attitude_error import attitude_error, attitude_errors
+from gse.station.attitude_error import attitude_errors
+from gse.station.frame_results import ERRORS, FrameResults
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.identified import Identified
 from gse.station.left_out_stars import LeftOutStars, SolvedFrames
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import (
-    NO_MATCHES,
-    NO_STARLIGHT,
-    AnswerCheck,
-    AttitudeError,
-    FrameResult,
-    Matches,
-    Starlight,
-    Status,
-)
-from gse.station.starlight import starlights
+from gse.station.results import NO_MATCHES, AnswerCheck, MatchColumns, Starlights, Status
+from gse.station.starlight import rows_of, starlights
 from gse.truth import SiderealTruth
 
 CENTROID_SIGMA_PX = 0.3
@@ -41,32 +35,10 @@ SAME_BORESIGHT_RAD = math.radians(0.05)
 
 FAULT_FLAGS = frozenset({"detector fault", "memory fault"})
 
-Compared = tuple[NDArray[np.float64], Attitude | None, Attitude | None, AttitudeError | None, Matches]
-"""Residuals (M, 2) in arcsec, geometric attitude, true attitude, the error of the one against the other, and stars that
-the answer left out."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Answer:
-    """The answer of the identifier under test to one panorama, its attitude, and the reference identifier's check.
-
-    ``elapsed_us`` is the time from objects to RA and DE: this host's (of panoramas that waited together, the mean), or
-    an external identifier's own. ``given`` is what an external identifier gave, ``light`` what the named stars show of
-    the sky.
-    """
-
-    directions_sensor: NDArray[np.float64]
-    identification: Identification | Unidentified
-    attitude: Attitude | None
-    answer_check: AnswerCheck
-    elapsed_us: float | None
-    given: Given | None = None
-    light: Starlight = NO_STARLIGHT
-
-    @property
-    def is_mirrored(self) -> bool:
-        """Whether the identifier under test found the panorama to be a mirror image of the sky."""
-        return isinstance(self.identification, Unidentified) and self.identification.reason is Reason.MIRRORED
+_UNKNOWN, _CORRECT, _FALSE, _ABSENT = (
+    ANSWER_CHECKS.index(check)
+    for check in (AnswerCheck.UNKNOWN, AnswerCheck.CORRECT, AnswerCheck.FALSE, AnswerCheck.ABSENT)
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,282 +59,181 @@ class FrameProcessor:
     paper_mean: bool = False
     left_out: LeftOutStars | None = None
 
-    def identify(self, panoramas: Sequence[Panorama]) -> list[Answer | str]:
-        """The part that depends on one panorama alone: its answer, or the fault of the sensor in words.
+    def identify(self, panoramas: Panoramas) -> Identified:
+        """The part that depends on each panorama alone."""
+        started_ns = time.perf_counter_ns()
+        faults = self._faults(panoramas)
+        sound = np.ones(len(panoramas), dtype=np.bool_)
+        sound[list(faults)] = False
+        objects = ObjectColumns(self._directions(panoramas, sound), panoramas.brightness, panoramas.parts)
+        if isinstance(self.identifier, ExternalIdentifier):
+            answers, attitudes, elapsed_us, given = external_result.answers_of(self.identifier, panoramas, faults)
+        else:
+            answers, given = answered(objects, faults, self.identifier.identify_many), {}
+            attitudes = self._attitudes_of(answers, objects)
+            took_us = (time.perf_counter_ns() - started_ns) / 1000
+            elapsed_us = np.where(sound, round(took_us / max(len(panoramas) - len(faults), 1), 1), np.nan)
+        true_stars = answered(objects, faults, self.reference.identify_many) if self.reference else None
+        return Identified(
+            objects.directions_sensor,
+            sound,
+            answers,
+            attitudes,
+            self._checks(attitudes, objects, true_stars),
+            self._light(objects, answers, true_stars),
+            elapsed_us,
+            given,
+        )
 
-        Each step runs for all panoramas before the next step: tables and code then stay in the processor's caches,
-        which almost halves the time.
-        """
-        faults = [self._fault(panorama) for panorama in panoramas]
-        sound = [panorama for panorama, fault in zip(panoramas, faults, strict=True) if not fault]
-        answers = iter(self._answers(sound) if sound else ())
-        return [fault or next(answers) for fault in faults]
-
-    def conclude(
-        self, panoramas: Sequence[Panorama], answers: Sequence[Answer | str], elapsed_us: Sequence[float | None]
-    ) -> list[FrameResult]:
+    def conclude(self, panoramas: Panoramas, identified: Identified, elapsed_us: NDArray[np.float64]) -> FrameResults:
         """Correct, compare with truth, and classify non-stellar objects; panoramas must come in their order.
 
-        ``elapsed_us`` are the identification times of the results.
+        ``elapsed_us`` (K,) are the identification times of the results.
         """
-        named = [
-            (panorama, answer.directions_sensor, answer.identification, answer.attitude)
-            for panorama, answer in zip(panoramas, answers, strict=True)
-            if isinstance(answer, Answer) and answer.given is None
-            if isinstance(answer.identification, Identification) and answer.attitude is not None
-        ]
-        compared = iter(self._compared(*zip(*named, strict=True)) if named else ())
-        return [
-            self._result(panorama, answer, us, compared)
-            for panorama, answer, us in zip(panoramas, answers, elapsed_us, strict=True)
-        ]
-
-    def _result(
-        self, panorama: Panorama, answer: Answer | str, elapsed_us: float | None, compared: Iterator[Compared]
-    ) -> FrameResult:
-        if isinstance(answer, str):
-            return FrameResult(panorama, Status.SENSOR_FAULT, answer, self.identifier.name)
-        if answer.given is not None:
-            return self._conclude_external(panorama, answer, answer.given, elapsed_us)
-        found, attitude = answer.identification, answer.attitude
-        if isinstance(found, Unidentified) or attitude is None:
-            status, detail = _explain(found)
-            return FrameResult(
-                panorama,
-                status,
-                detail,
-                self.identifier.name,
-                elapsed_us=elapsed_us,
-                answer_check=answer.answer_check,
-                light=answer.light,
-            )
-        residuals_arcsec, geometric, true, error, left_out = next(compared)
-        return FrameResult(
-            panorama,
-            Status.IDENTIFIED,
-            "",
-            self.identifier.name,
-            identification=found,
-            attitude=attitude,
-            matches=Matches(found.objects, found.stars, residuals_arcsec, self.identifier.catalog.name),
-            left_out=left_out,
-            elapsed_us=elapsed_us,
-            attitude_geometric=geometric,
-            attitude_error=error,
-            attitude_true=true,
-            answer_check=answer.answer_check,
-            light=answer.light,
-            others=self.non_stellar.name(
-                panorama,
-                answer.directions_sensor,
-                found.objects,
-                geometric or attitude,
-                truth_known=self.truth is not None and (self.mount is None or self.mount.inertial is None),
-            ),
-        )
-
-    def _answers(self, panoramas: Sequence[Panorama]) -> list[Answer]:
-        started_ns = time.perf_counter_ns()
-        whole = self.camera.directions(np.concatenate([panorama.xy_px for panorama in panoramas]))
-        ends = np.cumsum([len(panorama.brightness) for panorama in panoramas])
-        directions_sensor = np.split(whole, ends[:-1])
-        objects = [(of_one, panorama.brightness) for of_one, panorama in zip(directions_sensor, panoramas, strict=True)]
-        given: Sequence[Given | None] = [None] * len(panoramas)
         if isinstance(self.identifier, ExternalIdentifier):
-            given = came = self.identifier.source.answers(panoramas)
-            found = [self._taken(one, panorama) for one, panorama in zip(came, panoramas, strict=True)]
-        else:
-            named = self.identifier.identify_many(objects)
-            attitudes = self._attitudes_of(named, directions_sensor)
-            elapsed_us = round((time.perf_counter_ns() - started_ns) / 1000 / len(panoramas), 1)
-            found = [(answer, attitude, elapsed_us) for answer, attitude in zip(named, attitudes, strict=True)]
-        true_stars: Sequence[Identification | Unidentified | None] = [None] * len(objects)
-        if self.reference is not None:
-            true_stars = self.reference.identify_many(objects)
-        checks = self._checks([attitude for _, attitude, _ in found], directions_sensor, true_stars)
-        lights = self._lights(
-            [panorama.brightness for panorama in panoramas], [answer for answer, _, _ in found], true_stars
-        )
-        return [
-            Answer(of_one, answer, attitude, check, elapsed_us, one, light)
-            for of_one, (answer, attitude, elapsed_us), check, one, light in zip(
-                directions_sensor, found, checks, given, lights, strict=True
+            each = external_result.results_of(
+                self.identifier, panoramas, identified, elapsed_us.tolist(), self.truth, self.mount
             )
-        ]
-
-    def _taken(
-        self, given: Given, panorama: Panorama
-    ) -> tuple[Identification | Unidentified, Attitude | None, float | None]:
-        assert isinstance(self.identifier, ExternalIdentifier)
-        answer, attitude = external_result.identification_of(given, panorama, self.identifier)
-        return answer, attitude, None if given.elapsed_us is None else round(given.elapsed_us, 1)
-
-    def _conclude_external(
-        self, panorama: Panorama, answer: Answer, given: Given, elapsed_us: float | None
-    ) -> FrameResult:
-        """As ``conclude``, with the RA, DE and roll that were answered."""
-        name, found, attitude = self.identifier.name, answer.identification, answer.attitude
-        if isinstance(found, Unidentified) or attitude is None:
-            status, detail = external_result.status_of(given)
-            check = answer.answer_check
-            return FrameResult(panorama, status, detail, name, elapsed_us=elapsed_us, answer_check=check, given=given)
-        utc_ns, directions_sensor = panorama.utc_ns, answer.directions_sensor
-        true = self.truth.attitude_true(utc_ns, self.mount) if self.truth and self.mount else None
-        has_roll = external_result.has_roll(given)
-        if not has_roll and true is not None:
-            attitude = external_result.with_roll(attitude, true.roll_deg)
-        geometric = None
-        if self.truth is not None:
-            stars_sensor = directions_sensor.take(found.objects, axis=0)
-            seen = stars_sensor if len(stars_sensor) > 1 else directions_sensor
-            geometric = external_result.geometric_of(attitude, seen, self.truth, utc_ns)
-        error = attitude_error(geometric, true) if geometric and true else None
-        stars = external_result.matches_of(
-            found, self.identifier.catalog, geometric or attitude, directions_sensor, self.truth, utc_ns
+            return FrameResults.of(each)
+        answers = identified.answers
+        geometric, true, errors_arcsec, residuals_arcsec, left_out = self._compared(panoramas, identified)
+        seen_from = identified.attitudes if self.truth is None else geometric
+        others = self.non_stellar.name(
+            panoramas,
+            identified.directions_sensor,
+            answers,
+            seen_from.icrs_to_sensor,
+            truth_known=self.truth is not None and (self.mount is None or self.mount.inertial is None),
         )
-        return FrameResult(
-            panorama,
-            Status.IDENTIFIED,
-            "",
-            name,
-            identification=found,
-            attitude=attitude,
-            matches=stars,
-            elapsed_us=elapsed_us,
-            attitude_geometric=geometric,
-            attitude_error=error if has_roll or error is None else replace(error, d_roll_arcsec=math.nan),
-            attitude_true=true,
-            answer_check=answer.answer_check,
-            light=answer.light,
-            has_roll=has_roll,
-            given=given,
+        status = np.full(len(panoramas), STATUSES.index(Status.IDENTIFIED), dtype=np.uint8)
+        for k, answer in answers.unidentified.items():
+            status[k] = STATUSES.index(_STATUS[answer.reason])
+        return FrameResults(
+            panoramas,
+            self.identifier.name,
+            self.identifier.catalog.name,
+            status,
+            {k: answer.detail for k, answer in answers.unidentified.items()},
+            answers,
+            residuals_arcsec,
+            np.where(identified.sound, elapsed_us, np.nan),
+            identified.attitudes,
+            geometric,
+            true,
+            errors_arcsec,
+            identified.answer_check,
+            others,
+            identified.light,
+            left_out,
         )
 
-    def _attitudes_of(
-        self, answers: Sequence[Identification | Unidentified], directions_sensor: Sequence[NDArray[np.float64]]
-    ) -> list[Attitude | None]:
-        """The attitude of each answer, None where it names no stars."""
-        named = [
-            (answer, of_one)
-            for answer, of_one in zip(answers, directions_sensor, strict=True)
-            if isinstance(answer, Identification)
-        ]
-        attitudes = iter(self._attitudes(*self._pairs(named)) if named else ())
-        return [next(attitudes) if isinstance(answer, Identification) else None for answer in answers]
+    def _directions(self, panoramas: Panoramas, sound: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Unit vectors (M, 3) of the objects; NaN in panoramas that are not sound: their positions may be anything."""
+        if sound.all():
+            return self.camera.directions(panoramas.xy_px)
+        directions_sensor = np.full((len(panoramas.xy_px), 3), np.nan)
+        _, rows = panoramas.parts.chosen(sound)
+        directions_sensor[rows] = self.camera.directions(panoramas.xy_px[rows])
+        return directions_sensor
 
-    def _fault(self, panorama: Panorama) -> str:
-        faults = sorted(panorama.flags & FAULT_FLAGS)
+    def _faults(self, panoramas: Panoramas) -> dict[int, Unidentified]:
+        """The faults of the sensor in words, by panorama."""
+        counts = panoramas.parts.counts
+        brightest = np.zeros(len(panoramas))
+        brightest[counts > 0] = panoramas.brightness[panoramas.parts.first[:-1][counts > 0]]
+        suspect = (counts > MAX_OBJECTS) | (brightest > self.index_max)
+        for k, (flags, problems) in enumerate(zip(panoramas.flags, panoramas.problems, strict=True)):
+            suspect[k] |= bool(problems) or not FAULT_FLAGS.isdisjoint(flags)
+        return {
+            k: Unidentified(Reason.SENSOR_FAULT, self._fault(panoramas, k, int(counts[k]), float(brightest[k])))
+            for k in suspect.nonzero()[0].tolist()
+        }
+
+    def _fault(self, panoramas: Panoramas, k: int, count: int, brightest: float) -> str:
+        faults = sorted(panoramas.flags[k] & FAULT_FLAGS)
         if faults:
             return f"the sensor reports {' and '.join(faults)}"
-        if panorama.problems:
-            return f"the sensor sent an impossible value: {panorama.problems[0]}"
-        if len(panorama.brightness) > MAX_OBJECTS:
-            return f"{len(panorama.brightness)} objects came, at most {MAX_OBJECTS} were expected"
-        if len(panorama.brightness) and panorama.brightness[0] > self.index_max:
-            return f"index value {panorama.brightness[0]:.0f} came, at most {self.index_max} was expected"
-        return ""
+        if panoramas.problems[k]:
+            return f"the sensor sent an impossible value: {panoramas.problems[k][0]}"
+        if count > MAX_OBJECTS:
+            return f"{count} objects came, at most {MAX_OBJECTS} were expected"
+        return f"index value {brightest:.0f} came, at most {self.index_max} was expected"
 
-    def _attitudes(
-        self, directions_sensor: NDArray[np.float64], stars_icrs: NDArray[np.float64], ends: NDArray[np.int64]
-    ) -> list[Attitude]:
-        """Wahba's attitudes, or the mean about the sensor centre of the LAPAN paper if the station file asks for it."""
-        sigma_rad = CENTROID_SIGMA_PX * self.camera.pixel_rad
-        attitudes = solve_attitudes(directions_sensor, stars_icrs, ends, sigma_rad)
-        if not self.paper_mean:
-            return attitudes
-        pairs = zip(np.split(directions_sensor, ends[:-1]), np.split(stars_icrs, ends[:-1]), strict=True)
-        return [paper_mean(attitude, *pair) for attitude, pair in zip(attitudes, pairs, strict=True)]
+    def _attitudes_of(self, answers: Answers, objects: ObjectColumns) -> Attitudes:
+        """The attitude of each answer, none where it names no stars."""
+        measured = objects.directions_sensor.take(rows_of(objects.parts, answers), axis=0)
+        return self._attitudes(measured, self.identifier.catalog.icrs.take(answers.stars, axis=0), answers)
+
+    def _attitudes(self, measured: NDArray[np.float64], stars_icrs: NDArray[np.float64], answers: Answers) -> Attitudes:
+        """Wahba's attitudes, or the mean about the sensor centre of the LAPAN paper if the station file asks for it.
+
+        Directions and stars (M, 3) are those of the answers' matches.
+        """
+        named = answers.named
+        ends = answers.parts.first[1:][named]
+        attitudes = solve_attitudes(measured, stars_icrs, ends, CENTROID_SIGMA_PX * self.camera.pixel_rad)
+        if self.paper_mean:
+            for k, rows in enumerate(map(answers.parts.rows, named.nonzero()[0].tolist())):
+                if (solved := attitudes[k]) is not None:
+                    attitudes.icrs_to_sensor[k] = paper_mean(solved, measured[rows], stars_icrs[rows]).icrs_to_sensor
+        return attitudes.among(named)
 
     def _compared(
-        self,
-        panoramas: Sequence[Panorama],
-        directions_sensor: Sequence[NDArray[np.float64]],
-        found: Sequence[Identification],
-        attitudes: Sequence[Attitude],
-    ) -> list[Compared]:
-        """Residuals, and attitudes from apparent places and un-refracted directions, against the true ones.
+        self, panoramas: Panoramas, identified: Identified
+    ) -> tuple[Attitudes, Attitudes, NDArray[np.float64], NDArray[np.float64], MatchColumns]:
+        """Geometric and true attitudes, errors (K, 5) and residuals (M, 2) in arcsec, and stars that were left out.
 
-        The stars of all panoramas are rows of the same columns: ``frame_of`` (M,) names the panorama of each.
+        From apparent places and un-refracted directions; where there is no answer there is nothing to compare.
         """
-        measured_sensor, stars_icrs, ends = self._pairs(list(zip(found, directions_sensor, strict=True)))
-        frame_of = np.repeat(np.arange(len(found)), np.diff(ends, prepend=0))
-        geometric: Sequence[Attitude | None] = [None] * len(found)
-        true: Sequence[Attitude | None] = geometric
-        errors: Sequence[AttitudeError | None] = [None] * len(found)
-        rotations = raw = np.array([attitude.icrs_to_sensor for attitude in attitudes])
-        utc_ns = np.array([panorama.utc_ns for panorama in panoramas])
-        icrs_to_horizon = None
-        if self.truth is not None:
+        answers, named = identified.answers, identified.answers.named
+        measured = identified.directions_sensor.take(rows_of(panoramas.parts, answers), axis=0)
+        stars_icrs = self.identifier.catalog.icrs.take(answers.stars, axis=0)
+        seen_from, true = identified.attitudes, Attitudes.none(len(panoramas))
+        geometric, errors_arcsec = true, np.full((len(panoramas), len(ERRORS)), np.nan)
+        utc_ns, icrs_to_horizon = panoramas.utc_ns[named], None
+        if self.truth is not None and named.any():
+            frame_of = np.repeat(np.arange(len(utc_ns)), answers.parts.counts[named])
             icrs_to_horizon = self.truth.icrs_to_horizon_at(utc_ns)
-            zenith_sensor = np.einsum("kij,kj->ki", rotations, icrs_to_horizon[:, 2])
-            measured_sensor = self.truth.unrefracted(measured_sensor, zenith_sensor[frame_of])
+            zenith_sensor = np.einsum("kij,kj->ki", seen_from.icrs_to_sensor[named], icrs_to_horizon[:, 2])
+            measured = self.truth.unrefracted(measured, zenith_sensor[frame_of])
             stars_icrs = self.truth.apparent_at(stars_icrs, utc_ns, icrs_to_horizon, frame_of)
-            geometric = solved = self._attitudes(measured_sensor, stars_icrs, ends)
-            rotations = np.array([attitude.icrs_to_sensor for attitude in solved])
+            seen_from = geometric = self._attitudes(measured, stars_icrs, answers)
             if self.mount is not None:
-                true = looking = self.truth.attitudes_true(icrs_to_horizon, self.mount)
-                errors = attitude_errors(solved, looking)
-        expected_sensor = np.einsum("mij,mj->mi", rotations[frame_of], stars_icrs)
-        residuals_arcsec = (measured_sensor - expected_sensor)[:, :2] * ARCSEC_PER_RAD
-        left_out = [NO_MATCHES] * len(found)
-        if self.left_out is not None:
-            frames = SolvedFrames(raw, rotations, self.truth, utc_ns, icrs_to_horizon)
-            left_out = self.left_out.of(found, directions_sensor, frames)
-        return list(zip(np.split(residuals_arcsec, ends[:-1]), geometric, true, errors, left_out, strict=True))
+                true = self.truth.attitudes_true(icrs_to_horizon, self.mount).among(named)
+                errors_arcsec[named] = attitude_errors(geometric.icrs_to_sensor[named], true.icrs_to_sensor[named])
+        expected_sensor = np.einsum("mij,mj->mi", seen_from.icrs_to_sensor[answers.parts.of_row], stars_icrs)
+        residuals_arcsec = (measured - expected_sensor)[:, :2] * ARCSEC_PER_RAD
+        left_out = MatchColumns.of([NO_MATCHES] * len(panoramas))
+        if self.left_out is not None and named.any():
+            objects = ObjectColumns(identified.directions_sensor, panoramas.brightness, panoramas.parts)
+            rotations = identified.attitudes.icrs_to_sensor[named], seen_from.icrs_to_sensor[named]
+            frames = SolvedFrames(*rotations, self.truth, utc_ns, icrs_to_horizon)
+            left_out = self.left_out.of(objects, answers, frames)
+        return geometric, true, errors_arcsec, residuals_arcsec, left_out
 
-    def _lights(
-        self,
-        brightness: Sequence[NDArray[np.float64]],
-        answers: Sequence[Identification | Unidentified],
-        true_stars: Sequence[Identification | Unidentified | None],
-    ) -> list[Starlight]:
+    def _light(self, objects: ObjectColumns, answers: Answers, true_stars: Answers | None) -> Starlights:
         """What the stars show of the sky: those of the answer, or of the reference identifier where there is none."""
-        lights = [NO_STARLIGHT] * len(answers)
-        named = {
-            k: answer for k, answer in enumerate(answers) if isinstance(answer, Identification) and len(answer.stars)
-        }
-        shown = [(named, self.identifier.catalog)]
-        if self.reference is not None:
-            known = {
-                k: stars for k, stars in enumerate(true_stars) if k not in named and isinstance(stars, Identification)
-            }
-            shown.append((known, self.reference.catalog))
-        for found, catalog in shown:
-            of_found = starlights([brightness[k] for k in found], list(found.values()), catalog)
-            for k, light in zip(found, of_found, strict=True):
-                lights[k] = light
-        return lights
+        light = starlights(objects.brightness, objects.parts, answers, self.identifier.catalog)
+        if self.reference is None or true_stars is None:
+            return light
+        unnamed = answers.parts.counts == 0
+        if unnamed.any():
+            shown = starlights(objects.brightness, objects.parts, true_stars, self.reference.catalog)
+            light.fill(unnamed, shown)
+        return light
 
-    def _pairs(
-        self, found: Sequence[tuple[Identification, NDArray[np.float64]]]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-        """Identified directions (M, 3) and their stars (M, 3) of answers with all directions, and where each ends."""
-        # ``take`` is three times as fast as indexing with brackets.
-        measured = np.concatenate([directions.take(answer.objects, axis=0) for answer, directions in found])
-        stars = self.identifier.catalog.icrs.take(np.concatenate([answer.stars for answer, _ in found]), axis=0)
-        return measured, stars, np.cumsum([len(answer.stars) for answer, _ in found])
-
-    def _checks(
-        self,
-        attitudes: Sequence[Attitude | None],
-        directions_sensor: Sequence[NDArray[np.float64]],
-        true_stars: Sequence[Identification | Unidentified | None],
-    ) -> list[AnswerCheck]:
-        """The check of each answer's attitude by the stars that the reference identifier found."""
-        checks = [AnswerCheck.UNKNOWN] * len(attitudes)
-        known = [(k, stars) for k, stars in enumerate(true_stars) if isinstance(stars, Identification)]
-        if self.reference is None or not known:
+    def _checks(self, attitudes: Attitudes, objects: ObjectColumns, true_stars: Answers | None) -> NDArray[np.uint8]:
+        """The check (K,) of each answer's attitude by the stars that the reference identifier found."""
+        checks = np.full(len(objects), _UNKNOWN, dtype=np.uint8)
+        if self.reference is None or true_stars is None:
             return checks
-        measured = np.concatenate([directions_sensor[k].take(stars.objects, axis=0) for k, stars in known])
-        stars_icrs = self.reference.catalog.icrs.take(np.concatenate([stars.stars for _, stars in known]), axis=0)
-        true = solve_attitudes(measured, stars_icrs, np.cumsum([len(stars.stars) for _, stars in known]), 1e-4)
-        for (k, _), looking in zip(known, true, strict=True):
-            attitude = attitudes[k]
-            if attitude is None:
-                checks[k] = AnswerCheck.ABSENT
-            else:
-                separation_rad = math.dist(attitude.boresight_icrs, looking.boresight_icrs)
-                checks[k] = AnswerCheck.CORRECT if separation_rad < SAME_BORESIGHT_RAD else AnswerCheck.FALSE
+        known = true_stars.named
+        measured = objects.directions_sensor.take(rows_of(objects.parts, true_stars), axis=0)
+        stars_icrs = self.reference.catalog.icrs.take(true_stars.stars, axis=0)
+        looking = solve_attitudes(measured, stars_icrs, true_stars.parts.first[1:][known], 1e-4)
+        apart_rad = np.linalg.norm(attitudes.boresights_icrs[known] - looking.boresights_icrs, axis=1)
+        same = np.where(apart_rad < SAME_BORESIGHT_RAD, _CORRECT, _FALSE)
+        checks[known] = np.where(np.isnan(apart_rad), _ABSENT, same)
         return checks
 
 
@@ -374,9 +245,3 @@ _STATUS = {
     Reason.SENSOR_FAULT: Status.SENSOR_FAULT,
 }
 """``status`` of gse.frame/1."""
-
-
-def _explain(answer: Identification | Unidentified) -> tuple[Status, str]:
-    if isinstance(answer, Unidentified):
-        return _STATUS[answer.reason], answer.detail
-    return Status.NO_MATCH, "no attitude follows from the matches"

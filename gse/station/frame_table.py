@@ -1,24 +1,18 @@
 """Table of results: the frames of a session as columns, 14 h in some 100 MB."""
 
 import copy
-from collections.abc import Iterator, Sequence
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude, angles_deg
-from gse.panorama import Panorama
-from gse.station.results import AnswerCheck, FrameResult, Matches, SkyCondition, Status
+from gse.station.results import AnswerCheck, SkyCondition, Status
 
 STATUSES = tuple(Status)
 ANSWER_CHECKS = tuple(AnswerCheck)
 SKY_CONDITIONS = tuple(SkyCondition)
-_NAN = float("nan")
 _ROOM_ROWS = 1 << 19
 """14 h at 10 Hz; the capacity doubles when it is full."""
-_FRAMES_AT_ONCE = 64
-"""Frames whose matches become columns together: one by one takes eight times as long."""
 MOST_MATCHES = 250_000
 """In a longer session only every second, fourth, ... frame keeps its matches: 5 MB are enough for maps and fits."""
 
@@ -116,7 +110,7 @@ class _Rows:
         self._room = np.zeros(_ROOM_ROWS, dtype=dtype)
         self._used = 0
 
-    def extend(self, rows: NDArray[np.void] | list[tuple[float, ...]]) -> None:
+    def extend(self, rows: NDArray[np.void]) -> None:
         self._make_room(len(rows))
         self._room[self._used : self._used + len(rows)] = rows
         self._used += len(rows)
@@ -145,7 +139,6 @@ class FrameTable:
         self._frames = _Rows(FRAME)
         self._matches = _Rows(MATCH)
         self._match_stride = 1
-        self._waiting: list[tuple[int, Panorama, Matches, bool]] = []
 
     @classmethod
     def of(cls, frames: NDArray[np.void], matches: NDArray[np.void]) -> Self:
@@ -158,40 +151,14 @@ class FrameTable:
     def __len__(self) -> int:
         return len(self._frames)
 
-    def append(self, result: FrameResult) -> None:
-        """Add one frame."""
-        self.extend([result])
+    def extend(self, frames: NDArray[np.void], matches: NDArray[np.void]) -> None:
+        """Add rows of FRAME and of MATCH, whose ``frame`` counts from the first of these.
 
-    def extend(self, results: Sequence[FrameResult]) -> None:
-        """Add frames."""
-        first = len(self._frames)
-        answered = _angles([result.attitude for result in results])
-        true = _angles([result.attitude_true for result in results])
-        self._frames.extend([_row(*columns) for columns in zip(results, answered, true, strict=True)])
-        for row, result in enumerate(results, first):
-            if row % self._match_stride == 0 and len(result.matches):
-                self._waiting += [(row, result.panorama, result.matches, True)]
-                if len(result.left_out):
-                    self._waiting += [(row, result.panorama, result.left_out, False)]
-                if len(self._waiting) >= _FRAMES_AT_ONCE:
-                    self._take_in_matches()
-
-    def _take_in_matches(self) -> None:
-        """Make columns of the waiting matches; drop every second frame's matches when there are too many."""
-        if not self._waiting:
-            return
-        frames, panoramas, matches, named = zip(*self._waiting, strict=True)
-        self._waiting = []
-        counts = [len(of_frame) for of_frame in matches]
-        rows = np.empty(sum(counts), dtype=MATCH)
-        rows["frame"], rows["named"] = np.repeat(frames, counts), np.repeat(named, counts)
-        rows["star"] = np.concatenate([of_frame.stars for of_frame in matches])
-        seen = list(zip(panoramas, matches, strict=True))
-        rows["x_px"], rows["y_px"] = np.concatenate([one.xy_px.take(stars.objects, axis=0) for one, stars in seen]).T
-        rows["brightness"] = np.concatenate([one.brightness.take(stars.objects) for one, stars in seen])
-        residuals_arcsec = np.concatenate([of_frame.residuals_arcsec for of_frame in matches])
-        rows["residual_x_arcsec"], rows["residual_y_arcsec"] = residuals_arcsec.T
-        self._matches.extend(rows)
+        Drops every second frame's matches when there are too many.
+        """
+        matches["frame"] += len(self._frames)
+        self._frames.extend(frames)
+        self._matches.extend(matches[matches["frame"] % self._match_stride == 0])
         if len(self._matches) > MOST_MATCHES:
             self._match_stride *= 2
             stored = self._matches.array()
@@ -200,10 +167,8 @@ class FrameTable:
 
     def snapshot(self) -> "FrameTable":
         """A table of the rows so far, for another thread: columns are copied, matches, which never change, shared."""
-        self._take_in_matches()
         taken = copy.copy(self)
         taken._frames, taken._matches = self._frames.copied(), copy.copy(self._matches)
-        taken._waiting = []
         return taken
 
     @property
@@ -214,64 +179,4 @@ class FrameTable:
     @property
     def matches(self) -> NDArray[np.void]:
         """One row per star, dtype MATCH; in a long session not from every frame."""
-        self._take_in_matches()
         return self._matches.array()
-
-
-_Angles = tuple[float, float, float]
-_NO_ANGLES = _NAN, _NAN, _NAN
-
-
-def _false_objects(result: FrameResult) -> int:
-    """Unknown objects that are brighter than every star that the mission catalogue lacks."""
-    brightness, least = result.panorama.brightness, result.light.faintest_index
-    return sum(kind == "unknown" and float(brightness[row]) > least for row, kind in result.others)
-
-
-def _row(result: FrameResult, angles_deg: _Angles, angles_true_deg: _Angles) -> tuple[float, ...]:
-    """The row of FRAME."""
-    panorama, error = result.panorama, result.attitude_error
-    return (
-        panorama.utc_ns,
-        panorama.host_utc_ns,
-        panorama.time_us,
-        panorama.frame_no,
-        panorama.sequence,
-        STATUSES.index(result.status),
-        ANSWER_CHECKS.index(result.answer_check),
-        min(len(panorama.brightness), 255),
-        min(len(result.matches), 255),
-        [kind for _, kind in result.others].count("hot pixel"),
-        panorama.exposure_s,
-        panorama.temperature_c,
-        result.identification.false_match_probability if result.identification else _NAN,
-        result.light.zero_point_mag,
-        _NAN if result.elapsed_us is None else result.elapsed_us,
-        *angles_deg[:2],
-        angles_deg[2] if result.has_roll else _NAN,
-        *angles_true_deg,
-        *(
-            (
-                error.d_ra_cosde_arcsec,
-                error.d_de_arcsec,
-                error.d_roll_arcsec,
-                error.cross_x_arcsec,
-                error.cross_y_arcsec,
-            )
-            if error
-            else (_NAN,) * 5
-        ),
-        min(result.light.stars, 255),
-        result.light.limiting_mag,
-        0,
-        *(_NAN,) * 6,
-        _false_objects(result),
-        _NAN,
-        0,
-    )
-
-
-def _angles(attitudes: list[Attitude | None]) -> Iterator[_Angles]:
-    """RA, DE and roll of each."""
-    angles = iter(angles_deg([attitude for attitude in attitudes if attitude is not None]).tolist())
-    return (_NO_ANGLES if attitude is None else next(angles) for attitude in attitudes)

@@ -6,7 +6,6 @@ more stars that noise put too far in than others: those that it names lie too fa
 causes are therefore made from these stars too; the answer under test stays what it is.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +15,10 @@ from scipy.spatial import cKDTree
 from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.constants import ARCSEC_PER_RAD
-from gse.identifier import Identification
-from gse.station.results import NO_MATCHES, Matches
+from gse.identifier import Answers, ObjectColumns
+from gse.parts import Parts
+from gse.station.results import MatchColumns
+from gse.station.starlight import rows_of
 from gse.truth import SiderealTruth
 
 WITHIN_PX = 4.0
@@ -44,30 +45,27 @@ class LeftOutStars:
         self._pixel_rad, self._catalog = camera.pixel_rad, catalog
         self._places = cKDTree(catalog.icrs)
 
-    def of(
-        self, named: Sequence[Identification], directions_sensor: Sequence[NDArray[np.float64]], frames: SolvedFrames
-    ) -> list[Matches]:
-        """The stars of each of K frames that its answer does not name, with their residuals."""
-        rest = [_others(answer, len(objects)) for answer, objects in zip(named, directions_sensor, strict=True)]
-        counts = [len(rows) for rows in rest]
-        seen = np.concatenate(
-            [objects.take(rows, axis=0) for objects, rows in zip(directions_sensor, rest, strict=True)]
-        )
-        frame_of, objects = np.repeat(np.arange(len(rest)), counts), np.concatenate(rest)
+    def of(self, objects: ObjectColumns, answers: Answers, frames: SolvedFrames) -> MatchColumns:
+        """The stars of each panorama that its answer does not name, with their residuals; none without an answer."""
+        named, first = answers.named, objects.parts.first[:-1]
+        left = np.repeat(named, objects.parts.counts)
+        left[rows_of(objects.parts, answers)] = False
+        rows = np.flatnonzero(left)
+        panorama_of, place = objects.parts.of_row[rows], np.cumsum(named) - 1
+        frame_of, seen = place[panorama_of], objects.directions_sensor[rows]
         icrs = np.einsum("nji,nj->ni", frames.raw[frame_of], seen)
         found = self._places.query(icrs, distance_upper_bound=_BEFORE_AIR_PX * self._pixel_rad)
         apart, star = (np.asarray(column) for column in found)
         near = np.flatnonzero(np.isfinite(apart))
-        near = near[_free(frame_of[near], star[near], apart[near], named, len(self._catalog))]
-        frame_of, objects, star = frame_of[near], objects[near], star[near]
-        residuals = self._residuals(seen[near], star, frame_of, frames)
+        taken = answers.parts.of_row * len(self._catalog) + answers.stars
+        near = near[_free(panorama_of[near] * len(self._catalog) + star[near], apart[near], taken)]
+        residuals = self._residuals(seen[near], star[near], frame_of[near], frames)
         good = np.hypot(*residuals.T) <= WITHIN_PX * self._pixel_rad
-        ends = np.searchsorted(frame_of[good], np.arange(1, len(rest)))
-        parts = [np.split(column[good], ends) for column in (objects, star, residuals * ARCSEC_PER_RAD)]
-        return [
-            Matches(rows, stars, arcsec, self._catalog.name) if len(rows) else NO_MATCHES
-            for rows, stars, arcsec in zip(*parts, strict=True)
-        ]
+        near, residuals_arcsec = near[good], residuals[good] * ARCSEC_PER_RAD
+        parts = Parts.of_counts(np.bincount(panorama_of[near], minlength=len(objects)))
+        return MatchColumns(
+            parts, rows[near] - first[panorama_of[near]], star[near], residuals_arcsec, self._catalog.name
+        )
 
     def _residuals(
         self, seen: NDArray[np.float64], star: NDArray[np.int64], frame_of: NDArray[np.int64], frames: SolvedFrames
@@ -82,23 +80,11 @@ class LeftOutStars:
         return np.asarray((seen - expected)[:, :2])
 
 
-def _others(answer: Identification, count: int) -> NDArray[np.int64]:
-    """The rows of a panorama that an answer does not name."""
-    left = np.ones(count, dtype=np.bool_)
-    left[answer.objects] = False
-    return np.flatnonzero(left)
+def _free(key: NDArray[np.int64], apart: NDArray[np.float64], taken: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Which of N pairs have a star that is not taken yet; of several objects at one star the nearest.
 
-
-def _free(
-    frame_of: NDArray[np.int64],
-    star: NDArray[np.int64],
-    apart: NDArray[np.float64],
-    named: Sequence[Identification],
-    catalog_stars: int,
-) -> NDArray[np.int64]:
-    """Which of N pairs have a star that its frame does not name yet; of several objects at one star the nearest."""
-    key = frame_of * catalog_stars + star
-    taken = np.concatenate([frame * catalog_stars + answer.stars for frame, answer in enumerate(named)])
+    ``key`` (N,) and ``taken`` (M,) stand for a star in a panorama.
+    """
     order = np.lexsort((apart, key))
     _, first = np.unique(key[order], return_index=True)
     nearest = order[first]

@@ -39,11 +39,15 @@ live view has a queue and a thread of its own for that reason. Raw bytes do not 
 link hands them to the recorder before the loop sees them.
 """
 
+import math
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import groupby
+from operator import itemgetter
 from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.clock import ClockReading
@@ -51,19 +55,22 @@ from drivers.link import SerialLink
 from drivers.link_state import LinkMonitor
 from gse.errors import TruthError
 from gse.external.answers import Failure
-from gse.external.identifier import Given
-from gse.panorama import Panorama
+from gse.identifier import Reason
+from gse.panorama import Panorama, Panoramas
 from gse.recording.session_format import RecordedTimings
+from gse.station.byte_stream import FrameAt
 from gse.station.camera_watch import CameraWatch
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.event_log import EventLog
-from gse.station.frame_processor import Answer, FrameProcessor
+from gse.station.frame_processor import FrameProcessor
+from gse.station.frame_results import FrameResults, NewResults
 from gse.station.housekeeping import fill_housekeeping
+from gse.station.identified import Identified
 from gse.station.left_out_stars import LeftOutStars
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.own_answer_results import OwnAnswerProcessor
-from gse.station.reception import Received, Reception
+from gse.station.reception import News, Received, Reception
 from gse.station.results import FrameResult, OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
@@ -71,24 +78,19 @@ from gse.station.sky_watch import SkyWatch
 from gse.station.unreadable_bytes import what_fits
 from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
-from protocols import StatusMessage
 
 RECEIVE_TIMEOUT_S = 0.2
 MOST_STATUSES = 50_000
 """One a second for 14 h; those that follow are decoded and dropped."""
-MOST_AT_ONCE = 64
-"""Panoramas that are identified before the first of them is shown, where so many wait."""
-
-
-_News = Panorama | OwnAnswer | LinkEvent
-"""What has a place in the order of a session."""
+MOST_AT_ONCE = 512
+"""Panoramas that are processed before the first of them is shown, where so many wait."""
 
 
 class Listener(Protocol):
     """Receiver of each result and event of a session: a view, a stream of JSON, a calibration."""
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Receive the result of a panorama."""
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        """Receive the results of panoramas that follow each other."""
         ...
 
     def on_event(self, event: LinkEvent) -> None:
@@ -128,6 +130,7 @@ class StationLoop:
         self.own_elapsed_us: array[float] = array("d")
         self._recorded = recorded
         self.listeners: Sequence[Listener] = ()
+        self.most_at_once = MOST_AT_ONCE
         align_s = station.mount.align_s
         self._first_seconds = FirstSeconds(align_s, self.session) if align_s is not None else None
         mount = station.mount if align_s is None else None
@@ -156,7 +159,7 @@ class StationLoop:
         first: Sequence[Chunk | LinkEvent] = (),
         *,
         stop: Callable[[], bool] = lambda: False,
-        each: Callable[[list[FrameResult]], None] = lambda results: None,
+        each: Callable[[list[FrameResults]], None] = lambda results: None,
     ) -> SessionData:
         """Receive until the link is at its end or ``stop`` says so.
 
@@ -177,59 +180,47 @@ class StationLoop:
             self.setup.external.close()
             self.session.external = self.setup.external.identity
 
-    def _drain(self, link: SerialLink) -> list[FrameResult]:
+    def _drain(self, link: SerialLink) -> list[FrameResults]:
         """Process the bytes that a live port gave until it was closed: they are recorded, so they count."""
-        results: list[FrameResult] = []
+        results: list[FrameResults] = []
         if link.is_live:
             link.close()
             while items := link.receive(0):
                 results += self.take(items)
         return results
 
-    def take(self, items: Sequence[Chunk | LinkEvent]) -> list[FrameResult]:
+    def take(self, items: Sequence[Chunk | LinkEvent]) -> list[FrameResults]:
         """Decode the items and identify the panoramas that are complete."""
-        news: list[_News] = []
+        stream: list[FrameAt | LinkEvent] = []
         for item in items:
-            news += self._port_event(item) if isinstance(item, LinkEvent) else self._decoded(item)
-        return self._identify(news)
+            stream += self._port_event(item) if isinstance(item, LinkEvent) else self._framed(item)
+        return self._identify(self.reception.receive(stream)) if stream else []
 
     def _port_event(self, event: LinkEvent) -> list[LinkEvent]:
         """The changes of state by the silence before the event, the event, and the changes of state by it."""
         silence = self._monitor.pass_time(event.utc_ns, event.mono_ns)
         return [*silence, event, *self._monitor.port_event(event)]
 
-    def _decoded(self, chunk: Chunk) -> list[_News]:
-        frames = self.reception.counters.frames
-        received = self.reception.receive(chunk)
-        frames = self.reception.counters.frames - frames
-        changes = self._monitor.received(chunk, frames, self.reception.latest_reasons)
-        return [*changes, *self._for_identification(received)] if changes or received else []
-
-    def _for_identification(self, received: list[Received]) -> list[_News]:
-        """Panoramas, events and answers without a panorama, in order; STATUS and ATTITUDE messages are stored."""
-        news: list[_News] = []
-        for item in received:
-            if isinstance(item, Panorama | LinkEvent):
-                news.append(item)
-            elif isinstance(item, StatusMessage) and len(self.session.statuses) < MOST_STATUSES:
-                self.session.statuses.append((self.reception.last_host_utc_ns, item))
-            elif isinstance(item, OwnAnswer):
-                self.session.sensor_attitudes.append(item.host_utc_ns, item.message)
-                news += [item] if item.utc_ns is not None else []
-        return news
+    def _framed(self, chunk: Chunk) -> Sequence[FrameAt | LinkEvent]:
+        """The changes of state by a chunk, and the frames that it completes."""
+        frames = self.reception.stream.feed(chunk)
+        changes = self._monitor.received(chunk, len(frames), self.reception.stream.latest_reasons)
+        return [*changes, *frames] if changes else frames
 
     def pass_time(self, utc_ns: int, mono_ns: int) -> None:
         """Update the state of the link: no bytes came until now."""
         self._log_all(self._monitor.pass_time(utc_ns, mono_ns))
 
-    def finish(self) -> list[FrameResult]:
+    def finish(self) -> list[FrameResults]:
         """Process the bytes left in the decoder at the end of the stream."""
-        results = self._identify(self._for_identification(self.reception.finish()))
-        self._log_camera(self._camera_watch.finish())
+        results = self._identify(self.reception.receive(self.reception.stream.finish()))
+        if text := self._camera_watch.finish():
+            utc_ns = int(self.session.frames.columns["utc_ns"][-1])
+            self.on_event(LinkEvent(utc_ns, 0, StationKind.WRONG_CAMERA, text))
         if self.session.station.mount.inertial is None:
             self._log_all(self.sky.finish(self.session.frames.columns))
         fill_housekeeping(self.session.frames.columns, self.session.statuses)
-        self.session.raw_sha256 = self.reception.raw_sha256
+        self.session.raw_sha256 = self.reception.stream.raw_sha256
         return results
 
     def on_event(self, event: LinkEvent) -> None:
@@ -249,118 +240,128 @@ class StationLoop:
         for event in events:
             self.on_event(event)
 
-    def _log_camera(self, text: str) -> None:
-        if text:
-            self.on_event(LinkEvent(int(self.session.frames.columns["utc_ns"][-1]), 0, StationKind.WRONG_CAMERA, text))
-
     def read_clock(self, reading: ClockReading) -> None:
         """Store a reading of the host clock."""
         self.session.clock.append(reading)
 
-    def _identify(self, news: list[_News]) -> list[FrameResult]:
-        """Identify the panoramas, many at once where many wait; results and events come out in their order."""
-        results = []
-        for begin in range(0, len(news), MOST_AT_ONCE):
-            part = news[begin : begin + MOST_AT_ONCE]
-            answers = iter(self._frame_processor.identify([item for item in part if isinstance(item, Panorama)]))
-            for kind, items in groupby(part, type):
-                if kind is Panorama:
-                    results += self._conclude([(item, next(answers)) for item in items if isinstance(item, Panorama)])
-                    continue
-                for item in items:
-                    if isinstance(item, OwnAnswer):
-                        results.append(self._conclude_own(item))
-                    elif isinstance(item, LinkEvent):
-                        self.on_event(item)
-        return results
+    def _identify(self, received: Received) -> list[FrameResults]:
+        """Process what came in its order, panoramas that follow each other at once."""
+        results: list[FrameResults] = []
+        first = 0
+        for before, item in [(before, item) for before, item in received.news if self._has_place(item)]:
+            results += self._process(received.panoramas.part(first, before))
+            first = before
+            if isinstance(item, LinkEvent):
+                self.on_event(item)
+            elif isinstance(item, OwnAnswer):
+                results.append(self._conclude_own(item))
+        return [*results, *self._process(received.panoramas.part(first, len(received.panoramas)))]
+
+    def _has_place(self, item: News) -> bool:
+        """Whether an item has a place among the results: STATUS messages and answers to panoramas are only stored."""
+        if isinstance(item, OwnAnswer):
+            self.session.sensor_attitudes.append(item.host_utc_ns, item.message)
+            return item.utc_ns is not None
+        if isinstance(item, tuple) and len(self.session.statuses) < MOST_STATUSES:
+            self.session.statuses.append(item)
+        return isinstance(item, LinkEvent)
 
     def observe(self, panorama: Panorama) -> FrameResult:
         """Process one panorama and store the result."""
-        return self._identify([panorama])[0]
+        (results,) = self._process(Panoramas.of([panorama]))
+        return results[0]
 
-    def _conclude(self, answered: list[tuple[Panorama, Answer | str]]) -> list[FrameResult]:
-        """Compare answers that follow each other with truth, store the results and pass them to the listeners.
+    def _process(self, panoramas: Panoramas) -> Iterator[FrameResults]:
+        """Identify panoramas, compare them with truth, store the results and pass them on."""
+        begin = 0
+        while begin < len(panoramas):
+            self._prepare(int(panoramas.utc_ns[begin]))
+            # One by one while the mount is not fitted: the next panorama may bring it.
+            end = begin + 1 if self._first_seconds is not None else min(begin + self.most_at_once, len(panoramas))
+            part = panoramas.part(begin, end)
+            identified = self._frame_processor.identify(part)
+            results = self._frame_processor.conclude(part, identified, self._elapsed_us(part, identified))
+            self._store(results)
+            yield results
+            begin = end
 
-        One by one while the mount is not fitted: the next panorama may bring it.
-        """
-        results: list[FrameResult] = []
-        while answered:
-            panorama, _ = answered[0]
-            if not self._truth_sought:
-                self._seek_truth(panorama)
-            if self._first_seconds is not None:
-                self._align(self._first_seconds, panorama)
-            count = len(answered) if self._first_seconds is None else 1
-            results += self._conclude_some(answered[:count])
-            answered = answered[count:]
-        return results
+    def _prepare(self, utc_ns: int) -> None:
+        """Find truth and mount for a panorama, where that is due."""
+        if not self._truth_sought:
+            self._seek_truth(utc_ns)
+        if self._first_seconds is not None:
+            self._align(self._first_seconds, utc_ns)
 
-    def _conclude_some(self, answered: list[tuple[Panorama, Answer | str]]) -> list[FrameResult]:
-        panoramas, answers = zip(*answered, strict=True)
-        elapsed_us = [self._elapsed_us(panorama, answer) for panorama, answer in answered]
-        results = self._frame_processor.conclude(panoramas, answers, elapsed_us)
-        first = len(self.session.frames)
-        self.session.frames.extend(results)
-        for row, (answer, result) in enumerate(zip(answers, results, strict=True), first):
-            self._log_all(self._sky_at(row + 1))
-            if given := (answer.given if isinstance(answer, Answer) else None):
-                self._count_given(result.panorama, given)
-            if isinstance(answer, Answer) and answer.is_mirrored:
-                self.on_event(LinkEvent(result.panorama.utc_ns, 0, StationKind.MIRRORED, result.detail))
-            self._log_camera(self._camera_watch.look(result))
-            if self._first_seconds is not None and self._frame_processor.truth is not None:
+    def _store(self, results: FrameResults) -> None:
+        """Store results; the listeners see them in their order, with the events that they bring between them."""
+        first, shown = len(self.session.frames), 0
+        rows = results.rows()
+        self.session.frames.extend(rows, results.match_rows())
+        if self._first_seconds is not None and self._frame_processor.truth is not None:
+            for result in results:
                 self._first_seconds.add(result, self._frame_processor.truth)
+        for k, event in self._events_of(results, first):
+            self._show(results, rows, shown, k)
+            self.on_event(event)
+            shown = k
+        self._show(results, rows, shown, len(results))
+
+    def _show(self, results: FrameResults, rows: NDArray[np.void], begin: int, end: int) -> None:
+        """Pass results from ``begin`` to before ``end`` to the listeners."""
+        if begin < end:
             for listener in self.listeners:
-                listener.on_result(result, self.session)
-        return results
+                listener.on_results(NewResults(results, rows[begin:end], begin), self.session)
 
-    def _count_given(self, panorama: Panorama, given: Given) -> None:
-        """Count what an external identifier gave; its failures are events."""
-        self.session.external_counts.count(given)
-        if isinstance(given.answer, Failure):
-            text = f"{given.answer.kind} at frame {panorama.frame_no}: {given.answer.detail}"
-            self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.IDENTIFIER_FAULT, text))
+    def _events_of(self, results: FrameResults, first: int) -> list[tuple[int, LinkEvent]]:
+        """Events that results bring, of which the first is row ``first`` of the session, each before its result."""
+        events: list[tuple[int, LinkEvent]] = []
+        if self.session.station.mount.inertial is None:  # before a star simulator there is no sky
+            taken = self.sky.take(self.session.frames.columns, first)
+            events += [(row - first, event) for row, found in taken for event in found]
+        for k, result in enumerate(results.made):
+            if result.given is not None:
+                self.session.external_counts.count(result.given)
+                if isinstance(result.given.answer, Failure):
+                    text = (
+                        f"{result.given.answer.kind} at frame {result.panorama.frame_no}: {result.given.answer.detail}"
+                    )
+                    events.append((k, LinkEvent(result.panorama.utc_ns, 0, StationKind.IDENTIFIER_FAULT, text)))
+        for k, answer in results.answers.unidentified.items():
+            if answer.reason is Reason.MIRRORED:
+                utc_ns = int(results.panoramas.utc_ns[k])
+                events.append((k, LinkEvent(utc_ns, 0, StationKind.MIRRORED, answer.detail)))
+        for k, text in self._camera_watch.look(results):
+            events.append((k, LinkEvent(int(results.panoramas.utc_ns[k]), 0, StationKind.WRONG_CAMERA, text)))
+        return sorted(events, key=itemgetter(0))
 
-    def _conclude_own(self, answer: OwnAnswer) -> FrameResult:
+    def _conclude_own(self, answer: OwnAnswer) -> FrameResults:
         """Compare an answer of a sensor that sends no panoramas with truth; store the result and pass it on."""
         panorama = self._own_answers.panorama(answer)
-        if not self._truth_sought:
-            self._seek_truth(panorama)
-        if self._first_seconds is not None:
-            self._align(self._first_seconds, panorama)
+        self._prepare(panorama.utc_ns)
         truth, mount = self._frame_processor.truth, self._frame_processor.mount
-        result = self._own_answers.result(panorama, answer.message, truth, mount)
         self.sky.sees_objects = False
-        self.session.frames.append(result)
-        self._log_all(self._sky_at(len(self.session.frames)))
-        if self._first_seconds is not None and truth is not None:
-            self._first_seconds.add(result, truth)
-        for listener in self.listeners:
-            listener.on_result(result, self.session)
-        return result
+        results = FrameResults.of([self._own_answers.result(panorama, answer.message, truth, mount)])
+        self._store(results)
+        return results
 
-    def _elapsed_us(self, panorama: Panorama, answer: Answer | str) -> float | None:
-        """The recorded identification time in a replay, otherwise this host's own."""
-        own = None if isinstance(answer, str) else answer.elapsed_us
-        if own is not None:
-            self.own_elapsed_us.append(own)
-        return own if self._recorded is None else self._recorded.take(panorama.time_us)
+    def _elapsed_us(self, panoramas: Panoramas, identified: Identified) -> NDArray[np.float64]:
+        """The recorded identification times in a replay, otherwise this host's own."""
+        own_us = identified.elapsed_us
+        self.own_elapsed_us.extend(own_us[~np.isnan(own_us)].tolist())
+        if self._recorded is None:
+            return own_us
+        times = [self._recorded.take(time_us) for time_us in panoramas.time_us.tolist()]
+        return np.array([math.nan if us is None else us for us in times])
 
-    def _sky_at(self, rows: int) -> list[LinkEvent]:
-        """What the newest of so many frames shows of the sky; before a star simulator there is none."""
-        if self.session.station.mount.inertial is not None:
-            return []
-        return self.sky.take(self.session.frames.columns[:rows])
-
-    def _align(self, first_seconds: FirstSeconds, panorama: Panorama) -> None:
+    def _align(self, first_seconds: FirstSeconds, utc_ns: int) -> None:
         """Fit the mount after the first seconds; the frames of the fit are not compared with it."""
-        alignment = first_seconds.alignment(panorama.utc_ns)
+        alignment = first_seconds.alignment(utc_ns)
         if alignment is None:
             return
         self._first_seconds = None
         self._frame_processor = replace(self._frame_processor, mount=alignment.mount)
         self.session.alignment = alignment
-        self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.ALIGNED, str(alignment)))
+        self.on_event(LinkEvent(utc_ns, 0, StationKind.ALIGNED, str(alignment)))
 
     def _truth_reaches(self, utc_ns: int) -> bool:
         """Whether the Earth orientation at hand is good for an instant to which the clock was set."""
@@ -372,7 +373,7 @@ class StationLoop:
         except TruthError:
             return False
 
-    def _seek_truth(self, panorama: Panorama) -> None:
+    def _seek_truth(self, utc_ns: int) -> None:
         """Find the Earth orientation: that of the session, or from disk for the date of the first panorama.
 
         After a clock step beyond its reach it is sought again; there is none for an unknown date.
@@ -383,13 +384,13 @@ class StationLoop:
             self._frame_processor = replace(self._frame_processor, truth=InertialTruth(shown))
             return
         try:
-            orientation, warning = self._orientation(panorama.utc_ns)
+            orientation, warning = self._orientation(utc_ns)
         except TruthError as error:
             self._frame_processor = replace(self._frame_processor, truth=None)
-            self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.NO_TRUTH, str(error)))
+            self.on_event(LinkEvent(utc_ns, 0, StationKind.NO_TRUTH, str(error)))
             return
         if warning:
-            self.on_event(LinkEvent(panorama.utc_ns, 0, StationKind.EARTH_ORIENTATION, warning))
+            self.on_event(LinkEvent(utc_ns, 0, StationKind.EARTH_ORIENTATION, warning))
         self.session.earth_orientation = orientation
         truth = SiderealTruth(self.session.station.site, orientation)
         self._frame_processor = replace(self._frame_processor, truth=truth)

@@ -10,6 +10,7 @@ from gse.constants import ARCSEC_PER_RAD
 from gse.errors import UsageError
 from gse.instant import NS_PER_S
 from gse.star_influence import attitude_operators, star_covariance, unfitted
+from gse.station.frame_results import NewResults
 from gse.station.frame_table import ANSWER_CHECKS
 from gse.station.results import AnswerCheck, FrameResult
 from gse.station.session_data import SessionData
@@ -41,12 +42,13 @@ class MeasuredMounts:
         rotation = result.attitude_geometric.icrs_to_sensor @ truth.icrs_to_horizon(utc_ns).T
         self._rotations.extend(rotation.ravel().tolist())
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Take a frame from the loop."""
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        """Take frames from the loop."""
         if self._truth is None:
             self._truth = truth_of(session.station.site, session.station.mount, session.earth_orientation)
         if self._truth is not None:
-            self.add(result, self._truth)
+            for result in results:
+                self.add(result, self._truth)
 
     def on_event(self, event: object) -> None:
         """Events are ignored."""

@@ -5,19 +5,25 @@ while the sky moves; a planet or the Moon is at its place in the ephemeris; any 
 """
 
 from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude
 from gse.camera import Camera
+from gse.identifier import Answers
 from gse.instant import NS_PER_S
-from gse.panorama import Panorama
+from gse.panorama import Panoramas
+from gse.parts import Parts
 from gse.site import Site
+from gse.station.starlight import rows_of
 from gse.truth.solar_system import BODIES, bodies_icrs
 
 HOT_PIXEL = "hot pixel"
 UNKNOWN = "unknown"
+KINDS = (UNKNOWN, HOT_PIXEL, *BODIES)
 
 PLANET_WITHIN_PX = 4.0
 MOON_WITHIN_RAD = np.radians(1.0)
@@ -42,6 +48,33 @@ _EPHEMERIS_NS = 600 * NS_PER_S
 """The Moon moves 5 arcmin in this time, planets half an arcmin at most: a new place for each cell of it."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Others:
+    """Objects without a star as columns: rows (M,) within their panoramas, in parts; kinds (M,) are places in KINDS."""
+
+    parts: Parts
+    objects: NDArray[np.int64]
+    kinds: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, others: Sequence[Sequence[tuple[int, str]]]) -> Self:
+        """The columns of (object, kind) of panoramas given one by one."""
+        whole = [item for of_one in others for item in of_one]
+        objects = np.array([row for row, _ in whole], dtype=np.int64)
+        kinds = np.array([KINDS.index(kind) for _, kind in whole], dtype=np.uint8)
+        return cls(Parts.of_counts([len(of_one) for of_one in others]), objects, kinds)
+
+    def __getitem__(self, k: int) -> tuple[tuple[int, str], ...]:
+        rows = self.parts.rows(k)
+        kinds = [KINDS[kind] for kind in self.kinds[rows].tolist()]
+        return tuple(zip(self.objects[rows].tolist(), kinds, strict=True))
+
+    def count(self, kind: str, among: NDArray[np.bool_] | bool = True) -> NDArray[np.int64]:
+        """How many objects of a kind, ``among`` those (M,), each panorama (K,) has."""
+        wanted = (self.kinds == KINDS.index(kind)) & among
+        return np.bincount(self.parts.of_row[wanted], minlength=len(self.parts))
+
+
 class NonStellarObjects:
     """Classifies unidentified objects, from this frame and the frames before."""
 
@@ -57,29 +90,45 @@ class NonStellarObjects:
 
     def name(
         self,
-        panorama: Panorama,
+        panoramas: Panoramas,
         directions_sensor: NDArray[np.float64],
-        identified: NDArray[np.int64],
-        attitude: Attitude,
+        answers: Answers,
+        icrs_to_sensor: NDArray[np.float64],
         *,
         truth_known: bool,
-    ) -> tuple[tuple[int, str], ...]:
-        """(row, kind) of each object that is not among ``identified``, given the geometric attitude of the frame."""
-        left = np.ones(len(panorama.brightness), dtype=np.bool_)
-        left[identified] = False
-        rest = left.nonzero()[0]
-        xy_px = panorama.xy_px.take(rest, axis=0)
-        if abs(panorama.utc_ns - self._looked_ns) >= LOOKED_AT_EVERY_NS:
-            self._looked_ns = panorama.utc_ns
-            self._look(xy_px, directions_sensor.take(rest, axis=0) @ attitude.icrs_to_sensor)
-        kinds = [UNKNOWN] * len(rest)
-        if len(self._hot_px):
-            kinds = [HOT_PIXEL if is_hot else UNKNOWN for is_hot in self._are_hot(xy_px).tolist()]
+    ) -> Others:
+        """The objects that the answers leave, given the geometric attitudes (K, 3, 3); none where there is no answer.
+
+        Panoramas must come in their order.
+        """
+        left = np.repeat(answers.named, panoramas.parts.counts)
+        left[rows_of(panoramas.parts, answers)] = False
+        rows = left.nonzero()[0]
+        frame_of = panoramas.parts.of_row.take(rows)
+        xy_px, kinds = panoramas.xy_px.take(rows, axis=0), np.zeros(len(rows), dtype=np.uint8)
+        parts = Parts.of_counts(np.bincount(frame_of, minlength=len(panoramas)))
+        named = answers.named.nonzero()[0]
+        utc_ns, begin = panoramas.utc_ns.take(named), 0
+        for k in named[self._looks(utc_ns.tolist())].tolist():
+            here = parts.rows(k)
+            kinds[begin : here.start] = self._are_hot(xy_px[begin : here.start])
+            self._look(xy_px[here], directions_sensor.take(rows[here], axis=0) @ icrs_to_sensor[k])
+            begin = here.start
+        kinds[begin:] = self._are_hot(xy_px[begin:])
         if truth_known:
-            for body, place_px, within_px in self._bodies_px(panorama.utc_ns, attitude):
-                for row in (np.hypot(*(xy_px - place_px).T) <= within_px).nonzero()[0].tolist():
-                    kinds[row] = body
-        return tuple(zip(rest.tolist(), kinds, strict=True))
+            for k, body, place_px, within_px in self._bodies_px(named, utc_ns, icrs_to_sensor):
+                here = parts.rows(k)
+                kinds[here][np.hypot(*(xy_px[here] - place_px).T) <= within_px] = KINDS.index(body)
+        return Others(parts, rows - panoramas.parts.first.take(frame_of), kinds)
+
+    def _looks(self, utc_ns: Sequence[int]) -> list[int]:
+        """The places of the panoramas, of those at these instants, at which hot pixels are looked for."""
+        looks = []
+        for place, at_ns in enumerate(utc_ns):
+            if abs(at_ns - self._looked_ns) >= LOOKED_AT_EVERY_NS:
+                self._looked_ns = at_ns
+                looks.append(place)
+        return looks
 
     def _look(self, xy_px: NDArray[np.float64], icrs: NDArray[np.float64]) -> None:
         """Find more hot pixels among objects (N, 2), with the sky ``icrs`` (N, 3) behind them."""
@@ -92,22 +141,26 @@ class NonStellarObjects:
         apart_px = np.abs(xy_px[:, None] - self._hot_px).max(axis=2).min(axis=1)
         return np.asarray(apart_px <= SAME_PIXEL_PX, dtype=np.bool_)
 
-    def _bodies_px(self, utc_ns: int, attitude: Attitude) -> list[tuple[str, NDArray[np.float64], float]]:
-        """Planets and Moon in the field: name, place, and the largest distance of an object."""
-        if self._cell != utc_ns // _EPHEMERIS_NS:
-            self._cell = utc_ns // _EPHEMERIS_NS
-            self._bodies_icrs = bodies_icrs(self._site, self._cell * _EPHEMERIS_NS + _EPHEMERIS_NS // 2)
-        from_boresight = self._bodies_icrs @ attitude.boresight_icrs
-        near = (from_boresight > self._cos_reach).nonzero()[0]
-        if not len(near):
-            return []
+    def _bodies_px(
+        self, frames: NDArray[np.int64], utc_ns: NDArray[np.int64], icrs_to_sensor: NDArray[np.float64]
+    ) -> Iterator[tuple[int, str, NDArray[np.float64], float]]:
+        """Planets and Moon in the fields: panorama, name, place, and the largest distance of an object."""
+        cells = utc_ns // _EPHEMERIS_NS
         moon_px = float(MOON_WITHIN_RAD / self._camera.pixel_rad)
-        places_px = self._camera.pixels(self._bodies_icrs[near] @ attitude.icrs_to_sensor.T)
-        names = [BODIES[row] for row in near]
-        return [
-            (name, place, moon_px if name == "Moon" else PLANET_WITHIN_PX)
-            for name, place in zip(names, places_px, strict=True)
-        ]
+        for cell in dict.fromkeys(cells.tolist()):
+            of_cell, bodies_icrs = frames[cells == cell], self._bodies_of(cell)
+            from_boresight = (bodies_icrs * icrs_to_sensor[of_cell, None, 2]).sum(axis=2)
+            for k, body in zip(*(from_boresight > self._cos_reach).nonzero(), strict=True):
+                rotation, name = icrs_to_sensor[of_cell[k]], BODIES[body]
+                (place_px,) = self._camera.pixels(bodies_icrs[body, None] @ rotation.T)
+                yield int(of_cell[k]), name, place_px, moon_px if name == "Moon" else PLANET_WITHIN_PX
+
+    def _bodies_of(self, cell: int) -> NDArray[np.float64]:
+        """Unit vectors (7, 3) to BODIES in the middle of a cell."""
+        if self._cell != cell:
+            self._cell = cell
+            self._bodies_icrs = bodies_icrs(self._site, cell * _EPHEMERIS_NS + _EPHEMERIS_NS // 2)
+        return self._bodies_icrs
 
 
 class _Sightings:

@@ -28,15 +28,8 @@ takes the least difference (host - sensor) of the last 200 frames or 30 s as the
 tag plus this offset is the time of the frame.
 
 **Steps of UTC.** The differences are taken on the host's monotonic clock, and the offset UTC - monotonic is added last.
-Where that offset moves by 5 ms or more between two frames, the UTC clock was stepped, not slewed: an event CLOCK_STEP.
-Frames around it are left out of the statistics, see ``gse.station.exclusions``. Where the sensor's clock went along
-with UTC, by a second or more, UTC was right: a host that is suspended stops its monotonic clock. Then the differences
-begin anew.
-
-**Sequence numbers** tell duplicates (dropped, counted), gaps (frames lost) and restarts. A restart is also told by a
-time tag of a panorama that jumps back, or by the sensor's own flag. Then the sensor clock is forgotten and learned anew
-(an event SENSOR_RESET). Time tags of other messages are not asked: a STATUS may carry a later one than the panorama
-behind it. Frames marked as stored are older than what came before them and never look like a restart.
+``gse.station.arrivals`` tells steps of that offset, restarts of the sensor, and copies. After a restart, and where a
+host that was suspended stopped its monotonic clock, the differences begin anew.
 
 **Raw captures** have no host times. With ``anchor_utc_ns`` the first panorama has that instant, and the others follow
 by the sensor's clock. Where this clock starts anew, or leaps by a year, it goes on from the latest panorama: a restart
@@ -46,33 +39,31 @@ Objects leave here brightest first, equal ones in the order of the wire. Nothing
 values keeps its ``problems`` and becomes a SENSOR_FAULT later.
 """
 
-import hashlib
 import math
-from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.chunk import Chunk, LinkEvent
-from gse.instant import LAST_NS, NS_PER_S
-from gse.panorama import Panorama
-from gse.station.event_kinds import ClockStep, StationKind
+from drivers.chunk import LinkEvent
+from gse.instant import LAST_NS, NS_PER_S, bounded
+from gse.panorama import Panorama, Panoramas
+from gse.parts import Parts
+from gse.station.arrivals import Arrivals, chaos_in_words
+from gse.station.byte_stream import ByteStream, FrameAt
+from gse.station.event_kinds import StationKind
 from gse.station.results import LinkCounters, OwnAnswer
 from gse.station.sensor_clock import SensorClock
 from protocols import (
     Ack,
     Arrival,
     AttitudeMessage,
-    Discard,
-    Frame,
-    FrameDecoder,
     Message,
     Nak,
-    PanoramaMessage,
+    PanoramaColumns,
     Protocol,
-    SequenceTracker,
     StatusMessage,
 )
-from protocols.sequence import RECENT
 
 BITS_PER_BYTE = 10
 """8N1: a start bit, eight data bits, a stop bit."""
@@ -81,29 +72,34 @@ LONGEST_EXPOSURE_S = 3600.0
 HOTTEST_C = 1e6
 """Larger numbers of the sensor are invalid."""
 
-CLOCK_STEP_NS = 5_000_000
-"""UTC that moves this much against the monotonic clock between two frames was stepped, not slewed."""
-
-SHORTEST_SUSPENSION_NS = NS_PER_S
-"""Steps that are smaller are always those of UTC: time tags and arrivals do not tell."""
-
-FROZEN_AFTER = 3
-"""Copies of one panorama with no other between them: no line makes so many."""
-
 LONGEST_PAUSE_NS = 366 * 86_400 * NS_PER_S
 """A sensor clock that is this far ahead of the panorama before is out of order: no capture pauses for a year."""
 
-_TAGGED = PanoramaMessage | StatusMessage | AttitudeMessage
-"""Messages with the sensor's time: it tells a step of UTC from a host that was suspended."""
+HostedStatus = tuple[int, StatusMessage]
+"""The host's UTC at which a STATUS was complete, and its message."""
 
-_Stamp = tuple[int, int, int]
-"""Offset of a chunk in the stream, UTC and monotonic time at which it was read, as they came."""
+News = OwnAnswer | HostedStatus | Ack | Nak | LinkEvent
+"""What came beside panoramas."""
 
-Received = Panorama | OwnAnswer | StatusMessage | Ack | Nak | LinkEvent
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """What some frames brought: panoramas, and news in their order, each with the number of panoramas before it."""
+
+    news: Sequence[tuple[int, News]]
+    panoramas: Panoramas
+
+    def __iter__(self) -> Iterator[Panorama | News]:
+        first = 0
+        for before, item in self.news:
+            yield from self.panoramas.part(first, before)
+            first = before
+            yield item
+        yield from self.panoramas.part(first, len(self.panoramas))
 
 
 class Reception:
-    """Bytes in, panoramas and events out; every byte is counted.
+    """Frames of its ``stream`` in, panoramas and events out.
 
     A frame is stamped with the host time of its first byte: mid-exposure is half an exposure and one byte earlier.
     With ``anchor_utc_ns`` the host times mean nothing (a raw capture): the first panorama is given that instant, the
@@ -112,198 +108,115 @@ class Reception:
 
     def __init__(self, protocol: Protocol, *, baudrate: int, anchor_utc_ns: int | None = None) -> None:
         self.counters = LinkCounters()
-        self.last_host_utc_ns = 0
-        self.latest_reasons: set[str] = set()
+        self.stream = ByteStream(protocol, self.counters)
         self._protocol = protocol
-        self._decoder = FrameDecoder(protocol)
-        self._sequence = SequenceTracker(protocol.sequence_modulus)
+        self._panorama_type = "PANORAMA" if protocol.slots else ""
         self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
-        self._stamps: deque[_Stamp] = deque()
-        self._sha256 = hashlib.sha256()
         self._clock = SensorClock()
+        self._arrivals = Arrivals(protocol, self.counters, has_times=anchor_utc_ns is None)
         self._anchor_utc_ns = anchor_utc_ns
         self._anchor_time_us: int | None = None
         self._latest_utc_ns = 0
-        self._latest: deque[bytes] = deque(maxlen=RECENT)
-        self._before: tuple[int, int, int | None] | None = None
-        self._frame_mono_ns: int | None = None
-        self._repeats = 0
 
-    @property
-    def raw_sha256(self) -> str:
-        """SHA-256 of all bytes received."""
-        return self._sha256.hexdigest()
-
-    def receive(self, chunk: Chunk) -> list[Received]:
-        """Panoramas, events and other messages that the chunk completes; ``latest_reasons`` are of its discards."""
-        self.latest_reasons.clear()
-        utc_ns = _an_instant(chunk.utc_ns)
-        self._stamps.append((self.counters.bytes_in, chunk.utc_ns, chunk.mono_ns))
-        self.counters.bytes_in += len(chunk.data)
-        self._sha256.update(chunk.data)
-        self.last_host_utc_ns = utc_ns
-        received = self._take(self._decoder.feed(chunk.data))
-        self._forget_before(self.counters.bytes_in - self._decoder.pending)
-        return received
-
-    def finish(self) -> list[Received]:
-        """Messages from the bytes left at the end of the stream."""
-        return self._take(self._decoder.finish())
-
-    def _take(self, pieces: list[Frame | Discard]) -> list[Received]:
-        received: list[Received] = []
-        for piece in pieces:
-            if isinstance(piece, Discard):
-                self._count_discard(piece)
+    def receive(self, stream: Sequence[FrameAt | LinkEvent]) -> Received:
+        """What frames bring, with the events between them in their places."""
+        frames = [item.frame for item in stream if isinstance(item, FrameAt) and item.frame.type == self._panorama_type]
+        columns = self._protocol.decode_panoramas(frames) if frames else None
+        news: list[tuple[int, News]] = []
+        made: list[_Made] = []
+        row = 0
+        for item in stream:
+            if isinstance(item, LinkEvent):
+                news.append((len(made), item))
+            elif columns is not None and item.frame.type == self._panorama_type:
+                news += [(len(made), event) for event in self._panorama(item, columns, row, made)]
+                row += 1
             else:
-                self.counters.frames += 1
-                self.counters.bytes_framed += piece.size
-                received += self._take_frame(piece)
-        return received
+                news += [(len(made), found) for found in self._other(item, self._protocol.decode(item.frame))]
+        return Received(news, _columns(columns, made) if columns and made else Panoramas.of([]))
 
-    def _count_discard(self, discard: Discard) -> None:
-        self.counters.bytes_discarded += len(discard.data)
-        self.latest_reasons.add(discard.reason)
-        by_reason = self.counters.discarded_bytes_by_reason
-        by_reason[discard.reason] = by_reason.get(discard.reason, 0) + len(discard.data)
+    def _panorama(self, at: FrameAt, columns: PanoramaColumns, row: int, made: list["_Made"]) -> Iterator[LinkEvent]:
+        """The events of a panorama, the row ``row`` of its block; one that is no copy is appended to ``made``."""
+        time_us, host_utc_ns, mono_ns = columns.time_us[row], bounded(at.utc_ns), bounded(at.mono_ns)
+        yield from self._steps(at, time_us)
+        restarted = "clock reset" in columns.flags[row]
+        kind, events = self._arrived(at, host_utc_ns, mono_ns, time_us, restarted=restarted)
+        if kind is Arrival.DUPLICATE:
+            yield from self._arrivals.repeated(at.frame, columns.frame_no[row], host_utc_ns, mono_ns)
+            return
+        yield from events
+        self._arrivals.new_panorama()
+        # Invalid numbers (NaN, infinity, an age) are listed in the panorama's problems.
+        exposure_s = columns.exposure_s[row]
+        exposure_s = exposure_s if 0 <= exposure_s <= LONGEST_EXPOSURE_S else math.nan
+        utc_ns = bounded(self._utc_of(time_us, exposure_s, host_utc_ns, mono_ns))
+        self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
+        host_utc_ns = host_utc_ns if self._anchor_utc_ns is None else 0
+        made.append((row, utc_ns, host_utc_ns, max(at.frame.sequence, 0), exposure_s))
 
-    def _take_frame(self, frame: Frame) -> list[Received]:
-        self._forget_before(frame.start)
-        _, stamped_utc_ns, stamped_mono_ns = self._stamps[0]
-        message = self._protocol.decode(frame)
-        received: list[Received] = list(self._clock_step(stamped_utc_ns, stamped_mono_ns, message))
-        host_utc_ns, mono_ns = _an_instant(stamped_utc_ns), _an_instant(stamped_mono_ns)
-        before = self._sequence.last
-        arrival = self._arrival(frame, message, mono_ns)
-        if arrival is Arrival.DUPLICATE:
-            return received + self._repeated(message, frame.sequence, host_utc_ns, mono_ns)
+    def _other(self, at: FrameAt, message: Message) -> Iterator[News]:
+        """The news of any other frame."""
+        host_utc_ns, mono_ns = bounded(at.utc_ns), bounded(at.mono_ns)
+        yield from self._steps(at, message.time_us if isinstance(message, StatusMessage | AttitudeMessage) else None)
+        # Only time tags of exposures show a restart.
+        time_tag = message.time_us if isinstance(message, AttitudeMessage) and not self._panorama_type else None
+        kind, events = self._arrived(at, host_utc_ns, mono_ns, time_tag, restarted=False)
+        if kind is Arrival.DUPLICATE:
+            return
+        yield from events
+        if isinstance(message, AttitudeMessage):
+            yield self._own_answer(message, at, host_utc_ns, mono_ns)
+        elif isinstance(message, StatusMessage):
+            yield bounded(at.completed_utc_ns), message
+        elif isinstance(message, Ack | Nak):
+            yield message
+
+    def _steps(self, at: FrameAt, time_us: int | None) -> Iterator[LinkEvent]:
+        """The step of the host's clock before a frame."""
+        step = self._arrivals.clock_step(at, time_us)
+        if step is not None:
+            if step.utc_kept:
+                self._clock.reset()
+            yield step
+
+    def _arrived(
+        self, at: FrameAt, host_utc_ns: int, mono_ns: int, time_us: int | None, *, restarted: bool
+    ) -> tuple[Arrival, list[LinkEvent]]:
+        """The class of a frame by its sequence number, and the events of it."""
+        before = self._arrivals.last
+        arrival = self._arrivals.accept(at.frame, mono_ns, time_us, restarted=restarted)
+        if arrival not in (Arrival.CHAOS, Arrival.RESET):
+            return arrival, []
         utc_ns = host_utc_ns if self._anchor_utc_ns is None else max(self._anchor_utc_ns, self._latest_utc_ns)
         if arrival is Arrival.CHAOS:
-            text = _chaos_in_words(frame.sequence, before)
-            received.append(LinkEvent(utc_ns, mono_ns, StationKind.SEQUENCE_CHAOS, text))
-        if arrival is Arrival.RESET:
-            self._clock.reset()
-            self._anchor_time_us = None
-            text = f"the sensor started anew: frame {frame.sequence} on the wire, its clock or counter jumped back"
-            received.append(LinkEvent(utc_ns, mono_ns, StationKind.SENSOR_RESET, text))
-        if isinstance(message, PanoramaMessage):
-            self._repeats = 0
-            received.append(self._panorama(message, frame, host_utc_ns, mono_ns))
-        elif isinstance(message, AttitudeMessage):
-            received.append(self._own_answer(message, frame, host_utc_ns, mono_ns))
-        elif isinstance(message, StatusMessage | Ack | Nak):
-            received.append(message)
-        return received
+            text = chaos_in_words(at.frame.sequence, before)
+            return arrival, [LinkEvent(utc_ns, mono_ns, StationKind.SEQUENCE_CHAOS, text)]
+        self._clock.reset()
+        self._anchor_time_us = None
+        text = f"the sensor started anew: frame {at.frame.sequence} on the wire, its clock or counter jumped back"
+        return arrival, [LinkEvent(utc_ns, mono_ns, StationKind.SENSOR_RESET, text)]
 
-    def _arrival(self, frame: Frame, message: Message, mono_ns: int) -> Arrival:
-        """Classify the sequence number. Only time tags of exposures show a restart: a STATUS may carry a later one."""
-        elapsed_s = None
-        if self._anchor_utc_ns is None and self._frame_mono_ns is not None:
-            elapsed_s = (mono_ns - self._frame_mono_ns) / NS_PER_S
-        copy = self._is_copy(frame)
-        of_exposure = PanoramaMessage if self._protocol.slots else AttitudeMessage
-        if isinstance(message, of_exposure) and "stored" not in self._protocol.flags_of(frame):
-            restarted = isinstance(message, PanoramaMessage) and "clock reset" in message.flags
-            arrival = self._sequence.accept(
-                frame.sequence, time_us=message.time_us, restarted=restarted, elapsed_s=elapsed_s, copy=copy
-            )
-        else:
-            arrival = self._sequence.accept(frame.sequence, elapsed_s=elapsed_s, copy=copy)
-        if arrival is not Arrival.DUPLICATE:
-            self._frame_mono_ns = mono_ns
-        self.counters.duplicates = self._sequence.duplicates
-        self.counters.frames_lost = self._sequence.lost
-        self.counters.sensor_resets = self._sequence.resets
-        return arrival
-
-    def _repeated(self, message: Message, sequence: int, host_utc_ns: int, mono_ns: int) -> list[Received]:
-        """Count a panorama that came before; an event where nothing else comes any more.
-
-        A line that doubles frames goes on with new ones. The copies of a frozen sensor stand where new panoramas are
-        expected, so they count as missing.
-        """
-        if not isinstance(message, PanoramaMessage) or sequence != self._sequence.last:
-            return []
-        self._repeats += 1
-        if self._repeats < FROZEN_AFTER:
-            return []
-        self.counters.frames_repeated += FROZEN_AFTER if self._repeats == FROZEN_AFTER else 1
-        if self._repeats > FROZEN_AFTER:
-            return []
-        text = f"the sensor repeats panorama {message.frame_no}, byte for byte, instead of new ones: it is frozen"
-        return [LinkEvent(host_utc_ns, mono_ns, StationKind.FROZEN, text)]
-
-    def _is_copy(self, frame: Frame) -> bool:
-        """Whether the same bytes came among the latest frames: what bears a number again need not be a copy."""
-        found = frame.payload in self._latest
-        self._latest.append(frame.payload)
-        return found
-
-    def _forget_before(self, start: int) -> None:
-        """Drop the stamps of decoded bytes; the rest belongs to one frame or discard at most."""
-        while len(self._stamps) > 1 and self._stamps[1][0] <= start:
-            self._stamps.popleft()
-
-    def _clock_step(self, utc_ns: int, mono_ns: int, message: Message) -> list[LinkEvent]:
-        """The step since the frame before, by the stamps as they came: stamps that no clock has may stand still."""
-        tag_ns = message.time_us * 1000 if isinstance(message, _TAGGED) else None
-        before, self._before = self._before, (utc_ns, mono_ns, tag_ns)
-        if before is None or self._anchor_utc_ns is not None:
-            return []
-        step_ns = utc_ns - mono_ns - (before[0] - before[1])
-        if abs(step_ns) < CLOCK_STEP_NS:
-            return []
-        utc_kept = abs(step_ns) >= SHORTEST_SUSPENSION_NS and _went_with_utc(before, (utc_ns, mono_ns, tag_ns))
-        if utc_kept:
-            self._clock.reset()
-        text = _step_in_words(step_ns, utc_kept)
-        stamp = _an_instant(utc_ns), _an_instant(mono_ns)
-        return [ClockStep(*stamp, StationKind.CLOCK_STEP, text, step_ns, utc_kept)]
-
-    def _panorama(self, message: PanoramaMessage, frame: Frame, host_utc_ns: int, mono_ns: int) -> Panorama:
-        # Invalid numbers (NaN, infinity, an age) are listed in the panorama's problems.
-        exposure_s = message.exposure_s if 0 <= message.exposure_s <= LONGEST_EXPOSURE_S else math.nan
-        temperature_c = message.temperature_c if abs(message.temperature_c) <= HOTTEST_C else math.nan
-        utc_ns = min(max(self._utc_of(message, exposure_s, host_utc_ns, mono_ns), 0), LAST_NS)
-        brightest_first = np.argsort(-message.index, kind="stable")
-        self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
-        return Panorama(
-            utc_ns=utc_ns,
-            xy_px=message.xy_px.take(brightest_first, axis=0),
-            brightness=message.index.take(brightest_first),
-            frame_no=message.frame_no,
-            exposure_s=exposure_s,
-            time_us=message.time_us,
-            temperature_c=temperature_c,
-            flags=message.flags,
-            host_utc_ns=host_utc_ns if self._anchor_utc_ns is None else 0,
-            sequence=max(frame.sequence, 0),  # a frame without a number has -1
-            problems=message.problems,
-            wire_rows=brightest_first,
-        )
-
-    def _own_answer(self, message: AttitudeMessage, frame: Frame, host_utc_ns: int, mono_ns: int) -> OwnAnswer:
+    def _own_answer(self, message: AttitudeMessage, at: FrameAt, host_utc_ns: int, mono_ns: int) -> OwnAnswer:
         """The UTC of its exposure is that of its panorama; a sensor without panoramas is given one by its time tag.
 
         Its answer comes later than the exposure by the time that it states for its processing.
         """
         utc_ns = None
-        if not self._protocol.slots:
+        if not self._panorama_type:
             processing_s = message.latency_s if 0 <= message.latency_s <= LONGEST_EXPOSURE_S else 0.0
-            utc_ns = self._utc_of(message, 2 * processing_s, host_utc_ns, mono_ns)
-            utc_ns = min(max(utc_ns, 0), LAST_NS)
+            utc_ns = bounded(self._utc_of(message.time_us, 2 * processing_s, host_utc_ns, mono_ns))
             self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
         host_utc_ns = host_utc_ns if self._anchor_utc_ns is None else 0
-        return OwnAnswer(message, host_utc_ns, utc_ns, max(frame.sequence, 0))
+        return OwnAnswer(message, host_utc_ns, utc_ns, max(at.frame.sequence, 0))
 
-    def _utc_of(self, message: PanoramaMessage | AttitudeMessage, exposure_s: float, utc_ns: int, mono_ns: int) -> int:
+    def _utc_of(self, time_us: int, exposure_s: float, utc_ns: int, mono_ns: int) -> int:
         """UTC of a time tag that came half of ``exposure_s`` and a byte before its frame was read."""
         if self._anchor_utc_ns is None:
             # A panorama whose exposure is out of order is placed where its first byte came.
             half_ns = 0 if math.isnan(exposure_s) else round(exposure_s * NS_PER_S / 2)
             arrived_ns = mono_ns - self._byte_ns - half_ns
-            return self._clock.utc_ns(message.time_us, arrived_mono_ns=arrived_ns, utc_minus_mono_ns=utc_ns - mono_ns)
-        return self._anchored_utc_ns(message.time_us)
+            return self._clock.utc_ns(time_us, arrived_mono_ns=arrived_ns, utc_minus_mono_ns=utc_ns - mono_ns)
+        return self._anchored_utc_ns(time_us)
 
     def _anchored_utc_ns(self, time_us: int) -> int:
         assert self._anchor_utc_ns is not None
@@ -316,35 +229,31 @@ class Reception:
         return latest_ns
 
 
-def _an_instant(stamp_ns: int) -> int:
-    """A stamp within what an instant can be."""
-    return min(max(stamp_ns, 0), LAST_NS)
+_Made = tuple[int, int, int, int, float]
+"""Of a panorama: its row in the block, UTC, host's UTC, sequence number, exposure in s."""
 
 
-def _went_with_utc(before: tuple[int, int, int | None], now: tuple[int, int, int | None]) -> bool:
-    """Whether the sensor's clock went on as UTC did, not as the monotonic clock; stamps and tags of two frames."""
-    if before[2] is None or now[2] is None or now[2] < before[2]:
-        return False
-    tag_ns = now[2] - before[2]
-    return abs(tag_ns - (now[0] - before[0])) < abs(tag_ns - (now[1] - before[1]))
-
-
-def _chaos_in_words(sequence: int, before: int | None) -> str:
-    if sequence == before:
-        return f"frame {sequence} on the wire follows another frame {before}: its sequence number stands still"
-    return (
-        f"frame {sequence} on the wire follows frame {before}: more than can have been sent in the time between; its "
-        "sequence number makes no sense, and no frames count as lost"
+def _columns(columns: PanoramaColumns, made: Sequence[_Made]) -> Panoramas:
+    """The panoramas that were made of messages, each with its objects brightest first, equal ones as on the wire."""
+    rows, utc_ns, host_utc_ns, sequence, exposure_s = zip(*made, strict=True)
+    counts = np.diff(columns.first)[list(rows)]
+    parts = Parts.of_counts(counts)
+    wire_rows = np.arange(parts.first[-1]) - np.repeat(parts.first[:-1], counts)
+    at = wire_rows + np.repeat(columns.first[list(rows)], counts)
+    order = np.lexsort((-columns.index[at], parts.of_row))  # stable
+    temperature_c = np.array([columns.temperature_c[row] for row in rows], dtype=np.float64)
+    return Panoramas(
+        parts,
+        columns.xy_px[at[order]],
+        columns.index[at[order]],
+        wire_rows[order],
+        np.array(utc_ns, dtype=np.int64),
+        np.array(host_utc_ns, dtype=np.int64),
+        np.array([columns.time_us[row] for row in rows], dtype=np.int64),
+        np.array([columns.frame_no[row] for row in rows], dtype=np.int64),
+        np.array(sequence, dtype=np.int64),
+        np.array(exposure_s, dtype=np.float64),
+        np.where(np.abs(temperature_c) <= HOTTEST_C, temperature_c, np.nan),
+        [columns.flags[row] for row in rows],
+        [columns.problems[row] for row in rows],
     )
-
-
-def _step_in_words(step_ns: int, utc_kept: bool) -> str:
-    step_s = step_ns / NS_PER_S
-    if not utc_kept:
-        return f"the host's UTC clock stepped by {step_s:+.3f} s"
-    if step_ns > 0:
-        return (
-            f"the host was suspended: its monotonic clock stood still for {step_s:.3f} s, in which UTC and "
-            "the sensor's clock went on"
-        )
-    return f"the host's monotonic clock leapt by {-step_s:+.3f} s; UTC and the sensor's clock did not"

@@ -1,9 +1,10 @@
 """Result types: one result per panorama; byte and frame counters of the link."""
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from gse.attitude import Attitude
 from gse.external.identifier import Given
 from gse.identifier.result import Identification
 from gse.panorama import Panorama
+from gse.parts import Parts
 from protocols import AttitudeMessage
 
 
@@ -116,6 +118,35 @@ class Matches:
 NO_MATCHES = Matches(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), str)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MatchColumns:
+    """Matches of K panoramas as columns of M rows, in parts; ``columns[k]`` are those of one."""
+
+    parts: Parts
+    objects: NDArray[np.int64]
+    stars: NDArray[np.int64]
+    residuals_arcsec: NDArray[np.float64]
+    name_of: Callable[[int], str]
+
+    @classmethod
+    def of(cls, matches: Sequence[Matches]) -> Self:
+        """The columns of matches given one by one, of one catalogue."""
+        return cls(
+            Parts.of_counts([len(of_one) for of_one in matches]),
+            np.concatenate([NO_MATCHES.objects, *(of_one.objects for of_one in matches)]),
+            np.concatenate([NO_MATCHES.stars, *(of_one.stars for of_one in matches)]),
+            np.concatenate([NO_MATCHES.residuals_arcsec, *(of_one.residuals_arcsec for of_one in matches)]),
+            matches[0].name_of if matches else str,
+        )
+
+    def __getitem__(self, k: int) -> Matches:
+        rows = self.parts.rows(k)
+        return Matches(self.objects[rows], self.stars[rows], self.residuals_arcsec[rows], self.name_of)
+
+    def __iter__(self) -> Iterator[Matches]:
+        return (self[k] for k in range(len(self.parts)))
+
+
 @dataclass(frozen=True, slots=True)
 class AttitudeError:
     """Measured minus true attitude, all in arcsec.
@@ -147,6 +178,40 @@ class Starlight:
 
 
 NO_STARLIGHT = Starlight()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Starlights:
+    """Starlight of K panoramas as columns; ``light[k]`` is that of one."""
+
+    stars: NDArray[np.int64]
+    zero_point_mag: NDArray[np.float64]
+    limiting_mag: NDArray[np.float64]
+    faintest_index: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, lights: Sequence[Starlight]) -> Self:
+        """The columns of what panoramas show one by one."""
+        made = cls.none(len(lights))
+        for k, light in enumerate(lights):
+            made.stars[k], made.zero_point_mag[k] = light.stars, light.zero_point_mag
+            made.limiting_mag[k], made.faintest_index[k] = light.limiting_mag, light.faintest_index
+        return made
+
+    @classmethod
+    def none(cls, count: int) -> Self:
+        """So many panoramas that show nothing."""
+        nothing = np.full(count, np.nan)
+        return cls(np.zeros(count, dtype=np.int64), nothing, nothing.copy(), np.full(count, np.inf))
+
+    def fill(self, places: NDArray[np.bool_], others: Self) -> None:
+        """Take the others' values at these places (K,)."""
+        for column in fields(self):
+            getattr(self, column.name)[places] = getattr(others, column.name)[places]
+
+    def __getitem__(self, k: int) -> Starlight:
+        columns = self.zero_point_mag, self.limiting_mag, self.faintest_index
+        return Starlight(int(self.stars[k]), *(float(column[k]) for column in columns))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

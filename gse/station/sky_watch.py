@@ -67,16 +67,17 @@ class SkyWatch:
         self._condition = SkyCondition.UNKNOWN
         self._is_day: bool | None = None
 
-    def take(self, frames: NDArray[np.void]) -> list[LinkEvent]:
-        """Look at the frames (all rows of FRAME so far), of which the last one is new."""
-        utc_ns = int(frames["utc_ns"][-1])
+    def take(self, frames: NDArray[np.void], first: int) -> list[tuple[int, list[LinkEvent]]]:
+        """Look at the frames (all rows of FRAME so far), new from row ``first`` on: the events, and at which row."""
+        utc_ns = frames["utc_ns"]
         if self._begun_ns < 0:
-            self._begun_ns = utc_ns
-        if 0 <= utc_ns - self._begun_ns < WINDOW_NS:
-            return []
-        events = list(self._close_window(frames, len(frames) - 1))
-        self._begun_ns = utc_ns
-        return events
+            self._begun_ns = int(utc_ns[first])
+        found = []
+        while len(beyond := (_is_outside(utc_ns[first:] - self._begun_ns)).nonzero()[0]):
+            first += int(beyond[0])
+            found.append((first, list(self._close_window(frames, first))))
+            self._begun_ns = int(utc_ns[first])
+        return found
 
     def finish(self, frames: NDArray[np.void]) -> list[LinkEvent]:
         """Close the last window, and fill the columns that need the clearest part of the session."""
@@ -151,6 +152,11 @@ class SkyWatch:
         attitude = Attitude.from_angles(row["ra_deg"], row["de_deg"], np.nan_to_num(row["roll_deg"]))
         at_row = icrs_to_horizon(self._site, np.array([row["utc_ns"]]))[0]
         self._horizon_to_sensor = attitude.icrs_to_sensor @ at_row.T
+
+
+def _is_outside(since_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether a time since the begin of a window is not in it."""
+    return (since_ns < 0) | (since_ns >= WINDOW_NS)
 
 
 def separation_deg(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:

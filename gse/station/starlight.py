@@ -1,51 +1,50 @@
 """Starlight: what the named stars of panoramas show of the sky."""
 
-import math
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.catalog import StarCatalog
-from gse.identifier import Identification
-from gse.station.results import Starlight
+from gse.identifier import Answers
+from gse.parts import Parts
+from gse.station.results import MatchColumns, Starlights
 
 MARGIN_MAG = 1.0
 """Colours, noise and doubles make a star as much brighter than its catalogue magnitude says, or as much fainter."""
 
 
-def starlights(
-    brightness: Sequence[NDArray[np.float64]], found: Sequence[Identification], catalog: StarCatalog
-) -> list[Starlight]:
-    """The light of the stars that an identifier found among the objects of K panoramas, with their brightness (N,).
+def starlights(brightness: NDArray[np.float64], panoramas: Parts, answers: Answers, catalog: StarCatalog) -> Starlights:
+    """The light of the stars that an identifier found among the objects of K panoramas, with their brightness (M,).
 
     Objects that are all of one brightness come from a sensor that sends none: they have no zero point.
     """
-    if not found:
-        return []
-    counts = [len(answer.stars) for answer in found]
-    begins = np.cumsum([0, *counts[:-1]])
-    magnitude = catalog.magnitude.take(np.concatenate([answer.stars for answer in found]))
-    index = np.concatenate([of_one.take(answer.objects) for of_one, answer in zip(brightness, found, strict=True)])
-    index = np.maximum(index, 1.0)
-    faintest = np.maximum.reduceat(magnitude, begins).tolist()
+    light = Starlights.none(len(answers))
+    shown = answers.parts.counts > 0
+    if not shown.any():
+        return light
+    counts, begins = answers.parts.counts[shown], answers.parts.first[:-1][shown]
+    magnitude = catalog.magnitude.take(answers.stars)
+    index = np.maximum(brightness.take(rows_of(panoramas, answers)), 1.0)
     varies = np.maximum.reduceat(index, begins) > np.minimum.reduceat(index, begins)
-    zero_points = _medians(magnitude + 2.5 * np.log10(index), counts)
+    zero_points = np.where(varies, _medians(magnitude + 2.5 * np.log10(index), counts), np.nan)
     fainter_mag = MARGIN_MAG - float(catalog.magnitude[-1])
-    return [
-        Starlight(count, zero_point, faintest_mag, 10 ** (0.4 * (zero_point + fainter_mag)))
-        if varied
-        else Starlight(count, math.nan, faintest_mag)
-        for count, zero_point, varied, faintest_mag in zip(counts, zero_points, varies.tolist(), faintest, strict=True)
-    ]
+    light.stars[shown], light.zero_point_mag[shown] = counts, zero_points
+    light.limiting_mag[shown] = np.maximum.reduceat(magnitude, begins)
+    light.faintest_index[shown] = np.where(varies, 10 ** (0.4 * (zero_points + fainter_mag)), np.inf)
+    return light
 
 
-def _medians(values: NDArray[np.float64], counts: Sequence[int]) -> list[float]:
+def rows_of(panoramas: Parts, matches: Answers | MatchColumns) -> NDArray[np.int64]:
+    """The rows of all panoramas' objects that matches (M,) name."""
+    rows: NDArray[np.int64] = matches.objects + np.repeat(panoramas.first[:-1], matches.parts.counts)
+    return rows
+
+
+def _medians(values: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray[np.float64]:
     """The median of each part of the values (M,), of these lengths."""
     part = np.repeat(np.arange(len(counts)), counts)
     ordered = values[np.lexsort((values, part))]
-    ends, sizes = np.cumsum(counts), np.array(counts)
-    medians: list[float] = (
-        (ordered[ends - sizes + (sizes - 1) // 2] + ordered[ends - sizes + sizes // 2]) / 2
-    ).tolist()
+    ends = np.cumsum(counts)
+    medians: NDArray[np.float64] = (
+        ordered[ends - counts + (counts - 1) // 2] + ordered[ends - counts + counts // 2]
+    ) / 2
     return medians

@@ -13,7 +13,7 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude
+from gse.attitude import Attitude, Attitudes
 from gse.constants import AU_M, DAY_S, EARTH_RATE_RAD_PER_S, LIGHT_M_PER_S
 from gse.errors import UsageError
 from gse.instant import NS_PER_DAY, NS_PER_S, UNIX_EPOCH_MJD
@@ -143,12 +143,15 @@ class SiderealTruth:
 
     def attitude_true(self, utc_ns: int, mount: Mount) -> Attitude:
         """Where the mount looks: the geometric direction, in ICRS axes, with zero covariance."""
-        return self.attitudes_true(self.icrs_to_horizon(utc_ns)[None], mount)[0]
+        return Attitude(
+            self.attitudes_true(self.icrs_to_horizon(utc_ns)[None], mount).icrs_to_sensor[0], _NO_COVARIANCE
+        )
 
     @staticmethod
-    def attitudes_true(icrs_to_horizon: NDArray[np.float64], mount: Mount) -> list[Attitude]:
+    def attitudes_true(icrs_to_horizon: NDArray[np.float64], mount: Mount) -> Attitudes:
         """``attitude_true`` at many instants, given their rotations (K, 3, 3)."""
-        return [Attitude(rotation, _NO_COVARIANCE) for rotation in horizon_to_sensor(mount) @ icrs_to_horizon]
+        rotations = horizon_to_sensor(mount) @ icrs_to_horizon
+        return Attitudes(rotations, np.zeros(rotations.shape))
 
     def _cell(self, number: int) -> _Cell:
         cell = self._cells.get(number)

@@ -1,7 +1,7 @@
 """The facts of the glance page: a listener of the station loop that makes one small document of a session.
 
-``on_result`` and ``on_event`` only append to a queue that drops its oldest item: the loop never waits here. All else is
-done by the thread of the page's server, which calls ``absorb`` and ``document`` a few times per second.
+``on_results`` and ``on_event`` only append to a queue that drops its oldest item: the loop never waits here. All else
+is done by the thread of the page's server, which calls ``absorb`` and ``document`` a few times per second.
 """
 
 import math
@@ -22,6 +22,7 @@ from gse.config.station import Station
 from gse.instant import NS_PER_S
 from gse.mount import Mount
 from gse.station.event_kinds import StationKind
+from gse.station.frame_results import NewResults
 from gse.station.results import FrameResult, Subject
 from gse.station.session_data import SessionData
 from gse.view.dawn import is_bright, next_dawn_ns
@@ -92,8 +93,8 @@ class Glance:
         self._slow: dict[str, Any] = {}
         self._slow_due_ns = 0
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Take a result; the oldest one that waits is dropped where there are too many."""
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        """Take results; the oldest ones that wait are dropped where there are too many."""
         clock = session.clock[-1] if session.clock else None
         mount = session.alignment.mount if session.alignment else self._fixed_mount()
         count = len(session.frames)
@@ -101,9 +102,9 @@ class Glance:
             # The sky's columns are filled some seconds late, by windows: one look in a second is enough.
             self._sky_due = count + _SKY_EVERY_FRAMES
             self._expected = _latest_known(session.frames.columns["stars_expected"][-_SKY_WITHIN_FRAMES:])
-        self._own.take(result, session)
-        shown = _Shown(result, count, session.link.frames_lost, clock, mount, self._expected)
-        self._items.append(shown)
+        for result in results:
+            self._own.take(result, session)
+            self._items.append(_Shown(result, count, session.link.frames_lost, clock, mount, self._expected))
 
     def on_event(self, event: LinkEvent) -> None:
         """Take an event."""
@@ -147,7 +148,7 @@ class Glance:
         result, utc_ns = shown.result, shown.result.panorama.utc_ns
         self._latest = shown
         self._first_utc_ns = self._first_utc_ns or utc_ns
-        self._running.add(result)
+        self._running.add(NewResults.of([result]).rows)
         if result.attitude is not None:
             self._answered_utc_ns = utc_ns
         if result.attitude_error is not None:

@@ -14,8 +14,8 @@ from drivers.chunk import LinkEvent
 from gse.catalog import StarCatalog
 from gse.config.station import Station
 from gse.errors import GseError
+from gse.station.frame_results import NewResults
 from gse.station.notes import Notes
-from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.view.glance import Glance
 from gse.view.server import USUAL_PORT, Content, ViewServer
@@ -91,11 +91,11 @@ class LiveView:
         if self._feed:
             self._feed.viewer_came()
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Show a result; dropped where the view is too slow."""
-        self._glance.on_result(result, session)
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        """Show results; dropped where the view is too slow."""
+        self._glance.on_results(results, session)
         if self._feed:
-            self._feed.on_result(result, session)
+            self._feed.on_results(results, session)
 
     def on_event(self, event: LinkEvent) -> None:
         """Show an event."""

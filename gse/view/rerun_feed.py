@@ -1,6 +1,6 @@
 """Running session in rerun, fed by a separate thread behind a bounded queue.
 
-The feed cannot delay the measurement: ``on_result`` puts a frame on a bounded queue or counts it as dropped. rerun's
+The feed cannot delay the measurement: ``on_results`` puts a frame on a bounded queue or counts it as dropped. rerun's
 data go to a server in this process, bound to 127.0.0.1, from which viewers fetch them; an absent, frozen or killed
 viewer delays nothing. (A client connection to a viewer does block, after some 36,000 frames.)
 
@@ -23,6 +23,7 @@ from drivers.clock import ClockReading
 from gse.catalog import StarCatalog
 from gse.config.station import Station
 from gse.instant import NS_PER_S
+from gse.station.frame_results import NewResults
 from gse.station.housekeeping import in_words
 from gse.station.results import FrameResult, LinkCounters
 from gse.station.session_data import SessionData
@@ -105,13 +106,15 @@ class RerunFeed:
         self._thread = threading.Thread(target=self._run, args=(station, catalog), name="live view", daemon=True)
         self._thread.start()
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Show a result with the present link counters and clock; a full queue drops its oldest item."""
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        """Show results with the present link counters and clock; a full queue drops its oldest item."""
         readings = tuple(session.clock[self._readings :])
         self._readings += len(readings)
         status = session.statuses[-1][1] if session.statuses else None
-        self._own.take(result, session)
-        self._put(_Shown(result, replace(session.link), readings, status))
+        for result in results:
+            self._own.take(result, session)
+            self._put(_Shown(result, replace(session.link), readings, status))
+            readings = ()
 
     def on_event(self, event: LinkEvent) -> None:
         """Show an event of the link."""

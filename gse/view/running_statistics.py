@@ -13,7 +13,9 @@ from gse.drawing.palette import GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLO
 from gse.instant import NS_PER_S
 from gse.limits import Limits
 from gse.station.event_kinds import StationKind
-from gse.station.results import AttitudeError, FrameResult, Status
+from gse.station.frame_results import ERRORS
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, AttitudeError, Status
 from gse.view.glance_word import NO_ANSWER_S
 
 LINK_WORDS: dict[str, str] = {
@@ -70,6 +72,9 @@ _FEWEST_FOR_SHARES = 100
 
 _RATE_WINDOW = 50
 """Frames over which the rate is taken."""
+
+_FALSE = ANSWER_CHECKS.index(AnswerCheck.FALSE)
+_IDENTIFIED = STATUSES.index(Status.IDENTIFIED)
 
 
 @dataclass(slots=True)
@@ -132,19 +137,25 @@ class Running:
     _answered_utc_ns: int | None = None
     _recent_utc_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_RATE_WINDOW))
 
-    def add(self, frame: FrameResult) -> None:
-        """Add a frame."""
-        self.frames += 1
-        self.by_status[frame.status.value] += 1
-        self.false_answers += frame.answer_check == "false"
-        self.utc_ns = frame.panorama.utc_ns
-        self.objects = len(frame.panorama.brightness)
-        if frame.status is Status.IDENTIFIED or self._answered_utc_ns is None:
-            self._answered_utc_ns = self.utc_ns
-        self._recent_utc_ns.append(self.utc_ns)
-        found = frame.attitude_error
-        if found is None:
+    def add(self, rows: NDArray[np.void]) -> None:
+        """Add frames, rows of FRAME."""
+        if not len(rows):
             return
+        utc_ns = rows["utc_ns"].tolist()
+        self.frames += len(rows)
+        self.by_status.update(STATUSES[code].value for code in rows["status"].tolist())
+        self.false_answers += int(np.count_nonzero(rows["answer_check"] == _FALSE))
+        self.utc_ns, self.objects = utc_ns[-1], int(rows["objects"][-1])
+        answered = rows["utc_ns"][rows["status"] == _IDENTIFIED]
+        if len(answered):
+            self._answered_utc_ns = int(answered[-1])
+        elif self._answered_utc_ns is None:
+            self._answered_utc_ns = utc_ns[0]
+        self._recent_utc_ns.extend(utc_ns)
+        for error in zip(*(rows[name][~np.isnan(rows[ERRORS[0]])].tolist() for name in ERRORS), strict=True):
+            self._compare(AttitudeError(*error))
+
+    def _compare(self, found: AttitudeError) -> None:
         self.last = found
         self.d_ra.add(found.d_ra_cosde_arcsec)
         self.d_de.add(found.d_de_arcsec)

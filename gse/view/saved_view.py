@@ -9,6 +9,7 @@ from drivers.chunk import LinkEvent
 from gse.catalog import StarCatalog
 from gse.config.station import Station
 from gse.errors import UsageError
+from gse.station.frame_results import NewResults
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.view.own_answers import OwnAnswerErrors
@@ -32,10 +33,11 @@ class SavedView:
         self._own = OwnAnswerErrors(station)
         self._frames: list[FrameResult] = []
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Add a frame."""
-        self._own.take(result, session)
-        self._frames.append(result)
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        """Add frames."""
+        for result in results:
+            self._own.take(result, session)
+            self._frames.append(result)
         if len(self._frames) >= BATCH_FRAMES:
             self._send_objects()
 

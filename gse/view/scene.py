@@ -15,7 +15,7 @@ from gse.config.station import Station
 from gse.instant import NS_PER_S
 from gse.recording.event_kinds import RecorderKind
 from gse.station.event_kinds import StationKind
-from gse.station.frame_table import FrameTable
+from gse.station.frame_results import FrameResults
 from gse.station.results import FrameResult, Status
 from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.event_lines import EventLines
@@ -102,20 +102,16 @@ class Scene:
 
     def add(self, frames: Sequence[FrameResult], *, pictures: int) -> None:
         """Show some frames, in order of time; only the last ``pictures`` of them as panoramas."""
-        table = FrameTable()
-        for frame in frames:
-            table.append(frame)
         self.add_objects(frames, pictures=pictures)
-        self.add_columns(table.columns)
-        shown = FrameTable()
-        shown.extend(frames[-pictures:])
-        self.add_residuals(shown.columns, shown.matches)
+        self.add_columns(FrameResults.of(frames).rows())
+        shown = FrameResults.of(frames[-pictures:])
+        self.add_residuals(shown.rows(), shown.match_rows())
 
     def add_objects(self, frames: Sequence[FrameResult], *, pictures: int) -> None:
         """Show the objects of the last ``pictures`` of some frames, log what changes, and count."""
         self._picture.send(self._stream, frames[-pictures:])
+        self.running.add(FrameResults.of(frames).rows())
         for frame in frames:
-            self.running.add(frame)
             self._log_change(frame)
 
     def add_own_answers(self, errors: NDArray[np.void]) -> None:

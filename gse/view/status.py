@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -17,7 +17,7 @@ from drivers.chunk import LinkEvent
 from gse import instant
 from gse.config.station import Station
 from gse.station.announcer import Announcer
-from gse.station.results import FrameResult
+from gse.station.frame_results import NewResults
 from gse.station.session_data import SessionData
 from gse.view.running_statistics import LINK_WORDS, Running
 from gse.view.verdict_text import clock_health, percent
@@ -58,14 +58,23 @@ class StatusLine:
         self._announcer = Announcer(lambda text: self._console.print(text, soft_wrap=True, markup=False))
         self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=1, transient=True)
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        """Add a frame."""
-        self._running.add(result)
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        """Add frames."""
         self._session = session
-        if not self._is_terminal and self._running.utc_ns >= self._due_ns:
-            self._due_ns = self._running.utc_ns + PLAIN_EVERY_NS
+        begin = 0
+        for end in [] if self._is_terminal else self._due(results.rows["utc_ns"].tolist()):
+            self._running.add(results.rows[begin:end])
+            begin = end
             # Without rich, which needs a millisecond: a replay of a long session writes thousands of lines.
             print(self.line().plain, file=self._console.file, flush=True)
+        self._running.add(results.rows[begin:])
+
+    def _due(self, utc_ns: Sequence[int]) -> Iterator[int]:
+        """The numbers of new frames after which a line is due."""
+        for count, at_ns in enumerate(utc_ns, 1):
+            if at_ns >= self._due_ns:
+                self._due_ns = at_ns + PLAIN_EVERY_NS
+                yield count
 
     def on_event(self, event: LinkEvent) -> None:
         """Announce the event, each kind once; the state of the link stays in the line."""

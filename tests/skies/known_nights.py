@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from skies.one_by_one import add_frame
 
 from drivers.clock import ClockReading
 from gse.config.station import BUILT_IN_TEXT, parse_station
@@ -42,7 +43,7 @@ def session(
         hours = number * step_s / 3600
         ra, de = rng.normal(0, noise, 2) + bias[:2] + np.array(drift_per_h) * hours
         roll = float(rng.normal(0, 10 * noise)) + bias[2]
-        made.frames.append(frame(utc_ns, number, AttitudeError(ra, de, roll, ra, -de), judged, sensor_ppm, matches))
+        add_frame(made.frames, frame(utc_ns, number, AttitudeError(ra, de, roll, ra, -de), judged, sensor_ppm, matches))
     return made
 
 

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from skies.one_by_one import add_frame
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
@@ -92,7 +93,7 @@ def synthetic_night(count, **options):
     """A Night of ``count`` frames at 10 Hz with events, clock readings and counters."""
     session = SessionData(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, "panorama-v1")
     for frame in synthetic_frames(count, **options):
-        session.frames.append(frame)
+        add_frame(session.frames, frame)
         if frame.panorama.frame_no % 100 == 0:
             session.clock.append(reading_at(frame.panorama.utc_ns))
     end_ns = START_NS + count * NS_PER_S // 10

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from devices.injected_clocks import MISBEHAVIOURS, InjectedClocks, Sky, until_14_s, wrong_objects
 from skies.known_nights import START_NS, STATION, frame, session
+from skies.one_by_one import add_frame
 
 from gse.assessment.counted_frames import counted_frames, false_answers
 from gse.assessment.statistics import statistics
@@ -27,7 +28,7 @@ def appended(made, result, *, utc_ns=None, host_utc_ns=None, time_us=None):
     panorama = dataclasses.replace(
         result.panorama, **{key: value for key, value in changes.items() if value is not None}
     )
-    made.frames.append(dataclasses.replace(result, panorama=panorama))
+    add_frame(made.frames, dataclasses.replace(result, panorama=panorama))
 
 
 def no_answer(utc_ns, number, *, objects=0):
@@ -67,7 +68,7 @@ def test_frames_that_waited_in_a_buffer_before_the_port_was_read_are_excluded_by
             far_off = dataclasses.replace(result, attitude_error=AttitudeError(-55.0, 0.0, 0.0, 0.0, 0.0))
             appended(made, far_off, utc_ns=read_ns, host_utc_ns=read_ns + 10_000_000)
         else:
-            made.frames.append(result)
+            add_frame(made.frames, result)
     stats = statistics(made)
     ((stretch, count),) = stats.exclusions
     assert stretch.reason.startswith("read up to 3.80 s late: these frames waited")
@@ -356,7 +357,7 @@ def test_a_stretch_without_sense_is_refused(text):
 
 def test_what_is_counted_is_decided_once():
     made = session(600)
-    made.frames.append(frame(START_NS, 700, AttitudeError(9e4, 9e4, 0, 9e4, 9e4), AnswerCheck.FALSE))
+    add_frame(made.frames, frame(START_NS, 700, AttitudeError(9e4, 9e4, 0, 9e4, 9e4), AnswerCheck.FALSE))
     counted = counted_frames(made)
     stats = statistics(made)
     assert stats.onboard.axes["d_de"].n == counted.used.sum() == 600

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, TRUTH, session, unanswered
+from skies.one_by_one import add_frame
 
 from drivers.chunk import LinkEvent
 from gse.assessment.verdict import judge
@@ -86,7 +87,7 @@ def test_distortion_is_named():
 def test_a_night_without_one_answer_says_where_to_look():
     made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
     for number in range(50):
-        made.frames.append(unanswered(number))
+        add_frame(made.frames, unanswered(number))
     made.events.append(LinkEvent(START_NS, 0, "MIRRORED", "the image is mirrored: once flipped, it fits"))
     text = found(made)
     assert "gse calibrate" in text

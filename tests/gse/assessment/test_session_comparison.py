@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from skies.known_nights import START_NS, frame, session, unanswered
+from skies.one_by_one import add_frame
 
 from gse.assessment.session_comparison import session_comparison
 from gse.instant import NS_PER_S
@@ -69,8 +70,8 @@ def test_a_loss_that_is_allowed_is_no_regression():
 def test_missed_frames_are_a_regression_in_availability():
     first, second = session(1000), session(950)
     for number in range(50):
-        second.frames.append(unanswered(10_000 + number))
-    first.frames.append(unanswered(20_000))
+        add_frame(second.frames, unanswered(10_000 + number))
+    add_frame(first.frames, unanswered(20_000))
     assert worse(first, second) == ["availability"]
     assert worse(second, first) == []
 
@@ -116,7 +117,7 @@ def starry(stars, *, seed, per_star=20.0, count=600):
         left = (errors - errors.mean(axis=0)).tolist()
         matches = [(*place, *error) for place, error in zip(xy, left, strict=True)]
         error = AttitudeError(-right, -down, 0.0, right, down)
-        made.frames.append(frame(START_NS + number * NS_PER_S, number + 10_000 * seed, error, matches=matches))
+        add_frame(made.frames, frame(START_NS + number * NS_PER_S, number + 10_000 * seed, error, matches=matches))
     return made
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, TRUTH, frame, session, unanswered
+from skies.one_by_one import add_frame
 
 from drivers.clock import ClockReading
 from gse.assessment.clock_health import clock_health, stated_error_s
@@ -172,7 +173,7 @@ def test_ut1_past_the_end_of_the_table_is_inconclusive_by_name_under_a_tight_lim
 def test_missed_frames_count_against_availability():
     made = session(300)
     for number in range(300, 345):
-        made.frames.append(unanswered(number))
+        add_frame(made.frames, unanswered(number))
     assessment = judge(made)
     assert assessment.verdict is not Verdict.PASS
     assert assessment.statistics.onboard.available.value == pytest.approx(300 / 345)
@@ -189,7 +190,7 @@ def test_false_answers_fail_and_do_not_enter_the_mean():
     made = session(200)
     for number in range(201, 213):
         far = AttitudeError(9e4, 9e4, 0, 9e4, 9e4)
-        made.frames.append(frame(START_NS + number * NS_PER_S, number, far, AnswerCheck.FALSE))
+        add_frame(made.frames, frame(START_NS + number * NS_PER_S, number, far, AnswerCheck.FALSE))
     assessment = judge(made)
     assert assessment.verdict is Verdict.FAIL
     assert assessment.statistics.onboard.false_answers.count == 12
@@ -198,14 +199,14 @@ def test_false_answers_fail_and_do_not_enter_the_mean():
 
 def test_an_answer_far_from_all_others_is_false_also_where_the_reference_has_none():
     made = session(200, judged=AnswerCheck.UNKNOWN)
-    made.frames.append(frame(START_NS + 30 * NS_PER_S, 201, AttitudeError(9e4, 0, 0, 9e4, 0), AnswerCheck.UNKNOWN))
+    add_frame(made.frames, frame(START_NS + 30 * NS_PER_S, 201, AttitudeError(9e4, 0, 0, 9e4, 0), AnswerCheck.UNKNOWN))
     assert judge(made).statistics.onboard.false_answers.count == 1
 
 
 @pytest.mark.parametrize(("apart_arcsec", "false"), [(1500.0, 0), (2100.0, 1)])
 def test_half_a_degree_makes_an_unconfirmed_answer_an_outlier(apart_arcsec, false):
     made = session(200, noise=1.0, judged=AnswerCheck.UNKNOWN)
-    made.frames.append(frame(START_NS, 201, AttitudeError(0, 0, 0, apart_arcsec, 0), AnswerCheck.UNKNOWN))
+    add_frame(made.frames, frame(START_NS, 201, AttitudeError(0, 0, 0, apart_arcsec, 0), AnswerCheck.UNKNOWN))
     assert judge(made).statistics.onboard.false_answers.count == false
 
 
@@ -383,5 +384,5 @@ def test_a_clock_error_without_sense_is_refused(text):
 
 def test_a_status_of_every_kind_is_counted():
     made = session(40)
-    made.frames.append(unanswered(50, Status.TOO_FEW))
+    add_frame(made.frames, unanswered(50, Status.TOO_FEW))
     assert statistics(made).statuses["TOO_FEW"] == 1

@@ -39,8 +39,9 @@ class FrameLines:
     def __init__(self, lines):
         self._lines = lines
 
-    def on_result(self, result, session):
-        self._lines.write(json.dumps(frame_json(result)) + "\n")
+    def on_results(self, results, session):
+        for result in results:
+            self._lines.write(json.dumps(frame_json(result)) + "\n")
 
     def on_event(self, event):
         pass

@@ -5,7 +5,7 @@ import pytest
 from skies.made_frames import FIELD_14_DEG, Noise, made_frame, sky_of
 
 from gse.catalog import load_catalog
-from gse.identifier import Identification, Reason, Unidentified, make_identifier
+from gse.identifier import Identification, ObjectColumns, Reason, Unidentified, make_identifier
 from gse.identifier_options import IdentifierOptions
 from gse.spiral import spiral_directions
 
@@ -114,7 +114,8 @@ def sequence(catalog, frames, **options):
     """The answers to frames that follow each other, as a session gives them, and which of them are right."""
     identifier = make_identifier(IdentifierOptions(algorithm="pivot", **options), FIELD_14_DEG, catalog)
     seen = [(FIELD_14_DEG.directions(frame.xy_px), frame.brightness) for frame in frames]
-    answers = identifier.identify_many(seen[:20]) + identifier.identify_many(seen[20:])
+    parts = [identifier.identify_many(ObjectColumns.of(part)) for part in (seen[:20], seen[20:])]
+    answers = [answer for part in parts for answer in part]
     return [
         isinstance(answer, Identification)
         and (identifier.catalog.ids[answer.stars] == frame.ids[answer.objects]).mean() > 0.5

@@ -10,7 +10,7 @@ from gse.attitude import Attitude, solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog
 from gse.evaluation.frames import Conditions, FrameMaker, Optics, SimulatedFrame
-from gse.identifier import Identification, Reason, Unidentified
+from gse.identifier import Identification, ObjectColumns, Reason, Unidentified
 from gse.identifier.robust import KnownSensor, RobustIdentifier
 from gse.spiral import spiral_directions
 
@@ -219,7 +219,7 @@ def test_many_panoramas_in_one_call_give_the_answers_one_by_one(wide: RobustIden
     ]
     panoramas.append((np.where(seen[0].directions_sensor > 0.1, np.nan, seen[0].directions_sensor), seen[0].brightness))
     panoramas = [panoramas[k] for k in np.random.default_rng(7).permutation(len(panoramas))]
-    many = wide.identify_many(panoramas)
+    many = wide.identify_many(ObjectColumns.of(panoramas))
     ones = [wide.identify(directions, brightness) for directions, brightness in panoramas]
     assert len(many) == len(ones)
     reasons = {one.reason for one in ones if isinstance(one, Unidentified)}
@@ -234,9 +234,12 @@ def test_many_panoramas_in_one_call_give_the_answers_one_by_one(wide: RobustIden
 
 
 def test_no_panoramas_have_no_answers(wide: RobustIdentifier) -> None:
-    assert wide.identify_many([]) == []
+    assert len(wide.identify_many(ObjectColumns.of([]))) == 0
     empty = (np.empty((0, 3)), np.empty(0))
-    assert [type(answer) for answer in wide.identify_many([empty, empty])] == [Unidentified, Unidentified]
+    assert [type(answer) for answer in wide.identify_many(ObjectColumns.of([empty, empty]))] == [
+        Unidentified,
+        Unidentified,
+    ]
 
 
 def test_bad_input_is_refused_and_never_a_star(wide: RobustIdentifier, catalog: StarCatalog) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from markupsafe import escape
 from rich.console import Console
+from skies.one_by_one import add_frame
 from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
 from gse.assessment.verdict import judge
@@ -226,7 +227,7 @@ def test_a_night_without_one_answer_still_has_a_report(tmp_path: Path) -> None:
             attitude_true=None,
             elapsed_us=None,
         )
-        session.frames.append(empty)
+        add_frame(session.frames, empty)
     session.clock, session.events = [], []
     paths = write_report(session, judge(session), tmp_path)
     assert "no times were recorded" not in paths["junit.xml"].read_text()

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from gse.assessment import statistics as room
@@ -21,7 +22,7 @@ def many_stars():
     session = synthetic_night(0)
     for number, frame in enumerate(synthetic_frames(60, rate_hz=0.02, trouble=False)):
         others = replace(frame.matches, stars=frame.matches.stars + number % 3 * 20)
-        session.frames.append(replace(frame, matches=others))
+        add_frame(session.frames, replace(frame, matches=others))
     return session
 
 

@@ -9,6 +9,7 @@ import pytest
 from astropy.timeseries import LombScargle
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from gse.assessment.counted_frames import counted_frames
@@ -87,7 +88,7 @@ def test_false_answers_are_not_drawn_as_errors() -> None:
             frame = _with(frame, AttitudeError(4e5, 0.0, 0.0, 4e5, 0.0), AnswerCheck.UNKNOWN)
         if number == 60:
             frame = _with(frame, frame.attitude_error, AnswerCheck.FALSE)
-        session.frames.append(frame)
+        add_frame(session.frames, frame)
     good = PlotData.of(session, counted_frames(session)).good
     assert np.flatnonzero(~good).tolist() == [50, 60]
 
@@ -118,7 +119,7 @@ def test_a_track_is_drawn_at_the_poles_and_across_ra_zero(de_deg: float) -> None
     session = synthetic_night(0)
     for number, frame in enumerate(synthetic_frames(30, trouble=False)):
         attitude = Attitude.from_angles((359.9 + number * 0.01) % 360, de_deg, 10.0)
-        session.frames.append(replace(frame, attitude=attitude, attitude_true=attitude))
+        add_frame(session.frames, replace(frame, attitude=attitude, attitude_true=attitude))
     drawn = PlotData.of(session, counted_frames(session))
     svg = svg_of("sky", 3.0, lambda figure: draw_sky(figure, drawn))
     assert svg.startswith("<svg")

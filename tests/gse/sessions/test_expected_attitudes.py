@@ -88,7 +88,7 @@ def compared(protocol, convention, message, document):
     status = Status.IDENTIFIED if answer.attitude else Status.NO_MATCH
     result = FrameResult(panorama, status, "", "external", attitude=answer.attitude, given=Given(answer))
     session = Sent([message])
-    expected.on_result(result, session)
+    expected.compare(result, session)
     expected.finish(session)
     return expected
 

@@ -4,10 +4,12 @@ import threading
 
 import numpy as np
 import pytest
+from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from gse.assessment.verdict import judge
 from gse.sessions.forecast import Forecast, forecast_text, snapshot
+from gse.station.frame_results import NewResults
 
 
 def test_a_snapshot_stays_as_it_is_while_the_session_grows() -> None:
@@ -15,7 +17,7 @@ def test_a_snapshot_stays_as_it_is_while_the_session_grows() -> None:
     taken = snapshot(session)
     columns, matches = taken.frames.columns.copy(), taken.frames.matches.copy()
     for frame in synthetic_frames(200, seed=2):
-        session.frames.append(frame)
+        add_frame(session.frames, frame)
     session.link.frames += 200
     session.events.clear()
     assert len(session.frames) == 400
@@ -53,7 +55,7 @@ def test_the_loop_hands_over_one_snapshot_and_goes_on() -> None:
     forecast = Forecast()
     try:
         for _ in range(3):
-            forecast.on_result(frame, session)
+            forecast.on_results(NewResults.of([frame]), session)
         pause = threading.Event()
         for _ in range(600):
             if forecast.metrics:

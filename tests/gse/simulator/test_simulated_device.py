@@ -168,7 +168,7 @@ def test_stamps_never_go_back_and_the_first_byte_is_read_after_the_exposure() ->
     start_ns = 1774018800 * 10**9
     late_ns = []
     for chunk in given:
-        for number, panorama in enumerate(reception.receive(chunk), start=len(late_ns)):
+        for number, panorama in enumerate(reception.receive(reception.stream.feed(chunk)), start=len(late_ns)):
             late_ns.append(panorama.utc_ns - (start_ns + number * 10**8 + 25_000_000))
     assert len(late_ns) == 100
     assert 0 < min(late_ns) <= max(late_ns) < 2_000_000

@@ -11,7 +11,6 @@ from devices.float_protocol import DESCRIPTION, PROTOCOL, cases
 from drivers.chunk import Chunk
 from drivers.session_file.writer import CaptureWriter
 from gse.config.station import BUILT_IN_TEXT
-from gse.panorama import Panorama
 from gse.station.reception import Reception
 
 START_NS = 1_774_018_800_000_000_000
@@ -20,7 +19,7 @@ START_NS = 1_774_018_800_000_000_000
 @pytest.mark.parametrize(("field", "name", "data"), cases(), ids=lambda value: value if isinstance(value, str) else "")
 def test_what_is_no_number_of_its_field_is_a_problem_and_nothing_else(field: str, name: str, data: bytes) -> None:
     reception = Reception(PROTOCOL, baudrate=115200)
-    (panorama,) = [item for item in reception.receive(Chunk(START_NS, 10**9, data)) if isinstance(item, Panorama)]
+    (panorama,) = reception.receive(reception.stream.feed(Chunk(START_NS, 10**9, data))).panoramas
     assert bool(panorama.problems) == (name not in ("-0", "denormal")), panorama.problems
     if panorama.problems:
         assert field in panorama.problems[0]

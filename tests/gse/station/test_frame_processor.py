@@ -9,9 +9,9 @@ from skies.made_frames import FIELD_14_DEG
 from gse.attitude import Attitude
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.identifier import Reason, Unidentified
+from gse.identifier import Answers, Reason, Unidentified
 from gse.identifier.robust import RobustIdentifier
-from gse.panorama import Panorama
+from gse.panorama import Panorama, Panoramas
 from gse.station.frame_processor import FrameProcessor
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.results import AnswerCheck, Status
@@ -44,8 +44,8 @@ class Silent:
     def __init__(self, catalog, answer=NO_MATCH):
         self.catalog, self.answer = catalog, answer
 
-    def identify_many(self, panoramas):
-        return [self.answer for _ in panoramas]
+    def identify_many(self, objects):
+        return Answers.of([self.answer] * len(objects))
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +67,9 @@ def processor(identifier, reference):
 
 def result(identifier, reference, panorama):
     made = processor(identifier, reference)
-    (answer,) = made.identify([panorama])
-    return made.conclude([panorama], [answer], [None])[0]
+    panoramas = Panoramas.of([panorama])
+    identified = made.identify(panoramas)
+    return made.conclude(panoramas, identified, identified.elapsed_us)[0]
 
 
 @pytest.mark.parametrize(

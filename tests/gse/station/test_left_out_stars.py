@@ -8,7 +8,7 @@ from skies.made_frames import FIELD_14_DEG
 
 from gse.attitude import Attitude, solve_attitude
 from gse.catalog import load_catalog
-from gse.identifier import Identification
+from gse.identifier import Answers, Identification, ObjectColumns
 from gse.identifier.neighbour import NeighbourIdentifier
 from gse.identifier_options import IdentifierOptions
 from gse.site import Site
@@ -39,13 +39,19 @@ def shown(stars):
     return rows, exact[rows]
 
 
+def objects_of(seen):
+    return ObjectColumns.of([(one, np.ones(len(one))) for one in seen])
+
+
 def test_an_object_at_the_place_of_a_star_is_that_star(stars):
     rows, exact = shown(stars)
     px = FIELD_14_DEG.pixels(exact)
     px[3] += [0.0, 2.0]
     px[5] += [20.0, 0.0]
     named = Identification(np.array([0, 1, 2]), rows[:3], 1e-9)
-    (found,) = LeftOutStars(FIELD_14_DEG, stars).of([named], [FIELD_14_DEG.directions(px)], frames(1))
+    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(
+        objects_of([FIELD_14_DEG.directions(px)]), Answers.of([named]), frames(1)
+    )
     assert found.objects.tolist() == [3, 4, *range(6, len(rows))]
     assert found.stars.tolist() == [rows[3], rows[4], *rows[6:]]
     assert found.residuals_arcsec[0] == pytest.approx([0.0, 2 * FIELD_14_DEG.pixel_rad * 206264.8], abs=0.5)
@@ -57,7 +63,9 @@ def test_of_two_objects_at_one_star_the_nearer_is_the_star_and_a_named_star_is_n
     offset_px = np.array([[0, 0], [0, 0], [0, 0], [1.5, 0], [0.5, 0], [1, 0]])
     px = FIELD_14_DEG.pixels(exact[[0, 1, 2, 3, 3, 0]]) + offset_px
     named = Identification(np.array([0, 1, 2]), rows[:3], 1e-9)
-    (found,) = LeftOutStars(FIELD_14_DEG, stars).of([named], [FIELD_14_DEG.directions(px)], frames(1))
+    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(
+        objects_of([FIELD_14_DEG.directions(px)]), Answers.of([named]), frames(1)
+    )
     assert (found.objects.tolist(), found.stars.tolist()) == ([4], [rows[3]])
 
 
@@ -68,9 +76,9 @@ def test_air_biases_the_stars_that_the_neighbour_technique_names_but_not_all_tha
     seen = [FIELD_14_DEG.directions(places + rng.normal(0, NOISE_PX, places.shape)) for _ in range(FRAMES)]
     light = np.arange(len(rows), 0, -1.0)
     identifier = NeighbourIdentifier(stars, FIELD_14_DEG, IdentifierOptions())
-    named = identifier.identify_many([(one, light) for one in seen])
+    named = identifier.identify_many(ObjectColumns.of([(one, light) for one in seen]))
     chosen = [_scale(one, answer.objects, answer.stars, stars) for one, answer in zip(seen, named, strict=True)]
-    left_out = LeftOutStars(FIELD_14_DEG, stars).of(named, seen, frames(FRAMES))
+    left_out = LeftOutStars(FIELD_14_DEG, stars).of(objects_of(seen), named, frames(FRAMES))
     whole = [
         _scale(one, np.append(answer.objects, rest.objects), np.append(answer.stars, rest.stars), stars)
         for one, answer, rest in zip(seen, named, left_out, strict=True)
@@ -105,7 +113,7 @@ def test_residuals_are_free_of_aberration_and_air_where_the_sky_is_known(stars):
     seen = truth.refraction.added(apparent[rows], looking @ zenith_icrs)
     known = SolvedFrames(looking[None], looking[None], truth, np.array([utc_ns]), to_horizon[None])
     named = Identification(np.array([0]), rows[:1], 1e-9)
-    (found,) = LeftOutStars(FIELD_14_DEG, stars).of([named], [seen], known)
+    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([seen]), Answers.of([named]), known)
     assert found.stars.tolist() == rows[1:].tolist()
     assert np.abs(found.residuals_arcsec).max() < 0.01
     unknown = replace(known, truth=None, icrs_to_horizon=None)

@@ -7,8 +7,8 @@ from drivers.link import SerialLink
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S
 from gse.sessions.replay import ReplayOptions
+from gse.station.frame_results import NewResults
 from gse.station.loop import StationLoop
-from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
 from gse.station.setup import set_up
 from protocols import StatusMessage, load_protocol
@@ -25,9 +25,11 @@ class Heard:
     def __init__(self) -> None:
         self.told: list[object] = []
 
-    def on_result(self, result: FrameResult, session: SessionData) -> None:
-        answer = result.identification.stars.tolist() if result.identification else None
-        self.told.append((result.panorama.utc_ns, result.status, answer, result.attitude_error, result.answer_check))
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        for result in results:
+            answer = result.identification.stars.tolist() if result.identification else None
+            told = result.panorama.utc_ns, result.status, answer, result.attitude_error, result.answer_check
+            self.told.append((*told, result.others, result.light))
 
     def on_event(self, event: LinkEvent) -> None:
         self.told.append(event)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+from skies.one_by_one import add_frame
 from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
 from gse.assessment.counted_frames import counted_frames
@@ -26,7 +27,7 @@ def session() -> SessionData:
     for number in range(1000, FRAMES):
         frame, utc_ns = pattern[number % 1000], START_NS + number * 100_000_000
         stamps = {"utc_ns": utc_ns, "host_utc_ns": utc_ns + 5_000_000, "time_us": number * 100_000, "frame_no": number}
-        made.frames.append(replace(frame, panorama=replace(frame.panorama, **stamps)))
+        add_frame(made.frames, replace(frame, panorama=replace(frame.panorama, **stamps)))
     return made
 
 

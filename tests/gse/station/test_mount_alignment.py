@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from skies.one_by_one import add_frame
 
 from gse.attitude import Attitude
 from gse.config.edit import with_values
@@ -180,5 +181,5 @@ def starry_session(rng, catalogue_arcsec):
         errors = wrong + rng.normal(0, 5, (25, 2))
         matches = Matches(rows, rows, errors - errors.mean(axis=0), str)
         panorama = Panorama(START_NS + number * NS_PER_S, xy_px, np.ones(25), number)
-        session.frames.append(FrameResult(panorama, Status.IDENTIFIED, "", "neighbour", matches=matches))
+        add_frame(session.frames, FrameResult(panorama, Status.IDENTIFIED, "", "neighbour", matches=matches))
     return session

@@ -5,8 +5,9 @@ import pytest
 
 from gse.attitude import Attitude
 from gse.camera import Camera
+from gse.identifier import Answers, Identification
 from gse.instant import from_text
-from gse.panorama import Panorama
+from gse.panorama import Panorama, Panoramas
 from gse.site import Site
 from gse.station.non_stellar import HOT_PIXEL, UNKNOWN, NonStellarObjects
 
@@ -34,7 +35,9 @@ def kinds(names: NonStellarObjects, second: float, *xy_px: tuple[float, float]) 
 
 def name(names, panorama, identified, attitude, *, truth_known):
     directions = CAMERA.directions(panorama.xy_px)
-    return names.name(panorama, directions, identified, attitude, truth_known=truth_known)
+    answers = Answers.of([Identification(identified, identified, 0.0)])
+    turned = attitude.icrs_to_sensor[None]
+    return names.name(Panoramas.of([panorama]), directions, answers, turned, truth_known=truth_known)[0]
 
 
 def test_what_stays_on_its_pixel_while_the_sky_moves_is_a_hot_pixel() -> None:

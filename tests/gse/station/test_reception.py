@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 from drivers.chunk import Chunk, LinkEvent
 from gse.instant import LAST_NS
 from gse.panorama import Panorama
-from gse.station.reception import Received, Reception
+from gse.station.reception import News, Reception
 from gse.station.sensor_clock import SensorClock
 from protocols import PanoramaMessage, load_protocol
 from protocols.frame_budget import SLACK
 
 PROTOCOL = load_protocol("panorama-v1")
+Item = Panorama | News
 BAUDRATE = 115200
 BYTE_NS = 10 * 1_000_000_000 // BAUDRATE
 EXPOSURE_S = 0.1
@@ -42,15 +43,16 @@ def arrival(time_us: int, late_ns: int = 0) -> tuple[int, int]:
     return START_NS + after_ns, BOOTED_NS + after_ns
 
 
-def received(reception: Reception, *chunks: Chunk) -> list[Received]:
-    return [item for chunk in chunks for item in reception.receive(chunk)] + reception.finish()
+def received(reception: Reception, *chunks: Chunk) -> list[Item]:
+    frames = [found for chunk in chunks for found in reception.stream.feed(chunk)]
+    return [*reception.receive(frames), *reception.receive(reception.stream.finish())]
 
 
-def panoramas(items: list[Received]) -> list[Panorama]:
+def panoramas(items: list[Item]) -> list[Panorama]:
     return [item for item in items if isinstance(item, Panorama)]
 
 
-def events(items: list[Received]) -> list[str]:
+def events(items: list[Item]) -> list[str]:
     return [item.kind for item in items if isinstance(item, LinkEvent)]
 
 
@@ -89,7 +91,7 @@ def test_cuts_and_noise_change_no_panorama_and_lose_no_byte(cuts: list[int], noi
     assert [(p.utc_ns, p.frame_no) for p in one] == [(p.utc_ns, p.frame_no) for p in other]
     assert whole.counters == cut.counters
     assert whole.counters.bytes_in == whole.counters.bytes_framed + whole.counters.bytes_discarded == len(stream)
-    assert whole.raw_sha256 == cut.raw_sha256
+    assert whole.stream.raw_sha256 == cut.stream.raw_sha256
 
 
 def test_a_repeated_sequence_number_is_dropped_and_a_gap_is_counted() -> None:
@@ -239,11 +241,11 @@ def test_noise_leaves_no_stamps_behind() -> None:
     reception = Reception(PROTOCOL, baudrate=BAUDRATE)
     rng = np.random.default_rng(3)
     for number in range(2000):
-        reception.receive(Chunk(START_NS + number, number, rng.bytes(100)))
-    assert len(reception._stamps) <= 4096 // 100 + 2  # one discard
+        reception.stream.feed(Chunk(START_NS + number, number, rng.bytes(100)))
+    assert len(reception.stream._stamps) <= 4096 // 100 + 2  # one discard
 
 
-def frozen_after_5() -> tuple[Reception, list[Received]]:
+def frozen_after_5() -> tuple[Reception, list[Item]]:
     """Ten seconds at 10 Hz, of which the last nine and a half bring the same frame again and again."""
     reception = Reception(PROTOCOL, baudrate=BAUDRATE)
     chunks = [

@@ -106,7 +106,7 @@ def watched(
         attitude = Attitude(horizon_to_sensor(mount) @ rotation, np.zeros((3, 3)))
         row["ra_deg"], row["de_deg"], row["roll_deg"] = attitude.ra_deg, attitude.de_deg, attitude.roll_deg
     watch = SkyWatch(site, STATION.sensor.camera(), CATALOG, mount)
-    events = [event for row in range(1, len(frames) + 1) for event in watch.take(frames[:row])]
+    events = [event for row in range(len(frames)) for _, found in watch.take(frames[: row + 1], row) for event in found]
     events += watch.finish(frames)
     ends = np.cumsum([len(part) for part in parts]) - 1
     return [str(event.kind) for event in events], [SKY_CONDITIONS[code] for code in frames["sky_condition"][ends]]

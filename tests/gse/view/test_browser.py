@@ -12,6 +12,7 @@ from PIL import Image
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
 from gse.drawing.palette import ORANGE, PINK, SKY_BLUE, VERMILLION
+from gse.station.frame_results import NewResults
 from gse.view.live import LiveView
 from gse.view.saved_view import SavedView
 from gse.view.server import Content, ViewServer
@@ -31,7 +32,7 @@ def sent_again_and_again(view: LiveView) -> Iterator[None]:
         for event in session.events:
             view.on_event(event)
         for frame in synthetic_frames(FRAMES):
-            view.on_result(frame, session)
+            view.on_results(NewResults.of([frame]), session)
         ended.wait()
 
     sender = threading.Thread(target=send)
@@ -92,7 +93,7 @@ def test_a_saved_night_is_shown_by_the_same_page(tmp_path: Path) -> None:
     session = synthetic_night(FRAMES)
     saved = SavedView(session.station, small_catalog(), tmp_path / "night.rrd")
     for frame in synthetic_frames(FRAMES):
-        saved.on_result(frame, session)
+        saved.on_results(NewResults.of([frame]), session)
     saved.finish(session, "PASS", ["all limits are kept"])
     with ViewServer("127.0.0.1", 0, Content(recording=tmp_path / "night.rrd")) as page, visit() as seen:
         seen.page.goto(page.url)

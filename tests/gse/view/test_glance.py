@@ -19,6 +19,7 @@ from gse.instant import NS_PER_S, to_text
 from gse.mount import Mount
 from gse.panorama import Panorama
 from gse.station.event_kinds import StationKind
+from gse.station.frame_results import NewResults
 from gse.station.results import FrameResult, Status
 from gse.station.sky_condition import SUN_LIMIT_DEG
 from gse.truth import horizon_to_sensor
@@ -95,7 +96,7 @@ def test_a_session_at_a_glance_from_the_first_byte_to_the_verdict() -> None:
     assert word(0) == "WAITING"
     glance.on_event(LinkEvent(START_NS, 0, LinkKind.STREAMING, "valid frames come"))
     for frame in synthetic_frames(40, trouble=False):
-        glance.on_result(frame, session)
+        glance.on_results(NewResults.of([frame]), session)
     assert word(4) == "OK"
     document = glance.document(clock_at(4))
     assert document["frames"] == 20
@@ -121,7 +122,7 @@ def test_what_nobody_takes_is_dropped_oldest_first_and_the_newest_is_shown() -> 
     (frame,) = synthetic_frames(1)
     for number in range(QUEUE_ITEMS + 100):
         panorama = replace(frame.panorama, utc_ns=START_NS + number * NS_PER_S // 10)
-        glance.on_result(replace(frame, panorama=panorama), session)
+        glance.on_results(NewResults.of([replace(frame, panorama=panorama)]), session)
     glance.absorb(clock_at(0))
     shown = glance.document(clock_at(0))["data_utc"]
     assert shown == to_text(START_NS + (QUEUE_ITEMS + 99) * NS_PER_S // 10, 3)

@@ -16,6 +16,7 @@ from devices.rerun_recording import moving, rows_of
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
 from gse.errors import GseError
+from gse.station.frame_results import NewResults
 from gse.view.live import LiveView
 from gse.view.ports import free_port
 from gse.view.rerun_feed import BATCH_EVERY_S, MOST_BATCH_S, RerunFeed
@@ -52,7 +53,7 @@ def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session,
         for event in session.events:
             view.on_event(event)
         for frame in frames:
-            view.on_result(frame, session)
+            view.on_results(NewResults.of([frame]), session)
         view.conclude("PASS", ["all limits are kept"])
     rows = rows_of(path)
     assert view.dropped == 0
@@ -66,8 +67,7 @@ def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session,
 def test_frames_that_the_view_has_no_room_for_are_dropped_and_counted(frames, session, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
     with RerunFeed(session.station, serve=False, save_rrd=path, queue_frames=10) as view:
-        for frame in frames:
-            view.on_result(frame, session)
+        view.on_results(NewResults.of(frames), session)
     shown = len(moving(rows_of(path)["/d_ra/value"]))
     assert view.dropped > 0
     assert shown + view.dropped == FRAMES
@@ -77,7 +77,7 @@ def test_what_was_dropped_is_told_in_the_panel(frames, session, tmp_path: Path) 
     path = tmp_path / "live.rrd"
     view = RerunFeed(session.station, serve=False, save_rrd=path, queue_frames=5)
     for frame in frames:
-        view.on_result(frame, session)
+        view.on_results(NewResults.of([frame]), session)
     view.close()
     assert "not shown here:" in moving(rows_of(path)["/verdict"])[-1]["TextDocument:text"][0]
 
@@ -86,7 +86,7 @@ def test_a_page_that_nobody_opens_starts_no_program_and_holds_nothing_up(frames,
     with LiveView(session.station, mode="web") as view:
         assert view.url.startswith("http://127.0.0.1:")
         for frame in frames:
-            view.on_result(frame, session)
+            view.on_results(NewResults.of([frame]), session)
     assert view.dropped == 0
     assert view_threads() == []
 
@@ -108,8 +108,8 @@ def test_a_view_that_breaks_ends_with_one_line_and_the_session_goes_on(
 ) -> None:
     wrong = replace(frames[0], panorama=replace(frames[0].panorama, xy_px=frames[0].panorama.xy_px[:3]))
     with LiveView(session.station, mode="none") as view:
-        view.on_result(wrong, session)
-        view.on_result(frames[1], session)
+        view.on_results(NewResults.of([wrong]), session)
+        view.on_results(NewResults.of([frames[1]]), session)
     (record,) = caplog.records
     assert record.getMessage().startswith("the live view has ended")
     assert record.getMessage().endswith("the session goes on")
@@ -124,10 +124,10 @@ def test_a_view_that_cannot_open_is_told_and_the_session_goes_on(
         port = page.port
         for mode in ("native", "web"):
             with LiveView(session.station, mode=mode, port=port) as view:
-                view.on_result(frames[0], session)
+                view.on_results(NewResults.of([frames[0]]), session)
             assert view.url == ""
     with LiveView(session.station, mode="web", bind="192.0.2.1") as view:
-        view.on_result(frames[0], session)
+        view.on_results(NewResults.of([frames[0]]), session)
     native, web, rerun_elsewhere, elsewhere = (record.getMessage() for record in caplog.records)
     assert "no view in rerun: cannot serve on 192.0.2.1" in rerun_elsewhere
     assert "there is no screen for a window here" in native
@@ -149,12 +149,12 @@ def test_a_viewer_that_is_frozen_or_killed_holds_nothing_up(frames, session, har
     )
     try:
         for frame in frames[:100]:
-            view.on_result(frame, session)
+            view.on_results(NewResults.of([frame]), session)
         wait_until_connected(view.grpc_port)
         viewer.send_signal(harm)
         for _ in range(5):
             for frame in frames:
-                view.on_result(frame, session)
+                view.on_results(NewResults.of([frame]), session)
         closer = threading.Thread(target=view.close)
         closer.start()
         closer.join(15)

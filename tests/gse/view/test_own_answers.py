@@ -23,10 +23,11 @@ class Taken:
         self.own = OwnAnswerErrors(station)
         self.parts = []
 
-    def on_result(self, result, session) -> None:
-        self.own.take(result, session)
-        if result.panorama.frame_no % 10 == 0:
-            self.parts.append(self.own.errors())
+    def on_results(self, results, session) -> None:
+        for result in results:
+            self.own.take(result, session)
+            if result.panorama.frame_no % 10 == 0:
+                self.parts.append(self.own.errors())
 
     def on_event(self, event) -> None:
         pass

@@ -11,6 +11,7 @@ from devices.rerun_recording import moving, rows_of
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
 from gse.errors import UsageError
+from gse.station.frame_results import NewResults
 from gse.station.results import Status
 from gse.view.saved_view import SavedView
 from gse.view.scene import Scene
@@ -37,7 +38,7 @@ def rows(frames, tmp_path_factory: pytest.TempPathFactory):
     for event in session.events:
         view.on_event(event)
     for frame in frames:
-        view.on_result(frame, session)
+        view.on_results(NewResults.of([frame]), session)
     view.finish(session, "FAIL", ["mean |dRA*| is 75.0 arcsec, the limit is 60"])
     return rows_of(path)
 

@@ -11,6 +11,7 @@ from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
+from gse.station.frame_results import NewResults
 from gse.station.results import AnswerCheck, LinkCounters, Status
 from gse.view.running_statistics import Moments, Running
 from gse.view.status import StatusLine
@@ -24,8 +25,8 @@ def told(session, frames, *, folder: Path | None = None, terminal: bool = False,
     with StatusLine(session.station, folder, console) as status:
         for event in session.events:
             status.on_event(event)
-        for frame in frames:
-            status.on_result(frame, session)
+        if shown := list(frames):
+            status.on_results(NewResults.of(shown), session)
     return screen.getvalue()
 
 
@@ -80,7 +81,7 @@ def test_a_sky_without_answers_is_shouted_and_forgotten_when_they_come_again(ses
     assert "NO ANSWER for 12 s, " in lines[2]
     running = Running(session.station.limits)
     for frame in clouded[:150]:
-        running.add(frame)
+        running.add(NewResults.of([frame]).rows)
     assert verdict_so_far(running, session.link).startswith("# Running: NO ANSWER for 7 s, ")
 
 
@@ -135,7 +136,7 @@ def test_running_figures_count_answers_limits_and_false_ones(session) -> None:
     running = Running(session.station.limits)
     frames = list(synthetic_frames(422))
     for frame in frames:
-        running.add(frame)
+        running.add(NewResults.of([frame]).rows)
     assert running.frames == 422
     assert running.identified == pytest.approx(1 - 8 / 422)
     assert running.d_ra.n - running.inside == 2
@@ -146,7 +147,7 @@ def test_running_figures_count_answers_limits_and_false_ones(session) -> None:
 def test_lost_frames_make_the_verdict_panel_bad_though_all_that_came_were_identified(session) -> None:
     running = Running(session.station.limits)
     for frame in synthetic_frames(90, trouble=False):
-        running.add(frame)
+        running.add(NewResults.of([frame]).rows)
     assert verdict_so_far(running, LinkCounters()).startswith("# Running: inside the limits")
     text = verdict_so_far(running, LinkCounters(frames_lost=10))
     assert text.startswith("# Running: OUTSIDE the limits")

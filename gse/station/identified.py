@@ -1,0 +1,32 @@
+"""What follows from panoramas alone: answers, attitudes, and the reference identifier's check of them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.attitude import Attitudes
+from gse.external.identifier import Given
+from gse.identifier import Answers
+from gse.station.results import Starlights
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identified:
+    """What follows from K panoramas alone: answers under test, their attitudes, the reference identifier's checks.
+
+    ``directions_sensor`` (M, 3) are of all objects; a panorama that is not ``sound`` (K,) was shown to no identifier.
+    ``elapsed_us`` (K,) is the time from objects to RA and DE: this host's (of panoramas that waited together, the
+    mean), or an external identifier's own; NaN where nothing was asked. ``given`` is what an external identifier gave,
+    ``light`` what the named stars show of the sky.
+    """
+
+    directions_sensor: NDArray[np.float64]
+    sound: NDArray[np.bool_]
+    answers: Answers
+    attitudes: Attitudes
+    answer_check: NDArray[np.uint8]
+    light: Starlights
+    elapsed_us: NDArray[np.float64]
+    given: Mapping[int, Given] = field(default_factory=dict)
