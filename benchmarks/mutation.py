@@ -309,9 +309,13 @@ class Tester:
 
     def __init__(self, tree: Path, *, whole: bool = False) -> None:
         self.tree = tree
-        self._process = subprocess.Popen(
-            [sys.executable, __file__, "--serve", str(tree), *(["--whole"] if whole else [])],
-            env=os.environ | {"PYTHONPATH": str(tree), "PYTHONHASHSEED": "0"},
+        self._whole = ["--whole"] if whole else []
+        self._process: subprocess.Popen[str] | None = None
+
+    def _started(self) -> "subprocess.Popen[str]":
+        return subprocess.Popen(
+            [sys.executable, __file__, "--serve", str(self.tree), *self._whole],
+            env=os.environ | {"PYTHONPATH": str(self.tree), "PYTHONHASHSEED": "0"},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -322,6 +326,7 @@ class Tester:
 
         A ``mutant`` takes the place of its module in memory.
         """
+        self._process = self._process or self._started()
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         replaced = (mutant.module, mutant.source) if mutant else None
@@ -331,7 +336,8 @@ class Tester:
 
     def close(self) -> None:
         """End the process."""
-        self._process.communicate()
+        if self._process is not None:
+            self._process.communicate()
 
 
 def serve(tree: Path, *, whole: bool) -> None:

@@ -12,9 +12,9 @@ import numpy as np
 from gse.assessment.counted_frames import CountedFrames, counted_frames
 from gse.assessment.error_series import error_series, with_left_out
 from gse.assessment.field_patterns import field_of_errors
-from gse.assessment.fine_causes import SessionModel
 from gse.assessment.fine_findings import Setting, fine_findings
 from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause
+from gse.assessment.session_model import SessionModel
 from gse.assessment.statistics import Statistics
 from gse.assessment.time_tags import time_tag_faults
 from gse.finding import Finding
@@ -123,6 +123,8 @@ def gross_cause_of(session: SessionData, counted: CountedFrames) -> GrossCause |
 
 def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
     kinds = {event.kind: event for event in session.events}
+    if StationKind.MIRRORED in kinds:
+        kinds.pop(StationKind.WRONG_CAMERA, None)
     known = (
         (StationKind.CLOCK_STEP, "clock step", "synchronise the clock before the session: gse preflight"),
         (

@@ -26,7 +26,7 @@ _FEWEST_ROWS = 100
 _SHOWN_ROWS = 1000
 _FEWEST_STARS = 4
 _OUTLIER = 5.0
-_WHOLE_PIXELS_HIDE_PX, _CENTROIDS_HIDE_PX = 0.1, 0.05
+_WHOLE_PIXELS_HIDE_PX, _CENTROIDS_HIDE_PX = 0.02, 0.01
 """Root mean square by which stars that keep their place on the pixels lie off for a whole session."""
 
 

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gse.assessment.fine_causes import Hypothesis, Named, SessionModel, fine_causes
+from gse.assessment.fine_causes import Named, fine_causes
+from gse.assessment.fine_hypotheses import Hypothesis
+from gse.assessment.session_model import SessionModel
 from gse.assessment.turns import all_turns
-from gse.assessment.vibration import Vibration, vibration
+from gse.assessment.vibration import Vibration, vibration, without_waves
 from gse.camera import Camera
 from gse.constants import ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.finding import Finding
@@ -45,7 +47,7 @@ def fine_findings(model: SessionModel, setting: Setting) -> tuple[Finding, ...]:
     found = [_WORDS[one.hypothesis.cause](one, setting) for one in causes]
     if model.field is not None:
         periods_s = [one.hypothesis.at_s for one in causes if one.hypothesis.cause == "thermal sinusoid"]
-        shaking = vibration(model.series, model.field, shortest_s=min(periods_s, default=math.inf))
+        shaking = vibration(without_waves(model.series, periods_s), model.field)
         found += [_vibration(shaking)] if shaking else []
     return tuple(found)
 

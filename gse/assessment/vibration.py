@@ -6,7 +6,8 @@ than 20 s.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,10 +37,21 @@ class Vibration:
     frame_hz: float
 
 
-def vibration(series: ErrorSeries, field: FieldOfErrors, *, shortest_s: float = math.inf) -> Vibration | None:
-    """None where the scatter is what the stars explain; ``shortest_s`` is the period of a sinusoid that was found."""
+def without_waves(series: ErrorSeries, periods_s: Sequence[float]) -> ErrorSeries:
+    """The errors without the sinusoids that were found."""
+    phases = [2 * math.pi / period_s * series.time_s for period_s in periods_s]
+    waves = [wave(phase) for phase in phases for wave in (np.sin, np.cos)]
+    if not waves:
+        return series
+    design = np.column_stack([np.ones(len(series.time_s)), *waves])
+    fit = np.linalg.lstsq(design, series.errors_arcsec, rcond=None)[0]
+    return replace(series, errors_arcsec=series.errors_arcsec - design[:, 1:] @ fit[1:])
+
+
+def vibration(series: ErrorSeries, field: FieldOfErrors) -> Vibration | None:
+    """None where the scatter is what the stars explain."""
     frame_s = float(np.median(np.diff(series.time_s)))
-    longest_s = min(_BLOCK_S, series.duration_s / _MIN_BLOCKS, shortest_s / _MIN_BLOCKS)
+    longest_s = min(_BLOCK_S, series.duration_s / _MIN_BLOCKS)
     blocks = np.floor(series.time_s / max(longest_s, _FRAMES_OF_BLOCK * frame_s, 1e-9)).astype(np.int64)
     if len(np.unique(blocks)) < _MIN_BLOCKS // 2:
         return None

@@ -13,6 +13,7 @@ import click
 from gse.camera import Camera
 from gse.cli.new_files import write_new
 from gse.cli.options import json_option, station_of, station_option
+from gse.cli.working import working
 from gse.config.station import Station
 from gse.errors import UsageError
 
@@ -35,7 +36,8 @@ def command() -> None:
 def info(station_path: Path | None, as_json: bool) -> None:
     """Show the stars that a station works with: source, epoch, counts, tables, build time, credit and licence."""
     station, _ = station_of(station_path)
-    sections = _sections(station)
+    with working("reading the catalogue and its tables"):
+        sections = _sections(station)
     if as_json:
         click.echo(json.dumps({"schema": "gse.catalog/1", **sections}))
         return
@@ -72,7 +74,8 @@ def export(
 
     if table_path is None and list_path is None:
         raise UsageError("nothing to write; expected --flight FILE, --list FILE, or both")
-    stars, camera = _mission_stars(station_of(station_path)[0], epoch_jyear)
+    with working("reading the catalogue"):
+        stars, camera = _mission_stars(station_of(station_path)[0], epoch_jyear)
     if list_path is not None:
         _write(list_path, lambda out: write_list(stars, out))
     if table_path is not None:

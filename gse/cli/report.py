@@ -8,7 +8,14 @@ import click
 
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.finish import TRUNCATED, applied, conclude, judge_as_stated, say_exit_code, show_paths, show_report
-from gse.cli.options import anew_option, change_to, clock_error_option, earth_orientation_option, leave_out_option
+from gse.cli.options import (
+    anew_option,
+    change_to,
+    clock_error_option,
+    earth_orientation_option,
+    leave_out_option,
+    start_utc_option,
+)
 from gse.cli.working import working
 from gse.errors import UsageError
 from gse.station.exclusions import Exclusion
@@ -37,6 +44,7 @@ if TYPE_CHECKING:
 @clock_error_option
 @earth_orientation_option
 @leave_out_option
+@start_utc_option
 @anew_option
 @click.option("--pdf", is_flag=True, help="Also print report.html to report.pdf, by Chromium or Chrome.")
 @click.option(
@@ -61,6 +69,7 @@ def command(
     clock_error_s: float | None,
     given_orientation: GivenTables | None,
     excluded: tuple[Exclusion, ...],
+    start_utc: str | None,
     anew: bool,
     pdf: bool,
     screenshot: Path | None,
@@ -79,7 +88,7 @@ def command(
         if pdf or screenshot or verified:
             raise UsageError("--pdf, --screenshot and --verify are for one session; give one FILE")
         _check_free(out)
-        change, options = change_to(station_path), _options(given_orientation)
+        change, options = change_to(station_path), _options(given_orientation, start_utc)
         judged_all = [_judged(path, change, options, anew, clock_error_s, excluded) for path in paths]
         ctx.exit(_report_several(paths, judged_all, out, as_json=as_json))
     (path,) = paths
@@ -93,7 +102,10 @@ def command(
     browser = find_browser() if pdf or screenshot else None
     _say_if_running(path)
     judged = judged_with_progress(
-        path, options=_options(given_orientation), station=change_to(station_path), anew=anew or page is not None
+        path,
+        options=_options(given_orientation, start_utc),
+        station=change_to(station_path),
+        anew=anew or page is not None,
     )
     session, assessment = judged.session, judged.assessment
     if clock_error_s is not None or excluded:
@@ -114,10 +126,10 @@ def command(
     ctx.exit(say_exit_code(applied(report, folder, data_lost=data_lost)))
 
 
-def _options(given_orientation: GivenTables | None) -> "ReplayOptions":
+def _options(given_orientation: GivenTables | None, start_utc: str | None) -> "ReplayOptions":
     from gse.sessions.replay import ReplayOptions
 
-    return ReplayOptions(given_orientation=given_orientation)
+    return ReplayOptions(given_orientation=given_orientation, start_utc=start_utc)
 
 
 def _judged(

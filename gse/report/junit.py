@@ -40,7 +40,8 @@ def junit_xml(report: dict[str, Any]) -> str:
 def _case(measurement: dict[str, Any], report: dict[str, Any]) -> ET.Element:
     case = ET.Element("testcase", classname=f"gse.{measurement['subject']}", name=measurement["name"])
     value, uncertainty, limit = (_number(measurement[key]) for key in ("value", "uncertainty", "limit"))
-    text = f"{value} {measurement['unit']}".rstrip() + f", U {uncertainty}, limit {limit}"
+    text = f"{value} {measurement['unit']}".rstrip() + f", U {uncertainty}, "
+    text += "no limit stated" if measurement["limit"] is None else f"limit {limit}"
     if measurement["relative"]:
         text += "; relative to a mount fitted on the same sky: absolute pointing, site and clock not tested"
     if measurement["outcome"] == "FAIL":

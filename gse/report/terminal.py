@@ -126,7 +126,7 @@ def _below_subjects(rows: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
 
 
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
-    table = Table(box=None, padding=(0, 1), pad_edge=False)
+    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
     for name in head:
         table.add_column(Text(name))
     for row in rows:

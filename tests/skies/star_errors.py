@@ -11,8 +11,8 @@ import numpy as np
 
 from gse.assessment.error_series import error_series
 from gse.assessment.field_patterns import field_of_errors
-from gse.assessment.fine_causes import SessionModel
 from gse.assessment.fine_findings import Setting, fine_findings
+from gse.assessment.session_model import SessionModel
 from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD

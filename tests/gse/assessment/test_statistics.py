@@ -1,10 +1,12 @@
 """Statistics of a session by hand: each number from a few frames."""
 
+import numpy as np
 import pytest
 from skies.known_nights import START_NS, frame, session, unanswered
 from skies.one_by_one import add_frame
 
 from gse.assessment.statistics import statistics
+from gse.assessment.subject_statistics import about_circular_mean
 from gse.instant import NS_PER_S
 from gse.station.results import AnswerCheck, AttitudeError
 
@@ -85,3 +87,20 @@ def test_frames_over_the_limit_of_time_are_slow_and_one_at_it_is_not():
     made.frames.columns["elapsed_us"][:] = [limit_us - 1, limit_us, limit_us + 1000, limit_us + 2000]
     slow = statistics(made).onboard.slow
     assert (slow.count, slow.of) == (2, 4)
+
+
+def test_angles_about_half_a_turn_are_taken_about_their_mean_and_unknown_ones_stay_unknown():
+    half_turn = 648_000.0
+    angles = np.array([half_turn - 10, np.nan, -half_turn + 30])
+    found = about_circular_mean(angles)
+    assert np.abs(found[[0, 2]]).tolist() == pytest.approx([half_turn + 10, half_turn - 30], abs=1e-6)
+    assert np.isnan(found[1])
+    assert np.isfinite(angles[[0, 2]]).all()
+
+
+def test_star_fields_are_counted_by_where_the_boresight_was():
+    made = at_seconds(range(9))
+    made.frames.columns["ra_deg"][:] = [10, 10.1, 40, 40.1, 70, 70, 70, 100, 100]
+    made.frames.columns["de_deg"][:] = 0.3
+    assert statistics(made).onboard.star_fields == 4
+    assert statistics(session(0)).onboard.star_fields == 0

@@ -29,7 +29,7 @@ def typed(folder: Path, answers: list[str]) -> int:
     ours, theirs = pty.openpty()
     with subprocess.Popen([GSE, "config", "init"], cwd=folder, stdin=theirs, stderr=subprocess.DEVNULL) as process:
         os.write(ours, "".join(f"{answer}\n" for answer in answers).encode())
-        code = process.wait(60)
+        code = process.wait()
     os.close(ours)
     os.close(theirs)
     return code

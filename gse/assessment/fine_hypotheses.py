@@ -1,0 +1,109 @@
+"""Hypotheses of fine causes: what each predicts of the error angles over time and of the stars over the field."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from gse.assessment.competing_models import PENALTY, Columns
+from gse.assessment.field_patterns import PARAMETERS
+from gse.assessment.session_model import SessionModel
+from gse.assessment.turns import EAST, all_turns, pole
+from gse.constants import EARTH_RATE_ARCSEC_PER_S
+
+FALSE_ALARM = 3e-5
+"""Chance that noise explains a cause as well, for each place that was searched; of some twenty causes that compete."""
+_MOST_HPA = 1085.0
+"""The highest pressure on record, at sea level."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """A cause with its columns; ``searched`` places were tried for ``at_s``, an instant or a period.
+
+    ``weights`` (M,) give the size of a change over time; ``bounds`` are what nature allows the first coefficient.
+    ``moved`` gives it at another ``place`` than those that were tried, ``spacing`` apart.
+    """
+
+    cause: str
+    kind: str
+    columns: Columns
+    weights: NDArray[np.float64] | None = None
+    searched: int = 1
+    at_s: float = math.nan
+    bounds: tuple[float, float] = (-math.inf, math.inf)
+    place: float = math.nan
+    spacing: float = 0.0
+    moved: "Callable[[float], Hypothesis] | None" = None
+
+    @property
+    def cost(self) -> float:
+        """What it must be better by than a rival without columns."""
+        return PENALTY * self.columns.count + 2 * math.log(self.searched)
+
+    @property
+    def is_worth(self) -> float:
+        """By how much twice the log likelihood must grow: what noise does with the chance of FALSE_ALARM."""
+        return float(chdtri(self.columns.count, FALSE_ALARM / self.searched))
+
+
+def constant_causes(model: SessionModel) -> Iterator[Hypothesis]:
+    if model.is_fitted:
+        return
+    ones = np.ones(len(model.series.time_s))
+    north = pole(model.site)
+    axes = model.axes()
+    yield Hypothesis("clock offset", "clock", model.columns(model.along(north, EARTH_RATE_ARCSEC_PER_S * ones)))
+    for name, axis in axes.items():
+        yield Hypothesis("mount", name, model.columns(model.along(axis, ones)))
+    yield Hypothesis("site", "latitude", model.columns(model.along(EAST, ones)))
+    yield Hypothesis("mount", "mount", model.columns(*(model.along(axis, ones) for axis in all_turns(model.mount))))
+
+
+def causes_of_field(model: SessionModel) -> Iterator[Hypothesis]:
+    if model.field is None:
+        return
+    shifts = np.stack(
+        [
+            [np.interp(model.series.rows, model.field.rows, model.field.shifts[:, axis, part]) for axis in range(3)]
+            for part in range(len(PARAMETERS))
+        ]
+    )
+
+    def of(cause: str, *names: str) -> Hypothesis:
+        parts = [PARAMETERS.index(name) for name in names]
+        field = np.zeros((len(PARAMETERS), len(parts)))
+        field[parts, range(len(parts))] = 1.0
+        return Hypothesis(cause, cause, model.columns(*(shifts[part].T for part in parts), field=field))
+
+    yield of("focal length", "focal length")
+    yield of("distortion", "k1")
+    yield replace(of("distortion", "k1", "k2"), kind="k1 and k2")
+    yield of("principal point", "principal point x", "principal point y")
+    if not model.is_fitted:
+        stated_hpa = model.site.air_pressure_hpa
+        yield replace(of("refraction", "pressure"), bounds=(-stated_hpa, _MOST_HPA - stated_hpa))
+
+
+def drifts(model: SessionModel) -> Iterator[Hypothesis]:
+    """From the first frame, or to the last: when it was right is not known."""
+    time_s = model.series.time_s
+    for since_s in (0.0, model.series.duration_s / 2, model.series.duration_s):
+        ramp = time_s - since_s
+        weights = weights_of(ramp)
+        about_pole = model.columns(model.along(pole(model.site), EARTH_RATE_ARCSEC_PER_S * 1e-6 * ramp))
+        yield Hypothesis("clock drift", "clock drift", about_pole, weights)
+        for name, axis in model.axes().items():
+            yield Hypothesis("mount moves", name, model.columns(model.along(axis, ramp / 3600)), weights)
+        each = (model.along(axis, ramp / 3600) for axis in all_turns(model.mount))
+        yield Hypothesis("mount moves", "mount moves", model.columns(*each), weights)
+
+
+def weights_of(over_time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of the least-squares coefficient of a course (M,) beside a mean, times its standard deviation."""
+    off = over_time - over_time.mean()
+    scale = float(off.std()) * len(off)
+    return np.asarray(off / scale if scale > 0 else off)
