@@ -43,7 +43,7 @@ class Setting:
 
 
 def fine_findings(model: SessionModel, series: ErrorSeries, setting: Setting) -> tuple[Finding, ...]:
-    """The fine causes of a session as findings; a vibration, which needs every frame of ``series``, is one of its own."""
+    """The fine causes of a session as findings; a vibration, which needs all of ``series``, is one of its own."""
     causes = fine_causes(model)
     found = [_WORDS[one.hypothesis.cause](one, setting) for one in causes]
     if model.field is not None:
