@@ -7,9 +7,8 @@ Each input of the reader is read as a session file, as what follows a true head,
 attachment and as the inside of a chunk, plain and compressed. With ``--whole`` an input says which protocol, messages
 and attachments a session has, with right checksums, and that is judged and exported. Anything but an error of ours is a
 find, and so are bytes out of nothing, control characters in what is shown, JSON that is none, more than MOST_MIB of
-memory, and more than CPU_S seconds for a MB of input. The inputs that were kept are unpacked with
-
-    unzip benchmarks/seeds.zip -d CORPUS
+memory, and more than CPU_S seconds for a MB of input. The inputs that were kept are in
+``benchmarks/seeds.zip``, in a folder for each of the two.
 """
 
 import contextlib

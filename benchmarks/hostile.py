@@ -220,7 +220,7 @@ def statuses(folder: Path) -> list[Row]:
     steering = dict.fromkeys(("port", "link", "so_far", "verdict", "page"), "\x1b[2J\x9b31m")
     keys = ("state", "pid", "process", "utc", "frames", "identified", "session_bytes", "port")
     values = (None, -1, 10**30, "x" * 5000, [], float("nan"), "\x1b[2J")
-    documents = [sound | steering, *(sound | {key: value} for key, value in itertools.product(keys, values))]
+    documents = [sound | steering, *(sound | {key: value} for key, value in list(itertools.product(keys, values))[::4])]
     session = folder / "session"
     session.mkdir()
     Recorder(session / "session.mcap", live=False).close()

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from drivers.chunk import LinkEvent
-from gse.assessment.diagnosis import causes_so_far
 from gse.instant import NS_PER_S
 from gse.station.event_kinds import FindingEvent, StationKind
 from gse.station.frame_results import NewResults
@@ -38,6 +37,8 @@ class LiveDiagnosis:
         if utc_ns < self._due_ns:
             return
         self._due_ns = utc_ns + (utc_ns - self._begun_ns)
+        from gse.assessment.diagnosis import causes_so_far  # the first frames are shown before it is imported
+
         for finding in causes_so_far(session):
             if finding.cause not in self._known:
                 self._known.add(finding.cause)

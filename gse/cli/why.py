@@ -27,7 +27,7 @@ def command(*, path: Path, clock_error_s: float | None, bundle_path: Path | None
     The findings are those of the report; docs/troubleshooting.md explains each.
     """
     from gse.assessment.verdict import judge
-    from gse.cli.progress import replay_with_progress
+    from gse.cli.progress import judged_with_progress
     from gse.errors import UsageError
     from gse.report.bundle import write_bundle
     from gse.report.summary import summarise
@@ -37,10 +37,12 @@ def command(*, path: Path, clock_error_s: float | None, bundle_path: Path | None
         raise UsageError("--with-site says what a bundle holds; expected --bundle FILE beside it")
     if bundle_path is not None and bundle_path.exists():
         raise UsageError(f"{bundle_path} exists already; choose another name")
-    session = replay_with_progress(path).session
+    judged = judged_with_progress(path)
+    session, assessment = judged.session, judged.assessment
     if clock_error_s is not None:
         session.clock_error_s = clock_error_s
-    report = summarise(session, judge(session))
+        assessment = judge(session)
+    report = summarise(session, assessment)
     page = why_page(report, session.events, str(path))
     click.echo(page)
     if bundle_path is not None:

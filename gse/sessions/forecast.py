@@ -13,17 +13,18 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
-from gse.assessment.session_plan import minutes_left, rows_left
-from gse.assessment.verdict import Assessment, judge
-from gse.report.metric_table import metrics_in_markdown
 from gse.station.frame_results import NewResults
 from gse.station.results import Verdict
 from gse.station.session_data import SessionData
+
+if TYPE_CHECKING:
+    from gse.assessment.verdict import Assessment
 
 EVERY_S = 10.0
 _PAUSES = 100.0
@@ -46,6 +47,7 @@ class Forecast:
     def __init__(self, fill_sky: Callable[[NDArray[np.void]], None] = lambda frames: None) -> None:
         self._fill_sky = fill_sky
         self.text = self.metrics = ""
+        self._begun = threading.Event()
         self._wanted = threading.Event()
         self._wanted.set()
         self._closing = threading.Event()
@@ -55,6 +57,7 @@ class Forecast:
 
     def on_results(self, results: NewResults, session: SessionData) -> None:
         """Hand a snapshot to the thread where it wants one."""
+        self._begun.set()
         if self._wanted.is_set() and len(session.frames) >= _FEWEST_FRAMES:
             self._wanted.clear()
             taken = snapshot(session)
@@ -68,8 +71,15 @@ class Forecast:
         """End the thread; it does not ask again."""
         self._closing.set()
         self._snapshots.put(None)
+        self._begun.set()
 
     def _run(self) -> None:
+        self._begun.wait()  # the first frame is shown before all that judges is imported
+        if self._closing.is_set():
+            return
+        from gse.assessment.verdict import judge
+        from gse.report.metric_table import metrics_in_markdown
+
         while (session := self._snapshots.get()) is not None:
             began_s = time.thread_time()
             with suppress(Exception):  # a forecast that fails must not end the session; the verdict will say why
@@ -95,8 +105,10 @@ def snapshot(session: SessionData) -> SessionData:
     )
 
 
-def forecast_text(assessment: Assessment) -> str:
+def forecast_text(assessment: "Assessment") -> str:
     """When a verdict is to be expected, in a line."""
+    from gse.assessment.session_plan import minutes_left, rows_left
+
     if assessment.verdict is not Verdict.INCONCLUSIVE:
         return f"{assessment.word}, if it ended now"
     left = rows_left(assessment)

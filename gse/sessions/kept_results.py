@@ -17,6 +17,7 @@ import os
 import re
 import shutil
 from collections.abc import Mapping
+from io import BufferedReader
 from pathlib import Path
 
 import numpy as np
@@ -126,7 +127,7 @@ def _schemas() -> dict[str, pa.Schema]:
 
 
 def _manifest(whole: Path) -> _Manifest:
-    with (whole / CONTEXT).open("rb") as file:
+    with _opened(whole / CONTEXT) as file:
         content = file.read(MOST_CONTEXT_BYTES + 1)
     if len(content) > MOST_CONTEXT_BYTES:
         raise ValueError(f"{CONTEXT} is larger than {MOST_CONTEXT_BYTES} bytes")
@@ -143,8 +144,15 @@ def _table(path: Path, hashes: Mapping[str, str], schema: pa.Schema) -> pa.Table
 
 
 def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
+    with _opened(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _opened(path: Path) -> BufferedReader:
+    """A file to read; ValueError where a pipe, a link or a device stands in its place, which may never end."""
+    if path.is_symlink() or not path.is_file():
+        raise ValueError(f"{path.name} is no file")
+    return path.open("rb")
 
 
 def _answers(table: AttitudeTable) -> pa.Table:

@@ -56,8 +56,11 @@ class _Status(BaseModel):
 
 def read_status(folder: Path) -> dict[str, Any] | None:
     """The status of a session folder; None where it is missing, unreadable, or not of gse."""
+    path = folder / NAME
+    if not path.is_file():  # nobody writes into a pipe in its place
+        return None
     try:
-        with (folder / NAME).open("rb") as file:
+        with path.open("rb") as file:
             document = json.loads(file.read(_MOST_BYTES))
         return _Status.model_validate(document).model_dump(by_alias=True)
     except (OSError, ValueError, RecursionError, ValidationError):

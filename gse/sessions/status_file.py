@@ -174,11 +174,11 @@ def session_folders(out: Path) -> list[Path]:
 
     A folder whose name would steer a terminal is none of ours.
     """
-    if (out / "session.mcap").exists():
+    if (out / "session.mcap").is_file():
         return [out]
     try:
         return sorted(
-            folder for folder in out.iterdir() if is_plain(folder.name) and (folder / "session.mcap").exists()
+            folder for folder in out.iterdir() if is_plain(folder.name) and (folder / "session.mcap").is_file()
         )
     except OSError:
         return []

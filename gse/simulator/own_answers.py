@@ -10,7 +10,6 @@ import erfa
 import numpy as np
 from astropy.coordinates import GCRS, SkyCoord
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from gse.attitude_convention import AttitudeConvention, ReferenceFrame, state_angles, state_quaternions
 from gse.config.station import Station
@@ -77,6 +76,8 @@ class OwnAnswers:
 
     def _measured(self, utc_ns: int) -> NDArray[np.float64]:
         """The rotation (3, 3) from ICRS to the sensor that was found, with noise, bias, delay and false answers."""
+        from scipy.spatial.transform import Rotation  # a quarter of a second, for sensors with own answers only
+
         noise = self._random.normal(0, (*(self._traits.noise_arcsec,) * 2, self._traits.roll_noise_arcsec))
         across_x, across_y, roll = noise + self._traits.bias_arcsec
         # what lies along columns (x) is a turn about -y, along rows (y) one about x

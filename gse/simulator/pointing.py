@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from gse.constants import ARCSEC_RAD
 from gse.mount import Mount
@@ -44,6 +43,10 @@ def moved_by(motion: Motion, since_start_s: float) -> NDArray[np.float64]:
     slow = math.sin(2 * math.pi * since_start_s / motion.sinusoid_period_s)
     quick = math.sin(2 * math.pi * since_start_s * motion.vibration_hz)
     moved[:2] += slow * np.array(motion.sinusoid_arcsec) + quick * np.array(motion.vibration_arcsec)
+    if not moved.any():
+        return np.eye(3)
+    from scipy.spatial.transform import Rotation  # a quarter of a second, which a mount at rest need not wait
+
     along_columns, along_rows, about = moved * ARCSEC_RAD
     # A boresight that goes to larger columns leaves the old one at smaller ones.
     rotation: NDArray[np.float64] = Rotation.from_rotvec([along_rows, -along_columns, about]).as_matrix()

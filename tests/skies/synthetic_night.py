@@ -15,7 +15,7 @@ from gse.instant import NS_PER_S, from_text
 from gse.panorama import Panorama
 from gse.station.results import AnswerCheck, AttitudeError, FrameResult, LinkCounters, Matches, Status
 from gse.station.session_data import SessionData
-from gse.truth import EarthOrientation
+from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor
 
 START_NS = from_text("2026-03-20T18:30:00Z")
 ARCSEC = math.pi / (180 * 3600)
@@ -33,10 +33,19 @@ def synthetic_frames(count, *, seed=1, noise_arcsec=4.0, bias_arcsec=(6.0, -4.0)
     station = parse_station(BUILT_IN_TEXT)
     camera = station.sensor.camera()
     catalog = small_catalog()
+    first = first_attitude(station)
     for number in range(count):
         utc_ns = START_NS + round(number / rate_hz * NS_PER_S)
-        true = Attitude.from_angles((120 + number / rate_hz * EARTH_RATE_DEG_S) % 360, -6.53, 12.0)
+        true = Attitude.from_angles(
+            (first.ra_deg + number / rate_hz * EARTH_RATE_DEG_S) % 360, first.de_deg, first.roll_deg
+        )
         yield _frame(number, utc_ns, true, camera, catalog, generator, noise_arcsec, bias_arcsec, trouble)
+
+
+def first_attitude(station):
+    """Where the stated mount looks at the start: elsewhere the set-up would be the mistake."""
+    to_horizon = SiderealTruth(station.site, EarthOrientation.from_disk(START_NS)).icrs_to_horizon(START_NS)
+    return Attitude(horizon_to_sensor(station.mount) @ to_horizon, np.eye(3))
 
 
 def _frame(number, utc_ns, true, camera, catalog, generator, noise_arcsec, bias_arcsec, trouble):

@@ -127,3 +127,12 @@ def test_sessions_are_found_in_their_folder_and_as_one(folder: Path) -> None:
     (folder.parent / "notes.txt").touch()
     assert session_folders(folder.parent) == session_folders(folder) == [folder]
     assert session_folders(folder.parent / "absent") == []
+
+
+def test_a_pipe_in_place_of_a_file_is_waited_for_by_nobody(folder: Path) -> None:
+    os.mkfifo(folder / "status.json")
+    assert read_status(folder) is None
+    assert not is_unfinished(folder)
+    (folder / "session.mcap").unlink()
+    os.mkfifo(folder / "session.mcap")
+    assert session_folders(folder.parent) == []
