@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 
-@dataclass(frozen=True, slots=True)
-class Chunk:
-    """Bytes of a port and the time at which they were read.
+class Chunk(NamedTuple):
+    """Bytes of a port and the time at which they were read; a tuple, because a night has a million of them.
 
     ``utc_ns`` is UTC in nanoseconds since 1970-01-01 (leap seconds not counted), ``mono_ns`` the
     monotonic clock of the same host: the two together show a step of the UTC clock.

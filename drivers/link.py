@@ -23,7 +23,7 @@ from drivers.session_file.records import Message, MessageWriter
 
 BACKLOG_BYTES = 4 << 20
 """Received and not yet fetched, more than 40 s at 921600 baud: the station is too slow."""
-ITEMS_AT_ONCE = 256
+ITEMS_AT_ONCE = 1024
 MOST_ITEMS = 500_000
 MOST_BACKLOG_BYTES = 128 << 20
 """Received and not yet fetched, more than an hour at 115200 baud: further bytes are only recorded."""

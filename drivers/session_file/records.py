@@ -13,6 +13,7 @@ import re
 import struct
 import zlib
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.outside_text import plain_line
@@ -30,8 +31,7 @@ PROFILE = "gse-session"
 _KIND = re.compile("[A-Z][A-Z0-9_]{0,39}")
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
+class Message(NamedTuple):
     """One message of a session: raw bytes of a port, an event, a derived result."""
 
     topic: str

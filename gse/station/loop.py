@@ -14,11 +14,11 @@ One turn of the loop (``take``) has three stages:
    first the silence before an event, then the event, then its consequence. A replay, which never waits, and a live
    session, which does, therefore give their events in the same order. STATUS and ATTITUDE messages are kept with the
    host time of their bytes and go no further.
-2. *Identify.* Identification depends on one panorama alone, so many that wait are identified together, at most
-   MOST_AT_ONCE: their tables are then still in the caches of the processor. The answers are those of one by one.
-3. *Conclude.* One panorama after the other, in order, because this stage remembers: the non-stellar objects seen
-   before, the fit of the mount. The answer is corrected, compared with sidereal truth and kept; then the listeners see
-   it. Events between two panoramas come out between their results.
+2. *Identify.* Identification depends on one panorama alone, so panoramas that follow each other are identified
+   together, as columns, at most MOST_AT_ONCE. The answers are those of one by one.
+3. *Conclude.* Answers are corrected, compared with sidereal truth and kept, as columns too; what this stage remembers,
+   the non-stellar objects seen before, it meets in their order. Then the listeners see the results. Events between two
+   panoramas come out between their results. While the mount is not fitted yet, stages 2 and 3 take one at a time.
 
 What is decided on the way:
 

@@ -117,5 +117,5 @@ def test_residuals_are_free_of_aberration_and_air_where_the_sky_is_known(stars):
     assert found.stars.tolist() == rows[1:].tolist()
     assert np.abs(found.residuals_arcsec).max() < 0.01
     unknown = replace(known, truth=None, icrs_to_horizon=None)
-    (found,) = LeftOutStars(FIELD_14_DEG, stars).of([named], [seen], unknown)
+    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([seen]), Answers.of([named]), unknown)
     assert np.abs(found.residuals_arcsec).max() > 10

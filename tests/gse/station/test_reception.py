@@ -94,6 +94,22 @@ def test_cuts_and_noise_change_no_panorama_and_lose_no_byte(cuts: list[int], noi
     assert whole.stream.raw_sha256 == cut.stream.raw_sha256
 
 
+@given(st.lists(st.integers(1, 12), min_size=3, max_size=12), st.integers(1, 5))
+def test_frames_that_wait_together_bring_what_they_bring_one_by_one(numbers: list[int], at_once: int) -> None:
+    """Copies, gaps and restarts among them."""
+    data = [frame(number, 100_000 * number) for number in numbers]
+    found = []
+    for step in (1, at_once):
+        reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+        frames = [
+            at for place, one in enumerate(data) for at in reception.stream.feed(Chunk(*arrival(100_000 * place), one))
+        ]
+        items = [item for k in range(0, len(frames), step) for item in reception.receive(frames[k : k + step])]
+        seen = [(p.utc_ns, p.frame_no, p.xy_px.tolist()) if isinstance(p, Panorama) else p for p in items]
+        found.append((seen, reception.counters))
+    assert found[0] == found[1]
+
+
 def test_a_repeated_sequence_number_is_dropped_and_a_gap_is_counted() -> None:
     reception = Reception(PROTOCOL, baudrate=BAUDRATE)
     data = frame(1, 100_000) + frame(1, 100_000) + frame(5, 500_000)
