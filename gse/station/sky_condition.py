@@ -196,7 +196,7 @@ def words_of(condition: SkyCondition, found: SkyEvidence, clear: ClearSky) -> st
 
 def _no_stars(found: SkyEvidence, clear: ClearSky) -> str:
     expected = f", {found.expected:.0f} stars are expected" if found.expected >= 0 else ""
-    if found.overexposed:
+    if found.overexposed and found.objects < FEWEST_OBJECTS:
         return f"the detector is overexposed in the dark{expected}: a lamp, or too long an exposure"
     if found.exposure_s < 0.5 * clear.exposure_s:
         return f"the exposure fell from {clear.exposure_s:g} to {found.exposure_s:g} s: too short{expected}"

@@ -375,3 +375,8 @@ def test_the_copies_of_a_frozen_sensor_are_missing_answers():
     assert assessment.statistics.onboard.available.of == 740
     assert assessment.statistics.onboard.available.count == 600
     assert assessment.verdict is not Verdict.PASS
+
+
+def test_a_stretch_to_leave_out_that_ends_where_it_begins_is_refused():
+    with pytest.raises(UsageError, match="ends before it begins"):
+        parse_exclusion("2026-03-20T18:30:00Z/2026-03-20T18:30:00Z=dew")

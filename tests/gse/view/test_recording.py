@@ -92,7 +92,7 @@ def test_tooltips_show_milliarcseconds_and_no_more(rows) -> None:
 def test_objects_of_a_panorama_are_told_apart_by_kind(rows, frames) -> None:
     kinds = {kind: moving(rows[f"/panorama/{kind}"]) for kind in ("named", "stars", "unidentified", "hot", "planets")}
     assert all(len(kind) == FRAMES for kind in kinds.values())
-    assert kinds["named"][0]["Points2D:labels"] == ["Alphard"]
+    assert kinds["named"][0]["Points2D:labels"] == ["Alphard", "Heze", "Apami-Atsa"]
     facts = kinds["stars"][0]["Points2D:labels"][0]
     residual_arcsec = next(iter(frames[0].matches)).residual_arcsec
     assert facts.startswith("Alphard, ")
