@@ -225,14 +225,23 @@ def _housekeeping(messages: list[StatusMessage]) -> Housekeeping | None:
 
 
 def _telemetry(session: SessionData) -> Iterator[Finding]:
-    """Telemetry that is zero, not a number, or stands still; a field that the protocol lacks is never a number."""
+    """Telemetry that is zero, not a number, or stands still; a field that the protocol lacks is never a number.
+
+    The temperature in panoramas may stand still, of a coarse thermometer or of a sensor that has none, unless that in
+    STATUS frames moves.
+    """
     frames = session.frames.columns
-    yield from _thermometer("panoramas", frames["utc_ns"], frames["temperature_c"].astype(np.float64))
-    if not session.statuses:
-        return
-    utc_ns = np.array([at for at, _ in session.statuses])
+    utc_ns = np.array([at for at, _ in session.statuses], dtype=np.int64)
     messages = [message for _, message in session.statuses]
-    yield from _thermometer("STATUS frames", utc_ns, np.array([message.temperature_c for message in messages]))
+    of_status_c = np.array([message.temperature_c for message in messages], dtype=np.float64)
+    known_c = of_status_c[np.isfinite(of_status_c)]
+    of_panoramas_c = frames["temperature_c"].astype(np.float64)
+    yield from _thermometer(
+        "panoramas", frames["utc_ns"], of_panoramas_c, may_stand_still=not len(known_c) or np.ptp(known_c) == 0
+    )
+    if not messages:
+        return
+    yield from _thermometer("STATUS frames", utc_ns, of_status_c, may_stand_still=False)
     yield from _supply(np.array([message.supply_v for message in messages]))
     problems = [message.problems[0] for message in messages if message.problems]
     if problems:
@@ -248,14 +257,16 @@ def _telemetry(session: SessionData) -> Iterator[Finding]:
         yield Finding("telemetry", f"the serial number changes: {', '.join(map(str, list(serials)[:5]))}")
 
 
-def _thermometer(where: str, utc_ns: NDArray[np.int64], temperature_c: NDArray[np.float64]) -> Iterator[Finding]:
+def _thermometer(
+    where: str, utc_ns: NDArray[np.int64], temperature_c: NDArray[np.float64], *, may_stand_still: bool
+) -> Iterator[Finding]:
     known = np.isfinite(temperature_c)
     if not known.any():
         return
     if not known.all():
         yield Finding("telemetry", f"the temperature is not a number in {int((~known).sum())} of {len(known)} {where}")
     values = temperature_c[known]
-    is_still = len(values) >= FROZEN_COUNT and np.ptp(utc_ns[known]) >= FROZEN_S * NS_PER_S
+    is_still = len(values) >= FROZEN_COUNT and np.ptp(utc_ns[known]) >= FROZEN_S * NS_PER_S and not may_stand_still
     if np.ptp(values) == 0 and (is_still or (values[0] == 0 and len(values) >= MIN_STAR_FRAMES)):
         equals = () if values[0] == 0 else ("a coarse thermometer",)
         yield Finding("telemetry", f"the temperature is {values[0]:.2f} degC in all {len(values)} {where}", equals)

@@ -124,6 +124,22 @@ def test_zero_frozen_or_invalid_telemetry_is_a_finding(changes: dict[str, object
     assert words in line
 
 
+@pytest.mark.parametrize(("with_status", "count"), [(False, 0), (True, 1)])
+def test_a_temperature_of_panoramas_that_stands_still_is_a_finding_where_status_moves(with_status, count) -> None:
+    made = with_statuses()
+    made.frames.columns["temperature_c"] = 20.0
+    if not with_status:
+        made.statuses = []
+    lines = findings(made)
+    assert (
+        lines
+        == [
+            "telemetry: the temperature is 20.00 degC in all 1200 panoramas; this session cannot tell it apart"
+            " from: a coarse thermometer"
+        ][:count]
+    )
+
+
 def test_a_temperature_that_is_sometimes_no_number_is_a_finding() -> None:
     made = with_statuses()
     made.frames.columns["temperature_c"][100:150] = math.nan
