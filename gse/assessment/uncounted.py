@@ -22,6 +22,11 @@ from gse.station.session_data import SessionData
 
 _WINDOW = 15
 """Frames that tell the usual time between two: a sensor may be told to send more or fewer of them."""
+LONGEST_S = 60.0
+"""A longer time without a frame is a pause of the session, which its events and plots show."""
+FEW_RESTARTS = 2
+"""A sensor that is switched on again, or loses its power for a moment, is told by its event; one that starts anew again
+and again was away."""
 
 
 def uncounted(session: SessionData, stats: Statistics) -> Iterator[str]:
@@ -55,12 +60,16 @@ def _after_suspensions(session: SessionData) -> list[int]:
 def missing_by_time(frames: NDArray[np.void], excused: NDArray[np.bool_] | None = None) -> int:
     """How many frames are missing between those of a table (rows of FRAME, in order of arrival), at their usual rate.
 
-    None is missing beside frames that are ``excused`` (M,). Where the rate changes, some ten may be taken for missing.
+    None is missing beside frames that are ``excused`` (M,), at few restarts, and in pauses longer than LONGEST_S. Where
+    the rate changes, some ten may be taken for missing.
     """
     if len(frames) <= _WINDOW:
         return 0
     here = np.ones(len(frames) - 1, dtype=bool) if excused is None else ~(excused[1:] | excused[:-1])
     tags_s: NDArray[np.float64] = np.diff(frames["time_us"].astype(np.float64)) / 1e6
+    restarts = tags_s < 0
+    if restarts.sum() <= FEW_RESTARTS:
+        here &= ~restarts
     if not (frames["host_utc_ns"] > 0).all():
         return _missing(tags_s, here)
     host_s: NDArray[np.float64] = np.diff(frames["host_utc_ns"] - frames["host_utc_ns"][0]) / NS_PER_S
@@ -70,7 +79,7 @@ def missing_by_time(frames: NDArray[np.void], excused: NDArray[np.bool_] | None 
 def _missing(seconds: NDArray[np.float64], here: NDArray[np.bool_]) -> int:
     """Whole frames that fit between two that came, by the median time between those about them."""
     usual_s = median_filter(seconds, _WINDOW, mode="nearest")
-    known = here & (usual_s > 0)
+    known = here & (usual_s > 0) & (seconds <= LONGEST_S)
     return int(np.maximum(np.rint(seconds[known] / usual_s[known]) - 1, 0).sum())
 
 

@@ -3,7 +3,7 @@
 import json
 from array import array
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.chunk import LinkEvent
@@ -12,7 +12,7 @@ from drivers.link import SerialLink
 from drivers.mock.playback import is_session
 from drivers.mock.urls import replay_url
 from gse import instant
-from gse.config.station import BUILT_IN_TEXT, Station, parse_station
+from gse.config.station import BUILT_IN_TEXT, Port, Station, parse_station
 from gse.errors import TruthError, UsageError
 from gse.external.recorded import RecordedAnswers, read_identity
 from gse.recording.session_format import (
@@ -119,6 +119,10 @@ def replay_session(
     return Replay(session, loop.own_elapsed_us)
 
 
+_CAPTURED = Port(url="replay://")
+"""Of a raw capture: somebody recorded it, so the simulated port that a station file without one has is not its port."""
+
+
 @dataclass(frozen=True, slots=True)
 class StationInForce:
     """The station of a replay with its text, and the protocol's description where that is the session's own."""
@@ -148,6 +152,8 @@ def _loop(
 ) -> StationLoop:
     attachments, given = recorded.attachments if recorded else {}, options.given_orientation
     force = station_in_force(attachments, change)
+    if recorded is None and "port" not in force.station.model_fields_set:
+        force = replace(force, station=force.station.model_copy(update={"port": _CAPTURED}))
     program = read_identity(attachments.get(IDENTIFIER))
     answers = RecordedAnswers(path, program) if names_program(force.station) else None
     setup = set_up(

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from astropy.coordinates import FK5, SkyCoord
 from scipy.spatial.transform import Rotation
+from skies.one_by_one import add_frame
 
 from gse.assessment.convention_search import search_convention
 from gse.assessment.sensor_convention import evidence_of
@@ -101,7 +102,7 @@ def test_a_sensor_made_by_others_is_read_as_it_was_made(icrs_to_sensor, name):
     for place, numbers in enumerate(SENSORS[name](icrs_to_sensor)):
         time_us = place * 1_000_000
         session.sensor_attitudes.append(int(UTC_NS[place]), AttitudeMessage(time_us, frame_no=place, **numbers))
-        session.frames.append(framed(int(UTC_NS[place]), place, time_us))
+        add_frame(session.frames, framed(int(UTC_NS[place]), place, time_us))
     found = search_convention(evidence_of(session))
     assert found is not None
     assert found.fits, found.nearest

@@ -89,18 +89,27 @@ def test_a_worker_that_is_killed_and_one_that_hangs_lose_nothing(running, nights
     assert len(whole(tmp_path / "dataset")) == 4
 
 
+def listeners() -> set:
+    """Addresses on which this process and those that it started listen."""
+    here = psutil.Process()
+    return {
+        one.laddr
+        for process in (here, *here.children(recursive=True))
+        for one in process.net_connections()
+        if one.status == psutil.CONN_LISTEN
+    }
+
+
 def test_workers_of_its_own_listen_on_loopback_alone_and_one_that_is_killed_loses_nothing(nights, tmp_path):
-    listening = set()
+    before, listening = listeners(), set()
 
     def attack(client) -> None:
         if not listening:
-            here = psutil.Process()
-            for process in (here, *here.children(recursive=True)):
-                listening.update(one.laddr.ip for one in process.net_connections() if one.status == psutil.CONN_LISTEN)
+            listening.update(listeners() - before)
             os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
 
     outcomes = judge(None, nights, tmp_path / "dataset", attack)
-    assert listening == {"127.0.0.1"}
+    assert {address.ip for address in listening} == {"127.0.0.1"}
     assert [one.error for one in outcomes] == [""] * 4
     assert len(whole(tmp_path / "dataset")) == 4
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 from devices.command_line import runner
 
+from drivers.chunk import Chunk
 from gse.installation import source_sha256
 from gse.selfcheck.check import selfcheck
 from gse.selfcheck.known_errors import KNOWN_ERRORS
@@ -69,15 +70,11 @@ class Altered(FrameTable):
         super().__init__()
         self.signs = signs
 
-    def extend(self, results):
-        super().extend([self.turned(result) for result in results])
-
-    def turned(self, result):
-        error = result.attitude_error
-        if error is None:
-            return result
-        signs = {f"{axis}_arcsec": -getattr(error, f"{axis}_arcsec") for axis in self.signs}
-        return replace(result, attitude_error=replace(error, **signs))
+    def extend(self, rows, matches):
+        rows = rows.copy()
+        for axis in self.signs:
+            rows[f"{axis}_arcsec"] *= -1
+        super().extend(rows, matches)
 
 
 def with_sign_of(*axes):
@@ -93,7 +90,12 @@ class EndOfExposure(StationLoop):
     """A station that takes the time of a frame for the end of its exposure, not its middle."""
 
     def take(self, items):
-        return super().take([replace(item, utc_ns=item.utc_ns + 50_000_000) for item in items])
+        return super().take([self.later(item) for item in items])
+
+    @staticmethod
+    def later(item):
+        utc_ns = item.utc_ns + 50_000_000
+        return item._replace(utc_ns=utc_ns) if isinstance(item, Chunk) else replace(item, utc_ns=utc_ns)
 
 
 def test_the_station_as_it_is_finds_every_known_error() -> None:

@@ -125,7 +125,7 @@ def test_a_damaged_file_is_told(session, folder: Path, name: str) -> None:
     with pytest.raises(KeptResultsError, match=f"damaged or not of gse: {name} does not have its SHA-256"):
         of(folder, session)
     path.unlink()
-    with pytest.raises(KeptResultsError, match="No such file"):
+    with pytest.raises(KeptResultsError, match="is no file"):
         of(folder, session)
 
 
