@@ -21,7 +21,7 @@ def ci(*arguments: str | Path) -> Result:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with one session and its report."""
     folder = tmp_path_factory.mktemp("made")
-    arguments = ["--rate-hz", "1", "--seconds", "400", "--file", str(folder / "night.mcap")]
+    arguments = ["--rate-hz", "1", "--seconds", "800", "--file", str(folder / "night.mcap")]
     assert CliRunner().invoke(simulate, arguments, catch_exceptions=False).exit_code == 0
     assert ci(folder, "--update").exit_code == 0
     return folder
