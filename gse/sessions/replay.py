@@ -152,7 +152,7 @@ def _loop(
 ) -> StationLoop:
     attachments, given = recorded.attachments if recorded else {}, options.given_orientation
     force = station_in_force(attachments, change)
-    if recorded is None and "port" not in force.station.model_fields_set:
+    if recorded is None and (force.text == BUILT_IN_TEXT or "port" not in force.station.model_fields_set):
         force = replace(force, station=force.station.model_copy(update={"port": _CAPTURED}))
     program = read_identity(attachments.get(IDENTIFIER))
     answers = RecordedAnswers(path, program) if names_program(force.station) else None
