@@ -5,6 +5,8 @@ import sys
 from pathlib import Path
 
 LATE = ("astropy.coordinates", "jinja2", "matplotlib", "pandas", "pyarrow", "rerun")
+TABLES_NEED = "scipy.spatial"
+"""Where those of the identifiers are not cached yet."""
 REPLAYS = Path(__file__).parents[3] / "replays/night-sky"
 IDENTIFY = ("identify", REPLAYS / "tables/rooftop-alt60-azi45.csv", "--station", REPLAYS / "rooftop-alt60-azi45.yaml")
 BEFORE_THE_FIRST_FRAME = (
@@ -20,7 +22,8 @@ BEFORE_THE_FIRST_FRAME = (
 
 def imported(code: str) -> set[str]:
     """Which of the late packages a program has imported at its end."""
-    report = f"\nimport sys\nprint(*[name for name in {LATE!r} if name in sys.modules], file=sys.stderr)"
+    names = (*LATE, TABLES_NEED)
+    report = f"\nimport sys\nprint(*[name for name in {names!r} if name in sys.modules], file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", code + report], capture_output=True, text=True, check=True)
     return set(done.stderr.split())
 
@@ -29,7 +32,7 @@ def test_a_panorama_is_identified_before_anything_that_draws_or_judges_is_import
     arguments = [str(part) for part in IDENTIFY]
     run = f"from gse.cli import cli\ncli.main({arguments!r}, standalone_mode=False)"
 
-    assert imported(run) == set()
+    assert imported(run) <= {TABLES_NEED}
 
 
 def test_a_session_begins_before_anything_that_draws_or_judges_is_imported() -> None:
@@ -37,4 +40,4 @@ def test_a_session_begins_before_anything_that_draws_or_judges_is_imported() -> 
 
 
 def test_the_simulator_needs_astropy_and_nothing_that_draws() -> None:
-    assert imported("import gse.simulator") == {"astropy.coordinates"}
+    assert imported("import gse.simulator") - {TABLES_NEED} == {"astropy.coordinates"}

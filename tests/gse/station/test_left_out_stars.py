@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from skies.made_frames import FIELD_14_DEG
 
 from gse.attitude import Attitude, solve_attitude
@@ -12,7 +13,7 @@ from gse.identifier import Answers, Identification, ObjectColumns
 from gse.identifier.neighbour import NeighbourIdentifier
 from gse.identifier_options import IdentifierOptions
 from gse.site import Site
-from gse.station.left_out_stars import LeftOutStars, SolvedFrames
+from gse.station.left_out_stars import LeftOutStars, SolvedFrames, _nearest
 from gse.truth import EarthOrientation, Refraction, SiderealTruth
 
 AIR = Refraction.at(Site(latitude_deg=48.0, longitude_deg=11.0, height_m=300.0))
@@ -41,6 +42,19 @@ def shown(stars):
 
 def objects_of(seen):
     return ObjectColumns.of([(one, np.ones(len(one))) for one in seen])
+
+
+def test_the_nearest_star_is_that_of_a_tree_at_the_poles_too(stars):
+    random = np.random.default_rng(1)
+    about = np.concatenate([stars.icrs[:500], [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
+    seen = about + random.normal(0, 3e-3, (len(about), 3))
+    by_z = stars.icrs[np.argsort(stars.icrs[:, 2])]
+    apart, row = _nearest(seen, by_z, 5e-3)
+    expected, place = cKDTree(by_z).query(seen, distance_upper_bound=5e-3)
+    np.testing.assert_allclose(apart, expected)
+    found = np.isfinite(expected)
+    assert 100 < found.sum() < len(seen)
+    np.testing.assert_array_equal(row[found], place[found])
 
 
 def test_an_object_at_the_place_of_a_star_is_that_star(stars):
