@@ -115,5 +115,6 @@ def _probe_every(link: Any, seconds: int) -> None:
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore", DeprecationWarning)  # pyserial 3.5
-    sys.path.insert(0, str(Path(__file__).parents[1]))
+    tests = Path(__file__).parents[1]
+    sys.path[:0] = [str(tests.parent), str(tests)]  # ``drivers`` is that of the station, and not tests/drivers
     print(json.dumps(_run(sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else None)))
