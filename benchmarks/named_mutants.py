@@ -44,7 +44,7 @@ _SHARE_LIMITS = (
 )
 
 NAMED = (
-    Named("never FALSE", _FRAMES, "SAME_BORESIGHT_RAD, _CORRECT, _FALSE)", "SAME_BORESIGHT_RAD, _CORRECT, _CORRECT)", _TO_FRAMES),
+    Named("never FALSE", _FRAMES, "_RAD, _CORRECT, _FALSE)", "_RAD, _CORRECT, _CORRECT)", _TO_FRAMES),
     Named("FALSE from 5 deg on", _FRAMES, "math.radians(0.05)", "math.radians(5)", _TO_FRAMES),
     Named("time never fails", "gse/assessment/verdict.py", "limit=SLOW_SHARE", "limit=1.0", _TO_VERDICT),
     Named(
