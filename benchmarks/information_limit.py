@@ -30,10 +30,10 @@ from gse.constants import ARCSEC_RAD
 from gse.evaluation.frames import Conditions, Optics, SimulatedFrame
 from gse.identifier.hypotheses import _attempt_with
 from gse.identifier.robust import _field
-from gse.identifier.robust_tables import SkyTables, near_bit, sky_tables
+from gse.identifier.robust_tables import SkyTables, sky_tables
 from gse.identifier.tangent_plane import Attempt, Noise, Objects, objects_of, place
 from gse.identifier.verify import grow
-from gse.identifier.votes import pair_rotation
+from gse.identifier.votes import pair_rotation, stars_near
 from gse.jit import compiled
 
 FALSE_MAGNITUDES = 4.0
@@ -126,7 +126,7 @@ def explored(
                     if abs(sky.magnitude[s] - magnitude[i]) > fainter or abs(sky.magnitude[t] - magnitude[j]) > fainter:
                         continue
                     pair_rotation(directions[i], directions[j], sky.icrs[s], sky.icrs[t], rotation)
-                    if _near(sky, directions, rotation) < min(4, stars_seen):
+                    if stars_near(sky, directions, rotation) < min(4, stars_seen):
                         continue
                     pair[i], pair[j] = s, t
                     attempt, started = _attempt_with(sky, rotation.copy(), pair)
@@ -136,21 +136,6 @@ def explored(
                     value = _log_mass(sky, objects, attempt, magnitude, log_dark, known, stars_seen)
                     found = _kept(attempt.rotation, value, found, log_mass, rotations)
     return found
-
-
-@compiled
-def _near(sky: SkyTables, directions: NDArray[np.float64], r: NDArray[np.float64]) -> int:
-    """How many objects have any star near them."""
-    hits = 0
-    for i in range(len(directions)):
-        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
-        bit = near_bit(
-            r[0, 0] * x + r[1, 0] * y + r[2, 0] * z,
-            r[0, 1] * x + r[1, 1] * y + r[2, 1] * z,
-            r[0, 2] * x + r[1, 2] * y + r[2, 2] * z,
-        )
-        hits += (sky.near_star[bit >> 3] >> (bit & 7)) & 1
-    return hits
 
 
 @compiled

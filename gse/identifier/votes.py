@@ -25,7 +25,7 @@ _ROLL = np.uint64(0x7FFF_7FFF_7FFF_7FFF)
 
 
 @compiled
-def _stars_near(tables: SkyTables, directions: NDArray[np.float64], r: NDArray[np.float64]) -> int:
+def stars_near(tables: SkyTables, directions: NDArray[np.float64], r: NDArray[np.float64]) -> int:
     """How many of directions (N, 3) have any star near them under a rotation."""
     hits = 0
     for i in range(len(directions)):
@@ -86,7 +86,7 @@ def hypotheses_of(
                         continue
                     t = np.uint64(tables.pairs[q, 1 - end])
                     pair_rotation(directions[alpha], directions[k], tables.icrs[s], tables.icrs[t], rotation)
-                    hits = _stars_near(tables, looked_at, rotation)
+                    hits = stars_near(tables, looked_at, rotation)
                     if hits >= least:
                         count = _insert(candidates, count, (hits, k, int(s), int(t)))
         if count > 0 and candidates[0, 0] >= plenty:
