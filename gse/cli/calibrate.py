@@ -10,9 +10,9 @@ from gse.calibration.camera_fit import Calibration
 from gse.calibration.session_fit import PanoramaSample, SessionCalibration, calibrate_session
 from gse.cli.new_files import write_new
 from gse.cli.options import change_to, fit_options, say, with_identifier
-from gse.cli.working import working
 from gse.config.edit import with_values
 from gse.errors import TruthError
+from gse.sign_of_life import working
 from gse.truth import EarthOrientation, SiderealTruth
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ import click
 from gse.camera import Camera
 from gse.cli.new_files import write_new
 from gse.cli.options import json_option, station_of, station_option
-from gse.cli.working import working
 from gse.config.station import Station
 from gse.errors import UsageError
+from gse.sign_of_life import working
 
 if TYPE_CHECKING:
     from gse.catalog import StarCatalog

@@ -32,7 +32,7 @@ _LITTLE_BYTES = 1_000_000_000
 
 
 class StatusLine:
-    """A listener and context manager: one line, renewed each second; plain lines if stderr is not a terminal.
+    """A listener and context manager: one line, renewed twice a second; plain lines if stderr is not a terminal.
 
     It is written to stderr. ``folder`` is the session folder: the free space of its disk is shown. ``forecast`` gives
     the line on the time to a verdict.
@@ -56,7 +56,7 @@ class StatusLine:
         self._due_ns = 0
         self._closed = False
         self._announcer = Announcer(lambda text: self._console.print(text, soft_wrap=True, markup=False))
-        self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=1, transient=True)
+        self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=2, transient=True)
 
     def on_results(self, results: NewResults, session: SessionData) -> None:
         """Add frames."""
