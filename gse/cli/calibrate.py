@@ -171,10 +171,11 @@ def _lines(result: SessionCalibration) -> list[str]:
             for numbers in [_residuals(fitted, when)]
         ),
         "",
-        "mean residual over the detector after the fit, px (x, y); - means fewer than 5 stars:",
-        *("  ".join(_cell(cell) for cell in row) for row in fitted.map_px.tolist()),
+        "mean residual over the detector after the fit, x and y in 0.01 px;",
+        "-: fewer than 5 stars",
+        *(" ".join(_cell(cell) for cell in row) for row in fitted.map_px.tolist()),
     ]
 
 
 def _cell(cell: list[float]) -> str:
-    return f"{cell[0]:+5.2f},{cell[1]:+5.2f}" if cell[2] >= 5 else f"{'-':^11}"
+    return f"{100 * cell[0]:+4.0f},{100 * cell[1]:+4.0f}" if cell[2] >= 5 else f"{'-':^9}"

@@ -115,7 +115,7 @@ def _of_errors(facts: Facts) -> Word:
     if facts.outside:
         cause = f"; {facts.cause}" if facts.cause else ""
         return Word("OUTSIDE", Level.BAD, f"outside its limit: {', '.join(facts.outside)}{cause}")
-    return Word("OK", Level.GOOD, "")
+    return Word("OK", Level.GOOD, "inside the limits so far")
 
 
 def _duration(seconds: float) -> str:

@@ -125,10 +125,12 @@ class StatusLine:
         return abs(moments.mean) > limit
 
     def _clock(self) -> str:
-        return clock_health(self._session.clock[-1]) if self._session and self._session.clock else "not read"
+        session = self._session
+        return clock_health(session.clock[-1], session.clock_error_s) if session and session.clock else "not read"
 
     def _clock_is_bad(self) -> bool:
-        return bool(self._session and self._session.clock and not self._session.clock[-1].synchronised)
+        session = self._session
+        return bool(session and session.clock_error_s is None and session.clock and not session.clock[-1].synchronised)
 
     def _disk(self) -> "_Part":
         if self._folder is None:
