@@ -72,8 +72,8 @@ function show(state) {
   put("dawn", state.dawn_min === null ? "none" : state.dawn_min <= 0 ? "bright" : `in ${duration(state.dawn_min)}`);
   put("dawn-note", "Sun above −12 deg");
   put("clock", state.clock ?? "not read");
-  put("identified", state.identified === null ? "-" : `${(100 * state.identified).toFixed(1)} %`);
-  put("identified-note", `limit ${(100 * state.identified_limit).toFixed(0)} %, ${state.false_answers} false`);
+  put("identified", state.identified === null ? "-" : (100 * state.identified).toFixed(1));
+  put("identified-note", `% (limit ${(100 * state.identified_limit).toFixed(0)}), ${state.false_answers} false`);
   at("identified").classList.toggle("outside", state.identified !== null && state.identified < state.identified_limit);
   at("clock").classList.toggle("outside", Boolean(state.clock?.startsWith("NOT")));
   put("disk", number(state.disk_free_gb, 1));
