@@ -68,7 +68,7 @@ def _calibrated(recording: "Recording", *, tangential: bool) -> SessionCalibrati
         station, text = with_identifier(station, text, "robust")
     setup = set_up(station, text, utc_ns=first_ns, protocol_text=recording.protocol.text, tell=say)
     truth = _truth(recording, first_ns)
-    return calibrate_session(sample, setup.camera, setup.built_in, truth, tangential=tangential)
+    return calibrate_session(sample, setup.camera, setup.of_true_stars, truth, tangential=tangential)
 
 
 def _truth(recording: "Recording", utc_ns: int | None) -> SiderealTruth | None:
