@@ -1,6 +1,7 @@
 """``gse report``: the report of a session, or of several side by side."""
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from gse.cli.options import (
     earth_orientation_option,
     leave_out_option,
     start_utc_option,
+    threads_option,
 )
 from gse.cli.working import working
 from gse.errors import UsageError
@@ -24,7 +26,7 @@ from gse.truth.iers_tables import GivenTables
 
 if TYPE_CHECKING:
     from gse.assessment.verdict import Assessment
-    from gse.sessions.judged import Change
+    from gse.sessions.judged import Judged
     from gse.sessions.replay import ReplayOptions
 
 
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
 @leave_out_option
 @start_utc_option
 @anew_option
+@threads_option
 @click.option("--pdf", is_flag=True, help="Also print report.html to report.pdf, by Chromium or Chrome.")
 @click.option(
     "--screenshot",
@@ -71,6 +74,7 @@ def command(
     excluded: tuple[Exclusion, ...],
     start_utc: str | None,
     anew: bool,
+    threads: int,
     pdf: bool,
     screenshot: Path | None,
     verified: Path | None,
@@ -84,15 +88,22 @@ def command(
     Of several FILEs, of one sensor or of several: one page with their verdicts and table 4-1 of the LAPAN paper, a row
     for each (sessions.html, sessions.json); the exit code is that of the worst.
     """
+    from gse.cli.progress import judged_with_progress
+
+    judged_session = partial(
+        judged_with_progress,
+        options=_options(given_orientation, start_utc),
+        station=change_to(station_path),
+        anew=anew or verified is not None,
+        threads=threads,
+    )
     if len(paths) > 1:
         if pdf or screenshot or verified:
             raise UsageError("--pdf, --screenshot and --verify are for one session; give one FILE")
         _check_free(out)
-        change, options = change_to(station_path), _options(given_orientation, start_utc)
-        judged_all = [_judged(path, change, options, anew, clock_error_s, excluded) for path in paths]
+        judged_all = [_as_stated(judged_session(path), clock_error_s, excluded) for path in paths]
         ctx.exit(_report_several(paths, judged_all, out, as_json=as_json))
     (path,) = paths
-    from gse.cli.progress import judged_with_progress
     from gse.report.printing import find_browser, print_to_pdf, save_picture
     from gse.report.verification import read_page
 
@@ -101,15 +112,8 @@ def command(
     page = read_page(verified) if verified else None
     browser = find_browser() if pdf or screenshot else None
     _say_if_running(path)
-    judged = judged_with_progress(
-        path,
-        options=_options(given_orientation, start_utc),
-        station=change_to(station_path),
-        anew=anew or page is not None,
-    )
-    session, assessment = judged.session, judged.assessment
-    if clock_error_s is not None or excluded:
-        assessment = judge_as_stated(session, clock_error_s, excluded)
+    judged = judged_session(path)
+    session, assessment = _as_stated(judged, clock_error_s, excluded)
     if page is not None:
         ctx.exit(_verify(page, session, assessment))
     folder = _new_folder(out, path)
@@ -132,17 +136,9 @@ def _options(given_orientation: GivenTables | None, start_utc: str | None) -> "R
     return ReplayOptions(given_orientation=given_orientation, start_utc=start_utc)
 
 
-def _judged(
-    path: Path,
-    change: "Change",
-    options: "ReplayOptions",
-    anew: bool,
-    clock_error_s: float | None,
-    excluded: tuple[Exclusion, ...],
+def _as_stated(
+    judged: "Judged", clock_error_s: float | None, excluded: tuple[Exclusion, ...]
 ) -> "tuple[SessionData, Assessment]":
-    from gse.cli.progress import judged_with_progress
-
-    judged = judged_with_progress(path, options=options, station=change, anew=anew)
     if clock_error_s is None and not excluded:
         return judged.session, judged.assessment
     return judged.session, judge_as_stated(judged.session, clock_error_s, excluded)
