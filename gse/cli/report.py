@@ -16,8 +16,8 @@ from gse.cli.options import (
     leave_out_option,
     start_utc_option,
 )
-from gse.cli.working import working
 from gse.errors import UsageError
+from gse.sign_of_life import working
 from gse.station.exclusions import Exclusion
 from gse.station.session_data import SessionData
 from gse.truth.iers_tables import GivenTables
