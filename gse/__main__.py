@@ -6,6 +6,8 @@ import os
 import signal
 import sys
 
+from gse import sign_of_life
+
 _EXIT_INTERRUPTED = 130
 """gse.cli.EXIT_INTERRUPTED, which takes numpy and pydantic to import."""
 
@@ -20,6 +22,7 @@ def main() -> None:
     gc.set_threshold(_NEW_OBJECTS)
     atexit.register(_leave_garbage)
     _fill_standard_descriptors()
+    sign_of_life.start(" ".join(["gse", *sys.argv[1:2]]) + ": working")
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, lambda number, frame: os._exit(_EXIT_INTERRUPTED))

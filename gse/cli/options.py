@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import click
 
 from gse import instant
+from gse.cli.folding import folded
 from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station, read_station
 from gse.errors import UsageError
@@ -265,4 +266,4 @@ def _exclusions(texts: tuple[str, ...]) -> tuple["Exclusion", ...]:
 
 def say(text: str) -> None:
     """A line on stderr."""
-    click.echo(f"gse: {text}", err=True)
+    click.echo(folded(f"gse: {text}", err=True), err=True)

@@ -18,8 +18,8 @@ from gse.cli.options import (
     start_utc_option,
     threads_option,
 )
-from gse.cli.working import working
 from gse.errors import UsageError
+from gse.sign_of_life import working
 from gse.station.exclusions import Exclusion
 from gse.station.session_data import SessionData
 from gse.truth.iers_tables import GivenTables

@@ -55,7 +55,7 @@ def layout(
     )
     words = rrb.Vertical(
         rrb.TextDocumentView(origin="/verdict", name="Verdict"),
-        _log_view(),
+        rrb.TextDocumentView(origin="/log", name="Log (UTC)"),
         row_shares=[3, 2],
     )
     return rrb.Blueprint(
@@ -112,19 +112,6 @@ def _graph(path: str, name: str, axis: rrb.TimeAxis, *beside: str) -> rrb.TimeSe
 
 def _time_title(station: Station) -> str:
     return f"Time (ms), limit {station.limits.identification_ms:g}"
-
-
-def _log_view() -> rrb.TextLogView:
-    """Level and text; the text begins with the time of day, which has no column of its own."""
-    columns = rrb.TextLogColumns(
-        timeline_columns=[rrb.encodings.TimelineColumn(timeline=TIMELINE, visible=False)],
-        text_log_columns=[
-            rrb.encodings.TextLogColumn("EntityPath", visible=False),
-            rrb.encodings.TextLogColumn("LogLevel"),
-            rrb.encodings.TextLogColumn("Body"),
-        ],
-    )
-    return rrb.TextLogView(origin="/log", name="Log (UTC)", columns=columns)
 
 
 def _panorama_view(station: Station) -> rrb.Spatial2DView:
