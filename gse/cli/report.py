@@ -17,6 +17,7 @@ from gse.cli.options import (
     gathered,
     leave_out_option,
     start_utc_option,
+    threads_option,
 )
 from gse.errors import UsageError
 from gse.sign_of_life import working
@@ -37,6 +38,7 @@ class _Judging:
     excluded: tuple[Exclusion, ...]
     start_utc: str | None
     anew: bool
+    threads: int
 
     def judged(self, path: Path, *, anew: bool = False) -> "Judged":
         """A session as it is judged with these options; ``anew``: not from kept results."""
@@ -48,6 +50,7 @@ class _Judging:
             options=ReplayOptions(given_orientation=self.given_orientation, start_utc=self.start_utc),
             station=change_to(self.station_path),
             anew=anew or self.anew,
+            threads=self.threads,
         )
         if self.clock_error_s is None and not self.excluded:
             return found
@@ -87,6 +90,7 @@ _judging = gathered(
     leave_out_option,
     start_utc_option,
     anew_option,
+    threads_option,
 )
 
 _output = gathered(

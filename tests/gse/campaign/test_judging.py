@@ -52,6 +52,12 @@ def test_a_file_that_is_no_session_is_a_row_with_its_error(judged):
     assert sum(row["verdict"] is not None for row in rows) == 3
 
 
+def test_a_pipe_among_the_sources_is_named_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.mcap")
+    (outcome,) = judge_all(tmp_path, tmp_path / "dataset")
+    assert (outcome.key, outcome.error) == ("", f"{tmp_path / 'pipe.mcap'} is no file of bytes, but a pipe or a device")
+
+
 def test_pandas_polars_and_pyarrow_read_the_tables_as_they_lie(judged):
     for table, least in (("sessions", 4), ("frames", 80), ("stars", 300)):
         counts = {
