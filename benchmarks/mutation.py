@@ -37,6 +37,8 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -353,11 +355,10 @@ def write_map(tree: Path, folders: list[str]) -> None:
     watch = Watch()
     options = ["-n", "0", "-q", "--hypothesis-profile", "ci"]
     without = [f"--deselect={name}" for name in WITHOUT]
-    importlib.import_module("pytest").main([*options, *without, *folders], plugins=[watch])
-    if watch.failed:
-        sys.exit(f"without any mutant, a test fails: {watch.failed[0]}")
-    if importlib.import_module("pytest").main(["-n", "0", "-q", "--collect-only", *watch.seconds]):
-        sys.exit("a test that ran has no name by which it runs again")
+    pytest.main([*options, *without, *folders], plugins=[watch])
+    for name in watch.failed:
+        print(f"left out, since it fails without any mutant: {name}", file=sys.stderr)
+        watch.seconds.pop(name, None)
     of_file: dict[str, list[str]] = {}
     for name in watch.seconds:
         of_file.setdefault(name.split("::")[0], []).append(name)
@@ -367,7 +368,9 @@ def write_map(tree: Path, folders: list[str]) -> None:
     for path in data.measured_files():
         by_line = data.contexts_by_lineno(path)
         lines[str(Path(path).relative_to(tree))] = {
-            line: sorted({name for context in contexts if context for name in _tests(context, of_file)})
+            line: sorted(
+                {name for context in contexts if context for name in _tests(context, of_file)} & set(watch.seconds)
+            )
             for line, contexts in by_line.items()
         }
     (tree / "map.json").write_text(json.dumps({"lines": lines, "seconds": watch.seconds}))
@@ -407,7 +410,7 @@ class Tester:
             text=True,
         )
 
-    def outcome(self, files: list[str], most_cpu_s: int, mutant: Mutant | None = None) -> tuple[str, float]:
+    def outcome(self, names: list[str], most_cpu_s: int, mutant: Mutant | None = None) -> tuple[str, float]:
         """What the tests say of the tree: ``survived``, ``killed`` or ``timeout``, and their processor time in s.
 
         A ``mutant`` takes the place of its module in memory.
@@ -416,7 +419,7 @@ class Tester:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         replaced = (mutant.module, mutant.source) if mutant else None
-        print(json.dumps([files, most_cpu_s, replaced]), file=self._process.stdin, flush=True)
+        print(json.dumps([names, most_cpu_s, replaced]), file=self._process.stdin, flush=True)
         word, cpu_s = json.loads(self._process.stdout.readline())
         return word, cpu_s
 
@@ -427,7 +430,7 @@ class Tester:
 
 
 def serve(tree: Path, *, whole: bool) -> None:
-    """Read test files, a limit of processor time and a mutant, line by line, and write what the tests say."""
+    """Read names of tests, a limit of processor time and a mutant, line by line, and write what the tests say."""
     os.chdir(tree)
     sys.path[0] = str(tree)
     for name in LIBRARIES:
@@ -445,7 +448,19 @@ def serve(tree: Path, *, whole: bool) -> None:
         print(json.dumps(_forked(*json.loads(line))), flush=True)
 
 
-def _forked(files: list[str], most_cpu_s: int, replaced: tuple[str, str] | None) -> tuple[str, float]:
+class Only:
+    """A pytest plugin: some tests by their names, in that order."""
+
+    def __init__(self, names: list[str]) -> None:
+        self._turns = {name: turn for turn, name in enumerate(names)}
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, items: list[Any]) -> None:
+        """Keep these."""
+        items[:] = sorted((item for item in items if item.nodeid in self._turns), key=lambda i: self._turns[i.nodeid])
+
+
+def _forked(names: list[str], most_cpu_s: int, replaced: tuple[str, str] | None) -> tuple[str, float]:
     child = os.fork()
     if child == 0:
         resource.setrlimit(resource.RLIMIT_CPU, (most_cpu_s, most_cpu_s))
@@ -458,9 +473,11 @@ def _forked(files: list[str], most_cpu_s: int, replaced: tuple[str, str] | None)
                 replace_in_memory(*replaced)
         except (KeyError, ValueError):
             os._exit(0)  # No function or constant: the tree will tell.
-        os._exit(int(importlib.import_module("pytest").main([*options, *files])))
+        of_files = dict.fromkeys(name.split("::")[0] for name in names)
+        os._exit(int(pytest.main([*options, *of_files], plugins=[Only(names)])))
     _, status, usage = os.wait4(child, 0)
-    word = "survived" if status == 0 else "timeout" if os.WIFSIGNALED(status) else "killed"
+    unheard = status == 0 or (os.WIFEXITED(status) and os.WEXITSTATUS(status) == pytest.ExitCode.NO_TESTS_COLLECTED)
+    word = "survived" if unheard else "timeout" if os.WIFSIGNALED(status) else "killed"
     return word, usage.ru_utime + usage.ru_stime
 
 
@@ -519,7 +536,7 @@ def in_tree(tester: Tester, mutant: Mutant, parts: list[list[str]], most_cpu_s: 
     path.rename(sound)
     path.write_text(mutant.source)
     try:
-        said = (tester.outcome(files, most_cpu_s)[0] for files in parts)
+        said = (tester.outcome(names, most_cpu_s)[0] for names in parts)
         return next((word for word in said if word != "survived"), "survived")
     finally:
         sound.replace(path)
