@@ -317,10 +317,14 @@ class Coverage:
         return [part for part in parts if part]
 
 
-def coverage_of(tree: Path, folders: list[str]) -> Coverage:
-    """Run the tests of folders once, in a process of its own."""
-    subprocess.run([sys.executable, __file__, "--map", str(tree), *folders], check=True, stdout=subprocess.DEVNULL)
-    found = json.loads((tree / "map.json").read_text())
+def coverage_of(tree: Path, folders: list[str], kept: Path | None) -> Coverage:
+    """Run the tests of folders once, in a process of its own, unless what they gave was ``kept``."""
+    found_in = kept or tree / "map.json"
+    if not found_in.exists():
+        subprocess.run([sys.executable, __file__, "--map", str(tree), *folders], check=True, stdout=subprocess.DEVNULL)
+        if kept:
+            shutil.copy(tree / "map.json", kept)
+    found = json.loads(found_in.read_text())
     lines = {name: {int(line): tests for line, tests in by.items()} for name, by in found["lines"].items()}
     return Coverage(lines, found["seconds"])
 
@@ -593,6 +597,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="only modules whose path contains this")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--most", type=float, default=40.0, help="seconds of tests for one mutant")
+    parser.add_argument("--coverage", type=Path, help="file for what coverage notes, to use it again on the same tree")
     parser.add_argument("--map", nargs="+", help=argparse.SUPPRESS)
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--whole", action="store_true", help=argparse.SUPPRESS)
@@ -612,7 +617,8 @@ def main() -> None:
         for both in made:
             testers.put(both)
         chosen = options.rooms.split(",")
-        coverage = coverage_of(trees[0], sorted({folder for name in chosen for folder in ROOMS[name].tests}))
+        folders = sorted({folder for name in chosen for folder in ROOMS[name].tests})
+        coverage = coverage_of(trees[0], folders, options.coverage)
         print(f"seed {options.seed}, {options.sample} mutants per room, without the golden replays")
         print(f"{'room':12} {'of':>5} {'killed':>7} {'timeout':>8} {'survived':>9} {'score':>7}", flush=True)
         for name in chosen:
