@@ -8,6 +8,8 @@ import signal
 import sys
 from typing import Any
 
+from gse import sign_of_life
+
 _EXIT_INTERRUPTED = 130
 """gse.cli.EXIT_INTERRUPTED, which takes numpy and pydantic to import."""
 
@@ -25,6 +27,7 @@ def main() -> None:
     sys.stdin = sys.stdin or open(0, closefd=False)
     sys.stdout = sys.stdout or open(1, "w", closefd=False)
     sys.stderr = _talk_that_never_fails()
+    sign_of_life.start(" ".join(["gse", *sys.argv[1:2]]) + ": working")
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, lambda number, frame: os._exit(_EXIT_INTERRUPTED))

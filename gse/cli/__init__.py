@@ -18,6 +18,7 @@ import click
 from drivers.errors import CaptureError, CommandError, DriverError, UrlError
 from drivers.outside_text import is_plain, plain_line, plain_lines
 from gse.cli.examples import epilog
+from gse.cli.folding import folded
 from gse.errors import GseError
 from protocols.errors import ProtocolError
 
@@ -153,7 +154,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (click.Abort, KeyboardInterrupt):
         code = EXIT_INTERRUPTED
     except (GseError, DriverError, ProtocolError) as error:
-        click.echo(f"gse: {plain_lines(str(error))}", err=True)
+        click.echo(folded(f"gse: {plain_lines(str(error))}", err=True), err=True)
         code = exit_code_of(error)
     except Exception as error:
         code = unexpected(error)

@@ -67,7 +67,7 @@ class SavedView:
         self._scene.flush()
         self._scene.clock(session.clock)
         clock = session.clock[-1] if session.clock else None
-        text = verdict_so_far(self._scene.running, session.link, clock)
+        text = verdict_so_far(self._scene.running, session.link, clock, clock_error_s=session.clock_error_s)
         self._scene.words_for_all_times(verdict_at_end(verdict, list(reasons), text), metrics)
         if len(session.frames):
             self._scene.stands(int(session.frames.columns["utc_ns"][0]), verdict)
@@ -79,6 +79,7 @@ class SavedView:
         if self._frames:
             self._scene.add_objects(self._frames, pictures=len(self._frames))
             self._frames = []
+        self._scene.show_log()
 
 
 def rrd_file_sink(path: Path) -> object:
