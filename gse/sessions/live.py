@@ -96,7 +96,9 @@ def new_session_folder(out: Path, name: str, utc_ns: int) -> Path:
                 raise UsageError(f"--out {out} is a file; expected a folder for the sessions") from None
             continue
         except OSError as error:
-            raise UsageError(f"cannot make the session folder {folder}: {error.strerror}") from error
+            raise UsageError(
+                f"cannot make the session folder {folder}: {error.strerror}; choose another --out"
+            ) from error
         return folder
     raise UsageError(f"{out} is full of sessions called {stem}; choose another --out")
 
