@@ -23,7 +23,7 @@ def write_parquet(parts: Iterable[pa.Table], to: Path | BinaryIO) -> None:
     """Write the parts of one table, each of ROWS_AT_ONCE at most, to a new file; OSError where it cannot be written.
 
     The same rows give the same bytes. A single row, of 800 columns, needs neither statistics nor dictionaries: they
-    would be most of its file. Measured numbers hardly repeat: with dictionaries the stars would take 1.4 times the room.
+    would be most of its file. Measured numbers hardly repeat: dictionaries of them cost more room than they save.
     """
     rest = iter(parts)
     first = next(rest)
