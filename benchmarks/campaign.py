@@ -1,26 +1,34 @@
-"""Time of a campaign against nights and workers, memory of a worker, the second run, and questions in SQL.
+"""Time of a campaign against nights and workers, memory of a worker, the second run, its report, questions in SQL.
 
-    python benchmarks/campaign.py                  10, 30 and 100 simulated nights of 60 s at 2 Hz
-    python benchmarks/campaign.py --seconds 1200 --nights 10 100 1000
+    python benchmarks/campaign.py                  10, 30 and 100 simulated nights of 60 s at 2 Hz, 10,000 rows in SQL
+    python benchmarks/campaign.py --seconds 1200 --nights 10 100 1000 --sessions FOLDER
 
-The nights are made by the workers, seeds 1, 2, 3 ... CPU seconds are those of the worker processes; wall-clock times
-mean something on an idle machine only. Memory is the peak of a worker process.
+A campaign grows: to 10 nights first, then to 30 with what is new, and so on; CPU seconds are of all nights so far. The
+nights are made by the workers, seeds 1, 2, 3 ..., into --sessions, where those that are there already are taken. CPU
+seconds are those of the worker processes, of the second run and the rest those of this one; wall-clock times mean
+something on an idle machine only. Memory is the peak of a worker process. The rows in SQL are those of the campaign,
+copied under other keys and nights, without their report.json.
 """
 
 import argparse
+import hashlib
 import os
 import resource
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
+import pyarrow as pa
 from distributed import Client
 
 from drivers.mock.urls import sim_url
 from gse import instant
 from gse.campaign.cluster import cluster
-from gse.campaign.dataset import DataSet
+from gse.campaign.dataset import REPORT_COLUMN, SESSIONS, Committed, DataSet, parquet_of
+from gse.campaign.document import campaign_document
 from gse.campaign.engine import plan_campaign, run_campaign
+from gse.campaign.files import write_campaign_report
 from gse.campaign.query import ask
 from gse.campaign.sources import find_sources
 from gse.config.station import BUILT_IN_TEXT, parse_station
@@ -29,18 +37,24 @@ from gse.truth import EarthOrientation
 
 FIRST_NS = instant.from_text("2026-01-01T14:00:00Z")
 RATE_HZ = 2
-SQL = "select sensor, verdict, count(*), avg(onboard_d_de_bias_arcsec) from sessions group by all"
+QUESTIONS = (
+    "select sensor, verdict, count(*), avg(onboard_d_de_bias_arcsec) from sessions group by all",
+    "select night, onboard_d_de_nea_arcsec from sessions order by 2 desc limit 10",
+)
 
 
 def make_night(path: str, number: int, seconds: float) -> None:
     """One simulated evening, 24 h after the one before."""
+    if Path(path).exists():
+        return
     start = instant.to_text(FIRST_NS + number * instant.NS_PER_DAY)
     options = {"scenario": "clear-zenith", "start": start, "rate_hz": str(RATE_HZ), "seed": str(number + 1)}
     url = sim_url(**options, frames=str(round(seconds * RATE_HZ)))
     station = parse_station(BUILT_IN_TEXT)
     station = station.model_copy(update={"port": station.port.model_copy(update={"url": url})})
     orientation = EarthOrientation.from_disk(instant.from_text(start)).to_json()
-    record_simulation(Path(path), station, BUILT_IN_TEXT, orientation)
+    record_simulation(Path(f"{path}.part"), station, BUILT_IN_TEXT, orientation)
+    Path(f"{path}.part").rename(path)
 
 
 def cpu_s(client: Client) -> float:
@@ -57,56 +71,94 @@ def _peak_kib() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
-def judged(sources: Path, to: Path, client: Client) -> tuple[float, float]:
-    """Wall-clock and CPU seconds of a run."""
-    before, started = cpu_s(client), time.perf_counter()
+def judged(sources: Path, to: Path, client: Client) -> float:
+    """CPU seconds of the workers in a run."""
+    before = cpu_s(client)
     run_campaign(plan_campaign(find_sources([str(sources)]), DataSet.at(str(to), create=True)), client)
-    return time.perf_counter() - started, cpu_s(client) - before
+    return cpu_s(client) - before
 
 
-def timed(act) -> float:
-    """Wall-clock seconds."""
-    started = time.perf_counter()
+def timed(act: Callable[[], object]) -> str:
+    """CPU and wall-clock seconds of this process."""
+    began_s, began_cpu_s = time.perf_counter(), time.process_time()
     act()
-    return time.perf_counter() - started
+    return f"{time.process_time() - began_cpu_s:.2f} ({time.perf_counter() - began_s:.2f})"
+
+
+def asked(dataset: DataSet) -> None:
+    """Ask all questions."""
+    with open(os.devnull, "w") as nowhere:
+        for question in QUESTIONS:
+            ask(dataset, question, "json", nowhere)
+
+
+def copied(dataset: DataSet, to: Path, count: int) -> DataSet:
+    """A data set of so many sessions, with the rows of another one."""
+    copies = DataSet.at(str(to), create=True)
+    rows = dataset.sessions().drop_columns(["sensor", "night"])
+    for number in range(count):
+        key = hashlib.sha256(str(number).encode()).hexdigest()
+        night = instant.to_text(FIRST_NS + number * instant.NS_PER_DAY)[:10]
+        row = rows.slice(number % len(rows), 1).drop_columns(["key"]).append_column("key", pa.array([key]))
+        row = row.append_column(REPORT_COLUMN, pa.nulls(1, pa.string()))
+        path = to / Committed("copy", night, key).path(SESSIONS)
+        path.parent.mkdir(parents=True)
+        path.write_bytes(parquet_of([row]))
+    copies.renew_index(())
+    return copies
+
+
+def grown(root: Path, nights: list[Path], counts: list[int], workers: int) -> DataSet:
+    """Print a row for each number of nights; the data set of all."""
+    total_s, some, dataset = 0.0, root / f"sources-{workers}", root / f"dataset-{workers}"
+    some.mkdir()
+    before = 0
+    with cluster(None, workers) as client:
+        for count in counts:
+            for path in nights[before:count]:
+                os.link(path, some / path.name)
+            new_s = judged(some, dataset, client)
+            total_s += new_s
+            again = timed(lambda: judged(some, dataset, client))
+            sql = timed(lambda: asked(DataSet.at(str(dataset))))
+            report = timed(
+                lambda count=count: write_campaign_report(
+                    campaign_document(DataSet.at(str(dataset))), root / f"report-{workers}-{count}"
+                )
+            )
+            cells = (workers, count, f"{total_s:.1f}", f"{new_s / (count - before):.3f}", f"{peak_mib(client):.0f}")
+            print("| " + " | ".join(map(str, (*cells, again, sql, report))) + " |", flush=True)
+            before = count
+    return DataSet.at(str(dataset))
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--nights", type=int, nargs="+", default=[10, 30, 100])
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--rows", type=int, default=10_000)
+    parser.add_argument("--sessions", type=Path, help="Folder of the nights; default: a temporary one.")
+    parser.add_argument("--keep", type=Path, help="New folder for data sets and reports; default: a temporary one.")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="gse-campaign-") as folder:
-        root = Path(folder)
-        nights = [root / "nights" / f"{number:05d}.mcap" for number in range(max(arguments.nights))]
-        nights[0].parent.mkdir()
+        root = arguments.keep or Path(folder)
+        made = arguments.sessions or root / "nights"
+        for path in (root, made):
+            path.mkdir(parents=True, exist_ok=True)
+        nights = [made / f"night-{number:04d}.mcap" for number in range(max(arguments.nights))]
         with cluster(None, max(arguments.workers)) as client:
             seconds = [arguments.seconds] * len(nights)
-            client.gather(client.map(make_night, [str(path) for path in nights], range(len(nights)), seconds))
-        print(f"nights of {arguments.seconds:g} s at {RATE_HZ} Hz")
-        head = ("workers", "nights", "wall s", "CPU s", "CPU s a night", "busy", "MiB", "again s", "SQL s")
-        print(("{:>14}" * len(head)).format(*head))
+            making = client.map(make_night, [str(path) for path in nights], range(len(nights)), seconds)
+            client.gather(making)
+            print(f"nights of {arguments.seconds:g} s at {RATE_HZ} Hz; made in {cpu_s(client):.0f} CPU s\n")
+        print("| workers | nights | CPU s | CPU s a new night | MiB | again | SQL | report |")
+        print("|---|---|---|---|---|---|---|---|", flush=True)
         for workers in arguments.workers:
-            with cluster(None, workers) as client:
-                warm = root / f"warm-{workers}"
-                warm.mkdir()
-                for number in range(workers):
-                    os.link(nights[number], warm / nights[number].name)
-                judged(warm, root / f"warm-dataset-{workers}", client)
-                for count in arguments.nights:
-                    some = root / f"{workers}-{count}"
-                    some.mkdir()
-                    for path in nights[:count]:
-                        os.link(path, some / path.name)
-                    dataset = root / f"dataset-{workers}-{count}"
-                    wall_s, busy_s = judged(some, dataset, client)
-                    again_s = timed(lambda some=some, to=dataset: judged(some, to, client))
-                    with open(os.devnull, "w") as nowhere:
-                        sql_s = timed(lambda to=dataset: ask(DataSet.at(str(to)), SQL, "json", nowhere))
-                    row = (wall_s, busy_s, busy_s / count, busy_s / wall_s / workers, peak_mib(client), again_s, sql_s)
-                    print(f"{workers:14}{count:14}" + "".join(f"{value:14.2f}" for value in row), flush=True)
+            dataset = grown(root, nights, sorted(arguments.nights), workers)
+        many = copied(dataset, root / "copies", arguments.rows)
+        print(f"\n{arguments.rows} sessions, {len(QUESTIONS)} questions in SQL: {timed(lambda: asked(many))}")
 
 
 if __name__ == "__main__":

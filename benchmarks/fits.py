@@ -75,7 +75,7 @@ def camera_error(path):
     truth = SiderealTruth(recording.station.site, recording.earth_orientation)
     fitted = calibrate(
         setup.camera,
-        star_fields(sample, setup.camera, setup.identifier, truth),
+        star_fields(sample, setup.camera, setup.of_true_stars, truth),
         anchor=replace(setup.camera, **DISTANT),
     )
     values = [

@@ -1,13 +1,15 @@
 """Mutation score of the rooms whose answers decide a verdict: how many small faults do their tests notice?
 
+    python -m pip install coverage
     python benchmarks/mutation.py --rooms assessment,station --sample 200 --seed 1
-    python benchmarks/mutation.py --rooms truth --sample 60 --only gse/truth/alignment.py --near
+    python benchmarks/mutation.py --rooms truth --sample 60 --only gse/truth/alignment.py
 
-A random sample of mutants per room, each in a copy of the tree in a temporary folder, against the tests of its room,
-those that import the mutated module first, until one fails. The golden replays are left out: ``gse ci --update`` would
-bless a wrong report. A mutant is put in the place of the module in a process that has all of gse in memory already: a
-second instead of six. Where that cannot work (machine code, which is compiled anew for a mutated module and for those
-that import it) and where it survives, a process of its own reads the mutated tree.
+A random sample of mutants per room, each in a copy of the tree in a temporary folder. First the tests of the rooms run
+once, and coverage notes which of them run which line; then each mutant meets the tests that run its line, the quickest
+first, until one fails, or until they took ``--most`` seconds: the score is a bound from below. The golden replays are
+left out: ``gse ci --update`` would bless a wrong report. A mutant is put in the place of the module in a process that
+has all of gse in memory already. Where that cannot work (machine code, which is compiled anew for a mutated module and
+for those that import it) and where it survives, a process of its own reads the mutated tree.
 
 Mutations: comparison (boundary and negation), arithmetic, number (an integer plus and minus 1, a float doubled and
 halved), Boolean constant, ``and`` and ``or``, condition negated, ``min`` and ``max``, ``any`` and ``all``, minus sign
@@ -33,6 +35,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -81,10 +84,11 @@ LIBRARIES = (
 )
 """In memory before the first test: none of them is mutated."""
 
-SLOWER = 4
-"""A mutant is stopped after so many times the processor time of the sound tests, and a minute more to compile."""
+MOST_CPU_S = 200
+"""A mutant whose tests need more processor time hangs."""
 
-NEAR_CPU_S = 200
+FIRST_S = 3.0
+"""The quickest tests of a mutant, of so long in all, run before the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +109,8 @@ class Mutant:
     line: int
     change: str
     source: str
+    ran: range | None
+    """Lines that a test of it runs; none for what runs when the module is imported."""
 
 
 COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
@@ -243,7 +249,25 @@ def mutant_of(fault: Fault) -> Mutant:
     before = _shown(node)
     list(mutations(node))[fault.change](node)
     after, line = _shown(node), getattr(node, "lineno", 0)
-    return Mutant(fault.module, line, f"{before}  ->  {after}", ast.unparse(ast.fix_missing_locations(tree)))
+    source = ast.unparse(ast.fix_missing_locations(tree))
+    return Mutant(fault.module, line, f"{before}  ->  {after}", source, _lines_run(fault.module, line))
+
+
+def _lines_run(module: str, line: int) -> range | None:
+    """The lines of the innermost statement of a function that a line belongs to, without the statements in it."""
+    inside = [
+        statement
+        for function in ast.walk(ast.parse((ROOT / module).read_text()))
+        if isinstance(function, ast.FunctionDef)
+        for part in function.body
+        for statement in ast.walk(part)
+        if isinstance(statement, ast.stmt) and statement.lineno <= line <= (statement.end_lineno or 0)
+    ]
+    if not inside:
+        return None
+    innermost = max(inside, key=lambda one: (one.lineno, -(one.end_lineno or 0)))
+    body = getattr(innermost, "body", None)
+    return range(innermost.lineno, body[0].lineno if body else (innermost.end_lineno or 0) + 1)
 
 
 def _shown(node: ast.AST) -> str:
@@ -266,31 +290,93 @@ def _import_of(module: str) -> str:
     return f"from {module[:-3].replace('/', '.')} import"
 
 
-def _test_of(module: str) -> str:
-    return f"test_{Path(module).stem}.py"
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Which tests run which line of which module, and how long each takes."""
+
+    lines: dict[str, dict[int, list[str]]]
+    seconds: dict[str, float]
+
+    def tests_of(self, mutant: Mutant, most_s: float) -> list[list[str]]:
+        """The tests that may notice a mutant, the quickest first, in two parts, of ``most_s`` in all."""
+        lines = self.lines.get(mutant.module, {})
+        names = {name for line in mutant.ran or lines for name in lines.get(line, ())}
+        if not names and "@compiled" in mutant.source:  # Machine code is run unseen.
+            steps = ({name for path in step for tests in self.lines.get(path, {}).values() for name in tests}
+                     for step in importers(ROOT, mutant.module))  # fmt: skip
+            names = next((step for step in steps if step), set())
+        parts: tuple[list[str], list[str]] = [], []
+        spent_s = 0.0
+        for name in sorted(names, key=lambda name: (self.seconds[name], name)):
+            spent_s += self.seconds[name]
+            if spent_s > most_s and parts[0]:
+                break
+            parts[spent_s > FIRST_S].append(name)
+        return [part for part in parts if part]
 
 
-def tests_of(tree: Path, room: Room, module: str) -> list[list[str]]:
-    """The test files of a room in two parts: the nearest to a module, and the others.
+def coverage_of(tree: Path, folders: list[str]) -> Coverage:
+    """Run the tests of folders once, in a process of its own."""
+    subprocess.run([sys.executable, __file__, "--map", str(tree), *folders], check=True, stdout=subprocess.DEVNULL)
+    found = json.loads((tree / "map.json").read_text())
+    lines = {name: {int(line): tests for line, tests in by.items()} for name, by in found["lines"].items()}
+    return Coverage(lines, found["seconds"])
 
-    A file is named after it, or imports it, or where none does imports what imports it. Most mutants fall to the first
-    part, and the files of the second need not be imported for them.
-    """
-    files = [path for folder in room.tests for path in sorted((tree / folder).rglob("test_*.py"))]
-    steps = importers(tree, module) if module else []
 
-    def rank(path: Path) -> tuple[int, bool]:
-        text = path.read_text()
-        slow = "astropy" in text or "skyfield" in text
-        if path.name == _test_of(module):
-            return 0, slow
-        near = (any(_import_of(name) in text or path.name == _test_of(name) for name in names) for names in steps)
-        return next((1 + step for step, is_near in enumerate(near) if is_near), 1 + len(steps)), slow
+class Watch:
+    """A pytest plugin: which lines each test runs with what is made for it, how long it takes, whether one fails."""
 
-    files = sorted((path for path in files if str(path.relative_to(tree)) not in WITHOUT), key=rank)
-    near = sum(rank(path)[0] <= max(rank(files[0])[0], 1) for path in files)
-    names = [str(path.relative_to(tree)) for path in files]
-    return [part for part in (names[:near], names[near:]) if part]
+    def __init__(self) -> None:
+        self.coverage = importlib.import_module("coverage").Coverage(data_file=None, source=["gse"])
+        self.seconds: dict[str, float] = {}
+        self.failed: list[str] = []
+
+    def pytest_runtest_setup(self, item: Any) -> None:
+        """What a test makes may be for all tests of its file."""
+        self.coverage.start()
+        self.coverage.switch_context(f"{item.nodeid}|setup")
+
+    def pytest_runtest_call(self, item: Any) -> None:
+        """The test itself."""
+        self.coverage.switch_context(f"{item.nodeid}|run")
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        """Add the time of one phase of a test."""
+        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
+        self.failed += [report.nodeid] * report.failed
+
+
+def write_map(tree: Path, folders: list[str]) -> None:
+    """Run tests under coverage, and write which of them run which line to ``map.json``."""
+    os.chdir(tree)
+    sys.path[0] = str(tree)
+    watch = Watch()
+    options = ["-n", "0", "-q", "--hypothesis-profile", "ci"]
+    without = [f"--deselect={name}" for name in WITHOUT]
+    importlib.import_module("pytest").main([*options, *without, *folders], plugins=[watch])
+    if watch.failed:
+        sys.exit(f"without any mutant, a test fails: {watch.failed[0]}")
+    if importlib.import_module("pytest").main(["-n", "0", "-q", "--collect-only", *watch.seconds]):
+        sys.exit("a test that ran has no name by which it runs again")
+    of_file: dict[str, list[str]] = {}
+    for name in watch.seconds:
+        of_file.setdefault(name.split("::")[0], []).append(name)
+    watch.coverage.stop()
+    data = watch.coverage.get_data()
+    lines: dict[str, dict[int, list[str]]] = {}
+    for path in data.measured_files():
+        by_line = data.contexts_by_lineno(path)
+        lines[str(Path(path).relative_to(tree))] = {
+            line: sorted({name for context in contexts if context for name in _tests(context, of_file)})
+            for line, contexts in by_line.items()
+        }
+    (tree / "map.json").write_text(json.dumps({"lines": lines, "seconds": watch.seconds}))
+
+
+def _tests(context: str, of_file: dict[str, list[str]]) -> list[str]:
+    """The tests of a context of coverage; what is made for one test may be for all of its file."""
+    name, _, phase = context.rpartition("|")
+    return [name] if phase == "run" else of_file[name.split("::")[0]]
 
 
 def copy_of_tree(folder: Path) -> Path:
@@ -413,28 +499,13 @@ def _take_code(old: object, new: object) -> bool:
     return True
 
 
-def with_mutant(
-    testers: tuple[Tester, Tester], mutant: Mutant, parts: list[list[str]], most_cpu_s: int, *, near: bool = False
-) -> str:
-    """The outcome of one mutant under test files, part by part: in memory first, then in a tree.
-
-    ``near`` is in memory and by the first part alone, where that can be.
-    """
+def with_mutant(testers: tuple[Tester, Tester], mutant: Mutant, parts: list[list[str]]) -> str:
+    """The outcome of one mutant under tests, part by part: in memory first, then in a tree."""
     slow, fast = testers
-    in_memory = "@compiled" not in mutant.source
-    if near:
-        parts = parts[:1]
-        _expect_sound(fast, tuple(parts[0]))
-    for files in parts if in_memory else ():
-        if (word := fast.outcome(files, most_cpu_s, mutant)[0]) != "survived":
+    for tests in parts if "@compiled" not in mutant.source else ():
+        if (word := fast.outcome(tests, MOST_CPU_S, mutant)[0]) != "survived":
             return word
-    return "survived" if near and in_memory else in_tree(slow, mutant, parts, most_cpu_s)
-
-
-@functools.cache
-def _expect_sound(tester: Tester, files: tuple[str, ...]) -> None:
-    if tester.outcome(list(files), NEAR_CPU_S)[0] != "survived":
-        sys.exit(f"without any mutant, some test fails in {' '.join(files)}")
+    return in_tree(slow, mutant, parts, MOST_CPU_S)
 
 
 def in_tree(tester: Tester, mutant: Mutant, parts: list[list[str]], most_cpu_s: int) -> str:
@@ -465,29 +536,20 @@ def _machine_code(tree: Path, modules: set[str]) -> list[Path]:
 
 
 def score(
-    name: str, mutants: list[Mutant], testers: SimpleQueue[tuple[Tester, Tester]], options: argparse.Namespace
+    name: str, mutants: list[Mutant], testers: SimpleQueue[tuple[Tester, Tester]], coverage: Coverage, most_s: float
 ) -> None:
     """Run the mutants of a room, and print its line of the table and its survivors."""
-    room, both = ROOMS[name], testers.get()
-    most_cpu_s = NEAR_CPU_S
-    if not options.near:
-        word, cpu_s = both[1].outcome([name for part in tests_of(both[0].tree, room, "") for name in part], 3600)
-        if word != "survived":
-            sys.exit(f"the tests of {name} fail without any mutant")
-        most_cpu_s = round(SLOWER * cpu_s) + 60
-    testers.put(both)
 
     def one(mutant: Mutant) -> str:
         both = testers.get()
         try:
-            parts = tests_of(both[0].tree, room, mutant.module)
-            said = with_mutant(both, mutant, parts, most_cpu_s, near=options.near)
+            said = with_mutant(both, mutant, coverage.tests_of(mutant, most_s))
         finally:
             testers.put(both)
         print(f"{said:9} {mutant.module}:{mutant.line}  {mutant.change}", file=sys.stderr, flush=True)
         return said
 
-    with ThreadPoolExecutor(options.workers) as pool:
+    with ThreadPoolExecutor(testers.qsize()) as pool:
         said = list(pool.map(one, mutants))
     count = {word: said.count(word) for word in ("killed", "timeout", "survived")}
     share = 100 * (1 - count["survived"] / max(len(said), 1))
@@ -513,12 +575,16 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", help="only modules whose path contains this")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--near", action="store_true", help="only tests that import the module: a bound from below")
+    parser.add_argument("--most", type=float, default=40.0, help="seconds of tests for one mutant")
+    parser.add_argument("--map", nargs="+", help=argparse.SUPPRESS)
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--whole", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.serve:
         serve(options.serve, whole=options.whole)
+        return
+    if options.map:
+        write_map(Path(options.map[0]), options.map[1:])
         return
     if unknown := set(options.rooms.split(",")) - set(ROOMS):
         parser.error(f"no room is called {sorted(unknown)[0]}; known are: {', '.join(ROOMS)}")
@@ -528,11 +594,12 @@ def main() -> None:
         testers: SimpleQueue[tuple[Tester, Tester]] = SimpleQueue()
         for both in made:
             testers.put(both)
+        chosen = options.rooms.split(",")
+        coverage = coverage_of(trees[0], sorted({folder for name in chosen for folder in ROOMS[name].tests}))
         print(f"seed {options.seed}, {options.sample} mutants per room, without the golden replays")
         print(f"{'room':12} {'of':>5} {'killed':>7} {'timeout':>8} {'survived':>9} {'score':>7}", flush=True)
-        rooms = {name: sampled(name, options) for name in options.rooms.split(",")}
-        for name, mutants in rooms.items():
-            score(name, mutants, testers, options)
+        for name in chosen:
+            score(name, sampled(name, options), testers, coverage, options.most)
         for tester in (one for both in made for one in both):
             tester.close()
 

@@ -3,9 +3,9 @@
     python benchmarks/sampling.py [--sessions 10000] [--frames 60 600 3600 36000] [--workers 2] [--no-plan]
 
 Each cell is a process (white, exponential correlation, sinusoid of random phase with white noise) and a length; its
-sessions are errors, not bytes, without and with a bias of two standard deviations. Time counts in frames: a
-correlation of 300 s at 1 Hz and one of 30 s at 10 Hz are the same. Sessions have ten seconds at least: shorter ones
-have no bounds.
+sessions are errors at one frame a second, not bytes, without and with a bias of two standard deviations. A correlation
+of 300 s at 1 Hz and one of 30 s at 10 Hz are the same to all but the noise equivalent angle. The rate of the boresight
+has the interval of the drift. Sessions have ten seconds at least: shorter ones have no bounds.
 """
 
 import argparse
@@ -21,12 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from gse.assessment.axis_statistics import drift
+from gse.assessment.axis_statistics import axis_statistics
 from gse.assessment.guard_band import exceeds, keeps
 from gse.assessment.planning import Expected, accuracy_frames, simulated_errors
 from gse.assessment.sampling import error_bounds
+from gse.instant import NS_PER_S
 
 TRUE_VALUES = 1_000_000
+LONG = 1_000_000
+"""Frames of which the true noise equivalent angle is taken."""
 WHITE_SHARE = 0.2
 BIASES = (0.0, 2.0)
 
@@ -56,7 +59,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Shares of the sessions of a cell with one bias: coverage (bias, mean, 95 %, drift), decisions (mean, 95 %)."""
+    """Shares of a cell's sessions with one bias: coverage (bias, mean, 95 %, drift, NEA), decisions (mean, 95 %)."""
 
     cell: Cell
     bias: float
@@ -97,25 +100,35 @@ def truth(cell: Cell, bias: float) -> tuple[float, float]:
     return float(absolute.mean()), float(np.percentile(absolute, 95))
 
 
+def true_noise(cell: Cell) -> float:
+    """The noise equivalent angle of a long session of the cell's process."""
+    one = errors(Cell(LONG, cell.time, cell.wave), np.random.default_rng(1), 1)[0]
+    return axis_statistics(np.arange(LONG) * NS_PER_S, one).nea_arcsec
+
+
 def measure(task: tuple[Cell, int]) -> list[Outcome]:
     """All sessions of a cell, with each bias."""
     cell, sessions = task
-    true = [truth(cell, bias) for bias in BIASES]
-    generator, seconds = np.random.default_rng(2), np.arange(cell.n, dtype=np.float64)
+    true, noise = [truth(cell, bias) for bias in BIASES], true_noise(cell)
+    generator, utc_ns = np.random.default_rng(2), np.arange(cell.n) * NS_PER_S
     chunk = max(min(sessions, 2_000_000 // cell.n), 1)
     rows: list[list[tuple[float, ...]]] = [[] for _ in BIASES]
     for first in range(0, sessions, chunk):
         for one in errors(cell, generator, min(chunk, sessions - first)):
-            slopes = drift(seconds, one)[1]
+            of_one = axis_statistics(utc_ns, one)
+            held = (
+                of_one.drift_low_arcsec_per_h <= 0 <= of_one.drift_high_arcsec_per_h,
+                of_one.nea_low_arcsec <= noise <= of_one.nea_high_arcsec,
+            )
             for place, bias in enumerate(BIASES):
-                rows[place].append((*_session(one + bias, bias, true[place]), slopes.low <= 0 <= slopes.high))
+                rows[place].append((*_session(one + bias, bias, true[place]), *held))
     return [outcome(cell, bias, np.array(of_bias)) for bias, of_bias in zip(BIASES, rows, strict=True)]
 
 
 def outcome(cell: Cell, bias: float, rows: NDArray[np.float64]) -> Outcome:
-    """The shares of what each session gave (rows, in the order of _session, drift last)."""
+    """The shares of what each session gave (rows, in the order of _session, drift and NEA last)."""
     shares = [float(share) for share in rows.mean(axis=0)]
-    coverage = (*shares[:3], shares[9])
+    coverage = (*shares[:3], *shares[9:])
     return Outcome(
         cell, bias, coverage, tuple(shares[3:5]), tuple(shares[5:7]), shares[7], float(np.median(rows[:, 8]))
     )
@@ -179,8 +192,8 @@ def main() -> None:
     given = parser.parse_args()
     with ProcessPoolExecutor(given.workers) as pool:
         print(f"{given.sessions} sessions a cell; true n_eff, then its median and shares in %.\n")
-        print("| process | frames | bias | n_eff true | found | bias | mean | 95 % | drift |", end="")
-        print(" PASS at limit | FAIL at limit | PASS at half |\n" + "|---" * 12 + "|")
+        print("| process | frames | bias | n_eff true | found | bias | mean | 95 % | drift, rate | NEA |", end="")
+        print(" PASS at limit | FAIL at limit | PASS at half |\n" + "|---" * 13 + "|")
         chosen = [(cell, given.sessions) for cell in cells() if cell.n in given.frames]
         for of_cell in pool.map(measure, chosen):
             print("\n".join(map(row, of_cell)), flush=True)

@@ -210,7 +210,8 @@ def _shares(subject: SubjectStatistics, limits: Limits) -> Iterator[Row]:
     yield judge_share(
         who, "availability", subject.available, limit=limits.availability, at_least=True, decision=decision
     )
-    fields = f" in {subject.star_fields} star field{'' if subject.star_fields == 1 else 's'}"
+    count = subject.star_fields
+    fields = f" in {count} star field{'' if count == 1 else 's'}" if count else ""
     yield judge_share(
         who,
         "false answers",

@@ -9,6 +9,7 @@ import contextlib
 import functools
 import json
 import os
+import stat
 import tempfile
 import traceback
 from contextlib import ExitStack
@@ -119,13 +120,16 @@ def _here(source: Source, stack: ExitStack) -> tuple[Path, list[Path], str]:
 
 
 def _state_here(source: Source) -> str:
-    """Size and time of change of the segments of a local session; empty for others."""
+    """Size and time of change of the segments of a local session; empty for others. A pipe would never end."""
     if protocol_of(source.url) != "file":
         return ""
     try:
-        return ";".join(f"{(stat := os.stat(url)).st_size} {stat.st_mtime_ns}" for url in source.segments)
+        found = [os.stat(url) for url in source.segments]
     except OSError as error:
         raise StorageError(f"{source.url} cannot be read: {error.strerror}") from error
+    if not all(stat.S_ISREG(one.st_mode) for one in found):
+        raise StorageError(f"{source.url} is no file of bytes, but a pipe or a device")
+    return ";".join(f"{one.st_size} {one.st_mtime_ns}" for one in found)
 
 
 def _scratch() -> str | None:
@@ -141,7 +145,10 @@ def _judged(path: Path, key: ResultKey, job: Job, source: Source) -> _Result:
     given, hot_pixels = job.station, HotPixelCounter()
     try:
         replay = replay_session(
-            path, station=lambda recorded: given or recorded, make_listeners=lambda loop, folder: [hot_pixels]
+            path,
+            station=lambda recorded: given or recorded,
+            make_listeners=lambda loop, folder: [hot_pixels],
+            threads=1,
         )
         session = replay.session
         assessment = judge(session)

@@ -10,9 +10,9 @@ from gse.calibration.camera_fit import Calibration
 from gse.calibration.session_fit import PanoramaSample, SessionCalibration, calibrate_session
 from gse.cli.new_files import write_new
 from gse.cli.options import change_to, fit_options, say, with_identifier
-from gse.cli.working import working
 from gse.config.edit import with_values
 from gse.errors import TruthError
+from gse.sign_of_life import working
 from gse.truth import EarthOrientation, SiderealTruth
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def _calibrated(recording: "Recording", *, tangential: bool) -> SessionCalibrati
         station, text = with_identifier(station, text, "robust")
     setup = set_up(station, text, utc_ns=first_ns, protocol_text=recording.protocol.text, tell=say)
     truth = _truth(recording, first_ns)
-    return calibrate_session(sample, setup.camera, setup.built_in, truth, tangential=tangential)
+    return calibrate_session(sample, setup.camera, setup.of_true_stars, truth, tangential=tangential)
 
 
 def _truth(recording: "Recording", utc_ns: int | None) -> SiderealTruth | None:
@@ -171,10 +171,11 @@ def _lines(result: SessionCalibration) -> list[str]:
             for numbers in [_residuals(fitted, when)]
         ),
         "",
-        "mean residual over the detector after the fit, px (x, y); - means fewer than 5 stars:",
-        *("  ".join(_cell(cell) for cell in row) for row in fitted.map_px.tolist()),
+        "mean residual over the detector after the fit, x and y in 0.01 px;",
+        "-: fewer than 5 stars",
+        *(" ".join(_cell(cell) for cell in row) for row in fitted.map_px.tolist()),
     ]
 
 
 def _cell(cell: list[float]) -> str:
-    return f"{cell[0]:+5.2f},{cell[1]:+5.2f}" if cell[2] >= 5 else f"{'-':^11}"
+    return f"{100 * cell[0]:+4.0f},{100 * cell[1]:+4.0f}" if cell[2] >= 5 else f"{'-':^9}"

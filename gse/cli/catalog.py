@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 import click
 
 from gse.camera import Camera
+from gse.cli.folding import folded
 from gse.cli.new_files import write_new
 from gse.cli.options import json_option, station_of, station_option
-from gse.cli.working import working
 from gse.config.station import Station
 from gse.errors import UsageError
+from gse.sign_of_life import working
 
 if TYPE_CHECKING:
     from gse.catalog import StarCatalog
@@ -44,7 +45,7 @@ def info(station_path: Path | None, as_json: bool) -> None:
     for section, facts in sections.items():
         click.echo(section)
         for name, value in (facts or {"none": "the identifier makes its own tables"}).items():
-            click.echo(f"  {name:<22} {_text(value)}")
+            click.echo(folded(f"  {name:<22} {_text(value)}", indent=25))
 
 
 @command.command()

@@ -183,7 +183,7 @@ def _number(value: float, digits: int = 6) -> float | None:
 
 def _lines(result: SessionComparison) -> list[str]:
     """The result for a person."""
-    head = f"{'':28}{'first':>12}{'second':>12}{'alike':>12}{'difference':>12}{'sigmas':>9}{'allowed':>10}"
+    head = f"{'':27}{'first':>8}{'second':>8}{'alike':>8}{'diff.':>8}{'sigmas':>7}{'allowed':>8}"
     words = ", ".join(row.name for row in result.regressions)
     paired = (
         "the same panoramas in both" if result.paired else "different panoramas; alike: over the fields of the first"
@@ -195,23 +195,24 @@ def _lines(result: SessionComparison) -> list[str]:
         head,
         *(_line(row) for row in result.rows),
         "",
-        "metrics after ECSS-E-ST-60-20C (docs/metrics.md), not judged; x along columns, y along rows",
-        f"{'':52}{'first':>12}{'second':>12}{'difference':>12}{'sigmas':>9}",
+        "allowed -: not judged. Metrics after ECSS-E-ST-60-20C (docs/metrics.md), not judged;",
+        "x along columns, y along rows:",
+        f"{'':52}{'first':>7}{'second':>7}{'diff.':>8}{'sigma':>6}",
         *(_metric_line(row) for row in result.metrics),
     ]
 
 
 def _metric_line(row: Row) -> str:
-    return f"{f'{row.name} ({row.unit})':52}{row.first:12.4f}{row.second:12.4f}{row.difference:+12.4f}{_sigmas(row)}"
+    name = f"{row.name}, {row.unit}".replace("noise equivalent angle", "NEA")
+    return f"{name:52}{row.first:7.3g}{row.second:7.3g}{row.difference:+8.3g}{_sigmas(row, 6)}"
 
 
-def _sigmas(row: Row) -> str:
-    return f"{row.sigmas:9.1f}" if math.isfinite(row.sigmas) else f"{'-':>9}"
+def _sigmas(row: Row, width: int) -> str:
+    return f"{row.sigmas:{width}.1f}" if math.isfinite(row.sigmas) else f"{'-':>{width}}"
 
 
 def _line(row: Row) -> str:
     name = f"{row.name} ({row.unit})" if row.unit else row.name
-    note = "  WORSE" if row.worse else "" if row.gate else "  (not judged)"
-    allowed = f"{row.allowed:10.4g}" if row.gate else f"{'-':>10}"
-    values = f"{row.first:12.4f}{row.second:12.4f}{row.alike:12.4f}{row.difference:+12.4f}"
-    return f"{name:28}{values}{_sigmas(row)}{allowed}{note}"
+    values = f"{row.first:8.4g}{row.second:8.4g}{row.alike:8.4g}{row.difference:+8.3g}"
+    allowed = f"{row.allowed:8.3g}" if row.gate else f"{'-':>8}"
+    return f"{name:27}{values}{_sigmas(row, 7)}{allowed}{' WORSE' if row.worse else ''}"

@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from drivers.whole_file import new_file
+from gse.cli.folding import folded
 from gse.cli.options import at_option, station_of
 from gse.cli.station_questions import asked, draft_options, unasked
 from gse.config.draft import draft_text
@@ -37,8 +39,8 @@ def init(path: Path, *, yes: bool, **given: Any) -> None:
         raise ConfigError(f"{path} exists already; choose another name")
     text = draft_text(unasked(given) if yes or not sys.stdin.isatty() else asked(given))
     try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
+        with new_file(path) as file:
+            file.write(text.encode())
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}") from error
     click.echo(f"{path} written and checked. Next: gse preflight --station {shlex.quote(str(path))}", err=True)
@@ -64,18 +66,20 @@ def check(path: Path, begins_ns: int | None) -> None:
     check_external(station, load_protocol(station.protocol))
     load_catalog(station.catalog, stars=_FEW_STARS)
     camera = station.sensor.camera()
-    click.echo(
+    good = (
         f"{path} is good: {station.sensor.name}, {camera.columns} x {camera.rows} px, "
         f"at {station.site.latitude_deg:g}, {station.site.longitude_deg:g}, port {station.port.url}, "
         f"protocol {station.protocol}, identifier {station.identifier.algorithm}"
     )
+    click.echo(folded(good, indent=2))
     if doubt := station.site.pressure_doubt():
         click.echo(f"doubtful: {doubt}", err=True)
     for item in plausibility(station, read_clock().utc_ns if begins_ns is None else begins_ns):
         if item.outcome is Outcome.OK:
-            click.echo(f"{item.name}: {item.text}")
+            click.echo(folded(f"{item.name}: {item.text}", indent=2))
         elif item.outcome is Outcome.WARN:
-            click.echo(f"doubtful: {item.name}: {item.text}; {item.advice}", err=True)
+            doubt = f"doubtful: {item.name}: {item.text}; {item.advice}"
+            click.echo(folded(doubt, indent=2, err=True), err=True)
         else:
             raise ConfigError(f"{path}: {item.name}: {item.text}; {item.advice}")
 

@@ -9,8 +9,8 @@ import click
 
 from gse.cli import EXIT_FAIL
 from gse.cli.options import change_to, say
-from gse.cli.working import working
 from gse.errors import UsageError
+from gse.sign_of_life import working
 
 if TYPE_CHECKING:
     from gse.assessment.convention_search import ConventionSearch

@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 
 from drivers.host_files import APPEND, READ
+from gse import sign_of_life
 from gse.errors import UsageError
 
 LOG_NAME = "run.log"
@@ -43,6 +44,7 @@ def detach() -> Detachment:
     """
     if not hasattr(os, "fork"):
         raise UsageError("--detach needs a POSIX system; leave it out and keep the window of the session open")
+    sign_of_life.stop()
     read_fd, write_fd = os.pipe()
     pid = os.fork()
     if pid == 0:

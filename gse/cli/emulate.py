@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gse import sign_of_life
 from gse.cli.durations import duration_option
 from gse.cli.options import station_of, station_option
 from gse.errors import UsageError
@@ -88,6 +89,7 @@ def command(
     click.echo(endpoint.address)
     click.echo(outlook(device, session), err=True)
     click.echo(f"{device.sensor.name} sends {device.protocol}; press Ctrl-C to end", err=True)
+    sign_of_life.stop()
     try:
         now_ns: Callable[[], int] = lambda: read_clock().utc_ns + offset_ns  # noqa: E731
         Emulator(firmware, endpoint, now_ns, baudrate=device.port.baudrate).run(

@@ -285,7 +285,7 @@ def _outcomes(plan: "Plan", workers: int, scheduler: str | None) -> Iterator[lis
 
 def table(document: dict[str, Any]) -> list[str]:
     """The report for a person, within 80 columns: shares with their intervals, then frames and times."""
-    from gse.evaluation.plan import KINDS
+    from gse.evaluation.plan import KINDS, failure_lines
 
     shares = [_CELL_HEAD + "".join(f"{kind + ' %':>20}" for kind in KINDS[:2]) + f"{KINDS[2] + ' %':>7}"]
     rest = [_CELL_HEAD + f"{'frames':>9}{'few':>5}{KINDS[3] + ' %':>9}{'median':>8}{'p95':>8}{'max ms':>8}"]
@@ -305,6 +305,7 @@ def table(document: dict[str, Any]) -> list[str]:
         f"shares of the frames with at least {document['fewest_stars']} real stars, with 95 % bounds",
         f"few: frames with fewer stars; false answers in them: {few_false}",
         "times: CPU time of one call, all frames",
+        *failure_lines(document["cells"]),
         *_distinct_star(document),
     ]
 

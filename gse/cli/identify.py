@@ -75,5 +75,5 @@ def _print(result: FrameResult) -> None:
     others = dict(result.others)
     for row, ((x, y), brightness) in enumerate(zip(result.panorama.xy_px, result.panorama.brightness, strict=True)):
         match = names.get(row)
-        what = f"{match.star:32} {match.residual_arcsec:6.1f} arcsec" if match else others.get(row, "-")
-        click.echo(f"  y {y:8.2f}  x {x:8.2f}  index {brightness:6.0f}  {what}")
+        what = f"{match.star:28} {match.residual_arcsec:5.1f} arcsec" if match else others.get(row, "-")
+        click.echo(f"  y {y:8.2f}  x {x:8.2f}  index {brightness:5.0f}  {what}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import click
 
 from gse import instant
+from gse.cli.folding import folded
 from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station, read_station
 from gse.errors import UsageError
@@ -56,6 +57,15 @@ identifier_option: Callable[[Any], Any] = click.option(
 )
 start_utc_option: Callable[[Any], Any] = click.option(
     "--start-utc", help="UTC of the first panorama of a raw capture, e.g. 2026-03-20T18:30:00Z."
+)
+
+
+threads_option: Callable[[Any], Any] = click.option(
+    "--threads",
+    type=click.IntRange(1, 2),
+    default=2,
+    show_default=True,
+    help="Threads of the replay, e.g. 1 where many run at once; the results are the same.",
 )
 
 
@@ -256,4 +266,4 @@ def _exclusions(texts: tuple[str, ...]) -> tuple["Exclusion", ...]:
 
 def say(text: str) -> None:
     """A line on stderr."""
-    click.echo(f"gse: {text}", err=True)
+    click.echo(folded(f"gse: {text}", err=True), err=True)

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO, cast
 
+from gse import sign_of_life
 from gse.station.event_kinds import StationKind
 
 LIMIT_CHARS = 16 << 20
@@ -125,6 +126,7 @@ class QueuedOutput(io.TextIOBase):
                     return
                 text = self._texts.popleft()
             try:
+                sign_of_life.before(text)
                 self._hand_on(text)
             except (OSError, ValueError) as error:
                 reason = (error.strerror if isinstance(error, OSError) else None) or str(error)

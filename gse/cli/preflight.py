@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from gse.cli import EXIT_FAIL
+from gse.cli.folding import folded
 from gse.cli.options import at_option, earth_orientation_option, out_option, station_of, station_option
 from gse.errors import ConfigError
 from gse.truth.iers_tables import GivenTables
@@ -53,9 +54,9 @@ def command(
     def show(check: Check) -> None:
         found.append(check)
         if not as_json:
-            click.echo(f"{check.outcome:<5} {check.name:<10} {check.text}")
+            click.echo(folded(f"{check.outcome:<5} {check.name:<10} {check.text}", indent=17))
             if check.advice:
-                click.echo(f"{'':<16} -> {check.advice}")
+                click.echo(folded(f"{'':<16} -> {check.advice}", indent=20))
 
     try:
         station, _ = station_of(station_path)

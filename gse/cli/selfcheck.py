@@ -24,9 +24,15 @@ def command(ctx: click.Context, *, as_json: bool) -> None:
     from gse.instant import to_text
     from gse.selfcheck.check import selfcheck
 
-    if not as_json:
-        click.echo(f"{'known error':26}{'quantity':36}{'injected':>12}{'found':>12}{'tolerance':>11}")
-    result = selfcheck(to_text(read_clock().utc_ns, 0), each=lambda row: None if as_json else click.echo(_line(row)))
+    shown: list[str] = []
+
+    def show(row: "Row") -> None:
+        if row.error not in shown:
+            shown.append(row.error)
+            click.echo(f"{row.error:38}{'injected':>10}{'found':>10}{'tolerance':>11}")
+        click.echo(_line(row))
+
+    result = selfcheck(to_text(read_clock().utc_ns, 0), each=lambda row: None if as_json else show(row))
     click.echo(json.dumps(result.to_json()) if as_json else _summary(result))
     _keep(result)
     ctx.exit(0 if result.agrees else EXIT_FAIL)
@@ -35,15 +41,15 @@ def command(ctx: click.Context, *, as_json: bool) -> None:
 def _line(row: "Row") -> str:
     quantity = f"{row.quantity} ({row.unit})" if row.unit else row.quantity
     digits = 0 if not row.unit else 4 if row.unit == "%" else 2
-    injected, found = (f"{round(value, digits) + 0.0:12.{digits}f}" for value in (row.injected, row.found))
+    injected, found = (f"{round(value, digits) + 0.0:10.{digits}f}" for value in (row.injected, row.found))
     tolerance = f"{row.tolerance:11.{digits}f}"
-    return f"{row.error:26}{quantity:36}{injected}{found}{tolerance}  {'OK' if row.agrees else 'DIFFERS'}"
+    return f"  {quantity:36}{injected}{found}{tolerance}  {'OK' if row.agrees else 'DIFFERS'}"
 
 
 def _summary(result: "SelfCheckResult") -> str:
     wrong = [row for row in result.rows if not row.agrees]
     word = f"DIFFERS: {len(wrong)} of {len(result.rows)} quantities" if wrong else f"OK: {len(result.rows)} quantities"
-    return f"{word}, gse {result.version}, SHA-256 {result.sha256}"
+    return f"{word}, gse {result.version},\nSHA-256 {result.sha256}"
 
 
 def _keep(result: "SelfCheckResult") -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from gse import sign_of_life
 from gse.cli.options import bind_option, clock_error_option, http_port_option
 
 
@@ -82,6 +83,7 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
 def _serve_until_interrupt(url: str) -> None:
     with contextlib.suppress(KeyboardInterrupt):
         click.echo(f"view: {url} (press Ctrl-C to end)", err=True)
+        sign_of_life.stop()
         threading.Event().wait()
 
 

@@ -86,8 +86,8 @@ class Evaluator:
         rng = np.random.default_rng(np.random.SeedSequence(self._plan.seed, spawn_key=(frame,)))
         seen = maker.frame(direction, rng)
         if isinstance(identifier, ExternalIdentifier):
-            kind, elapsed_us = _asked(identifier, seen, frame)
-            return Outcome(cell, frame, kind, seen.real_stars, elapsed_us)
+            kind, elapsed_us, failure = _asked(identifier, seen, frame)
+            return Outcome(cell, frame, kind, seen.real_stars, elapsed_us, failure)
         sigma_rad = self._plan.cells[cell].conditions.position_arcsec * ARCSEC_RAD
         identify = _by_angles(identifier, seen, sigma_rad, rng) if self._plan.angle_noise else _whole(identifier, seen)
         started_ns = time.thread_time_ns()
@@ -119,16 +119,19 @@ def graded(answer: Identification, catalog: StarCatalog, frame: SimulatedFrame) 
     return "coarse" if mostly and error_deg <= COARSE_DEG else "false"
 
 
-def _asked(identifier: ExternalIdentifier, frame: SimulatedFrame, number: int) -> tuple[str, float]:
-    """Kind of an external identifier's answer, by its boresight alone, and its time in microseconds."""
+def _asked(identifier: ExternalIdentifier, frame: SimulatedFrame, number: int) -> tuple[str, float, str]:
+    """Kind of an external identifier's answer, by its boresight alone, its time in microseconds, and its failure."""
     (given,) = identifier.source.answers([Panorama(0, frame.xy_px, frame.brightness, number)])
     elapsed_us = math.nan if given.elapsed_us is None else given.elapsed_us
-    attitude = None if isinstance(given.answer, Failure) else given.answer.attitude
+    if isinstance(given.answer, Failure):
+        return "none", elapsed_us, given.answer.kind.value
+    attitude = given.answer.attitude
     if attitude is None:
-        return "none", elapsed_us
+        return "none", elapsed_us, ""
     distance = math.dist(attitude.boresight_icrs, frame.attitude.boresight_icrs)
     error_deg = math.degrees(2 * math.asin(min(1.0, distance / 2)))
-    return "right" if error_deg <= RIGHT_DEG else "coarse" if error_deg <= COARSE_DEG else "false", elapsed_us
+    kind = "right" if error_deg <= RIGHT_DEG else "coarse" if error_deg <= COARSE_DEG else "false"
+    return kind, elapsed_us, ""
 
 
 _Named = tuple[NDArray[np.int64], NDArray[np.int64]]

@@ -13,6 +13,7 @@ import functools
 import json
 import math
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +30,7 @@ from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD
 from gse.errors import TableError, UsageError
 from gse.evaluation.frames import FrameMaker
 from gse.evaluation.monte_carlo import COARSE_DEG, RIGHT_DEG
-from gse.evaluation.plan import KINDS, Cell, Plan, interval
+from gse.evaluation.plan import KINDS, Cell, Plan, failure_lines, interval
 from gse.external.answers import Failure
 from gse.external.identifier import RunningIdentifier
 from gse.external.panoramas import SensorDescription
@@ -67,11 +68,15 @@ class PanoramaSet:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """What became of one panorama: a kind of KINDS, the error of the boresight (NaN for none) and the time."""
+    """What became of one panorama: a kind of KINDS, the error of the boresight (NaN for none) and the time.
+
+    ``failure`` is how an external identifier failed, empty where it did not.
+    """
 
     kind: str
     error_arcsec: float
     elapsed_us: float
+    failure: str = ""
 
 
 def read_set(folder: Path) -> PanoramaSet:
@@ -135,6 +140,7 @@ def row(identifier: str, panoramas: PanoramaSet, found: Sequence[Score]) -> dict
         "rates": shares,
         "boresight_arcsec": {"median": _number(errors.p50), "p95": _number(errors.p95), "max": _number(errors.max)},
         "time_ms": {"median": _number(times.p50), "p95": _number(times.p95), "max": _number(times.max)},
+        "failures": dict(sorted(Counter(score.failure for score in found if score.failure).items())),
     }
 
 
@@ -157,7 +163,7 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
         error, times = one["boresight_arcsec"], one["time_ms"]
         line += f"{_text(error['median'], 1):>14}{_text(error['max'], 1):>8}"
         lines.append(f"{line}{_text(times['median'], 3):>11}{_text(times['p95'], 3):>9}")
-    return lines
+    return lines + failure_lines(rows)
 
 
 def _cases(path: Path) -> Iterator[Case]:
@@ -174,7 +180,7 @@ def _cases(path: Path) -> Iterator[Case]:
 def _truths(path: Path) -> dict[str, tuple[SensorDescription, NDArray[np.float64]]]:
     try:
         if path.stat().st_size > MOST_TRUTH_BYTES:
-            raise TableError(f"{path} is larger than {MOST_TRUTH_BYTES} bytes: this is no truth of panoramas")
+            raise TableError(f"{path} is larger than {MOST_TRUTH_BYTES} bytes: this is not a truth of panoramas")
         document = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise TableError(f"cannot read {path}: {error.strerror}") from error
@@ -241,8 +247,11 @@ def _external(
     finally:
         running.close()
     for case, one in zip(cases, given, strict=True):
-        attitude = None if isinstance(one.answer, Failure) else one.answer.attitude
         elapsed_us = _NAN if one.elapsed_us is None else one.elapsed_us
+        if isinstance(one.answer, Failure):
+            yield Score("none", _NAN, elapsed_us, one.answer.kind.value)
+            continue
+        attitude = one.answer.attitude
         yield _score(None if attitude is None else attitude.boresight_icrs, case, elapsed_us)
 
 

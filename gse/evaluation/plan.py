@@ -45,13 +45,14 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome of one frame of one cell."""
+    """Outcome of one frame of one cell; ``failure`` is how an external identifier failed, empty where it did not."""
 
     cell: int
     frame: int
     kind: str
     real_stars: int
     cpu_us: float
+    failure: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +104,16 @@ GAIA_LIMIT = 5.7
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """One cell's counts; ``excluded`` are those of frames with too few real stars. Times are CPU of all frames."""
+    """One cell's counts; ``excluded`` are those of frames with too few real stars. Times are CPU of all frames.
+
+    ``failures`` are those of an external identifier by kind, in all frames; each counts as none, too.
+    """
 
     frames: int
     counted: dict[str, int]
     excluded: dict[str, int]
     cpu_us: Percentiles
+    failures: dict[str, int]
 
     @property
     def total(self) -> int:
@@ -124,6 +129,7 @@ class Counter:
         self._counted = [dict.fromkeys(KINDS, 0) for _ in plan.cells]
         self._excluded = [dict.fromkeys(KINDS, 0) for _ in plan.cells]
         self._cpu_us = [array("d") for _ in plan.cells]
+        self._failures: list[dict[str, int]] = [{} for _ in plan.cells]
 
     def add(self, done: Sequence[Outcome]) -> int:
         """Count outcomes; returns how many they were."""
@@ -131,17 +137,36 @@ class Counter:
             counts = self._counted if outcome.real_stars >= self._fewest_stars else self._excluded
             counts[outcome.cell][outcome.kind] += 1
             self._cpu_us[outcome.cell].append(outcome.cpu_us)
+            if outcome.failure:
+                failures = self._failures[outcome.cell]
+                failures[outcome.failure] = failures.get(outcome.failure, 0) + 1
         return len(done)
 
     def tallies(self) -> list[Tally]:
         """The counts of every cell so far."""
         import numpy as np
 
-        columns = zip(self._counted, self._excluded, self._cpu_us, strict=True)
+        columns = zip(self._counted, self._excluded, self._cpu_us, self._failures, strict=True)
         return [
-            Tally(len(times), dict(counted), dict(excluded), percentiles(np.array(times, dtype=np.float64)))
-            for counted, excluded, times in columns
+            Tally(
+                len(times), dict(counted), dict(excluded), percentiles(np.array(times, dtype=np.float64)), dict(failed)
+            )
+            for counted, excluded, times, failed in columns
         ]
+
+
+def failure_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """How external identifiers failed, a line each, of rows with identifier and failures."""
+    found: dict[str, dict[str, int]] = {}
+    for row in rows:
+        of_program = found.setdefault(row["identifier"], {})
+        for kind, count in row["failures"].items():
+            of_program[kind] = of_program.get(kind, 0) + count
+    return [
+        f"{name} failed: {', '.join(f'{count} {kind}' for kind, count in sorted(failures.items()))}; counted as none"
+        for name, failures in found.items()
+        if failures
+    ]
 
 
 def interval(count: int, total: int) -> tuple[float, float] | None:
@@ -191,5 +216,6 @@ def _cell(plan: Plan, k: int, row: Tally) -> dict[str, Any]:
         "frames_counted": total,
         "rates": rates,
         "excluded": row.excluded,
+        "failures": dict(sorted(row.failures.items())),
         "cpu_ms": {name: round(us / 1000, 4) if math.isfinite(us) else None for name, us in times.items()},
     }

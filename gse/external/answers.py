@@ -32,6 +32,9 @@ _SCALAR_FIRST, _SCALAR_LAST = "scalar-first", "scalar-last"
 _TO_SENSOR, _TO_ICRS = "icrs-to-sensor", "sensor-to-icrs"
 
 
+_IDENTIFIED = "IDENTIFIED"
+_NO_ANSWER = ("TOO_FEW", "NO_MATCH", "AMBIGUOUS", "SENSOR_FAULT")
+"""Numbers beside these are what was left in their place."""
 _NONE = np.zeros(0, np.int64)
 
 
@@ -108,7 +111,11 @@ def parse_answer(document: dict[str, Any], frame_no: int, objects: int) -> Exter
 
 def _answer(document: dict[str, Any], objects: int) -> ExternalAnswer:
     attitude = _attitude(document)
-    status = _text(document, "status", "IDENTIFIED" if attitude else "NO_MATCH")
+    status = _text(document, "status", _IDENTIFIED if attitude else "NO_MATCH")
+    if status == _IDENTIFIED and attitude is None:
+        raise ValueError(f"status is {_IDENTIFIED} without ra_deg and de_deg, or a quaternion")
+    if status in _NO_ANSWER:
+        attitude = None
     rows, stars = _matches(document.get("matches", []), objects)
     elapsed_us = _number(document, "elapsed_us", 0, 1e12) if "elapsed_us" in document else None
     has_roll = "roll_deg" in document or "quaternion" in document
@@ -192,7 +199,7 @@ def _text(document: dict[str, Any], key: str, default: str) -> str:
 
 
 def _no_number(name: str) -> float:
-    raise ValueError(f"{name} is no number")
+    raise ValueError(f"{name} is not a number")
 
 
 _DECODER = json.JSONDecoder(parse_constant=_no_number)

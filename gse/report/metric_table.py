@@ -7,6 +7,8 @@ from gse.assessment.statistics import Statistics
 from gse.report.summary import plain
 from gse.report.terminal import quantity
 
+_AXIS_WORDS = dict(zip(AXES, ("x", "y", "roll"), strict=True))
+
 Line = tuple[str, str, str, tuple[str, ...], str]
 
 
@@ -20,13 +22,19 @@ def metric_table(documents: list[dict[str, Any]], subject: str) -> list[Line]:
 
 
 def metrics_in_markdown(stats: Statistics) -> str:
-    """The metrics of each subject as a table in Markdown, for the panel of a view."""
+    """The known metrics as a narrow table in Markdown, for the panel of a view, and the names of the others."""
     documents = plain([*metrics(stats)])
-    lines = ["| metric | x (columns) | y (rows) | roll |", "|---|---|---|---|"]
-    for subject in stats.subjects:
-        for name, _, _, cells, _ in metric_table(documents, subject):
-            lines.append(f"| {subject} {name} | {' | '.join((*cells, '', '')[:3])} |")
-    return "\n".join(lines)
+    known = [metric for metric in documents if metric["value"] is not None]
+    lines = [f"| {_name(metric, of_several=len(stats.subjects) > 1)} | {_cell(metric)} |" for metric in known]
+    absent = dict.fromkeys(metric["name"] for metric in documents if metric["value"] is None)
+    table = "\n".join(["| x: along columns, y: along rows | |", "|---|---|", *lines])
+    return f"{table}\n\nnot known in this session so far: {'; '.join(absent)}" if absent else table
+
+
+def _name(metric: dict[str, Any], *, of_several: bool) -> str:
+    subject = f"{metric['subject']} " if of_several else ""
+    axis = f", {_AXIS_WORDS[metric['axis']]}" if metric["axis"] else ""
+    return f"{subject}{metric['name']}{axis}"
 
 
 def _line(name: str, found: list[dict[str, Any]]) -> Line:

@@ -84,11 +84,21 @@ def facts(report: dict[str, Any]) -> list[str]:
         f"{link['duplicates']} duplicates, {link['reconnects']} reconnects",
         f"truth: known to {_amount(budget['ra_arcsec'])} in dRA* and {_amount(budget['de_arcsec'])} in dDE (95 %)",
     ]
+    lines += _external_lines(report.get("external_identifier"))
     lines += sky_lines(report["sky"])
     lines += [f"excluded: {item['frames']} frames, {item['cause']}: {item['reason']}" for item in report["exclusions"]]
     lines += [f"not tested: {line}" for line in report["not_tested"]]
     lines += [f"note: {finding}" for finding in report["findings"] if finding not in report["reasons"]]
     return [*lines, "the session lost its end"] if link["truncated"] else lines
+
+
+def _external_lines(program: dict[str, Any] | None) -> list[str]:
+    """The external identifier with its failures, in a line; none of a session without one."""
+    if program is None:
+        return []
+    failures = ", ".join(f"{count} {kind}" for kind, count in program["failures"].items()) or "no failure"
+    name = f"{program['name']}, version {program['version']}"
+    return [f"external identifier: {name}: {program['answers']} answers, {failures}"]
 
 
 def sky_lines(sky: dict[str, Any] | None) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Any
 from drivers.chunk import LinkEvent
 from gse import instant
 
-WIDTH = 100
+WIDTH = 80
 _MOST_EVENTS = 12
 _MOST_REASONS = 8
 _QUIET = {"OPENED", "SYNCING", "STREAMING", "CLOSED"}

@@ -173,5 +173,5 @@ def _noise(sky: MadeSky, watched: _Watched) -> Iterator[_Compared]:
 def _focal_percent(watched: _Watched) -> float:
     setup, orientation = watched.loop.setup, watched.loop.session.earth_orientation
     truth = None if orientation is None else SiderealTruth(SITE, orientation)
-    fitted = calibrate_session(watched.sample, setup.camera, setup.built_in, truth).calibration.camera
+    fitted = calibrate_session(watched.sample, setup.camera, setup.of_true_stars, truth).calibration.camera
     return 100 * (fitted.focal_length_px / FOCAL_LENGTH_PX - 1)

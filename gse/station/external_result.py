@@ -79,7 +79,14 @@ def _result(
     if isinstance(found, Unidentified) or attitude is None:
         status, detail = status_of(given)
         return FrameResult(
-            panorama, status, detail, identifier.name, elapsed_us=elapsed_us, answer_check=check, given=given
+            panorama,
+            status,
+            detail,
+            identifier.name,
+            elapsed_us=elapsed_us,
+            answer_check=check,
+            light=identified.light[k],
+            given=given,
         )
     utc_ns, directions_sensor = panorama.utc_ns, identified.directions_sensor[panoramas.parts.rows(k)]
     true = truth.attitude_true(utc_ns, mount) if truth and mount else None

@@ -212,11 +212,16 @@ class FrameProcessor:
         return geometric, true, errors_arcsec, residuals_arcsec, left_out
 
     def _light(self, objects: ObjectColumns, answers: Answers, true_stars: Answers | None) -> Starlights:
-        """What the stars show of the sky: those of the answer, or of the reference identifier where there is none."""
+        """What the stars show of the sky: those of the answer, or of the reference identifier where there is none.
+
+        An external identifier may name some stars of a full panorama: the sky is that of the reference identifier.
+        """
         light = starlights(objects.brightness, objects.parts, answers, self.identifier.catalog)
         if self.reference is None or true_stars is None:
             return light
         unnamed = answers.parts.counts == 0
+        if isinstance(self.identifier, ExternalIdentifier):
+            unnamed |= true_stars.named
         if unnamed.any():
             shown = starlights(objects.brightness, objects.parts, true_stars, self.reference.catalog)
             light.fill(unnamed, shown)

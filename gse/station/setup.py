@@ -51,11 +51,11 @@ class Setup:
         return self.identifier.source if isinstance(self.identifier, ExternalIdentifier) else None
 
     @property
-    def built_in(self) -> Identifier:
-        """The identifier under test where it is a built-in one, otherwise the reference identifier."""
-        if isinstance(self.identifier, ExternalIdentifier):
-            assert self.reference is not None
+    def of_true_stars(self) -> Identifier:
+        """The identifier that finds the true stars: the reference, or the one under test where that is none other."""
+        if self.reference is not None:
             return self.reference
+        assert not isinstance(self.identifier, ExternalIdentifier)
         return self.identifier
 
     def catalog_facts(self) -> dict[str, object]:

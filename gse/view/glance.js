@@ -3,6 +3,7 @@
 // browser gets fewer of them and never stays behind.
 const LOST_AFTER_MS = 2000;
 const AGAIN_AFTER_MS = 1000;
+const LOOK_MS = 500, BUSY_MS = 1500;
 const STALE_AFTER_S = 2;
 const EDGE = 1.45, MARK = 0.3;
 const at = (id) => document.getElementById(id);
@@ -71,6 +72,10 @@ function show(state) {
   put("dawn", state.dawn_min === null ? "none" : state.dawn_min <= 0 ? "bright" : `in ${duration(state.dawn_min)}`);
   put("dawn-note", "Sun above −12 deg");
   put("clock", state.clock ?? "not read");
+  put("identified", state.identified === null ? "-" : (100 * state.identified).toFixed(1));
+  put("identified-note", `% (limit ${(100 * state.identified_limit).toFixed(0)}), ${state.false_answers} false`);
+  at("identified").classList.toggle("outside", state.identified !== null && state.identified < state.identified_limit);
+  at("clock").classList.toggle("outside", Boolean(state.clock?.startsWith("NOT")));
   put("disk", number(state.disk_free_gb, 1));
   put("frames", String(state.frames));
   put("frames-note", `${number(state.frames_per_s, 1)}/s, ${state.frames_lost} lost`);
@@ -83,7 +88,7 @@ function show(state) {
     at("events").dataset.lines = lines;
     at("events").replaceChildren(...state.events.map((line) => Object.assign(document.createElement("li"), {textContent: line})));
   }
-  put("session", `${state.sensor}, ${state.site}, ${state.port}; ${state.utc.slice(11, 19)} UTC`);
+  put("session", `${state.sensor}, ${state.site}, ${state.port}; for ${duration(Math.floor(state.duration_s / 60))}; ${state.utc.slice(11, 19)} UTC`);
 }
 
 function showAxis(axis, place, isStale) {
@@ -103,7 +108,7 @@ function showAxis(axis, place, isStale) {
   value.classList.toggle("stale", isStale);
   value.classList.toggle("outside", Math.abs(axis.last_arcsec) > axis.limit_arcsec);
   box.querySelector("small").textContent =
-    `mean ${signed(axis.mean_arcsec, 1)}, std ${number(axis.std_arcsec, 1)}, limit ${axis.limit_arcsec}` +
+    `mean ${signed(axis.mean_arcsec, 1)}, std ${number(axis.std_arcsec, 1)}, NEA ${number(axis.nea_arcsec, 1)}, limit ${axis.limit_arcsec}` +
     (axis.outside ? " OUTSIDE" : "");
   box.querySelector(".bounds").textContent = `dashed: ±${axis.limit_arcsec}`;
   const recent = axis.recent ?? [];
@@ -163,7 +168,12 @@ function connect() {
   };
 }
 
+let lookedMs = performance.now();
 setInterval(() => {
+  // A phone that slept, or a browser that was busy, has messages to show first.
+  const nowMs = performance.now();
+  if (nowMs - lookedMs > BUSY_MS) heardMs += nowMs - lookedMs - LOOK_MS;
+  lookedMs = nowMs;
   const silentMs = performance.now() - heardMs;
   const isLost = silentMs > LOST_AFTER_MS && !latest?.ended;
   document.body.classList.toggle("lost", isLost);
@@ -171,7 +181,7 @@ setInterval(() => {
     const last = latest ? `last word: ${latest.word.text} at ${latest.utc.slice(11, 19)} UTC` : "no word from the station yet";
     putWord(`CONNECTION LOST ${Math.floor(silentMs / 1000)} s`, "bad", `${last}; the session may go on or have ended: gse status shows it`);
   }
-}, 500);
+}, LOOK_MS);
 
 // Themes, kept by the browser and in the address (#red, #large, #red,large).
 function applyThemes() {

@@ -56,7 +56,7 @@ class _Shown:
     result: FrameResult
     frames: int
     lost: int
-    clock: ClockReading | None
+    clock: str
     mount: Mount | None
     expected: float
 
@@ -95,7 +95,7 @@ class Glance:
 
     def on_results(self, results: NewResults, session: SessionData) -> None:
         """Take results; the oldest ones that wait are dropped where there are too many."""
-        clock = session.clock[-1] if session.clock else None
+        clock = clock_health(session.clock[-1], session.clock_error_s) if session.clock else ""
         mount = session.alignment.mount if session.alignment else self._fixed_mount()
         count = len(session.frames)
         if count >= self._sky_due:
@@ -187,7 +187,9 @@ class Glance:
             "frames_lost": latest.lost if latest else 0,
             "frames_per_s": _number(running.frames_per_s, 1),
             "identified": _number(running.identified, 4),
+            "identified_limit": self._station.limits.availability,
             "false_answers": running.false_answers,
+            "duration_s": round((running.utc_ns - self._first_utc_ns) / NS_PER_S) if latest else 0,
             "axes": self._axes(),
             "stars": self._stars(),
             "sky": running.sky or None,
@@ -224,6 +226,7 @@ class Glance:
             "last_arcsec": _number(moments.last, 1),
             "mean_arcsec": _number(moments.mean if moments.n else math.nan, 1),
             "std_arcsec": _number(moments.std, 1),
+            "nea_arcsec": _number(moments.nea, 1),
             "limit_arcsec": limit_arcsec,
             "outside": moments.mean_abs > limit_arcsec,
             "recent": self._recent[subject, name].until(self._running.utc_ns, limit_arcsec),
@@ -262,7 +265,7 @@ class Glance:
             "site": self._station.site.name,
             "port": self._station.port.url,
             "link": self._link,
-            "clock": clock_health(latest.clock) if latest and latest.clock else None,
+            "clock": latest.clock or None if latest else None,
             "disk_free_gb": self._disk_free_gb(),
             "dawn_min": self._dawn_min(running.utc_ns or now.utc_ns),
             "turn": self._turn(),

@@ -71,7 +71,8 @@ def _at_the_end(facts: Facts) -> Word:
         return Word("JUDGING", Level.IDLE, "the session is closed, judged and reported")
     if not facts.verdict:
         return Word("ENDED", Level.WARN, "the session ended without a verdict")
-    return Word(f"DONE: {facts.verdict}", level_of(facts.verdict), "; ".join(_most_useful(facts)))
+    why = "; ".join(_most_useful(facts)) or "every limit is kept"
+    return Word(f"DONE: {facts.verdict}", level_of(facts.verdict), why)
 
 
 def _most_useful(facts: Facts) -> tuple[str, ...]:
@@ -114,8 +115,8 @@ def _of_errors(facts: Facts) -> Word:
         return Word("ACQUIRING", Level.IDLE, f"the mount is fitted, {facts.aligning_s:.0f} s left")
     if facts.outside:
         cause = f"; {facts.cause}" if facts.cause else ""
-        return Word("OUTSIDE", Level.BAD, f"outside its limit: {', '.join(facts.outside)}{cause}")
-    return Word("OK", Level.GOOD, "")
+        return Word("OUTSIDE", Level.BAD, f"{', '.join(facts.outside)}{cause}")
+    return Word("OK", Level.GOOD, "inside the limits so far")
 
 
 def _duration(seconds: float) -> str:

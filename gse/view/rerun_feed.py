@@ -59,6 +59,7 @@ class _Shown:
     frame: FrameResult
     link: LinkCounters
     clock: tuple[ClockReading, ...]
+    clock_error_s: float | None
     status: StatusMessage | None
 
 
@@ -113,7 +114,7 @@ class RerunFeed:
         status = session.statuses[-1][1] if session.statuses else None
         for result in results:
             self._own.take(result, session)
-            self._put(_Shown(result, replace(session.link), readings, status))
+            self._put(_Shown(result, replace(session.link), readings, session.clock_error_s, status))
             readings = ()
 
     def on_event(self, event: LinkEvent) -> None:
@@ -199,6 +200,7 @@ class _SceneFeed:
         self._link = LinkCounters()
         self._status: StatusMessage | None = None
         self._clock: ClockReading | None = None
+        self._clock_error_s: float | None = None
         self._dropped = 0
         self._panel_utc_ns = 0
 
@@ -211,6 +213,7 @@ class _SceneFeed:
                 clock.extend(item.clock)
                 self._link = item.link
                 self._status = item.status
+                self._clock_error_s = item.clock_error_s
         if frames:
             self._scene.add(frames, pictures=len(frames) if self._every_picture else 1)
         for item in batch:
@@ -219,6 +222,7 @@ class _SceneFeed:
                 self._scene.event(item)
             elif isinstance(item, _Concluded):
                 self._conclude(item)
+        self._scene.show_log()
         self._scene.clock(clock)
         self._clock = clock[-1] if clock else self._clock
         self._dropped = dropped
@@ -233,7 +237,9 @@ class _SceneFeed:
         self._scene.send_again()
 
     def _so_far(self) -> str:
-        return verdict_so_far(self._scene.running, self._link, self._clock, dropped=self._dropped)
+        return verdict_so_far(
+            self._scene.running, self._link, self._clock, clock_error_s=self._clock_error_s, dropped=self._dropped
+        )
 
     def _conclude(self, item: _Concluded) -> None:
         text = verdict_at_end(item.verdict, list(item.reasons), self._so_far())

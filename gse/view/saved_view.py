@@ -27,6 +27,7 @@ class SavedView:
     """
 
     def __init__(self, station: Station, catalog: StarCatalog | None, path: Path) -> None:
+        self._path = path
         self._stream = rr.RecordingStream("gse", send_properties=False)
         self._stream.set_sinks(rrd_file_sink(path))
         self._scene = Scene(self._stream, station, catalog, live=False)
@@ -49,8 +50,16 @@ class SavedView:
     def finish(self, session: SessionData, verdict: str, reasons: Sequence[str], *, metrics: str = "") -> None:
         """Write the columns of the session, the clock and the verdict, and close the file.
 
-        ``session`` has the same frames that were added; ``metrics`` is a table in Markdown.
+        ``session`` has the same frames that were added; ``metrics`` is a table in Markdown. UsageError where the disk
+        did not take all of it: then there is no file.
         """
+        try:
+            self._finish(session, verdict, reasons, metrics)
+        except RuntimeError as error:  # rerun's only one
+            self._path.unlink(missing_ok=True)
+            raise UsageError(f"cannot write {self._path}: {error}; is the disk full?") from error
+
+    def _finish(self, session: SessionData, verdict: str, reasons: Sequence[str], metrics: str) -> None:
         self._send_objects()
         if len(session.frames):
             self._scene.add_columns(session.frames.columns)
@@ -58,7 +67,7 @@ class SavedView:
         self._scene.flush()
         self._scene.clock(session.clock)
         clock = session.clock[-1] if session.clock else None
-        text = verdict_so_far(self._scene.running, session.link, clock)
+        text = verdict_so_far(self._scene.running, session.link, clock, clock_error_s=session.clock_error_s)
         self._scene.words_for_all_times(verdict_at_end(verdict, list(reasons), text), metrics)
         if len(session.frames):
             self._scene.stands(int(session.frames.columns["utc_ns"][0]), verdict)
@@ -70,6 +79,7 @@ class SavedView:
         if self._frames:
             self._scene.add_objects(self._frames, pictures=len(self._frames))
             self._frames = []
+        self._scene.show_log()
 
 
 def rrd_file_sink(path: Path) -> object:

@@ -1,5 +1,6 @@
 """Scene of a session in rerun, for the live view and the saved view."""
 
+import re
 from collections import deque
 from collections.abc import Sequence
 
@@ -57,8 +58,13 @@ _GOOD_EVENTS = {
 
 
 _MOST_RECENT = 700
-_LOG_AGAIN = 200
-"""Log lines and changes of state that a viewer gets that has just come."""
+_MOST_LINES = 40
+"""Lines of the log."""
+
+_STATES_AGAIN = 200
+"""Changes of state that a viewer gets that has just come."""
+
+_MARKDOWN = re.compile(r"([\\`*\[\]<>~|&])")
 
 _COUNTS_LOGGED = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 """Which repetitions of an event get a line: a link that flaps does not hide all else."""
@@ -83,8 +89,10 @@ class Scene:
         self._events = EventLines(frozenset({StationKind.NOTE}))
         self._recent: deque[NDArray[np.void]] = deque()
         self._own_recent: deque[NDArray[np.void]] = deque()
-        self._logged: deque[tuple[int, str, str]] = deque(maxlen=_LOG_AGAIN)
-        self._states: deque[tuple[str, int, str]] = deque(maxlen=_LOG_AGAIN)
+        self._logged: deque[str] = deque(maxlen=_MOST_LINES)
+        self._logged_ns = 0
+        self._log_is_shown = True
+        self._states: deque[tuple[str, int, str]] = deque(maxlen=_STATES_AGAIN)
         self._words: tuple[int, str, str] | None = None
         self._standing = ""
         self._shows_own = False
@@ -134,11 +142,8 @@ class Scene:
             send_own_answers(self._stream, np.concatenate(self._own_recent))
         for path, utc_ns, word in self._states:
             self._stream.send_columns(path, [times([utc_ns])], rr.StateChange.columns(state=[word]))
-        if self._logged:
-            lines = rr.TextLog.columns(
-                text=[text for _, text, _ in self._logged], level=[level for _, _, level in self._logged]
-            )
-            self._stream.send_columns("/log", [times([at_ns for at_ns, _, _ in self._logged])], lines)
+        self._log_is_shown = not self._logged
+        self.show_log()
         if self._words is not None:
             self.words(*self._words)
 
@@ -239,11 +244,20 @@ class Scene:
             send_clock(self._stream, readings)
 
     def log(self, utc_ns: int, text: str, level: str = "INFO") -> None:
-        """Show one line in the log."""
-        time_of_day = instant.to_text(utc_ns, 0)[11:]
-        self._logged.append((utc_ns, f"{time_of_day} {text}", level))
-        columns = rr.TextLog.columns(text=[f"{time_of_day} {text}"], level=[level])
-        self._stream.send_columns("/log", [times([utc_ns])], columns)
+        """Add a line to the log, for ``show_log``."""
+        plain = _MARKDOWN.sub(r"\\\1", text)
+        line = f"{instant.to_text(utc_ns, 0)[11:]} {plain}"
+        self._logged.appendleft(f"**{line}**" if level == "WARN" else line)
+        self._logged_ns = max(self._logged_ns, utc_ns)
+        self._log_is_shown = False
+
+    def show_log(self) -> None:
+        """Show the log as one text, the newest line first: sent again it stays the same, where lines would double."""
+        if not self._log_is_shown:
+            self._log_is_shown = True
+            lines = "\n".join(f"- {line}" for line in self._logged)
+            columns = rr.TextDocument.columns(text=[lines], media_type=["text/markdown"])
+            self._stream.send_columns("/log", [times([self._logged_ns])], columns)
 
     def words(self, utc_ns: int, markdown: str, metrics: str = "") -> None:
         """Show a text in the panel of the verdict, and a table in that of the metrics."""

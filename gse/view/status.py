@@ -32,7 +32,7 @@ _LITTLE_BYTES = 1_000_000_000
 
 
 class StatusLine:
-    """A listener and context manager: one line, renewed each second; plain lines if stderr is not a terminal.
+    """A listener and context manager: one line, renewed twice a second; plain lines if stderr is not a terminal.
 
     It is written to stderr. ``folder`` is the session folder: the free space of its disk is shown. ``forecast`` gives
     the line on the time to a verdict.
@@ -56,7 +56,7 @@ class StatusLine:
         self._due_ns = 0
         self._closed = False
         self._announcer = Announcer(lambda text: self._console.print(text, soft_wrap=True, markup=False))
-        self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=1, transient=True)
+        self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=2, transient=True)
 
     def on_results(self, results: NewResults, session: SessionData) -> None:
         """Add frames."""
@@ -125,10 +125,12 @@ class StatusLine:
         return abs(moments.mean) > limit
 
     def _clock(self) -> str:
-        return clock_health(self._session.clock[-1]) if self._session and self._session.clock else "not read"
+        session = self._session
+        return clock_health(session.clock[-1], session.clock_error_s) if session and session.clock else "not read"
 
     def _clock_is_bad(self) -> bool:
-        return bool(self._session and self._session.clock and not self._session.clock[-1].synchronised)
+        session = self._session
+        return bool(session and session.clock_error_s is None and session.clock and not session.clock[-1].synchronised)
 
     def _disk(self) -> "_Part":
         if self._folder is None:

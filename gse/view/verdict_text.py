@@ -9,7 +9,14 @@ from gse.view.running_statistics import Moments, Running
 _MARKS = {"PASS": "✔", "FAIL": "✘", "INCONCLUSIVE": "?"}
 
 
-def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | None = None, *, dropped: int = 0) -> str:
+def verdict_so_far(
+    running: Running,
+    link: LinkCounters,
+    clock: ClockReading | None = None,
+    *,
+    clock_error_s: float | None = None,
+    dropped: int = 0,
+) -> str:
     """Markdown on a running session; ``dropped`` counts frames that the slow view did not show."""
     limits, last = running.limits, running.last
     share = running.inside / running.d_ra.n if running.d_ra.n else math.nan
@@ -34,7 +41,8 @@ def verdict_so_far(running: Running, link: LinkCounters, clock: ClockReading | N
     if running.sky:
         lines.append(f"- sky: **{running.sky}**: {running.sky_text}")
     if clock is not None:
-        lines.append(f"- clock: {f'{clock.source}, ' if clock.synchronised else ''}{clock_health(clock)}")
+        source = f"{clock.source}, " if clock.synchronised else ""
+        lines.append(f"- clock: {source}{clock_health(clock, clock_error_s)}")
     if not math.isnan(running.frames_per_s):
         lines.append(f"- {running.frames_per_s:.1f} frames per second")
     if dropped:
@@ -89,8 +97,10 @@ def _row(name: str, last: float | None, moments: Moments, limit: float) -> str:
     return f"| {name} | {' | '.join(cells)} | {limit:g} |"
 
 
-def clock_health(clock: ClockReading) -> str:
-    """Whether the clock is synchronised, and how far off it may be."""
+def clock_health(clock: ClockReading, stated_s: float | None = None) -> str:
+    """Whether the clock is synchronised, and how far off it may be; ``stated_s`` is what the operator measured."""
+    if stated_s is not None:
+        return f"within {1000 * stated_s:.3g} ms, as stated"
     if not clock.synchronised:
         return "NOT synchronised"
     return f"within {1000 * clock.error_bound_s:.3g} ms"

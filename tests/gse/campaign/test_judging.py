@@ -52,6 +52,12 @@ def test_a_file_that_is_no_session_is_a_row_with_its_error(judged):
     assert sum(row["verdict"] is not None for row in rows) == 3
 
 
+def test_a_pipe_among_the_sources_is_named_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.mcap")
+    (outcome,) = judge_all(tmp_path, tmp_path / "dataset")
+    assert (outcome.key, outcome.error) == ("", f"{tmp_path / 'pipe.mcap'} is no file of bytes, but a pipe or a device")
+
+
 def test_pandas_polars_and_pyarrow_read_the_tables_as_they_lie(judged):
     for table, least in (("sessions", 4), ("frames", 80), ("stars", 300)):
         counts = {
@@ -138,7 +144,7 @@ def test_sources_are_folders_globs_and_files_each_session_once(made, tmp_path):
 
 @pytest.mark.parametrize("url", ["http://127.0.0.1/a", "simplecache::s3://a/b", "github://a:b@/c"])
 def test_other_storage_than_that_of_campaigns_is_refused(url):
-    with pytest.raises(UsageError, match=r"is no storage of campaigns|expected a path"):
+    with pytest.raises(UsageError, match=r"is not a storage of campaigns|expected a path"):
         find_sources([url])
 
 

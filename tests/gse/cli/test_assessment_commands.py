@@ -9,6 +9,7 @@ from skies.known_nights import session
 
 from gse.assessment.session_comparison import session_comparison
 from gse.cli import compare
+from gse.config.edit import with_values
 from gse.config.station import read_station
 from gse.simulator.scenario import load_scenario
 
@@ -66,7 +67,6 @@ def test_calibrate_finds_a_lens_that_is_one_percent_longer_and_replay_then_passe
     written = tmp_path / "calibrated.yaml"
     report = json.loads(gse("calibrate", session, "--json", "--write", written).out)
     assert report["schema"] == "gse.calibration/1"
-    assert report["identified_before"] == 0
     assert report["identified_after"] == report["panoramas"] == 45
     assert report["focal_length_px"] == pytest.approx(4211.6, abs=6 * report["sigma"]["focal_length_px"])
     assert report["before"]["rms_px"] > 0
@@ -74,6 +74,15 @@ def test_calibrate_finds_a_lens_that_is_one_percent_longer_and_replay_then_passe
     replayed = gse("replay", session, "--station", written, "--out", tmp_path / "replayed", "--json")
     rows = {row["name"]: row["outcome"] for row in json.loads(replayed.out)["measurements"]}
     assert rows["mean |dRA*|"] == rows["mean |dDE|"] == "PASS"  # 45 frames decide nothing of availability
+
+
+def test_the_camera_does_not_depend_on_the_identifier_under_test(gse, folder, tmp_path):
+    session, robust = simulated(gse, folder, "inclined"), tmp_path / "robust.yaml"
+    gse("align", session, "--write", robust)
+    robust.write_text(with_values(robust.read_text(), "identifier", {"algorithm": "robust"}))
+    reports = [gse("calibrate", session, "--json", *given).out for given in ((), ("--station", robust))]
+    assert json.loads(reports[0])["identified_after"] == 45
+    assert reports[0] == reports[1]
 
 
 def test_calibrate_names_the_hot_pixels(gse, folder):

@@ -6,8 +6,9 @@ import pytest
 from devices.command_line import runner
 from devices.programs import program
 
+from gse.cli.evaluate import table as evaluation_table
 from gse.errors import TableError, UsageError
-from gse.evaluation.panoramas import read_set
+from gse.evaluation.panoramas import read_set, table
 
 NIGHT_SKY = Path(__file__).parents[3] / "replays" / "night-sky"
 NAME = "rooftop-alt40-azi-135"
@@ -43,7 +44,7 @@ for line in sys.stdin:
     p = json.loads(line)
     if p["frame_no"] == 0: answer(p, ra_deg={truth["ra_deg"]}, de_deg={truth["de_deg"]} + 0.01, elapsed_us=3000)
     elif p["frame_no"] == 1: answer(p, ra_deg={truth["ra_deg"]}, de_deg={truth["de_deg"]} + 5)
-    else: print(json.dumps({{"frame_no": p["frame_no"]}}), flush=True)
+    else: answer(p, ra_deg=400)
 """
     path = program(folder, body)
     options = ("--frames", 3, "--identifier", "neighbour", "--identifier", f"command:{path}")
@@ -62,14 +63,20 @@ for line in sys.stdin:
         "coarse": 0,
     }
     assert theirs["boresight_arcsec"]["max"] == pytest.approx(36, abs=0.1)
+    assert (ours["failures"], theirs["failures"]) == ({}, {"NONSENSE": 1})
+    assert "onboard failed: 2 NONSENSE; counted as none" in table(document["rows"])
 
 
 def test_an_external_identifier_is_a_row_of_the_ordinary_evaluation_too(folder, gse):
-    path = program(folder, "for line in sys.stdin: answer(json.loads(line), elapsed_us=2000)\n")
+    body = "    p = json.loads(line)\n    answer(p, elapsed_us=2000, ra_deg=400 if p['frame_no'] == 3 else 10)\n"
+    path = program(folder, f"for line in sys.stdin:\n{body}")
     done = gse("evaluate", "--frames", 4, "--identifier", f"command:{path}", "--json")
-    (cell,) = json.loads(done.out)["cells"]
+    document = json.loads(done.out)
+    (cell,) = document["cells"]
     assert (cell["identifier"], cell["frames_done"], cell["cpu_ms"]["median"]) == ("onboard", 4, 2.0)
-    assert cell["rates"]["false"]["count"] == cell["frames_counted"]
+    assert cell["rates"]["false"]["count"] == cell["frames_counted"] - 1
+    assert cell["failures"] == {"NONSENSE": 1}
+    assert "onboard failed: 1 NONSENSE; counted as none" in evaluation_table(document)
 
 
 @pytest.mark.parametrize(

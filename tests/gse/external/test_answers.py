@@ -43,6 +43,13 @@ def test_a_quaternion_means_what_scipy_takes_it_for(order, maps):
     assert answer.has_roll
 
 
+@pytest.mark.parametrize(("status", "is_answer"), [("NO_MATCH", False), ("TOO_FEW", False), ("LOCKED", True)])
+def test_numbers_beside_a_word_for_no_answer_are_what_was_left_there(status, is_answer):
+    answer = parse_answer({"frame_no": 1, "ra_deg": 0.0, "de_deg": 0.0, "status": status}, 1, 0)
+    assert (answer.attitude is not None) is is_answer
+    assert answer.status == status
+
+
 @pytest.mark.parametrize(
     "values",
     [
@@ -56,6 +63,7 @@ def test_a_quaternion_means_what_scipy_takes_it_for(order, maps):
         {"matches": [{"object": 0, "star": 2**63}]},
         {"matches": {"object": 0, "star": 1}},
         {"status": 3},
+        {"status": "IDENTIFIED", "ra_deg": None, "de_deg": None},
     ],
 )
 def test_an_answer_out_of_the_schema_is_nonsense_and_in_step(values):

@@ -96,6 +96,27 @@ def test_a_failure_costs_one_frame_and_stands_in_the_report(sessions):
     assert report["identification"]["subjects"]["onboard"]["time_ms"]["p50"] == 1.5
 
 
+def test_failures_are_named_on_the_terminal(sessions, folder, gse):
+    done = gse("replay", sessions[1], "--out", folder / "words")
+    assert f"external identifier: parrot, version 1.0: {external_answers(sessions[1])} answers, 1 CRASH" in done.out
+
+
+def test_the_sky_is_as_clear_where_a_program_names_few_stars_or_fails(sessions, folder):
+    body = (
+        f"own = {{f['frame_no']: f for f in map(json.loads, open({str(folder / 'own.ndjson')!r}))}}\n"
+        "for line in sys.stdin:\n"
+        "    f = own[json.loads(line)['frame_no']]\n"
+        "    numbered = [match for match in f['matches'] if match['star'].startswith('Gaia DR3 ')]\n"
+        "    few = [{'object': match['object'], 'star': int(match['star'][9:])} for match in numbered[:2]]\n"
+        "    if f['frame_no'] % 2: answer(f, ra_deg=f['ra_deg'], de_deg=f['de_deg'], matches=few)\n"
+        "    else: print('nonsense', flush=True)\n"
+    )
+    script = program(folder, body, name="few.py")
+    frames = replay_session(sessions[0], station=change_to(None, f"command:{script}")).session.frames
+    assert frames.columns["matched"].max() == 2
+    assert frames.columns["stars_seen"].min() > 20
+
+
 def test_answers_and_stderr_are_in_the_session(sessions):
     messages = [record for record in read_capture(sessions[1] / "session.mcap") if isinstance(record, Message)]
     answers = [json.loads(message.data) for message in messages if message.topic == ANSWER_TOPIC]

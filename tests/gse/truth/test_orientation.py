@@ -52,6 +52,21 @@ def test_values_are_linear_between_days_and_held_past_the_ends(mjd, ut1, x, y, e
     assert here.kind == kind
 
 
+@pytest.mark.parametrize(
+    ("mjd", "arcsec"), [(60_000.5, 0.0005), (60_002.5, 0.02), (60_013.0, 0.06), (60_148.0, 0.6), (62_000.0, 0.6)]
+)
+def test_a_held_pole_is_known_worse_each_day_but_no_worse_than_it_wanders(mjd, arcsec):
+    assert TABLE.at(utc_ns(mjd)).pole_error_arcsec == pytest.approx(arcsec, rel=1e-9)
+
+
+def test_only_where_no_leap_second_is_announced_may_one_be_missing():
+    until = replace(TABLE, leap_seconds=replace(TABLE.leap_seconds, known_until_mjd=60_002))
+    missing_s = [until.at(utc_ns(mjd)).leap_error_s for mjd in (60_001.0, 60_001.9, 60_002.0, 60_003.0)]
+    assert missing_s == pytest.approx([0.0, 0.0, 1.0, 1.0])
+    far = replace(until, mjd=(50_000, 50_001, 50_002, 50_003))  # UT1 itself is unknown to 0.9 s and more.
+    assert far.at(utc_ns(60_002.0)).leap_error_s == 0.0
+
+
 def test_across_a_leap_second_ut1_is_interpolated_without_the_leap():
     """2016-12-31 to 2017-01-02, with the leap second at the end of the first day."""
     table = replace(TABLE, mjd=(57_753, 57_754, 57_755, 57_756), ut1_minus_utc_s=(-0.407, 0.592, 0.591, 0.590))

@@ -157,10 +157,10 @@ def test_the_verdict_is_seen_at_any_time_and_says_why(rows) -> None:
 def test_link_states_and_log_tell_what_happened(rows) -> None:
     states = [row["StateChange:state"][0] for row in moving(rows["/state/link"])]
     assert states == ["waiting", "streaming", "no port", "waiting", "streaming", "closed"]
-    log = [row["TextLog:text"][0] for row in moving(rows["/log"])]
+    log = moving(rows["/log"])[-1]["TextDocument:text"][0].split("\n")
     assert any("LOST: device disconnected" in line for line in log)
-    assert "18:30:04Z frame 49: NO_MATCH no star reached Fn = 6" in log
-    assert "18:30:05Z frame 50: IDENTIFIED" in log
+    bad, good = "- **18:30:04Z frame 49: NO_MATCH no star reached Fn = 6**", "- 18:30:05Z frame 50: IDENTIFIED"
+    assert log.index(good) < log.index(bad), "the newest first"
 
 
 def test_the_clock_is_shown_with_its_bounds_in_milliseconds(rows) -> None:

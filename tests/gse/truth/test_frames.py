@@ -1,0 +1,41 @@
+"""Reference frames of sensors against skyfield, whose matrices are its own."""
+
+import numpy as np
+import pytest
+from skyfield.api import load
+
+from gse.instant import NS_PER_S, from_text
+from gse.truth.frames import icrs_to_frame
+
+ARCSEC = np.pi / 180 / 3600
+MILLIARCSEC = ARCSEC / 1000
+INSTANTS = ("1995-02-03T04:05:06Z", "2016-12-31T23:59:59Z", "2026-03-20T18:30:00Z", "2026-03-20T18:34:00Z")
+
+
+def apart_rad(one, other):
+    """The greatest angle between the axes of two rotations."""
+    return float(np.abs(one @ other.T - np.eye(3)).max())
+
+
+def test_the_axes_of_date_are_those_of_skyfield():
+    scale = load.timescale(builtin=True)
+    instants = np.array([from_text(text) for text in INSTANTS])
+    rotations = icrs_to_frame("date", instants)
+    for rotation, utc_ns in zip(rotations, instants.tolist(), strict=True):
+        days, ns = divmod(utc_ns, 86_400 * NS_PER_S)
+        matrix = scale.utc(1970, 1, 1 + days, 0, 0, ns / NS_PER_S).M
+        assert apart_rad(rotation, matrix) < 2 * MILLIARCSEC
+
+
+def test_the_axes_of_date_have_turned_by_the_precession_since_2000():
+    in_2026, in_1995 = icrs_to_frame("date", np.array([from_text(INSTANTS[2]), from_text(INSTANTS[0])]))
+    turned = [np.degrees(np.arccos((np.trace(one) - 1) / 2)) * 3600 for one in (in_2026, in_1995)]
+    assert turned == pytest.approx([50.29 * 26.2, 50.29 * 4.9], abs=25)  # Nutation moves it by up to 20.
+
+
+def test_the_axes_of_j2000_are_the_bias_away_from_icrs():
+    j2000, icrs = (icrs_to_frame(frame, np.zeros(2, dtype=np.int64)) for frame in ("J2000", "ICRS"))
+    assert j2000.shape == icrs.shape == (2, 3, 3)
+    assert np.array_equal(icrs[1], np.eye(3))
+    bias = np.array([j2000[1][1, 0], j2000[1][2, 0], j2000[1][2, 1]]) / ARCSEC
+    assert bias == pytest.approx([0.0146, -0.016617, -0.0068192], abs=2e-4)  # IERS Conventions 2010, 5.4.4
