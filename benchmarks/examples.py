@@ -45,6 +45,7 @@ SHORTER = (
     ("30m", "2s"),
     ("--seconds 600", "--seconds 30"),
     ("--frames 1000", "--frames 100"),
+    ("--out panorama.csv", "--out extracted.csv"),
 )
 """What makes an example long, and its stand-in."""
 
