@@ -32,8 +32,8 @@ mount: {{azimuth_deg: 200, altitude_deg: 60, roll_deg: 10}}
 port: {{url: {port}, baudrate: {baudrate}}}
 protocol: {protocol}
 """
-MIDNIGHT_DEG = (-15 * time.gmtime().tm_hour + 180) % 360 - 180
-"""The longitude where it is night: by day a lens cap is not told from the Sun."""
+MIDNIGHT_DEG = (-15 * time.gmtime().tm_hour + 187) % 360 - 180
+"""The longitude where it is night (by day a lens cap is not told from the Sun), neither 0 nor 180: its sign matters."""
 TRUE = {
     "longitude": MIDNIGHT_DEG,
     "focal": 4169.905,
