@@ -5,12 +5,12 @@ one effect: fine ones compete with each other, a gross one silences them, and ev
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gse.assessment.counted_frames import CountedFrames, counted_frames
-from gse.assessment.error_series import error_series, with_left_out
+from gse.assessment.error_series import ErrorSeries, error_series, with_left_out
 from gse.assessment.field_patterns import field_of_errors
 from gse.assessment.fine_findings import Setting, fine_findings
 from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause
@@ -26,6 +26,15 @@ from gse.truth import horizon_to_sensor
 
 _SENSOR_DRIFT_PPM = 100.0
 """A crystal keeps within 50 ppm over its whole temperature range."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelledSession:
+    """Errors as models compete for them, all of their series, and what findings are worded with."""
+
+    model: SessionModel
+    series: ErrorSeries
+    setting: Setting
 
 
 def findings(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
@@ -57,21 +66,27 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
 
 
 def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
+    try:
+        modelled = session_model(session, counted)
+        return fine_findings(modelled.model, modelled.series, modelled.setting) if modelled else ()
+    except np.linalg.LinAlgError:  # stars or errors that lie on one line: they tell no cause, and end no session
+        return ()
+
+
+def session_model(session: SessionData, counted: CountedFrames) -> ModelledSession | None:
+    """What fine causes compete for; None of too few frames, and where no sky turns over the mount."""
     frames, station = session.frames.columns, session.station
     series = error_series(frames, counted.used)
     if series is None or station.mount.inertial is not None:
-        return ()
+        return None
     mount, camera = session.alignment.mount if session.alignment else station.mount, station.sensor.camera()
     zenith_sensor = np.asarray(horizon_to_sensor(mount)[:, 2])
     series = with_left_out(series, session.frames.matches, camera)
     field = field_of_errors(session.frames.matches, frames["utc_ns"], counted.used, camera, station.site, zenith_sensor)
     exposure_s = float(np.nanmedian(frames["exposure_s"][series.rows]))
     first_ns = int(frames["utc_ns"][series.rows[0]])
-    try:
-        model = SessionModel.of(series.shortened(), field, station.site, mount, is_fitted=session.alignment is not None)
-        return fine_findings(model, series, Setting(camera, station.site, mount, first_ns, exposure_s))
-    except np.linalg.LinAlgError:  # stars or errors that lie on one line: they tell no cause, and end no session
-        return ()
+    model = SessionModel.of(series.shortened(), field, station.site, mount, is_fitted=session.alignment is not None)
+    return ModelledSession(model, series, Setting(camera, station.site, mount, first_ns, exposure_s))
 
 
 def _with_event(session: SessionData, finding: Finding) -> Finding:

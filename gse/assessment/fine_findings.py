@@ -59,6 +59,8 @@ def _equals(one: Named, *more: str) -> tuple[str, ...]:
 
 
 def _rival(rival: Hypothesis) -> str:
+    if rival.cause == "clock offset":
+        return "clock offset or longitude"
     return rival.cause if rival.kind in (rival.cause, "k1 and k2") else f"{rival.cause} ({rival.kind})"
 
 

@@ -145,7 +145,10 @@ def _judged(path: Path, key: ResultKey, job: Job, source: Source) -> _Result:
     given, hot_pixels = job.station, HotPixelCounter()
     try:
         replay = replay_session(
-            path, station=lambda recorded: given or recorded, make_listeners=lambda loop, folder: [hot_pixels]
+            path,
+            station=lambda recorded: given or recorded,
+            make_listeners=lambda loop, folder: [hot_pixels],
+            threads=1,
         )
         session = replay.session
         assessment = judge(session)

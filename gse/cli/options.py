@@ -60,6 +60,15 @@ start_utc_option: Callable[[Any], Any] = click.option(
 )
 
 
+threads_option: Callable[[Any], Any] = click.option(
+    "--threads",
+    type=click.IntRange(1, 2),
+    default=2,
+    show_default=True,
+    help="Threads of the replay, e.g. 1 where many run at once; the results are the same.",
+)
+
+
 def _instant(ctx: click.Context, param: click.Parameter, text: str | None) -> int | None:
     """UTC nanoseconds of an option; a usage error where the text is no instant."""
     try:

@@ -1,6 +1,7 @@
 """Progress of long work on stderr, with the time left."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from drivers.mock.playback import is_session
 from drivers.session_file.reader import messages
 from drivers.session_file.records import RX
 from gse.cli.options import say
-from gse.sessions.replay import Replay, ReplayOptions, StationText, replay_session
+from gse.sessions.replay import MOST_THREADS, Replay, ReplayOptions, StationText, replay_session
 from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
 
@@ -26,12 +27,15 @@ def replay_with_progress(
     make_listeners: ListenerMaker = lambda loop, folder: (),
     options: ReplayOptions | None = None,
     station: Callable[[StationText], StationText] = lambda recorded: recorded,
+    threads: int = MOST_THREADS,
 ) -> Replay:
     """Replay a session at full speed; a bar shows its progress where stderr is a terminal."""
-    options = options or ReplayOptions()
+    replayed = partial(
+        replay_session, path, options=options or ReplayOptions(), station=station, tell=say, threads=threads
+    )
     console = Console(stderr=True)
     if not console.is_terminal or not path.exists():
-        return replay_session(path, options=options, station=station, make_listeners=make_listeners, tell=say)
+        return replayed(make_listeners=make_listeners)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("replaying", total=_bytes_of(path))
@@ -44,7 +48,7 @@ def replay_with_progress(
         def each(results: list[FrameResults]) -> None:
             progress.update(task, completed=loops[0].session.link.bytes_in)
 
-        return replay_session(path, options=options, station=station, make_listeners=listeners_of, each=each, tell=say)
+        return replayed(make_listeners=listeners_of, each=each)
 
 
 def judged_with_progress(
@@ -53,6 +57,7 @@ def judged_with_progress(
     options: ReplayOptions | None = None,
     station: Callable[[StationText], StationText] = lambda recorded: recorded,
     anew: bool = False,
+    threads: int = MOST_THREADS,
 ) -> "Judged":
     """A session and its assessment, from kept results or, with progress, derived; stderr says which.
 
@@ -62,7 +67,7 @@ def judged_with_progress(
     from gse.sessions.judged import Judged, judged_session
 
     def derive() -> Replay:
-        return replay_with_progress(path, options=options, station=station)
+        return replay_with_progress(path, options=options, station=station, threads=threads)
 
     if options not in (None, ReplayOptions()):
         replay = derive()

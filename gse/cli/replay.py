@@ -30,6 +30,7 @@ from gse.cli.options import (
     say,
     start_utc_option,
     station_option,
+    threads_option,
 )
 from gse.station.exclusions import Exclusion
 
@@ -76,6 +77,7 @@ _replayed = gathered(
 @live_options
 @clock_error_option
 @leave_out_option
+@threads_option
 @json_option
 @out_option
 @click.pass_context
@@ -91,6 +93,7 @@ def command(
     live: LiveOptions,
     clock_error_s: float | None,
     excluded: tuple[Exclusion, ...],
+    threads: int,
     as_json: bool,
     out: Path,
 ) -> None:
@@ -115,6 +118,7 @@ def command(
             station=change_to(station_path, identifier),
             make_listeners=listeners_of,
             tell=say,
+            threads=1 if step else threads,
         )
         live_outputs.enter_judging()
         folder = _new_folder(out, replay)

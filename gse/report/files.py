@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
+from drivers.whole_file import write_whole
 from gse.assessment.verdict import Assessment
 from gse.errors import UsageError
 from gse.report.fingerprint import report_sha256
@@ -38,18 +39,7 @@ def write_report(
     paths = {name: folder / name for name in texts}
     try:
         for name, path in paths.items():
-            _write(path, texts[name])
+            write_whole(path, texts[name])
     except OSError as error:
         raise UsageError(f"cannot write the report into {folder}: {error.strerror}; is the disk full?") from error
     return paths
-
-
-def _write(path: Path, parts: Iterable[str]) -> None:
-    unfinished = path.with_name(path.name + ".part")
-    try:
-        with unfinished.open("w", encoding="utf-8", newline="\n") as file:
-            file.writelines(parts)
-        unfinished.replace(path)
-    except OSError:
-        unfinished.unlink(missing_ok=True)
-        raise

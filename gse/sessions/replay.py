@@ -3,6 +3,7 @@
 import json
 from array import array
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -35,6 +36,8 @@ from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 
 FIRST_WITHIN_S = 1.0
+MOST_THREADS = 2
+"""A third would have nothing to do: identification is half of the work, and all else holds Python's lock."""
 StationText = tuple[Station, str]
 _NO_STATION = "the session has no station file, so the built-in station is used; give the right one with --station"
 
@@ -92,12 +95,13 @@ def replay_session(
     stop: Callable[[], bool] = lambda: False,
     each: Callable[[list[FrameResults]], None] = lambda results: None,
     tell: Callable[[str], None] = no_words,
+    threads: int = MOST_THREADS,
 ) -> Replay:
     """Replay a recording into a SessionData.
 
     The station file is that of the session, or the built-in one where there is none; ``station`` may change or replace
-    it. ``tell`` gets lines on what takes long, the first time on a computer. CaptureError where the file is missing or
-    foreign.
+    it. ``tell`` gets lines on what takes long, the first time on a computer. With two ``threads`` one identifies while
+    the other decodes and compares; the results are those of one. CaptureError where the file is missing or foreign.
     """
     if not path.exists():
         raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder) or a raw capture")
@@ -109,9 +113,11 @@ def replay_session(
             f"{path} is not a session; expected a session.mcap, or a raw serial capture with the UTC of its first "
             "panorama, for example --start-utc 2026-03-20T18:30:00Z"
         )
-    with SerialLink(options.url(path)) as link:
+    with SerialLink(options.url(path)) as link, ThreadPoolExecutor(1, "identify") as ahead:
         first = link.receive(FIRST_WITHIN_S)
         loop = _loop(path, recorded, options, station, first[0].utc_ns if first else None, tell)
+        if threads > 1 and options.speed == "max" and loop.setup.external is None:
+            loop.ahead = ahead
         loop.listeners = make_listeners(loop, None)
         session = loop.run(link, first, stop=stop, each=each)
     if recorded is not None:

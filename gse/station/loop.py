@@ -15,7 +15,8 @@ One turn of the loop (``take``) has three stages:
    session, which does, therefore give their events in the same order. STATUS and ATTITUDE messages are kept with the
    host time of their bytes and go no further.
 2. *Identify.* Identification depends on one panorama alone, so panoramas that follow each other are identified
-   together, as columns, at most MOST_AT_ONCE. The answers are those of one by one.
+   together, as columns, at most MOST_AT_ONCE. The answers are those of one by one. A replay may give this stage to
+   another thread (``ahead``), which works on what came while the loop concludes what came before, and receives more.
 3. *Conclude.* Answers are corrected, compared with sidereal truth and kept, as columns too; what this stage remembers,
    the non-stellar objects seen before, it meets in their order. Then the listeners see the results. Events between two
    panoramas come out between their results. While the mount is not fitted yet, stages 2 and 3 take one at a time.
@@ -42,9 +43,11 @@ link hands them to the recorder before the loop sees them.
 import math
 from array import array
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 from operator import itemgetter
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,6 +87,13 @@ MOST_STATUSES = 50_000
 """One a second for 14 h; those that follow are decoded and dropped."""
 MOST_AT_ONCE = 512
 """Panoramas that are processed before the first of them is shown, where so many wait."""
+
+
+class _Asked(NamedTuple):
+    """Panoramas that follow each other, and what identifies them or waits for the thread that does."""
+
+    panoramas: Panoramas
+    identified: Callable[[], Identified]
 
 
 class Listener(Protocol):
@@ -129,6 +139,8 @@ class StationLoop:
         self._given_orientation = given_orientation
         self.own_elapsed_us: array[float] = array("d")
         self._recorded = recorded
+        self.ahead: Executor | None = None
+        self._waiting: Sequence[_Asked | News] = ()
         self.listeners: Sequence[Listener] = ()
         self.most_at_once = MOST_AT_ONCE
         align_s = station.mount.align_s
@@ -214,6 +226,7 @@ class StationLoop:
     def finish(self) -> list[FrameResults]:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self.reception.receive(self.reception.stream.finish()))
+        results += self._identify(self.reception.receive([]))  # where panoramas are identified ahead, these wait
         if text := self._camera_watch.finish():
             utc_ns = int(self.session.frames.columns["utc_ns"][-1])
             self.on_event(LinkEvent(utc_ns, 0, StationKind.WRONG_CAMERA, text))
@@ -245,17 +258,42 @@ class StationLoop:
         self.session.clock.append(reading)
 
     def _identify(self, received: Received) -> list[FrameResults]:
-        """Process what came in its order, panoramas that follow each other at once."""
-        results: list[FrameResults] = []
+        """Conclude what came in its order; where panoramas are identified ahead, what came the time before."""
+        came = list(self._steps(received))
+        due, self._waiting = (came, ()) if self.ahead is None else (self._waiting, came)
+        return [results for step in due for results in self._conclude(step)]
+
+    def _steps(self, received: Received) -> Iterator["_Asked | News"]:
+        """Panoramas that follow each other, with what identifies them, and the news between them."""
         first = 0
-        for before, item in [(before, item) for before, item in received.news if self._has_place(item)]:
-            results += self._process(received.panoramas.part(first, before))
-            first = before
-            if isinstance(item, LinkEvent):
-                self.on_event(item)
-            elif isinstance(item, OwnAnswer):
-                results.append(self._conclude_own(item))
-        return [*results, *self._process(received.panoramas.part(first, len(received.panoramas)))]
+        for before, item in received.news:
+            if self._has_place(item):
+                yield from self._asked(received.panoramas.part(first, before))
+                yield item
+                first = before
+        yield from self._asked(received.panoramas.part(first, len(received.panoramas)))
+
+    def _asked(self, panoramas: Panoramas) -> Iterator["_Asked"]:
+        # One by one while the mount is not fitted: the next panorama may bring it.
+        most = self.most_at_once if self._first_seconds is None else 1
+        identify = self._frame_processor.identify
+        for begin in range(0, len(panoramas), most):
+            part = panoramas.part(begin, min(begin + most, len(panoramas)))
+            yield _Asked(part, self.ahead.submit(identify, part).result if self.ahead else partial(identify, part))
+
+    def _conclude(self, step: "_Asked | News") -> Iterator[FrameResults]:
+        """Compare panoramas with truth, store the results and pass them on; pass on an event."""
+        if isinstance(step, LinkEvent):
+            self.on_event(step)
+        elif isinstance(step, OwnAnswer):
+            yield self._conclude_own(step)
+        elif isinstance(step, _Asked):
+            self._prepare(int(step.panoramas.utc_ns[0]))
+            identified = step.identified()
+            elapsed_us = self._elapsed_us(step.panoramas, identified)
+            results = self._frame_processor.conclude(step.panoramas, identified, elapsed_us)
+            self._store(results)
+            yield results
 
     def _has_place(self, item: News) -> bool:
         """Whether an item has a place among the results: STATUS messages and answers to panoramas are only stored."""
@@ -268,22 +306,9 @@ class StationLoop:
 
     def observe(self, panorama: Panorama) -> FrameResult:
         """Process one panorama and store the result."""
-        (results,) = self._process(Panoramas.of([panorama]))
+        (asked,) = self._asked(Panoramas.of([panorama]))
+        (results,) = self._conclude(asked)
         return results[0]
-
-    def _process(self, panoramas: Panoramas) -> Iterator[FrameResults]:
-        """Identify panoramas, compare them with truth, store the results and pass them on."""
-        begin = 0
-        while begin < len(panoramas):
-            self._prepare(int(panoramas.utc_ns[begin]))
-            # One by one while the mount is not fitted: the next panorama may bring it.
-            end = begin + 1 if self._first_seconds is not None else min(begin + self.most_at_once, len(panoramas))
-            part = panoramas.part(begin, end)
-            identified = self._frame_processor.identify(part)
-            results = self._frame_processor.conclude(part, identified, self._elapsed_us(part, identified))
-            self._store(results)
-            yield results
-            begin = end
 
     def _prepare(self, utc_ns: int) -> None:
         """Find truth and mount for a panorama, where that is due."""

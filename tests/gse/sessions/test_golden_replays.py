@@ -10,7 +10,7 @@ import pytest
 
 from gse.cli import main
 from gse.sessions.golden import check, expected_path, recordings_in
-from gse.sessions.replay import ReplayOptions
+from gse.sessions.replay import ReplayOptions, replay_session
 
 GOLDEN = Path(__file__).parents[3] / "replays" / "golden"
 RECORDINGS = recordings_in(GOLDEN)
@@ -25,6 +25,13 @@ def test_a_golden_session_gives_its_report_exactly(recording: Path) -> None:
 def test_the_bad_cable_gives_the_same_report_in_pieces_of_13_bytes() -> None:
     outcome = check(GOLDEN / "faults.mcap", "faults", ReplayOptions(chunk_bytes=13))
     assert outcome.passed, outcome
+
+
+def test_one_thread_gives_the_results_and_events_of_two() -> None:
+    one, two = (replay_session(GOLDEN / "faults.mcap", threads=threads).session for threads in (1, 2))
+    assert one.frames.columns.tobytes() == two.frames.columns.tobytes()
+    assert one.frames.matches.tobytes() == two.frames.matches.tobytes()
+    assert one.events == two.events
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="the instructions that are switched off are x86-64's")
