@@ -44,7 +44,7 @@ class PortInfo:
 def ports_here() -> list[PortInfo]:
     """The serial ports that the system knows, sorted by device."""
     found = (
-        PortInfo(port.device, port.description or "", port.vid, port.pid, port.serial_number)
+        PortInfo(port.device, _described(port.description), port.vid, port.pid, port.serial_number)
         for port in list_ports.comports()
     )
     return sorted(found, key=lambda port: port.device)
@@ -214,8 +214,13 @@ def _busy(url: str, names: list[str]) -> str:
     return f"{url} is busy: held by {by}; close it and try again"
 
 
+def _described(text: str | None) -> str:
+    """pyserial says n/a where the system has no description."""
+    return "" if text in (None, "n/a") else str(text)
+
+
 def _known(ports: Iterable[PortInfo]) -> str:
-    text = ", ".join(f"{port.device} ({port.description})" for port in ports)
+    text = ", ".join(f"{port.device} ({port.description or 'no description'})" for port in ports)
     return f"ports here: {text}" if text else "there are no serial ports here: plug in the adapter"
 
 

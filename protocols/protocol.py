@@ -1,5 +1,6 @@
 """Compiled protocol, ready to decode and encode."""
 
+import difflib
 import reprlib
 from collections.abc import Sequence
 from importlib import resources
@@ -145,9 +146,10 @@ def load_protocol(name_or_path: str) -> Protocol:
         with path.open("rb") as file:
             text = file.read(MAX_TEXT + 1).decode("utf-8")
     except OSError as error:
+        near = difflib.get_close_matches(name_or_path, built_in_names(), n=1)
         raise DescriptionError(
             f"{name_or_path}: neither a built-in protocol ({', '.join(built_in_names())}) "
-            f"nor a description that can be read: {error.strerror}"
+            f"nor a description that can be read: {error.strerror}{f'; did you mean {near[0]}?' if near else ''}"
         ) from error
     except UnicodeDecodeError as error:
         raise DescriptionError(f"{name_or_path}: not a protocol description: it is not UTF-8 text") from error

@@ -78,6 +78,6 @@ def utc_option(name: str, text: str | None) -> int | None:
             raise ValueError
         instant = datetime.fromisoformat(text[:-1] + "+00:00").astimezone(UTC)
     except ValueError:
-        message = f"{name}={text} is no UTC instant: expected for example 2026-03-20T18:30:00Z"
+        message = f"{name}={text} is not a UTC instant: expected for example 2026-03-20T18:30:00Z"
         raise UrlError(message) from None
     return int(instant.replace(microsecond=0).timestamp()) * NS_PER_S + instant.microsecond * 1000

@@ -32,7 +32,7 @@ def _facts(port: PortInfo) -> dict[str, Any]:
 
 
 def _text(facts: dict[str, Any]) -> str:
-    parts = [facts["description"]]
+    parts = [facts["description"] or "no description"]
     if facts["vid"] is not None:
         parts.append(f"USB {facts['vid']:04x}:{facts['pid']:04x} serial number {facts['serial_number'] or 'none'}")
     parts.append(f"held by {', '.join(facts['holders'])}" if facts["holders"] else "free")

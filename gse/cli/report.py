@@ -1,7 +1,7 @@
 """``gse report``: the report of a session, or of several side by side."""
 
 import json
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from gse.cli.options import (
     change_to,
     clock_error_option,
     earth_orientation_option,
+    gathered,
     leave_out_option,
     start_utc_option,
     threads_option,
@@ -21,65 +22,108 @@ from gse.cli.options import (
 from gse.errors import UsageError
 from gse.sign_of_life import working
 from gse.station.exclusions import Exclusion
-from gse.station.session_data import SessionData
 from gse.truth.iers_tables import GivenTables
 
 if TYPE_CHECKING:
-    from gse.assessment.verdict import Assessment
     from gse.sessions.judged import Judged
-    from gse.sessions.replay import ReplayOptions
+
+
+@dataclass(frozen=True, slots=True)
+class _Judging:
+    """How a session is judged."""
+
+    station_path: Path | None
+    clock_error_s: float | None
+    given_orientation: GivenTables | None
+    excluded: tuple[Exclusion, ...]
+    start_utc: str | None
+    anew: bool
+    threads: int
+
+    def judged(self, path: Path, *, anew: bool = False) -> "Judged":
+        """A session as it is judged with these options; ``anew``: not from kept results."""
+        from gse.cli.progress import judged_with_progress
+        from gse.sessions.replay import ReplayOptions
+
+        found = judged_with_progress(
+            path,
+            options=ReplayOptions(given_orientation=self.given_orientation, start_utc=self.start_utc),
+            station=change_to(self.station_path),
+            anew=anew or self.anew,
+            threads=self.threads,
+        )
+        if self.clock_error_s is None and not self.excluded:
+            return found
+        return replace(found, assessment=judge_as_stated(found.session, self.clock_error_s, self.excluded))
+
+
+@dataclass(frozen=True, slots=True)
+class _Output:
+    """What is written and printed."""
+
+    out: Path | None
+    pdf: bool
+    screenshot: Path | None
+    verified: Path | None
+    as_json: bool
+
+    def check(self, sessions: int) -> None:
+        """UsageError where it cannot be made of so many sessions, or exists already."""
+        if sessions > 1 and (self.pdf or self.screenshot or self.verified):
+            raise UsageError("--pdf, --screenshot and --verify are for one session; give one FILE")
+        for wanted in (self.out, self.screenshot):
+            if wanted is not None and wanted.exists():
+                raise UsageError(f"{wanted} exists already; choose another name")
+
+
+_judging = gathered(
+    "judging",
+    _Judging,
+    click.option(
+        "--station",
+        "station_path",
+        type=click.Path(path_type=Path),
+        help="Station file instead of the session's own, e.g. where that names a catalogue file.",
+    ),
+    clock_error_option,
+    earth_orientation_option,
+    leave_out_option,
+    start_utc_option,
+    anew_option,
+    threads_option,
+)
+
+_output = gathered(
+    "output",
+    _Output,
+    click.option(
+        "--out",
+        type=click.Path(path_type=Path, file_okay=False),
+        help="New folder for the report; default: 'report' beside FILE, numbered where there is one.",
+    ),
+    click.option("--pdf", is_flag=True, help="Also print report.html to report.pdf, by Chromium or Chrome."),
+    click.option(
+        "--screenshot",
+        type=click.Path(path_type=Path, dir_okay=False),
+        help="Also save the top of the report as a picture, .png",
+    ),
+    click.option(
+        "--verify",
+        "verified",
+        type=click.Path(path_type=Path, dir_okay=False),
+        help="Write nothing: tell whether this report.html belongs to the session and was changed since; "
+        "exit code 0 or 1.",
+    ),
+    click.option("--json", "as_json", is_flag=True, help="The report as one JSON object on stdout."),
+)
 
 
 @click.command("report")
 @click.argument("paths", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "--station",
-    "station_path",
-    type=click.Path(path_type=Path),
-    help="Station file instead of the session's own, e.g. where that names a catalogue file.",
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="New folder for the report; default: 'report' beside FILE, numbered where there is one.",
-)
-@clock_error_option
-@earth_orientation_option
-@leave_out_option
-@start_utc_option
-@anew_option
-@threads_option
-@click.option("--pdf", is_flag=True, help="Also print report.html to report.pdf, by Chromium or Chrome.")
-@click.option(
-    "--screenshot",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Also save the top of the report as a picture, .png",
-)
-@click.option(
-    "--verify",
-    "verified",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Write nothing: tell whether this report.html belongs to the session and was changed since; exit code 0 or 1.",
-)
-@click.option("--json", "as_json", is_flag=True, help="The report as one JSON object on stdout.")
+@_judging
+@_output
 @click.pass_context
-def command(
-    ctx: click.Context,
-    *,
-    paths: tuple[Path, ...],
-    station_path: Path | None,
-    out: Path | None,
-    clock_error_s: float | None,
-    given_orientation: GivenTables | None,
-    excluded: tuple[Exclusion, ...],
-    start_utc: str | None,
-    anew: bool,
-    threads: int,
-    pdf: bool,
-    screenshot: Path | None,
-    verified: Path | None,
-    as_json: bool,
-) -> None:
+def command(ctx: click.Context, *, paths: tuple[Path, ...], judging: _Judging, output: _Output) -> None:
     """Write report.html, report.json, frames.csv, junit.xml and provenance.json of a session FILE.
 
     The same session gives the same report, byte for byte. Results that an earlier run kept beside FILE are used where
@@ -88,77 +132,51 @@ def command(
     Of several FILEs, of one sensor or of several: one page with their verdicts and table 4-1 of the LAPAN paper, a row
     for each (sessions.html, sessions.json); the exit code is that of the worst.
     """
-    from gse.cli.progress import judged_with_progress
-
-    judged_session = partial(
-        judged_with_progress,
-        options=_options(given_orientation, start_utc),
-        station=change_to(station_path),
-        anew=anew or verified is not None,
-        threads=threads,
-    )
+    output.check(len(paths))
     if len(paths) > 1:
-        if pdf or screenshot or verified:
-            raise UsageError("--pdf, --screenshot and --verify are for one session; give one FILE")
-        _check_free(out)
-        judged_all = [_as_stated(judged_session(path), clock_error_s, excluded) for path in paths]
-        ctx.exit(_report_several(paths, judged_all, out, as_json=as_json))
-    (path,) = paths
+        ctx.exit(_report_several(paths, judging, output))
+    if output.verified:
+        ctx.exit(_verify(paths[0], judging, output.verified))
+    ctx.exit(_report_one(paths[0], judging, output))
+
+
+def _report_one(path: Path, judging: _Judging, output: _Output) -> int:
+    """Write and show the report of a session; the exit code."""
     from gse.report.printing import find_browser, print_to_pdf, save_picture
-    from gse.report.verification import read_page
 
-    for wanted in (out, screenshot):
-        _check_free(wanted)
-    page = read_page(verified) if verified else None
-    browser = find_browser() if pdf or screenshot else None
+    browser = find_browser() if output.pdf or output.screenshot else None
     _say_if_running(path)
-    judged = judged_session(path)
-    session, assessment = _as_stated(judged, clock_error_s, excluded)
-    if page is not None:
-        ctx.exit(_verify(page, session, assessment))
-    folder = _new_folder(out, path)
+    judged = judging.judged(path)
+    folder = _new_folder(output.out, path)
     with working("drawing the report"):
-        report = conclude(session, assessment, folder, judged.own_elapsed_us)
-    if browser and pdf:
+        report = conclude(judged.session, judged.assessment, folder, judged.own_elapsed_us)
+    if browser and output.pdf:
         click.echo(f"PDF: {print_to_pdf(browser, folder / 'report.html')}", err=True)
-    if browser and screenshot:
-        save_picture(browser, folder / "report.html", screenshot)
-        click.echo(f"picture: {screenshot}", err=True)
-    show_report(report, as_json=as_json, json_frames=False)
+    if browser and output.screenshot:
+        save_picture(browser, folder / "report.html", output.screenshot)
+        click.echo(f"picture: {output.screenshot}", err=True)
+    show_report(report, as_json=output.as_json, json_frames=False)
     show_paths(folder)
-    data_lost = TRUNCATED if session.truncated else ""
-    ctx.exit(say_exit_code(applied(report, folder, data_lost=data_lost)))
+    return say_exit_code(applied(report, folder, data_lost=TRUNCATED if judged.session.truncated else ""))
 
 
-def _options(given_orientation: GivenTables | None, start_utc: str | None) -> "ReplayOptions":
-    from gse.sessions.replay import ReplayOptions
-
-    return ReplayOptions(given_orientation=given_orientation, start_utc=start_utc)
-
-
-def _as_stated(
-    judged: "Judged", clock_error_s: float | None, excluded: tuple[Exclusion, ...]
-) -> "tuple[SessionData, Assessment]":
-    if clock_error_s is None and not excluded:
-        return judged.session, judged.assessment
-    return judged.session, judge_as_stated(judged.session, clock_error_s, excluded)
-
-
-def _report_several(
-    paths: tuple[Path, ...], judged: "list[tuple[SessionData, Assessment]]", out: Path | None, *, as_json: bool
-) -> int:
+def _report_several(paths: tuple[Path, ...], judging: _Judging, output: _Output) -> int:
     """Write and show the report of several sessions; the exit code of the worst."""
+    from drivers.whole_file import write_whole
     from gse.report.several import sessions_html, sessions_report
     from gse.report.terminal import TABLE_4_1_HEAD, aligned, table_4_1_rows
 
-    report = sessions_report([(_name_of(path), *one) for path, one in zip(paths, judged, strict=True)])
-    folder = _new_folder(out, paths[0].parent)
-    (folder / "sessions.html").write_text(sessions_html(report), encoding="utf-8")
-    (folder / "sessions.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    judged = [judging.judged(path) for path in paths]
+    report = sessions_report(
+        [(_name_of(path), one.session, one.assessment) for path, one in zip(paths, judged, strict=True)]
+    )
+    folder = _new_folder(output.out, paths[0].parent)
+    write_whole(folder / "sessions.html", [sessions_html(report)])
+    write_whole(folder / "sessions.json", [json.dumps(report, indent=2) + "\n"])
     verdicts = [(one["verdict"], one["name"]) for one in report["sessions"]]
     lines = [*(f"{verdict:14}{name}" for verdict, name in verdicts), ""]
     lines += aligned(TABLE_4_1_HEAD, table_4_1_rows(report))
-    click.echo(json.dumps(report) if as_json else "\n".join(lines))
+    click.echo(json.dumps(report) if output.as_json else "\n".join(lines))
     click.echo(f"report: {folder / 'sessions.html'}", err=True)
     codes = {"FAIL": EXIT_FAIL, "INCONCLUSIVE": EXIT_INCONCLUSIVE}
     return next((code for verdict, code in codes.items() if verdict in dict(verdicts)), 0)
@@ -169,11 +187,14 @@ def _name_of(path: Path) -> str:
     return path.resolve().parent.name if path.name == "session.mcap" else path.name
 
 
-def _verify(page: str, session: SessionData, assessment: "Assessment") -> int:
+def _verify(path: Path, judging: _Judging, page: Path) -> int:
     """Say what a report is to a session; the exit code."""
-    from gse.report.verification import Answer, verify
+    from gse.report.verification import Answer, read_page, verify
 
-    found = verify(page, session, assessment)
+    written = read_page(page)
+    _say_if_running(path)
+    judged = judging.judged(path, anew=True)
+    found = verify(written, judged.session, judged.assessment)
     click.echo(f"the report {found.answer.value}\n  {found.detail}")
     return 0 if found.answer is Answer.UNCHANGED else 1
 
@@ -185,11 +206,6 @@ def _say_if_running(path: Path) -> None:
     status = read_status(path if path.is_dir() else path.parent)
     if status is not None and is_running(status):
         click.echo(f"the session still runs: this report covers the data recorded so far in {path}", err=True)
-
-
-def _check_free(wanted: Path | None) -> None:
-    if wanted is not None and wanted.exists():
-        raise UsageError(f"{wanted} exists already; choose another name")
 
 
 def _new_folder(out: Path | None, session: Path) -> Path:

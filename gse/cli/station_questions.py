@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import click
@@ -10,6 +11,22 @@ from drivers.ports import ports_here
 from gse.config.draft import Draft
 
 _BUILT_IN = Draft()
+
+
+class _ProtocolName(click.types.StringParamType):
+    """The name of a built-in protocol, or a path, which is relative to the station file."""
+
+    name = "protocol"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from protocols import built_in_names
+
+        text = str(value)
+        if Path(text).suffix not in (".yaml", ".yml") and text not in built_in_names():
+            self.fail(f"{text!r:.60} is none of {', '.join(built_in_names())}, and no .yaml file", param, ctx)
+        return text
+
+
 _LATITUDE, _LONGITUDE = click.FloatRange(-90, 90), click.FloatRange(-180, 360)
 _OPTIONS: tuple[tuple[str, "click.ParamType[Any]", str], ...] = (
     ("name", click.STRING, "Name of the sensor."),
@@ -25,7 +42,7 @@ _OPTIONS: tuple[tuple[str, "click.ParamType[Any]", str], ...] = (
     ("roll_deg", click.FloatRange(-360, 360), "Roll: image up from the direction of the zenith."),
     ("port", click.STRING, "Serial port or pyserial URL."),
     ("baudrate", click.IntRange(50, 8_000_000), "Baud rate."),
-    ("protocol", click.STRING, "Name of a built-in protocol, or the path of a YAML description."),
+    ("protocol", _ProtocolName(), "Name of a built-in protocol, or the path of a YAML description."),
 )
 
 

@@ -176,7 +176,7 @@ def read_station(path: Path) -> tuple[Station, str]:
 def parse_station(text: str, source: str = "built-in station") -> Station:
     """The station of a YAML text; ConfigError names source, line and key."""
     if len(text) > MAX_FILE_BYTES:
-        raise ConfigError(f"{source} is larger than {MAX_FILE_BYTES} characters: this is no station file")
+        raise ConfigError(f"{source} is larger than {MAX_FILE_BYTES} characters: this is not a station file")
     try:
         node, document = load_document(text)
     except yaml.YAMLError as error:
@@ -210,6 +210,8 @@ def _explain(item: Any, node: yaml.Node | None, source: str) -> str:
         return f"{where}{key} is missing"
     if item["type"] == "value_error":
         return f"{where}{key}: {item['ctx']['error']}"
+    if key == "version":
+        return f"{where}version is {item['input']!r:.60}; this gse reads version 1: install a newer gse"
     return f"{where}{key} is {item['input']!r:.60}: {item['msg'].lower()}"
 
 

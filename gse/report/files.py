@@ -1,11 +1,12 @@
 """The files of a report, written into the folder of a session."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from drivers.whole_file import write_whole
 from gse.assessment.verdict import Assessment
 from gse.errors import UsageError
 from gse.report.fingerprint import report_sha256
@@ -36,12 +37,12 @@ def write_report(
     paths = {name: folder / name for name in _FILES}
     try:
         with ThreadPoolExecutor(1) as beside:  # most of frames.csv is Arrow's work, which lets the figures be drawn
-            csv = beside.submit(_write, paths["frames.csv"], rows)
-            _write(paths["report.html"], [report_html(session, assessment, report, made_by)])
+            csv = beside.submit(write_whole, paths["frames.csv"], rows)
+            write_whole(paths["report.html"], [report_html(session, assessment, report, made_by)])
         csv.result()
-        _write(paths["junit.xml"], [junit_xml(report)])
-        _write(paths["provenance.json"], [_json(made_by | {"report_sha256": report_sha256(report)})])
-        _write(paths["report.json"], [_json(report)])
+        write_whole(paths["junit.xml"], [junit_xml(report)])
+        write_whole(paths["provenance.json"], [_json(made_by | {"report_sha256": report_sha256(report)})])
+        write_whole(paths["report.json"], [_json(report)])
     except OSError as error:
         raise UsageError(f"cannot write the report into {folder}: {error.strerror}; is the disk full?") from error
     return paths
@@ -49,14 +50,3 @@ def write_report(
 
 def _json(document: Mapping[str, Any]) -> str:
     return json.dumps(document, indent=2, allow_nan=False) + "\n"
-
-
-def _write(path: Path, parts: Iterable[str]) -> None:
-    unfinished = path.with_name(path.name + ".part")
-    try:
-        with unfinished.open("w", encoding="utf-8", newline="\n") as file:
-            file.writelines(parts)
-        unfinished.replace(path)
-    except OSError:
-        unfinished.unlink(missing_ok=True)
-        raise

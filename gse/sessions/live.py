@@ -96,7 +96,9 @@ def new_session_folder(out: Path, name: str, utc_ns: int) -> Path:
                 raise UsageError(f"--out {out} is a file; expected a folder for the sessions") from None
             continue
         except OSError as error:
-            raise UsageError(f"cannot make the session folder {folder}: {error.strerror}") from error
+            raise UsageError(
+                f"cannot make the session folder {folder}: {error.strerror}; choose another --out"
+            ) from error
         return folder
     raise UsageError(f"{out} is full of sessions called {stem}; choose another --out")
 
@@ -121,7 +123,11 @@ def run_live(
     protocol = load_protocol(station.protocol)
     check_external(station, protocol)
     folder = new_session_folder(out, station.sensor.name, read_clock().utc_ns)
-    recorder = Recorder(folder / "session.mcap", live=not station.port.url.startswith(MOCK_PORTS))
+    try:
+        recorder = Recorder(folder / "session.mcap", live=not station.port.url.startswith(MOCK_PORTS))
+    except (DriverError, OSError):
+        folder.rmdir()
+        raise
     try:
         link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder, wait_port=wait_port)
     except DriverError:

@@ -115,7 +115,7 @@ def _of_errors(facts: Facts) -> Word:
         return Word("ACQUIRING", Level.IDLE, f"the mount is fitted, {facts.aligning_s:.0f} s left")
     if facts.outside:
         cause = f"; {facts.cause}" if facts.cause else ""
-        return Word("OUTSIDE", Level.BAD, f"outside its limit: {', '.join(facts.outside)}{cause}")
+        return Word("OUTSIDE", Level.BAD, f"{', '.join(facts.outside)}{cause}")
     return Word("OK", Level.GOOD, "inside the limits so far")
 
 

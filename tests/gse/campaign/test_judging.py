@@ -144,7 +144,7 @@ def test_sources_are_folders_globs_and_files_each_session_once(made, tmp_path):
 
 @pytest.mark.parametrize("url", ["http://127.0.0.1/a", "simplecache::s3://a/b", "github://a:b@/c"])
 def test_other_storage_than_that_of_campaigns_is_refused(url):
-    with pytest.raises(UsageError, match=r"is no storage of campaigns|expected a path"):
+    with pytest.raises(UsageError, match=r"is not a storage of campaigns|expected a path"):
         find_sources([url])
 
 

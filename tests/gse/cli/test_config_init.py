@@ -48,9 +48,10 @@ def test_the_answers_typed_at_a_terminal_are_in_the_file(tmp_path):
 
 
 def test_a_value_that_cannot_be_is_asked_again(tmp_path):
-    answers = ["", "", "", "", "", "95", "south", "-33.9", "", "", "", "", "", "y", "180", "45", "0"]
+    answers = ["", "", "", "", "", "95", "south", "-33.9", "", "", "", "", "n", "panorama-slip", "y", "180", "45", "0"]
     assert typed(tmp_path, answers) == 0
     station, _ = read_station(tmp_path / "station.yaml")
+    assert station.protocol == "panorama-slip"
     assert station.site.latitude_deg == -33.9
     assert (station.mount.azimuth_deg, station.mount.altitude_deg, station.mount.align) == (180, 45, None)
 

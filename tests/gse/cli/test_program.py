@@ -105,3 +105,23 @@ def test_bash_is_given_the_commands_that_fit() -> None:
     asked = {**os.environ, "_GSE_COMPLETE": "bash_complete", "COMP_WORDS": "gse rep", "COMP_CWORD": "1"}
     done = subprocess.run([GSE], capture_output=True, text=True, env=asked)
     assert [line.partition(",")[2] for line in done.stdout.splitlines()] == ["replay", "report"]
+
+
+@pytest.mark.parametrize(("redirected", "code"), [("2>/dev/full", 2), ("2>&-", 2), (">/dev/full 2>&1", 2)])
+def test_messages_that_nobody_takes_leave_the_exit_code(redirected: str, code: int) -> None:
+    done = subprocess.run(f'"{sys.executable}" -m gse xyzzy {redirected}', shell=True, capture_output=True)
+    assert (done.returncode, done.stdout) == (code, b"")
+
+
+def test_streams_that_are_closed_from_the_start_are_no_error(tmp_path: Path) -> None:
+    command = f'"{sys.executable}" -m gse config init "{tmp_path / "new.yaml"}" <&- >&- 2>&-'
+    assert subprocess.run(command, shell=True).returncode == 0
+    assert (tmp_path / "new.yaml").is_file()
+
+
+def test_a_terminal_that_is_gone_makes_a_result_incomplete() -> None:
+    master, terminal = os.openpty()
+    os.close(master)
+    done = subprocess.run([sys.executable, "-m", "gse", "--version"], stdout=terminal, stderr=terminal)
+    os.close(terminal)
+    assert done.returncode == 3

@@ -83,3 +83,8 @@ def test_align_gives_its_seconds() -> None:
     station = parse_station(SMALLEST + "mount: {align: first 60 s}\n")
     assert station.mount.align_s == 60
     assert isinstance(station, Station)
+
+
+def test_a_station_file_of_a_newer_version_asks_for_a_newer_gse() -> None:
+    told = refusal(SMALLEST.replace("version: 1", "version: 2"))
+    assert told == "roof.yaml, line 1: version is 2; this gse reads version 1: install a newer gse"

@@ -1,0 +1,130 @@
+"""Every command that the help texts, README and docs show, run in a folder of its own: its exit code, and how long.
+
+    python benchmarks/examples.py [--only plan]
+
+Files that the commands name are made first; a simulated sensor stands behind `/dev/ttyUSB0` and `roof.yaml`. Long ones
+are made short, ones that need a cluster or another program are left out. The exit code is 1 where a command ends with
+one that says that it was used wrongly (2), that it has no device (4), or that it broke (70).
+"""
+
+import argparse
+import contextlib
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from astropy.io import fits
+from PIL import Image
+
+from gse.cli.examples import EXAMPLES
+
+ROOT = Path(__file__).resolve().parents[1]
+GSE = str(Path(sys.executable).with_name("gse"))
+SESSION = "sessions/20260320T183000Z-ST-1"
+NIGHT = ROOT / "replays" / "night-sky"
+TEXTS = (
+    "README.md",
+    "docs/benchmark.md",
+    "docs/campaigns.md",
+    "docs/operations.md",
+    "docs/simulator.md",
+    "docs/conventions.md",
+)
+_SHOWN = re.compile(r"^    (?:\$ )?(gse [^#\n]*)", re.MULTILINE)
+_ELSEWHERE = re.compile(r"s3://|tcp://|\\$|tetra3rs|capture\.bin --protocol|--standby|^gse session export --format")
+_GOES_ON = re.compile(r"^gse (emulate|view \S+ --web)|--detach|^gse (status|note)")
+_WRONG = (2, 4, 70)
+SHORTER = (
+    ("frames=36000", "frames=300"),
+    ("30m", "2s"),
+    ("--seconds 600", "--seconds 30"),
+    ("--frames 1000", "--frames 100"),
+    ("gse ci replays", "gse ci replays/golden"),
+    ("config init roof.yaml", "config init another.yaml"),
+    ("--out panorama.csv", "--out extracted.csv"),
+)
+"""What makes an example long, and its stand-in."""
+
+
+def commands() -> list[str]:
+    """All that are shown, each once."""
+    helped = [example for pair in EXAMPLES.values() for example in pair]
+    read = [line.strip() for name in TEXTS for line in _SHOWN.findall((ROOT / name).read_text(encoding="utf-8"))]
+    return [line for line in dict.fromkeys([*helped, *read]) if not _ELSEWHERE.search(line)]
+
+
+def shell(text: str, folder: Path, **options: object) -> "subprocess.CompletedProcess[str]":
+    """Run a command line in the folder."""
+    text = re.sub(r"(^|[|;&] )gse ", rf"\1{shlex.quote(GSE)} ", text)
+    cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    home = os.environ | {"HOME": str(folder), "XDG_CACHE_HOME": cache}
+    command = ["bash", "-c", text]
+    return subprocess.run(command, cwd=folder, env=home, text=True, capture_output=True, timeout=600, **options)
+
+
+@contextlib.contextmanager
+def prepared(folder: Path) -> Iterator[None]:
+    """The files that the examples name, and a sensor."""
+    with subprocess.Popen([GSE, "emulate", "--pty", "--dark"], stdout=subprocess.PIPE, text=True) as sensor:
+        try:
+            assert sensor.stdout is not None
+            port = sensor.stdout.readline().strip()
+            for line in (
+                f"gse config init roof.yaml --yes --port {port}",
+                "cp roof.yaml station.yaml; mkdir -p .config/fish/completions",
+                f"mkdir -p nights sessions {SESSION}",
+                "gse simulate --seconds 120 --start 2026-03-20T18:00:00Z --file nights/one.mcap",
+                f"cp nights/one.mcap {SESSION}/session.mcap",
+                "cp nights/one.mcap session.mcap; cp nights/one.mcap before.mcap; cp nights/one.mcap after.mcap",
+                "gse session export session.mcap --format raw --out capture.bin",
+                f"cp {NIGHT}/tables/rooftop-alt60-azi45.csv panorama.csv",
+                f"ln -s {ROOT}/protocols .; mkdir -p replays/golden; cp -r {NIGHT} replays",
+                f"cp $(ls -S {ROOT}/replays/golden/*.mcap | tail -1) replays/golden; gse ci replays/golden --update",
+            ):
+                shell(line, folder)
+            stars = np.random.default_rng(1).integers(20, 1000, (40, 2))
+            image = np.zeros((1024, 1024), np.uint8)
+            for y, x in stars:
+                image[y - 1 : y + 2, x - 1 : x + 2] = 200
+            Image.fromarray(image).save(folder / "image.png")
+            fits.PrimaryHDU(image).writeto(folder / "image.fits")
+            yield
+        finally:
+            sensor.terminate()
+
+
+def main() -> int:
+    """Run them; 1 where one fails."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--only", default="")
+    asked = options.parse_args()
+    failed = 0
+    with tempfile.TemporaryDirectory() as name, prepared(folder := Path(name)):
+        port = re.search(r'url: "(.*)"', (folder / "roof.yaml").read_text(encoding="utf-8"))
+        assert port is not None
+        for line in commands():
+            if not re.search(asked.only, line):
+                continue
+            text = line.replace("/dev/ttyUSB0", port[1])
+            for long, short in SHORTER:
+                text = text.replace(long, short)
+            if _GOES_ON.search(text):
+                continue
+            began_s = time.monotonic()
+            done = shell(text, folder, stdin=subprocess.DEVNULL)
+            is_wrong = done.returncode in _WRONG or "Traceback" in done.stderr
+            failed += is_wrong
+            last = done.stderr.strip().splitlines()[-1:] if is_wrong else []
+            print(f"{done.returncode:3} {time.monotonic() - began_s:6.1f} s  {line}", *last, sep="\n     ", flush=True)
+    return min(failed, 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
