@@ -34,7 +34,10 @@ def main() -> None:
     from gse.cli import main as command_line
 
     signal.signal(signal.SIGINT, before)
-    command_line()
+    try:
+        command_line()
+    finally:
+        sign_of_life.stop()
 
 
 def _leave_garbage() -> None:

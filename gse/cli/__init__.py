@@ -59,7 +59,7 @@ _COMMANDS = {
     "sensor": "send a command to the sensor",
     "plan": "show how long a session must be for a verdict",
     "selfcheck": "check the installation with sessions of known errors",
-    "campaign": "judge many sessions on a cluster; report on them, ask them questions",
+    "campaign": "judge many sessions on a cluster, report on them, query them",
     "ci": "replay a folder of sessions and compare their reports",
     "completion": "print the script that completes commands in a shell",
 }

@@ -32,7 +32,7 @@ from gse.sessions.own_seal import is_sealed, seal
 from gse.station.attitude_table import OWN_ANSWER, AttitudeTable
 from gse.station.session_data import SessionData
 from gse.tables import ResultKey, frames_parts, frames_schema, sessions_table, stars_schema, stars_table
-from gse.tables.parquet import read_parquet, write_parquet
+from gse.tables.parquet import ParquetColumns, read_parquet, write_parquet
 from gse.tables.restored import restored_frames, restored_stars
 
 CONTEXT = "context.json"
@@ -111,14 +111,16 @@ def _read(key: ResultKey, whole: Path, station: Station, station_text: str) -> S
     manifest = _manifest(whole)
     if manifest.key != key.text:
         raise ValueError(f"its key is {manifest.key[:64]}")
-    context, schemas = manifest.context, _schemas()
-    tables = {name: _table(whole / name, manifest.files, schema) for name, schema in schemas.items()}
-    frames, stars = tables["frames.parquet"], tables["stars.parquet"]
+    context = manifest.context
     session = SessionData(station, station_text, context.protocol_name)
     context.give_to(session)
-    session.frames = restored_frames(frames, stars, context.subject)
-    session.stars = restored_stars(stars, context.designation)
-    session.sensor_attitudes = _attitudes(tables["answers.parquet"])
+    with contextlib.ExitStack() as files:
+        frames, stars, answers = (
+            files.enter_context(_columns(whole / name, manifest.files, schema)) for name, schema in _schemas().items()
+        )
+        session.frames = restored_frames(frames, stars, context.subject)
+        session.stars = restored_stars(stars, context.designation)
+        session.sensor_attitudes = _attitudes(answers)
     return session
 
 
@@ -138,7 +140,9 @@ def _manifest(whole: Path) -> _Manifest:
     return _Manifest.model_validate_json(text)
 
 
-def _table(path: Path, hashes: Mapping[str, str], schema: pa.Schema) -> pa.Table:
+def _columns(
+    path: Path, hashes: Mapping[str, str], schema: pa.Schema
+) -> contextlib.AbstractContextManager[ParquetColumns]:
     if _sha256(path) != hashes[path.name]:
         raise ValueError(f"{path.name} does not have its SHA-256")
     return read_parquet(path, schema)
@@ -161,7 +165,7 @@ def _answers(table: AttitudeTable) -> pa.Table:
     return pa.table({name: pa.array(np.ascontiguousarray(rows[name])) for name in OWN_ANSWER.names or ()})
 
 
-def _attitudes(answers: pa.Table) -> AttitudeTable:
+def _attitudes(answers: ParquetColumns) -> AttitudeTable:
     rows = np.zeros(answers.num_rows, dtype=OWN_ANSWER)
     for name in OWN_ANSWER.names or ():
         rows[name] = answers[name].to_numpy()
