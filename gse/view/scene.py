@@ -131,7 +131,16 @@ class Scene:
         send_own_answers(self._stream, errors)
 
     def send_again(self) -> None:
-        """Send the last ten minutes once more, each series in one piece: for a viewer that has just come."""
+        """Send the last ten minutes once more, each series in one piece: for a viewer that has just come.
+
+        What is read comes first, since a viewer without a graphics card takes its time for the rest.
+        """
+        if self._words is not None:
+            self.words(*self._words)
+        self._log_is_shown = not self._logged
+        self.show_log()
+        for path, utc_ns, word in self._states:
+            self._stream.send_columns(path, [times([utc_ns])], rr.StateChange.columns(state=[word]))
         if self._recent:
             columns = np.concatenate(self._recent)
             send_series(self._stream, columns, self._station.limits)
@@ -139,12 +148,6 @@ class Scene:
             send_scatter(self._stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
         if self._own_recent:
             send_own_answers(self._stream, np.concatenate(self._own_recent))
-        for path, utc_ns, word in self._states:
-            self._stream.send_columns(path, [times([utc_ns])], rr.StateChange.columns(state=[word]))
-        self._log_is_shown = not self._logged
-        self.show_log()
-        if self._words is not None:
-            self.words(*self._words)
 
     @staticmethod
     def _remember_in(recent: deque[NDArray[np.void]], columns: NDArray[np.void]) -> None:
