@@ -60,6 +60,8 @@ def causes():
         for node in ast.walk(tree):
             if isinstance(node, ast.Call) and ast.unparse(node.func) in ("Finding", "Hypothesis", "_Hypothesis", "of"):
                 yield from (arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant) and arg.value)
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "CLOCK_SCALES":
+                yield from ast.literal_eval(node.value)
             if isinstance(node, ast.FunctionDef) and node.name in ("_of_mount", "_clock_words", "_events"):
                 place = 1 if node.name == "_events" else 0
                 yield from (

@@ -8,12 +8,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import CountedFrames, counted_frames
 from gse.assessment.error_series import ErrorSeries, error_series, with_left_out
 from gse.assessment.field_patterns import field_of_errors
 from gse.assessment.fine_findings import Setting, fine_findings
-from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause
+from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause, left_with_clock
 from gse.assessment.session_model import SessionModel
 from gse.assessment.statistics import Statistics
 from gse.assessment.time_tags import time_tag_faults
@@ -57,6 +58,7 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
     """What events, time tags and counts say by themselves; nothing that a named cause says already."""
     yield from _events(session, named)
     yield from _nothing_identified(session)
+    yield from _faulty(session)
     for line in time_tag_faults(session.frames.columns, session.events):
         yield Finding("sensor time tag", line.split(": ", 1)[1], (), "ask the maker; gse decode SESSION --explain")
     if "clock drift" not in named:
@@ -126,14 +128,30 @@ def gross_finding(session: SessionData, counted: CountedFrames) -> Finding | Non
 def gross_cause_of(session: SessionData, counted: CountedFrames) -> GrossCause | None:
     """The same with the errors that it leaves."""
     mount, orientation = session.station.mount, session.earth_orientation
+    raw = _raw_attitudes(session, counted)
+    if raw is None or orientation is None:
+        return None
+    return gross_cause(raw, session.station.site, mount, orientation)
+
+
+def left_with_clock_of(session: SessionData, counted: CountedFrames, fast_s: float) -> NDArray[np.float64]:
+    """The errors (M, 3) that a session shows when its host's clock is so fast, in arcsec; none of no answers."""
+    raw, orientation = _raw_attitudes(session, counted), session.earth_orientation
+    if raw is None or orientation is None:
+        return np.zeros((0, 3))
+    return left_with_clock(raw, session.station.site, session.station.mount, orientation, fast_s)
+
+
+def _raw_attitudes(session: SessionData, counted: CountedFrames) -> RawAttitudes | None:
+    """Of some answers on a stated mount that is fixed to the ground."""
+    mount = session.station.mount
     frames = session.frames.columns
     checked_false = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
     has_roll = np.isfinite(frames["roll_deg"])  # an external identifier may answer RA and DE alone
     rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded & has_roll)
-    if orientation is None or not mount.stated or mount.inertial is not None or not len(rows):
+    if not mount.stated or mount.inertial is not None or not len(rows):
         return None
-    raw = RawAttitudes.of(frames[rows], session.station.sensor.camera())
-    return gross_cause(raw, session.station.site, mount, orientation)
+    return RawAttitudes.of(frames[rows], session.station.sensor.camera())
 
 
 def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
@@ -162,21 +180,37 @@ def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
     )
     for kind, cause, following in known:
         if kind in kinds and cause not in named:
-            yield Finding(cause, kinds[kind].text, (), following)
+            equals = ("distortion of the lens",) if kind == StationKind.WRONG_CAMERA else ()
+            yield Finding(cause, kinds[kind].text, equals, following)
 
 
 def _nothing_identified(session: SessionData) -> Iterator[Finding]:
     status = session.frames.columns["status"]
     no_match = int((status == STATUSES.index(Status.NO_MATCH)).sum())
-    if any(event.kind == StationKind.WRONG_CAMERA for event in session.events):
+    kinds = {event.kind for event in session.events}
+    is_day = StationKind.DAYLIGHT in kinds and StationKind.DARK_NIGHT not in kinds
+    if is_day or StationKind.WRONG_CAMERA in kinds:
         return
     if no_match and not (status == STATUSES.index(Status.IDENTIFIED)).any():
         yield Finding(
             "nothing identified",
             f"not one of {no_match} panoramas with enough objects was identified, with no focal length within 25 % of "
             "the stated one, nor mirrored: most objects are no stars, or sensor.rows, columns or the optics are others",
-            (),
+            ("an overcast sky with lamps or the Moon behind it",),
             "look at the panoramas: gse view SESSION; check the sensor section of the station file",
+        )
+
+
+def _faulty(session: SessionData) -> Iterator[Finding]:
+    status = session.frames.columns["status"]
+    faulty = int((status == STATUSES.index(Status.SENSOR_FAULT)).sum())
+    if 2 * faulty > len(status):
+        yield Finding(
+            "faulty panoramas",
+            f"{faulty} of {len(status)} panoramas cannot be: the sensor reports a fault, or an index value is too "
+            "great, negative, no number, or the same for all objects, so that no object is the brightest",
+            ("a protocol description that reads index or x and y from the wrong bytes",),
+            "read what was sent: gse decode SESSION --explain",
         )
 
 

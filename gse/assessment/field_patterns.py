@@ -21,7 +21,7 @@ from gse.truth import Refraction, time_blocks
 PARAMETERS = ("focal length", "k1", "k2", "principal point x", "principal point y", "pressure")
 """Of the truth, less what is stated: the first as a share, the points in px, the pressure in hPa."""
 
-_STEPS = (1e-5, 1e-4, 1e-4, 0.1, 0.1, 10.0)
+_STEPS = (1e-5, 1e-4, 1e-4, 0.1, 0.1, 300.0)
 _MOST_ROWS = 40_000
 _FEWEST_ROWS = 100
 _SHOWN_ROWS = 1000
