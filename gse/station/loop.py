@@ -43,11 +43,10 @@ link hands them to the recorder before the loop sees them.
 import math
 from array import array
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from operator import itemgetter
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +80,9 @@ from gse.station.sky_watch import SkyWatch
 from gse.station.unreadable_bytes import what_fits
 from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 RECEIVE_TIMEOUT_S = 0.2
 MOST_STATUSES = 50_000
