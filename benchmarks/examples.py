@@ -47,7 +47,7 @@ SHORTER = (
     ("--seconds 600", "--seconds 30"),
     ("--frames 1000", "--frames 100"),
     ("gse ci replays", "gse ci replays/golden"),
-    ("config init roof.yaml", "config init another.yaml"),
+    ("gse config init roof.yaml", "rm -f another.yaml; gse config init another.yaml"),
     ("--out panorama.csv", "--out extracted.csv"),
 )
 """What makes an example long, and its stand-in."""
@@ -79,9 +79,10 @@ def prepared(folder: Path) -> Iterator[None]:
             for line in (
                 f"gse config init roof.yaml --yes --port {port}",
                 "cp roof.yaml station.yaml; mkdir -p .config/fish/completions",
-                f"mkdir -p nights sessions {SESSION}",
-                "gse simulate --seconds 120 --start 2026-03-20T18:00:00Z --file nights/one.mcap",
+                f"mkdir -p nights {SESSION} sessions/20260320T183000Z-sensor",
+                "gse simulate --seconds 120 --start 2026-03-20T18:29:00Z --file nights/one.mcap",
                 f"cp nights/one.mcap {SESSION}/session.mcap",
+                f"cp {ROOT}/replays/golden/own-answers.mcap sessions/20260320T183000Z-sensor/session.mcap",
                 "cp nights/one.mcap session.mcap; cp nights/one.mcap before.mcap; cp nights/one.mcap after.mcap",
                 "gse session export session.mcap --format raw --out capture.bin",
                 f"cp {NIGHT}/tables/rooftop-alt60-azi45.csv panorama.csv",

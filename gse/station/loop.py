@@ -236,6 +236,7 @@ class StationLoop:
             self._log_all(self.sky.finish(self.session.frames.columns))
         fill_housekeeping(self.session.frames.columns, self.session.statuses)
         self.session.raw_sha256 = self.reception.stream.raw_sha256
+        self.session.others_lost = self.reception.others_lost
         return results
 
     def on_event(self, event: LinkEvent) -> None:

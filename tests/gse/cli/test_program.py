@@ -60,9 +60,10 @@ def every_command() -> Iterator[tuple[str, click.Command]]:
             yield from ((f"{name} {below}", of) for below, of in command.commands.items())
 
 
-def test_the_help_of_each_command_ends_with_two_examples_that_it_takes() -> None:
+def test_the_help_of_each_command_fits_80_columns_and_ends_with_two_examples_that_it_takes() -> None:
     for name, command in every_command():
-        help_text = command.get_help(click.Context(command, info_name=f"gse {name}"))
+        help_text = command.get_help(click.Context(command, info_name=f"gse {name}", terminal_width=80))
+        assert max(map(len, help_text.splitlines())) <= 80, name
         examples = [shlex.split(line) for line in help_text.partition("Examples:\n")[2].splitlines()]
         assert len(examples) == 2, name
         for example in examples:
