@@ -321,4 +321,12 @@ def test_twice_the_margin_takes_a_quarter_of_the_time():
     assert further_share(10.0, 20.0, 0.0) == pytest.approx(3.0)
     assert further_share(-10.0, 20.0, 0.0) == pytest.approx(3.0)
     assert further_share(10.0, 5.0, 0.0) == 0.0
+    assert further_share(10.0, 20.0, 0.0, 1e6) == pytest.approx(3.0, 0.01)
     assert further_share(10.0, 5.0, 7.0) == math.inf
+
+
+def test_a_session_of_few_independent_values_learns_its_scatter_too():
+    more = further_share(10.0, 20.0, 0.0, 3.0)
+    ratio = scipy.stats.t.ppf(0.95, 3 * (1 + more)) / scipy.stats.t.ppf(0.95, 3)
+    assert 20.0 * ratio / math.sqrt(1 + more) == pytest.approx(10.0, rel=0.01)
+    assert more < 2
