@@ -94,69 +94,77 @@ def _turned(world: World, arcsec: np.ndarray) -> World:
 
 @dataclass(frozen=True)
 class Cause:
-    """The cause that is to be named, words that its equals may have, the change of a world by a size, a great size."""
+    """The cause that is to be named, words that its equals may have, the change of a world by a size, a great one.
+
+    The great size is of a random generator and the length of the session in s.
+    """
 
     cause: str
     words: tuple[str, ...]
     change: Callable[[World, object], World]
-    great: Callable[[np.random.Generator], object]
+    great: Callable[[np.random.Generator, float], object]
     altitudes_deg: tuple[float, ...] = ALTITUDES_DEG
 
 
 LOW_DEG = (35.0, 45.0, 60.0)
 """Where air shows."""
 CAUSES = {
-    "mount": Cause("mount", ("mount",), _turned, _vector),
-    "clock offset": Cause("clock offset", ("clock offset",), lambda w, s: replace(w, clock_s=s), lambda r: 20.0),
-    "clock drift": Cause("clock drift", ("clock drift",), lambda w, s: replace(w, clock_ppm=s), lambda r: 30_000.0),
-    "clock step": Cause("clock step", ("clock step",), lambda w, s: replace(w, clock_step_s=s), lambda r: 20.0),
+    "mount": Cause("mount", ("mount",), _turned, lambda r, _: _vector(r)),
+    "clock offset": Cause("clock offset", ("clock offset",), lambda w, s: replace(w, clock_s=s), lambda r, _: 20.0),
+    "clock drift": Cause(
+        "clock drift",
+        ("clock drift",),
+        lambda w, ppm: replace(w, clock_ppm=ppm),
+        lambda r, seconds: 1e7 / seconds,
+    ),
+    "clock step": Cause("clock step", ("clock step",), lambda w, s: replace(w, clock_step_s=s), lambda r, _: 20.0),
     "slip": Cause(
-        "slip of the mount", ("slip",), lambda w, v: replace(w, slip_arcsec=tuple(v)), lambda r: 3 * _vector(r)
+        "slip of the mount", ("slip",), lambda w, v: replace(w, slip_arcsec=tuple(v)), lambda r, _: 3 * _vector(r)
     ),
     "mount moves": Cause(
         "mount moves",
         ("mount moves", "a mount that turns"),
         lambda w, v: replace(w, moves_arcsec_per_h=tuple(v)),
-        _vector,
+        lambda r, seconds: 3 * _vector(r) * 3600 / seconds,
     ),
     "thermal swing": Cause(
         "thermal sinusoid",
         ("thermal",),
         lambda w, v: replace(w, wave_arcsec=tuple(v)),
-        lambda r: r.normal(0, 100, 2),
+        lambda r, _: r.normal(0, 100, 2),
     ),
-    "latitude": Cause("site", ("latitude",), lambda w, d: w.at(latitude_deg=w.site.latitude_deg + d), lambda r: 0.1),
+    "latitude": Cause("site", ("latitude",), lambda w, d: w.at(latitude_deg=w.site.latitude_deg + d), lambda r, _: 0.1),
     "longitude": Cause(
-        "clock offset", ("longitude",), lambda w, d: w.at(longitude_deg=w.site.longitude_deg + d), lambda r: 0.1
+        "clock offset", ("longitude",), lambda w, d: w.at(longitude_deg=w.site.longitude_deg + d), lambda r, _: 0.1
     ),
     "pressure": Cause(
         "refraction",
         ("refraction",),
         lambda w, p: w.at(pressure_hpa=w.site.pressure_hpa + p),
-        lambda r: -500.0,
+        lambda r, _: -500.0,
         LOW_DEG,
     ),
     "temperature": Cause(
         "refraction",
         ("refraction",),
         lambda w, k: w.at(temperature_c=w.site.temperature_c + k),
-        lambda r: -50.0,
+        lambda r, _: -50.0,
         LOW_DEG,
     ),
     "focal length": Cause(
         "focal length",
         ("focal length",),
         lambda w, share: replace(w, focal_length_px=w.focal_length_px * (1 + share)),
-        lambda r: 3e-3,
+        lambda r, _: 3e-3,
     ),
     "principal point": Cause(
         "principal point",
         ("principal point",),
         lambda w, v: replace(w, principal_point_px=tuple(v)),
-        lambda r: r.normal(0, 8, 2),
+        lambda r, _: r.normal(0, 8, 2),
     ),
-    "distortion": Cause("distortion", ("distortion",), lambda w, k1: replace(w, k1=k1), lambda r: 4e-3),
-    "vibration": Cause("vibration", ("vibration",), lambda w, s: replace(w, vibration_arcsec=s), lambda r: 30.0),
+    "distortion": Cause("distortion", ("distortion",), lambda w, k1: replace(w, k1=k1), lambda r, _: 4e-3),
+    "vibration": Cause("vibration", ("vibration",), lambda w, s: replace(w, vibration_arcsec=s), lambda r, _: 30.0),
 }
 
 
@@ -165,7 +173,7 @@ def injected(name: str, world: World, plan: Plan, rng: np.random.Generator, sigm
     cause = CAUSES[name]
     if name == "vibration":  # three times what the noise of some 25 stars makes of a boresight
         return cause.change(world, sigmas / 2 * world.noise_px * math.degrees(1 / world.focal_length_px) * 3600 / 5)
-    size = cause.great(rng)
+    size = cause.great(rng, plan.seconds)
     shown = session(world, cause.change(world, size), replace(plan, seed=int(rng.integers(1 << 30))))
     model = session_model(shown, statistics(shown).counted)
     named = fine_causes(model.model) if model else ()
@@ -273,7 +281,7 @@ MISTAKES = {
     "mount moves by 600 arcsec/h": Mistake(
         ("mount moves",), true=lambda w: replace(w, moves_arcsec_per_h=(600.0, 200.0, 0.0))
     ),
-    "clock drift of 200 ppm": Mistake(("clock drift",), true=lambda w: replace(w, clock_ppm=2000.0)),
+    "clock drift of 2000 ppm": Mistake(("clock drift",), true=lambda w: replace(w, clock_ppm=2000.0)),
     "clock step of 1 s": Mistake(("clock step",), true=lambda w: replace(w, clock_step_s=1.0, at_s=200.0)),
     "slip of 60 arcsec": Mistake(("slip",), true=lambda w: replace(w, slip_arcsec=(40.0, 40.0, 0.0), at_s=200.0)),
     "swing of 20 arcsec": Mistake(

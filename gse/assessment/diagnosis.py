@@ -19,12 +19,14 @@ from gse.assessment.session_model import SessionModel
 from gse.assessment.statistics import Statistics
 from gse.assessment.time_tags import time_tag_faults
 from gse.finding import Finding
-from gse.station.event_kinds import StationKind
+from gse.instant import NS_PER_S
+from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
 from gse.truth import horizon_to_sensor
 
+_FEWEST_DRIFTING = 10
 _SENSOR_DRIFT_PPM = 100.0
 """A crystal keeps within 50 ppm over its whole temperature range."""
 
@@ -115,7 +117,7 @@ def _unexplained(session: SessionData, stats: Statistics) -> Iterator[Finding]:
             "none of these",
             f"{', '.join(over)}, and no cause that is known here fits",
             (),
-            "look at the errors over time: gse view SESSION; for a maintainer: gse why SESSION --bundle",
+            "look at the errors over time: gse view SESSION; for a maintainer: gse why SESSION --bundle FILE",
         )
 
 
@@ -158,6 +160,11 @@ def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
     kinds = {event.kind: event for event in session.events}
     if StationKind.MIRRORED in kinds:
         kinds.pop(StationKind.WRONG_CAMERA, None)
+    if away_s := _ran_away_s(session):
+        kinds.pop(StationKind.CLOCK_STEP)
+        if "clock drift" not in named:
+            size = f"the host's UTC clock ran away from its monotonic one by {away_s:+.3f} s, a little with each frame"
+            yield Finding("clock drift", size, (), "see whether the clock is synchronised: gse preflight")
     known = (
         (StationKind.CLOCK_STEP, "clock step", "synchronise the clock before the session: gse preflight"),
         (
@@ -184,6 +191,14 @@ def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
             yield Finding(cause, kinds[kind].text, equals, following)
 
 
+def _ran_away_s(session: SessionData) -> float:
+    """The sum of the steps of the host's clock, where most frames have one and all go one way; else 0."""
+    steps_ns = [event.step_ns for event in session.events if isinstance(event, ClockStep)]
+    is_drift = len(steps_ns) > _FEWEST_DRIFTING + len(session.frames.columns) // 2
+    same_way = len({step_ns > 0 for step_ns in steps_ns}) == 1
+    return sum(steps_ns) / NS_PER_S if is_drift and same_way else 0.0
+
+
 def _nothing_identified(session: SessionData) -> Iterator[Finding]:
     status = session.frames.columns["status"]
     no_match = int((status == STATUSES.index(Status.NO_MATCH)).sum())
@@ -196,7 +211,7 @@ def _nothing_identified(session: SessionData) -> Iterator[Finding]:
             "nothing identified",
             f"not one of {no_match} panoramas with enough objects was identified, with no focal length within 25 % of "
             "the stated one, nor mirrored: most objects are no stars, or sensor.rows, columns or the optics are others",
-            ("an overcast sky with lamps or the Moon behind it",),
+            ("an overcast sky with lamps or the Moon behind it", "a distortion of the lens by several pixels"),
             "look at the panoramas: gse view SESSION; check the sensor section of the station file",
         )
 

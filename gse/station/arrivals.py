@@ -23,6 +23,8 @@ from protocols.sequence import RECENT
 
 CLOCK_STEP_NS = 5_000_000
 """UTC that moves this much against the monotonic clock between two frames was stepped, not slewed."""
+_SLEWED_SHARE, _SLEWED_MOST_NS = 1000, NS_PER_S // 20
+"""And by a thousandth of the time between them, at most: Linux slews by 500 ppm beside a frequency of up to 500."""
 
 SHORTEST_SUSPENSION_NS = NS_PER_S
 """Steps that are smaller are always those of UTC: time tags and arrivals do not tell."""
@@ -65,7 +67,8 @@ class Arrivals:
         if before is None or not self._has_times:
             return None
         step_ns = at.utc_ns - at.mono_ns - (before[0] - before[1])
-        if abs(step_ns) < CLOCK_STEP_NS:
+        slewed_ns = min(max(at.mono_ns - before[1], 0) // _SLEWED_SHARE, _SLEWED_MOST_NS)
+        if abs(step_ns) < CLOCK_STEP_NS + slewed_ns:
             return None
         utc_kept = abs(step_ns) >= SHORTEST_SUSPENSION_NS and _went_with_utc(before, now)
         stamp = bounded(at.utc_ns), bounded(at.mono_ns)
