@@ -97,10 +97,8 @@ def copied(dataset: DataSet, to: Path, count: int) -> DataSet:
     """A data set of so many sessions: the index has the rows of another one, and the files are links to one of its."""
     copies, rows = DataSet.at(str(to), create=True), dataset.sessions()
     nights = [instant.to_text(FIRST_NS + number * instant.NS_PER_DAY)[:10] for number in range(count)]
-    places = [
-        Committed("copy", night, hashlib.sha256(str(number).encode()).hexdigest())
-        for number, night in enumerate(nights)
-    ]
+    keys = [hashlib.sha256(night.encode()).hexdigest() for night in nights]
+    places = [Committed("copy", night, key) for night, key in zip(nights, keys, strict=True)]
     one_file = next(path for path in (Path(dataset.root) / SESSIONS).rglob("*.parquet"))
     for place in places:
         path = to / place.path(SESSIONS)
