@@ -21,8 +21,8 @@ MAX_CATALOG_STARS = 5000
 
 TRACK_ROW_NS = 2 * NS_PER_S
 
-_LEGEND = 1.32, 1.62
-SCATTER_LEGEND_ENDS = 2.05
+_LEGEND = 1.42, 1.72
+SCATTER_LEGEND_ENDS = 2.15
 """Places of the texts below the scatter, in limits, and where they end: far points are at EDGE, above them."""
 
 _CIRCLE = np.linspace(0, 2 * math.pi, 73)

@@ -179,3 +179,11 @@ def test_without_its_packages_a_campaign_says_how_to_install_them(gse, monkeypat
     monkeypatch.setitem(sys.modules, "duckdb", None)
     done = gse("campaign", "query", tmp_path, "select 1")
     assert (done.code, "pip install '.[campaign]'" in done.err) == (2, True)
+
+
+@pytest.mark.parametrize("name", ["new\nline.mcap", "red\x1b[31m.mcap", b"no text \xff.mcap"])
+def test_a_name_that_steers_a_terminal_is_refused_at_the_door(tmp_path, name):
+    file = os.path.join(os.fsencode(tmp_path), os.fsencode(name))
+    with open(file, "wb"), pytest.raises(UsageError, match="cannot be shown; rename the file") as refused:
+        find_sources([str(tmp_path)])
+    assert str(refused.value).isprintable()
