@@ -116,7 +116,8 @@ def _read_report(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > MAX_REPORT_BYTES:
             raise UsageError(f"{path} is larger than {MAX_REPORT_BYTES} bytes; expected a report of gse")
-        report = json.loads(path.read_text(encoding="utf-8"))
+        with path.open(encoding="utf-8") as file:
+            report = json.loads(file.read(MAX_REPORT_BYTES))
     except FileNotFoundError:
         raise UsageError(f"there is no expected report {path.name}; 'gse ci --update' writes it") from None
     except OSError as error:

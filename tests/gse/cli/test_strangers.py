@@ -12,8 +12,8 @@ import pytest
 from devices.command_line import Done, Gse, runner
 from devices.hostile_sessions import FILES, write_file, write_flood, write_station, write_steering, write_times
 
-from gse.config.station import BUILT_IN_TEXT
-from gse.errors import TableError
+from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.errors import ConfigError, TableError
 from gse.sessions.expected_answers import ExpectedAnswers
 
 CPU_S = 10.0
@@ -150,3 +150,17 @@ def test_expected_answers_that_hold_more_than_angles_are_read_without_it(tmp_pat
     path = tmp_path / "expected.jsonl"
     path.write_text('{"frame_no": 1, "ra_deg": [[1e999]], "de_deg": NaN, "roll_deg": {"a": 1}}\n')
     assert ExpectedAnswers(path).unused == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("a: " + "[" * 40_000, "nested too deeply"),
+        ("a: " + "9" * 10_000, "a value that is not one"),
+        (BUILT_IN_TEXT + "site: {latitude_deg: 1, longitude_deg: 2, height_m: 3}\n", "site is given twice"),
+        ("limits: {d_ra_cosde_arcsec: 60, d_ra_cosde_arcsec: 600}\n", "d_ra_cosde_arcsec is given twice"),
+    ],
+)
+def test_a_station_file_of_absurd_values_is_refused_in_words(text: str, told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        parse_station(text)
