@@ -246,7 +246,9 @@ MISTAKES = {
         "latitude and longitude signs", latitude_deg=lambda s: -s.latitude_deg, longitude_deg=lambda s: -s.longitude_deg
     ),
     "another site": _place(
-        "site", latitude_deg=lambda s: s.latitude_deg - 1.3, longitude_deg=lambda s: s.longitude_deg - 2.1
+        "site",
+        latitude_deg=lambda s: s.latitude_deg - 1.3,
+        longitude_deg=lambda s: (s.longitude_deg + 177.9) % 360 - 180,
     ),
     "azimuth from south": _mount("azimuth from south", azimuth_deg=lambda w: (w.azimuth_deg + 180) % 360),
     "azimuth off by 90 deg": _mount("azimuth off by 90 deg", azimuth_deg=lambda w: (w.azimuth_deg + 90) % 360),
