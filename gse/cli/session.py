@@ -46,7 +46,7 @@ def _offer_report(path: Path) -> None:
     from gse.sessions.status_file import is_unfinished
 
     folder = path if path.is_dir() else path.parent
-    if is_unfinished(folder):
+    if (path.is_dir() or path.name == "session.mcap") and is_unfinished(folder):
         click.echo(f"gse: the session has no report; make one with: gse report {folder}", err=True)
 
 
