@@ -25,12 +25,13 @@ from distributed import Client
 from drivers.mock.urls import sim_url
 from gse import instant
 from gse.campaign.cluster import cluster
-from gse.campaign.dataset import REPORT_COLUMN, SESSIONS, Committed, DataSet, parquet_of
+from gse.campaign.dataset import INDEX, SESSIONS, Committed, DataSet, parquet_of
 from gse.campaign.document import campaign_document
 from gse.campaign.engine import plan_campaign, run_campaign
 from gse.campaign.files import write_campaign_report
 from gse.campaign.query import ask
 from gse.campaign.sources import find_sources
+from gse.campaign.storage import put_whole
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.simulator.recording import record_simulation
 from gse.truth import EarthOrientation
@@ -93,18 +94,20 @@ def asked(dataset: DataSet) -> None:
 
 
 def copied(dataset: DataSet, to: Path, count: int) -> DataSet:
-    """A data set of so many sessions, with the rows of another one."""
-    copies = DataSet.at(str(to), create=True)
-    rows = dataset.sessions().drop_columns(["sensor", "night"])
-    for number in range(count):
-        key = hashlib.sha256(str(number).encode()).hexdigest()
-        night = instant.to_text(FIRST_NS + number * instant.NS_PER_DAY)[:10]
-        row = rows.slice(number % len(rows), 1).drop_columns(["key"]).append_column("key", pa.array([key]))
-        row = row.append_column(REPORT_COLUMN, pa.nulls(1, pa.string()))
-        path = to / Committed("copy", night, key).path(SESSIONS)
+    """A data set of so many sessions: the index has the rows of another one, and the files are links to one of its."""
+    copies, rows = DataSet.at(str(to), create=True), dataset.sessions()
+    nights = [instant.to_text(FIRST_NS + number * instant.NS_PER_DAY)[:10] for number in range(count)]
+    keys = [hashlib.sha256(night.encode()).hexdigest() for night in nights]
+    places = [Committed("copy", night, key) for night, key in zip(nights, keys, strict=True)]
+    one_file = next(path for path in (Path(dataset.root) / SESSIONS).rglob("*.parquet"))
+    for place in places:
+        path = to / place.path(SESSIONS)
         path.parent.mkdir(parents=True)
-        path.write_bytes(parquet_of([row]))
-    copies.renew_index(())
+        os.link(one_file, path)
+    rows = rows.take([number % len(rows) for number in range(count)])
+    for name, values in (("sensor", ["copy"] * count), ("night", nights), ("key", keys)):
+        rows = rows.set_column(rows.column_names.index(name), name, pa.array(values))
+    put_whole(copies.fs, copies.root, INDEX, parquet_of([rows]))
     return copies
 
 

@@ -115,7 +115,7 @@ def _chaos() -> list[Row]:
         kinds = Counter[str]()
         for number in range(200):
             data = PROTOCOL.encode(Start(0.1), rng.randrange(65536))
-            items = reception.receive(Chunk(10**18 + number * 10**8, number * 10**8, data))
+            items = reception.receive(reception.stream.feed(Chunk(10**18 + number * 10**8, number * 10**8, data)))
             kinds.update(item.kind for item in items if isinstance(item, LinkEvent))
         worst = max(worst, reception.counters.frames_lost)
         silent += not kinds[StationKind.SEQUENCE_CHAOS]
@@ -201,7 +201,8 @@ def floats(folder: Path) -> list[Row]:
     cases = float_protocol.cases()
     for _, name, data in cases:
         reception = Reception(float_protocol.PROTOCOL, baudrate=115200)
-        (panorama,) = [item for item in reception.receive(Chunk(10**18, 10**9, data)) if isinstance(item, Panorama)]
+        received = reception.receive(reception.stream.feed(Chunk(10**18, 10**9, data)))
+        (panorama,) = [item for item in received if isinstance(item, Panorama)]
         unnoticed += bool(panorama.problems) != (name not in ("-0", "denormal"))
         not_finite += not panorama.problems and not np.isfinite(panorama.xy_px).all()
     value = f"{unnoticed}, {not_finite}"

@@ -23,6 +23,7 @@ import time
 import tty
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from drivers.chunk import Chunk
 from drivers.mock.playback import session_items
@@ -104,26 +105,33 @@ def _seconds(taken: list[tuple[float, float]]) -> str:
 def replay(folder: Path, yardstick_s: float) -> list[Row]:
     """Frames per second of a replay at speed max, from bytes to report, and identification times in it."""
     few, many = (_recorded(folder, frames) for frames in (100, REPLAY_FRAMES))
-    few_s, _, _ = _replayed(few, folder / "few")
-    cpu_s, peak_mib, times = _replayed(many, folder / "many")
-    each_us = 1e6 * (cpu_s - few_s) / (REPLAY_FRAMES - 100)
+    few_1, few_2 = (_replayed(few, folder / f"few-{threads}", threads) for threads in (1, 2))
+    one, two = (_replayed(many, folder / f"many-{threads}", threads) for threads in (1, 2))
+    each_us = 1e6 * (one.cpu_s - few_1.cpu_s) / (REPLAY_FRAMES - 100)
+    both_us = 1e6 * (two.clock_s - few_2.clock_s) / (REPLAY_FRAMES - 100)
     return [
-        ("identification of a 30-object panorama in a replay", f"{times['p50']:.0f} us", "< 200 ms [S]"),
-        ("start, tables and report of 100 frames", f"{few_s:.2f} s CPU", ""),
+        (
+            "identification of a 30-object panorama in a replay",
+            f"{one.identification_us['p50']:.0f} us",
+            "< 200 ms [S]",
+        ),
+        ("start, tables and report of 100 frames", f"{few_1.cpu_s:.2f} s CPU", ""),
         ("each further frame", f"{each_us:.0f} us CPU", "<= 100 us"),
         ("   against 1000 additions in a Python loop", f"{each_us / (yardstick_s / 20_000 * 1e6):.2f}", ""),
         ("   on one core", f"{1e6 / each_us:.0f} frames/s", ">= 10000 frames/s"),
-        (f"memory of a replay of {REPLAY_FRAMES} frames", f"{peak_mib:.0f} MiB", "<= 350 MiB"),
+        ("   on two cores, by the clock", f"{1e6 / both_us:.0f} frames/s", ">= 16000 frames/s"),
+        (f"{REPLAY_FRAMES} frames with --threads 1, clock and CPU", f"{one.clock_s:.2f} s, {one.cpu_s:.2f} s", ""),
+        (f"{REPLAY_FRAMES} frames with --threads 2, clock and CPU", f"{two.clock_s:.2f} s, {two.cpu_s:.2f} s", ""),
+        (f"memory of a replay of {REPLAY_FRAMES} frames", f"{two.peak_mib:.0f} MiB", "<= 350 MiB"),
     ]
 
 
 def night(folder: Path) -> list[Row]:
     """8 hours at 10 Hz, from bytes to report."""
-    recorded = _recorded(folder, NIGHT_FRAMES)
-    cpu_s, peak_mib, _ = _replayed(recorded, folder / "night")
+    used = _replayed(_recorded(folder, NIGHT_FRAMES), folder / "night")
     return [
-        ("8 hours at 10 Hz, bytes to report", f"{cpu_s:.1f} s CPU", "<= 30 s"),
-        ("   memory", f"{peak_mib:.0f} MiB", "<= 350 MiB"),
+        ("8 hours at 10 Hz, bytes to report", f"{used.clock_s:.1f} s, {used.cpu_s:.1f} s CPU", "<= 30 s"),
+        ("   memory", f"{used.peak_mib:.0f} MiB", "<= 350 MiB"),
     ]
 
 
@@ -135,16 +143,26 @@ def _recorded(folder: Path, frames: int) -> Path:
     return recording
 
 
-def _replayed(session: Path, out: Path) -> tuple[float, float, dict[str, float]]:
-    """Seconds of CPU and peak memory of a replay, and the identification times in it."""
-    with subprocess.Popen(
-        [*GSE, "replay", str(session), "--out", str(out)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    ) as process:
+class _Used(NamedTuple):
+    """What a replay took, and the identification times in it."""
+
+    clock_s: float
+    cpu_s: float
+    peak_mib: float
+    identification_us: dict[str, float]
+
+
+def _replayed(session: Path, out: Path, threads: int = 2) -> _Used:
+    """What ``gse replay`` takes."""
+    started = time.perf_counter()
+    command = [*GSE, "replay", str(session), "--threads", str(threads), "--out", str(out)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
+    taken_s = time.perf_counter() - started
     (timing,) = out.glob("*/timing.json")
     times: dict[str, float] = json.loads(timing.read_text())["identification_us"]
-    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, times
+    return _Used(taken_s, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, times)
 
 
 def latency(folder: Path) -> list[Row]:

@@ -2,9 +2,11 @@
 
 import atexit
 import gc
+import io
 import os
 import signal
 import sys
+from typing import Any
 
 from gse import sign_of_life
 
@@ -22,6 +24,9 @@ def main() -> None:
     gc.set_threshold(_NEW_OBJECTS)
     atexit.register(_leave_garbage)
     _fill_standard_descriptors()
+    sys.stdin = sys.stdin or os.fdopen(0, closefd=False)
+    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
+    sys.stderr = _talk_that_never_fails()
     sign_of_life.start(" ".join(["gse", *sys.argv[1:2]]) + ": working")
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:
@@ -29,7 +34,10 @@ def main() -> None:
     from gse.cli import main as command_line
 
     signal.signal(signal.SIGINT, before)
-    command_line()
+    try:
+        command_line()
+    finally:
+        sign_of_life.stop()
 
 
 def _leave_garbage() -> None:
@@ -48,6 +56,24 @@ def _fill_standard_descriptors() -> None:
             os.fstat(fd)
         except OSError:
             os.open(os.devnull, os.O_RDWR)
+
+
+class _Talk(io.FileIO):
+    """A descriptor for messages: a full disk or a terminal that is gone changes no result and no exit code."""
+
+    def write(self, data: Any) -> int:
+        """Hand the bytes to whoever reads; what nobody takes is dropped."""
+        try:
+            return super().write(data) or len(data)
+        except OSError:
+            return len(data)
+
+
+def _talk_that_never_fails() -> io.TextIOWrapper:
+    """stderr as Python makes it, but for errors of the descriptor below it."""
+    raw = io.BufferedWriter(_Talk(2, "w", closefd=False))
+    encoding = sys.stderr.encoding if sys.stderr else "utf-8"
+    return io.TextIOWrapper(raw, encoding=encoding, errors="backslashreplace", line_buffering=True)
 
 
 if __name__ == "__main__":

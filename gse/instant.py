@@ -44,7 +44,7 @@ def from_text(text: str) -> int:
             raise ValueError
         whole = datetime.fromisoformat(f"{found[1]}T{found[2]}+00:00")
     except ValueError:
-        raise ValueError(f"{text!r} is no UTC instant: expected for example 2026-03-20T18:30:00Z") from None
+        raise ValueError(f"{text!r} is not a UTC instant: expected for example 2026-03-20T18:30:00Z") from None
     utc_ns = int(whole.timestamp()) * NS_PER_S + int((found[3] or "").ljust(9, "0"))
     if not 0 <= utc_ns <= LAST_NS:
         raise ValueError(f"{text!r} is too far away: expected an instant from 1970 to {to_text(LAST_NS, 0)}")

@@ -4,7 +4,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated
 
-from annotated_types import Gt, Interval
+from annotated_types import Interval
+
+Arcsec = Annotated[float, Interval(gt=0, le=648_000)]
+"""Up to half a turn: a limit that nothing exceeds tests nothing."""
 
 
 class Decision(StrEnum):
@@ -21,11 +24,11 @@ class Limits:
     ``boresight_arcsec`` is for the half-cone that holds 95 % of the boresights, and None where nothing is asked of it.
     """
 
-    d_ra_cosde_arcsec: Annotated[float, Gt(0)] = 60.0
-    d_de_arcsec: Annotated[float, Gt(0)] = 60.0
-    d_roll_arcsec: Annotated[float, Gt(0)] = 600.0
-    boresight_arcsec: Annotated[float, Gt(0)] | None = None
-    identification_ms: Annotated[float, Gt(0)] = 200.0
+    d_ra_cosde_arcsec: Arcsec = 60.0
+    d_de_arcsec: Arcsec = 60.0
+    d_roll_arcsec: Arcsec = 600.0
+    boresight_arcsec: Arcsec | None = None
+    identification_ms: Annotated[float, Interval(gt=0, le=3_600_000)] = 200.0
     availability: Annotated[float, Interval(gt=0, le=1)] = 0.95
     false_share: Annotated[float, Interval(gt=0, lt=1)] = 0.01
     decision: Decision = Decision.GUARDED

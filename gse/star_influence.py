@@ -38,6 +38,24 @@ def unfitted(residuals: NDArray[np.float64], frames: NDArray[np.int64]) -> NDArr
     return np.asarray(residuals / np.sqrt(left)[place, None], dtype=np.float64)
 
 
+def taken_by_fit(
+    operators: NDArray[np.float64], directions_sensor: NDArray[np.float64], frames: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Vectors v (N, 3) by which the fit of a frame changes what its residuals show of the errors of its stars.
+
+    For a combination of the attitude whose operators (N, 2) are given, and white errors e of variance 1: the operator
+    times the residual has the variance operator^2 - v.v, and with that of another star u of the frame the covariance
+    -v.u. Zeros in frames with less than three stars.
+    """
+    _, place = np.unique(frames, return_inverse=True)
+    count = np.bincount(place)
+    fisher = _fisher(directions_sensor, place, len(count))
+    fisher[count < _MIN_STARS] = np.eye(3)
+    root = np.linalg.cholesky(np.linalg.inv(fisher))
+    turned = np.einsum("nij,nj->ni", _turns(directions_sensor), operators)
+    return np.asarray(np.einsum("nij,ni->nj", root[place], turned), dtype=np.float64)
+
+
 def boresight_shifts(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
     """Small rotations (N, 3) of the attitude as shifts of the boresight along columns and rows, and as roll."""
     return np.column_stack([-rotations[:, 1], rotations[:, 0], rotations[:, 2]])

@@ -87,8 +87,6 @@ def read_document(text: str, source_name: str) -> tuple[dict[str, Any], Source]:
         mark = getattr(error, "problem_mark", None)
         line = f" at line {mark.line + 1}" if mark else ""
         raise source.error(f"no YAML{line}: {getattr(error, 'problem', None) or str(error).splitlines()[0]}") from error
-    except (RecursionError, ValueError, TypeError, OverflowError) as error:
-        raise source.error(f"no protocol description: {type(error).__name__} while reading the YAML") from error
     if not isinstance(document, dict) or root is None:
         raise source.error(f"expected a mapping with the keys {', '.join(Description.model_fields)}")
     source = Source(source_name, root)

@@ -18,11 +18,16 @@ class _Loader(yaml.SafeLoader):
 def load_document(text: str) -> tuple[yaml.Node | None, Any]:
     """The one document of a text, as node and as value, (None, None) where it is empty.
 
-    yaml.YAMLError where it is none; RecursionError, ValueError, TypeError, OverflowError where a value is absurd.
+    yaml.YAMLError where it is none, or a value is absurd.
     """
     loader = _Loader(text)
     try:
         root = loader.get_single_node()
         return root, loader.construct_document(root) if root else None
+    except RecursionError:
+        raise yaml.MarkedYAMLError(problem="nested too deeply") from None
+    except (ValueError, TypeError, OverflowError) as error:
+        problem = f"a value that is not one: {str(error).splitlines()[0][:80]}"
+        raise yaml.MarkedYAMLError(problem=problem) from error
     finally:
         loader.dispose()

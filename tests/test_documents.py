@@ -15,6 +15,7 @@ TEXTS = sorted(
     key=lambda path: path.relative_to(ROOT).as_posix(),
 )
 _LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
+_HEADING_LINK = re.compile(r"\]\(([^)#: ]*)#([^)]+)\)")
 _OUR_FILE = re.compile(r"`((?:gse|drivers|protocols|tests|benchmarks|replays|docs)/[\w./-]*)`")
 
 _PLACE = re.compile(r"`([\w/]+\.py)` \(`(\w+)`\)")
@@ -26,6 +27,21 @@ def test_every_file_that_a_text_names_is_there(text: Path) -> None:
     linked = [text.parent / name for name in _LINK.findall(words)]
     named = [ROOT / name for name in _OUR_FILE.findall(words)]
     assert [str(path) for path in (*linked, *named) if not path.exists()] == []
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_every_heading_that_a_text_links_is_there(text: Path) -> None:
+    links = _HEADING_LINK.findall(text.read_text(encoding="utf-8"))
+    assert [f"{name}#{mark}" for name, mark in links if mark not in marks(text.parent / name if name else text)] == []
+
+
+def marks(text: Path) -> set[str]:
+    """The marks of the headings, as GitHub makes them, and those that the text states."""
+    words = text.read_text(encoding="utf-8")
+    heads = re.findall(r"^#+ (.*)$", words, re.MULTILINE)
+    return set(re.findall(r'<a id="([^"]+)">', words)) | {
+        re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads
+    }
 
 
 def test_the_plan_names_functions_that_are_where_it_says() -> None:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from gse.cli import cli
+
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
 FINDINGS, MESSAGES = PAGE.split("## Messages that end a session")
@@ -60,6 +62,8 @@ def causes():
         for node in ast.walk(tree):
             if isinstance(node, ast.Call) and ast.unparse(node.func) in ("Finding", "Hypothesis", "_Hypothesis", "of"):
                 yield from (arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant) and arg.value)
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "CLOCK_SCALES":
+                yield from ast.literal_eval(node.value)
             if isinstance(node, ast.FunctionDef) and node.name in ("_of_mount", "_clock_words", "_events"):
                 place = 1 if node.name == "_events" else 0
                 yield from (
@@ -79,6 +83,24 @@ def test_each_finding_has_its_entry():
 
 def test_each_entry_is_a_finding_of_the_code():
     assert set(first_cells(FINDINGS)) - set(causes()) == set()
+
+
+def next_steps():
+    """Commands in the words of findings and on the page: name and options."""
+    assessment = (ROOT / "gse" / "assessment" / f"{name}.py" for name in _CAUSES)
+    texts = [path.read_text(encoding="utf-8") for path in assessment]
+    for text in (*texts, *re.findall(r"`(gse [^`]+)`", PAGE)):
+        for name, words in re.findall(r"\bgse ([a-z]+)((?: (?:--[a-z-]+|[A-Z][A-Z/]*(?:=[a-z]+)?))*)", text):
+            yield name, tuple(re.findall(r"--[a-z-]+", words))
+
+
+@pytest.mark.parametrize(("name", "options"), sorted(set(next_steps())))
+def test_each_next_step_is_a_command_with_its_options(name, options):
+    command = cli.get_command(None, name)
+    assert command is not None
+    below = getattr(command, "commands", {}).values()
+    known = {word for one in (command, *below) for option in one.params for word in option.opts}
+    assert set(options) <= known
 
 
 def test_each_message_that_ends_a_session_bears_a_word_of_the_page():

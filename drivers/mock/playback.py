@@ -7,6 +7,7 @@ from pathlib import Path
 from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.errors import CaptureError, UrlError
 from drivers.mock.timestamped_port import Item
+from drivers.session_file.file_window import refuse_special
 from drivers.session_file.reader import Capture, read_capture
 from drivers.session_file.record_scanner import MAGIC
 from drivers.session_file.records import EVENTS, RX, Damage, Message
@@ -52,6 +53,7 @@ def is_session(path: Path) -> bool:
     """Whether a path is to be read as a session: a folder, a .mcap file, or anything that begins as MCAP."""
     if path.is_dir() or path.suffix == ".mcap":
         return True
+    refuse_special(path)
     try:
         with path.open("rb") as file:
             return file.read(len(MAGIC)) == MAGIC
@@ -78,6 +80,6 @@ def utc_option(name: str, text: str | None) -> int | None:
             raise ValueError
         instant = datetime.fromisoformat(text[:-1] + "+00:00").astimezone(UTC)
     except ValueError:
-        message = f"{name}={text} is no UTC instant: expected for example 2026-03-20T18:30:00Z"
+        message = f"{name}={text} is not a UTC instant: expected for example 2026-03-20T18:30:00Z"
         raise UrlError(message) from None
     return int(instant.replace(microsecond=0).timestamp()) * NS_PER_S + instant.microsecond * 1000

@@ -13,6 +13,7 @@ from drivers.errors import CaptureError
 from drivers.host_files import sync_folder
 from drivers.session_file.reader import one_file
 from drivers.session_file.records import PROFILE, RX, TX, Attachment, Damage, Message, Record, checksum
+from drivers.whole_file import new_file
 
 CHUNK_BYTES = 64 << 10
 """Unpacked size: some 15 s at 10 Hz, the most that a damaged place can cost. Larger chunks pack no better."""
@@ -45,7 +46,7 @@ def compact(path: Path) -> bool:
 def write_compact(path: Path, records: Iterator[Record]) -> int:
     """A new session file of these records, damage left out; how many it holds. OSError where the disk refuses."""
     count = 0
-    with path.open("xb") as file:
+    with new_file(path) as file:
         writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
         writer.start(profile=PROFILE, library="gse-star-sensor")
         channels: dict[str, int] = {}

@@ -22,6 +22,12 @@ class BlockWindow:
         return self.block[offset : offset + size]
 
 
+def refuse_special(path: Path) -> None:
+    """CaptureError for a pipe or a device: nobody may write into it, or it may never end."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise CaptureError(f"{path} is a pipe or a device; expected a file")
+
+
 class FileWindow:
     """Bytes by offset of a file.
 
@@ -30,6 +36,7 @@ class FileWindow:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        refuse_special(path)
         try:
             self._fd = os.open(path, READ)
         except OSError as error:

@@ -39,7 +39,16 @@ class CaptureWriter(MessageWriter):
         self._writer.start(profile=PROFILE, library="gse-star-sensor")
         for topic in (RX, TX, EVENTS):
             self._channel(topic)
-        self._writer.flush()
+        self._begin(Path(path))
+
+    def _begin(self, path: Path) -> None:
+        """Write the head of the file; without it no file is left, since an empty one is no session."""
+        try:
+            self._writer.flush()
+        except OSError:
+            self._spool.close()
+            path.unlink(missing_ok=True)
+            raise
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """A file to freeze into the session."""

@@ -7,7 +7,9 @@ between them and zero is not known: a plain average of the ordinates (Lazarus, L
 541) takes it to be flat and gives intervals too narrow wherever the correlation time is more than a hundredth of the
 session. Here the spectrum is white noise alone, or with a part of exponential correlation (as in Müller 2014, JBES
 32, 311), of any strength and of any correlation time between twenty times and a three-hundredth of the session, or
-with a sinusoid of random phase that has at least one cycle in the session. Each of these shapes, with its scale
+with a sinusoid of random phase that has at least one cycle in the session, or with one change: a step, a ramp, a bend,
+half a wave. The mean of a session with one change tells the mean of others as badly as one value would; without these
+shapes a step in the middle or a ramp look like one whole wave, whose mean is known. Each shape, with its scale
 integrated out, predicts the mean as a Student t; weighted by its likelihood and a fixed prior they give a mixture of
 t distributions, whose quantiles are the bounds. A session of few correlation times thereby gets wide bounds instead
 of narrow ones, and nothing is drawn at random. Refusing bounds below an effective number of one, or of ten, was tried
@@ -41,6 +43,8 @@ _CYCLES = np.arange(1.0, 12.1, 0.2)
 _PEAKS = np.array([3.0, 30.0, 300.0, 3000.0, 30_000.0])
 """Greatest ordinate of the sinusoid, in the spectrum of the white part. It is 1800 for an hour at 1 Hz with half of the
 mean square in a sinusoid; a list that ends too early makes a strong sinusoid small."""
+_STEPS = np.arange(0.1, 0.51, 0.1)
+"""Places of a step in the session; from the end it has the same spectrum."""
 _FLOOR = 1e-9
 """Least spectrum, in that of white noise of the same variance: a pattern that cancels to nothing in every sum."""
 _NEGLIGIBLE = 1e-9
@@ -49,6 +53,7 @@ _WHITE_PRIOR = 0.5
 _PRIOR_POWER = -0.5
 """The prior of a shape with exponential correlation goes as its time in _TIMES to this power."""
 _SINUSOID_PRIOR = 0.1
+_CHANGE_PRIOR = 0.05
 _PHASES = 2000
 
 
@@ -56,7 +61,8 @@ _PHASES = 2000
 class _Shapes:
     """Spectra (G, ORDINATES + 1) at the places 0, 1, ... of the cosines, and the logarithm of the prior (G,).
 
-    The last of them are sinusoids of _CYCLES, each with _PEAKS, of which ``power`` (the mean square, times M) is given.
+    The last of them are sinusoids of _CYCLES, each with _PEAKS, of which ``power`` (the mean square, times M) is given;
+    before them are those with one change.
     """
 
     spectra: NDArray[np.float64]
@@ -152,13 +158,30 @@ def _shapes() -> _Shapes:
     waves = np.array([_sinusoid(cycles, places) for cycles in _CYCLES])
     power = (_PEAKS / waves[:, 1:].max(axis=1)[:, None]).ravel()
     sinusoids = 1 + power[:, None] * np.repeat(waves, len(_PEAKS), axis=0)
+    changes = 1 + (_PEAKS[:, None, None] * _changes(places)).reshape(-1, len(places))
     prior = np.repeat(_TIMES**_PRIOR_POWER, len(_STRENGTHS))
-    prior *= (1 - _WHITE_PRIOR - _SINUSOID_PRIOR) / prior.sum()
+    prior *= (1 - _WHITE_PRIOR - _SINUSOID_PRIOR - _CHANGE_PRIOR) / prior.sum()
+    others = [
+        np.full(len(part), share / len(part))
+        for part, share in ((changes, _CHANGE_PRIOR), (sinusoids, _SINUSOID_PRIOR))
+    ]
     return _Shapes(
-        np.vstack([np.ones(ORDINATES + 1), correlated, sinusoids]),
-        np.log(np.concatenate([[_WHITE_PRIOR], prior, np.full(len(power), _SINUSOID_PRIOR / len(power))])),
+        np.vstack([np.ones(ORDINATES + 1), correlated, changes, sinusoids]),
+        np.log(np.concatenate([[_WHITE_PRIOR], prior, *others])),
         power,
     )
+
+
+def _changes(places: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Squares of the cosines (the mean at place 0) of one change, the greatest 1: steps, ramp, bend, half a wave.
+
+    The mean is uncertain by twice the scatter that the change makes: nothing tells what comes before and after.
+    """
+    k = places[1:].astype(np.float64)
+    steps = [np.sin(math.pi * k * place) ** 2 / k**2 for place in _STEPS]
+    squares = np.array([*steps, (k % 2) / k**4, 1 / k**4, (k == 1).astype(np.float64)])
+    squares /= squares.max(axis=1)[:, None]
+    return np.column_stack([4 * squares.sum(axis=1), squares])
 
 
 def exponential_spectrum(time: float, places: NDArray[np.int64]) -> NDArray[np.float64]:

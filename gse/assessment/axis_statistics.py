@@ -209,15 +209,9 @@ def _successive(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> floa
     return float(np.sqrt((differences**2).mean() / 2))
 
 
-def _blocks(time_s: NDArray[np.float64], parts: int) -> list[NDArray[np.int64]]:
-    edges = np.linspace(0, time_s[-1], parts + 1)[1:-1]
-    return [rows for rows in np.split(np.arange(len(time_s)), np.searchsorted(time_s, edges)) if len(rows)]
-
-
-def block_means(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Means over 20 s, which count as independent; the values themselves where there are fewer than 8 such."""
-    blocks = _blocks(time_s, max(int(time_s[-1] / WINDOW_S), 1))
-    return np.array([values[rows].mean() for rows in blocks]) if len(blocks) >= 8 else values
+def quick_errors(utc_ns: NDArray[np.int64], error: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What the running mean leaves of errors (M,) at instants (M,) in order: of it the noise equivalent angle is."""
+    return error - _running_mean((utc_ns - utc_ns[:1]) / 1e9, error)[0] if len(error) else error
 
 
 def drift(time_s: NDArray[np.float64], error: NDArray[np.float64]) -> tuple[float, Bounds]:

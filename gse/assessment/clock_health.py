@@ -112,5 +112,5 @@ def stated_error_s(text: str) -> float:
     """The seconds of a bound that an operator states: 0.1s, 20ms, 50us; UsageError says what was expected."""
     found = _DURATION.fullmatch(text.strip())
     if found is None:
-        raise UsageError(f"a clock error of {text!r} is no time; expected for example 0.1s, 20ms or 50us")
+        raise UsageError(f"a clock error of {text!r} is not a time; expected for example 0.1s, 20ms or 50us")
     return float(found[1]) * _UNITS_S[found[2]]

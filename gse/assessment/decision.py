@@ -174,12 +174,9 @@ def _why_undecided(
 
 
 def minutes_more(figure: Figure, limit: float, truth_uncertainty: float) -> float:
-    """How many more minutes of the same would decide; infinite where truth is the reason.
-
-    The sampling part of U falls with the square root of the length.
-    """
+    """How many more minutes of the same would decide; infinite where truth is the reason."""
     sampling = figure.bounds.upper - figure.value if figure.value <= limit else figure.value - figure.bounds.lower
-    return figure.duration_s / 60 * further_share(limit - figure.value, sampling, truth_uncertainty)
+    return figure.duration_s / 60 * further_share(limit - figure.value, sampling, truth_uncertainty, figure.n_eff)
 
 
 def _minutes(minutes: float) -> str:

@@ -5,27 +5,39 @@ one effect: fine ones compete with each other, a gross one silences them, and ev
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import CountedFrames, counted_frames
-from gse.assessment.error_series import error_series, with_left_out
+from gse.assessment.error_series import ErrorSeries, error_series, with_left_out
 from gse.assessment.field_patterns import field_of_errors
 from gse.assessment.fine_findings import Setting, fine_findings
-from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause
+from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause, left_with_clock
 from gse.assessment.session_model import SessionModel
 from gse.assessment.statistics import Statistics
 from gse.assessment.time_tags import time_tag_faults
 from gse.finding import Finding
-from gse.station.event_kinds import StationKind
+from gse.instant import NS_PER_S
+from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
 from gse.truth import horizon_to_sensor
 
+_FEWEST_DRIFTING = 10
 _SENSOR_DRIFT_PPM = 100.0
 """A crystal keeps within 50 ppm over its whole temperature range."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelledSession:
+    """Errors as models compete for them, all of their series, and what findings are worded with."""
+
+    model: SessionModel
+    series: ErrorSeries
+    setting: Setting
 
 
 def findings(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
@@ -48,6 +60,7 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
     """What events, time tags and counts say by themselves; nothing that a named cause says already."""
     yield from _events(session, named)
     yield from _nothing_identified(session)
+    yield from _faulty(session)
     for line in time_tag_faults(session.frames.columns, session.events):
         yield Finding("sensor time tag", line.split(": ", 1)[1], (), "ask the maker; gse decode SESSION --explain")
     if "clock drift" not in named:
@@ -57,21 +70,27 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
 
 
 def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
+    try:
+        modelled = session_model(session, counted)
+        return fine_findings(modelled.model, modelled.series, modelled.setting) if modelled else ()
+    except np.linalg.LinAlgError:  # stars or errors that lie on one line: they tell no cause, and end no session
+        return ()
+
+
+def session_model(session: SessionData, counted: CountedFrames) -> ModelledSession | None:
+    """What fine causes compete for; None of too few frames, and where no sky turns over the mount."""
     frames, station = session.frames.columns, session.station
     series = error_series(frames, counted.used)
     if series is None or station.mount.inertial is not None:
-        return ()
+        return None
     mount, camera = session.alignment.mount if session.alignment else station.mount, station.sensor.camera()
     zenith_sensor = np.asarray(horizon_to_sensor(mount)[:, 2])
     series = with_left_out(series, session.frames.matches, camera)
     field = field_of_errors(session.frames.matches, frames["utc_ns"], counted.used, camera, station.site, zenith_sensor)
     exposure_s = float(np.nanmedian(frames["exposure_s"][series.rows]))
     first_ns = int(frames["utc_ns"][series.rows[0]])
-    try:
-        model = SessionModel.of(series.shortened(), field, station.site, mount, is_fitted=session.alignment is not None)
-        return fine_findings(model, series, Setting(camera, station.site, mount, first_ns, exposure_s))
-    except np.linalg.LinAlgError:  # stars or errors that lie on one line: they tell no cause, and end no session
-        return ()
+    model = SessionModel.of(series.shortened(), field, station.site, mount, is_fitted=session.alignment is not None)
+    return ModelledSession(model, series, Setting(camera, station.site, mount, first_ns, exposure_s))
 
 
 def _with_event(session: SessionData, finding: Finding) -> Finding:
@@ -98,7 +117,7 @@ def _unexplained(session: SessionData, stats: Statistics) -> Iterator[Finding]:
             "none of these",
             f"{', '.join(over)}, and no cause that is known here fits",
             (),
-            "look at the errors over time: gse view SESSION; for a maintainer: gse why SESSION --bundle",
+            "look at the errors over time: gse view SESSION; for a maintainer: gse why SESSION --bundle FILE",
         )
 
 
@@ -111,20 +130,41 @@ def gross_finding(session: SessionData, counted: CountedFrames) -> Finding | Non
 def gross_cause_of(session: SessionData, counted: CountedFrames) -> GrossCause | None:
     """The same with the errors that it leaves."""
     mount, orientation = session.station.mount, session.earth_orientation
+    raw = _raw_attitudes(session, counted)
+    if raw is None or orientation is None:
+        return None
+    return gross_cause(raw, session.station.site, mount, orientation)
+
+
+def left_with_clock_of(session: SessionData, counted: CountedFrames, fast_s: float) -> NDArray[np.float64]:
+    """The errors (M, 3) that a session shows when its host's clock is so fast, in arcsec; none of no answers."""
+    raw, orientation = _raw_attitudes(session, counted), session.earth_orientation
+    if raw is None or orientation is None:
+        return np.zeros((0, 3))
+    return left_with_clock(raw, session.station.site, session.station.mount, orientation, fast_s)
+
+
+def _raw_attitudes(session: SessionData, counted: CountedFrames) -> RawAttitudes | None:
+    """Of some answers on a stated mount that is fixed to the ground."""
+    mount = session.station.mount
     frames = session.frames.columns
     checked_false = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
     has_roll = np.isfinite(frames["roll_deg"])  # an external identifier may answer RA and DE alone
     rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded & has_roll)
-    if orientation is None or not mount.stated or mount.inertial is not None or not len(rows):
+    if not mount.stated or mount.inertial is not None or not len(rows):
         return None
-    raw = RawAttitudes.of(frames[rows], session.station.sensor.camera())
-    return gross_cause(raw, session.station.site, mount, orientation)
+    return RawAttitudes.of(frames[rows], session.station.sensor.camera())
 
 
 def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
     kinds = {event.kind: event for event in session.events}
     if StationKind.MIRRORED in kinds:
         kinds.pop(StationKind.WRONG_CAMERA, None)
+    if away_s := _ran_away_s(session):
+        kinds.pop(StationKind.CLOCK_STEP)
+        if "clock drift" not in named:
+            size = f"the host's UTC clock ran away from its monotonic one by {away_s:+.3f} s, a little with each frame"
+            yield Finding("clock drift", size, (), "see whether the clock is synchronised: gse preflight")
     known = (
         (StationKind.CLOCK_STEP, "clock step", "synchronise the clock before the session: gse preflight"),
         (
@@ -147,21 +187,45 @@ def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
     )
     for kind, cause, following in known:
         if kind in kinds and cause not in named:
-            yield Finding(cause, kinds[kind].text, (), following)
+            equals = ("distortion of the lens",) if kind == StationKind.WRONG_CAMERA else ()
+            yield Finding(cause, kinds[kind].text, equals, following)
+
+
+def _ran_away_s(session: SessionData) -> float:
+    """The sum of the steps of the host's clock, where most frames have one and all go one way; else 0."""
+    steps_ns = [event.step_ns for event in session.events if isinstance(event, ClockStep)]
+    is_drift = len(steps_ns) > _FEWEST_DRIFTING + len(session.frames.columns) // 2
+    same_way = len({step_ns > 0 for step_ns in steps_ns}) == 1
+    return sum(steps_ns) / NS_PER_S if is_drift and same_way else 0.0
 
 
 def _nothing_identified(session: SessionData) -> Iterator[Finding]:
     status = session.frames.columns["status"]
     no_match = int((status == STATUSES.index(Status.NO_MATCH)).sum())
-    if any(event.kind == StationKind.WRONG_CAMERA for event in session.events):
+    kinds = {event.kind for event in session.events}
+    is_day = StationKind.DAYLIGHT in kinds and StationKind.DARK_NIGHT not in kinds
+    if is_day or StationKind.WRONG_CAMERA in kinds:
         return
     if no_match and not (status == STATUSES.index(Status.IDENTIFIED)).any():
         yield Finding(
             "nothing identified",
             f"not one of {no_match} panoramas with enough objects was identified, with no focal length within 25 % of "
             "the stated one, nor mirrored: most objects are no stars, or sensor.rows, columns or the optics are others",
-            (),
+            ("an overcast sky with lamps or the Moon behind it", "a distortion of the lens by several pixels"),
             "look at the panoramas: gse view SESSION; check the sensor section of the station file",
+        )
+
+
+def _faulty(session: SessionData) -> Iterator[Finding]:
+    status = session.frames.columns["status"]
+    faulty = int((status == STATUSES.index(Status.SENSOR_FAULT)).sum())
+    if 2 * faulty > len(status):
+        yield Finding(
+            "faulty panoramas",
+            f"{faulty} of {len(status)} panoramas cannot be: the sensor reports a fault, or an index value is too "
+            "great, negative, no number, or the same for all objects, so that no object is the brightest",
+            ("a protocol description that reads index or x and y from the wrong bytes",),
+            "read what was sent: gse decode SESSION --explain",
         )
 
 

@@ -13,12 +13,14 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import false_answers
-from gse.star_influence import attitude_operators, boresight_shifts, star_covariance, unfitted
+from gse.star_influence import attitude_operators, boresight_shifts, star_covariance, taken_by_fit, unfitted
 from gse.station.session_data import SessionData
 from gse.truth import time_blocks
 
 MIN_STARS = 5
 """Fewer do not tell by how much stars differ."""
+_LEAST_LEFT = 0.1
+"""Of the variance of a star's error in its residual: what is smaller tells nothing of it."""
 _AXES = {"d_ra_cosde": 0, "d_de": 1}
 
 
@@ -46,23 +48,34 @@ def field_content(session: SessionData) -> dict[str, FieldContent]:
     if len(np.unique(stars)) < MIN_STARS:
         return {}
     xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
-    errors = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
-    errors = unfitted(errors, matches["frame"])
-    rotations = attitude_operators(session.station.sensor.camera().directions(xy_px), matches["frame"])
+    residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
+    directions = session.station.sensor.camera().directions(xy_px)
+    rotations = attitude_operators(directions, matches["frame"])
     operators = _towards_east_and_north(rotations, np.radians(frames["roll_true_deg"][matches["frame"]]))
     blocks = time_blocks(frames["utc_ns"])[matches["frame"]]
     count = len(np.unique(matches["frame"]))
+    errors = unfitted(residuals, matches["frame"])
     persistent = star_covariance(operators, errors, stars, blocks, within_blocks=False) / count**2
-    quick, wandering = errors - _means(errors, stars, blocks), errors - _means(errors, stars, 0 * blocks)
+    seen = SeenStars(directions, stars, matches["frame"])
+    quick, wandering = residuals - _means(residuals, stars, blocks), residuals - _means(residuals, stars, 0 * blocks)
     return {
         axis: FieldContent(
             math.sqrt(float((operators[:, row] ** 2).sum()) / count),
-            _share_error(operators[:, row], quick, stars, matches["frame"]),
-            _share_error(operators[:, row], wandering, stars, matches["frame"]),
+            share_error(operators[:, row], quick, seen),
+            share_error(operators[:, row], wandering, seen),
             math.sqrt(float(persistent[row, row])),
         )
         for axis, row in _AXES.items()
     }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenStars:
+    """Stars (N,) with their directions in the sensor frame (N, 3), and the frames (N,) that show them."""
+
+    directions: NDArray[np.float64]
+    stars: NDArray[np.int64]
+    frames: NDArray[np.int64]
 
 
 def _towards_east_and_north(rotations: NDArray[np.float64], roll_rad: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -84,28 +97,27 @@ def _means(errors: NDArray[np.float64], stars: NDArray[np.int64], blocks: NDArra
     return np.column_stack([(np.bincount(place, weights=part) / count)[place] for part in errors.T])
 
 
-def _share_error(
-    operators: NDArray[np.float64], errors: NDArray[np.float64], stars: NDArray[np.int64], frames: NDArray[np.int64]
-) -> float:
-    """Standard error of a root mean square of frames, as a share of it.
+def share_error(operators: NDArray[np.float64], residuals: NDArray[np.float64], seen: SeenStars) -> float:
+    """Standard error of a root mean square of frames, as a share of it, from operators (N, 2) and residuals (N, 2).
 
     Stars differ (a ratio estimate, clustered by star), and those of the same phase on their pixels move alike for a
-    whole session: products of two stars' errors, whose mean over other fields is zero, make the scatter of pairs.
+    whole session: products of two stars' errors, whose mean over other fields is zero, make the scatter of pairs. The
+    fit of a frame takes more of the error of a star that stands alone, and makes its residuals depend on each other;
+    both are known and taken into account. Of white noise this is 1 / sqrt(2 M), as it must be.
     """
-    _, star = np.unique(stars, return_inverse=True)
-    _, frame = np.unique(frames, return_inverse=True)
-    products = _products((operators * errors).sum(axis=1), frame, star)
-    made = np.diagonal(products).copy()
-    squares = (operators**2).sum(axis=1)
-    expected = np.bincount(star, weights=squares)
-    ratio = made.sum() / expected.sum()
-    # The fit of a frame makes the residuals of its stars depend on each other, as those about a mean do.
-    by_fit = _products(squares / np.sqrt(np.bincount(frame, weights=squares))[frame], frame, star)
-    pairs = products + ratio * by_fit
+    star, frame = (np.unique(one, return_inverse=True)[1] for one in (seen.stars, seen.frames))
+    taken, squares = taken_by_fit(operators, seen.directions, seen.frames), (operators**2).sum(axis=1)
+    products = _products((operators * residuals).sum(axis=1), frame, star)
+    made, whole = np.diagonal(products).copy(), np.bincount(star, weights=squares)
+    left = np.bincount(star, weights=squares - (taken**2).sum(axis=1))
+    ratio = made.sum() / max(float(left.sum()), 1e-300)
+    growth = whole / np.maximum(left, _LEAST_LEFT * whole)
+    by_fit = sum(_products(one, frame, star) for one in taken.T)
+    pairs = (products + ratio * by_fit) * np.sqrt(np.outer(growth, growth))
     np.fill_diagonal(pairs, 0.0)
     few = len(made) / (len(made) - 1)
-    variance = few * ((made - ratio * expected) ** 2).sum() + 2 * (pairs**2).sum()
-    return math.sqrt(variance) / 2 / max(float(made.sum()), 1e-300)
+    variance = few * ((growth * (made - ratio * left)) ** 2).sum() + 2 * (pairs**2).sum()
+    return math.sqrt(variance) / 2 / max(float(ratio * whole.sum()), 1e-300)
 
 
 def _products(values: NDArray[np.float64], frame: NDArray[np.int64], star: NDArray[np.int64]) -> NDArray[np.float64]:

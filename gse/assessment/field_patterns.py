@@ -5,6 +5,7 @@ focal length that turned the attitude by an arcsecond because the stars stood on
 this: both parts are predicted from the places of the very stars that were there.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -20,7 +21,7 @@ from gse.truth import Refraction, time_blocks
 PARAMETERS = ("focal length", "k1", "k2", "principal point x", "principal point y", "pressure")
 """Of the truth, less what is stated: the first as a share, the points in px, the pressure in hPa."""
 
-_STEPS = (1e-5, 1e-4, 1e-4, 0.1, 0.1, 10.0)
+_STEPS = (1e-5, 1e-4, 1e-4, 0.1, 0.1, 300.0)
 _MOST_ROWS = 40_000
 _FEWEST_ROWS = 100
 _SHOWN_ROWS = 1000
@@ -52,23 +53,32 @@ class FieldOfErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StarErrors:
-    """Errors (N, 2) of single stars, and the operators (N, 3, 2) that make attitude errors of them."""
+    """Errors (N, 2) of single stars, and the operators (N, 3, 2) that make attitude errors of them.
+
+    ``phases`` (N, 2), complex, of modulus 1, turn once while a star crosses a pixel; ``phase_arcsec`` is the root mean
+    square of the part of the errors that goes with them.
+    """
 
     frames: NDArray[np.int64]
     utc_ns: NDArray[np.int64]
     stars: NDArray[np.int64]
     operators: NDArray[np.float64]
     errors: NDArray[np.float64]
-    whole_pixel_arcsec: float
+    phases: NDArray[np.complex128]
+    phase_arcsec: float
 
-    def of_whole_pixels_arcsec2(self) -> NDArray[np.float64]:
-        """Covariance (3, 3) of the attitude of one frame, by places that are rounded to pixels; else zero.
+    def of_phases_arcsec2(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Covariance (3, 3) of the weighted (N,) sum of attitude errors, by stars that err with their place on a pixel.
 
-        Stars that move alike along the pixels err alike, so that their residuals do not show it.
+        What a star leaves that crosses many pixels is next to nothing; one that stays keeps its error.
         """
-        turn = np.einsum("nij,nkj->ik", self.operators, self.operators) / len(np.unique(self.frames))
+        _, star = np.unique(self.stars, return_inverse=True)
+        weighted = self.operators * (weights[:, None] * self.phases)[:, None, :]
+        sums = np.zeros((int(star.max()) + 1, 3, 2), dtype=np.complex128)
+        np.add.at(sums, star, weighted)
+        turn = np.einsum("sia,sja->ij", sums, sums.conj()).real * self.phase_arcsec**2
         to_shifts = boresight_shifts(np.eye(3)).T
-        return np.asarray(to_shifts @ turn @ to_shifts.T * (self.whole_pixel_arcsec**2 / 12))
+        return np.asarray(to_shifts @ turn @ to_shifts.T)
 
     def lasting_arcsec2(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Covariance (3, 3) of the weighted (N,) sum of attitude errors, by what single stars keep over 20 s."""
@@ -129,11 +139,20 @@ def _fitted(
     variance, freedom = _variance_of_sums(rest, star, sightings, len(PARAMETERS))
     variance = max(variance, _variance_of_pulls(left, rest, star, normal))
     frames = matches["frame"].astype(np.int64)
-    whole_arcsec = camera.pixel_rad * ARCSEC_PER_RAD if (xy_px == np.rint(xy_px)).all() else 0.0
-    star_rows = matches["star"].astype(np.int64)
-    errors = StarErrors(frames, utc_ns[frames], star_rows, operators, unfitted(rest, frames), whole_arcsec)
+    pixel_arcsec = camera.pixel_rad * ARCSEC_PER_RAD
+    of_stars = unfitted(rest, frames)
+    phases = np.exp(2j * math.pi * (xy_px - residuals / pixel_arcsec))
+    errors = StarErrors(
+        frames,
+        utc_ns[frames],
+        matches["star"].astype(np.int64),
+        operators,
+        of_stars,
+        phases,
+        math.sqrt(2) * abs(complex((of_stars * phases).mean())),
+    )
     shifts = np.stack([boresight_shifts(turns[:, :, part]) for part in range(len(PARAMETERS))], axis=2)
-    moved_px = patterns[:: -(-len(patterns) // _SHOWN_ROWS)] / (camera.pixel_rad * ARCSEC_PER_RAD)
+    moved_px = patterns[:: -(-len(patterns) // _SHOWN_ROWS)] / pixel_arcsec
     return FieldOfErrors(
         normal / variance,
         right / variance,
@@ -142,7 +161,7 @@ def _fitted(
         shifts,
         errors,
         moved_px,
-        _WHOLE_PIXELS_HIDE_PX if whole_arcsec else _CENTROIDS_HIDE_PX,
+        _WHOLE_PIXELS_HIDE_PX if (xy_px == np.rint(xy_px)).all() else _CENTROIDS_HIDE_PX,
     )
 
 

@@ -25,7 +25,7 @@ _EXCLUSIVE = (
     frozenset({"clock drift", "mount moves"}),
     frozenset({"focal length", "distortion", "refraction"}),
 )
-_LEAST_SIGMAS = 4.5
+_LEAST_SIGMAS = 4.0
 _REFINEMENTS = 6
 _REST_SHARE = 0.2
 """Of the size of an earlier change over time."""
@@ -46,12 +46,14 @@ def fine_causes(model: SessionModel) -> tuple[Named, ...]:
     observed = model.observed()
     fixed = [*constant_causes(model), *causes_of_field(model), *drifts(model)]
     named: list[Hypothesis] = []
+    rivals = list(fixed)
     for _ in range(_MOST_CAUSES):
         base = _fit(observed, named)
         done = _beside(named)
         tried = [one for one in fixed if one.cause not in done]
         columns = _together(observed, named)
-        tried += [*steps(model, observed, base, columns), *sinusoids(model, observed, base, columns)]
+        changes = [*steps(model, observed, base, columns), *sinusoids(model, observed, base, columns)]
+        tried += changes
         gains = [(_score(observed, [*named, one]) - base.twice_log_likelihood, one) for one in tried]
         seen = [item for item in gains if _is_seen(model, observed, named, item[1])]
         if not seen:
@@ -63,7 +65,8 @@ def fine_causes(model: SessionModel) -> tuple[Named, ...]:
         if _is_rest(observed, named, best):
             break
         named = [*_without_idle(observed, named, best), best]
-    return tuple(_named(observed, named, one, fixed) for one in named)
+        rivals += changes
+    return tuple(_named(model, observed, named, one, rivals) for one in named)
 
 
 def _is_seen(model: SessionModel, observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bool:
@@ -128,6 +131,11 @@ def _score(observed: Observed, causes: Sequence[Hypothesis]) -> float:
     return fit.twice_log_likelihood - last.cost if inside else -math.inf
 
 
+def _explains(observed: Observed, causes: Sequence[Hypothesis]) -> float:
+    """The score at the place that was found, whatever the search for it cost."""
+    return _score(observed, causes) + 2 * math.log(causes[-1].searched)
+
+
 def _beside(named: Sequence[Hypothesis]) -> frozenset[str]:
     """Causes that are not tried any more: a constant error has one cause, and so has a change over time."""
     found = {one.cause for one in named}
@@ -149,24 +157,31 @@ def _outlasts_stars(model: SessionModel, observed: Observed, named: list[Hypothe
     """Whether a change over time is more than stars make that keep their errors while they cross their pixels."""
     if best.weights is None:
         return True
-    fit = _fit(observed, [*named, best])
-    count = best.columns.count
-    size = model.series.errors_arcsec.T @ best.weights
-    covariance = model.lasting_arcsec2(best.weights) + np.diag(FLOOR_ARCSEC**2) * 0.01
-    own = float(
-        fit.coefficients[-count:] @ np.linalg.pinv(fit.covariance[-count:, -count:]) @ fit.coefficients[-count:]
-    )
-    by_stars = float(size @ np.linalg.inv(covariance) @ size)
+    own, by_stars = _significances(model, _fit(observed, [*named, best]), best, best.weights)
     return own * by_stars / max(own + by_stars, 1e-300) > _LEAST_SIGMAS**2
 
 
-def _named(observed: Observed, named: list[Hypothesis], one: Hypothesis, rivals: list[Hypothesis]) -> Named:
+def _significances(
+    model: SessionModel, fit: Fitted, change: Hypothesis, weights: NDArray[np.float64]
+) -> tuple[float, float]:
+    """The size squared of a change, the last cause of the fit: in the variance of the fit, in that of lasting stars."""
+    part = slice(-change.columns.count, None)
+    size = model.series.errors_arcsec.T @ weights
+    by_stars = model.lasting_arcsec2(weights) + np.diag(FLOOR_ARCSEC**2) * 0.01
+    own = float(fit.coefficients[part] @ np.linalg.pinv(fit.covariance[part, part]) @ fit.coefficients[part])
+    return own, float(size @ np.linalg.inv(by_stars) @ size)
+
+
+def _named(
+    model: SessionModel, observed: Observed, named: list[Hypothesis], one: Hypothesis, rivals: Sequence[Hypothesis]
+) -> Named:
     others = [other for other in named if other is not one]
     fit = _fit(observed, [*others, one])
     count = one.columns.count
-    best = _score(observed, [*others, one])
-    equals = [
-        rival for rival in rivals if rival.kind != one.kind and _score(observed, [*others, rival]) > best - EQUAL_WITHIN
-    ]
+    least = _explains(observed, [*others, one]) - EQUAL_WITHIN
+    equals = [rival for rival in rivals if rival.cause != one.cause and _explains(observed, [*others, rival]) > least]
     errors = np.sqrt(np.maximum(np.diag(fit.covariance)[-count:], 0.0))
+    if one.weights is not None:
+        own, by_stars = _significances(model, fit, one, one.weights)
+        errors *= math.sqrt(1 + own / max(by_stars, 1e-300))
     return Named(one, fit.coefficients[-count:], errors, tuple(equals))

@@ -27,7 +27,10 @@ _SYNC = "see whether the clock is synchronised: gse preflight; then repeat the s
 _LEAVE_OUT = "fix the mount; judge the rest of the session: gse report SESSION --leave-out FROM/TO=moved"
 _SIGMAS = 3.0
 _LATENCY_S = 2.5
-_SCALES = {18.0: "GPS time", 37.0: "TAI", 19.0: "TAI instead of GPS time"}
+_SURE_S = 0.2
+"""An offset that is known worse is near to a whole second by chance."""
+CLOCK_SCALES = {"clock set to GPS time": 18.0, "clock set to TAI": 37.0}
+"""How fast a host's clock is that was set to another time scale than UTC, in s, since 2017."""
 _MOST_PRESSURE_SHARE = 0.3
 
 
@@ -59,6 +62,8 @@ def _equals(one: Named, *more: str) -> tuple[str, ...]:
 
 
 def _rival(rival: Hypothesis) -> str:
+    if rival.cause == "clock offset":
+        return "clock offset or longitude"
     return rival.cause if rival.kind in (rival.cause, "k1 and k2") else f"{rival.cause} ({rival.kind})"
 
 
@@ -74,15 +79,15 @@ def _clock_offset(one: Named, setting: Setting) -> Finding:
         if abs(abs(fast_s) - share * setting.exposure_s) < _SIGMAS * error_s < setting.exposure_s / 4:
             equals.append(f"a time stamp of {end} of the exposure ({setting.exposure_s:g} s)")
     size = f"the host's clock is {abs(fast_s):.{_digits(error_s)}f} s {'fast' if fast_s > 0 else 'slow'}"
-    size += f" (+- {2 * error_s:.2g} s){_scale(fast_s, error_s)}"
-    return Finding("clock offset", size, _equals(one, *equals), _SYNC)
+    size += f" (+- {2 * error_s:.2g} s)"
+    if _is_whole(abs(fast_s), 1.0, error_s):
+        size += ": a leap second"
+    scales = [cause for cause, ahead_s in CLOCK_SCALES.items() if _is_whole(fast_s, ahead_s, error_s)]
+    return Finding(scales[0] if scales else "clock offset", size, _equals(one, *equals), _SYNC)
 
 
-def _scale(fast_s: float, error_s: float) -> str:
-    whole = round(abs(fast_s))
-    if whole == 0 or abs(abs(fast_s) - whole) > _SIGMAS * error_s or error_s > 0.2:
-        return ""
-    return ": a leap second" if whole == 1 else f": {_SCALES[whole]}" if whole in _SCALES else ""
+def _is_whole(fast_s: float, expected_s: float, error_s: float) -> bool:
+    return error_s <= _SURE_S and abs(fast_s - expected_s) <= _SIGMAS * error_s
 
 
 def _mount(one: Named, setting: Setting) -> Finding:

@@ -14,8 +14,12 @@ from gse.assessment.session_model import SessionModel
 from gse.assessment.turns import EAST, all_turns, pole
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 
-FALSE_ALARM = 3e-5
-"""Chance that noise explains a cause as well, for each place that was searched; of some twenty causes that compete."""
+FALSE_ALARM, FALSE_DRIFT = 3e-5, 2e-4
+"""Chance that noise explains a cause as well, over all places that were searched; of some twenty causes that compete.
+
+A drift must also be better than slow noise, whose likelihood takes most of the false ones away; a step or a sinusoid is
+what such noise most looks like.
+"""
 _MOST_HPA = 1085.0
 """The highest pressure on record, at sea level."""
 
@@ -45,9 +49,15 @@ class Hypothesis:
         return PENALTY * self.columns.count + 2 * math.log(self.searched)
 
     @property
+    def is_drift(self) -> bool:
+        """Whether it is a change over time whose place is not searched."""
+        return self.weights is not None and self.searched == 1
+
+    @property
     def is_worth(self) -> float:
-        """By how much twice the log likelihood must grow: what noise does with the chance of FALSE_ALARM."""
-        return float(chdtri(self.columns.count, FALSE_ALARM / self.searched))
+        """By how much twice the log likelihood must grow: what noise does with so small a chance."""
+        chance = FALSE_DRIFT if self.is_drift else FALSE_ALARM
+        return float(chdtri(self.columns.count, chance / self.searched))
 
 
 def constant_causes(model: SessionModel) -> Iterator[Hypothesis]:

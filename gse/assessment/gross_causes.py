@@ -47,6 +47,7 @@ _USUAL_HOURS = (*range(-12, 15), -24, 24)
 _QUARTER_HOURS = (5.75, 8.75, 12.75)
 """Time zones that are neither whole nor half hours from UTC."""
 _AXIS_SHARE = 0.05
+_SITE_ROUNDS, _SITE_STEP_DEG, _MOST_LATITUDE_DEG = 6, 0.01, 89.9
 _CHECK_MOUNT = "check the angles of the mount, then: gse align SESSION --accept-gross --write FILE"
 _CORRECT = "correct the station file, then judge the same recording again: gse report SESSION --station FILE"
 _SET_CLOCK = "set the host's clock to UTC (timedatectl set-ntp true), see it with gse preflight, and repeat the session"
@@ -138,6 +139,14 @@ def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthO
         is_gross=True,
     )
     return GrossCause(finding, _arcsec(_horizon_to_sensor(whole, best, orientation), horizon_to_sensor(best.mount)))
+
+
+def left_with_clock(
+    raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthOrientation, fast_s: float
+) -> NDArray[np.float64]:
+    """The errors (M, 3) that are left when the host's clock is so fast: columns, rows, roll, in arcsec."""
+    under = _Hypothesis("", "", "", site, mount, fast_s)
+    return _arcsec(_horizon_to_sensor(raw, under, orientation), horizon_to_sensor(mount))
 
 
 def _arcsec(measured: NDArray[np.float64], true: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -253,6 +262,8 @@ def _turned(
     if good:
         found, *others = (said(angle) for angle, said in good)
         return replace(found, equals=(*found.equals, *(f"{one.cause} ({one.size})" for one in others)))
+    if elsewhere := _elsewhere(raw, stated, orientation):
+        return elsewhere
     fitted = mount_of(horizon_to_sensor(mount) @ turn)
     return Finding(
         "mount",
@@ -263,6 +274,37 @@ def _turned(
         _CHECK_MOUNT,
         is_gross=True,
     )
+
+
+def _elsewhere(raw: RawAttitudes, stated: _Hypothesis, orientation: EarthOrientation) -> Finding | None:
+    """Another latitude and longitude, where they explain all three angles: by Newton's steps from the stated ones."""
+    at = stated
+
+    def off_rad(under: _Hypothesis) -> NDArray[np.float64]:
+        turns = small_rotations(_horizon_to_sensor(raw, under, orientation), horizon_to_sensor(under.mount))
+        return np.asarray(turns.mean(axis=0))
+
+    for _ in range(_SITE_ROUNDS):
+        off = off_rad(at)
+        slopes = [
+            (off_rad(_moved(at, *step)) - off) / _SITE_STEP_DEG
+            for step in ((_SITE_STEP_DEG, 0.0), (0.0, _SITE_STEP_DEG))
+        ]
+        step_deg = np.linalg.lstsq(np.column_stack(slopes), -off, rcond=None)[0]
+        if abs(at.site.latitude_deg + float(step_deg[0])) > _MOST_LATITUDE_DEG:
+            return None
+        at = _moved(at, *step_deg.tolist())
+    if math.degrees(float(np.linalg.norm(off_rad(at)))) > _SAME_DEG:
+        return None
+    size = f"the stars fit site.latitude_deg: {at.site.latitude_deg:.3f} and longitude_deg: {at.site.longitude_deg:.3f}"
+    size += f", stated are {stated.site.latitude_deg:g} and {stated.site.longitude_deg:g}"
+    return Finding("site", size, ("a mount whose base is not level",), _CORRECT, is_gross=True)
+
+
+def _moved(under: _Hypothesis, north_deg: float, east_deg: float) -> _Hypothesis:
+    site = under.site
+    longitude_deg = (site.longitude_deg + east_deg + 180) % 360 - 180
+    return replace(under, site=replace(site, latitude_deg=site.latitude_deg + north_deg, longitude_deg=longitude_deg))
 
 
 def _refined_s(raw: RawAttitudes, stated: _Hypothesis, angle_rad: float, orientation: EarthOrientation) -> float:

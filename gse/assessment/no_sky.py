@@ -22,8 +22,8 @@ FADED_MAG = 1.0
 """Stars that are fainter by this much than in the clear part of the session are behind cloud."""
 
 MIN_STRETCH_NS = 10 * NS_PER_S
-_BRIDGED_NS = 3 * NS_PER_S
-"""Single answers through a gap in the cloud do not end a stretch."""
+_BRIDGED_NS, _BRIDGED_FRAMES = 3 * NS_PER_S, 1.5
+"""Single answers through a gap in the cloud do not end a stretch, nor does the time between two frames."""
 
 _BESIDE_NS = 60 * NS_PER_S
 MISSING_SHARE = 0.5
@@ -54,7 +54,9 @@ def _blind_stretches(frames: NDArray[np.void]) -> Iterator[tuple[int, int]]:
     )
     blind = np.flatnonzero(~seen)
     utc_ns = frames["utc_ns"]
-    for part in np.split(blind, np.flatnonzero(np.diff(utc_ns[blind]) > _BRIDGED_NS) + 1):
+    step_ns = float(np.median(np.diff(utc_ns))) if len(utc_ns) > 1 else 0.0
+    bridged_ns = max(_BRIDGED_NS, _BRIDGED_FRAMES * step_ns)
+    for part in np.split(blind, np.flatnonzero(np.diff(utc_ns[blind]) > bridged_ns) + 1):
         if len(part) and utc_ns[part[-1]] - utc_ns[part[0]] + _exposure_ns(frames[part[-1]]) >= MIN_STRETCH_NS:
             yield int(part[0]), int(part[-1])
 

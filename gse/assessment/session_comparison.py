@@ -9,10 +9,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gse.assessment.axis_statistics import AxisStatistics, block_means
+from gse.assessment.autocorrelation import mean_error
+from gse.assessment.axis_statistics import AxisStatistics, quick_errors
 from gse.assessment.counted_frames import false_answers
 from gse.assessment.field_content import FieldContent, field_content
 from gse.assessment.metrics import Metric, metrics
+from gse.assessment.sampling import MIN_FRAMES
 from gse.assessment.statistics import Statistics, statistics
 from gse.instant import NS_PER_S
 from gse.station.frame_table import STATUSES
@@ -132,18 +134,24 @@ _Figures = tuple[Statistics, Statistics]
 
 
 class _Axis(NamedTuple):
-    """One axis of one night: its figures, and what its stars make of them."""
+    """One axis of one night: its figures, what its stars make of them, and standard errors by the order of its frames.
+
+    ``noise_time_share`` is that of the noise equivalent angle, as a share of it.
+    """
 
     figures: AxisStatistics
     field: FieldContent
     time_error_arcsec: float
     time_error_abs_arcsec: float
+    noise_time_share: float
 
     @classmethod
     def of(cls, figures: Statistics, frames: NDArray[np.void], fields: dict[str, FieldContent], axis: str) -> "_Axis":
         good = _good(frames)
-        utc_ns, errors = frames["utc_ns"][good], frames[f"{axis}_arcsec"][good]
-        by_time = _sigma_of_mean(utc_ns, errors), _sigma_of_mean(utc_ns, np.abs(errors))
+        errors = frames[f"{axis}_arcsec"][good]
+        square = quick_errors(frames["utc_ns"][good], errors) ** 2
+        noise_share = _error_of_mean(square) / 2 / max(float(square.mean()), 1e-300) if len(square) else _NAN
+        by_time = _error_of_mean(errors), _error_of_mean(np.abs(errors)), noise_share
         return cls(figures.onboard.axes[axis], fields.get(axis, _NO_FIELD), *by_time)
 
     @property
@@ -153,9 +161,8 @@ class _Axis(NamedTuple):
 
     @property
     def noise_error_arcsec(self) -> float:
-        """Standard error of the noise equivalent angle: that of white noise, or of stars that differ."""
-        white = (self.figures.nea_high_arcsec - self.figures.nea_low_arcsec) / 2 / 1.96
-        return max(white, self.field.noise_error_share * self.figures.nea_arcsec)
+        """Standard error of the noise equivalent angle: what frames show, or stars that differ."""
+        return max(self.noise_time_share, self.field.noise_error_share) * self.figures.nea_arcsec
 
     @property
     def mean_abs_error_arcsec(self) -> float:
@@ -194,13 +201,13 @@ def _good(frames: NDArray[np.void]) -> NDArray[np.bool_]:
 
 
 def _paired_error(axis: str, columns: _Columns, pairs: _Pairs | None) -> float:
-    """Standard error of the mean change of the absolute error, by means over 20 s; NaN of different panoramas."""
+    """Standard error of the mean change of the absolute error; NaN of different panoramas."""
     if pairs is None:
         return _NAN
     errors = [np.abs(frames[f"{axis}_arcsec"]) for frames in columns]
     both = _good(columns[0])[pairs[0]] & _good(columns[1])[pairs[1]]
     change = (errors[1][pairs[1]] - errors[0][pairs[0]])[both]
-    return _sigma_of_mean(columns[0]["utc_ns"][pairs[0]][both], change)
+    return _error_of_mean(change)
 
 
 def _mean_abs(name: str, one: _Axis, two: _Axis, growth: float, paired_error: float, allowed: float) -> Row:
@@ -220,11 +227,13 @@ def _folded_mean(bias: float, spread: float) -> float:
     return spread * math.sqrt(2 / math.pi) * math.exp(-(share**2) / 2) + bias * math.erf(share / math.sqrt(2))
 
 
-def _sigma_of_mean(utc_ns: NDArray[np.int64], values: NDArray[np.float64]) -> float:
+def _error_of_mean(values: NDArray[np.float64]) -> float:
+    """Standard error of the mean of values (M,) in their order; of few, or of equal ones, as of independent values."""
     if len(values) < 2:
         return _NAN
-    means = block_means((utc_ns - utc_ns[0]) / 1e9, values)
-    return float(means.std(ddof=1) / math.sqrt(len(means)))
+    if len(values) < MIN_FRAMES or float(np.ptp(values)) == 0:
+        return float(values.std(ddof=1) / math.sqrt(len(values)))
+    return mean_error(values).standard
 
 
 def _sigmas(difference: float, sigma: float) -> float:

@@ -16,8 +16,6 @@ from gse.truth import horizon_to_sensor
 
 FLOOR_ARCSEC = np.array([0.3, 0.3, 1.0])
 """What the models of air and stars leave open, along columns, rows and about the boresight."""
-_PIXELS_LAST_S = 60.0
-"""Whole pixels err alike for as long as a star takes over several of them."""
 _UNTESTED_ARCSEC2 = 1e12
 
 
@@ -70,8 +68,8 @@ class SessionModel:
         """Covariance (3, 3) of the weighted (M,) sum of the errors, by what single stars keep; zero without stars."""
         if self.field is None:
             return np.zeros((3, 3))
-        of_pixels = self.field.stars.of_whole_pixels_arcsec2() / (1 + self.series.duration_s / _PIXELS_LAST_S)
-        return self.field.stars.lasting_arcsec2(self._of_frames(weights)) + of_pixels
+        stars, of_frames = self.field.stars, self._of_frames(weights)
+        return stars.lasting_arcsec2(of_frames) + stars.of_phases_arcsec2(of_frames)
 
     def _of_frames(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Weights of the series as those of the rows of the field's stars, with the same sum over frames."""

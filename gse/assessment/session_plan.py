@@ -169,7 +169,7 @@ def _figure_times(row: Row) -> float:
     if math.isnan(row.uncertainty):
         return math.nan
     sampling = math.sqrt(max(row.uncertainty**2 - (COVERAGE_FACTOR * row.truth_uncertainty) ** 2, 0.0))
-    return further_share(row.limit - row.value, sampling, row.truth_uncertainty)
+    return further_share(row.limit - row.value, sampling, row.truth_uncertainty, row.n_eff)
 
 
 def _share_times(row: Row, share: Share, limit: float, *, at_least: bool) -> float:

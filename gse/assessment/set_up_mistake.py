@@ -2,7 +2,8 @@
 
 The identifier named the right stars, only not where site, clock and mount of the station file say. Where the errors
 that are left without the mistake keep the limits, no row fails for it: the word is INCONCLUSIVE, and the mistake is the
-first reason. A mirrored image, in which nothing can be identified, is one too.
+first reason. A mirrored image, in which nothing can be identified, is one too, and so is a host whose clock shows GPS
+time or TAI: no latency of a sensor is 18 or 37 s.
 """
 
 from dataclasses import replace
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import CountedFrames
 from gse.assessment.decision import Outcome, Row
-from gse.assessment.diagnosis import gross_cause_of
+from gse.assessment.diagnosis import gross_cause_of, left_with_clock_of
+from gse.assessment.fine_findings import CLOCK_SCALES
 from gse.finding import Finding
 from gse.limits import Limits
 from gse.station.event_kinds import StationKind
@@ -31,6 +33,10 @@ def set_up_mistake(session: SessionData, counted: CountedFrames, found: tuple[Fi
     mirrored = [finding for finding in found if finding.cause == MIRRORED]
     if mirrored and _is_all_mirrored(session):
         return mirrored[0]
+    for finding in found:
+        if finding.cause in CLOCK_SCALES:
+            left_arcsec = left_with_clock_of(session, counted, CLOCK_SCALES[finding.cause])
+            return finding if _keeps(left_arcsec, session.station.limits) else None
     gross = [finding for finding in found if finding.is_gross]
     cause = gross_cause_of(session, counted) if gross else None
     if cause is None or not _keeps(cause.left_arcsec, session.station.limits):

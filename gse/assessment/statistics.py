@@ -63,7 +63,7 @@ def statistics(session: SessionData) -> Statistics:
     status, check = frames["status"][counted.expected], frames["answer_check"][counted.expected]
     limit_ms = session.station.limits.identification_ms
     field_rad = session.station.sensor.camera().diagonal_rad / 2
-    lost = session.link.frames_lost + session.link.frames_repeated
+    lost = session.panoramas_lost
     convention = session_convention(session) if len(session.sensor_attitudes) else None
     unreadable = is_wrong(convention, session.station.sensor.attitude)
     answers = _of_frames(session, counted)

@@ -37,7 +37,7 @@ def uncounted(session: SessionData, stats: Statistics) -> Iterator[str]:
 
 def _missing_frames(session: SessionData, stats: Statistics) -> Iterator[str]:
     frames = session.frames.columns
-    told = session.link.frames_lost + session.link.frames_repeated
+    told = session.panoramas_lost
     pauses = [item for item in stats.counted.exclusions if item.cause in (Cause.OPERATOR, Cause.NO_SKY)]
     excused = excluded(frames["utc_ns"], pauses)
     excused[_after_suspensions(session)] = True

@@ -7,7 +7,7 @@ and the order of work are Dask's; its settings (``distributed.scheduler.worker-t
 
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import dask
 from distributed import Client, LocalCluster
@@ -30,10 +30,15 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Client]:
             _check_software(client, scheduler)
             yield client
         return
-    # Workers of this machine share its memory: Dask's default limit is each one's share.
-    with (
-        dask.config.set({"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}),
-        LocalCluster(
+    with _own(workers) as client:
+        yield client
+
+
+@contextmanager
+def _own(workers: int) -> Iterator[Client]:
+    """Workers of this machine share its memory: Dask's default limit is each one's share."""
+    with dask.config.set({"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}):
+        local = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             processes=True,
@@ -43,10 +48,14 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Client]:
             worker_dashboard_address=None,
             security=True,
             silence_logs=logging.CRITICAL,
-        ) as local,
-        Client(local, set_as_default=False) as client,
-    ):
-        yield client
+        )
+        try:
+            with Client(local, set_as_default=False) as client:
+                yield client
+        finally:
+            # A worker that does not end in time, on a busy host, ends with this process; its work is done.
+            with suppress(TimeoutError):
+                local.close()
 
 
 @contextmanager

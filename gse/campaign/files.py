@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from drivers.whole_file import write_whole
 from gse.campaign.page import campaign_html
 from gse.errors import UsageError
 
@@ -13,9 +14,8 @@ def write_campaign_report(report: dict[str, Any], folder: Path) -> Path:
     page = campaign_html(report)
     try:
         folder.mkdir(parents=True)
-        (folder / "campaign.html").write_text(page, encoding="utf-8", newline="\n")
-        text = json.dumps(report, indent=2, allow_nan=False) + "\n"
-        (folder / "campaign.json").write_text(text, encoding="utf-8", newline="\n")
+        write_whole(folder / "campaign.html", [page])
+        write_whole(folder / "campaign.json", [json.dumps(report, indent=2, allow_nan=False) + "\n"])
     except OSError as error:
         raise UsageError(f"cannot write the report into {folder}: {error.strerror}; is the disk full?") from error
     return folder / "campaign.html"

@@ -7,6 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from drivers.outside_text import is_plain, plain_line
 from gse.campaign.storage import explained, open_storage, protocol_of
 from gse.errors import UsageError
 
@@ -34,6 +35,9 @@ def find_sources(wanted: Iterable[str]) -> list[Source]:
     A folder is searched with its subfolders. The further segments of a session belong to its first.
     """
     found = {source.url: source for url in wanted for source in _sources_of(url)}
+    for url in found:
+        if not is_plain(url):
+            raise UsageError(f"'{plain_line(url):.200}' has characters that cannot be shown; rename the file")
     if len(found) > MOST_SESSIONS:
         raise UsageError(f"{len(found)} sessions are more than the {MOST_SESSIONS} of one campaign; divide it")
     return sorted(found.values())

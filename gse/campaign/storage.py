@@ -68,7 +68,7 @@ def protocol_of(url: str) -> str:
     """file, sftp, ssh or s3; UsageError for anything else that fsspec knows."""
     protocol = url.split("://", 1)[0] if "://" in url else "file"
     if protocol not in PROTOCOLS or "::" in url:
-        raise UsageError(f"{url}: {protocol} is no storage of campaigns; expected a path, sftp:// or s3://")
+        raise UsageError(f"{url}: {protocol} is not a storage of campaigns; expected a path, sftp:// or s3://")
     return protocol
 
 

@@ -30,7 +30,8 @@ EXIT_INCONCLUSIVE = 5
 EXIT_INTERNAL = 70
 EXIT_INTERRUPTED = 130
 
-_DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_NOT_TAKEN = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
+"""Of a full, broken or locked disk, and of a terminal that is gone."""
 
 _COMMANDS = {
     "run": "test a sensor: receive, record, identify, compare, judge",
@@ -58,7 +59,7 @@ _COMMANDS = {
     "sensor": "send a command to the sensor",
     "plan": "show how long a session must be for a verdict",
     "selfcheck": "check the installation with sessions of known errors",
-    "campaign": "judge many sessions on a cluster; report on them, ask them questions",
+    "campaign": "judge many sessions on a cluster, report on them, query them",
     "ci": "replay a folder of sessions and compare their reports",
     "completion": "print the script that completes commands in a shell",
 }
@@ -164,8 +165,9 @@ def unexpected(error: BaseException) -> int:
     """Print an unexpected error; returns the exit code."""
     if was_interrupted(error):
         return EXIT_INTERRUPTED
-    if isinstance(error, OSError) and error.errno in _DISK_FULL:
-        click.echo(f"gse: {error.strerror}: the output is incomplete; free some disk space and repeat", err=True)
+    if isinstance(error, OSError) and error.errno in _NOT_TAKEN:
+        hint = "check the disk" if error.errno in (errno.EIO, errno.EROFS) else "free some disk space"
+        click.echo(f"gse: {error.strerror}: the output is incomplete; {hint} and repeat", err=True)
         return EXIT_DATA_LOST
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{place.filename}:{place.lineno}"

@@ -60,9 +60,10 @@ def command(
 
 
 def _write_junit(path: Path, text: str) -> None:
+    from drivers.whole_file import write_whole
     from gse.errors import UsageError
 
     try:
-        path.write_text(text, encoding="utf-8", newline="\n")
+        write_whole(path, [text])
     except OSError as error:
         raise UsageError(f"cannot write {path}: {error.strerror}") from error

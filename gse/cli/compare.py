@@ -11,7 +11,7 @@ import click
 
 from gse.assessment.session_comparison import Row, SessionComparison, session_comparison
 from gse.cli import EXIT_FAIL
-from gse.cli.options import IDENTIFIER, anew_option, change_to, start_utc_option
+from gse.cli.options import IDENTIFIER, PLUG_HELP, anew_option, change_to, start_utc_option
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     "identifiers",
     multiple=True,
     type=IDENTIFIER,
-    help="Identifier of the second session; given twice: of the first and the second.",
+    help=f"Identifier of the second session; given twice: of the first and the second. {PLUG_HELP}",
 )
 @click.option(
     "--station",

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from drivers.whole_file import new_file
 from gse.cli.folding import folded
 from gse.cli.options import at_option, station_of
 from gse.cli.station_questions import asked, draft_options, unasked
@@ -38,8 +39,8 @@ def init(path: Path, *, yes: bool, **given: Any) -> None:
         raise ConfigError(f"{path} exists already; choose another name")
     text = draft_text(unasked(given) if yes or not sys.stdin.isatty() else asked(given))
     try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
+        with new_file(path) as file:
+            file.write(text.encode())
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}") from error
     click.echo(f"{path} written and checked. Next: gse preflight --station {shlex.quote(str(path))}", err=True)

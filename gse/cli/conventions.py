@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_FAIL
-from gse.cli.options import change_to, say
+from gse.cli.options import change_to, say, start_utc_option
 from gse.errors import UsageError
 from gse.sign_of_life import working
 
@@ -28,9 +28,18 @@ if TYPE_CHECKING:
     help="Length of the stretch, from the first answer on.",
 )
 @click.option("--station", "station_path", type=click.Path(path_type=Path), help="Station file instead of its own.")
+@start_utc_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.conventions/1.")
 @click.pass_context
-def command(ctx: click.Context, *, path: Path, seconds: float, station_path: Path | None, as_json: bool) -> None:
+def command(
+    ctx: click.Context,
+    *,
+    path: Path,
+    seconds: float,
+    station_path: Path | None,
+    start_utc: str | None,
+    as_json: bool,
+) -> None:
     """Name the convention of the sensor's own answers (ATTITUDE frames) in a SESSION.
 
     All discrete conventions are tried: the order and direction of a quaternion, its axes, RA and DE of date or J2000 or
@@ -40,7 +49,7 @@ def command(ctx: click.Context, *, path: Path, seconds: float, station_path: Pat
     from gse.assessment.sensor_convention import is_wrong, session_convention
 
     with working("comparing the sensor's answers"):
-        session = _session(path, station_path, seconds)
+        session = _session(path, station_path, start_utc, seconds)
         search = session_convention(session, seconds)
     if search is None:
         raise UsageError(
@@ -52,10 +61,10 @@ def command(ctx: click.Context, *, path: Path, seconds: float, station_path: Pat
     ctx.exit(EXIT_FAIL if not search.fits or is_wrong(search, stated) else 0)
 
 
-def _session(path: Path, station_path: Path | None, seconds: float) -> "SessionData":
+def _session(path: Path, station_path: Path | None, start_utc: str | None, seconds: float) -> "SessionData":
     """The session up to the end of the stretch."""
     from gse.instant import NS_PER_S
-    from gse.sessions.replay import replay_session
+    from gse.sessions.replay import ReplayOptions, replay_session
     from gse.station.frame_results import FrameResults
 
     begun: list[int] = []
@@ -70,7 +79,8 @@ def _session(path: Path, station_path: Path | None, seconds: float) -> "SessionD
                 int(results[-1].panoramas.utc_ns[-1]),
             ]
 
-    return replay_session(path, station=change_to(station_path, None), stop=stop, each=each, tell=say).session
+    options, station = ReplayOptions(start_utc=start_utc), change_to(station_path, None)
+    return replay_session(path, options=options, station=station, stop=stop, each=each, tell=say).session
 
 
 def _document(search: "ConventionSearch", stated: "AttitudeConvention") -> dict[str, Any]:

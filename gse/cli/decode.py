@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from gse.cli import EXIT_DATA_LOST
+from gse.cli.folding import folded
 
 
 @click.command("decode")
@@ -53,13 +54,13 @@ def command(
         if as_json:
             click.echo(json.dumps(piece_json(piece, protocol)))
             continue
-        click.echo(line(piece, protocol))
+        click.echo(folded(line(piece, protocol), indent=4))
         if explain and not isinstance(piece.item, Frame):
             click.echo("\n".join(explanation(piece, protocol)))
     if as_json:
         click.echo(json.dumps(totals_json(decoding.totals, protocol)))
     else:
-        click.echo("\n".join(totals_lines(decoding.totals)))
+        click.echo(folded("\n".join(totals_lines(decoding.totals)), indent=8))
     if not decoding.totals["rx"].frames:
         hint = "try another --protocol; or the baud rate was wrong"
         click.echo(f"gse: {path} has no frame of {protocol.name}: {hint}", err=True)

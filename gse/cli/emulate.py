@@ -8,6 +8,7 @@ import click
 
 from gse import sign_of_life
 from gse.cli.durations import duration_option
+from gse.cli.folding import folded
 from gse.cli.options import station_of, station_option
 from gse.errors import UsageError
 
@@ -87,7 +88,7 @@ def command(
     firmware = firmware_of(station, session, options, detector, began_ns + offset_ns)
     endpoint = _endpoint(tcp_address)
     click.echo(endpoint.address)
-    click.echo(outlook(device, session), err=True)
+    click.echo(folded(outlook(device, session), indent=2, err=True), err=True)
     click.echo(f"{device.sensor.name} sends {device.protocol}; press Ctrl-C to end", err=True)
     sign_of_life.stop()
     try:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_INTERRUPTED, was_interrupted
-from gse.cli.options import IDENTIFIER, station_of, station_option, with_identifier
+from gse.cli.options import IDENTIFIER, PLUG_HELP, station_of, station_option, with_identifier
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class _Finite(click.FloatRange):
     "identifiers",
     multiple=True,
     type=IDENTIFIER,
-    help="Identifier to test; repeatable.  [default: robust]",
+    help=f"Identifier to test; repeatable. {PLUG_HELP}  [default: robust]",
 )
 @click.option("--preset", type=click.Choice(("pivot-paper", "lapan")), help="Use the settings of a paper.")
 @click.option(

@@ -38,7 +38,10 @@ EXAMPLES = {
         'gse campaign query dataset "select night, verdict from sessions"',
     ),
     "why": ("gse why sessions/20260320T183000Z-ST-1", "gse why session.mcap --bundle case.zip"),
-    "conventions": ("gse conventions session.mcap", "gse conventions session.mcap --json"),
+    "conventions": (
+        "gse conventions sessions/20260320T183000Z-sensor",
+        "gse conventions sessions/20260320T183000Z-sensor --json",
+    ),
     "note": ('gse note "clouds from the west"', 'gse note "dew on the lens" sessions/20260320T183000Z-ST-1'),
     "session info": ("gse session info sessions/20260320T183000Z-ST-1", "gse session info session.mcap --json"),
     "session verify": ("gse session verify session.mcap", "gse session verify session.mcap --json"),

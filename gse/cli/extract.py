@@ -95,7 +95,8 @@ def _read_map(path: Path) -> list[tuple[int, int]]:
     try:
         if path.stat().st_size > MAX_MAP_BYTES:
             raise TableError(f"{path} is larger than {MAX_MAP_BYTES} bytes; expected a table of hot pixels")
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        with path.open(encoding="utf-8-sig") as file:
+            lines = file.read(MAX_MAP_BYTES).splitlines()
     except OSError as error:
         raise TableError(f"cannot read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:

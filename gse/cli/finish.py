@@ -42,6 +42,7 @@ def conclude(
     session: SessionData, assessment: "Assessment", folder: Path, own_elapsed_us: "array[float]"
 ) -> dict[str, Any]:
     """Write the report of a judged session and this host's own times into a folder; returns the report."""
+    from drivers.whole_file import write_whole
     from gse.release_memory import give_back
     from gse.report import summarise
     from gse.report.files import write_report
@@ -51,7 +52,7 @@ def conclude(
     give_back()
     try:
         write_report(session, assessment, folder, provenance(session.versions, _self_check()))
-        (folder / "timing.json").write_text(json.dumps(_timing(own_elapsed_us), indent=2) + "\n")
+        write_whole(folder / "timing.json", [json.dumps(_timing(own_elapsed_us), indent=2) + "\n"])
     except (UsageError, OSError) as error:
         # The verdict is shown even if its file cannot be written.
         click.echo(f"gse: {error}; make room, then: gse report {folder}", err=True)

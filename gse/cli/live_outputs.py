@@ -85,7 +85,7 @@ class Steps:
 class LiveOutputs:
     """The listeners of a session, opened after the setup and closed with the session.
 
-    ``diagnose`` announces findings while the session runs.
+    ``diagnose`` announces findings while the session runs, and when its verdict is to be expected.
     """
 
     def __init__(
@@ -100,11 +100,12 @@ class LiveOutputs:
 
     def listeners(self, loop: StationLoop, folder: Path | None) -> Sequence[Listener]:
         """The requested listeners and the status line."""
-        from gse.sessions.forecast import Forecast
-
-        self._forecast = Forecast(loop.sky.fill)
         listeners: list[Listener] = [JsonFrames()] if self._options.json_frames else []
-        listeners.append(self._forecast)
+        if self._diagnose or self._options.view != "none":  # the verdict itself comes sooner than its forecast
+            from gse.sessions.forecast import Forecast
+
+            self._forecast = Forecast(loop.sky.fill)
+            listeners.append(self._forecast)
         listeners.append(self._open_status(loop, folder))
         if self._options.view != "none" or self._options.save_rrd is not None:
             listeners.append(self._open_view(loop, folder))

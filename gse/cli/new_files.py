@@ -4,14 +4,15 @@ from pathlib import Path
 
 import click
 
+from drivers.whole_file import new_file
 from gse.errors import UsageError
 
 
 def write_new(path: Path, text: str) -> None:
     """Write a new text file and print its path to stderr; UsageError where it exists or cannot be written."""
     try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
+        with new_file(path) as file:
+            file.write(text.encode())
     except FileExistsError:
         raise UsageError(f"{path} exists already; choose another name") from None
     except OSError as error:

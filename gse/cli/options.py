@@ -33,7 +33,7 @@ class IdentifierName(click.types.StringParamType):
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
         """As the help shows it."""
-        return f"[{'|'.join(ALGORITHMS)}|command:PROGRAM ARGS|library:FILE|entry-point:NAME]"
+        return f"[{'|'.join(ALGORITHMS)}|PLUG]"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """The text itself, where it names an identifier."""
@@ -49,11 +49,15 @@ class IdentifierName(click.types.StringParamType):
 
 IDENTIFIER = IdentifierName()
 
+PLUG_HELP = 'PLUG is an external one: "command:PROGRAM ARGS", library:FILE or entry-point:NAME.'
+
 station_option: Callable[[Any], Any] = click.option(
     "--station", "station_path", type=click.Path(path_type=Path), help="Station file; default: the built-in station."
 )
 identifier_option: Callable[[Any], Any] = click.option(
-    "--identifier", type=IDENTIFIER, help="Identifier under test; default: that of the station file."
+    "--identifier",
+    type=IDENTIFIER,
+    help=f"Identifier under test; default: that of the station file. {PLUG_HELP}",
 )
 start_utc_option: Callable[[Any], Any] = click.option(
     "--start-utc", help="UTC of the first panorama of a raw capture, e.g. 2026-03-20T18:30:00Z."

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_FAIL
+from gse.cli.folding import folded
 from gse.cli.options import station_of
 from gse.errors import UsageError
 
@@ -102,7 +103,8 @@ def _of_station(station: "Station", given: dict[str, float | None], *, as_json: 
     if as_json:
         click.echo(json.dumps({"schema": "gse.plan/1", "session": None, **document}))
     else:
-        click.echo("\n".join([*_assumptions(axes, availability, frames_per_s), "", *_table(plan), "", _summary(plan)]))
+        lines = [*_assumptions(axes, availability, frames_per_s), "", *_table(plan), "", _summary(plan)]
+        click.echo(folded("\n".join(lines), indent=2))
     return 0 if plan.frames is not None else EXIT_FAIL
 
 
@@ -126,7 +128,7 @@ def _of_session(path: Path, *, as_json: bool) -> int:
     else:
         undecided = [item for item in rows_left(assessment) if item.minutes != 0]
         lines = [f"  {item.row.label}: {_more_minutes(item.minutes)}" for item in undecided]
-        click.echo("\n".join([_headline(assessment, left_min), *lines]))
+        click.echo(folded("\n".join([_headline(assessment, left_min), *lines]), indent=2))
         if plan is not None:
             click.echo("\n".join(["", "Another session like this one:", *_table(plan), "", _summary(plan)]))
     return EXIT_FAIL if math.isinf(left_min) else 0

@@ -32,6 +32,7 @@ from gse.cli.options import (
     station_option,
     threads_option,
 )
+from gse.errors import UsageError
 from gse.station.exclusions import Exclusion
 
 if TYPE_CHECKING:
@@ -142,14 +143,25 @@ def _new_folder(out: Path, replay: "Replay") -> Path:
 def _comparison(expected: str | None) -> "Callable[[StationLoop], list[Comparison]]":
     """What --expect compares, for the loop of a replay; a damaged file is refused before it."""
     from gse.sessions.expected_answers import ExpectedAnswers
-    from gse.sessions.expected_attitudes import ExpectedAttitudes
 
     if expected is None:
         return lambda loop: []
     if expected == _SENSOR:
-        return lambda loop: [ExpectedAttitudes(loop.setup.protocol, loop.setup.station.sensor.attitude)]
+        return _with_sensor
     answers = ExpectedAnswers(Path(expected))
     return lambda loop: [answers]
+
+
+def _with_sensor(loop: "StationLoop") -> "list[Comparison]":
+    from gse.sessions.expected_attitudes import ExpectedAttitudes
+
+    protocol = loop.setup.protocol
+    if not protocol.slots:
+        raise UsageError(
+            f"--expect {_SENSOR}: {protocol.name} has no panoramas, so nothing is identified that its answers could be "
+            "compared with; leave out --expect: their errors are in the report"
+        )
+    return [ExpectedAttitudes(protocol, loop.setup.station.sensor.attitude)]
 
 
 def _differing(comparisons: "list[Comparison]", replay: "Replay") -> list[Applied]:

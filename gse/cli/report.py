@@ -162,6 +162,7 @@ def _report_one(path: Path, judging: _Judging, output: _Output) -> int:
 
 def _report_several(paths: tuple[Path, ...], judging: _Judging, output: _Output) -> int:
     """Write and show the report of several sessions; the exit code of the worst."""
+    from drivers.whole_file import write_whole
     from gse.report.several import sessions_html, sessions_report
     from gse.report.terminal import TABLE_4_1_HEAD, aligned, table_4_1_rows
 
@@ -170,8 +171,8 @@ def _report_several(paths: tuple[Path, ...], judging: _Judging, output: _Output)
         [(_name_of(path), one.session, one.assessment) for path, one in zip(paths, judged, strict=True)]
     )
     folder = _new_folder(output.out, paths[0].parent)
-    (folder / "sessions.html").write_text(sessions_html(report), encoding="utf-8")
-    (folder / "sessions.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    write_whole(folder / "sessions.html", [sessions_html(report)])
+    write_whole(folder / "sessions.json", [json.dumps(report, indent=2) + "\n"])
     verdicts = [(one["verdict"], one["name"]) for one in report["sessions"]]
     lines = [*(f"{verdict:14}{name}" for verdict, name in verdicts), ""]
     lines += aligned(TABLE_4_1_HEAD, table_4_1_rows(report))

@@ -3,12 +3,14 @@
 import json
 import sys
 from contextlib import ExitStack
+from io import TextIOWrapper
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import click
 
 from drivers.outside_text import plain_lines
+from drivers.whole_file import new_file
 from gse.cli import EXIT_DATA_LOST
 from gse.errors import UsageError
 
@@ -44,7 +46,7 @@ def _offer_report(path: Path) -> None:
     from gse.sessions.status_file import is_unfinished
 
     folder = path if path.is_dir() else path.parent
-    if is_unfinished(folder):
+    if (path.is_dir() or path.name == "session.mcap") and is_unfinished(folder):
         click.echo(f"gse: the session has no report; make one with: gse report {folder}", err=True)
 
 
@@ -137,9 +139,9 @@ def export(ctx: click.Context, path: Path, form: str, out: Path | None) -> None:
 
     with ExitStack() as stack:
         if form == "raw":
-            count = export_raw(path, stack.enter_context(_new(out, "xb")) if out else sys.stdout.buffer)
+            count = export_raw(path, _new(out, stack) if out else sys.stdout.buffer)
         else:
-            text = stack.enter_context(_new(out, "x")) if out else sys.stdout
+            text = stack.enter_context(TextIOWrapper(_new(out, stack), "utf-8", newline="\n")) if out else sys.stdout
             count = export_csv(path, text) if form == "csv" else export_ndjson(path, text)
     what = {"csv": "panoramas", "ndjson": "records", "raw": "bytes"}[form]
     click.echo(f"{count} {what} exported", err=True)
@@ -176,9 +178,9 @@ def _export_rrd(ctx: click.Context, path: Path, out: Path | None) -> None:
     ctx.invoke(view, path=path, web=False, bind="127.0.0.1", http_port=0, save=out, screenshot=None, clock_error_s=None)
 
 
-def _new(out: Path, mode: str) -> Any:
+def _new(out: Path, stack: ExitStack) -> BinaryIO:
     try:
-        return out.open(mode, encoding=None if "b" in mode else "utf-8")
+        return stack.enter_context(new_file(out))
     except FileExistsError:
         raise UsageError(f"{out} exists already; choose another name") from None
     except OSError as error:

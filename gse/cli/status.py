@@ -10,6 +10,7 @@ import click
 
 from drivers.clock import read_clock
 from gse.cli import EXIT_FAIL
+from gse.cli.folding import folded
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 
@@ -36,7 +37,8 @@ def command(ctx: click.Context, *, path: Path, stop: bool, as_json: bool) -> Non
     if as_json:
         click.echo(json.dumps({**status, "folder": str(folder), "running": running}))
     else:
-        click.echo("\n".join(_lines(folder, status, running=running, unfinished=is_unfinished(folder))))
+        lines = _lines(folder, status, running=running, unfinished=is_unfinished(folder))
+        click.echo(folded("\n".join(lines), indent=4))
     ctx.exit(EXIT_FAIL if is_unfinished(folder) else 0)
 
 

@@ -180,8 +180,9 @@ def _cases(path: Path) -> Iterator[Case]:
 def _truths(path: Path) -> dict[str, tuple[SensorDescription, NDArray[np.float64]]]:
     try:
         if path.stat().st_size > MOST_TRUTH_BYTES:
-            raise TableError(f"{path} is larger than {MOST_TRUTH_BYTES} bytes: this is no truth of panoramas")
-        document = json.loads(path.read_text(encoding="utf-8"))
+            raise TableError(f"{path} is larger than {MOST_TRUTH_BYTES} bytes: this is not a truth of panoramas")
+        with path.open(encoding="utf-8") as file:
+            document = json.loads(file.read(MOST_TRUTH_BYTES))
     except OSError as error:
         raise TableError(f"cannot read {path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:

@@ -7,6 +7,7 @@ one star each where eq 2 gives as many stars. That is a mean; how many fields ha
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from drivers.whole_file import write_whole
 from gse.catalog import StarCatalog, brightest_per_field, load_catalog
 from gse.drawing.palette import BLUE, ORANGE, hex_of
 from gse.evaluation.monte_carlo import of_angles
@@ -84,7 +86,9 @@ def write_sky_figures(sky: PaperSky, directions: int, folder: Path) -> list[Path
 
 def _written(figure: Figure, path: Path) -> Path:
     with mpl.rc_context({"svg.hashsalt": "gse"}):
-        figure.savefig(path, format="svg", dpi=150, metadata={"Date": None})
+        drawing = StringIO()
+        figure.savefig(drawing, format="svg", dpi=150, metadata={"Date": None})
+    write_whole(path, [drawing.getvalue()])
     return path
 
 

@@ -1,11 +1,13 @@
 """Success against the error of distances and of magnitudes, in the layout of the pivot paper, figures 11 to 14."""
 
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from drivers.whole_file import write_whole
 from gse.drawing.palette import BLUE, GREEN, ORANGE, PINK, SKY_BLUE, VERMILLION, hex_of
 from gse.errors import UsageError
 
@@ -38,7 +40,9 @@ def write_figures(document: dict[str, Any], folder: Path) -> list[Path]:
         figure = _figure(document, key, label, (other, suffix))
         path = folder / name
         with mpl.rc_context({"svg.hashsalt": "gse"}):
-            figure.savefig(path, format="svg", metadata={"Date": None})
+            drawing = StringIO()
+            figure.savefig(drawing, format="svg", metadata={"Date": None})
+        write_whole(path, [drawing.getvalue()])
         paths.append(path)
     return paths
 

@@ -94,9 +94,9 @@ def _baud(station: Station) -> Check:
         return Check("baud rate", Outcome.OK, f"{baudrate}")
     near = min(UART_RATES, key=lambda rate: abs(rate - baudrate))
     if abs(near - baudrate) < _MISTYPED * baudrate:
-        return Check("baud rate", Outcome.FAIL, f"{baudrate} is no rate of a UART", f"did you mean {near}?")
+        return Check("baud rate", Outcome.FAIL, f"{baudrate} is not a rate of a UART", f"did you mean {near}?")
     advice = f"few adapters have it; the nearest usual rate is {near}"
-    return Check("baud rate", Outcome.WARN, f"{baudrate} is no usual rate of a UART", advice)
+    return Check("baud rate", Outcome.WARN, f"{baudrate} is not a usual rate of a UART", advice)
 
 
 def _night(station: Station, begins_ns: int, hours: float | None) -> Iterator[Check]:

@@ -80,7 +80,7 @@ class Looked:
             found.append(
                 f"{fit.framing}, {fit.checksum} {fit.byte_order}-endian"
                 f"{', sync word covered' if fit.covers_sync_word else ''}: "
-                f"right in {fit.right} of {fit.frames} frames; bytes of a frame (number of frames): {lengths}"
+                f"right in {fit.right} of {fit.frames} frames; bytes of header to checksum (frames): {lengths}"
             )
         if not self.fits:
             found.append(

@@ -11,6 +11,7 @@ from typing import Any
 
 import yaml
 
+from drivers.whole_file import new_file
 from gse.config.edit import with_values
 from gse.instant import to_text
 from gse.station.session_data import SessionData
@@ -39,7 +40,7 @@ def write_bundle(path: Path, session: SessionData, report: dict[str, Any], page:
         "versions.json": json.dumps(session.versions, indent=1),
         "README.txt": _READ_ME[plain],
     }
-    with path.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as bundle:
+    with new_file(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as bundle:
         for name, content in parts.items():
             bundle.writestr(zipfile.ZipInfo(name, _EPOCH), content, zipfile.ZIP_DEFLATED)
         if recording is not None:

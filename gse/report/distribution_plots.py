@@ -84,7 +84,7 @@ def draw_histogram(figure: Figure, drawn: PlotData) -> None:
         axes.plot(at, normal * len(values) * (edges[1] - edges[0]), color=hex_of(GREY))
         digits = 4 if unit == "deg" else 2
         far = len(values) - len(inside)
-        axes.set_title(f"{label}: mean {mean:+.{digits}f}, std {std:.{digits}f} {unit}")
+        axes.set_title(f"{label}: mean {mean:+z.{digits}f}, std {std:.{digits}f} {unit}")
         if far:
             axes.text(0.98, 0.95, f"{far} beyond 5 std", transform=axes.transAxes, ha="right", va="top", fontsize=7)
         axes.set_ylim(0, 1.15 * float(np.max(counts)))

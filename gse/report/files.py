@@ -1,9 +1,12 @@
 """The files of a report, written into the folder of a session."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
+from drivers.whole_file import write_whole
 from gse.assessment.verdict import Assessment
 from gse.errors import UsageError
 from gse.report.fingerprint import report_sha256
@@ -13,6 +16,8 @@ from gse.report.page import report_html
 from gse.report.provenance import Provenance, provenance
 from gse.report.summary import summarise
 from gse.station.session_data import SessionData
+
+_FILES = ("report.html", "frames.csv", "junit.xml", "provenance.json", "report.json")
 
 
 def write_report(
@@ -28,28 +33,20 @@ def write_report(
         raise UsageError(f"cannot write the report into {folder}: there is no such folder")
     report = summarise(session, assessment)
     made_by = provenance(session.versions, None) if made_by is None else made_by
-    texts: dict[str, Iterable[str]] = {
-        "report.html": [report_html(session, assessment, report, made_by)],
-        "frames.csv": frames_csv(session.frames.columns, assessment.statistics.own, session.subject),
-        "junit.xml": [junit_xml(report)],
-        "provenance.json": [json.dumps(made_by | {"report_sha256": report_sha256(report)}, indent=2) + "\n"],
-        "report.json": [json.dumps(report, indent=2, allow_nan=False) + "\n"],
-    }
-    paths = {name: folder / name for name in texts}
+    rows = frames_csv(session.frames.columns, assessment.statistics.own, session.subject)
+    paths = {name: folder / name for name in _FILES}
     try:
-        for name, path in paths.items():
-            _write(path, texts[name])
+        with ThreadPoolExecutor(1) as beside:  # most of frames.csv is Arrow's work, which lets the figures be drawn
+            csv = beside.submit(write_whole, paths["frames.csv"], rows)
+            write_whole(paths["report.html"], [report_html(session, assessment, report, made_by)])
+        csv.result()
+        write_whole(paths["junit.xml"], [junit_xml(report)])
+        write_whole(paths["provenance.json"], [_json(made_by | {"report_sha256": report_sha256(report)})])
+        write_whole(paths["report.json"], [_json(report)])
     except OSError as error:
         raise UsageError(f"cannot write the report into {folder}: {error.strerror}; is the disk full?") from error
     return paths
 
 
-def _write(path: Path, parts: Iterable[str]) -> None:
-    unfinished = path.with_name(path.name + ".part")
-    try:
-        with unfinished.open("w", encoding="utf-8", newline="\n") as file:
-            file.writelines(parts)
-        unfinished.replace(path)
-    except OSError:
-        unfinished.unlink(missing_ok=True)
-        raise
+def _json(document: Mapping[str, Any]) -> str:
+    return json.dumps(document, indent=2, allow_nan=False) + "\n"

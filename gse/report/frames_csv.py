@@ -15,7 +15,7 @@ from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_C
 from gse.station.housekeeping import MODES
 from gse.station.results import Subject
 
-_ROWS_AT_ONCE = 1 << 15
+_ROWS_AT_ONCE = 1 << 13
 _UTC_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
 _LARGEST = 1e12
 """A number beyond is of a sensor gone wrong: it is written as Python writes it."""

@@ -54,4 +54,4 @@ def _cell(metric: dict[str, Any] | None) -> str:
         return value
     if word == "arcsec" and max(abs(metric["low"]), abs(metric["high"])) >= 3600:
         return f"{value} [{quantity(metric['low'], word)}, {quantity(metric['high'], word)}]"
-    return f"{value} [{metric['low']:.2f}, {metric['high']:.2f}]"
+    return f"{value} [{metric['low']:z.2f}, {metric['high']:z.2f}]"

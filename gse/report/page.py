@@ -140,8 +140,8 @@ def _resource(name: str) -> str:
 
 
 def _number(value: float | None, decimals: int = 2) -> str:
-    """A number with a fixed count of decimals, a dash where it is unknown."""
-    return "–" if value is None else f"{value:.{decimals}f}"
+    """A number with a fixed count of decimals and no minus before zero, a dash where it is unknown."""
+    return "–" if value is None else f"{value:z.{decimals}f}"
 
 
 def quantity_text(value: float | None, unit: str) -> str:

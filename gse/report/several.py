@@ -64,7 +64,7 @@ def sessions_html(report: dict[str, Any]) -> str:
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters["number"] = lambda value, decimals: "–" if value is None else f"{value:.{decimals}f}"
+    environment.filters["number"] = lambda value, decimals: "–" if value is None else f"{value:z.{decimals}f}"
     of_report = resources.files("gse.report")
     template = environment.from_string(of_report.joinpath("sessions.html.jinja").read_text(encoding="utf-8"))
     return template.render(report=report, style=of_report.joinpath("report.css").read_text(encoding="utf-8"))

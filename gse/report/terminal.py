@@ -118,7 +118,7 @@ def quantity(value: float | None, unit: str) -> str:
     if unit == "arcsec" and abs(value) >= 3600:
         return f"{value / 3600:.3f} deg"
     if unit:
-        return f"{value:.2f} {unit}" if abs(value) < 1000 else f"{value:.0f} {unit}"
+        return f"{value:z.2f} {unit}" if abs(value) < 1000 else f"{value:.0f} {unit}"
     return str(value) if isinstance(value, int) else f"{value:.4f}"
 
 

@@ -92,7 +92,7 @@ def draw_paper(figure: Figure, drawn: PlotData) -> None:
         edge = edge_of(values, LIMIT_DEG)
         axes.set_ylim(-1.05 * edge, 1.05 * edge)
         axes.set_ylabel(label)
-    top.set_title(f"{drawn.subject}: dRA and dDE, as figures 3-1 to 3-6 of [S]; dashed: its limit of 1 arcmin")
+    top.set_title(f"{drawn.subject}: dRA and dDE, as figures 3-1 to 3-6 of the LAPAN paper; dashed: its limit")
     time_axis(bottom)
 
 

@@ -46,7 +46,7 @@ def read_page(path: Path) -> str:
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from error
     if len(content) > MAX_PAGE_BYTES:
-        raise UsageError(f"{path} is larger than {MAX_PAGE_BYTES} bytes: this is no report")
+        raise UsageError(f"{path} is larger than {MAX_PAGE_BYTES} bytes: this is not a report")
     return content.decode("utf-8", "surrogateescape")
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from drivers.chunk import LinkEvent
 from gse import instant
+from gse.station.results import Subject
 
 WIDTH = 80
 _MOST_EVENTS = 12
@@ -37,7 +38,8 @@ def _head(report: dict[str, Any]) -> Iterator[str]:
     simulated = " (SIMULATED)" if report["simulated"] else ""
     yield f"{report['word']}{simulated}: {facts['sensor']}, {_span(facts)}"
     identified = found["statuses"].get("IDENTIFIED", 0)
-    yield f"{found['frames']} panoramas, {identified} identified, {report['link']['frames_lost']} lost"
+    what = "answers of its own, no panoramas" if list(found["subjects"]) == [Subject.SENSOR] else "panoramas"
+    yield f"{found['frames']} {what}, {identified} identified, {report['link']['frames_lost']} lost"
 
 
 def _span(facts: dict[str, Any]) -> str:

@@ -21,6 +21,8 @@ from gse.station.session_data import SessionData
 
 MOST_BYTES = 500_000_000
 """Eight hours of answers at 10 Hz take 60 MB, with their matches 300 MB."""
+LONGEST_LINE = 100_000
+"""An answer with the matches of 30 objects takes 4 kB."""
 
 MOST_LISTED = 10
 _ANGLES = ("ra_deg", "de_deg", "roll_deg")
@@ -118,11 +120,15 @@ def _exact(result: FrameResult) -> dict[str, Any]:
 
 def _read(path: Path) -> dict[int, deque[dict[str, Any]]]:
     found: dict[int, deque[dict[str, Any]]] = defaultdict(deque)
+    if path.exists() and not path.is_file():
+        raise TableError(f"{path} is no file; expected answers as lines of JSON")
     try:
         if path.stat().st_size > MOST_BYTES:
             raise TableError(f"{path} is larger than {MOST_BYTES} bytes; expected answers as lines of JSON")
         with path.open(encoding="utf-8") as file:
-            for number, line in enumerate(file, 1):
+            for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), 1):
+                if len(line) > LONGEST_LINE:
+                    raise TableError(f"{path}, line {number} is longer than {LONGEST_LINE} characters")
                 if line.strip():
                     document = _line(path, number, line)
                     found[document["frame_no"]].append(document)
@@ -141,4 +147,5 @@ def _line(path: Path, number: int, line: str) -> dict[str, Any]:
         frame_no = None
     if not isinstance(frame_no, int):
         raise TableError(f"{path}, line {number}: expected an answer as JSON with frame_no, ra_deg and de_deg")
-    return {key: document[key] for key in ("schema", "frame_no", "status", *_ANGLES) if key in document}
+    keys = ("schema", "frame_no", "status", *_ANGLES)
+    return {key: document[key] for key in keys if isinstance(document.get(key), str | int | float)}

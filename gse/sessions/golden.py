@@ -9,6 +9,7 @@ from typing import Any
 
 from drivers.errors import DriverError
 from drivers.session_file.reader import find_segments
+from drivers.whole_file import write_whole
 from gse.assessment.verdict import judge
 from gse.errors import GseError, UsageError
 from gse.report import summarise
@@ -105,7 +106,7 @@ def junit_of(outcomes: list[Outcome], folder: Path) -> str:
 def _keep(report: dict[str, Any], recording: Path, name: str) -> Outcome:
     path = expected_path(recording)
     try:
-        path.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
+        write_whole(path, [json.dumps(report, indent=1, allow_nan=False) + "\n"])
     except OSError as error:
         raise UsageError(f"cannot write {path}: {error.strerror}") from error
     return Outcome(name, report["verdict"])
@@ -115,7 +116,8 @@ def _read_report(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > MAX_REPORT_BYTES:
             raise UsageError(f"{path} is larger than {MAX_REPORT_BYTES} bytes; expected a report of gse")
-        report = json.loads(path.read_text(encoding="utf-8"))
+        with path.open(encoding="utf-8") as file:
+            report = json.loads(file.read(MAX_REPORT_BYTES))
     except FileNotFoundError:
         raise UsageError(f"there is no expected report {path.name}; 'gse ci --update' writes it") from None
     except OSError as error:

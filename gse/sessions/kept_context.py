@@ -25,6 +25,7 @@ class KeptContext(BaseModel):
     link: LinkCounters
     events: list[ClockStep | LinkEvent]
     events_not_kept: int
+    others_lost: int
     clock: list[ClockReading]
     statuses: list[tuple[int, StatusMessage]]
     raw_sha256: str

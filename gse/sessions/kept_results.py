@@ -3,12 +3,12 @@
     session.mcap
     session.results/<key>/   sessions.parquet, frames.parquet, stars.parquet   docs/tables.md
                              answers.parquet                                   the sensor's own answers as they came
-                             context.json                                      the rest, and the SHA-256 of each file
+                             context.json                                      the rest, SHA-256 of each file, a seal
 
 The key is the SHA-256 of session, station file and software (gse.tables.ResultKey): whatever changes, the results are
 no longer found, and are derived anew. One rename puts a whole folder in place. A folder whose files do not match the
-hashes in it, or whose tables have other columns, is not used. Hashes show damage and mix-ups, not forgery: anybody who
-can write into the folder can write results that were never derived.
+hashes in it, or whose tables have other columns, is not used; nor is one that this user did not keep on this computer
+(gse.sessions.own_seal): a session may come from anybody, with results that were never derived.
 """
 
 import contextlib
@@ -28,10 +28,11 @@ from gse.assessment.verdict import Assessment
 from gse.config.station import Station
 from gse.errors import TruthError
 from gse.sessions.kept_context import KeptContext
+from gse.sessions.own_seal import is_sealed, seal
 from gse.station.attitude_table import OWN_ANSWER, AttitudeTable
 from gse.station.session_data import SessionData
 from gse.tables import ResultKey, frames_parts, frames_schema, sessions_table, stars_schema, stars_table
-from gse.tables.parquet import read_parquet, write_parquet
+from gse.tables.parquet import ParquetColumns, read_parquet, write_parquet
 from gse.tables.restored import restored_frames, restored_stars
 
 CONTEXT = "context.json"
@@ -92,7 +93,7 @@ def kept(key: ResultKey, folder: Path, station: Station, station_text: str) -> S
         return _read(key, whole, station, station_text)
     except _DAMAGED as error:
         line = " ".join(str(error).split())[:200]
-        raise KeptResultsError(f"{whole} is damaged or not of gse: {line}") from error
+        raise KeptResultsError(f"{whole} is not used: {line}") from error
 
 
 def _write(session: SessionData, assessment: Assessment, key: ResultKey, part: Path) -> None:
@@ -103,21 +104,23 @@ def _write(session: SessionData, assessment: Assessment, key: ResultKey, part: P
     files = {path.name: _sha256(path) for path in sorted(part.iterdir())}
     manifest = _Manifest.model_construct(key=key.text, files=files, context=KeptContext.of(session))
     text = manifest.model_dump_json()
-    (part / CONTEXT).write_text(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}\n", encoding="utf-8")
+    (part / CONTEXT).write_text(f"{seal(text.encode())}\n{text}\n", encoding="utf-8")
 
 
 def _read(key: ResultKey, whole: Path, station: Station, station_text: str) -> SessionData:
     manifest = _manifest(whole)
     if manifest.key != key.text:
         raise ValueError(f"its key is {manifest.key[:64]}")
-    context, schemas = manifest.context, _schemas()
-    tables = {name: _table(whole / name, manifest.files, schema) for name, schema in schemas.items()}
-    frames, stars = tables["frames.parquet"], tables["stars.parquet"]
+    context = manifest.context
     session = SessionData(station, station_text, context.protocol_name)
     context.give_to(session)
-    session.frames = restored_frames(frames, stars, context.subject)
-    session.stars = restored_stars(stars, context.designation)
-    session.sensor_attitudes = _attitudes(tables["answers.parquet"])
+    with contextlib.ExitStack() as files:
+        frames, stars, answers = (
+            files.enter_context(_columns(whole / name, manifest.files, schema)) for name, schema in _schemas().items()
+        )
+        session.frames = restored_frames(frames, stars, context.subject)
+        session.stars = restored_stars(stars, context.designation)
+        session.sensor_attitudes = _attitudes(answers)
     return session
 
 
@@ -132,12 +135,14 @@ def _manifest(whole: Path) -> _Manifest:
     if len(content) > MOST_CONTEXT_BYTES:
         raise ValueError(f"{CONTEXT} is larger than {MOST_CONTEXT_BYTES} bytes")
     stated, _, text = content.partition(b"\n")
-    if hashlib.sha256(text.rstrip(b"\n")).hexdigest().encode() != stated:
-        raise ValueError(f"{CONTEXT} does not have its SHA-256")
+    if not is_sealed(text.rstrip(b"\n"), stated):
+        raise ValueError(f"{CONTEXT} was changed, or kept by another user or on another computer")
     return _Manifest.model_validate_json(text)
 
 
-def _table(path: Path, hashes: Mapping[str, str], schema: pa.Schema) -> pa.Table:
+def _columns(
+    path: Path, hashes: Mapping[str, str], schema: pa.Schema
+) -> contextlib.AbstractContextManager[ParquetColumns]:
     if _sha256(path) != hashes[path.name]:
         raise ValueError(f"{path.name} does not have its SHA-256")
     return read_parquet(path, schema)
@@ -160,7 +165,7 @@ def _answers(table: AttitudeTable) -> pa.Table:
     return pa.table({name: pa.array(np.ascontiguousarray(rows[name])) for name in OWN_ANSWER.names or ()})
 
 
-def _attitudes(answers: pa.Table) -> AttitudeTable:
+def _attitudes(answers: ParquetColumns) -> AttitudeTable:
     rows = np.zeros(answers.num_rows, dtype=OWN_ANSWER)
     for name in OWN_ANSWER.names or ():
         rows[name] = answers[name].to_numpy()

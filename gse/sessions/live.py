@@ -123,7 +123,11 @@ def run_live(
     protocol = load_protocol(station.protocol)
     check_external(station, protocol)
     folder = new_session_folder(out, station.sensor.name, read_clock().utc_ns)
-    recorder = Recorder(folder / "session.mcap", live=not station.port.url.startswith(MOCK_PORTS))
+    try:
+        recorder = Recorder(folder / "session.mcap", live=not station.port.url.startswith(MOCK_PORTS))
+    except (DriverError, OSError):
+        folder.rmdir()
+        raise
     try:
         link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder, wait_port=wait_port)
     except DriverError:

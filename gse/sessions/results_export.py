@@ -11,6 +11,7 @@ Keys are the columns of docs/tables.md without their subject. The records of the
 
 import heapq
 import json
+import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ from mcap.writer import CompressionType, Writer
 
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, TX, Attachment, Message
+from drivers.whole_file import new_file
 from gse.station.results import Subject
 from gse.tables import SCHEMA_VERSION, SessionTables
 from gse.tables.parquet import write_parquet
@@ -39,15 +41,19 @@ _VERDICT_SCHEMA = {
 def export_parquet(tables: SessionTables, folder: Path) -> int:
     """Write sessions.parquet, frames.parquet and stars.parquet into a new folder; returns the number of rows."""
     folder.mkdir(parents=True)
-    for name in TABLES:
-        write_parquet([getattr(tables, name)], folder / f"{name}.parquet")
+    try:
+        for name in TABLES:
+            write_parquet([getattr(tables, name)], folder / f"{name}.parquet")
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
     return sum(getattr(tables, name).num_rows for name in TABLES)
 
 
 def export_mcap(session: Path, tables: SessionTables, out: Path) -> int:
     """Write the records of a session and its results to a new file; returns the number of results."""
     count = 0
-    with out.open("xb") as file:
+    with new_file(out) as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(library=_LIBRARY)
         topics = _Topics(writer, [*_topics(tables.frames)])

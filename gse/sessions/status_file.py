@@ -5,6 +5,7 @@ slow disk does not delay the session. The start time of its process tells it apa
 number.
 """
 
+import contextlib
 import json
 import math
 import os
@@ -18,6 +19,7 @@ from drivers.chunk import LinkEvent
 from drivers.clock import read_clock
 from drivers.outside_text import is_plain
 from drivers.session_file.record_scanner import MAGIC
+from drivers.whole_file import write_whole
 from gse import instant
 from gse.config.station import Station
 from gse.sessions.note_files import collect_notes
@@ -101,12 +103,8 @@ class StatusFile:
                 self._changed.wait(EVERY_S)
 
     def _write(self, mark: str | None) -> None:
-        unfinished = self._folder / f".{NAME}.part"
-        try:
-            unfinished.write_text(json.dumps(self._document(mark), indent=2) + "\n")
-            unfinished.replace(self._folder / NAME)
-        except OSError:
-            return
+        with contextlib.suppress(OSError):
+            write_whole(self._folder / NAME, [json.dumps(self._document(mark), indent=2) + "\n"])
 
     def _document(self, mark: str | None) -> dict[str, Any]:
         running = self._running

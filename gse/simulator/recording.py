@@ -11,6 +11,7 @@ from drivers.session_file.records import CLOCK
 from drivers.urlhandlers.protocol_sim import register
 from gse.config.station import Station
 from gse.instant import NS_PER_S
+from gse.recording.event_kinds import RecorderKind
 from gse.recording.recorder import Recorder
 from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, clock_json
 from gse.simulator.device import device_factory
@@ -22,7 +23,7 @@ _RECEIVE_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """The bytes that the sensor sent, and the damage found when the closed file was read back."""
+    """The bytes that the sensor sent, and what a full disk or a damaged file left of them, None where all is there."""
 
     bytes_sent: int
     damage: str | None
@@ -35,7 +36,7 @@ def record_simulation(path: Path, station: Station, station_text: str, orientati
     use is frozen in the session, as a live session does. UrlError where the URL is wrong: then nothing is left behind.
     """
     register(device_factory(station))
-    recorder = Recorder(path, live=False)
+    recorder = Recorder(path, live=False, last_tries_s=0.0)
     try:
         link = SerialLink(station.port.url, station.port.baudrate, recorder=recorder)
     except DriverError:
@@ -47,7 +48,8 @@ def record_simulation(path: Path, station: Station, station_text: str, orientati
         recorder.attach(PROTOCOL, "application/yaml", load_protocol(station.protocol).text.encode())
         recorder.attach(EARTH_ORIENTATION, "application/json", orientation_json.encode())
         size = _record(link, recorder)
-    return Recording(size, recorder.damage)
+    refused = [event.text for event in recorder.news() if event.kind in (RecorderKind.LOST, RecorderKind.UNFINISHED)]
+    return Recording(size, "; ".join(filter(None, [recorder.damage, *refused])) or None)
 
 
 def _record(link: SerialLink, recorder: Recorder) -> int:

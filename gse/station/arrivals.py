@@ -23,6 +23,8 @@ from protocols.sequence import RECENT
 
 CLOCK_STEP_NS = 5_000_000
 """UTC that moves this much against the monotonic clock between two frames was stepped, not slewed."""
+_SLEWED_SHARE, _SLEWED_MOST_NS = 1000, NS_PER_S // 20
+"""And by a thousandth of the time between them, at most: Linux slews by 500 ppm beside a frequency of up to 500."""
 
 SHORTEST_SUSPENSION_NS = NS_PER_S
 """Steps that are smaller are always those of UTC: time tags and arrivals do not tell."""
@@ -35,7 +37,10 @@ _Stamped = tuple[int, int, int | None]
 
 
 class Arrivals:
-    """Classifies the frames of a stream, in their order; ``has_times`` where the host's stamps mean something."""
+    """Classifies the frames of a stream, in their order; ``has_times`` where the host's stamps mean something.
+
+    ``others_lost`` of the lost frames were certainly no panoramas.
+    """
 
     def __init__(self, protocol: Protocol, counters: LinkCounters, *, has_times: bool) -> None:
         self._protocol = protocol
@@ -47,6 +52,9 @@ class Arrivals:
         self._before: _Stamped | None = None
         self._frame_mono_ns: int | None = None
         self._repeats = 0
+        self._panorama_before: tuple[int, int] | None = None
+        self._resets = 0
+        self.others_lost = 0
 
     def clock_step(self, at: FrameAt, time_us: int | None) -> ClockStep | None:
         """The step since the frame before, by the stamps as they came: stamps that no clock has may stand still.
@@ -59,7 +67,8 @@ class Arrivals:
         if before is None or not self._has_times:
             return None
         step_ns = at.utc_ns - at.mono_ns - (before[0] - before[1])
-        if abs(step_ns) < CLOCK_STEP_NS:
+        slewed_ns = min(max(at.mono_ns - before[1], 0) // _SLEWED_SHARE, _SLEWED_MOST_NS)
+        if abs(step_ns) < CLOCK_STEP_NS + slewed_ns:
             return None
         utc_kept = abs(step_ns) >= SHORTEST_SUSPENSION_NS and _went_with_utc(before, now)
         stamp = bounded(at.utc_ns), bounded(at.mono_ns)
@@ -100,9 +109,18 @@ class Arrivals:
                 del self._latest_counts[oldest]
         return found
 
-    def new_panorama(self) -> None:
-        """A panorama came that is no copy."""
+    def new_panorama(self, frame_no: int) -> None:
+        """A panorama came that is no copy.
+
+        Frames of all types share their sequence numbers, so a gap does not say what is lost. But each exposure has a
+        number: between panoramas of consecutive ones no panorama is lost.
+        """
         self._repeats = 0
+        lost, before = self._sequence.lost, self._panorama_before
+        if before is not None and before[0] < frame_no and self._counters.sensor_resets == self._resets:
+            exposures = frame_no - before[0] - 1
+            self.others_lost += max(lost - before[1] - exposures, 0)
+        self._panorama_before, self._resets = (frame_no, lost), self._counters.sensor_resets
 
     def repeated(self, frame: Frame, frame_no: int, utc_ns: int, mono_ns: int) -> list[LinkEvent]:
         """Count a panorama that came before; an event where nothing else comes any more.

@@ -141,7 +141,7 @@ def parse_exclusion(text: str) -> Exclusion:
     try:
         stated = Exclusion(from_text(begin), from_text(end), reason, Cause.OPERATOR)
     except ValueError:
-        raise UsageError(f"{text!r} is no stretch to leave out; {_EXAMPLE}") from None
+        raise UsageError(f"{text!r} is not a stretch to leave out; {_EXAMPLE}") from None
     if stated.until_ns <= stated.from_ns:
         raise UsageError(f"{text!r} ends before it begins; {_EXAMPLE}")
     return stated

@@ -106,9 +106,9 @@ the mission catalogue, ``brightness`` its index value. The answer has ``named`` 
 class _Rows:
     """Rows of one dtype in memory that is reserved ahead; unused pages take no physical memory."""
 
-    def __init__(self, dtype: np.dtype[np.void]) -> None:
-        self._room = np.zeros(_ROOM_ROWS, dtype=dtype)
-        self._used = 0
+    def __init__(self, room: NDArray[np.void], used: int = 0) -> None:
+        self._room = room
+        self._used = used
 
     def extend(self, rows: NDArray[np.void]) -> None:
         self._make_room(len(rows))
@@ -116,13 +116,11 @@ class _Rows:
         self._used += len(rows)
 
     def copied(self) -> "_Rows":
-        taken = copy.copy(self)
-        taken._room = self.array().copy()
-        return taken
+        return _Rows(self.array().copy(), self._used)
 
     def _make_room(self, count: int) -> None:
         while self._used + count > len(self._room):
-            self._room = np.concatenate([self._room, np.zeros_like(self._room)])
+            self._room = np.concatenate([self._room, np.zeros(max(len(self._room), _ROOM_ROWS), self._room.dtype)])
 
     def __len__(self) -> int:
         return self._used
@@ -136,16 +134,15 @@ class FrameTable:
     """Frames of a session, in order; ``columns`` and ``matches`` are structured arrays of FRAME and MATCH."""
 
     def __init__(self) -> None:
-        self._frames = _Rows(FRAME)
-        self._matches = _Rows(MATCH)
+        self._frames = _Rows(np.zeros(_ROOM_ROWS, FRAME))
+        self._matches = _Rows(np.zeros(_ROOM_ROWS, MATCH))
         self._match_stride = 1
 
     @classmethod
     def of(cls, frames: NDArray[np.void], matches: NDArray[np.void]) -> Self:
-        """A table with these rows of FRAME and MATCH."""
+        """The table whose rows of FRAME and MATCH these are, without a copy."""
         table = cls()
-        table._frames.extend(frames)
-        table._matches.extend(matches)
+        table._frames, table._matches = _Rows(frames, len(frames)), _Rows(matches, len(matches))
         return table
 
     def __len__(self) -> int:
@@ -162,7 +159,7 @@ class FrameTable:
         if len(self._matches) > MOST_MATCHES:
             self._match_stride *= 2
             stored = self._matches.array()
-            self._matches = _Rows(MATCH)
+            self._matches = _Rows(np.zeros(_ROOM_ROWS, MATCH))
             self._matches.extend(stored[stored["frame"] % self._match_stride == 0])
 
     def snapshot(self) -> "FrameTable":

@@ -42,12 +42,12 @@ link hands them to the recorder before the loop sees them.
 
 import math
 from array import array
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from operator import itemgetter
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,11 +82,16 @@ from gse.station.unreadable_bytes import what_fits
 from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
 from gse.truth.iers_tables import GivenTables
 
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
 RECEIVE_TIMEOUT_S = 0.2
 MOST_STATUSES = 50_000
 """One a second for 14 h; those that follow are decoded and dropped."""
 MOST_AT_ONCE = 512
 """Panoramas that are processed before the first of them is shown, where so many wait."""
+MOST_AHEAD = 2
+"""Of such parts another thread may be ahead: one is identified while one is concluded and more come."""
 
 
 class _Asked(NamedTuple):
@@ -140,7 +145,7 @@ class StationLoop:
         self.own_elapsed_us: array[float] = array("d")
         self._recorded = recorded
         self.ahead: Executor | None = None
-        self._waiting: Sequence[_Asked | News] = ()
+        self._waiting: deque[_Asked | News] = deque()
         self.listeners: Sequence[Listener] = ()
         self.most_at_once = MOST_AT_ONCE
         align_s = station.mount.align_s
@@ -226,7 +231,7 @@ class StationLoop:
     def finish(self) -> list[FrameResults]:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self.reception.receive(self.reception.stream.finish()))
-        results += self._identify(self.reception.receive([]))  # where panoramas are identified ahead, these wait
+        results += self._conclude_but(0)
         if text := self._camera_watch.finish():
             utc_ns = int(self.session.frames.columns["utc_ns"][-1])
             self.on_event(LinkEvent(utc_ns, 0, StationKind.WRONG_CAMERA, text))
@@ -234,6 +239,7 @@ class StationLoop:
             self._log_all(self.sky.finish(self.session.frames.columns))
         fill_housekeeping(self.session.frames.columns, self.session.statuses)
         self.session.raw_sha256 = self.reception.stream.raw_sha256
+        self.session.others_lost = self.reception.others_lost
         return results
 
     def on_event(self, event: LinkEvent) -> None:
@@ -258,12 +264,18 @@ class StationLoop:
         self.session.clock.append(reading)
 
     def _identify(self, received: Received) -> list[FrameResults]:
-        """Conclude what came in its order; where panoramas are identified ahead, what came the time before."""
-        came = list(self._steps(received))
-        due, self._waiting = (came, ()) if self.ahead is None else (self._waiting, came)
-        return [results for step in due for results in self._conclude(step)]
+        """Conclude what came in its order; where panoramas are identified ahead, all but the latest."""
+        results: list[FrameResults] = []
+        for step in self._steps(received):
+            self._waiting.append(step)
+            results += self._conclude_but(0 if self.ahead is None else MOST_AHEAD)
+        return results
 
-    def _steps(self, received: Received) -> Iterator["_Asked | News"]:
+    def _conclude_but(self, latest: int) -> Iterator[FrameResults]:
+        while len(self._waiting) > latest:
+            yield from self._conclude(self._waiting.popleft())
+
+    def _steps(self, received: Received) -> Iterator[_Asked | News]:
         """Panoramas that follow each other, with what identifies them, and the news between them."""
         first = 0
         for before, item in received.news:
@@ -273,15 +285,16 @@ class StationLoop:
                 first = before
         yield from self._asked(received.panoramas.part(first, len(received.panoramas)))
 
-    def _asked(self, panoramas: Panoramas) -> Iterator["_Asked"]:
-        # One by one while the mount is not fitted: the next panorama may bring it.
-        most = self.most_at_once if self._first_seconds is None else 1
-        identify = self._frame_processor.identify
-        for begin in range(0, len(panoramas), most):
+    def _asked(self, panoramas: Panoramas) -> Iterator[_Asked]:
+        begin, identify = 0, self._frame_processor.identify
+        while begin < len(panoramas):
+            # One by one while the mount is not fitted: the next panorama may bring it.
+            most = self.most_at_once if self._first_seconds is None else 1
             part = panoramas.part(begin, min(begin + most, len(panoramas)))
             yield _Asked(part, self.ahead.submit(identify, part).result if self.ahead else partial(identify, part))
+            begin += len(part)
 
-    def _conclude(self, step: "_Asked | News") -> Iterator[FrameResults]:
+    def _conclude(self, step: _Asked | News) -> Iterator[FrameResults]:
         """Compare panoramas with truth, store the results and pass them on; pass on an event."""
         if isinstance(step, LinkEvent):
             self.on_event(step)

@@ -118,6 +118,11 @@ class Reception:
         self._anchor_time_us: int | None = None
         self._latest_utc_ns = 0
 
+    @property
+    def others_lost(self) -> int:
+        """How many of the frames that are counted as lost were certainly no panoramas."""
+        return self._arrivals.others_lost
+
     def receive(self, stream: Sequence[FrameAt | LinkEvent]) -> Received:
         """What frames bring, with the events between them in their places."""
         frames = [item.frame for item in stream if isinstance(item, FrameAt) and item.frame.type == self._panorama_type]
@@ -145,7 +150,7 @@ class Reception:
             yield from self._arrivals.repeated(at.frame, columns.frame_no[row], host_utc_ns, mono_ns)
             return
         yield from events
-        self._arrivals.new_panorama()
+        self._arrivals.new_panorama(columns.frame_no[row])
         # Invalid numbers (NaN, infinity, an age) are listed in the panorama's problems.
         exposure_s = columns.exposure_s[row]
         exposure_s = exposure_s if 0 <= exposure_s <= LONGEST_EXPOSURE_S else math.nan

@@ -24,6 +24,7 @@ class SessionData:
     own ``subject``, and the frames are its answers. ``sensor_attitudes`` are the sensor's own answers (ATTITUDE
     frames); ``raw_sha256`` is the hash of all received bytes; ``catalog`` describes the mission catalogue in use;
     ``versions`` the packages that numbers depend on. ``events_not_kept`` are those of a flood, which are only counted.
+    ``others_lost`` of the lost frames of the link were certainly no panoramas.
     A ``truncated`` session lost its end. ``stars`` are those of the mission catalogue: matches name its rows.
     ``alignment`` is the mount that was fitted on the session itself, ``clock_error_s`` a bound of the host clock's
     error that the operator states, ``excluded`` the times that the operator excludes from the statistics.
@@ -38,6 +39,7 @@ class SessionData:
     link: LinkCounters = field(default_factory=LinkCounters)
     events: list[LinkEvent] = field(default_factory=list)
     events_not_kept: int = 0
+    others_lost: int = 0
     clock: list[ClockReading] = field(default_factory=list)
     statuses: list[tuple[int, StatusMessage]] = field(default_factory=list)
     sensor_attitudes: AttitudeTable = field(default_factory=AttitudeTable)
@@ -52,3 +54,8 @@ class SessionData:
     excluded: tuple[Exclusion, ...] = ()
     external: dict[str, Any] | None = None
     external_counts: ExternalCounts = field(default_factory=ExternalCounts)
+
+    @property
+    def panoramas_lost(self) -> int:
+        """Lost frames that may have been panoramas, and the copies that a frozen sensor sent instead of them."""
+        return self.link.frames_lost - self.others_lost + self.link.frames_repeated

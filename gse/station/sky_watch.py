@@ -161,7 +161,9 @@ def _is_outside(since_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 def separation_deg(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     """Angle between two unit vectors (3,)."""
-    return math.degrees(math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other)))
+    (a, b, c), (x, y, z) = one.tolist(), other.tolist()  # numpy's cross product takes ten times as long
+    across = math.hypot(b * z - c * y, c * x - a * z, a * y - b * x)
+    return math.degrees(math.atan2(across, a * x + b * y + c * z))
 
 
 def stars_in_field(catalog: StarCatalog, camera: Camera, icrs_to_sensor: NDArray[np.float64]) -> int:

@@ -1,6 +1,7 @@
 """Parquet files of the tables: one way to write them, and a bounded way to read them."""
 
-from collections.abc import Iterable
+import contextlib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -23,23 +24,36 @@ def write_parquet(parts: Iterable[pa.Table], to: Path | BinaryIO) -> None:
     """Write the parts of one table, each of ROWS_AT_ONCE at most, to a new file; OSError where it cannot be written.
 
     The same rows give the same bytes. A single row, of 800 columns, needs neither statistics nor dictionaries: they
-    would be most of its file.
+    would be most of its file. Measured numbers hardly repeat: dictionaries of them cost more room than they save.
     """
     rest = iter(parts)
     first = next(rest)
     many = len(first) > 1
+    repeating = [column.name for column in first.schema if not pa.types.is_floating(column.type)] if many else False
     with pq.ParquetWriter(
-        to, first.schema, compression=_COMPRESSION, write_statistics=many, use_dictionary=many
+        to, first.schema, compression=_COMPRESSION, write_statistics=many, use_dictionary=repeating
     ) as writer:
         writer.write_table(first)
         for part in rest:
             writer.write_table(part)
 
 
-def read_parquet(path: Path, schema: pa.Schema) -> pa.Table:
-    """The table of a file that may come from anybody.
+class ParquetColumns:
+    """The columns of an open file by name, each read when it is asked for: a whole table takes 400 bytes a row."""
 
-    ValueError where it does not have these columns, or is far too large for its rows; ArrowException where it is
+    def __init__(self, file: pq.ParquetFile) -> None:
+        self._file = file
+        self.num_rows: int = file.metadata.num_rows
+
+    def __getitem__(self, name: str) -> pa.ChunkedArray:
+        return self._file.read(columns=[name])[name]
+
+
+@contextlib.contextmanager
+def read_parquet(path: Path, schema: pa.Schema) -> Iterator[ParquetColumns]:
+    """The columns of a file that may come from anybody.
+
+    ValueError where it does not have those of the schema, or is far too large for its rows; ArrowException where it is
     damaged.
     """
     limits = {"thrift_string_size_limit": _MOST_FOOTER, "thrift_container_size_limit": _MOST_FOOTER}
@@ -47,7 +61,7 @@ def read_parquet(path: Path, schema: pa.Schema) -> pa.Table:
         if not file.schema_arrow.equals(schema):
             raise ValueError(f"{path.name} has other columns than a table of this gse")
         _check_size(path, file.metadata)
-        return file.read()
+        yield ParquetColumns(file)
 
 
 def _check_size(path: Path, metadata: pq.FileMetaData) -> None:

@@ -12,9 +12,10 @@ from gse.catalog.stars import ListedStars
 from gse.station.frame_table import FRAME, MATCH, ONBOARD_COLUMNS, FrameTable
 from gse.station.results import Subject
 from gse.tables.frames import WORDS, plain_name
+from gse.tables.parquet import ParquetColumns
 
 
-def restored_frames(frames: pa.Table, stars: pa.Table, subject: Subject) -> FrameTable:
+def restored_frames(frames: ParquetColumns, stars: ParquetColumns, subject: Subject) -> FrameTable:
     """The frame table that the tables were made of; ``subject`` is whose answers it holds."""
     rows = np.zeros(frames.num_rows, dtype=FRAME)
     for name in FRAME.names or ():
@@ -26,7 +27,7 @@ def restored_frames(frames: pa.Table, stars: pa.Table, subject: Subject) -> Fram
     return FrameTable.of(rows, matches)
 
 
-def restored_stars(stars: pa.Table, designation: Designation) -> ListedStars:
+def restored_stars(stars: ParquetColumns, designation: Designation) -> ListedStars:
     """The stars of the catalogue as far as the matches name them; the others have the number 0."""
     rows = _numbers(stars["star_row"])
     count = int(rows.max()) + 1 if len(rows) else 0

@@ -67,7 +67,7 @@ def read_given(paths: Sequence[Path]) -> GivenTables | None:
             leap_seconds = found
         else:
             raise TruthError(
-                f"{path} is no table of Earth orientation: expected finals2000A (.all, .data, .daily; not .csv or "
+                f"{path} is not a table of Earth orientation: expected finals2000A (.all, .data, .daily; not .csv or "
                 ".xml), Leap_Second.dat or leap-seconds.list, from https://datacenter.iers.org"
             )
     return GivenTables(", ".join(path.name for path in paths), rows, leap_seconds)
@@ -101,7 +101,7 @@ def installed_leap_seconds() -> LeapSeconds:
     path = Path(astropy_iers_data.IERS_LEAP_SECOND_FILE)
     found = _leap_seconds(_text(path).splitlines())
     if found is None:
-        raise TruthError(f"{path} is no list of leap seconds; reinstall astropy-iers-data")
+        raise TruthError(f"{path} is not a list of leap seconds; reinstall astropy-iers-data")
     return found
 
 
@@ -117,7 +117,7 @@ def _text(path: Path) -> str:
     except OSError as error:
         raise TruthError(f"cannot read the Earth orientation file {path}: {error.strerror}") from error
     if len(content) > MAX_FILE_BYTES:
-        raise TruthError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is no table of Earth orientation")
+        raise TruthError(f"{path} is larger than {MAX_FILE_BYTES} bytes: this is not a table of Earth orientation")
     return content.decode("latin-1")
 
 

@@ -183,7 +183,7 @@ def _leap_seconds(document: Any) -> LeapSeconds:
     if not 1 <= len(mjd) == len(values) <= _MAX_LEAP_SECONDS or list(mjd) != sorted(set(mjd)):
         raise ValueError("leap seconds of impossible length or order")
     if not all(isinstance(value, float | int) and math.isfinite(value) for value in (*mjd, *values, until)):
-        raise ValueError("a leap second is no number")
+        raise ValueError("a leap second is not a number")
     return LeapSeconds(tuple(mjd), tuple(values), int(until))
 
 

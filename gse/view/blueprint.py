@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gse.config.station import Station
 from gse.view.picture import LEGEND_ENDS
 from gse.view.series import TIMELINE
+from gse.view.sky import SCATTER_LEGEND_ENDS
 
 LIVE_WINDOW_S = 600.0
 """A live view shows the last ten minutes."""
@@ -122,11 +123,12 @@ def _panorama_view(station: Station) -> rrb.Spatial2DView:
 
 
 def _scatter_view(station: Station, ranges: rrb.VisibleTimeRanges) -> rrb.Spatial2DView:
-    x, y = 1.5 * station.limits.d_ra_cosde_arcsec, 1.5 * station.limits.d_de_arcsec
+    limits = station.limits
+    x, y = 1.5 * limits.d_ra_cosde_arcsec, 1.5 * limits.d_de_arcsec
     return rrb.Spatial2DView(
         origin="/scatter",
         name="Scatter",
-        visual_bounds=rrb.VisualBounds2D(x_range=(-x, x), y_range=(-y, 1.1 * y)),
+        visual_bounds=rrb.VisualBounds2D(x_range=(-x, x), y_range=(-y, SCATTER_LEGEND_ENDS * limits.d_de_arcsec)),
         overrides={"/scatter/points": ranges},
     )
 

@@ -88,7 +88,7 @@ function show(state) {
     at("events").dataset.lines = lines;
     at("events").replaceChildren(...state.events.map((line) => Object.assign(document.createElement("li"), {textContent: line})));
   }
-  put("session", `${state.sensor}, ${state.site}, ${state.port}; for ${duration(Math.floor(state.duration_s / 60))}; ${state.utc.slice(11, 19)} UTC`);
+  put("session", `${state.sensor}, ${state.site}, ${state.port}; for ${state.duration_s < 120 ? `${state.duration_s} s` : duration(Math.floor(state.duration_s / 60))}; ${state.utc.slice(11, 19)} UTC`);
 }
 
 function showAxis(axis, place, isStale) {

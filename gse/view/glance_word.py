@@ -103,11 +103,11 @@ def _of_link(facts: Facts) -> Word | None:
 def _of_answers(facts: Facts) -> Word | None:
     if facts.since_answer_s < (NO_ANSWER_S if facts.answered else ACQUIRING_S):
         return None if facts.answered else Word("ACQUIRING", Level.IDLE, f"{facts.objects} objects, no answer yet")
-    silence = f"{_duration(facts.since_answer_s)} without an answer, {facts.objects} objects"
+    lasts, objects = _duration(facts.since_answer_s), f"{facts.objects} objects"
     if facts.sky:
-        return Word(facts.sky, Level.WARN, f"{silence}; frames without sky do not count")
+        return Word(facts.sky, Level.WARN, f"{lasts} without an answer, {objects}; frames without sky do not count")
     cause = f"; {facts.cause}" if facts.cause and not facts.answered else ""
-    return Word(f"NO ANSWER {_duration(facts.since_answer_s)}", Level.BAD, silence + cause)
+    return Word(f"NO ANSWER {lasts}", Level.BAD, objects + cause)
 
 
 def _of_errors(facts: Facts) -> Word:
@@ -115,7 +115,7 @@ def _of_errors(facts: Facts) -> Word:
         return Word("ACQUIRING", Level.IDLE, f"the mount is fitted, {facts.aligning_s:.0f} s left")
     if facts.outside:
         cause = f"; {facts.cause}" if facts.cause else ""
-        return Word("OUTSIDE", Level.BAD, f"outside its limit: {', '.join(facts.outside)}{cause}")
+        return Word("OUTSIDE", Level.BAD, f"{', '.join(facts.outside)}{cause}")
     return Word("OK", Level.GOOD, "inside the limits so far")
 
 

@@ -27,6 +27,7 @@ class SavedView:
     """
 
     def __init__(self, station: Station, catalog: StarCatalog | None, path: Path) -> None:
+        self._path = path
         self._stream = rr.RecordingStream("gse", send_properties=False)
         self._stream.set_sinks(rrd_file_sink(path))
         self._scene = Scene(self._stream, station, catalog, live=False)
@@ -49,8 +50,16 @@ class SavedView:
     def finish(self, session: SessionData, verdict: str, reasons: Sequence[str], *, metrics: str = "") -> None:
         """Write the columns of the session, the clock and the verdict, and close the file.
 
-        ``session`` has the same frames that were added; ``metrics`` is a table in Markdown.
+        ``session`` has the same frames that were added; ``metrics`` is a table in Markdown. UsageError where the disk
+        did not take all of it: then there is no file.
         """
+        try:
+            self._finish(session, verdict, reasons, metrics)
+        except RuntimeError as error:  # rerun's only one
+            self._path.unlink(missing_ok=True)
+            raise UsageError(f"cannot write {self._path}: {error}; is the disk full?") from error
+
+    def _finish(self, session: SessionData, verdict: str, reasons: Sequence[str], metrics: str) -> None:
         self._send_objects()
         if len(session.frames):
             self._scene.add_columns(session.frames.columns)

@@ -89,8 +89,7 @@ class Scene:
         self._events = EventLines(frozenset({StationKind.NOTE}))
         self._recent: deque[NDArray[np.void]] = deque()
         self._own_recent: deque[NDArray[np.void]] = deque()
-        self._logged: deque[str] = deque(maxlen=_MOST_LINES)
-        self._logged_ns = 0
+        self._logged: deque[tuple[int, str]] = deque(maxlen=_MOST_LINES)
         self._log_is_shown = True
         self._states: deque[tuple[str, int, str]] = deque(maxlen=_STATES_AGAIN)
         self._words: tuple[int, str, str] | None = None
@@ -132,7 +131,16 @@ class Scene:
         send_own_answers(self._stream, errors)
 
     def send_again(self) -> None:
-        """Send the last ten minutes once more, each series in one piece: for a viewer that has just come."""
+        """Send the last ten minutes once more, each series in one piece: for a viewer that has just come.
+
+        What is read comes first, since a viewer without a graphics card takes its time for the rest.
+        """
+        if self._words is not None:
+            self.words(*self._words)
+        self._log_is_shown = not self._logged
+        self.show_log()
+        for path, utc_ns, word in self._states:
+            self._stream.send_columns(path, [times([utc_ns])], rr.StateChange.columns(state=[word]))
         if self._recent:
             columns = np.concatenate(self._recent)
             send_series(self._stream, columns, self._station.limits)
@@ -140,12 +148,6 @@ class Scene:
             send_scatter(self._stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
         if self._own_recent:
             send_own_answers(self._stream, np.concatenate(self._own_recent))
-        for path, utc_ns, word in self._states:
-            self._stream.send_columns(path, [times([utc_ns])], rr.StateChange.columns(state=[word]))
-        self._log_is_shown = not self._logged
-        self.show_log()
-        if self._words is not None:
-            self.words(*self._words)
 
     @staticmethod
     def _remember_in(recent: deque[NDArray[np.void]], columns: NDArray[np.void]) -> None:
@@ -247,17 +249,18 @@ class Scene:
         """Add a line to the log, for ``show_log``."""
         plain = _MARKDOWN.sub(r"\\\1", text)
         line = f"{instant.to_text(utc_ns, 0)[11:]} {plain}"
-        self._logged.appendleft(f"**{line}**" if level == "WARN" else line)
-        self._logged_ns = max(self._logged_ns, utc_ns)
+        self._logged.appendleft((utc_ns, f"**{line}**" if level == "WARN" else line))
         self._log_is_shown = False
 
     def show_log(self) -> None:
         """Show the log as one text, the newest line first: sent again it stays the same, where lines would double."""
         if not self._log_is_shown:
             self._log_is_shown = True
-            lines = "\n".join(f"- {line}" for line in self._logged)
+            # Frames and events come one kind after the other; of the same instant the later one stands above.
+            newest_first = sorted(self._logged, key=lambda logged: -logged[0])
+            lines = "\n".join(f"- {line}" for _, line in newest_first)
             columns = rr.TextDocument.columns(text=[lines], media_type=["text/markdown"])
-            self._stream.send_columns("/log", [times([self._logged_ns])], columns)
+            self._stream.send_columns("/log", [times([newest_first[0][0]])], columns)
 
     def words(self, utc_ns: int, markdown: str, metrics: str = "") -> None:
         """Show a text in the panel of the verdict, and a table in that of the metrics."""

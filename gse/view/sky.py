@@ -21,6 +21,10 @@ MAX_CATALOG_STARS = 5000
 
 TRACK_ROW_NS = 2 * NS_PER_S
 
+_LEGEND = 1.42, 1.72
+SCATTER_LEGEND_ENDS = 2.15
+"""Places of the texts below the scatter, in limits, and where they end: far points are at EDGE, above them."""
+
 _CIRCLE = np.linspace(0, 2 * math.pi, 73)
 
 
@@ -93,7 +97,7 @@ def begin_scatter(stream: rr.RecordingStream, limits: Limits) -> None:
     )
     stream.log("/scatter/axes", axes, static=True)
     names = rr.Points2D(
-        [[x * 1.2, 0], [0, -y * 1.2], [0, y * 1.12]],
+        [[x * 1.2, 0], [0, -y * 1.2], [0, y * _LEGEND[0]]],
         labels=["+dRA*", "+dDE", f"limits {x:g} x {y:g} arcsec"],
         colors=[GREY, GREY, VERMILLION],
         radii=[rr.Radius.ui_points(0.0)],
@@ -104,7 +108,7 @@ def begin_scatter(stream: rr.RecordingStream, limits: Limits) -> None:
     stream.log("/scatter/points", points, static=True)
     rings = rr.LineStrips2D.from_fields(colors=[GREEN], radii=[rr.Radius.ui_points(1.2)])
     stream.log("/scatter/rings", rings, static=True)
-    place = [[0.0, EDGE * limits.d_de_arcsec]]
+    place = [[0.0, _LEGEND[1] * limits.d_de_arcsec]]
     text = rr.Points2D(place, colors=[GREEN], radii=[rr.Radius.ui_points(0.0)], show_labels=True)
     stream.log("/scatter/sigma", text, static=True)
 

@@ -55,7 +55,9 @@ class StatusLine:
         self._link = _NO_LINK
         self._due_ns = 0
         self._closed = False
-        self._announcer = Announcer(lambda text: self._console.print(text, soft_wrap=True, markup=False))
+        self._announcer = Announcer(
+            lambda text: self._console.print(text, soft_wrap=not self._is_terminal, markup=False)
+        )
         self._live = Live(console=self._console, get_renderable=self.line, refresh_per_second=2, transient=True)
 
     def on_results(self, results: NewResults, session: SessionData) -> None:

@@ -78,9 +78,9 @@ def test_a_stopped_sign_shows_nothing_more() -> None:
     assert not [one for one in threading.enumerate() if one.name == "sign of life"]
 
 
-def said_on_a_terminal(environment: dict[str, str]) -> str:
+def said_on_a_terminal(environment: dict[str, str], code: str = SAYS_NOTHING) -> str:
     master, slave = pty.openpty()
-    with subprocess.Popen([sys.executable, "-c", SAYS_NOTHING], stdout=slave, stderr=slave, env=environment):
+    with subprocess.Popen([sys.executable, "-c", code], stdout=slave, stderr=slave, env=environment):
         os.close(slave)
         said = b""
         try:
@@ -102,3 +102,9 @@ def test_a_dumb_terminal_and_a_pipe_get_no_line() -> None:
     assert said_on_a_terminal({**os.environ, "TERM": "dumb"}).split() == ["begins", "ends"]
     piped = subprocess.run([sys.executable, "-c", SAYS_NOTHING], capture_output=True, text=True, check=True)
     assert (piped.stdout, piped.stderr) == ("begins\n", "ends\n")
+
+
+def test_the_line_is_gone_when_the_process_ends() -> None:
+    code = f"{SAYS_NOTHING.partition('print')[0]}threading.Event().wait(1.2)\nsign_of_life.stop()\n"
+    said = said_on_a_terminal({**os.environ, "TERM": "xterm"}, code)
+    assert re.search(r"working, \d s\r {20,}\r$", said)

@@ -166,7 +166,7 @@ def test_a_cut_session_says_so_where_it_ends(session: Path) -> None:
         ({"loop": "0"}, "whole number from 1 on"),
         ({"cut": "x"}, "whole number from 1 on"),
         ({"spede": "1"}, "no option spede"),
-        ({"from_": "yesterday"}, "is no UTC instant"),
+        ({"from_": "yesterday"}, "is not a UTC instant"),
     ],
 )
 def test_a_wrong_option_is_refused_in_words(session: Path, options: dict[str, str], words: str) -> None:

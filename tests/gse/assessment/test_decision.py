@@ -72,7 +72,9 @@ def test_an_undecided_row_says_how_much_longer_would_have_decided():
     undecided = row(50.0, 20.0, duration_s=600.0)  # 10 of room: four times as long, 30 minutes more
     assert "30 more minutes would have decided" in undecided.reason
     assert "a longer session cannot decide" in row(50.0, 20.0, truth=7.0).reason
-    assert minutes_more(Figure(50.0, Bounds(0, 0, 30.0, 70.0), 9.0, 99, 600.0), LIMIT, 0.0) == pytest.approx(30.0)
+    assert minutes_more(Figure(50.0, Bounds(0, 0, 30.0, 70.0), 900.0, 999, 600.0), LIMIT, 0.0) == pytest.approx(
+        30.0, 0.01
+    )
 
 
 def test_degrees_are_printed_where_degrees_are_meant():

@@ -135,3 +135,17 @@ def test_vibration_is_named_with_its_size():
 def test_two_causes_that_are_there_are_both_named():
     both = replace(TRUE, camera=replace(CAMERA, focal_length_px=4182.4), slip_arcsec=(30.0, 0.0, 0.0), at_s=300.0)
     assert {finding.cause for finding in found(both)} == {"focal length", "slip of the mount"}
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        ({"slip_arcsec": (30.0, 0.0, 0.0), "at_s": 30.0}, "slip of the mount"),
+        ({"moves_arcsec_per_h": (2400.0, 0.0, 0.0)}, "mount moves"),
+    ],
+    ids=["slip", "moves"],
+)
+def test_whole_pixels_do_not_hide_what_is_plain(change, cause):
+    """Stars cross a pixel in four seconds: what rounding does to them does not last a minute."""
+    causes = [finding.cause for finding in found(replace(TRUE, **change), 60.0, whole_pixels=True)]
+    assert causes == [cause]

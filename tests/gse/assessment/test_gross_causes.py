@@ -148,6 +148,14 @@ def test_a_latitude_that_is_wrong_is_named():
     assert "site.latitude_deg: 53.199" in finding.size
 
 
+def test_another_town_is_named_with_its_place():
+    finding = found(MUNICH, MOUNT, true_site=replace(MUNICH, latitude_deg=46.9, longitude_deg=9.5))
+    assert finding.cause == "site"
+    assert "latitude_deg: 46.9" in finding.size
+    assert "longitude_deg: 9.5" in finding.size
+    assert finding.equals == ("a mount whose base is not level",)
+
+
 def test_a_gross_mistake_is_named_on_a_mount_that_was_set_by_hand_too():
     finding = found(MUNICH, replace(MOUNT, altitude_deg=59.9), true_site=replace(MUNICH, latitude_deg=-48.2),
                     true_mount=MOUNT)  # fmt: skip

@@ -145,6 +145,24 @@ def test_a_sinusoid_of_several_cycles_is_no_slow_noise():
     assert found.mean_abs_bounds_arcsec.upper < 1.2 * found.mean_abs_arcsec
 
 
+@pytest.mark.parametrize("place", [0.1, 0.3, 0.5, 0.9])
+def test_one_step_tells_as_little_of_the_mean_as_one_value(place):
+    errors = np.random.default_rng(4).normal(0, 4, 600)
+    errors[int(600 * place) :] += 40
+    found = error_bounds(errors)
+    assert found.n_eff < 2
+    assert found.mean_abs.upper > np.abs(errors).mean() + np.abs(errors).std()
+    assert found.p95_abs.upper > np.percentile(np.abs(errors), 95) + np.abs(errors).std()
+
+
+@pytest.mark.parametrize("height", [20, 60, 200])
+def test_a_ramp_is_no_wave_whose_mean_is_known(height):
+    errors = np.random.default_rng(5).normal(0, 4, 600) + np.linspace(0, height, 600)
+    found = error_bounds(errors)
+    assert found.mean_abs.upper > height / 2 * 1.5
+    assert found.p95_abs.upper > height * 1.2
+
+
 def test_every_bound_is_outside_its_one_sided_bound():
     for found in (error_bounds(white(60, scale=3.0)), error_bounds(correlated(3000, 20.0)[0])):
         for bounds in (found.bias, found.mean_abs, found.p95_abs):
@@ -303,4 +321,12 @@ def test_twice_the_margin_takes_a_quarter_of_the_time():
     assert further_share(10.0, 20.0, 0.0) == pytest.approx(3.0)
     assert further_share(-10.0, 20.0, 0.0) == pytest.approx(3.0)
     assert further_share(10.0, 5.0, 0.0) == 0.0
+    assert further_share(10.0, 20.0, 0.0, 1e6) == pytest.approx(3.0, 0.01)
     assert further_share(10.0, 5.0, 7.0) == math.inf
+
+
+def test_a_session_of_few_independent_values_learns_its_scatter_too():
+    more = further_share(10.0, 20.0, 0.0, 3.0)
+    ratio = scipy.stats.t.ppf(0.95, 3 * (1 + more)) / scipy.stats.t.ppf(0.95, 3)
+    assert 20.0 * ratio / math.sqrt(1 + more) == pytest.approx(10.0, rel=0.01)
+    assert more < 2

@@ -7,8 +7,10 @@ import pytest
 from skies.known_nights import START_NS, frame, session, unanswered
 from skies.one_by_one import add_frame
 
+from gse.assessment.field_content import SeenStars, share_error
 from gse.assessment.session_comparison import session_comparison
 from gse.instant import NS_PER_S
+from gse.star_influence import attitude_operators
 from gse.station.results import AnswerCheck, AttitudeError
 
 
@@ -132,6 +134,19 @@ def test_a_field_of_fewer_stars_is_no_regression():
 
 def test_a_star_noise_that_grew_is_a_regression_under_other_stars_too():
     assert "NEA dDE" in worse(starry(28, seed=1), starry(28, seed=2, per_star=28.0))
+
+
+def test_the_scatter_of_white_noise_is_found_in_the_residuals_of_few_stars():
+    random, frames, stars = np.random.default_rng(6), 400, 5
+    directions = np.tile(random.normal([0, 0, 1], 0.07, (stars, 3)), (frames, 1))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    seen = SeenStars(directions, np.tile(np.arange(stars), frames), np.repeat(np.arange(frames), stars))
+    operators = attitude_operators(directions, seen.frames)
+    errors = random.normal(0, 5, (len(directions), 2))
+    solve = np.hstack(list(operators[:stars]))  # the pseudo-inverse of what a turn does to the stars
+    fitted = errors.reshape(frames, -1) @ solve.T @ np.linalg.pinv(solve).T
+    share = share_error(operators[:, 0], errors - fitted.reshape(-1, 2), seen)
+    assert share == pytest.approx(1 / np.sqrt(2 * frames), rel=0.25)
 
 
 def test_equal_sensors_under_other_stars_differ_by_one_sigma():

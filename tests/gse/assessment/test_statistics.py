@@ -75,6 +75,12 @@ def test_frames_that_the_sequence_misses_were_expected_and_are_not_available():
     assert stats.onboard.available.value == 10 / 16
 
 
+def test_lost_frames_that_were_no_panoramas_are_not_missing():
+    made = at_seconds(range(10))
+    made.link.frames_lost, made.others_lost = 6, 4
+    assert statistics(made).onboard.available.value == 10 / 12
+
+
 def test_what_arrives_late_is_measured_from_the_middle_of_the_exposure_to_the_host():
     made = at_seconds(range(4))
     made.frames.columns["host_utc_ns"][:] = made.frames.columns["utc_ns"] + 7_000_000

@@ -144,7 +144,7 @@ def test_sources_are_folders_globs_and_files_each_session_once(made, tmp_path):
 
 @pytest.mark.parametrize("url", ["http://127.0.0.1/a", "simplecache::s3://a/b", "github://a:b@/c"])
 def test_other_storage_than_that_of_campaigns_is_refused(url):
-    with pytest.raises(UsageError, match=r"is no storage of campaigns|expected a path"):
+    with pytest.raises(UsageError, match=r"is not a storage of campaigns|expected a path"):
         find_sources([url])
 
 
@@ -179,3 +179,11 @@ def test_without_its_packages_a_campaign_says_how_to_install_them(gse, monkeypat
     monkeypatch.setitem(sys.modules, "duckdb", None)
     done = gse("campaign", "query", tmp_path, "select 1")
     assert (done.code, "pip install '.[campaign]'" in done.err) == (2, True)
+
+
+@pytest.mark.parametrize("name", ["new\nline.mcap", "red\x1b[31m.mcap", b"no text \xff.mcap"])
+def test_a_name_that_steers_a_terminal_is_refused_at_the_door(tmp_path, name):
+    file = os.path.join(os.fsencode(tmp_path), os.fsencode(name))
+    with open(file, "wb"), pytest.raises(UsageError, match="cannot be shown; rename the file") as refused:
+        find_sources([str(tmp_path)])
+    assert str(refused.value).isprintable()

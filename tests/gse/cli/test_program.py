@@ -60,9 +60,10 @@ def every_command() -> Iterator[tuple[str, click.Command]]:
             yield from ((f"{name} {below}", of) for below, of in command.commands.items())
 
 
-def test_the_help_of_each_command_ends_with_two_examples_that_it_takes() -> None:
+def test_the_help_of_each_command_fits_80_columns_and_ends_with_two_examples_that_it_takes() -> None:
     for name, command in every_command():
-        help_text = command.get_help(click.Context(command, info_name=f"gse {name}"))
+        help_text = command.get_help(click.Context(command, info_name=f"gse {name}", terminal_width=80))
+        assert max(map(len, help_text.splitlines())) <= 80, name
         examples = [shlex.split(line) for line in help_text.partition("Examples:\n")[2].splitlines()]
         assert len(examples) == 2, name
         for example in examples:
@@ -105,3 +106,23 @@ def test_bash_is_given_the_commands_that_fit() -> None:
     asked = {**os.environ, "_GSE_COMPLETE": "bash_complete", "COMP_WORDS": "gse rep", "COMP_CWORD": "1"}
     done = subprocess.run([GSE], capture_output=True, text=True, env=asked)
     assert [line.partition(",")[2] for line in done.stdout.splitlines()] == ["replay", "report"]
+
+
+@pytest.mark.parametrize(("redirected", "code"), [("2>/dev/full", 2), ("2>&-", 2), (">/dev/full 2>&1", 2)])
+def test_messages_that_nobody_takes_leave_the_exit_code(redirected: str, code: int) -> None:
+    done = subprocess.run(f'"{sys.executable}" -m gse xyzzy {redirected}', shell=True, capture_output=True)
+    assert (done.returncode, done.stdout) == (code, b"")
+
+
+def test_streams_that_are_closed_from_the_start_are_no_error(tmp_path: Path) -> None:
+    command = f'"{sys.executable}" -m gse config init "{tmp_path / "new.yaml"}" <&- >&- 2>&-'
+    assert subprocess.run(command, shell=True).returncode == 0
+    assert (tmp_path / "new.yaml").is_file()
+
+
+def test_a_terminal_that_is_gone_makes_a_result_incomplete() -> None:
+    master, terminal = os.openpty()
+    os.close(master)
+    done = subprocess.run([sys.executable, "-m", "gse", "--version"], stdout=terminal, stderr=terminal)
+    os.close(terminal)
+    assert done.returncode == 3

@@ -1,6 +1,7 @@
 """Session and station files from strangers: refused in words or read, in bounded time and memory."""
 
 import json
+import os
 import re
 import resource
 import time
@@ -11,7 +12,9 @@ import pytest
 from devices.command_line import Done, Gse, runner
 from devices.hostile_sessions import FILES, write_file, write_flood, write_station, write_steering, write_times
 
-from gse.config.station import BUILT_IN_TEXT
+from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.errors import ConfigError, TableError
+from gse.sessions.expected_answers import ExpectedAnswers
 
 CPU_S = 10.0
 """Per MB of input; a small one counts as a MB."""
@@ -104,3 +107,60 @@ def test_a_station_file_cannot_steer_the_terminal(tmp_path: Path, gse: Gse, key:
     done = gse("report", path)
     assert done.code == 2
     assert STEERS.search(done.out + done.err) is None
+
+
+@pytest.fixture
+def pipe(tmp_path: Path) -> Path:
+    """Nobody ever writes into it."""
+    os.mkfifo(tmp_path / "pipe.mcap")
+    return tmp_path / "pipe.mcap"
+
+
+@pytest.mark.parametrize(
+    "command", ["report {}", "session info {}", "replay {}", "decode {}", "compare {} {}", "why {}"]
+)
+def test_a_pipe_or_a_device_in_the_place_of_a_session_is_refused(command: str, pipe: Path, gse: Gse) -> None:
+    for path in (pipe, "/dev/zero"):
+        done = gse(*command.format(path, path).split())
+        assert (done.code, "is a pipe or a device; expected a file" in done.err) == (2, True)
+
+
+HOSTILE_ANSWERS = {
+    "a pipe": (None, "is no file"),
+    "a line without end": ('{"frame_no": 1, "ra_deg": "' + "x" * 200_000, "longer than"),
+    "deep": ("[" * 50_000, "expected an answer"),
+    "no number": ('{"frame_no": NaN}', "expected an answer"),
+    "a list": ('{"frame_no": [1]}', "expected an answer"),
+    "no text": ('{"frame_no": 1, "status": "\\ud800"}\n\xff', "not UTF-8"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE_ANSWERS)
+def test_expected_answers_of_a_stranger_are_refused(name: str, pipe: Path, tmp_path: Path) -> None:
+    text, told = HOSTILE_ANSWERS[name]
+    path = pipe
+    if text is not None:
+        path = tmp_path / "expected.jsonl"
+        path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(TableError, match=told):
+        ExpectedAnswers(path)
+
+
+def test_expected_answers_that_hold_more_than_angles_are_read_without_it(tmp_path: Path) -> None:
+    path = tmp_path / "expected.jsonl"
+    path.write_text('{"frame_no": 1, "ra_deg": [[1e999]], "de_deg": NaN, "roll_deg": {"a": 1}}\n')
+    assert ExpectedAnswers(path).unused == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("a: " + "[" * 40_000, "nested too deeply"),
+        ("a: " + "9" * 10_000, "a value that is not one"),
+        (BUILT_IN_TEXT + "site: {latitude_deg: 1, longitude_deg: 2, height_m: 3}\n", "site is given twice"),
+        ("limits: {d_ra_cosde_arcsec: 60, d_ra_cosde_arcsec: 600}\n", "d_ra_cosde_arcsec is given twice"),
+    ],
+)
+def test_a_station_file_of_absurd_values_is_refused_in_words(text: str, told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        parse_station(text)

@@ -88,3 +88,9 @@ def test_align_gives_its_seconds() -> None:
 def test_a_station_file_of_a_newer_version_asks_for_a_newer_gse() -> None:
     told = refusal(SMALLEST.replace("version: 1", "version: 2"))
     assert told == "roof.yaml, line 1: version is 2; this gse reads version 1: install a newer gse"
+
+
+@pytest.mark.parametrize("limit", ["d_de_arcsec: .inf", "d_roll_arcsec: 648001", "identification_ms: .inf"])
+def test_a_limit_that_nothing_exceeds_is_refused(limit):
+    with pytest.raises(ConfigError, match="should be less than or equal to"):
+        parse_station(f"{BUILT_IN_TEXT}\nlimits: {{{limit}}}\n")

@@ -68,7 +68,7 @@ def test_every_panorama_gets_its_own_answer_one_by_one_and_many_at_once(tmp_path
         ("print('\\x1b[2J', flush=True)", FailureKind.NONSENSE, "not a line of JSON"),
         ("p['frame_no'] = 7", FailureKind.NONSENSE, "an answer to frame 7 came, to 2 was expected"),
         ("print('{}', flush=True)", FailureKind.NONSENSE, "an answer to frame 'no frame_no' came"),
-        ("answer(p, ra_deg=float('nan')); continue", FailureKind.NONSENSE, "NaN is no number"),
+        ("answer(p, ra_deg=float('nan')); continue", FailureKind.NONSENSE, "NaN is not a number"),
         ("answer(p, ra_deg=400); continue", FailureKind.NONSENSE, "ra_deg is 400: expected a number from 0 to 360"),
         ("answer(p, ra_deg='10'); continue", FailureKind.NONSENSE, "ra_deg is '10'"),
         ("answer(p, ra_deg=None, de_deg=1.0); continue", FailureKind.NONSENSE, "ra_deg is None"),

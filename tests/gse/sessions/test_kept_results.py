@@ -1,8 +1,10 @@
 """Kept results: the session as it was derived, to the byte, and only where everything is the same."""
 
 import dataclasses
+import hashlib
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from gse.report import summarise
 from gse.report.files import write_report
 from gse.sessions.judged import judged_session, result_key
 from gse.sessions.kept_results import CONTEXT, MOST_KEPT, KeptResultsError, keep, kept, results_folder
+from gse.sessions.own_seal import seal
 from gse.sessions.replay import replay_session
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.session_data import SessionData
@@ -122,24 +125,38 @@ def test_a_damaged_file_is_told(session, folder: Path, name: str) -> None:
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
-    with pytest.raises(KeptResultsError, match=f"damaged or not of gse: {name} does not have its SHA-256"):
+    with pytest.raises(KeptResultsError, match=f"is not used: {name} (was changed|does not have its SHA-256)"):
         of(folder, session)
     path.unlink()
     with pytest.raises(KeptResultsError, match="is no file"):
         of(folder, session)
 
 
-def forge(folder: Path, table: pa.Table) -> None:
-    """Another table as the frames, with the hashes that belong to it: only its content is wrong."""
-    from hashlib import sha256
-
+def forge(folder: Path, table: pa.Table, sealed: Callable[[bytes], str] = seal) -> None:
+    """Another table as the frames, with the hashes and the seal that belong to it: only its content is wrong."""
     whole = folder / KEY.text
-    before = sha256((whole / "frames.parquet").read_bytes()).hexdigest()
+    before = hashlib.sha256((whole / "frames.parquet").read_bytes()).hexdigest()
     (whole / "frames.parquet").unlink()
     write_parquet([table], whole / "frames.parquet")
-    after = sha256((whole / "frames.parquet").read_bytes()).hexdigest()
+    after = hashlib.sha256((whole / "frames.parquet").read_bytes()).hexdigest()
     text = (whole / CONTEXT).read_text().split("\n")[1].replace(before, after)
-    (whole / CONTEXT).write_text(f"{sha256(text.encode()).hexdigest()}\n{text}\n")
+    (whole / CONTEXT).write_text(f"{sealed(text.encode())}\n{text}\n")
+
+
+def test_results_that_somebody_else_made_are_not_used(session, folder: Path) -> None:
+    table = pq.read_table(folder / KEY.text / "frames.parquet")
+    forge(folder, table.slice(1), lambda text: hashlib.sha256(text).hexdigest())
+    with pytest.raises(KeptResultsError, match="kept by another user or on another computer"):
+        of(folder, session)
+
+
+def test_results_of_another_user_are_not_used(session, folder: Path, tmp_path: Path, monkeypatch) -> None:
+    assert of(folder, session) is not None
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "another"))
+    with pytest.raises(KeptResultsError, match="kept by another user or on another computer"):
+        of(folder, session)
+    (secret,) = (tmp_path / "another").rglob("*.secret")
+    assert secret.stat().st_mode & 0o777 == 0o600
 
 
 def test_a_table_with_other_columns_is_not_used(session, folder: Path) -> None:
@@ -189,7 +206,7 @@ def test_damaged_results_are_derived_anew_with_a_line_and_kept_again(tmp_path: P
     context.write_text("{}")
     judged()
     assert len(told) == 1
-    assert told[0].endswith(f"{CONTEXT} does not have its SHA-256; derived anew")
+    assert told[0].endswith(f"{CONTEXT} was changed, or kept by another user or on another computer; derived anew")
     judged()
     assert told[1] == f"results kept in {results_folder(path)} are used"
     report = summarise(

@@ -1,5 +1,7 @@
 """Two machines' worth of clocks: the host's UTC and monotonic clocks and the sensor's, each wrong in its own way."""
 
+import re
+
 import numpy as np
 import pytest
 from devices.injected_clocks import START_NS, InjectedClocks, Sky
@@ -134,7 +136,10 @@ def test_a_smear_is_no_step_but_a_drift_that_is_told(sky):
     assessment = judge(sky.session(InjectedClocks(utc_s=lambda t: t * (1 - 5e-4))))
     assert assessment.statistics.clock.steps == ()
     assert assessment.statistics.clock.sensor_drift_ppm == pytest.approx(-500, abs=2)
-    assert any("sensor clock drift: it runs 500 ppm fast" in line for line in map(str, assessment.findings))
+    (finding,) = assessment.findings
+    assert finding.cause == "clock drift"
+    ppm, expanded = map(float, re.search(r"runs (\d+) ppm slow \(\+- ([\d.e+]+)\)", finding.size).groups())
+    assert ppm == pytest.approx(500, abs=expanded)
 
 
 def test_a_smear_under_which_the_kernel_lost_its_source_is_no_sound_clock(sky):

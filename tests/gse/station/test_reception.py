@@ -117,6 +117,36 @@ def test_a_repeated_sequence_number_is_dropped_and_a_gap_is_counted() -> None:
     assert (reception.counters.duplicates, reception.counters.frames_lost) == (1, 3)
 
 
+@pytest.mark.parametrize(
+    ("numbers", "frames_lost", "others_lost"),
+    [
+        ([(1, 1), (2, 2), (3, 3)], 0, 0),
+        ([(1, 1), (3, 2), (4, 3)], 1, 1),
+        ([(1, 1), (3, 3), (4, 4)], 1, 0),
+        ([(1, 1), (5, 3), (7, 4)], 4, 3),
+        ([(1, 1), (3, 5), (4, 6)], 1, 0),
+        ([(1, 0), (3, 0), (5, 0)], 2, 0),
+    ],
+    ids=["none", "another frame", "a panorama", "both", "exposures not sent", "no numbers of exposures"],
+)
+def test_between_panoramas_of_consecutive_exposures_no_panorama_is_lost(
+    numbers: list[tuple[int, int]], frames_lost: int, others_lost: int
+) -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    for sequence, frame_no in numbers:
+        message = PanoramaMessage(
+            time_us=100_000 * sequence,
+            frame_no=frame_no,
+            exposure_s=EXPOSURE_S,
+            flags=frozenset(),
+            temperature_c=20.0,
+            xy_px=np.zeros((0, 2)),
+            index=np.zeros(0),
+        )
+        received(reception, Chunk(*arrival(100_000 * sequence), PROTOCOL.encode(message, sequence=sequence)))
+    assert (reception.counters.frames_lost, reception.others_lost) == (frames_lost, others_lost)
+
+
 @pytest.mark.parametrize("flags", [frozenset[str](), frozenset({"clock reset"})])
 def test_a_sensor_that_starts_anew_is_an_event_and_its_clock_is_learned_again(flags: frozenset[str]) -> None:
     reception = Reception(PROTOCOL, baudrate=BAUDRATE)

@@ -66,10 +66,10 @@ def test_the_list_that_comes_with_unix_systems_is_read_too(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("", "is no table of Earth orientation: expected finals2000A"),
+        ("", "is not a table of Earth orientation: expected finals2000A"),
         ("mjd;x;y\n1;2;3\n", "not .csv"),
-        ("# File expires on 40 June 2027\n 41317.0 1 1 1972 10\n", "is no table of Earth orientation"),
-        ("# File expires on 28 June 2027\n 41499.0 1 7 1972 11\n 41317.0 1 1 1972 10\n", "is no table"),
+        ("# File expires on 40 June 2027\n 41317.0 1 1 1972 10\n", "is not a table of Earth orientation"),
+        ("# File expires on 28 June 2027\n 41499.0 1 7 1972 11\n 41317.0 1 1 1972 10\n", "is not a table"),
     ],
 )
 def test_another_file_is_refused_in_words(tmp_path, content, words):

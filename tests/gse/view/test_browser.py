@@ -54,6 +54,7 @@ def pixels_near(picture: np.ndarray, colour: tuple[int, int, int], box: tuple[fl
 
 GRAPHS = (0.0, 0.0, 0.375, 0.45)
 PANORAMA = (0.38, 0.03, 0.735, 0.58)
+FEW_PIXELS = 30
 SCATTER = (0.38, 0.6, 0.555, 0.97)
 
 
@@ -63,7 +64,8 @@ def wait_until_drawn(page) -> np.ndarray:
     for _ in range(DRAWN_WITHIN_MS // 2000):
         page.wait_for_timeout(2000)
         picture = np.array(Image.open(io.BytesIO(page.screenshot())).convert("RGB"))
-        if pixels_near(picture, SKY_BLUE, SCATTER) and pixels_near(picture, PINK, PANORAMA):
+        drawn = [(SKY_BLUE, SCATTER), (PINK, PANORAMA), (SKY_BLUE, GRAPHS), (VERMILLION, GRAPHS)]
+        if all(pixels_near(picture, colour, box) > FEW_PIXELS for colour, box in drawn):
             return picture
     return picture
 

@@ -1,0 +1,49 @@
+"""Commands on a session of a sensor that sends quaternions of its own and no panorama."""
+
+import json
+
+import pytest
+from devices.command_line import runner
+
+from drivers.session_file.reader import read_capture
+from drivers.session_file.records import RX, Message
+
+SCENARIO = """\
+text: A sensor of quaternions only.
+seconds: 12
+rate_hz: 5
+station: {protocol: attitude-quaternion}
+attitude: {sends: true}
+"""
+
+
+@pytest.fixture
+def gse(capsys):
+    return runner(capsys)
+
+
+@pytest.fixture
+def session(gse, tmp_path):
+    (tmp_path / "only.yaml").write_text(SCENARIO)
+    path = tmp_path / "only.mcap"
+    assert gse("simulate", "--scenario", tmp_path / "only.yaml", "--file", path).code == 0
+    return path
+
+
+def test_its_answers_are_no_panoramas_and_are_expected_of_nothing(gse, session, tmp_path):
+    assert "60 answers of its own, no panoramas, 60 identified, 0 lost" in gse("why", session).out
+    refused = gse("replay", session, "--expect", "sensor", "--out", tmp_path)
+    assert refused.code == 2
+    assert "--expect sensor: attitude-quaternion has no panoramas" in refused.err
+    assert "has no report" not in gse("session", "info", session).err
+
+
+def test_its_convention_is_found_in_a_raw_capture_too(gse, session, tmp_path):
+    records = (record for record in read_capture(session) if isinstance(record, Message) and record.topic == RX)
+    (tmp_path / "raw.bin").write_bytes(b"".join(record.data for record in records))
+    station = tmp_path / "station.yaml"
+    station.write_text(gse("config", "show").out.replace("protocol: panorama-v1", "protocol: attitude-quaternion"))
+    options = ("--station", station, "--start-utc", "2026-03-20T15:00:00Z", "--json")
+    done = gse("conventions", tmp_path / "raw.bin", *options)
+    assert done.code == 0
+    assert json.loads(done.out)["named"]["scalar"] == "last"
