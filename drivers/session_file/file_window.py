@@ -25,7 +25,7 @@ class BlockWindow:
 def refuse_special(path: Path) -> None:
     """CaptureError for a pipe or a device: nobody may write into it, or it may never end."""
     if path.exists() and not (path.is_file() or path.is_dir()):
-        raise CaptureError(f"{path} is a pipe or a device; expected a file")
+        raise CaptureError(f"{path} cannot be read: it is a pipe or a device; expected a file")
 
 
 class FileWindow:

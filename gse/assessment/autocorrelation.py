@@ -45,8 +45,9 @@ _PEAKS = np.array([3.0, 30.0, 300.0, 3000.0, 30_000.0])
 mean square in a sinusoid; a list that ends too early makes a strong sinusoid small."""
 _STEPS = np.arange(0.1, 0.51, 0.1)
 """Places of a step in the session; from the end it has the same spectrum."""
-_FLOOR = 1e-9
-"""Least spectrum, in that of white noise of the same variance: a pattern that cancels to nothing in every sum."""
+_FLOOR = 1e-2
+"""Least spectrum, in that of white noise of the same variance: a pattern that cancels to nothing in some of the sums
+(a frame in fifty is lost, exactly) shows no contrast between these sums and the others."""
 _NEGLIGIBLE = 1e-9
 """Shapes of less weight, in that of the likeliest, are left out."""
 _WHITE_PRIOR = 0.5

@@ -122,7 +122,7 @@ def pipe(tmp_path: Path) -> Path:
 def test_a_pipe_or_a_device_in_the_place_of_a_session_is_refused(command: str, pipe: Path, gse: Gse) -> None:
     for path in (pipe, "/dev/zero"):
         done = gse(*command.format(path, path).split())
-        assert (done.code, "is a pipe or a device; expected a file" in done.err) == (2, True)
+        assert (done.code, "it is a pipe or a device; expected a file" in done.err) == (2, True)
 
 
 HOSTILE_ANSWERS = {

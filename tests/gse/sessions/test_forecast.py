@@ -62,6 +62,6 @@ def test_the_loop_hands_over_one_snapshot_and_goes_on() -> None:
                 break
             pause.wait(0.05)
         assert forecast.text
-        assert "| onboard noise equivalent angle | " in forecast.metrics
+        assert "| noise equivalent angle, x | " in forecast.metrics
     finally:
         forecast.close()
