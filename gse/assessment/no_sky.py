@@ -1,8 +1,9 @@
 """Stretches in which there was no sky to see: cloud, cover, daylight.
 
-A stretch counts as such only where the reference identifier finds no star either, for ten seconds or longer, and where
-something else shows the reason: the Sun, empty panoramas, or stars that faded before or after. A sensor that fails
-under a clear, dark sky is not excused. Empty panoramas have a cause of their own: a blind sensor sends them too.
+A stretch counts as such only where the reference identifier finds no star either, for ten seconds or longer (or in all
+of a shorter session), and where something else shows the reason: the Sun, empty panoramas, or stars that faded before
+or after. A sensor that fails under a clear, dark sky is not excused. Empty panoramas have a cause of their own: a blind
+sensor sends them too.
 """
 
 from collections.abc import Iterator
@@ -57,7 +58,10 @@ def _blind_stretches(frames: NDArray[np.void]) -> Iterator[tuple[int, int]]:
     step_ns = float(np.median(np.diff(utc_ns))) if len(utc_ns) > 1 else 0.0
     bridged_ns = max(_BRIDGED_NS, _BRIDGED_FRAMES * step_ns)
     for part in np.split(blind, np.flatnonzero(np.diff(utc_ns[blind]) > bridged_ns) + 1):
-        if len(part) and utc_ns[part[-1]] - utc_ns[part[0]] + _exposure_ns(frames[part[-1]]) >= MIN_STRETCH_NS:
+        if not len(part):
+            continue
+        long = utc_ns[part[-1]] - utc_ns[part[0]] + _exposure_ns(frames[part[-1]]) >= MIN_STRETCH_NS
+        if long or len(part) == len(frames):
             yield int(part[0]), int(part[-1])
 
 

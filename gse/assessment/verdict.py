@@ -240,15 +240,17 @@ def _time(subject: SubjectStatistics, limits: Limits) -> Row:
 
 def _obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) -> Iterator[str]:
     """Why a session cannot pass though its rows may."""
-    yield from _untested_core(rows)
-    yield from _all_excluded(stats)
+    left_out = tuple(_all_excluded(stats))
+    yield from left_out
     yield from _much_excluded(session, stats)
     yield from uncounted(session, stats)
-    yield from _little_sky(session, stats)
+    if not left_out:
+        yield from _little_sky(session, stats)
     yield from _other_mount(session)
     yield from _stars_by_day(session, stats)
     if is_wrong(stats.convention, session.station.sensor.attitude):
         yield "sensor: its answers follow another convention than the station file states, so they were not compared"
+    yield from _untested_core(rows)
 
 
 _CORE = ("mean |dRA*|", "95 % of |dRA*|", "mean |dDE|", "95 % of |dDE|", "availability", "false answers")

@@ -292,9 +292,11 @@ def test_much_excluded_for_the_clock_decides_nothing():
 # Sky
 
 
-def clouded(*, first=600, last=1200, objects=30, zero_point_beside=CLEAR_ZERO_POINT_MAG, check=AnswerCheck.UNKNOWN):
+def clouded(
+    *, first=600, last=1200, frames=1800, objects=30, zero_point_beside=CLEAR_ZERO_POINT_MAG, check=AnswerCheck.UNKNOWN
+):
     """Three minutes at 10 Hz; without an answer from one frame to another."""
-    made = session(1800)
+    made = session(frames)
     made.frames.columns["zero_point_mag"] = CLEAR_ZERO_POINT_MAG
     made.frames.columns["objects"] = 30
     beside = slice(max(first - 50, 0), last + 50)
@@ -339,13 +341,18 @@ def test_empty_panoramas_leave_the_availability_open():
     assert any("or the sensor was blind" in reason for reason in assessment.reasons)
 
 
-def test_daylight_is_no_fault_of_the_sensor():
-    made = clouded(first=0, last=1800)
+@pytest.mark.parametrize("frames", [1800, 50])
+def test_daylight_is_no_fault_of_the_sensor(frames):
+    made = clouded(first=0, last=frames, frames=frames)
     noon_ns = from_text("2026-03-20T05:00:00Z") - START_NS  # at 106.7 deg east
     made.frames.columns["utc_ns"] += noon_ns
     assessment = judge(made)
     assert assessment.verdict is Verdict.INCONCLUSIVE
     assert any("Sun 8" in reason and "above the horizon" in reason for reason in assessment.reasons)
+
+
+def test_five_seconds_under_a_dark_sky_without_an_answer_are_not_excused():
+    assert judge(clouded(first=0, last=50, frames=50)).verdict is Verdict.FAIL
 
 
 def test_a_short_gap_is_not_the_sky():
