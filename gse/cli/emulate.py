@@ -88,7 +88,8 @@ def command(
     firmware = firmware_of(station, session, options, detector, began_ns + offset_ns)
     endpoint = _endpoint(tcp_address)
     click.echo(endpoint.address)
-    click.echo(folded(outlook(device, session), indent=2, err=True), err=True)
+    seen = outlook(device, session, "--start chooses a night, --dark leaves the Sun's light out")
+    click.echo(folded(seen, indent=2, err=True), err=True)
     click.echo(f"{device.sensor.name} sends {device.protocol}; press Ctrl-C to end", err=True)
     sign_of_life.stop()
     try:

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from gse.cli import EXIT_DATA_LOST
+from gse.cli.folding import folded
 from gse.cli.options import out_option, station_of, station_option
 
 
@@ -82,7 +83,8 @@ def command(
     recording = record_simulation(path, station.model_copy(update={"port": port}), text, orientation.to_json())
     click.echo(path)
     click.echo(f"{recording.bytes_sent} bytes of {scenario}: {described.text}", err=True)
-    click.echo(outlook(described.device_for(station), described), err=True)
+    seen = outlook(described.device_for(station), described, "--start chooses a night")
+    click.echo(folded(seen, indent=2, err=True), err=True)
     if recording.damage:
         click.echo(f"gse: {recording.damage}", err=True)
         raise click.exceptions.Exit(EXIT_DATA_LOST)

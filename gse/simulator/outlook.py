@@ -13,12 +13,14 @@ from gse.simulator.scene import Scene
 
 _MERGED_PX = 2.0
 _TEMPERATURE_C = 20.0
-_HINT = "--start chooses a night, --dark leaves the Sun's light out"
 _BELOW = "the mount looks below the horizon"
 
 
-def outlook(station: Station, scenario: Scenario) -> str:
-    """What a device sees at the start of a scenario: Sun, Moon, and the stars within its limit in the field."""
+def outlook(station: Station, scenario: Scenario, hint: str) -> str:
+    """What a device sees at the start of a scenario: Sun, Moon, and the stars within its limit in the field.
+
+    ``hint`` says what to do where daylight leaves no star.
+    """
     utc_ns = scenario.start_utc_ns
     scene = Scene(station, scenario, np.random.default_rng(0), _MERGED_PX)
     bodies = scene.bodies(utc_ns).track.directions(utc_ns)
@@ -32,7 +34,7 @@ def outlook(station: Station, scenario: Scenario) -> str:
     stars = _stars(scene, station, scenario, utc_ns)
     if stars:
         return f"looks at {where}: {sun}, {moon}; {stars} stars in the field"
-    return f"looks at {where}: {sun}, {moon}: no stars" + (f"; {_HINT}" if sun_deg > -12 else "")
+    return f"looks at {where}: {sun}, {moon}: no stars" + (f"; {hint}" if sun_deg > -12 else "")
 
 
 def _stars(scene: Scene, station: Station, scenario: Scenario, utc_ns: int) -> int:

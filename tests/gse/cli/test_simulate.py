@@ -1,5 +1,6 @@
 """gse simulate: whole sessions, the same bytes each time, that replay as what they are."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -80,3 +81,12 @@ def test_the_scenarios_are_listed_with_what_they_are() -> None:
     lines = CliRunner().invoke(command, ["--list"], catch_exceptions=False).stdout.splitlines()
     assert [line.split()[0] for line in lines] == scenario_names()
     assert all(len(line.split()) > 5 for line in lines)
+
+
+def test_by_day_the_advice_names_what_the_command_has(tmp_path: Path) -> None:
+    file = tmp_path / "day.mcap"
+    told = CliRunner().invoke(command, ["--scenario", "daylight", "--seconds", "1", "--file", str(file)]).stderr
+    words = " ".join(told.split())
+    assert "the Sun is 84 deg up at this site" in words
+    assert words.endswith("no stars; --start chooses a night")
+    assert set(re.findall("--[a-z]+", words)) <= {word for option in command.params for word in option.opts}
