@@ -206,7 +206,11 @@ def _nothing_identified(session: SessionData) -> Iterator[Finding]:
     is_day = StationKind.DAYLIGHT in kinds and StationKind.DARK_NIGHT not in kinds
     if is_day or StationKind.WRONG_CAMERA in kinds:
         return
-    if no_match and not (status == STATUSES.index(Status.IDENTIFIED)).any():
+    if not no_match or (status == STATUSES.index(Status.IDENTIFIED)).any():
+        return
+    if 2 * (session.frames.columns["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.ABSENT)).sum() > no_match:
+        yield _few_stars_known(session, no_match)
+    else:
         yield Finding(
             "nothing identified",
             f"not one of {no_match} panoramas with enough objects was identified, with no focal length within 25 % of "
@@ -214,6 +218,19 @@ def _nothing_identified(session: SessionData) -> Iterator[Finding]:
             ("an overcast sky with lamps or the Moon behind it", "a distortion of the lens by several pixels"),
             "look at the panoramas: gse view SESSION; check the sensor section of the station file",
         )
+
+
+def _few_stars_known(session: SessionData, no_match: int) -> Finding:
+    """The sky is there, the camera is right: only the identifier under test has no answer."""
+    seen, expected = (float(np.median(session.frames.columns[name])) for name in ("stars_seen", "stars_expected"))
+    known = f", of which its catalogue holds {expected:.0f}" if 0 <= expected < seen else ""
+    return Finding(
+        "identifier without an answer",
+        f"the identifier under test answers none of {no_match} panoramas; the reference identifier does, and "
+        f"{seen:.0f} stars of the sky are in each{known}",
+        ("a fault of the identifier",),
+        "let it know more stars (identifier.catalog_stars), and try: gse report SESSION --station FILE",
+    )
 
 
 def _faulty(session: SessionData) -> Iterator[Finding]:
