@@ -47,6 +47,11 @@ def test_noise_alone_has_no_spatial_error_within_its_interval(seed):
         assert axis.temporal.low_arcsec < 10.4 < axis.temporal.high_arcsec + 0.5
 
 
+def test_the_noise_of_the_boresight_is_that_of_a_star_over_the_root_of_their_number():
+    for axis in found(matches(noise_arcsec=10.0)):  # 30 stars in each frame
+        assert axis.temporal.boresight_arcsec == pytest.approx(10.0 / math.sqrt(30), rel=0.2)
+
+
 def test_a_pixel_phase_error_of_a_twentieth_of_a_pixel_is_found():
     amplitude = 0.05 * PIXEL_ARCSEC
     x, y = found(matches(lambda x, y: amplitude * np.sin(2 * math.pi * x)))
