@@ -56,7 +56,6 @@ from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.clock import ClockReading
 from drivers.link import SerialLink
 from drivers.link_state import LinkMonitor
-from gse.errors import TruthError
 from gse.external.answers import Failure
 from gse.identifier import Reason
 from gse.panorama import Panorama, Panoramas
@@ -78,8 +77,9 @@ from gse.station.results import FrameResult, OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
 from gse.station.sky_watch import SkyWatch
+from gse.station.truth_source import TruthSource
 from gse.station.unreadable_bytes import what_fits
-from gse.truth import EarthOrientation, InertialTruth, SiderealTruth
+from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables
 
 if TYPE_CHECKING:
@@ -140,8 +140,7 @@ class StationLoop:
         self.reception = Reception(setup.protocol, baudrate=station.port.baudrate, anchor_utc_ns=anchor_utc_ns)
         self.session.link = self.reception.counters
         self.session.earth_orientation = earth_orientation
-        self._is_frozen = earth_orientation is not None
-        self._given_orientation = given_orientation
+        self._truth_source = TruthSource(station.site, station.mount.inertial, earth_orientation, given_orientation)
         self.own_elapsed_us: array[float] = array("d")
         self._recorded = recorded
         self.ahead: Executor | None = None
@@ -251,7 +250,7 @@ class StationLoop:
             self.session.events_not_kept += 1
         self.session.link.reconnects += event.kind == LinkKind.REOPENED
         if isinstance(event, ClockStep):
-            self._truth_sought = self._truth_reaches(event.utc_ns)
+            self._truth_sought = self._frame_processor.truth is not None and self._truth_source.reaches(event.utc_ns)
         for listener in self.listeners:
             listener.on_event(event)
 
@@ -326,7 +325,12 @@ class StationLoop:
     def _prepare(self, utc_ns: int) -> None:
         """Find truth and mount for a panorama, where that is due."""
         if not self._truth_sought:
-            self._seek_truth(utc_ns)
+            self._truth_sought = True
+            truth, event = self._truth_source.at(utc_ns)
+            if event is not None:
+                self.on_event(event)
+            self.session.earth_orientation = self._truth_source.orientation
+            self._frame_processor = replace(self._frame_processor, truth=truth)
         if self._first_seconds is not None:
             self._align(self._first_seconds, utc_ns)
 
@@ -400,44 +404,3 @@ class StationLoop:
         self._frame_processor = replace(self._frame_processor, mount=alignment.mount)
         self.session.alignment = alignment
         self.on_event(LinkEvent(utc_ns, 0, StationKind.ALIGNED, str(alignment)))
-
-    def _truth_reaches(self, utc_ns: int) -> bool:
-        """Whether the Earth orientation at hand is good for an instant to which the clock was set."""
-        try:
-            orientation = self.session.earth_orientation
-            return (
-                self._frame_processor.truth is not None and orientation is not None and not orientation.warning(utc_ns)
-            )
-        except TruthError:
-            return False
-
-    def _seek_truth(self, utc_ns: int) -> None:
-        """Find the Earth orientation: that of the session, or from disk for the date of the first panorama.
-
-        After a clock step beyond its reach it is sought again; there is none for an unknown date.
-        """
-        self._truth_sought = True
-        shown = self.session.station.mount.inertial
-        if shown is not None:
-            self._frame_processor = replace(self._frame_processor, truth=InertialTruth(shown))
-            return
-        try:
-            orientation, warning = self._orientation(utc_ns)
-        except TruthError as error:
-            self._frame_processor = replace(self._frame_processor, truth=None)
-            self.on_event(LinkEvent(utc_ns, 0, StationKind.NO_TRUTH, str(error)))
-            return
-        if warning:
-            self.on_event(LinkEvent(utc_ns, 0, StationKind.EARTH_ORIENTATION, warning))
-        self.session.earth_orientation = orientation
-        truth = SiderealTruth(self.session.station.site, orientation)
-        self._frame_processor = replace(self._frame_processor, truth=truth)
-
-    def _orientation(self, utc_ns: int) -> tuple[EarthOrientation, str | None]:
-        """The Earth orientation for an instant, and a warning where it does not reach it."""
-        at_hand = self.session.earth_orientation
-        if at_hand is not None and (self._is_frozen or not at_hand.warning(utc_ns)):
-            return at_hand, at_hand.warning(utc_ns)
-        found = EarthOrientation.from_disk(utc_ns, given=self._given_orientation)
-        warning = found.warning(utc_ns)
-        return (at_hand if at_hand is not None and warning else found), warning
