@@ -2,12 +2,14 @@
 
 A process has one terminal, so there is one sign. ``start`` replaces stdout and stderr by streams that tell it of each
 text; the line is erased before the next text. It is shown only where both are terminals, and only at the start of a
-line: a prompt, a progress bar or a status line is a sign of its own.
+line: a prompt, a progress bar or a status line is a sign of its own. A terminal that takes no text (Ctrl-S) ends it:
+the sign never waits, and nobody waits for it.
 
 This module is imported before all others, so it imports little.
 """
 
 import os
+import select
 import sys
 import threading
 import time
@@ -18,6 +20,7 @@ from typing import Any, TextIO, cast
 SILENT_S = 0.6
 """The line comes after this silence; with the time that Python takes to start, within a second."""
 EVERY_S = 0.5
+_PATIENCE_S = 0.5
 _ENDS_OF_LINE = ("\n", "\r", "\x1b[2K")
 """What a text ends with that leaves the cursor on an empty line; the last is how rich removes a progress bar."""
 
@@ -41,10 +44,17 @@ class SignOfLife:
 
     def before(self, text: str) -> None:
         """Make room for a text that is printed next."""
-        with self._lock:
+        if self._stopped.is_set() and not self._shown:
+            return
+        if not self._lock.acquire(timeout=_PATIENCE_S):
+            self._give_up()
+            return
+        try:
             self._erase()
             self._last_s = self._now_s()
             self._on_empty_line = text.endswith(_ENDS_OF_LINE) if text else self._on_empty_line
+        finally:
+            self._lock.release()
 
     def look(self) -> None:
         """Show the line, or renew it, where it is due."""
@@ -53,16 +63,15 @@ class SignOfLife:
             if self._stopped.is_set() or not self._on_empty_line or now_s - self._last_s < SILENT_S:
                 return
             text = f"{self.words}, {now_s - self._began_s:.0f} s"[: _columns() - 1]
-            self._put("\r" + text.ljust(self._shown))
-            self._shown = len(text)
+            shown, self._shown = self._shown, len(text)
+            self._put("\r" + text.ljust(shown))
 
     def stop(self) -> None:
         """End it: what follows waits for the user, or has output of its own."""
+        self.before("")
         self._stopped.set()
-        with self._lock:
-            self._erase()
         if self._thread.is_alive():
-            self._thread.join()
+            self._thread.join(_PATIENCE_S)
 
     def _erase(self) -> None:
         if self._shown:
@@ -71,10 +80,17 @@ class SignOfLife:
 
     def _put(self, text: str) -> None:
         try:
+            if not _takes_text(self._stream):
+                self._give_up()
+                return
             self._stream.write(text)
             self._stream.flush()
         except (OSError, ValueError):  # the terminal is gone
-            self._stopped.set()
+            self._give_up()
+
+    def _give_up(self) -> None:
+        self._stopped.set()
+        self._shown = 0
 
     def _run(self) -> None:
         while not self._stopped.wait(EVERY_S if self._shown else SILENT_S / 3):
@@ -132,6 +148,14 @@ def working(words: str) -> Iterator[None]:
         yield
     finally:
         _SIGN.words = outer
+
+
+def _takes_text(stream: TextIO) -> bool:
+    """Whether a write returns at once; Windows, and a stream without a file, do not tell."""
+    try:
+        return os.name == "nt" or bool(select.select([], [stream.fileno()], [], 0)[1])
+    except OSError:
+        return True
 
 
 def _is_dumb() -> bool:

@@ -108,3 +108,33 @@ def test_the_line_is_gone_when_the_process_ends() -> None:
     code = f"{SAYS_NOTHING.partition('print')[0]}threading.Event().wait(1.2)\nsign_of_life.stop()\n"
     said = said_on_a_terminal({**os.environ, "TERM": "xterm"}, code)
     assert re.search(r"working, \d s\r {20,}\r$", said)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-S is of a POSIX terminal")
+def test_a_terminal_that_was_stopped_by_ctrl_s_keeps_nobody_waiting() -> None:
+    import termios
+
+    reader, writer = pty.openpty()
+    with os.fdopen(writer, "w") as terminal:
+        clock = Clock()
+        sign = SignOfLife(terminal, "gse test: working", clock)
+        clock.now_s = 1.0
+        sign.look()
+        termios.tcflow(writer, termios.TCOOFF)
+        worker = threading.Thread(target=use, args=(sign, clock), daemon=True)
+        worker.start()
+        worker.join(5.0)
+        was_kept = worker.is_alive()
+        termios.tcflow(writer, termios.TCOON)
+        worker.join(5.0)
+    os.close(reader)
+    assert not was_kept
+
+
+def use(sign: SignOfLife, clock: Clock) -> None:
+    clock.now_s = 2.0
+    sign.look()
+    sign.before("a result\n")
+    clock.now_s = 4.0
+    sign.look()
+    sign.stop()
