@@ -325,12 +325,7 @@ class StationLoop:
     def _prepare(self, utc_ns: int) -> None:
         """Find truth and mount for a panorama, where that is due."""
         if not self._truth_sought:
-            self._truth_sought = True
-            truth, event = self._truth_source.at(utc_ns)
-            if event is not None:
-                self.on_event(event)
-            self.session.earth_orientation = self._truth_source.orientation
-            self._frame_processor = replace(self._frame_processor, truth=truth)
+            self._seek_truth(utc_ns)
         if self._first_seconds is not None:
             self._align(self._first_seconds, utc_ns)
 
@@ -404,3 +399,12 @@ class StationLoop:
         self._frame_processor = replace(self._frame_processor, mount=alignment.mount)
         self.session.alignment = alignment
         self.on_event(LinkEvent(utc_ns, 0, StationKind.ALIGNED, str(alignment)))
+
+    def _seek_truth(self, utc_ns: int) -> None:
+        """Find truth for the date of a panorama, and tell what it lacks."""
+        self._truth_sought = True
+        truth, event = self._truth_source.at(utc_ns)
+        if event is not None:
+            self.on_event(event)
+        self.session.earth_orientation = self._truth_source.orientation
+        self._frame_processor = replace(self._frame_processor, truth=truth)
