@@ -108,6 +108,19 @@ class Cause:
 
 LOW_DEG = (35.0, 45.0, 60.0)
 """Where air shows."""
+
+
+def _air(quantity: str, great: float) -> Cause:
+    """Air other than stated."""
+    return Cause(
+        "refraction",
+        ("refraction",),
+        lambda w, more: w.at(**{quantity: getattr(w.site, quantity) + more}),
+        lambda r, _: great,
+        LOW_DEG,
+    )
+
+
 CAUSES = {
     "mount": Cause("mount", ("mount",), _turned, lambda r, _: _vector(r)),
     "clock offset": Cause("clock offset", ("clock offset",), lambda w, s: replace(w, clock_s=s), lambda r, _: 20.0),
@@ -137,20 +150,8 @@ CAUSES = {
     "longitude": Cause(
         "clock offset", ("longitude",), lambda w, d: w.at(longitude_deg=w.site.longitude_deg + d), lambda r, _: 0.1
     ),
-    "pressure": Cause(
-        "refraction",
-        ("refraction",),
-        lambda w, p: w.at(pressure_hpa=w.site.pressure_hpa + p),
-        lambda r, _: -500.0,
-        LOW_DEG,
-    ),
-    "temperature": Cause(
-        "refraction",
-        ("refraction",),
-        lambda w, k: w.at(temperature_c=w.site.temperature_c + k),
-        lambda r, _: -50.0,
-        LOW_DEG,
-    ),
+    "pressure": _air("pressure_hpa", -500.0),
+    "temperature": _air("temperature_c", -50.0),
     "focal length": Cause(
         "focal length",
         ("focal length",),
