@@ -11,6 +11,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as gse does, where it come
 
 import pytest
 from astropy.utils import iers
+from devices.command_line import Gse, runner
 
 TESTS = Path(__file__).parent
 
@@ -54,3 +55,9 @@ def _installed_earth_orientation():
     """The tables that IERS_Auto would use, without its question for today's date."""
     with iers.earth_orientation_table.set(iers.IERS(iers.IERS_Auto.read())):
         yield
+
+
+@pytest.fixture
+def gse(capsys: pytest.CaptureFixture[str]) -> Gse:
+    """The command line, in this process."""
+    return runner(capsys)

@@ -12,7 +12,6 @@ import fsspec.config
 import psutil
 import pytest
 from devices.cluster import BUCKET, cluster
-from devices.command_line import runner
 
 from gse.campaign.cluster import cluster as connected
 from gse.campaign.dataset import DataSet
@@ -27,11 +26,6 @@ pytestmark = pytest.mark.cluster
 def running(tmp_path_factory):
     with cluster(tmp_path_factory.mktemp("cluster")) as started:
         yield started
-
-
-@pytest.fixture
-def gse(capsys):
-    return runner(capsys)
 
 
 @pytest.fixture

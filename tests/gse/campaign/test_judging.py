@@ -9,7 +9,6 @@ import pandas as pd
 import polars as pl
 import pyarrow.dataset as pads
 import pytest
-from devices.command_line import runner
 from skies.short_nights import make_session
 
 from gse.campaign.dataset import SCHEMA, DataSet
@@ -17,11 +16,6 @@ from gse.campaign.engine import plan_campaign
 from gse.campaign.judging import Job, judge_source
 from gse.campaign.sources import find_sources
 from gse.errors import UsageError
-
-
-@pytest.fixture
-def gse(capsys):
-    return runner(capsys)
 
 
 def judge_all(sources, dataset):

@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import pytest
-from devices.command_line import Gse, runner
 from skies.known_nights import session
 
 from gse.assessment.session_comparison import session_comparison
@@ -12,11 +11,6 @@ from gse.cli import compare
 from gse.config.edit import with_values
 from gse.config.station import read_station
 from gse.simulator.scenario import load_scenario
-
-
-@pytest.fixture
-def gse(capsys: pytest.CaptureFixture[str]) -> Gse:
-    return runner(capsys)
 
 
 @pytest.fixture(scope="module")

@@ -10,18 +10,13 @@ from pathlib import Path
 from subprocess import DEVNULL, PIPE
 
 import pytest
-from devices.command_line import Gse, runner
+from devices.command_line import Gse
 from devices.live_session import PATIENCE_S, LiveSession, ended, run_command
 
 from gse.cli.finish import say_exit_code
 
 INCONCLUSIVE = 5
 """The verdict on a port where nothing came."""
-
-
-@pytest.fixture
-def gse(capsys: pytest.CaptureFixture[str]) -> Gse:
-    return runner(capsys)
 
 
 def full_pipe() -> tuple[int, int]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from devices.command_line import Gse, runner
+from devices.command_line import Gse
 from devices.full_disk import full_disk
 from PIL import Image
 
@@ -25,11 +25,6 @@ WRITING = {
     "catalog export": "catalog export --list {new}",
     "why": "why {session} --bundle {new}",
 }
-
-
-@pytest.fixture
-def gse(capsys: pytest.CaptureFixture[str]) -> Gse:
-    return runner(capsys)
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from devices.command_line import runner
 
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, Message
@@ -15,11 +14,6 @@ rate_hz: 5
 station: {protocol: attitude-quaternion}
 attitude: {sends: true}
 """
-
-
-@pytest.fixture
-def gse(capsys):
-    return runner(capsys)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 from subprocess import DEVNULL, PIPE
 
 import pytest
-from devices.command_line import Gse, runner
+from devices.command_line import Gse
 
 from drivers.chunk import Chunk
 from drivers.session_file.reader import read_capture
@@ -18,11 +18,6 @@ from gse.config.station import BUILT_IN_TEXT
 
 NIGHT_SKY = Path(__file__).parents[3] / "replays" / "night-sky"
 REPORTS = ("report.json", "report.html", "frames.csv", "junit.xml")
-
-
-@pytest.fixture
-def gse(capsys: pytest.CaptureFixture[str]) -> Gse:
-    return runner(capsys)
 
 
 def patient_station(folder: Path) -> Path:

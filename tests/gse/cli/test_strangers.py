@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from devices.command_line import Done, Gse, runner
+from devices.command_line import Done, Gse
 from devices.hostile_sessions import FILES, write_file, write_flood, write_station, write_steering, write_times
 
 from gse.config.station import BUILT_IN_TEXT, parse_station
@@ -21,11 +21,6 @@ CPU_S = 10.0
 GROWTH_MIB = 200
 """Of the process that runs the tests: the whole of a command stays below 400 MiB, see benchmarks/faults.py."""
 STEERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\ud800-\udfff]")
-
-
-@pytest.fixture
-def gse(capsys: pytest.CaptureFixture[str]) -> Gse:
-    return runner(capsys)
 
 
 def shown(done: Done, folder: Path) -> str:

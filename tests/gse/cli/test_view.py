@@ -11,18 +11,13 @@ from pathlib import Path
 
 import pytest
 from devices.browser import chromium
-from devices.command_line import Gse, runner
+from devices.command_line import Gse
 from devices.rerun_recording import moving, rows_of
 from PIL import Image
 
 FRAMES = 320
 GSE = (sys.executable, "-c", "from gse.cli import main; main()")
 """The command in a process of its own."""
-
-
-@pytest.fixture
-def gse(capsys: pytest.CaptureFixture[str]) -> Gse:
-    return runner(capsys)
 
 
 @pytest.fixture(scope="module")

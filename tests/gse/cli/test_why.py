@@ -4,7 +4,6 @@ import json
 import zipfile
 
 import pytest
-from devices.command_line import runner
 
 from drivers.chunk import LinkEvent
 from gse.assessment.live_diagnosis import LiveDiagnosis
@@ -23,11 +22,6 @@ start: "2026-03-20T08:00:00Z"
 seconds: 12
 rate_hz: 5
 """
-
-
-@pytest.fixture
-def gse(capsys):
-    return runner(capsys)
 
 
 @pytest.fixture(scope="module")

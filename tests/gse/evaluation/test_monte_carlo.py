@@ -4,14 +4,8 @@ import subprocess
 import sys
 
 import pytest
-from devices.command_line import runner
 
 from gse.evaluation.plan import interval
-
-
-@pytest.fixture
-def gse(capsys):
-    return runner(capsys)
 
 
 def evaluated(gse, *options):

@@ -3,7 +3,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from devices.command_line import runner
 from devices.programs import program
 
 from gse.cli.evaluate import table as evaluation_table
@@ -23,11 +22,6 @@ def folder(tmp_path):
     truth = json.loads((NIGHT_SKY / "truth.json").read_text())
     (tmp_path / "truth.json").write_text(json.dumps({NAME: truth[NAME]}))
     return tmp_path
-
-
-@pytest.fixture
-def gse(capsys):
-    return runner(capsys)
 
 
 def test_the_33_real_tables_of_the_repository_are_a_set():

@@ -2,7 +2,6 @@ import json
 
 import numpy as np
 import pytest
-from devices.command_line import runner
 from devices.programs import program
 
 from drivers.session_file.reader import read_capture
@@ -45,11 +44,6 @@ class FrameLines:
 
     def on_event(self, event):
         pass
-
-
-@pytest.fixture
-def gse(capsys):
-    return runner(capsys)
 
 
 @pytest.fixture(scope="module")

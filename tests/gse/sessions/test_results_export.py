@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from devices.command_line import runner
 from mcap.reader import make_reader
 
 from drivers.session_file.reader import messages
@@ -21,11 +20,6 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("export") / "clear.mcap"
     shutil.copy(GOLDEN / "clear.mcap", path)
     return path
-
-
-@pytest.fixture
-def gse(capsys: pytest.CaptureFixture[str]):
-    return runner(capsys)
 
 
 def test_results_are_exported_as_parquet_with_units(gse, session: Path, tmp_path: Path) -> None:
