@@ -118,7 +118,7 @@ class RunningIdentifier:
             try:
                 self._child = self._plug.start(self._log)
             except OSError as error:
-                text = f"it cannot be started: {error.strerror}{_START_HINTS.get(error.errno, '')}"
+                text = f"it cannot be started: {error.strerror}{_START_HINTS.get(error.errno or 0, '')}"
                 return self._ended([], Failure(FailureKind.START, text))
             requests.insert(0, self._plug.greeting)
             first_s += self._start_s
