@@ -1,5 +1,6 @@
 """The one big word on a session: what to know from the other side of the roof."""
 
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -30,6 +31,7 @@ class Phase(StrEnum):
 class Facts:
     """What the word follows from. ``link`` is of LINK_WORDS; ``sky`` is CLOUD, NO STARS, DAYLIGHT or empty.
 
+    ``verdict`` is as a report prints it, such as "PASS, relative (SIMULATED)".
     ``since_answer_s`` counts from the first panorama as long as there was no answer; ``outside`` names the limits that
     are not kept; ``aligning_s`` is the time left for the fit of the mount; ``cause`` is what the station found out.
     """
@@ -68,11 +70,13 @@ def word_of(facts: Facts) -> Word:
 
 def _at_the_end(facts: Facts) -> Word:
     if facts.phase is Phase.JUDGING:
-        return Word("JUDGING", Level.IDLE, "the session is closed, judged and reported")
+        return Word("JUDGING", Level.IDLE, "the session is closed; its verdict follows")
     if not facts.verdict:
         return Word("ENDED", Level.WARN, "the session ended without a verdict")
     why = "; ".join(_most_useful(facts)) or "every limit is kept"
-    return Word(f"DONE: {facts.verdict}", level_of(facts.verdict), why)
+    verdict = bare_verdict(facts.verdict)
+    qualified = f"{facts.verdict}: " if facts.verdict != verdict else ""
+    return Word(f"DONE: {verdict}", level_of(facts.verdict), qualified + why)
 
 
 def _most_useful(facts: Facts) -> tuple[str, ...]:
@@ -82,7 +86,12 @@ def _most_useful(facts: Facts) -> tuple[str, ...]:
 
 def level_of(verdict: str) -> Level:
     """How much a verdict asks for attention."""
-    return {"PASS": Level.GOOD, "FAIL": Level.BAD}.get(verdict, Level.WARN)
+    return {"PASS": Level.GOOD, "FAIL": Level.BAD}.get(bare_verdict(verdict), Level.WARN)
+
+
+def bare_verdict(verdict: str) -> str:
+    """PASS, FAIL or INCONCLUSIVE of a verdict as it is printed."""
+    return re.split("[, ]", verdict, maxsplit=1)[0]
 
 
 def _of_link(facts: Facts) -> Word | None:
