@@ -12,8 +12,8 @@ the score is a bound from below. The golden replays are left out: ``gse ci --upd
 rooms are mixed, so a run that is stopped has told of each of them.
 
 A mutant is put in the place of the module in a process that has all of gse in memory already. Where that cannot work
-(machine code, which is compiled anew for a mutated module and for those that import it; what runs when a module is
-imported) a process of its own reads the mutated tree; so it does, at the end, with those that survived.
+(machine code, which is compiled anew for a mutated module and for those that import it) a process of its own reads the
+mutated tree; so it does, at the end, with those that survived.
 
 Mutations: comparison (boundary and negation), arithmetic, number (an integer plus and minus 1, a float doubled and
 halved), Boolean constant, ``and`` and ``or``, condition negated, ``min`` and ``max``, ``any`` and ``all``, minus sign
@@ -543,7 +543,7 @@ def _take_code(old: object, new: object) -> bool:
 def with_mutant(testers: tuple[Tester, Tester], mutant: Mutant, parts: list[list[str]]) -> str:
     """The outcome of one mutant under tests, part by part: in memory, or in a tree where that cannot work."""
     slow, fast = testers
-    if "@compiled" in mutant.source or mutant.ran is None:
+    if "@compiled" in mutant.source:
         return in_tree(slow, mutant, parts, MOST_CPU_S)
     said = (fast.outcome(tests, MOST_CPU_S, mutant)[0] for tests in parts)
     return next((word for word in said if word != "survived"), "survived")
@@ -595,7 +595,7 @@ def outcomes(
 
     with ThreadPoolExecutor(testers.qsize()) as pool:
         said = dict(zip(mutants, pool.map(lambda mutant: one(mutant, with_mutant), mutants), strict=True))
-        again = [mutant for mutant, word in said.items() if word == "survived" and mutant.ran is not None]
+        again = [mutant for mutant, word in said.items() if word == "survived" and "@compiled" not in mutant.source]
         print(f"once more, in a tree: {len(again)}", flush=True)
         said |= zip(again, pool.map(lambda mutant: one(mutant, once_more), again), strict=True)
     return said
