@@ -7,8 +7,8 @@
 
 A random sample of mutants, shared among the rooms by their number of faults (30 at least each), in a copy of the tree
 in a temporary folder. First the tests of the rooms run once, and coverage notes which of them run which line; then each
-mutant meets the tests that run its line, the quickest first, until one fails, or until they took ``--most`` seconds:
-the score is a bound from below. The golden replays are left out: ``gse ci --update`` would bless a wrong report. The
+mutant meets the tests that run its line, those that import its module and the quickest first, until one fails, or
+until they took ``--most`` seconds: the score is a bound from below. The golden replays are left out: ``gse ci --update`` would bless a wrong report. The
 rooms are mixed, so a run that is stopped has told of each of them.
 
 A mutant is put in the place of the module in a process that has all of gse in memory already. Where that cannot work
@@ -303,6 +303,11 @@ def importers(tree: Path, module: str) -> list[set[str]]:
     return steps
 
 
+@functools.cache
+def _text(path: str) -> str:
+    return (ROOT / path).read_text()
+
+
 def _import_of(module: str) -> str:
     return f"from {module[:-3].replace('/', '.')} import"
 
@@ -315,7 +320,8 @@ class Coverage:
     seconds: dict[str, float]
 
     def tests_of(self, mutant: Mutant, most_s: float) -> list[list[str]]:
-        """The tests that may notice a mutant, the quickest first, in two parts, of ``most_s`` in all."""
+        """The tests that may notice a mutant in two parts, of ``most_s`` in all: those of a file that imports the module
+        first, the quickest of them first."""
         lines = self.lines.get(mutant.module, {})
         names = {name for line in mutant.ran or lines for name in lines.get(line, ())}
         if not names and "@compiled" in mutant.source:  # Machine code is run unseen.
@@ -324,7 +330,8 @@ class Coverage:
             names = next((step for step in steps if step), set())
         parts: tuple[list[str], list[str]] = [], []
         spent_s = 0.0
-        for name in sorted(names, key=lambda name: (self.seconds[name], name)):
+        far = {name: _import_of(mutant.module) not in _text(name.split("::")[0]) for name in names}
+        for name in sorted(names, key=lambda name: (far[name], self.seconds[name], name)):
             spent_s += self.seconds[name]
             if spent_s > most_s and parts[0]:
                 break
