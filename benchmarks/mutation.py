@@ -7,9 +7,9 @@
 
 A random sample of mutants, shared among the rooms by their number of faults (30 at least each), in a copy of the tree
 in a temporary folder. First the tests of the rooms run once, and coverage notes which of them run which line; then each
-mutant meets the tests that run its line, those that import its module and the quickest first, until one fails, or
-until they took ``--most`` seconds: the score is a bound from below. The golden replays are left out: ``gse ci --update`` would bless a wrong report. The
-rooms are mixed, so a run that is stopped has told of each of them.
+mutant meets the tests that run its line, those that import its module and the quickest first, until one fails, or until
+they took ``--most`` seconds: the score is a bound from below. The golden replays are left out: ``gse ci --update`` would
+bless a wrong report. The rooms are mixed, so a run that is stopped has told of each of them.
 
 A mutant is put in the place of the module in a process that has all of gse in memory already. Where that cannot work
 (machine code, which is compiled anew for a mutated module and for those that import it) a process of its own reads the
@@ -320,8 +320,10 @@ class Coverage:
     seconds: dict[str, float]
 
     def tests_of(self, mutant: Mutant, most_s: float) -> list[list[str]]:
-        """The tests that may notice a mutant in two parts, of ``most_s`` in all: those of a file that imports the module
-        first, the quickest of them first."""
+        """The tests that may notice a mutant, those that import its module and the quickest first.
+
+        In two parts, of ``most_s`` in all.
+        """
         lines = self.lines.get(mutant.module, {})
         names = {name for line in mutant.ran or lines for name in lines.get(line, ())}
         if not names and "@compiled" in mutant.source:  # Machine code is run unseen.
