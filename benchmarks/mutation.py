@@ -6,10 +6,10 @@
     python benchmarks/mutation.py --rooms truth --sample 60 --only gse/truth/alignment.py
 
 A random sample of mutants, shared among the rooms by their number of faults (30 at least each), in a copy of the tree
-in a temporary folder. First the tests of the rooms run once, and coverage notes which of them run which line; then each
-mutant meets the tests that run its line, those that import its module and the quickest first, until one fails, or until
-they took ``--most`` seconds: the score is a bound from below. The golden replays are left out: ``gse ci --update`` would
-bless a wrong report. The rooms are mixed, so a run that is stopped has told of each of them.
+in a temporary folder. First the tests of the rooms run once, and coverage notes which of them run which line. Then each
+mutant meets those that run its line, first those that import its module, the quickest of them first, until one fails or
+they took ``--most`` seconds: the score is a bound from below. The golden replays are left out: ``gse ci --update``
+would bless a wrong report. The rooms are mixed, so a run that is stopped has told of each of them.
 
 A mutant is put in the place of the module in a process that has all of gse in memory already. Where that cannot work
 (machine code, which is compiled anew for a mutated module and for those that import it) a process of its own reads the
