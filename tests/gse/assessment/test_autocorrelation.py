@@ -19,7 +19,7 @@ def squares(course):
 
 
 CHANGES = {
-    **{f"a step at {place:.1f}": (S > place).astype(float) for place in (0.1, 0.2, 0.3, 0.4, 0.5)},
+    **{f"a step at {place:.1f}": (place < S).astype(float) for place in (0.1, 0.2, 0.3, 0.4, 0.5)},
     "a ramp": S,
     "a bend at the begin": (1 - S) ** 2,
     "half a wave": np.cos(math.pi * S),
