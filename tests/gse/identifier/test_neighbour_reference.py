@@ -105,7 +105,7 @@ def test_level_1_keeps_the_nearest_candidates_where_more_fit_than_there_is_room_
 
 
 @pytest.mark.parametrize("search", [first_fit, best_vote])
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     pixels=st.lists(st.tuples(st.integers(0, 1023), st.integers(0, 767)), min_size=3, max_size=14),
     min_fit=st.integers(2, 4),
