@@ -113,7 +113,7 @@ def candidates_of(member, seen, view):
 
 
 @pytest.mark.parametrize("search", [first_fit, best_vote])
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     pixels=st.lists(st.tuples(st.integers(0, 1023), st.integers(0, 767)), min_size=3, max_size=14),
     min_fit=st.integers(2, 4),
