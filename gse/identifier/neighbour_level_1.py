@@ -118,12 +118,12 @@ def _fitting(distance_urad: float, tolerance_urad: float) -> tuple[int, int]:
 
 
 class Fits(NamedTuple):
-    """Neighbours that fit, of each star of a block: ``count`` (BLOCK,) is Fn.
+    """Neighbours that fit, of each star of a block: ``number`` (BLOCK,) is Fn.
 
     The first of them are in the rows ``row`` of the table and in the stretches ``stretch`` of the alpha star's view.
     """
 
-    count: NDArray[np.int64]
+    number: NDArray[np.int64]
     row: NDArray[np.uint32]
     stretch: NDArray[np.uint8]
 
@@ -138,9 +138,9 @@ def room_for_fits() -> Fits:
 @compiled
 def put_fits(block: int, alpha: Alpha, blocks: Blocks, fits: Fits) -> None:
     """Level 1 of all stars of a block."""
-    fits.count[:] = 0
+    fits.number[:] = 0
     begin, urad, row_of, member_of = blocks.begin[block], blocks.urad, blocks.row, blocks.member
-    counts, rows, stretches = fits.count, fits.row, fits.stretch
+    counts, rows, stretches = fits.number, fits.row, fits.stretch
     last = begin[-1]
     for stretch in range(len(alpha.low)):
         low, high = alpha.low[stretch], alpha.high[stretch]
@@ -171,4 +171,4 @@ def put_fits_of_star(star: int, alpha: Alpha, table: PairTable, fits: Fits) -> N
             place = min(fit, MOST_CANDIDATES)
             fits.row[0, place], fits.stretch[0, place] = row, stretch
             fit += 1
-    fits.count[0] = fit
+    fits.number[0] = fit

@@ -148,7 +148,7 @@ def first_possible(member: int, end: int, fewest_fits: int, fewest: int, seen: A
     Its candidates (object, neighbour), nearest first, are put into the room of the view. Arrays have names of their own
     here, since each access through a tuple counts references.
     """
-    counts, rows, stretches, neighbour = view.fits.count, view.fits.row, view.fits.stretch, view.table.neighbour
+    counts, rows, stretches, neighbour = view.fits.number, view.fits.row, view.fits.stretch, view.table.neighbour
     begins, ends, others, objects, stars = seen.begin, seen.end, seen.others, view.room.object, view.room.star
     icrs, gates = view.icrs, view.gates
     for k in range(np.uint64(member), np.uint64(end)):
@@ -161,7 +161,7 @@ def first_possible(member: int, end: int, fewest_fits: int, fewest: int, seen: A
                 objects[count], stars[count] = others[i], star
                 count += 1
         if not pigeonhole_bound(objects, stars, count, icrs, gates, fewest):
-            return np.int64(k), count
+            return int(np.int64(k)), count
     return end, 0
 
 

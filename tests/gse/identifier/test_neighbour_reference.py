@@ -98,10 +98,10 @@ def each_star_as_plain(directions, stars, table, limits, plain):
     for star in range(len(stars)):
         fit, candidates = plain.level_1(star, plain.from_alpha(directions.tolist(), 0))
         put_fits_of_star(star, seen, table, view.fits)
-        assert (view.fits.count[0], candidates_of(0, seen, view)[: len(candidates)]) == (fit, candidates)
+        assert (view.fits.number[0], candidates_of(0, seen, view)[: len(candidates)]) == (fit, candidates)
         put_fits(star // BLOCK, seen, blocks, view.fits)
         member = star % BLOCK
-        assert (view.fits.count[member], candidates_of(member, seen, view)[: len(candidates)]) == (fit, candidates)
+        assert (view.fits.number[member], candidates_of(member, seen, view)[: len(candidates)]) == (fit, candidates)
         fits.append(fit)
     return fits
 
