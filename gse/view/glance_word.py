@@ -41,7 +41,7 @@ class Facts:
     reasons: tuple[str, ...] = ()
     link: str = "no link"
     port: str = ""
-    since_bytes_s: float = 0.0
+    since_frame_s: float = 0.0
     frames: int = 0
     objects: int = 0
     answered: bool = False
@@ -97,7 +97,7 @@ def bare_verdict(verdict: str) -> str:
 def _of_link(facts: Facts) -> Word | None:
     if facts.link in ("no port", "silent") and facts.frames:
         gone = facts.link == "no port"
-        what = f"{facts.port} is {'gone' if gone else 'silent'}, no bytes for {facts.since_bytes_s:.0f} s"
+        what = f"{facts.port} is {'gone' if gone else 'silent'}, no bytes for {facts.since_frame_s:.0f} s"
         following = "check the cable, it is opened again by itself" if gone else "check the sensor and its power"
         return Word("LINK LOST", Level.BAD, f"{what}: {following}")
     if not facts.frames:
@@ -111,12 +111,19 @@ def _of_link(facts: Facts) -> Word | None:
 
 def _of_answers(facts: Facts) -> Word | None:
     if facts.since_answer_s < (NO_ANSWER_S if facts.answered else ACQUIRING_S):
-        return None if facts.answered else Word("ACQUIRING", Level.IDLE, f"{facts.objects} objects, no answer yet")
-    lasts, objects = _duration(facts.since_answer_s), f"{facts.objects} objects"
+        return None if facts.answered else Word("ACQUIRING", Level.IDLE, f"{_objects(facts)}, no answer yet")
+    lasts, objects = _duration(facts.since_answer_s), _objects(facts)
     if facts.sky:
         return Word(facts.sky, Level.WARN, f"{lasts} without an answer, {objects}; frames without sky do not count")
     cause = f"; {facts.cause}" if facts.cause and not facts.answered else ""
     return Word(f"NO ANSWER {lasts}", Level.BAD, objects + cause)
+
+
+def _objects(facts: Facts) -> str:
+    """What the last panorama had, or that none comes: then the sensor or this computer is slow, not the sky."""
+    if facts.since_frame_s >= NO_ANSWER_S:
+        return f"no panorama for {_duration(facts.since_frame_s)}"
+    return f"{facts.objects} object{'' if facts.objects == 1 else 's'}"
 
 
 def _of_errors(facts: Facts) -> Word:

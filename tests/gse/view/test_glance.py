@@ -64,6 +64,12 @@ def test_the_word_says_what_is_most_wrong(facts: Facts, text: str, level: Level)
     assert (word.text, word.level) == (text, level)
 
 
+def test_a_panorama_that_does_not_come_is_told_from_one_without_an_answer() -> None:
+    silent = replace(ON, since_answer_s=12.0, objects=1)
+    assert word_of(silent).detail == "1 object"
+    assert word_of(replace(silent, since_frame_s=12.0)).detail == "no panorama for 12 s"
+
+
 def test_the_word_for_a_limit_names_it() -> None:
     assert word_of(replace(ON, outside=("mean |dDE| 70.0 arcsec (limit 60)",))).detail.endswith(
         "70.0 arcsec (limit 60)"
