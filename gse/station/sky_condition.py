@@ -159,7 +159,7 @@ def condition_of(found: SkyEvidence, clear: ClearSky, before: SkyCondition) -> S
     if found.lights.is_dark and found.expected >= FEWEST_EXPECTED:
         if found.moon_glares:
             return SkyCondition.UNKNOWN if found.seen_share < FEW_SHARE else SkyCondition.CLEAR
-        least = max(_least_share(was_clouded) * clear.seen_share, FEW_SHARE)
+        least = max(FEW_SHARE, _least_share(was_clouded) * clear.seen_share)
         if found.misses_stars and _share_under_cloud(found, clear) < least:
             return SkyCondition.CLOUDED
     return SkyCondition.CLEAR
