@@ -178,7 +178,8 @@ def injected(name: str, world: World, plan: Plan, rng: np.random.Generator, sigm
     """The world with one cause at so many standard errors."""
     cause = CAUSES[name]
     if name == "vibration":  # three times what the noise of some 25 stars makes of a boresight
-        return cause.change(world, sigmas / 2 * world.noise_px * math.degrees(1 / world.focal_length_px) * 3600 / 5)
+        noise_px = math.hypot(world.noise_px, math.sqrt(1 / 12) * world.whole_pixels)
+        return cause.change(world, sigmas / 2 * noise_px * math.degrees(1 / world.focal_length_px) * 3600 / 5)
     size = cause.great(rng, plan.seconds)
     other = replace(plan, seed=int(rng.integers(1 << 30)))
     course = _CLOCK_COURSES.get(name)
