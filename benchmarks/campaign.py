@@ -3,7 +3,7 @@
     python benchmarks/campaign.py                  10, 30 and 100 simulated nights of 60 s at 2 Hz, 10,000 rows in SQL
     python benchmarks/campaign.py --seconds 1200 --nights 10 100 1000 --sessions FOLDER
 
-A campaign grows: to 10 nights first, then to 30 with what is new, and so on; CPU seconds are of all nights so far. The
+A campaign grows: to 10 nights first, then to 30 with what is new, and so on; seconds are of all nights so far. The
 nights are made by the workers, seeds 1, 2, 3 ..., into --sessions, where those that are there already are taken. CPU
 seconds are those of the worker processes, of the second run and the rest those of this one; wall-clock times mean
 something on an idle machine only. Memory is the peak of a worker process. The rows in SQL are those of the campaign,
@@ -13,7 +13,6 @@ copied under other keys and nights, without their report.json.
 import argparse
 import hashlib
 import os
-import resource
 import tempfile
 import time
 from collections.abc import Callable
@@ -69,14 +68,17 @@ def peak_mib(client: Client) -> float:
 
 
 def _peak_kib() -> int:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    """Of this process alone: the peak that getrusage gives is at first that of the process which started it."""
+    status = Path("/proc/self/status").read_text()
+    return next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM:"))
 
 
-def judged(sources: Path, to: Path, client: Client) -> float:
-    """CPU seconds of the workers in a run."""
-    before = cpu_s(client)
+def judged(sources: Path, to: Path, client: Client) -> tuple[float, float]:
+    """CPU seconds of the workers in a run, and seconds by the clock."""
+    before, began_s = cpu_s(client), time.perf_counter()
     run_campaign(plan_campaign(find_sources([str(sources)]), DataSet.at(str(to), create=True)), client)
-    return cpu_s(client) - before
+    clock_s = time.perf_counter() - began_s
+    return cpu_s(client) - before, clock_s
 
 
 def timed(act: Callable[[], object]) -> str:
@@ -113,15 +115,15 @@ def copied(dataset: DataSet, to: Path, count: int) -> DataSet:
 
 def grown(root: Path, nights: list[Path], counts: list[int], workers: int) -> DataSet:
     """Print a row for each number of nights; the data set of all."""
-    total_s, some, dataset = 0.0, root / f"sources-{workers}", root / f"dataset-{workers}"
+    some, dataset = root / f"sources-{workers}", root / f"dataset-{workers}"
     some.mkdir()
-    before = 0
+    before, total_s, total_clock_s = 0, 0.0, 0.0
     with cluster(None, workers) as client:
         for count in counts:
             for path in nights[before:count]:
                 os.link(path, some / path.name)
-            new_s = judged(some, dataset, client)
-            total_s += new_s
+            new_s, clock_s = judged(some, dataset, client)
+            total_s, total_clock_s = total_s + new_s, total_clock_s + clock_s
             again = timed(lambda: judged(some, dataset, client))
             sql = timed(lambda: asked(DataSet.at(str(dataset))))
             report = timed(
@@ -129,8 +131,9 @@ def grown(root: Path, nights: list[Path], counts: list[int], workers: int) -> Da
                     campaign_document(DataSet.at(str(dataset))), root / f"report-{workers}-{count}"
                 )
             )
-            cells = (workers, count, f"{total_s:.1f}", f"{new_s / (count - before):.3f}", f"{peak_mib(client):.0f}")
-            print("| " + " | ".join(map(str, (*cells, again, sql, report))) + " |", flush=True)
+            times = f"{total_clock_s:.1f}", f"{total_s:.1f}", f"{new_s / (count - before):.3f}"
+            cells = (workers, count, *times, f"{peak_mib(client):.0f}", again, sql, report)
+            print("| " + " | ".join(map(str, cells)) + " |", flush=True)
             before = count
     return DataSet.at(str(dataset))
 
@@ -156,8 +159,8 @@ def main() -> None:
             making = client.map(make_night, [str(path) for path in nights], range(len(nights)), seconds)
             client.gather(making)
             print(f"nights of {arguments.seconds:g} s at {RATE_HZ} Hz; made in {cpu_s(client):.0f} CPU s\n")
-        print("| workers | nights | CPU s | CPU s a new night | MiB | again | SQL | report |")
-        print("|---|---|---|---|---|---|---|---|", flush=True)
+        print("| workers | nights | s | CPU s | CPU s a new night | MiB | again | SQL | report |")
+        print("|---|---|---|---|---|---|---|---|---|", flush=True)
         for workers in arguments.workers:
             dataset = grown(root, nights, sorted(arguments.nights), workers)
         many = copied(dataset, root / "copies", arguments.rows)

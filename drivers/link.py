@@ -164,7 +164,9 @@ class _Receiver:
         self._url, self._finder, self._recorder, self._port = url, finder, recorder, port
         if port is not None:
             finder.remember(port)
-        self._items: queue.SimpleQueue[Item] = queue.SimpleQueue()
+        # No SimpleQueue: its timeout becomes endless where a signal handler takes longer than what is left of it
+        # (CPython 3.11, 3.12), and a session that waits for a silent port would never see that it is to end.
+        self._items: queue.Queue[Item] = queue.Queue()
         self._received_bytes = self._fetched_bytes = 0
         self._backlog_reported = self._full_reported = False
         self._opened_before = port is not None

@@ -18,6 +18,8 @@ def explain(layout: FrameLayout, discard: Discard) -> str:
     if code not in layout.sizes:
         return f"no message has type {code:02X}; known are {', '.join(f'{c:02X}' for c in sorted(layout.sizes))}"
     name = layout.names[code] + (f", sequence {sequence}" if sequence >= 0 else "")
+    if discard.reason == "unknown type":
+        return f"{name}: this message goes the other way; is it an echo, or a capture of both directions?"
     size = layout.sizes[code]
     there = len(content) - layout.header.size - layout.checksum.size
     match discard.reason:

@@ -7,17 +7,18 @@ from protocols.syncword import SyncWordScanner
 
 
 class FrameDecoder:
-    """Finds the frames in a stream, of either direction.
+    """Finds the frames in a stream: those that the sensor sends, those that it is sent, or both (``from_sensor`` None).
 
+    A message that goes the other way is of an unknown type there: an echo is no frame, and its number is none of ours.
     However the stream is cut into pieces, the same frames and the same discards come out, in the order of the stream.
     Always bytes_in == bytes_framed + bytes_discarded + pending.
     """
 
-    def __init__(self, protocol: Protocol) -> None:
+    def __init__(self, protocol: Protocol, *, from_sensor: bool | None = None) -> None:
         self.bytes_in = 0
         self.bytes_framed = 0
         self.bytes_discarded = 0
-        layout = protocol.frame_layout
+        layout = protocol.frame_layout if from_sensor is None else protocol.one_way_layout(from_sensor=from_sensor)
         self._scanner = SyncWordScanner(layout) if layout.sync_word else SlipScanner(layout)
 
     @property

@@ -66,7 +66,7 @@ class FrameLayout:
     @property
     def largest(self) -> int:
         """Bytes of the largest frame, SLIP's END and ESC bytes not counted."""
-        return self.overhead + max(self.sizes.values())
+        return self.overhead + max(self.sizes.values(), default=0)
 
     def checksum_of(self, frame: bytes) -> bytes:
         """The checksum field of a frame that stands here without it, its sync word included."""

@@ -1,5 +1,6 @@
 """Compiled protocol, ready to decode and encode."""
 
+import dataclasses
 import difflib
 import reprlib
 from collections.abc import Sequence
@@ -66,6 +67,12 @@ class Protocol:
     def is_from_sensor(self, type_name: str) -> bool:
         """Whether messages of this type go from sensor to station."""
         return self._codecs[type_name].layout.from_sensor
+
+    def one_way_layout(self, *, from_sensor: bool) -> FrameLayout:
+        """The layout of the frames that the sensor sends, or of those that it is sent."""
+        layouts = (codec.layout for codec in self._codecs.values())
+        sizes = {layout.code: layout.size for layout in layouts if layout.from_sensor is from_sensor}
+        return dataclasses.replace(self.frame_layout, sizes=sizes)
 
     def flags_of(self, frame: Frame) -> frozenset[str]:
         """The names of the header's flags that are set; ``stored`` is data that is not live."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import CountedFrames, counted_frames
+from gse.assessment.decision import amount
 from gse.assessment.error_series import ErrorSeries, error_series, with_left_out
 from gse.assessment.field_patterns import field_of_errors
 from gse.assessment.fine_findings import Setting, fine_findings
@@ -276,7 +277,7 @@ def _unlike(stats: Statistics) -> Iterator[Finding]:
     own = stats.equivalence
     if own is None or own.same:
         return
-    apart = f", the others lie up to {own.separation_arcsec.max:.1f} arcsec apart" if own.both else ""
+    apart = f", the others lie up to {amount(own.separation_arcsec.max, 'arcsec')} apart" if own.both else ""
     yield Finding(
         "sensor answers otherwise",
         f"the sensor's own answers are not the onboard-equivalent ones: of {own.answers}, {own.only_sensor} were "

@@ -5,49 +5,32 @@ frames have |dRA*| and |dDE| within the same limit; the same of roll against a l
 holds 95 % of the boresights; availability; false answers; and time. gse.assessment.decision gives the rule.
 
 FAIL where a row fails. A row that fails by a mistake of the set-up is INCONCLUSIVE (gse.assessment.set_up_mistake); so
-is a session where a row of the accuracy, availability or false answers cannot be decided, where
-more than a little of the session was left out for clock or link, or was not counted at all, where most of it had no
-sky, or where the mount that was fitted is not the stated one. PASS otherwise, with what was not tested.
+is a session where a row of the accuracy, availability or false answers cannot be decided, or where something stands in
+the way of PASS (gse.assessment.obstacles). PASS otherwise, with what was not tested.
 """
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gse.assessment.decision import Outcome, Row, judge_figure, judge_share
 from gse.assessment.diagnosis import findings
 from gse.assessment.guard_band import COVERAGE_FACTOR
 from gse.assessment.mount_terms import STABILITY
-from gse.assessment.sensor_convention import is_wrong
+from gse.assessment.obstacles import obstacles
 from gse.assessment.sensor_findings import sensor_findings
 from gse.assessment.sensor_health import SensorHealth, health_findings, sensor_health
 from gse.assessment.set_up_mistake import excused, set_up_mistake
 from gse.assessment.statistics import Statistics, statistics
 from gse.assessment.subject_statistics import SubjectStatistics, figure_of
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
-from gse.assessment.uncounted import uncounted
-from gse.constants import ARCSEC_PER_RAD
 from gse.finding import Finding
 from gse.limits import Limits
-from gse.mount import Mount, MountUncertainty
-from gse.station.exclusions import Cause, excluded
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
-from gse.truth import horizon_to_sensor, small_rotations
 
 SLOW_SHARE = 0.01
 """99 % of the frames must keep the limit of time."""
-
-MOST_EXCLUDED_SHARE = 0.02
-MOST_EXCLUDED_S = 60.0
-"""More than both of a session left out for clock or link decides nothing."""
-
-OTHER_MOUNT_DEG = 1.0
-OTHER_MOUNT_HALF_WIDTHS = 1.96 / 3
-"""Three standard deviations, in the half-widths of 95 % that a station file states."""
 
 TRUTH_SHARE = 3.0
 """Truth that is worse than this share of a limit is named where a session does not pass."""
@@ -94,16 +77,17 @@ def judge(session: SessionData) -> Assessment:
     mistake = set_up_mistake(session, stats.counted, found) if Outcome.FAIL in {row.outcome for row in rows} else None
     if mistake:
         rows = tuple(excused(row, mistake) for row in rows)
-    obstacles = tuple(_obstacles(session, stats, rows))
+    in_the_way = tuple(obstacles(session, stats, rows))
     if mistake:
-        obstacles = (f"set-up: {mistake}", *obstacles)
-    verdict = _verdict(rows, obstacles)
+        in_the_way = (f"set-up: {mistake}", *in_the_way)
+    verdict = _verdict(rows, in_the_way)
     found += sensor_findings(session, stats.own, stats.convention)
     health = sensor_health(session)
     found += tuple(health_findings(session, health))
-    reasons = [row.reason for row in rows if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE)]
+    # What decides comes first: screens with one line show the first reason.
+    reasons = [row.reason for outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE) for row in rows if row.outcome is outcome]
     # A mistake of the set-up explains the figures that follow it.
-    reasons = [*obstacles[:1], *reasons, *obstacles[1:]] if mistake else [*reasons, *obstacles]
+    reasons = [*in_the_way[:1], *reasons, *in_the_way[1:]] if mistake else [*reasons, *in_the_way]
     if verdict is not Verdict.PASS:
         first = [str(finding) for finding in found if finding.is_gross and finding is not mistake]
         others = [str(finding) for finding in found if finding != mistake]
@@ -146,11 +130,11 @@ def is_simulated(session: SessionData) -> bool:
     return session.station.port.url.startswith(port) or any(reading.source == clock for reading in session.clock)
 
 
-def _verdict(rows: tuple[Row, ...], obstacles: tuple[str, ...]) -> Verdict:
+def _verdict(rows: tuple[Row, ...], in_the_way: tuple[str, ...]) -> Verdict:
     outcomes = {row.outcome for row in rows}
     if Outcome.FAIL in outcomes:
         return Verdict.FAIL
-    if Outcome.INCONCLUSIVE in outcomes or obstacles:
+    if Outcome.INCONCLUSIVE in outcomes or in_the_way:
         return Verdict.INCONCLUSIVE
     return Verdict.PASS
 
@@ -236,105 +220,6 @@ def _time(subject: SubjectStatistics, limits: Limits) -> Row:
     return replace(
         row, value=subject.time_ms.p99, unit="ms", limit=limits.identification_ms, reason=reason, uncertainty=math.nan
     )
-
-
-def _obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) -> Iterator[str]:
-    """Why a session cannot pass though its rows may."""
-    left_out = tuple(_all_excluded(stats))
-    yield from left_out
-    yield from _much_excluded(session, stats)
-    yield from uncounted(session, stats)
-    if not left_out:
-        yield from _little_sky(session, stats)
-    yield from _other_mount(session)
-    yield from _stars_by_day(session, stats)
-    if is_wrong(stats.convention, session.station.sensor.attitude):
-        yield "sensor: its answers follow another convention than the station file states, so they were not compared"
-    yield from _untested_core(rows)
-
-
-_CORE = ("mean |dRA*|", "95 % of |dRA*|", "mean |dDE|", "95 % of |dDE|", "availability", "false answers")
-
-
-def _untested_core(rows: tuple[Row, ...]) -> Iterator[str]:
-    """PASS needs the core rows of one subject at least."""
-    tested = [
-        {row.name for row in rows if row.subject is subject and row.outcome is not Outcome.NOT_TESTED}
-        for subject in {row.subject for row in rows}
-    ]
-    if not any(names.issuperset(_CORE) for names in tested):
-        yield "no subject has errors against truth, availability and false answers: nothing can pass"
-
-
-def _all_excluded(stats: Statistics) -> Iterator[str]:
-    if stats.frames and stats.counted.excluded.all():
-        words = dict.fromkeys(f"{item.cause}: {item.reason}" for item, count in stats.exclusions if count)
-        yield f"all {stats.frames} frames are left out: {'; '.join(list(words)[:3])}"
-
-
-def _much_excluded(session: SessionData, stats: Statistics) -> Iterator[str]:
-    frames_s = stats.duration_s / max(stats.frames - 1, 1)
-    utc_ns = session.frames.columns["utc_ns"]
-    for cause, what in ((Cause.CLOCK_STEP, "steps of the host's clock"), (Cause.BACKLOG, "frames read late")):
-        count = stats.counted.frames_of(cause, utc_ns)
-        if count > MOST_EXCLUDED_SHARE * stats.frames and count * frames_s > MOST_EXCLUDED_S:
-            yield f"{count} of {stats.frames} frames are left out for {what}: too many to say anything of the session"
-
-
-def _little_sky(session: SessionData, stats: Statistics) -> Iterator[str]:
-    """No sky for most of the session, or empty panoramas on which the availability depends."""
-    utc_ns = session.frames.columns["utc_ns"]
-    stretches = [item for item in stats.counted.exclusions if item.cause in (Cause.NO_SKY, Cause.NO_OBJECTS)]
-    count = int(excluded(utc_ns, stretches).sum())
-    words = "; ".join(dict.fromkeys(item.reason for item in stretches[:3]))
-    if count > stats.frames / 2:
-        yield f"no sky in {count} of {stats.frames} frames: {words}"
-        return
-    empty = stats.counted.frames_of(Cause.NO_OBJECTS, utc_ns)
-    available = stats.onboard.available
-    if empty and available.count < session.station.limits.availability * (available.of + empty):
-        yield f"availability depends on {empty} frames that show no stars: {words}, or the sensor was blind"
-
-
-def _other_mount(session: SessionData) -> Iterator[str]:
-    """A fitted mount that is not the stated one hides what is gross."""
-    stated, alignment = session.station.mount, session.alignment
-    if alignment is None or not stated.stated:
-        return
-    turn = small_rotations(horizon_to_sensor(alignment.mount)[None], horizon_to_sensor(stated))[0]
-    apart_deg = math.degrees(float(np.linalg.norm(turn)))
-    if apart_deg > OTHER_MOUNT_DEG or _beyond_stated(turn, stated):
-        apart = f"{apart_deg:.1f} deg" if apart_deg > 0.1 else f"{apart_deg * 3600:.0f} arcsec"
-        yield (
-            f"the fitted mount is {apart} from the stated one: azimuth {alignment.mount.azimuth_deg:.2f}, "
-            f"altitude {alignment.mount.altitude_deg:.2f}, roll {alignment.mount.roll_deg:.2f} deg were fitted; check "
-            "the angles, the site and the clock"
-        )
-
-
-def _stars_by_day(session: SessionData, stats: Statistics) -> Iterator[str]:
-    """A fitted mount hides a clock or a site that is wrong by hours, the Sun does not."""
-    if session.station.mount.align is None:
-        return
-    used = session.frames.columns["sun_altitude_deg"][stats.counted.used]
-    sun_deg = float(np.median(used)) if len(used) else math.nan
-    if sun_deg > 0:
-        yield (
-            f"stars are identified though the Sun stands {sun_deg:.0f} deg above the horizon, by this clock and site: "
-            "check both, a fitted mount hides their error"
-        )
-
-
-def _beyond_stated(turn_rad: NDArray[np.float64], stated: Mount) -> bool:
-    """Whether a turn in the sensor frame is more than three of the standard deviations that the station file states.
-
-    Across the boresight the greater of azimuth's and altitude's counts; the defaults are no statement.
-    """
-    known = stated.uncertainty
-    if known == MountUncertainty():
-        return False
-    x, y, z = np.abs(turn_rad) * ARCSEC_PER_RAD * OTHER_MOUNT_HALF_WIDTHS
-    return bool(math.hypot(x, y) > max(known.azimuth_arcsec, known.altitude_arcsec) or z > known.roll_arcsec)
 
 
 def _relative_to(session: SessionData) -> str:

@@ -18,6 +18,9 @@ from gse.errors import CampaignError, UsageError
 LOOPBACK = "127.0.0.1"
 RETRIES = 2
 """Of a session whose judgement was cut off, after the three workers that Dask lets it take with it."""
+_NO_PAGES: dict[str, object] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+_NO_PROFILE = {"distributed.worker.profile.enabled": False}
+"""Dask samples the stack of each worker all the time and keeps what it saw: 0.2 MB a session, which nobody reads."""
 _ADDRESSES = ("tcp://", "tls://", "ucx://", "ws://", "wss://")
 
 
@@ -37,7 +40,7 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Client]:
 @contextmanager
 def _own(workers: int) -> Iterator[Client]:
     """Workers of this machine share its memory: Dask's default limit is each one's share."""
-    with dask.config.set({"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}):
+    with dask.config.set(_NO_PAGES | _NO_PROFILE):
         local = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,

@@ -71,7 +71,7 @@ class _Stream:
         self.totals = Totals()
         self._direction = direction
         self._protocol = protocol
-        self._decoder = FrameDecoder(protocol)
+        self._decoder = FrameDecoder(protocol, from_sensor=direction == "rx")
         self._sequence = SequenceTracker(protocol.sequence_modulus)
         self._recent = bytearray()
         self._recent_start = 0

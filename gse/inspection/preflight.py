@@ -113,7 +113,7 @@ def _unreadable(station: Station, protocol: Protocol, sample: bytes) -> Check:
 
 def _listen(url: str, baudrate: int, protocol: Protocol, seconds: float) -> tuple[bytes, int]:
     """What came within some seconds, and its number of valid frames; ends early after ENOUGH_FRAMES."""
-    decoder, received, frames = FrameDecoder(protocol), bytearray(), 0
+    decoder, received, frames = FrameDecoder(protocol, from_sensor=True), bytearray(), 0
     with SerialLink(url, baudrate) as link:
         until_ns = link.mono_ns() + round(seconds * instant.NS_PER_S)
         while link.mono_ns() < until_ns and frames < ENOUGH_FRAMES:

@@ -21,8 +21,8 @@ def print_verdict(report: dict[str, Any], console: Console | None = None) -> Non
         return
     colour = _COLOURS[report["verdict"]]
     reasons = [Text(f"  {reason}") for reason in report["reasons"]]
-    headline = Text(_headline(report), style=f"bold {colour}")
-    console.print(Panel(Text("\n").join([headline, *reasons]), border_style=colour, expand=False))
+    head = Text(headline(report["word"], simulated=report["simulated"]), style=f"bold {colour}")
+    console.print(Panel(Text("\n").join([head, *reasons]), border_style=colour, expand=False))
     console.print()
     console.print(_table(_HEAD[1:], _below_subjects(measurement_rows(report))))
     console.print()
@@ -34,7 +34,7 @@ def print_verdict(report: dict[str, Any], console: Console | None = None) -> Non
 def plain_lines(report: dict[str, Any]) -> list[str]:
     """The same as lines of plain text."""
     return [
-        _headline(report),
+        headline(report["word"], simulated=report["simulated"]),
         *(f"  {reason}" for reason in report["reasons"]),
         "",
         *aligned(_HEAD, measurement_rows(report)),
@@ -61,8 +61,9 @@ def measurement_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
     ]
 
 
-def _headline(report: dict[str, Any]) -> str:
-    return f"{report['word']} (SIMULATED)" if report["simulated"] else str(report["word"])
+def headline(word: str, *, simulated: bool) -> str:
+    """A verdict as it is printed, marked where no sensor took part."""
+    return f"{word} (SIMULATED)" if simulated else word
 
 
 def table_4_1_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:

@@ -47,7 +47,7 @@ class _Dialogue:
     def __init__(self, protocol: Protocol, command: Message) -> None:
         self.panoramas = 0
         self._protocol, self._command = protocol, command
-        self._decoder = FrameDecoder(protocol)
+        self._decoder = FrameDecoder(protocol, from_sensor=True)
         self._name = NAME_OF[type(command)]
         self._starts: deque[tuple[int, int]] = deque()
         self._bytes = 0

@@ -32,7 +32,7 @@ class ByteStream:
     def __init__(self, protocol: Protocol, counters: LinkCounters) -> None:
         self.latest_reasons: set[str] = set()
         self._counters = counters
-        self._decoder = FrameDecoder(protocol)
+        self._decoder = FrameDecoder(protocol, from_sensor=True)
         self._stamps: deque[_Stamp] = deque()
         self._completed_utc_ns = 0
         self._sha256 = hashlib.sha256()

@@ -1,8 +1,10 @@
 """SerialLink on live ports: ptys and loop://, the real driver."""
 
+import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -73,6 +75,20 @@ def test_receive_does_not_wait_longer_than_asked(terminal: Terminal) -> None:
         started = time.monotonic()
         assert link.receive(0.05) == []
         assert time.monotonic() - started < 1.0
+
+
+def test_a_slow_signal_handler_does_not_make_receive_wait_for_ever(terminal: Terminal) -> None:
+    before = signal.signal(signal.SIGALRM, lambda number, frame: time.sleep(0.2))
+    rescue = threading.Timer(3.0, terminal.write, [b"what would end an endless wait"])
+    with SerialLink(str(terminal.path)) as link:
+        link.receive(0.01)
+        rescue.start()
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        try:
+            assert link.receive(0.1) == []
+        finally:
+            rescue.cancel()
+            signal.signal(signal.SIGALRM, before)
 
 
 def test_a_port_that_goes_and_comes_back_loses_no_byte_and_says_so_once(terminal: Terminal) -> None:

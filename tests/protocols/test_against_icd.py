@@ -12,6 +12,7 @@ import pytest
 from protocols import (
     Ack,
     AttitudeMessage,
+    Discard,
     Frame,
     FrameDecoder,
     Message,
@@ -25,6 +26,7 @@ from protocols import (
     Stop,
     load_protocol,
 )
+from protocols.explain import explain
 
 
 def by_hand(code: int, payload: bytes, sequence: int = 0x1234, flags: int = 0) -> bytes:
@@ -105,6 +107,29 @@ def test_every_other_message_reads_and_writes_the_bytes_of_the_document(
     data = by_hand(code, payload)
     assert protocol.decode(only_frame("panorama-v1", data)) == message
     assert protocol.encode(message, 0x1234) == data
+
+
+@pytest.mark.parametrize("from_sensor", [True, False])
+@pytest.mark.parametrize("cut", [1, 13, 10_000])
+def test_a_message_of_the_other_direction_is_of_an_unknown_type(from_sensor: bool, cut: int) -> None:
+    protocol = load_protocol("panorama-v1")
+    stream = b"".join(by_hand(code, payload, number) for number, (code, payload, _) in enumerate(MESSAGES))
+    decoder = FrameDecoder(protocol, from_sensor=from_sensor)
+    pieces = [piece for at in range(0, len(stream), cut) for piece in decoder.feed(stream[at : at + cut])]
+    pieces += decoder.finish()
+    ours = [number for number, (code, *_) in enumerate(MESSAGES) if (code < 0x80) is from_sensor]
+    assert [piece.sequence for piece in pieces if isinstance(piece, Frame)] == ours
+    refused = [piece for piece in pieces if isinstance(piece, Discard)]
+    assert {piece.reason for piece in refused} == {"unknown type"}
+    assert sum(len(piece.data) for piece in refused) + decoder.bytes_framed == len(stream)
+    assert "goes the other way" in explain(protocol.frame_layout, refused[0])
+
+
+def test_a_protocol_without_commands_finds_none_in_what_is_sent() -> None:
+    protocol = load_protocol("panorama-slip")
+    data = protocol.encode_payload(next(t for t in protocol.types if protocol.is_from_sensor(t)), bytes(180), 1)
+    decoder = FrameDecoder(protocol, from_sensor=False)
+    assert not any(isinstance(piece, Frame) for piece in [*decoder.feed(data), *decoder.finish()])
 
 
 def test_every_type_has_the_length_of_the_document() -> None:
