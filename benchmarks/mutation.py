@@ -1,20 +1,24 @@
 """Mutation score of the rooms whose answers decide a verdict: how many small faults do their tests notice?
 
     python -m pip install coverage
-    python benchmarks/mutation.py --rooms assessment,station --sample 200 --seed 1
+    python benchmarks/mutation.py --sample 400 --seed 1 --coverage map.json | tee first.txt
+    python benchmarks/mutation.py --sample 400 --seed 1 --again first.txt
     python benchmarks/mutation.py --rooms truth --sample 60 --only gse/truth/alignment.py
 
-A random sample of mutants per room, each in a copy of the tree in a temporary folder. First the tests of the rooms run
-once, and coverage notes which of them run which line; then each mutant meets the tests that run its line, the quickest
-first, until one fails, or until they took ``--most`` seconds: the score is a bound from below. The golden replays are
-left out: ``gse ci --update`` would bless a wrong report. A mutant is put in the place of the module in a process that
-has all of gse in memory already. Where that cannot work (machine code, which is compiled anew for a mutated module and
-for those that import it) and where it survives, a process of its own reads the mutated tree.
+A random sample of mutants, shared among the rooms by their number of faults (30 at least each), in a copy of the tree
+in a temporary folder. First the tests of the rooms run once, and coverage notes which of them run which line. Then each
+mutant meets those that run its line, first those that import its module, the quickest of them first, until one fails or
+they took ``--most`` seconds: the score is a bound from below. The golden replays are left out: ``gse ci --update``
+would bless a wrong report. The rooms are mixed, so a run that is stopped has told of each of them.
+
+A mutant is put in the place of the module in a process that has all of gse in memory already. Where that cannot work
+(machine code, which is compiled anew for a mutated module and for those that import it) a process of its own reads the
+mutated tree; so it does, at the end, with those that survived.
 
 Mutations: comparison (boundary and negation), arithmetic, number (an integer plus and minus 1, a float doubled and
 halved), Boolean constant, ``and`` and ``or``, condition negated, ``min`` and ``max``, ``any`` and ``all``, minus sign
-dropped, value returned dropped, loop body never run, ``break`` and ``continue``. Not mutated: annotations, docstrings,
-decorators, texts, ``strict=`` of zip, memory layout (``order=``) and cache sizes (``maxsize=``).
+dropped, value returned replaced by ``None``, loop body never run. Not mutated: annotations, docstrings, decorators,
+texts, ``strict=`` of zip, memory layout (``order=``) and cache sizes (``maxsize=``).
 """
 
 import argparse
@@ -89,6 +93,9 @@ LIBRARIES = (
 MOST_CPU_S = 200
 """A mutant whose tests need more processor time hangs."""
 
+LEAST = 30
+"""Mutants of a small room: fewer tell nothing about it."""
+
 FIRST_S = 3.0
 """The quickest tests of a mutant, of so long in all, run before the others."""
 
@@ -109,10 +116,14 @@ class Mutant:
 
     module: str
     line: int
+    column: int
     change: str
     source: str
     ran: range | None
     """Lines that a test of it runs; none for what runs when the module is imported."""
+
+    def __str__(self) -> str:
+        return f"{self.module}:{self.line}:{self.column}  {self.change}"
 
 
 COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
@@ -157,9 +168,9 @@ def mutations(node: ast.AST) -> Iterator[Callable[[ast.AST], None]]:
         yield _dropped
     elif isinstance(node, ast.Constant):
         yield from _constants(node.value)
-    elif isinstance(node, ast.If | ast.While | ast.IfExp):
+    elif isinstance(node, ast.If | ast.While | ast.IfExp) and ast.unparse(node.test) != "TYPE_CHECKING":
         yield lambda n: setattr(n, "test", ast.UnaryOp(ast.Not(), n.test))
-    elif isinstance(node, ast.Return) and node.value is not None:
+    elif isinstance(node, ast.Return) and not _is_none(node.value):
         yield lambda n: setattr(n, "value", ast.Constant(None))
     elif isinstance(node, ast.For):
         yield lambda n: n.body.insert(0, ast.Break())
@@ -167,6 +178,10 @@ def mutations(node: ast.AST) -> Iterator[Callable[[ast.AST], None]]:
         yield lambda n: setattr(n, "id", TWINS[n.id])
     elif isinstance(node, ast.Attribute) and node.attr in TWINS:
         yield lambda n: setattr(n, "attr", TWINS[n.attr])
+
+
+def _is_none(value: ast.expr | None) -> bool:
+    return value is None or (isinstance(value, ast.Constant) and value.value is None)
 
 
 def _union_of_types(node: ast.AST) -> bool:
@@ -250,9 +265,9 @@ def mutant_of(fault: Fault) -> Mutant:
     node = next(node for place, node in enumerate(nodes(tree, set(fault.parts))) if place == fault.number)
     before = _shown(node)
     list(mutations(node))[fault.change](node)
-    after, line = _shown(node), getattr(node, "lineno", 0)
+    after, line, column = _shown(node), getattr(node, "lineno", 0), getattr(node, "col_offset", 0)
     source = ast.unparse(ast.fix_missing_locations(tree))
-    return Mutant(fault.module, line, f"{before}  ->  {after}", source, _lines_run(fault.module, line))
+    return Mutant(fault.module, line, column, f"{before}  ->  {after}", source, _lines_run(fault.module, line))
 
 
 def _lines_run(module: str, line: int) -> range | None:
@@ -288,6 +303,11 @@ def importers(tree: Path, module: str) -> list[set[str]]:
     return steps
 
 
+@functools.cache
+def _text(path: str) -> str:
+    return (ROOT / path).read_text()
+
+
 def _import_of(module: str) -> str:
     return f"from {module[:-3].replace('/', '.')} import"
 
@@ -300,7 +320,10 @@ class Coverage:
     seconds: dict[str, float]
 
     def tests_of(self, mutant: Mutant, most_s: float) -> list[list[str]]:
-        """The tests that may notice a mutant, the quickest first, in two parts, of ``most_s`` in all."""
+        """The tests that may notice a mutant, those that import its module and the quickest first.
+
+        In two parts, of ``most_s`` in all.
+        """
         lines = self.lines.get(mutant.module, {})
         names = {name for line in mutant.ran or lines for name in lines.get(line, ())}
         if not names and "@compiled" in mutant.source:  # Machine code is run unseen.
@@ -309,7 +332,8 @@ class Coverage:
             names = next((step for step in steps if step), set())
         parts: tuple[list[str], list[str]] = [], []
         spent_s = 0.0
-        for name in sorted(names, key=lambda name: (self.seconds[name], name)):
+        far = {name: _import_of(mutant.module) not in _text(name.split("::")[0]) for name in names}
+        for name in sorted(names, key=lambda name: (far[name], self.seconds[name], name)):
             spent_s += self.seconds[name]
             if spent_s > most_s and parts[0]:
                 break
@@ -453,7 +477,7 @@ def serve(tree: Path, *, whole: bool) -> None:
 
 
 class Only:
-    """A pytest plugin: some tests by their names, in that order."""
+    """A pytest plugin: some tests by their names, or those of a file by its name, in that order."""
 
     def __init__(self, names: list[str]) -> None:
         self._turns = {name: turn for turn, name in enumerate(names)}
@@ -461,7 +485,12 @@ class Only:
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[Any]) -> None:
         """Keep these."""
-        items[:] = sorted((item for item in items if item.nodeid in self._turns), key=lambda i: self._turns[i.nodeid])
+        named = ((self._turn(item.nodeid), item) for item in items)
+        items[:] = [item for turn, item in sorted(named, key=lambda pair: pair[0]) if turn < len(self._turns)]
+
+    def _turn(self, name: str) -> int:
+        of_file = self._turns.get(name.split("::")[0], len(self._turns))
+        return self._turns.get(name, of_file)
 
 
 def _forked(names: list[str], most_cpu_s: int, replaced: tuple[str, str] | None) -> tuple[str, float]:
@@ -521,12 +550,12 @@ def _take_code(old: object, new: object) -> bool:
 
 
 def with_mutant(testers: tuple[Tester, Tester], mutant: Mutant, parts: list[list[str]]) -> str:
-    """The outcome of one mutant under tests, part by part: in memory first, then in a tree."""
+    """The outcome of one mutant under tests, part by part: in memory, or in a tree where that cannot work."""
     slow, fast = testers
-    for tests in parts if "@compiled" not in mutant.source else ():
-        if (word := fast.outcome(tests, MOST_CPU_S, mutant)[0]) != "survived":
-            return word
-    return in_tree(slow, mutant, parts, MOST_CPU_S)
+    if "@compiled" in mutant.source:
+        return in_tree(slow, mutant, parts, MOST_CPU_S)
+    said = (fast.outcome(tests, MOST_CPU_S, mutant)[0] for tests in parts)
+    return next((word for word in said if word != "survived"), "survived")
 
 
 def in_tree(tester: Tester, mutant: Mutant, parts: list[list[str]], most_cpu_s: int) -> str:
@@ -556,48 +585,73 @@ def _machine_code(tree: Path, modules: set[str]) -> list[Path]:
     return [code for path in paths for code in path.parent.glob(f"__pycache__/{path.stem}.*.nb?")]
 
 
-def score(
-    name: str, mutants: list[Mutant], testers: SimpleQueue[tuple[Tester, Tester]], coverage: Coverage, most_s: float
-) -> None:
-    """Run the mutants of a room, and print its line of the table and its survivors."""
+def outcomes(
+    mutants: list[Mutant], testers: SimpleQueue[tuple[Tester, Tester]], coverage: Coverage, most_s: float
+) -> dict[Mutant, str]:
+    """Run mutants, each with its line of output; at the end once more, in a tree, those that survived in memory."""
 
-    def one(mutant: Mutant) -> str:
+    def one(mutant: Mutant, run: Callable[..., str]) -> str:
         both = testers.get()
         try:
-            said = with_mutant(both, mutant, coverage.tests_of(mutant, most_s))
+            said = run(both, mutant, coverage.tests_of(mutant, most_s))
         finally:
             testers.put(both)
-        print(f"{said:9} {mutant.module}:{mutant.line}  {mutant.change}", file=sys.stderr, flush=True)
+        print(f"{said:9} {mutant}", flush=True)
         return said
 
+    def once_more(both: tuple[Tester, Tester], mutant: Mutant, parts: list[list[str]]) -> str:
+        return in_tree(both[0], mutant, parts, MOST_CPU_S)
+
     with ThreadPoolExecutor(testers.qsize()) as pool:
-        said = list(pool.map(one, mutants))
-    count = {word: said.count(word) for word in ("killed", "timeout", "survived")}
-    share = 100 * (1 - count["survived"] / max(len(said), 1))
-    print(f"{name:12} {len(said):5} {count['killed']:7} {count['timeout']:8} {count['survived']:9} {share:7.1f} %")
-    for mutant, word in zip(mutants, said, strict=True):
-        if word == "survived":
-            print(f"    {mutant.module}:{mutant.line}  {mutant.change}")
-    sys.stdout.flush()
+        said = dict(zip(mutants, pool.map(lambda mutant: one(mutant, with_mutant), mutants), strict=True))
+        again = [mutant for mutant, word in said.items() if word == "survived" and "@compiled" not in mutant.source]
+        print(f"once more, in a tree: {len(again)}", flush=True)
+        said |= zip(again, pool.map(lambda mutant: one(mutant, once_more), again), strict=True)
+    return said
 
 
-def sampled(name: str, options: argparse.Namespace) -> list[Mutant]:
-    """The mutants of a room that the seed chooses."""
-    every = faults(ROOMS[name], options.only)
-    chosen = random.Random(f"{name} {options.seed}").sample(every, min(options.sample, len(every)))
-    return [mutant_of(fault) for fault in chosen]
+def print_table(said: dict[str, list[str]]) -> None:
+    """The score of each room and of all together."""
+    print(f"{'room':12} {'of':>5} {'killed':>7} {'timeout':>8} {'survived':>9} {'score':>7}")
+    for name, words in [*said.items(), ("all", [word for room in said.values() for word in room])]:
+        killed, hung, left = (words.count(word) for word in ("killed", "timeout", "survived"))
+        share = 100 * (1 - left / max(len(words), 1))
+        print(f"{name:12} {len(words):5} {killed:7} {hung:8} {left:9} {share:7.1f} %")
+
+
+def sampled(names: list[str], options: argparse.Namespace) -> dict[str, list[Mutant]]:
+    """The mutants of each room that the seed chooses, in its order."""
+    every = {name: faults(ROOMS[name], options.only) for name in names}
+    per_fault = options.sample / max(sum(map(len, every.values())), 1)
+    return {
+        name: [
+            mutant_of(fault)
+            for fault in random.Random(f"{name} {options.seed}").sample(
+                found, min(max(LEAST, round(per_fault * len(found))), len(found))
+            )
+        ]
+        for name, found in every.items()
+    }
+
+
+def survivors_of(output: Path) -> set[str]:
+    """The lines of an earlier output that name a survivor, without the first word."""
+    lines = [line.split(maxsplit=1) for line in output.read_text().splitlines() if line.strip()]
+    last = {text[0]: word for word, *text in lines if text}
+    return {text for text, word in last.items() if word == "survived"}
 
 
 def main() -> None:
     """Sample, run, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rooms", default=",".join(ROOMS), help="of: " + ", ".join(ROOMS))
-    parser.add_argument("--sample", type=int, default=100, help="mutants per room")
+    parser.add_argument("--sample", type=int, default=400, help="mutants in all")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", help="only modules whose path contains this")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--most", type=float, default=40.0, help="seconds of tests for one mutant")
     parser.add_argument("--coverage", type=Path, help="file for what coverage notes, to use it again on the same tree")
+    parser.add_argument("--again", type=Path, help="an earlier output: only its survivors")
     parser.add_argument("--map", nargs="+", help=argparse.SUPPRESS)
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--whole", action="store_true", help=argparse.SUPPRESS)
@@ -619,10 +673,15 @@ def main() -> None:
         chosen = options.rooms.split(",")
         folders = sorted({folder for name in chosen for folder in ROOMS[name].tests})
         coverage = coverage_of(trees[0], folders, options.coverage)
-        print(f"seed {options.seed}, {options.sample} mutants per room, without the golden replays")
-        print(f"{'room':12} {'of':>5} {'killed':>7} {'timeout':>8} {'survived':>9} {'score':>7}", flush=True)
-        for name in chosen:
-            score(name, sampled(name, options), testers, coverage, options.most)
+        rooms = sampled(chosen, options)
+        if options.again:
+            left = survivors_of(options.again)
+            rooms = {name: [one for one in room if str(one) in left] for name, room in rooms.items()}
+        mixed = list(dict.fromkeys(one for room in rooms.values() for one in room))
+        random.Random(options.seed).shuffle(mixed)
+        print(f"seed {options.seed}, {len(mixed)} mutants, without the golden replays", flush=True)
+        said = outcomes(mixed, testers, coverage, options.most)
+        print_table({name: [said[one] for one in room] for name, room in rooms.items()})
         for tester in (one for both in made for one in both):
             tester.close()
 

@@ -9,7 +9,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from mutation import ROOT, Mutant, Tester, copy_of_tree, with_mutant
+from mutation import ROOT, Mutant, Tester, copy_of_tree, in_tree
 
 MOST_CPU_S = 300
 
@@ -171,7 +171,7 @@ def mutant_of(named: Named) -> Mutant:
     text = (ROOT / named.module).read_text()
     assert text.count(named.before) == 1, f"{named.words}: {text.count(named.before)} times in {named.module}"
     line = text[: text.index(named.before)].count("\n") + 1
-    return Mutant(named.module, line, named.words, text.replace(named.before, named.after))
+    return Mutant(named.module, line, 0, named.words, text.replace(named.before, named.after), None)
 
 
 def main(word: str = "") -> None:
@@ -179,12 +179,11 @@ def main(word: str = "") -> None:
     chosen = [(named, mutant_of(named)) for named in NAMED if word in named.words]
     with tempfile.TemporaryDirectory(prefix="gse-mutation-") as folder:
         tree = copy_of_tree(Path(folder) / "tree")
-        testers = Tester(tree), Tester(tree, whole=True)
+        tester = Tester(tree)
         for named, mutant in chosen:
-            said = with_mutant(testers, mutant, [[named.tests]], MOST_CPU_S)
+            said = in_tree(tester, mutant, [[named.tests]], MOST_CPU_S)
             print(f"{said:9} {named.module}:{mutant.line}  {named.words}", flush=True)
-        for tester in testers:
-            tester.close()
+        tester.close()
 
 
 if __name__ == "__main__":

@@ -12,8 +12,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as gse does, where it come
 import pytest
 from astropy.utils import iers
 from devices.command_line import Gse, runner
+from hypothesis import settings
 
 TESTS = Path(__file__).parent
+
+settings.register_profile("any host", deadline=None)  # a busy one takes long, and the first example compiles
+settings.load_profile("any host")
 
 # A runner that was started in the background, or by nohup, hands ignored signals down to every process.
 for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):

@@ -24,7 +24,7 @@ _NORM_WITHIN = 1e-3
 _KEYS = frozenset(
     (
         *("frame_no", "status", "detail", "ra_deg", "de_deg", "roll_deg"),
-        *("quaternion", "order", "maps", "matches", "elapsed_us"),
+        *("quaternion", "order", "maps", "matches", "elapsed_us", "call_us"),
     )
 )
 _NUMBERS = (int, float)
@@ -71,7 +71,8 @@ class ExternalAnswer:
 
     ``document`` is the answer as it came, of the known keys. ``has_roll`` is False for RA and DE alone. ``objects``
     (M,) are rows of the panorama as it was sent, ``star_ids`` (M,) numbers in the station's catalogue. ``elapsed_us``
-    is the time by the identifier's own clock, None where it states none.
+    is the time by the identifier's own clock, None where it states none; ``call_us`` that of the call, where a process
+    of the station makes it.
     """
 
     document: dict[str, Any]
@@ -82,6 +83,7 @@ class ExternalAnswer:
     objects: NDArray[np.int64]
     star_ids: NDArray[np.int64]
     elapsed_us: float | None
+    call_us: float | None = None
 
 
 def parse_line(line: bytes, frame_no: int, objects: int) -> ExternalAnswer | Failure:
@@ -118,8 +120,9 @@ def _answer(document: dict[str, Any], objects: int) -> ExternalAnswer:
         attitude = None
     rows, stars = _matches(document.get("matches", []), objects)
     elapsed_us = _number(document, "elapsed_us", 0, 1e12) if "elapsed_us" in document else None
-    has_roll = "roll_deg" in document or "quaternion" in document
-    return ExternalAnswer(document, attitude, has_roll, status, _text(document, "detail", ""), rows, stars, elapsed_us)
+    call_us = _number(document, "call_us", 0, 1e12) if "call_us" in document else None
+    has_roll, detail = "roll_deg" in document or "quaternion" in document, _text(document, "detail", "")
+    return ExternalAnswer(document, attitude, has_roll, status, detail, rows, stars, elapsed_us, call_us)
 
 
 def _attitude(document: dict[str, Any]) -> Attitude | None:

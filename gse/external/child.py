@@ -109,6 +109,7 @@ class Child:
         assert process.stderr is not None
         self._stdin, self._stdout, self._stderr = process.stdin.fileno(), process.stdout.fileno(), process.stderr
         self._log = log
+        self._out = memoryview(b"")
         self._received = bytearray()
         self._selector = selectors.DefaultSelector()
         for descriptor in (self._stdin, self._stdout, self._stderr.fileno()):
@@ -124,35 +125,42 @@ class Child:
 
         ``first_s`` is the time for the first reply, ``each_s`` for each that follows.
         """
-        out = memoryview(b"".join(requests))
-        if out:
+        self._out = memoryview(b"".join(requests))
+        if self._out:
             self._selector.register(self._stdin, selectors.EVENT_WRITE)
         replies: list[Reply] = []
-        began_s, limit_s = time.perf_counter(), first_s
+        began_s, limit_s, is_late = time.perf_counter(), first_s, False
         failure: Failure | None = None
         while failure is None:
             new = self._take(split, wanted - len(replies), began_s)
             replies += new
             if new:
-                began_s, limit_s = time.perf_counter(), each_s
+                began_s, limit_s, is_late = time.perf_counter(), each_s, False
             if len(replies) == wanted:
                 break
             if len(self._received) > MOST_REPLY_BYTES:
                 failure = Failure(FailureKind.FLOOD, f"a line of more than {MOST_REPLY_BYTES} bytes")
-                break
-            wait_s = began_s + limit_s - time.perf_counter()
-            ready = self._selector.select(max(wait_s, 0.0))
-            if not ready and wait_s <= 0:
+            elif is_late:
                 failure = Failure(FailureKind.TIMEOUT, f"no answer within {1000 * limit_s:g} ms")
-            for key, _ in ready:
-                if key.fd == self._stdin:
-                    out = self._send(out)
-                elif key.fd == self._stderr.fileno():
-                    self._keep_log()
-                else:
-                    failure = self._receive()
+            else:
+                # What lies in the pipes when the time is over still counts: the host may have been late, too.
+                wait_s = began_s + limit_s - time.perf_counter()
+                is_late = wait_s <= 0
+                failure = self._serve_pipes(max(wait_s, 0.0))
         self._stop_sending()
         return replies, failure
+
+    def _serve_pipes(self, wait_s: float) -> Failure | None:
+        """Wait for pipes that are ready, and serve each of them once."""
+        failure: Failure | None = None
+        for key, _ in self._selector.select(wait_s):
+            if key.fd == self._stdin:
+                self._send()
+            elif key.fd == self._stderr.fileno():
+                self._keep_log()
+            else:
+                failure = self._receive()
+        return failure
 
     def _take(self, split: Split, most: int, began_s: float) -> list[Reply]:
         """Whole messages received so far; those that came together share the time."""
@@ -162,16 +170,15 @@ class Child:
         elapsed_us = 1e6 * (time.perf_counter() - began_s) / max(len(messages), 1)
         return [Reply(message, elapsed_us) for message in messages]
 
-    def _send(self, out: memoryview) -> memoryview:
+    def _send(self) -> None:
         try:
-            out = out[os.write(self._stdin, out) :]
+            self._out = self._out[os.write(self._stdin, self._out) :]
         except BlockingIOError:
-            return out
+            return
         except OSError:  # it closed its input; it may still answer what it read
-            out = out[:0]
-        if not out:
+            self._out = self._out[:0]
+        if not self._out:
             self._stop_sending()
-        return out
 
     def _stop_sending(self) -> None:
         with contextlib.suppress(KeyError):

@@ -48,11 +48,11 @@ def _loaded(target: str) -> tuple[Callable[..., Callable[[Answer], Answer]], dic
 
 
 def _timed(identify: Callable[[Answer], Answer], panorama: Answer) -> Answer:
-    """The answer, with the number of its panorama and the time of the call where it states none."""
+    """The answer, with the number of its panorama where it has none and the time of the call."""
     began_ns = time.perf_counter_ns()
     answer = identify(panorama)
-    elapsed_us = (time.perf_counter_ns() - began_ns) / 1000
-    return {"frame_no": panorama["frame_no"], "elapsed_us": elapsed_us, **answer}
+    call_us = (time.perf_counter_ns() - began_ns) / 1000
+    return {"frame_no": panorama["frame_no"], **answer, "call_us": call_us}
 
 
 def _line(document: Answer) -> bytes:

@@ -4,6 +4,7 @@ A failure costs its panorama: the first that is not answered. The program is the
 it are sent again. One that fails too often in a row is given up, so that a session with a broken program ends.
 """
 
+import errno
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -25,6 +26,11 @@ MOST_SILENT_STARTS = 5
 """Starts in a row without an answer within their time, a minute of a session in all: the program will not answer."""
 MOST_LOG_BYTES = 1 << 20
 """Of what a program writes to stderr in a session."""
+
+_START_HINTS = {
+    errno.ENOENT: "; is the interpreter of its first line there?",
+    errno.ENOEXEC: "; a script needs a first line with #!, a program must be one for this computer",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +118,8 @@ class RunningIdentifier:
             try:
                 self._child = self._plug.start(self._log)
             except OSError as error:
-                return self._ended([], Failure(FailureKind.START, f"it cannot be started: {error.strerror}"))
+                text = f"it cannot be started: {error.strerror}{_START_HINTS.get(error.errno or 0, '')}"
+                return self._ended([], Failure(FailureKind.START, text))
             requests.insert(0, self._plug.greeting)
             first_s += self._start_s
         replies, failure = self._child.exchange(
@@ -131,8 +138,7 @@ class RunningIdentifier:
             if isinstance(answer, Failure) and not answer.in_step:
                 return self._ended(found, answer)
             self._failures_in_a_row = 0
-            own_us = None if isinstance(answer, Failure) else answer.elapsed_us
-            found.append(Given(answer, reply.elapsed_us if own_us is None else own_us, own_us is not None))
+            found.append(_given(answer, reply))
         return self._ended(found, failure) if failure else found
 
     def _ended(self, found: list[Given], failure: Failure) -> list[Given]:
@@ -150,6 +156,16 @@ class RunningIdentifier:
         if self._child is not None:
             self._child.close()
             self._child = None
+
+
+def _given(answer: ExternalAnswer | Failure, reply: Reply) -> Given:
+    """The answer with its time: its own, otherwise that of the call, otherwise that of the reply."""
+    if isinstance(answer, Failure):
+        return Given(answer, reply.elapsed_us)
+    if answer.elapsed_us is not None:
+        return Given(answer, answer.elapsed_us, has_own_time=True)
+    is_first = reply.elapsed_us is None
+    return Given(answer, reply.elapsed_us if is_first or answer.call_us is None else answer.call_us)
 
 
 class ExternalIdentifier:

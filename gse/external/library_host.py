@@ -1,14 +1,14 @@
 """Host of a C library: loads it in a process of its own, and calls its function for each panorama on standard input.
 
 Run by path, so that nothing of the station is imported. Arguments: library, symbol, config file or "", and perhaps
---check: then it says what it loaded, as one line of JSON, and ends. Standard input and output carry the structs of
-gse_identifier.h; what the library itself prints goes to stderr.
+--check: then it says what it loaded, as one line of JSON, and ends. Standard input carries the structs of
+gse_identifier.h, standard output an answer with what the function returned and the time of the call before it. What the
+library itself prints goes to stderr.
 """
 
 import ctypes
 import io
 import json
-import math
 import os
 import sys
 import time
@@ -16,7 +16,6 @@ from typing import Any
 
 _ABI = 1
 _MOST_OBJECTS = 30
-_RETURNED = 0x80000000
 _NAN = float("nan")
 
 
@@ -56,6 +55,15 @@ class _Answer(ctypes.Structure):
         *((name, ctypes.c_double) for name in ("ra_deg", "de_deg", "roll_deg", "elapsed_us")),
         ("matches", _Match * _MOST_OBJECTS),
         ("detail", ctypes.c_char * 64),
+    ]
+
+
+class _Call(ctypes.Structure):
+    _fields_ = [
+        ("returned", ctypes.c_int32),
+        ("spare", ctypes.c_uint32),
+        ("call_us", ctypes.c_double),
+        ("answer", _Answer),
     ]
 
 
@@ -104,7 +112,7 @@ def _function(library: ctypes.CDLL, symbol: str) -> Any:
     except ValueError:
         abi = _ABI
     if abi != _ABI:
-        raise LookupError(f"it was compiled for version {abi} of gse_identifier.h; this station has version {_ABI}")
+        raise LookupError(f"it was compiled for version {abi} of gse_identifier.h; compile it for version {_ABI}")
     identify.restype = ctypes.c_int
     identify.argtypes = [ctypes.POINTER(_Panorama), ctypes.POINTER(_Answer), ctypes.POINTER(_Config)]
     return identify
@@ -119,7 +127,8 @@ def _text(library: ctypes.CDLL, name: str) -> str:
 
 def _serve(identify: Any, data: bytes | None, out: int) -> None:
     stdin = io.BufferedReader(io.FileIO(0, closefd=False), 1 << 16)
-    sensor, panorama, answer = _Sensor(), _Panorama(), _Answer()
+    sensor, panorama, call = _Sensor(), _Panorama(), _Call()
+    answer = call.answer
     if stdin.readinto(sensor) < ctypes.sizeof(sensor):
         return
     config = _Config(_ABI, 0, ctypes.pointer(sensor), data, len(data or b""), None)
@@ -128,13 +137,9 @@ def _serve(identify: Any, data: bytes | None, out: int) -> None:
         ctypes.memset(arguments[1], 0, ctypes.sizeof(answer))
         answer.roll_deg = answer.elapsed_us = _NAN
         began_ns = time.perf_counter_ns()
-        returned = identify(*arguments)
-        elapsed_us = (time.perf_counter_ns() - began_ns) / 1000
-        if returned:
-            answer.version = _RETURNED | (returned & 0x7FFFFFFF)
-        if math.isnan(answer.elapsed_us):
-            answer.elapsed_us = elapsed_us
-        os.write(out, answer)
+        call.returned = identify(*arguments)
+        call.call_us = (time.perf_counter_ns() - began_ns) / 1000
+        os.write(out, call)
 
 
 if __name__ == "__main__":

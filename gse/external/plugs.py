@@ -10,7 +10,6 @@ import importlib.metadata
 import json
 import os
 import shutil
-import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from typing import Any, Protocol
 
 from drivers.outside_text import plain_line
 from gse.errors import UsageError
-from gse.external.answers import ExternalAnswer, Failure, parse_answer, parse_line
+from gse.external.answers import ExternalAnswer, Failure, FailureKind, parse_answer, parse_line
 from gse.external.child import Child, Log, split_line, split_record
 from gse.external.panoramas import SensorDescription
 from gse.external.structs import ANSWER, answer_document, panorama_records, sensor_record
@@ -32,7 +31,7 @@ MOST_AHEAD = 64
 _OWN = {"tetra3rs": "gse.external.tetra3rs_solver:make", "cedar-solve": "gse.external.cedar_solver:make"}
 """Adapters of solvers from PyPI; the solvers themselves are installed by those who use them."""
 _HELLO = b'"gse.identifier/1"'
-_CHECK_S = 30.0
+_CHECK_S = 20.0
 """Time in which a library or an entry point must load."""
 _MOST_NAME = 100
 _HOSTS = Path(__file__).parent
@@ -205,21 +204,16 @@ def _host(name: str, target: str, *arguments: object) -> tuple[str, ...]:
 def _check(command: tuple[str, ...], directory: Path, what: str) -> dict[str, Any]:
     """What a host says of its library or entry point once it is loaded; UsageError where it cannot be."""
     try:
-        done = subprocess.run(
-            [*command, "--check"],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            cwd=directory,
-            env={},
-            timeout=_CHECK_S,
-            start_new_session=True,
-        )
-    except subprocess.TimeoutExpired:
-        raise UsageError(f"{what} does not load within {_CHECK_S:g} s") from None
-    try:
-        document = json.loads(done.stdout.splitlines()[-1])
-    except (ValueError, IndexError, RecursionError):
-        raise UsageError(f"{what} ends the process that loads it (exit code {done.returncode})") from None
+        child = Child((*command, "--check"), directory, Log(0))
+    except OSError as error:
+        raise UsageError(f"{what}: {command[0]} cannot be started: {error.strerror}") from None
+    replies, failure = child.exchange((), split_line, 1, first_s=_CHECK_S, each_s=_CHECK_S)
+    child.close()
+    if failure is not None and failure.kind is FailureKind.TIMEOUT:
+        raise UsageError(f"{what} does not load within {_CHECK_S:g} s")
+    if failure is not None:
+        raise UsageError(f"{what} ends the process that loads it: {failure.detail}")
+    document = json.loads(replies[0].data)
     if "error" in document:
         raise UsageError(f"{what}: {plain_line(str(document['error']))[:300]}")
     return dict(document)

@@ -19,12 +19,11 @@ PANORAMA = np.dtype(
         *(("count", "u4"), ("objects", "f8", (MAX_OBJECTS, 3))),
     ]
 )
-ANSWER = struct.Struct(f"=4I4d{16 * MAX_OBJECTS}s64s")
+ANSWER = struct.Struct(f"=i4xd4I4d{16 * MAX_OBJECTS}s64s")
+"""What the function returned, the time of the call in microseconds, and gse_answer."""
 _MATCH = np.dtype([("star", "i8"), ("object", "u4"), ("spare", "u4")])
 _LARGEST_U32 = 0xFFFFFFFF
 _STATUSES = {1: "IDENTIFIED", 2: "TOO_FEW", 3: "NO_MATCH", 4: "AMBIGUOUS", 5: "SENSOR_FAULT"}
-_RETURNED = 0x80000000
-"""Set by the host in ``version`` where the function returned something else than 0; the rest is that number."""
 
 
 def sensor_record(sensor: SensorDescription) -> bytes:
@@ -65,10 +64,10 @@ def _exposure_us(exposure_s: float) -> int:
 
 def answer_document(data: bytes, frame_no: int) -> dict[str, Any] | Failure:
     """The answer in a struct gse_answer as a document of schema gse.answer/1."""
-    version, answered, status, matched, *numbers, matches, detail = ANSWER.unpack(data)
-    if version & _RETURNED:
-        text = f"the function returned {_signed(version)}"
-        return {"frame_no": frame_no, "status": "NO_MATCH", "detail": text}
+    returned, call_us, version, answered, status, matched, *numbers, matches, detail = ANSWER.unpack(data)
+    if returned:
+        text = f"the function returned {returned}"
+        return {"frame_no": frame_no, "status": "NO_MATCH", "detail": text, "call_us": call_us}
     if version != ABI:
         text = f"answer.version is {version}: expected GSE_IDENTIFIER_ABI, {ABI}"
         return Failure(FailureKind.NONSENSE, text, in_step=True)
@@ -79,6 +78,7 @@ def answer_document(data: bytes, frame_no: int) -> dict[str, Any] | Failure:
         "frame_no": frame_no if answered == frame_no & _LARGEST_U32 else answered,
         "status": _STATUSES[status],
         "detail": detail.partition(b"\0")[0].decode("utf-8", "replace"),
+        "call_us": call_us,
     }
     ra_deg, de_deg, roll_deg, elapsed_us = numbers
     if status == 1:
@@ -90,8 +90,3 @@ def answer_document(data: bytes, frame_no: int) -> dict[str, Any] | Failure:
             for row, star in zip(rows["object"].tolist(), rows["star"].tolist(), strict=True)
         ]
     return document | ({} if math.isnan(elapsed_us) else {"elapsed_us": elapsed_us})
-
-
-def _signed(version: int) -> int:
-    number = version & (_RETURNED - 1)
-    return number - _RETURNED if number >= _RETURNED // 2 else number

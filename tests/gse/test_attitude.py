@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -38,7 +38,6 @@ def rotation_vector(turn: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
 
 
-@settings(deadline=None)  # The first example compiles.
 @given(ANGLES, st.integers(2, 30), st.integers(0, 2**32 - 1))
 def test_exact_directions_give_the_exact_attitude_everywhere(
     angles: tuple[float, float, float], count: int, seed: int
@@ -116,7 +115,6 @@ def test_what_does_not_fix_an_attitude_is_refused() -> None:
         solve_attitude(np.eye(3)[:, :2], np.eye(3), ARCSEC)
 
 
-@settings(deadline=None)  # The first example compiles.
 @given(ANGLES, st.integers(0, 2**32 - 1))
 def test_the_papers_mean_is_wahbas_boresight_at_the_poles_and_across_ra_0_too(
     angles: tuple[float, float, float], seed: int

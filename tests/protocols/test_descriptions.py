@@ -261,7 +261,7 @@ LEAVES = st.one_of(st.none(), st.booleans(), st.integers(-(2**70), 2**70), st.fl
 
 
 @given(data=st.data())
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_a_description_with_anything_in_any_place_is_compiled_or_refused(data: st.DataObject) -> None:
     document = yaml.safe_load(V1)
     document["messages"] = {name: document["messages"][name] for name in ("PANORAMA", "NAK", "STOP")}
@@ -286,7 +286,6 @@ def test_a_description_with_anything_in_any_place_is_compiled_or_refused(data: s
 
 
 @given(st.text(max_size=200))
-@settings(deadline=None)
 def test_any_text_is_refused_as_a_description(text: str) -> None:
     with pytest.raises(DescriptionError):
         parse_protocol(text, "odd.yaml")

@@ -76,7 +76,7 @@ def flip(data: bytes, at: int, mask: int) -> bytes:
 
 @both
 @given(data=st.data())
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_every_byte_is_in_exactly_one_frame_or_discard_in_order(protocol: Protocol, data: st.DataObject) -> None:
     stream = data.draw(stream_of(protocol))
     at = 0
@@ -94,7 +94,7 @@ def test_every_byte_is_in_exactly_one_frame_or_discard_in_order(protocol: Protoc
 
 @both
 @given(data=st.data(), cuts=st.lists(st.integers(0, 20_000), max_size=30))
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_cuts_change_neither_frames_nor_discards(protocol: Protocol, data: st.DataObject, cuts: list[int]) -> None:
     stream = data.draw(stream_of(protocol))
     assert decode(protocol, *cut(stream, cuts)) == decode(protocol, stream)
@@ -125,7 +125,6 @@ def test_frames_of_both_directions_are_told_apart_by_their_type(protocol: Protoc
 
 @both
 @given(at=st.integers(0, 10_000), bit=st.integers(0, 7))
-@settings(deadline=None)
 def test_one_flipped_bit_costs_one_frame_at_most(protocol: Protocol, at: int, bit: int) -> None:
     sent = [panorama(protocol, n, fill=n) for n in range(5)]
     stream = b"".join(sent)
@@ -137,7 +136,6 @@ def test_one_flipped_bit_costs_one_frame_at_most(protocol: Protocol, at: int, bi
 
 @both
 @given(at=st.integers(0, 10_000), inserted=st.binary(max_size=1))
-@settings(deadline=None)
 def test_one_byte_more_or_less_costs_one_frame_at_most(protocol: Protocol, at: int, inserted: bytes) -> None:
     stream = b"".join(panorama(protocol, n) for n in range(5))
     at %= len(stream)

@@ -132,7 +132,7 @@ def test_every_other_message_comes_back_as_it_was_sent(message: Message, sequenc
 
 @every
 @given(data=st.data())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_a_valid_frame_of_any_content_is_decoded_without_complaint(protocol: Protocol, data: st.DataObject) -> None:
     name = data.draw(st.sampled_from(protocol.types))
     size = protocol.frame_layout.sizes[{n: c for c, n in protocol.frame_layout.names.items()}[name]]

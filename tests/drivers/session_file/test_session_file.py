@@ -135,7 +135,7 @@ def test_a_hole_in_the_file_costs_what_stood_in_it(tmp_path: Path) -> None:
     assert not capture.truncated
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(noise=st.binary(max_size=300), head=st.sampled_from([b"", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n\x01"]))
 def test_a_foreign_file_is_refused_in_words(
     tmp_path_factory: pytest.TempPathFactory, noise: bytes, head: bytes
@@ -195,7 +195,7 @@ def test_segments_are_read_as_one_session_and_a_missing_one_is_named(tmp_path: P
     assert capture.missing == ["what follows session.mcap"]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(content=st.binary(max_size=400), cuts=st.lists(st.integers(0, 2000), max_size=4))
 def test_the_reader_bears_any_bytes_after_a_true_head(
     tmp_path_factory: pytest.TempPathFactory, content: bytes, cuts: list[int]

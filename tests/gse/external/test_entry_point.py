@@ -66,7 +66,7 @@ def test_an_installed_entry_point_answers_with_its_config(installed):
     assert given[2].answer.kind is FailureKind.CRASH
     assert given[3].answer.document["ra_deg"] == 102.4
     assert given[3].answer.document["de_deg"] == -45.5
-    assert given[3].has_own_time
+    assert not given[3].has_own_time
     assert identifier.identity["version"] == "3.2"
     log = identifier.take_log().decode()
     assert "loading" in log

@@ -85,8 +85,18 @@ def test_a_program_that_fails_costs_its_panorama_alone(tmp_path, body, kind, tex
     assert text in failure.detail
 
 
-def test_a_program_that_hangs_costs_its_panorama_after_the_time_out(tmp_path):
-    failure = failure_of(tmp_path, "time.sleep(3600)", timeout_ms=1000)
+@pytest.mark.parametrize(
+    "body",
+    [
+        "time.sleep(3600)",
+        "os.kill(os.getpid(), 19)",
+        "while True: os.write(2, b'woe' * 20000)",
+        """while True: os.write(1, b'{"schema": "gse.identifier/1"}\\n' * 2000)""",
+    ],
+    ids=["sleeps", "stops itself", "complains without end", "introduces itself without end"],
+)
+def test_a_program_that_hangs_costs_its_panorama_after_the_time_out(tmp_path, body):
+    failure = failure_of(tmp_path, body, timeout_ms=1000)
     assert (failure.kind, failure.detail) == (FailureKind.TIMEOUT, "no answer within 1000 ms")
 
 

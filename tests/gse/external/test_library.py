@@ -1,4 +1,6 @@
 import math
+import os
+import select
 from pathlib import Path
 
 import devices
@@ -136,6 +138,32 @@ def test_an_answer_without_roll_and_with_its_own_time(tmp_path):
     assert math.isclose(given.answer.attitude.ra_deg, 10)
 
 
+def test_the_time_of_a_library_that_states_none_is_that_of_the_host(tmp_path):
+    identifier = running(shared_library(HEAD + "usleep(20000); return 0; }", tmp_path))
+    given = identifier.answers([Panorama(10 + n, np.zeros((2, 2)), np.array([2.0, 1.0]), n) for n in range(2)])
+    identifier.close()
+    assert [one.has_own_time for one in given] == [False, False]
+    assert given[0].elapsed_us is None, "a library reads its tables in its first call"
+    assert given[1].elapsed_us > 20_000
+
+
+def test_a_library_that_forks_while_it_loads_leaves_no_process(tmp_path):
+    held = tmp_path / "held"
+    os.mkfifo(held)
+    reader = os.open(held, os.O_RDONLY | os.O_NONBLOCK)
+    top = f"""
+#include <fcntl.h>
+__attribute__((constructor)) void f(void) {{ if (open("{held}", O_WRONLY) > 0 && !fork()) for (;;) pause(); }}"""
+    identifier = running(shared_library(HEAD + "return 0; }" + top, tmp_path))
+    (given,) = identifier.answers([Panorama(10, np.zeros((2, 2)), np.array([2.0, 1.0]), 1)])
+    identifier.close()
+    assert isinstance(given.answer, ExternalAnswer)
+    ended = select.poll()
+    ended.register(reader, 0)
+    assert [events for _, events in ended.poll(20_000)] == [select.POLLHUP], "a process lives on"
+    os.close(reader)
+
+
 def test_what_a_library_prints_is_kept_and_no_answer(tmp_path):
     identifier = running(shared_library(HEAD + 'if (write(1, "hello", 5) < 0) return 1; return 0; }', tmp_path))
     (given,) = identifier.answers([Panorama(10, np.zeros((2, 2)), np.array([2.0, 1.0]), 1)])
@@ -149,7 +177,11 @@ def test_what_a_library_prints_is_kept_and_no_answer(tmp_path):
     [
         (HEAD + "return 0; }", "solve", "it has no symbol solve: export int solve("),
         (HEAD + "return 0; }\nconst uint32_t gse_identifier_abi = 2;", "identify", "compiled for version 2 of gse_"),
-        (HEAD + "return 0; }\n__attribute__((constructor)) void f(void) { _exit(9); }", "identify", "(exit code 9)"),
+        (
+            HEAD + "return 0; }\n__attribute__((constructor)) void f(void) { _exit(9); }",
+            "identify",
+            "ended with exit code 9",
+        ),
     ],
 )
 def test_a_library_that_does_not_fit_is_refused_before_a_session(tmp_path, text, symbol, error):

@@ -111,7 +111,7 @@ def test_shapes_that_do_not_belong_together_are_the_callers_error(identifier, di
         identifier.identify(np.ones(directions), np.ones(brightness))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     xy=st.lists(st.tuples(st.integers(0, 1023), st.integers(0, 1023)), max_size=30),
     seed=st.integers(0, 2**32 - 1),

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gse.catalog import load_catalog
@@ -40,7 +40,6 @@ def test_every_star_is_in_exactly_one_cell(field_deg, ra_deg, de_deg):
     assert 0 <= index[0] < len(cells)
 
 
-@settings(deadline=None)
 @given(st.floats(3.0, 179.0))
 def test_the_centre_of_each_cell_lies_in_that_cell(field_deg):
     cells = Cells.for_field(math.radians(field_deg))
@@ -49,7 +48,6 @@ def test_the_centre_of_each_cell_lies_in_that_cell(field_deg):
     assert cells.index(places).tolist() == [index for index, _, _ in listed]
 
 
-@settings(deadline=None)
 @given(st.floats(3.0, 60.0), st.integers(0, 2**32 - 1))
 def test_a_star_is_nearer_to_its_cells_centre_than_a_cell_is_big(field_deg, seed):
     cells = Cells.for_field(math.radians(field_deg))

@@ -78,7 +78,7 @@ def test_same_answers_over_the_sky(source, sky, plain, tolerance_px, magnitude, 
     assert found >= 10
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     pixels=st.lists(st.tuples(st.integers(0, 1023), st.integers(0, 1023)), min_size=3, max_size=12, unique=True),
     tolerance_px=st.sampled_from([1.5, 4.0]),

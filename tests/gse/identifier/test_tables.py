@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from skies.made_frames import FIELD_14_DEG
 
@@ -24,7 +24,6 @@ def same(one, other):
     return all(np.array_equal(a, b) and a.dtype == b.dtype for a, b in zip(one, other, strict=True))
 
 
-@settings(deadline=None)
 @given(st.integers(0, 40), st.integers(0, 2**32 - 1), st.floats(0.01, 3.0))
 def test_the_table_holds_every_pair_once_and_each_star_its_neighbours(count, seed, widest_rad):
     catalog = scattered(count, seed)
@@ -71,7 +70,6 @@ def test_another_catalogue_or_field_is_another_table(tmp_path):
     assert len(list(tmp_path.iterdir())) == 3
 
 
-@settings(deadline=None)
 @given(data=st.data())
 def test_a_damaged_cache_file_is_replaced(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("cache")

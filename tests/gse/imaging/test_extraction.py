@@ -109,7 +109,7 @@ def test_a_lone_bright_pixel_has_no_centre_of_light() -> None:
     assert len(extract_sub_pixel(image)[1]) == 1
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(1, 70), st.integers(1, 70), st.integers(0, 2**32 - 1), st.sampled_from([0, 1, 4096, 65535]))
 @example(rows=17, columns=1, seed=0, brightest=4096)
 def test_any_image_gives_objects_inside_it(rows: int, columns: int, seed: int, brightest: int) -> None:

@@ -25,7 +25,7 @@ from gse.station.results import AnswerCheck, AttitudeError
 
 
 @given(st.integers(0, 4000), st.integers(0, 2**32 - 1), st.floats(0, 0.5))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_a_thinned_line_keeps_every_extreme_of_every_bin(n: int, seed: int, missing: float) -> None:
     generator = np.random.default_rng(seed)
     values = generator.normal(size=n)

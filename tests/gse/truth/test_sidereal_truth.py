@@ -6,7 +6,7 @@ from dataclasses import replace
 import erfa
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gse.errors import TruthError, UsageError
@@ -144,7 +144,6 @@ def test_without_air_there_is_no_refraction():
 
 
 @given(directions, directions, directions)
-@settings(deadline=None)
 def test_refraction_is_removed_away_from_the_zenith_and_in_its_plane(x, y, z):
     length = np.sqrt(x * x + y * y + z * z)
     if length < 1e-3:

@@ -1,0 +1,80 @@
+"""The likelihood by which causes compete, against scipy's densities and sums of its own shapes."""
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import multivariate_t
+
+from gse.assessment.autocorrelation import exponential_spectrum
+from gse.assessment.competing_models import Columns, Observed, _shapes, fitted
+
+K = 40
+NOISE = np.random.default_rng(1).normal(size=(K, 3))
+NOTHING = Columns(np.zeros((3, 0)), np.zeros((K, 3, 0)), np.zeros((2, 0)))
+SURE = np.diag([1e4, 4e4, 9e4])
+"""Of what stars keep: so much that the noise of the mean is nothing beside it."""
+NORMAL = np.array([[400.0, 30.0], [30.0, 25.0]])
+
+
+def observed(*, mean=(0.0, 0.0, 0.0), lasting=SURE, cosines=NOISE, parameters=(0.0, 0.0), freedom=0.0):
+    return Observed(600, np.array(mean), lasting, cosines, NORMAL, NORMAL @ np.array(parameters), freedom)
+
+
+def twice_log(**what):
+    return fitted(observed(**what), NOTHING).twice_log_likelihood
+
+
+@pytest.mark.parametrize("mean", [(150.0, 0.0, 0.0), (30.0, -400.0, 800.0)])
+def test_the_mean_is_a_students_t_of_as_many_degrees_as_ordinates(mean):
+    expected = 2 * (multivariate_t(shape=SURE, df=K).logpdf(mean) - multivariate_t(shape=SURE, df=K).logpdf([0, 0, 0]))
+    assert twice_log(mean=mean) - twice_log() == pytest.approx(expected, rel=1e-3)
+
+
+def test_what_stars_keep_makes_each_mean_less_likely():
+    other = np.array([[9e4, 1e4, 0.0], [1e4, 2e4, 0.0], [0.0, 0.0, 8e5]])
+    mean = (150.0, 20.0, -80.0)
+    densities = [multivariate_t(shape=shape, df=K).logpdf(mean) for shape in (other, SURE)]
+    found = twice_log(mean=mean, lasting=other) - twice_log(mean=mean)
+    assert found == pytest.approx(2 * (densities[0] - densities[1]), rel=1e-3)
+
+
+@pytest.mark.parametrize("freedom", [5.0, 300.0])
+def test_the_field_is_a_students_t_of_its_stars(freedom):
+    density = multivariate_t(shape=np.linalg.inv(NORMAL), df=freedom)
+    parameters = (0.2, -0.9)
+    found = twice_log(parameters=parameters, freedom=freedom) - twice_log(freedom=freedom)
+    assert found == pytest.approx(2 * (density.logpdf(parameters) - density.logpdf([0, 0])), rel=1e-6)
+
+
+def test_slow_noise_is_weighed_over_all_shapes_with_their_scale_left_open():
+    slow = NOISE * np.sqrt(exponential_spectrum(3.0, np.arange(K + 1))[1:, None] * 1e4 + 1)
+    spectra, _, prior = _shapes(K)
+    logs = prior[:, None] - 0.5 * np.log(spectra[:, 1:]).sum(axis=1)[:, None]
+    of = [logs - K / 2 * np.log((1 / spectra[:, 1:]) @ cosines**2) for cosines in (slow, NOISE)]
+    expected = 2 * (logsumexp(of[0], axis=0) - logsumexp(of[1], axis=0)).sum()
+    assert twice_log(cosines=slow) - twice_log() == pytest.approx(expected, rel=1e-4)
+
+
+def test_half_of_the_belief_is_in_white_noise_and_the_rest_is_shared_evenly():
+    spectra, logs, prior = _shapes(K)
+    assert (spectra[0] == 1).all()
+    assert np.exp(prior) == pytest.approx([0.5, *[0.5 / (len(prior) - 1)] * (len(prior) - 1)])
+    assert logs == pytest.approx(np.log(spectra[:, 1:]).sum(axis=1))
+
+
+def test_one_column_in_white_noise_is_fitted_as_least_squares_do():
+    rng = np.random.default_rng(2)
+    column = Columns(np.zeros((3, 1)), rng.normal(size=(K, 3, 1)), np.zeros((2, 1)))
+    cosines = NOISE + 2.5 * column.cosines[:, :, 0]
+    found = fitted(observed(cosines=cosines), column)
+    design = column.cosines.reshape(-1)
+    expected = float(design @ cosines.reshape(-1) / (design @ design))
+    assert found.coefficients[0] == pytest.approx(expected, abs=0.02)
+    assert np.sqrt(found.covariance[0, 0]) == pytest.approx(NOISE.std() / np.sqrt(design @ design), rel=0.2)
+
+
+def test_a_parameter_of_the_field_alone_is_what_the_stars_say():
+    column = Columns(np.zeros((3, 2)), np.zeros((K, 3, 2)), np.eye(2))
+    found = fitted(observed(parameters=(0.7, -2.0), freedom=1e6), column)
+    assert found.coefficients == pytest.approx([0.7, -2.0], rel=1e-6)
+    assert found.covariance == pytest.approx(np.linalg.inv(NORMAL), rel=1e-3)

@@ -1,0 +1,129 @@
+"""What is said of a sensor's own answers: zeros, a standstill, a delay, a bias, and where nothing is said."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from skies.known_nights import START_NS, STATION, session
+
+from gse.assessment.sensor_answers import SensorAnswers
+from gse.assessment.sensor_findings import sensor_findings
+from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.instant import NS_PER_S
+from gse.mount import InertialDirection, Mount
+from protocols import AttitudeMessage
+
+FRAMES = 400
+
+
+@pytest.fixture(scope="module")
+def night():
+    made = session(FRAMES, noise=2.0)
+    made.frames.columns["matched"] = 20
+    return made
+
+
+def beside(night, ra=0.0, de=0.0, *, noise=2.0, count=FRAMES):
+    """Answers that lie so far off those that follow here from the same panoramas, in arcsec."""
+    frames, rng = night.frames.columns, np.random.default_rng(5)
+    off = {name: np.full(FRAMES, np.nan) for name in SensorAnswers.__slots__}
+    for name, value in (("d_ra_cosde_arcsec", ra), ("d_de_arcsec", de)):
+        off[name][:count] = frames[name][:count] + value + rng.normal(0, noise, count)
+    return SensorAnswers(**off)
+
+
+def said(night, *place, **options):
+    return [str(finding) for finding in sensor_findings(night, beside(night, *place, **options), None)]
+
+
+def test_answers_that_agree_are_no_finding(night):
+    assert said(night) == []
+    assert sensor_findings(night, None, None) == ()
+
+
+@pytest.mark.parametrize(("late_s", "side"), [(3.0, "before"), (-3.0, "after")])
+def test_a_shift_along_the_turning_sky_is_a_delay(night, late_s, side):
+    cos_de = math.cos(math.radians(float(np.median(night.frames.columns["de_true_deg"]))))
+    (text,) = said(night, -late_s * EARTH_RATE_ARCSEC_PER_S * cos_de)
+    assert "sensor delay" in text
+    stated_s = re.search(rf"as those of ([\d.]+) s {side} the exposure", text)
+    assert float(stated_s[1]) == pytest.approx(3.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("ra", "de", "words"),
+    [
+        (0.0, 40.0, ["sensor bias", "+40.", "arcsec north"]),
+        (100.0, -30.0, ["sensor bias", "arcsec east"]),
+        (100.0, 5.0, ["sensor delay"]),
+        (20.0, 5400.0, ["sensor bias", "+1.500 deg north"]),
+        (20.0, -3000.2, ["sensor bias", "-3000.", "arcsec north"]),
+    ],
+)
+def test_what_lies_across_it_too_is_a_bias(night, ra, de, words):
+    (text,) = said(night, ra, de, noise=0.1)
+    assert all(word in text for word in words)
+
+
+@pytest.mark.parametrize(("off", "is_said"), [(11.0, False), (15.0, True)])
+def test_four_sigmas_of_whole_pixels_are_let_pass(night, off, is_said):
+    """A pixel of 49 arcsec leaves 14.3 in each star, 3.2 in twenty, four times as much is 12.8."""
+    assert STATION.sensor.camera().pixel_rad * 206264.8 == pytest.approx(49.5, abs=0.6)
+    assert bool(said(night, 0.0, off, noise=0.5)) == is_said
+
+
+@pytest.mark.parametrize(("off", "is_said"), [(40.0, False), (400.0, True)])
+def test_five_sigmas_of_their_own_scatter_are_let_pass(night, off, is_said):
+    """Medians of twenty blocks of twenty answers that scatter by 400 arcsec are known to 25 on each axis."""
+    assert bool(said(night, 0.0, off, noise=400.0)) == is_said
+
+
+@pytest.mark.parametrize(("count", "is_said"), [(39, False), (40, True)])
+def test_forty_answers_are_needed(night, count, is_said):
+    assert bool(said(night, 0.0, 200.0, count=count)) == is_said
+
+
+def answering(times_s, places_deg, *, state="acquired", mount=None):
+    station = STATION if mount is None else STATION.model_copy(update={"mount": mount})
+    made = session(0, station=station)
+    for at_s, ra_deg in zip(times_s, places_deg, strict=True):
+        time_us = round(at_s * 1e6)
+        de_deg, roll_deg = (0.0, 0.0) if ra_deg == 0 else (-10.0, 30.0)
+        message = AttitudeMessage(time_us, ra_deg=ra_deg, de_deg=de_deg, roll_deg=roll_deg, state=state)
+        made.sensor_attitudes.append(START_NS + round(at_s * NS_PER_S), message)
+    return [str(finding) for finding in sensor_findings(made, None, None)]
+
+
+@pytest.mark.parametrize(
+    ("alike", "step_s", "is_said"), [(5, 0.5, True), (4, 1.0, False), (5, 0.4, False), (8, 0.3, True)]
+)
+@pytest.mark.parametrize("begin", [0, 7, 12])
+def test_five_equal_answers_over_two_seconds_are_a_standstill(alike, step_s, is_said, begin):
+    places = [100.0 + 0.01 * k for k in range(20)]
+    places[begin : begin + alike] = [places[begin]] * alike
+    found = answering(step_s * np.arange(20), places)
+    seconds = (alike - 1) * step_s
+    words = f"{alike} of 20 repeat the one before to the last digit, for up to {seconds:.1f} s"
+    assert bool(found) == is_said
+    assert all(words in text and f"turned by {15.041 * seconds:.0f} arcsec" in text for text in found)
+
+
+def test_the_longest_of_two_standstills_is_told_and_all_their_answers_counted():
+    places = [1.0] * 5 + [2.0, 3.0] + [4.0] * 9
+    (text,) = answering(np.arange(16.0), places)
+    assert "14 of 16 repeat" in text
+    assert "up to 8.0 s" in text
+
+
+def test_before_a_star_simulator_answers_may_stand_still():
+    shown = Mount(inertial=InertialDirection(ra_deg=10.0, de_deg=20.0, roll_deg=0.0))
+    assert answering(np.arange(10.0), [5.0] * 10) != []
+    assert answering(np.arange(10.0), [5.0] * 10, mount=shown) == []
+
+
+def test_zeros_that_are_called_good_are_counted():
+    places = [0.0 if k % 4 == 0 else 100.0 + k for k in range(12)]
+    (text,) = answering(np.arange(12.0), places)
+    assert "3 of 12 say RA 0, DE 0 and roll 0" in text
+    assert answering(np.arange(12.0), places, state="lost") == []

@@ -1,0 +1,107 @@
+"""A mount that shakes: its size against the size that was made, its frequency, and what is no vibration."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skies.star_errors import CAMERA, SETTINGS, Truth, made
+
+from gse.assessment.error_series import error_series
+from gse.assessment.field_patterns import field_of_errors
+from gse.assessment.vibration import vibration
+from gse.truth import horizon_to_sensor
+
+FRAME_S = 0.05
+
+
+@pytest.fixture(scope="module")
+def sky():
+    """A still session of a minute, 20 frames a second: its errors, its stars, the scatter that these explain."""
+    site, mount = SETTINGS[0]
+    frames, matches = made(Truth(site, mount), site, mount, 1199 * FRAME_S, np.random.default_rng(1))
+    used = np.ones(len(frames), dtype=bool)
+    matches = matches[matches["frame"] % 10 == 0]  # enough for what stars explain
+    field = field_of_errors(matches, frames["utc_ns"], used, CAMERA, site, horizon_to_sensor(mount)[:, 2])
+    series = error_series(frames, used)
+    loud = replace(series, errors_arcsec=1000 * np.random.default_rng(2).normal(size=series.errors_arcsec.shape))
+    return series, field, vibration(loud, field).predicted_arcsec / math.sqrt(2)
+
+
+def shaken(sky, errors, *, step_s=FRAME_S):
+    """The same frames with other errors (M, 3), in units of what the stars explain, of the first M frames."""
+    series, field, one = sky
+    count = len(errors)
+    rows, time_s = series.rows[:count], np.arange(count) * step_s
+    return vibration(replace(series, rows=rows, time_s=time_s, errors_arcsec=one * np.asarray(errors)), field)
+
+
+def noise(size, seed=3, count=1200):
+    return size * np.random.default_rng(seed).normal(size=(count, 3))
+
+
+def with_line(amplitude, size, hz=2.0):
+    errors = noise(size)
+    errors[:, 0] += amplitude * np.sin(2 * math.pi * hz * FRAME_S * np.arange(len(errors)))
+    return errors
+
+
+@pytest.mark.parametrize(("ratio", "is_vibration"), [(1.0, False), (3.2, False), (5.0, True)])
+def test_vibration_is_a_scatter_twice_of_what_the_stars_explain(sky, ratio, is_vibration):
+    assert (shaken(sky, noise(math.sqrt(ratio))) is not None) == is_vibration
+
+
+@pytest.mark.parametrize("step_s", [0.05, 5.0], ids=["20 Hz", "0.2 Hz, twelve frames in a block"])
+def test_its_size_is_that_of_both_axes_beyond_the_stars(sky, step_s):
+    found = [shaken(sky, noise(4.0, seed), step_s=step_s) for seed in range(6)]
+    excess = np.mean([one.excess_arcsec for one in found]) / sky[2]
+    assert excess == pytest.approx(math.sqrt(2 * (4.0**2 - 1)), rel=0.02)
+    assert found[0].frame_hz == pytest.approx(1 / step_s)
+
+
+def test_one_axis_that_shakes_is_enough(sky):
+    found = shaken(sky, noise(1.0) * [1.0, 5.0, 1.0])
+    assert found.excess_arcsec == pytest.approx(sky[2] * math.sqrt(24), rel=0.1)
+
+
+@pytest.mark.parametrize("hz", [0.5, 2.0, 7.3])
+def test_a_mount_that_swings_is_given_its_frequency(sky, hz):
+    assert shaken(sky, with_line(10.0, 1.0, hz)).frequency_hz == pytest.approx(hz, abs=0.02)
+
+
+@pytest.mark.parametrize(("share", "is_named"), [(0.2, False), (0.6, True)])
+def test_a_frequency_has_three_tenths_of_the_scatter(sky, share, is_named):
+    """``share`` is the power of the line, in that of the noise of one axis; 0.35 would be three tenths of one half."""
+    found = shaken(sky, with_line(10.0 * math.sqrt(2 * share), 10.0))
+    assert math.isfinite(found.frequency_hz) == is_named
+
+
+def test_the_highest_of_few_random_ordinates_is_no_frequency(sky):
+    found = [shaken(sky, noise(10.0, seed, 64) * [1.0, 0.1, 1.0]) for seed in range(40)]
+    assert sum(math.isfinite(one.frequency_hz) for one in found) <= 2
+
+
+def test_a_swing_in_few_frames_is_given_its_frequency(sky):
+    assert shaken(sky, with_line(10.0, 1.0, 5.0)[:64]).frequency_hz == pytest.approx(5.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("gaps", "is_named"), [(12, True), (40, False)])
+def test_frames_that_come_irregularly_tell_no_frequency(sky, gaps, is_named):
+    series, field, one = sky
+    time_s = np.arange(1200) * FRAME_S
+    for row in np.linspace(5, 1190, gaps).astype(int):
+        time_s[row:] += 0.5 * FRAME_S
+    errors = one * 10 * np.sin(2 * math.pi * 2.0 * time_s)[:, None] * [1, 0, 0] + one * noise(1.0)
+    found = vibration(replace(series, time_s=time_s, errors_arcsec=errors), field)
+    assert math.isfinite(found.frequency_hz) == is_named
+
+
+def test_a_slip_or_a_slow_course_is_no_vibration(sky):
+    late = (np.arange(1200) > 700)[:, None]
+    assert shaken(sky, noise(1.0) + 300.0 * late) is None
+    assert shaken(sky, noise(1.0) + 0.01 * np.arange(1200)[:, None], step_s=0.5) is None
+
+
+def test_few_blocks_tell_nothing(sky):
+    assert shaken(sky, noise(10.0, count=36)) is None
+    assert shaken(sky, noise(10.0, count=48)) is not None
