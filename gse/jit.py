@@ -19,9 +19,16 @@ class _CodeOnDisk(FunctionCache):  # type: ignore[misc]
     """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The machine code for a signature, None where it is not on disk."""
+        """The machine code for a signature, None where it is not on disk.
+
+        What an older version kept may name types that are no more: it is removed.
+        """
         rtsys.initialize(target_context)
-        return self._load_overload(sig, target_context)
+        try:
+            return self._load_overload(sig, target_context)
+        except AttributeError:
+            self.flush()
+            return None
 
 
 def compiled(function: _Function) -> _Function:

@@ -24,18 +24,16 @@ _ONE = np.uint64(1)
 
 
 class Candidates(NamedTuple):
-    """Objects and the stars they may be, row by row; ``hit`` (one row more) is scratch space of level 1."""
+    """Objects and the stars they may be, row by row."""
 
-    object: NDArray[np.int64]
-    star: NDArray[np.int64]
-    hit: NDArray[np.uint64]
+    object: NDArray[np.uint32]
+    star: NDArray[np.uint32]
 
 
 @compiled
 def room_for_candidates() -> Candidates:
     """Room for MOST_CANDIDATES, made once for all stars."""
-    most = MOST_CANDIDATES
-    return Candidates(np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most + 1, np.uint64))
+    return Candidates(np.empty(MOST_CANDIDATES, np.uint32), np.empty(MOST_CANDIDATES, np.uint32))
 
 
 class Separations(NamedTuple):
@@ -160,7 +158,12 @@ def agreements(
 
 @compiled
 def pigeonhole_bound(
-    candidates: Candidates, count: int, icrs: NDArray[np.float64], gates: NDArray[np.float64], fewest: int
+    objects: NDArray[np.uint32],
+    stars: NDArray[np.uint32],
+    count: int,
+    icrs: NDArray[np.float64],
+    gates: NDArray[np.float64],
+    fewest: int,
 ) -> bool:
     """Whether no ``fewest`` of the first ``count`` candidates can all agree, which a few of their pairs may show.
 
@@ -168,12 +171,16 @@ def pigeonhole_bound(
     hand agree, there is no such group. A candidate of chance mostly ends here, after a tenth of its pairs.
     """
     hands = max(fewest - 1, 1)
+    hand = 0
     for i in range(hands, count):
-        for j in range(i % hands, i, hands):
-            p, q = candidates.object[i], candidates.object[j]
-            dot = _dot(icrs, candidates.star[i], candidates.star[j])
+        j = hand
+        while j < i:
+            p, q = objects[i], objects[j]
+            dot = _dot(icrs, stars[i], stars[j])
             if gates[p, q, 0] <= dot <= gates[p, q, 3] and p != q:
                 return False
+            j += hands
+        hand = hand + 1 if hand + 1 < hands else 0
     return True
 
 

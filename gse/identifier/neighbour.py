@@ -31,6 +31,7 @@ from gse.catalog import StarCatalog
 from gse.identifier.acceptance import RandomSky, misfit
 from gse.identifier.input_checks import refusals
 from gse.identifier.neighbour_batch import Found, best_vote_many, first_fit_many
+from gse.identifier.neighbour_level_1 import blocks_of
 from gse.identifier.neighbour_search import EVERYWHERE, Limits
 from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified, answered
 from gse.identifier.tables import field_diameter_rad, pair_table, tolerance_rad
@@ -47,6 +48,7 @@ class NeighbourIdentifier:
         widest_rad = field_diameter_rad(camera)
         self.catalog = catalog
         self._table = pair_table(catalog, widest_rad)
+        self._blocks = blocks_of(self._table)
         self._tolerance_rad = tolerance_rad(camera, options.tolerance_px)
         self._sky = RandomSky(len(catalog), len(self._table.distance_urad), widest_rad, self._tolerance_rad)
         more = int(options.fit_rule == "exceeded")
@@ -73,7 +75,7 @@ class NeighbourIdentifier:
     def _found(self, objects: ObjectColumns) -> Answers:
         """The answers to panoramas that nothing is wrong with."""
         directions, first = objects.directions_sensor, objects.parts.first
-        found = self._search(directions, first, self.catalog.icrs, self._table, self._limits)
+        found = self._search(directions, first, self.catalog.icrs, self._table, self._blocks, self._limits)
         parts = Parts(found.ends)
         columns = objects.parts.counts.tolist(), parts.counts.tolist(), found.alphas.tolist()
         probability = np.array(

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from gse.identifier.acceptance import wahba_residual_rad
 from gse.identifier.input_checks import distinct_objects
+from gse.identifier.neighbour_level_1 import Blocks
 from gse.identifier.neighbour_search import Limits, best_vote, first_fit
 from gse.identifier.tables import PairTable
 from gse.jit import compiled
@@ -31,13 +32,14 @@ def first_fit_many(
     first: NDArray[np.int64],
     icrs: NDArray[np.float64],
     table: PairTable,
+    blocks: Blocks,
     limits: Limits,
 ) -> Found:
     """``first_fit`` for K panoramas: rows ``first[k]`` to before ``first[k + 1]``, each object taken once."""
     found = _room_for_answers(len(first) - 1, len(directions))
     for k in range(len(first) - 1):
         distinct, rows = _distinct(directions[first[k] : first[k + 1]])
-        objects, stars, alphas = first_fit(rows, icrs, table, limits)
+        objects, stars, alphas = first_fit(rows, icrs, table, blocks, limits)
         _put(found, k, objects, stars, alphas, distinct, rows, icrs)
     return found
 
@@ -48,13 +50,14 @@ def best_vote_many(
     first: NDArray[np.int64],
     icrs: NDArray[np.float64],
     table: PairTable,
+    blocks: Blocks,
     limits: Limits,
 ) -> Found:
     """As ``first_fit_many``, by ``best_vote``."""
     found = _room_for_answers(len(first) - 1, len(directions))
     for k in range(len(first) - 1):
         distinct, rows = _distinct(directions[first[k] : first[k + 1]])
-        objects, stars, alphas = best_vote(rows, icrs, table, limits)
+        objects, stars, alphas = best_vote(rows, icrs, table, blocks, limits)
         _put(found, k, objects, stars, alphas, distinct, rows, icrs)
     return found
 

@@ -1,6 +1,7 @@
 """Compiled level 1 of the neighbour technique: how many neighbours of a catalogue star fit those of the alpha star.
 
-The LAPAN paper, section 2, eq 2-5.
+The LAPAN paper, section 2, eq 2-5. Most stars of the catalogue have a fit or none by chance, so stars that follow each
+other are looked at together: their neighbours stand nearest first in one list, of which only those are read that fit.
 """
 
 from typing import NamedTuple
@@ -8,26 +9,65 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.identifier.consistency import MOST_CANDIDATES, Candidates, angle_urad
+from gse.identifier.consistency import MOST_CANDIDATES, angle_urad
 from gse.identifier.tables import PairTable
 from gse.jit import compiled
 
-_BIN_BITS = np.uint64(7)
-_BIN_URAD = 128
+BLOCK = 256
+"""Stars looked at together: half a block is looked at in vain, and each block costs a search for each distance."""
+_BIN_BITS = 8
+_ONE = np.uint64(1)
+
+
+class Blocks(NamedTuple):
+    """The neighbours of BLOCK stars together, nearest first, for each block of the catalogue.
+
+    Entry e is a neighbour of star ``member[e]`` of its block, ``urad[e]`` microradians away, in ``row[e]`` of the
+    columns by star of the table. Those of block b that are at least 256 n microradians away begin at ``begin[b, n]``.
+    """
+
+    begin: NDArray[np.uint64]
+    urad: NDArray[np.int32]
+    row: NDArray[np.uint32]
+    member: NDArray[np.uint8]
+
+
+@compiled
+def blocks_of(table: PairTable) -> Blocks:
+    """The blocks of a table, whose pairs are in the order of their distance."""
+    stars, size = len(table.first) - 1, len(table.neighbour)
+    bins = 2 if len(table.distance_urad) == 0 else (table.distance_urad[-1] >> _BIN_BITS) + 2
+    begin = np.zeros((-(-stars // BLOCK), bins), np.uint64)
+    urad, row, member = np.empty(size, np.int32), np.empty(size, np.uint32), np.empty(size, np.uint8)
+    row_of, entry_of = table.first[:-1].copy(), table.first[:-1:BLOCK].copy()
+    for p in range(len(table.distance_urad)):
+        for star in (table.brighter[p], table.dimmer[p]):
+            block = star // BLOCK
+            entry = entry_of[block]
+            urad[entry], row[entry], member[entry] = table.distance_urad[p], row_of[star], star % BLOCK
+            begin[block, (table.distance_urad[p] >> _BIN_BITS) + 1] += _ONE
+            row_of[star] += 1
+            entry_of[block] += 1
+    for block in range(len(begin)):
+        begin[block, 0] = table.first[block * BLOCK]
+        for place in range(1, bins):
+            begin[block, place] += begin[block, place - 1]
+    return Blocks(begin, urad, row, member)
 
 
 class Alpha(NamedTuple):
     """The other objects as seen from an alpha star: rows and distances in microradians, nearest first.
 
-    Bit u of ``fits``, 64 to a word, tells whether a distance of u whole microradians fits any of them. A neighbour
-    whose distance falls into bin b can only be one of the objects ``begin[b]`` to ``end[b]``.
+    A distance of ``low[s]`` to before ``high[s]`` whole microradians fits the objects ``begin[s]`` to before ``end[s]``
+    and no other; a distance between two such stretches fits none.
     """
 
     others: NDArray[np.int64]
     distances: NDArray[np.float64]
-    fits: NDArray[np.uint64]
-    begin: NDArray[np.int8]
-    end: NDArray[np.int8]
+    low: NDArray[np.int64]
+    high: NDArray[np.int64]
+    begin: NDArray[np.int64]
+    end: NDArray[np.int64]
 
 
 @compiled
@@ -43,64 +83,92 @@ def seen_from(alpha: int, cosine: NDArray[np.float64], sine: NDArray[np.float64]
             distances[place], others[place] = distances[place - 1], others[place - 1]
             place -= 1
         distances[place], others[place] = distance, other
-    return _looked_up(others, distances, tolerance_urad)
+    return _stretches(others, distances, tolerance_urad)
 
 
 @compiled
-def _looked_up(others: NDArray[np.int64], distances: NDArray[np.float64], tolerance_urad: float) -> Alpha:
-    last = 0 if len(distances) == 0 else int(distances[-1] + tolerance_urad) + 1
-    fits = np.zeros(last // 64 + 1, np.uint64)
-    begin, end = np.zeros(last // _BIN_URAD + 1, np.int8), np.zeros(last // _BIN_URAD + 1, np.int8)
-    for i in range(len(distances)):
-        low, high = max(int(distances[i] - tolerance_urad), 0), int(distances[i] + tolerance_urad) + 1
-        while low < high and not abs(low - distances[i]) < tolerance_urad:
-            low += 1
-        while low < high and not abs(high - 1 - distances[i]) < tolerance_urad:
-            high -= 1
-        _set_bits(fits, low, high)
-        for place in range(low // _BIN_URAD, (high - 1) // _BIN_URAD + 1):
-            if end[place] == 0:
-                begin[place] = i
-            end[place] = i + 1
-    return Alpha(others, distances, fits, begin, end)
+def _stretches(others: NDArray[np.int64], distances: NDArray[np.float64], tolerance_urad: float) -> Alpha:
+    fitting = [_fitting(distance, tolerance_urad) for distance in distances]
+    low, high, begin, end = np.empty((4, 2 * len(fitting)), np.int64)
+    count = first = last = at = 0
+    while first < len(fitting):
+        if first == last:
+            at = max(at, fitting[first][0])
+        while last < len(fitting) and fitting[last][0] <= at:
+            last += 1
+        until = fitting[first][1]
+        if last < len(fitting):
+            until = min(until, fitting[last][0])
+        low[count], high[count], begin[count], end[count] = at, until, first, last
+        count, at = count + 1, until
+        while first < last and fitting[first][1] <= at:
+            first += 1
+    return Alpha(others, distances, low[:count], high[:count], begin[:count], end[:count])
 
 
 @compiled
-def _set_bits(words: NDArray[np.uint64], low: int, high: int) -> None:
-    """Set the bits from ``low`` up to, not including, ``high``."""
-    while low < high:
-        beyond = min(high, (low | 63) + 1)
-        words[low >> 6] |= (~np.uint64(0) >> np.uint64(64 - (beyond - low))) << np.uint64(low & 63)
-        low = beyond
+def _fitting(distance_urad: float, tolerance_urad: float) -> tuple[int, int]:
+    """The first whole distance that fits, and the first that no longer does."""
+    low, high = max(int(distance_urad - tolerance_urad), 0), int(distance_urad + tolerance_urad) + 1
+    while low < high and not abs(low - distance_urad) < tolerance_urad:
+        low += 1
+    while low < high and not abs(high - 1 - distance_urad) < tolerance_urad:
+        high -= 1
+    return low, high
 
 
-@compiled
-def level_1(
-    star: int, alpha: Alpha, table: PairTable, tolerance_urad: float, min_fit: int, room: Candidates
-) -> tuple[int, int]:
-    """Fn of a catalogue star, and how many candidates (object, neighbour) were put into ``room``, nearest first.
+class Fits(NamedTuple):
+    """Neighbours that fit, of each star of a block: ``number`` (BLOCK,) is Fn.
 
-    There are none where Fn is too small. No branch depends on a fit: most stars are there by chance, and no processor
-    foresees which of their neighbours fit.
+    The first of them are in the rows ``row`` of the table and in the stretches ``stretch`` of the alpha star's view.
     """
-    words = np.uint64(len(alpha.fits))
-    fit = np.int64(0)
-    for k in range(np.uint64(table.first[star]), np.uint64(table.first[star + 1])):
-        urad = np.uint64(table.neighbour_urad[k])
-        word = urad >> np.uint64(6)
-        if word >= words:
+
+    number: NDArray[np.int64]
+    row: NDArray[np.uint32]
+    stretch: NDArray[np.uint8]
+
+
+@compiled
+def room_for_fits() -> Fits:
+    """Room for the fits of a block, made once for all blocks."""
+    shape = (BLOCK, MOST_CANDIDATES + 1)
+    return Fits(np.empty(BLOCK, np.int64), np.empty(shape, np.uint32), np.empty(shape, np.uint8))
+
+
+@compiled
+def put_fits(block: int, alpha: Alpha, blocks: Blocks, fits: Fits) -> None:
+    """Level 1 of all stars of a block."""
+    fits.number[:] = 0
+    begin, urad, row_of, member_of = blocks.begin[block], blocks.urad, blocks.row, blocks.member
+    counts, rows, stretches = fits.number, fits.row, fits.stretch
+    last = begin[-1]
+    for stretch in range(len(alpha.low)):
+        low, high = alpha.low[stretch], alpha.high[stretch]
+        if low >> _BIN_BITS >= len(begin):
             break
-        room.hit[np.uint64(min(fit, np.int64(MOST_CANDIDATES)))] = k
-        fit += np.int64((alpha.fits[word] >> (urad & np.uint64(63))) & np.uint64(1))
-    if fit < min_fit:
-        return int(fit), 0
-    count = 0
-    for hit in range(min(int(fit), MOST_CANDIDATES)):
-        k = room.hit[hit]
-        urad = np.uint64(table.neighbour_urad[k])
-        place = urad >> _BIN_BITS
-        for i in range(alpha.begin[place], alpha.end[place]):
-            if abs(np.int64(urad) - alpha.distances[i]) < tolerance_urad and count < MOST_CANDIDATES:
-                room.object[count], room.star[count] = alpha.others[i], table.neighbour[k]
-                count += 1
-    return int(fit), count
+        entry = begin[low >> _BIN_BITS]
+        while entry < last and urad[entry] < low:
+            entry += _ONE
+        while entry < last and urad[entry] < high:
+            member = member_of[entry]
+            place = np.uint64(min(counts[member], MOST_CANDIDATES))
+            rows[member, place], stretches[member, place] = row_of[entry], stretch
+            counts[member] += 1
+            entry += _ONE
+
+
+@compiled
+def put_fits_of_star(star: int, alpha: Alpha, table: PairTable, fits: Fits) -> None:
+    """Level 1 of one star, which takes the place of the first of a block."""
+    fit, stretch = 0, 0
+    for row in range(table.first[star], table.first[star + 1]):
+        urad = table.neighbour_urad[row]
+        while stretch < len(alpha.high) and alpha.high[stretch] <= urad:
+            stretch += 1
+        if stretch == len(alpha.high):
+            break
+        if alpha.low[stretch] <= urad:
+            place = min(fit, MOST_CANDIDATES)
+            fits.row[0, place], fits.stretch[0, place] = row, stretch
+            fit += 1
+    fits.number[0] = fit

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gse.identifier.consistency import (
     MOST_CANDIDATES,
     Candidates,
+    Separations,
     agreements,
     bits,
     largest_group,
@@ -19,7 +20,16 @@ from gse.identifier.consistency import (
     separations,
     windows,
 )
-from gse.identifier.neighbour_level_1 import level_1, seen_from
+from gse.identifier.neighbour_level_1 import (
+    BLOCK,
+    Alpha,
+    Blocks,
+    Fits,
+    put_fits,
+    put_fits_of_star,
+    room_for_fits,
+    seen_from,
+)
 from gse.identifier.neighbour_votes import most_voted
 from gse.identifier.tables import PairTable
 from gse.jit import compiled
@@ -46,44 +56,63 @@ class Limits(NamedTuple):
     central_cosine: float
 
 
+class View(NamedTuple):
+    """A panorama against the catalogue: its angles and their windows, and the room for what fits and for candidates."""
+
+    icrs: NDArray[np.float64]
+    table: PairTable
+    angles: Separations
+    gates: NDArray[np.float64]
+    fits: Fits
+    room: Candidates
+
+
+@compiled
+def view_of(directions: NDArray[np.float64], icrs: NDArray[np.float64], table: PairTable, limits: Limits) -> View:
+    """The view of a panorama, its objects given as directions (N, 3)."""
+    angles = separations(directions)
+    gates = windows(angles, limits.tolerance_urad)
+    return View(icrs, table, angles, gates, room_for_fits(), room_for_candidates())
+
+
 @compiled
 def first_fit(
     directions: NDArray[np.float64],
     icrs: NDArray[np.float64],
     table: PairTable,
+    blocks: Blocks,
     limits: Limits,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """Objects and their stars (M,), the alpha star first, and how many alpha stars were tried; M is 0 for no answer.
 
-    With ``all_stars`` the search goes on to the end of the catalogue: the
-    star with the greatest Fn2 is the answer, and where two have it there is none; the number of alpha stars is then
-    negative.
+    With ``all_stars`` the search goes on to the end of the catalogue: the star with the greatest Fn2 is the answer, and
+    where two have it there is none; the number of alpha stars is then negative.
     """
-    angles = separations(directions)
-    gates = windows(angles, limits.tolerance_urad)
-    room = room_for_candidates()
+    view = view_of(directions, icrs, table, limits)
     tried = min(limits.alphas, len(directions))
     order = _alpha_order(directions, limits.central_cosine)
     work = 0
     for rank in range(tried):
         alpha = order[rank]
-        seen = seen_from(alpha, angles.cosine, angles.sine, limits.tolerance_urad)
+        seen = seen_from(alpha, view.angles.cosine, view.angles.sine, limits.tolerance_urad)
         objects, stars = np.empty(0, np.int64), np.empty(0, np.int64)
         fewest, tie = limits.min_fit_2, False
-        for star in range(len(icrs)):
-            work += table.first[star + 1] - table.first[star]
-            fit, count = level_1(star, seen, table, limits.tolerance_urad, limits.min_fit, room)
-            if fit < max(limits.min_fit, fewest) or pigeonhole_bound(room, count, icrs, gates, fewest):
-                continue
-            work += count * count
+        star = -1
+        while True:
+            after = star + 1
+            star, count = _next_possible(after, max(limits.min_fit, fewest), fewest, seen, blocks, view)
+            if star == len(icrs):
+                work += table.first[star] - table.first[after]
+                break
+            work += table.first[star + 1] - table.first[after] + count * count
             if work > _MOST_WORK:
                 return np.empty(0, np.int64), np.empty(0, np.int64), rank + 1
-            group = largest_group(agreements(room, count, icrs, angles, gates, limits.tolerance_urad), fewest)
+            group = _group(view, count, fewest, limits)
             if group == 0:
                 continue
             tie = len(objects) > 0 and bits(group) + 1 == len(objects)
             if not tie:
-                objects, stars = _named(alpha, star, room, group)
+                objects, stars = _named(alpha, star, view.room, group)
             fewest = len(objects) - 1
             if not limits.all_stars:
                 break
@@ -95,33 +124,80 @@ def first_fit(
 
 
 @compiled
+def _next_possible(
+    star: int, fewest_fits: int, fewest: int, seen: Alpha, blocks: Blocks, view: View
+) -> tuple[int, int]:
+    """The first star from ``star`` on that can have a group, and how many candidates it has; past the last for none."""
+    stars = len(view.icrs)
+    while star < stars:
+        block = star // BLOCK
+        if star % BLOCK == 0:
+            put_fits(block, seen, blocks, view.fits)
+        end = min(BLOCK, stars - block * BLOCK)
+        member, count = first_possible(star % BLOCK, end, fewest_fits, fewest, seen, view)
+        star = block * BLOCK + member
+        if member < end:
+            return star, count
+    return stars, 0
+
+
+@compiled
+def first_possible(member: int, end: int, fewest_fits: int, fewest: int, seen: Alpha, view: View) -> tuple[int, int]:
+    """The first of a block's stars from ``member`` to before ``end`` that can have a group; ``end`` for none.
+
+    Its candidates (object, neighbour), nearest first, are put into the room of the view. Arrays have names of their own
+    here, since each access through a tuple counts references.
+    """
+    counts, rows, stretches, neighbour = view.fits.number, view.fits.row, view.fits.stretch, view.table.neighbour
+    begins, ends, others, objects, stars = seen.begin, seen.end, seen.others, view.room.object, view.room.star
+    icrs, gates = view.icrs, view.gates
+    for k in range(np.uint64(member), np.uint64(end)):
+        if counts[k] < fewest_fits:
+            continue
+        count = 0
+        for place in range(np.uint64(min(counts[k], MOST_CANDIDATES))):
+            stretch, star = stretches[k, place], neighbour[rows[k, place]]
+            for i in range(begins[stretch], min(ends[stretch], begins[stretch] + MOST_CANDIDATES - count)):
+                objects[count], stars[count] = others[i], star
+                count += 1
+        if not pigeonhole_bound(objects, stars, count, icrs, gates, fewest):
+            return int(np.int64(k)), count
+    return end, 0
+
+
+@compiled
+def _group(view: View, count: int, fewest: int, limits: Limits) -> np.uint64:
+    """Level 2: the largest group of the candidates in the room, 0 where it has fewer than ``fewest``."""
+    agrees = agreements(view.room, count, view.icrs, view.angles, view.gates, limits.tolerance_urad)
+    return largest_group(agrees, fewest)
+
+
+@compiled
 def best_vote(
     directions: NDArray[np.float64],
     icrs: NDArray[np.float64],
     table: PairTable,
+    blocks: Blocks,
     limits: Limits,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """As ``first_fit``, but first among the stars with most votes, and of these the one with the greatest Fn2."""
-    angles = separations(directions)
-    gates = windows(angles, limits.tolerance_urad)
-    room = room_for_candidates()
+    view = view_of(directions, icrs, table, limits)
     tried = min(limits.alphas, len(directions))
     order = _alpha_order(directions, limits.central_cosine)
     for rank in range(tried):
         alpha = order[rank]
-        seen = seen_from(alpha, angles.cosine, angles.sine, limits.tolerance_urad)
+        seen = seen_from(alpha, view.angles.cosine, view.angles.sine, limits.tolerance_urad)
         objects, stars = np.empty(0, np.int64), np.empty(0, np.int64)
         for star in most_voted(seen, table, limits.tolerance_urad):
-            fit, count = level_1(star, seen, table, limits.tolerance_urad, limits.min_fit, room)
+            put_fits_of_star(star, seen, table, view.fits)
             better = max(limits.min_fit_2, len(objects))
-            if fit < max(limits.min_fit, better) or pigeonhole_bound(room, count, icrs, gates, better):
-                continue
-            group = largest_group(agreements(room, count, icrs, angles, gates, limits.tolerance_urad), better)
+            member, count = first_possible(0, 1, max(limits.min_fit, better), better, seen, view)
+            group = _group(view, count, better, limits) if member == 0 else np.uint64(0)
             if group != 0:
-                objects, stars = _named(alpha, star, room, group)
+                objects, stars = _named(alpha, star, view.room, group)
         if len(objects) > 0:
             return objects, stars, rank + 1
-    return first_fit(directions, icrs, table, limits)
+    return first_fit(directions, icrs, table, blocks, limits)
 
 
 @compiled

@@ -14,7 +14,7 @@ from gse.identifier.table_cache import cache_file, cached_columns
 
 MICRORADIANS = 1e6
 MOST_PAIRS = 20_000_000
-"""At 32 bytes a pair this bounds a table to 640 MB; the built-in station's has 0.28 million."""
+"""At 32 bytes a pair, and 18 of the neighbour technique, this bounds a table to 1 GB; the built-in has 0.28 million."""
 
 _SAMPLED_STARS = 200
 """Stars whose neighbours are counted to estimate the size of a table before memory is taken for it."""

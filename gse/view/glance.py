@@ -246,7 +246,7 @@ class Glance:
             reasons=self._reasons,
             link=self._link,
             port=self._station.port.url,
-            since_bytes_s=silent_s,
+            since_frame_s=silent_s,
             frames=running.frames,
             objects=running.objects,
             answered=self._answered_utc_ns is not None,

@@ -75,6 +75,13 @@ def test_a_bias_over_the_limit_fails_by_its_axis_only():
     assert any("onboard mean |dDE| is 90" in reason for reason in assessment.reasons)
 
 
+def test_the_row_that_fails_is_named_before_those_that_are_undecided():
+    assessment = judge(session(bias=(58.0, 90.0, 0.0)))
+    assert outcomes(assessment)["mean |dRA*|"] == "INCONCLUSIVE"
+    named = [reason.partition(" is ")[0] for reason in assessment.reasons]
+    assert named.index("onboard mean |dDE|") < named.index("onboard mean |dRA*|")
+
+
 @pytest.mark.parametrize("roll_deg", [2.0, 90.0, 179.99, 180.0, -90.0])
 def test_a_rolled_sensor_fails_by_roll(roll_deg):
     assessment = judge(session(bias=(0.0, 0.0, roll_deg * 3600)))

@@ -9,9 +9,9 @@ from skies.reference_neighbour import ReferenceNeighbour, angle_urad, onboard_ta
 
 from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
-from gse.identifier.consistency import MOST_CANDIDATES, room_for_candidates, separations
-from gse.identifier.neighbour_level_1 import level_1, seen_from
-from gse.identifier.neighbour_search import EVERYWHERE, Limits, best_vote, first_fit
+from gse.identifier.consistency import MOST_CANDIDATES
+from gse.identifier.neighbour_level_1 import BLOCK, blocks_of, put_fits, put_fits_of_star, seen_from
+from gse.identifier.neighbour_search import EVERYWHERE, Limits, best_vote, first_fit, first_possible, view_of
 from gse.identifier.tables import build_pair_table, field_diameter_rad
 from gse.spiral import spiral_directions
 
@@ -44,7 +44,7 @@ def plain_table(stars):
 
 def compared(search, directions, stars, table, plain_table, limits):
     """What the compiled and the plain search answer, as {object: star}."""
-    objects, named, _ = search(directions, stars.icrs, table, limits)
+    objects, named, _ = search(directions, stars.icrs, table, blocks_of(table), limits)
     plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, limits.tolerance_urad, limits.min_fit, limits.alphas)
     slow = plain.first_fit if search is first_fit else plain.best_vote
     return dict(zip(objects.tolist(), named.tolist(), strict=True)), slow(directions.tolist())
@@ -75,13 +75,7 @@ def test_level_1_counts_as_eq_2_5_for_every_star(source, stars, table, plain_tab
     directions = CAMERA.directions(frame.xy_px)
     limits = Limits(3 * TOLERANCE_URAD, 1, 1, 1, False, EVERYWHERE)
     plain = ReferenceNeighbour(stars.icrs.tolist(), plain_table, limits.tolerance_urad, limits.min_fit, limits.alphas)
-    room = room_for_candidates()
-    angles = separations(directions)
-    seen = seen_from(0, angles.cosine, angles.sine, limits.tolerance_urad)
-    for star in range(len(stars)):
-        fit, count = level_1(star, seen, table, limits.tolerance_urad, limits.min_fit, room)
-        candidates = list(zip(room.object[:count].tolist(), room.star[:count].tolist(), strict=True))
-        assert (fit, candidates) == plain.level_1(star, plain.from_alpha(directions.tolist(), 0))
+    assert max(each_star_as_plain(directions, stars, table, limits, plain)) >= 6
 
 
 def test_level_1_keeps_the_nearest_candidates_where_more_fit_than_there_is_room_for(source):
@@ -93,15 +87,29 @@ def test_level_1_keeps_the_nearest_candidates_where_more_fit_than_there_is_room_
     directions = CAMERA.directions(frame.xy_px)
     limits = Limits(60 * TOLERANCE_URAD, 1, 1, 1, False, EVERYWHERE)
     plain = ReferenceNeighbour(polar.icrs.tolist(), plain_table, limits.tolerance_urad, limits.min_fit, limits.alphas)
-    room, angles = room_for_candidates(), separations(directions)
-    seen = seen_from(0, angles.cosine, angles.sine, limits.tolerance_urad)
+    assert max(each_star_as_plain(directions, polar, table, limits, plain)) > MOST_CANDIDATES
+
+
+def each_star_as_plain(directions, stars, table, limits, plain):
+    """Fn of each star, which is the plain one, with its candidates, for stars one by one and in blocks."""
+    view, blocks = view_of(directions, stars.icrs, table, limits), blocks_of(table)
+    seen = seen_from(0, view.angles.cosine, view.angles.sine, limits.tolerance_urad)
     fits = []
-    for star in range(len(polar)):
-        fit, count = level_1(star, seen, table, limits.tolerance_urad, limits.min_fit, room)
-        candidates = list(zip(room.object[:count].tolist(), room.star[:count].tolist(), strict=True))
-        assert (fit, candidates) == plain.level_1(star, plain.from_alpha(directions.tolist(), 0))
+    for star in range(len(stars)):
+        fit, candidates = plain.level_1(star, plain.from_alpha(directions.tolist(), 0))
+        put_fits_of_star(star, seen, table, view.fits)
+        assert (view.fits.number[0], candidates_of(0, seen, view)[: len(candidates)]) == (fit, candidates)
+        put_fits(star // BLOCK, seen, blocks, view.fits)
+        member = star % BLOCK
+        assert (view.fits.number[member], candidates_of(member, seen, view)[: len(candidates)]) == (fit, candidates)
         fits.append(fit)
-    assert max(fits) > MOST_CANDIDATES
+    return fits
+
+
+def candidates_of(member, seen, view):
+    """The room of candidates after a look at a star of a block."""
+    first_possible(member, member + 1, 1, 1, seen, view)
+    return list(zip(view.room.object.tolist(), view.room.star.tolist(), strict=True))
 
 
 @pytest.mark.parametrize("search", [first_fit, best_vote])
