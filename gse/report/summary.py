@@ -62,21 +62,27 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "exclusions": [_exclusion(item, count) for item, count in stats.exclusions],
         "session": _session(session),
     }
-    if session.external is not None:
-        report["external_identifier"] = _external(session, session.external)
+    external = external_identifier(session)
+    if external is not None:
+        report["external_identifier"] = external
     document: dict[str, Any] = plain(report)
     return document
 
 
-def _external(session: SessionData, identity: dict[str, Any]) -> dict[str, Any]:
-    """``time_of`` says whose clock gave the identification times: the identifier's own, or this host's."""
+def external_identifier(session: SessionData) -> dict[str, Any] | None:
+    """The external identifier of a session with what it gave; None without one.
+
+    ``time_of`` says whose clock gave the identification times: the identifier's own, or this host's.
+    """
+    if session.external is None:
+        return None
     counts = session.external_counts
     own = "the identifier's own clock"
     time_of = (
         own if counts.own_times == counts.answers else "this host" if not counts.own_times else f"{own}, and this host"
     )
     return {
-        **{key: value for key, value in identity.items() if key != "schema"},
+        **{key: value for key, value in session.external.items() if key != "schema"},
         "answers": counts.answers,
         "failures": dict(sorted(counts.failures.items())),
         "time_of": time_of,
