@@ -85,7 +85,7 @@ def facts(report: dict[str, Any]) -> list[str]:
         f"{link['duplicates']} duplicates, {link['reconnects']} reconnects",
         f"truth: known to {_amount(budget['ra_arcsec'])} in dRA* and {_amount(budget['de_arcsec'])} in dDE (95 %)",
     ]
-    lines += _external_lines(report.get("external_identifier"))
+    lines += external_lines(report.get("external_identifier"))
     lines += sky_lines(report["sky"])
     lines += [f"excluded: {item['frames']} frames, {item['cause']}: {item['reason']}" for item in report["exclusions"]]
     lines += [f"not tested: {line}" for line in report["not_tested"]]
@@ -93,7 +93,7 @@ def facts(report: dict[str, Any]) -> list[str]:
     return [*lines, "the session lost its end"] if link["truncated"] else lines
 
 
-def _external_lines(program: dict[str, Any] | None) -> list[str]:
+def external_lines(program: dict[str, Any] | None) -> list[str]:
     """The external identifier with its failures, in a line; none of a session without one."""
     if program is None:
         return []
