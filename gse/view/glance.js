@@ -82,7 +82,7 @@ function show(state) {
   put("magnitude-note", state.sky ? `sky ${state.sky}` : "faintest star seen");
   put("forecast", state.forecast.replace(/^verdict: /, "") || "-");
   put("dawn", state.dawn_min === null ? "none" : state.dawn_min <= 0 ? "bright" : duration(state.dawn_min));
-  put("dawn-note", "Sun at −12 deg");
+  put("dawn-note", "Sun at −12°");
   put("clock", state.clock ?? "not read");
   put("identified", state.identified === null ? "-" : (100 * state.identified).toFixed(1));
   put("identified-note", `% (limit ${(100 * state.identified_limit).toFixed(0)}), ${state.false_answers} false`);

@@ -1,6 +1,7 @@
 """Health of the sensor: what the stars and the telemetry of a session tell of it, and no more."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from skies.known_nights import START_NS, session
 
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
-from gse.assessment.sensor_health import health_findings, sensor_health
+from gse.assessment.sensor_health import Trend, health_findings, sensor_health
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S
 from gse.recording.session_format import RecordedTimings
@@ -103,6 +104,15 @@ def with_statuses(**changes: object) -> SessionData:
         for number in range(120)
     ]
     return made
+
+
+@pytest.mark.parametrize(("mag_per_h", "word"), [(0.6, "brighter"), (-0.6, "fainter"), (2.5, "brighter")])
+def test_stars_that_change_their_brightness_are_told_with_the_direction(mag_per_h: float, word: str) -> None:
+    made = with_statuses()
+    slope = Trend(mag_per_h, mag_per_h - 0.01, mag_per_h + 0.01)
+    health = replace(sensor_health(made), brightness_mag_per_h=slope)
+    (finding,) = health_findings(made, health)
+    assert f"the same stars become {word} by {abs(mag_per_h):.2f} mag/h" in finding.size
 
 
 def test_sound_telemetry_is_no_finding() -> None:
