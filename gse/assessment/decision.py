@@ -118,8 +118,8 @@ def judge_figure(
         outcome = Outcome.INCONCLUSIVE
         reason = f"{label}: {figure.frames} frames were compared with truth, {MIN_FRAMES} are needed"
     elif outcome is Outcome.FAIL:
-        reason = f"{label} is {_amount(figure.value, unit)}, the limit is {_amount(limit, unit)}"
-        reason += f" (U {_amount(below, unit)})" if math.isfinite(below) else ""
+        reason = f"{label} is {amount(figure.value, unit)}, the limit is {amount(limit, unit)}"
+        reason += f" (U {amount(below, unit)})" if math.isfinite(below) else ""
     elif outcome is Outcome.INCONCLUSIVE:
         uncertainty = above if figure.value <= limit else below
         reason = _why_undecided(label, figure, uncertainty, unit, limit, truth_uncertainty)
@@ -165,12 +165,12 @@ def _why_undecided(
         return f"{label}: the session is too short to tell{number}"
     if math.isinf(truth_uncertainty):
         return f"{label}: truth is not known well enough to compare with"
-    value, u, most = (_amount(amount, unit) for amount in (figure.value, uncertainty, limit))
+    value, u, most = (amount(size, unit) for size in (figure.value, uncertainty, limit))
     text = f"{label} is {value} with U {u}, the limit is {most}"
     more_min = minutes_more(figure, limit, truth_uncertainty)
     if math.isfinite(more_min):
         return f"{text}: {_minutes(more_min)} would have decided"
-    return f"{text}: truth leaves {_amount(COVERAGE_FACTOR * truth_uncertainty, unit)}, {_NO_LENGTH}"
+    return f"{text}: truth leaves {amount(COVERAGE_FACTOR * truth_uncertainty, unit)}, {_NO_LENGTH}"
 
 
 def minutes_more(figure: Figure, limit: float, truth_uncertainty: float) -> float:
@@ -185,7 +185,8 @@ def _minutes(minutes: float) -> str:
     return f"{max(math.ceil(minutes), 1)} more minute{'s' if minutes > 1 else ''}"
 
 
-def _amount(value: float, unit: str) -> str:
+def amount(value: float, unit: str) -> str:
+    """A value with its unit as a reason prints it; degrees where arcseconds make no sense."""
     if unit == "arcsec" and abs(value) >= 3600:
         return f"{value / 3600:.2f} deg"
     digits = f"{value:.1f}" if abs(value) < 1000 else f"{value:.0f}"

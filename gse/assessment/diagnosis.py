@@ -5,21 +5,24 @@ one effect: fine ones compete with each other, a gross one silences them, and ev
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import CountedFrames, counted_frames
+from gse.assessment.decision import amount
 from gse.assessment.error_series import ErrorSeries, error_series, with_left_out
 from gse.assessment.field_patterns import field_of_errors
 from gse.assessment.fine_findings import Setting, fine_findings
 from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause, left_with_clock
+from gse.assessment.known_steps import without_steps
 from gse.assessment.session_model import SessionModel
 from gse.assessment.statistics import Statistics
 from gse.assessment.time_tags import time_tag_faults
 from gse.finding import Finding
 from gse.instant import NS_PER_S
+from gse.station.clock_steps import clock_steps
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status
@@ -29,6 +32,12 @@ from gse.truth import horizon_to_sensor
 _FEWEST_DRIFTING = 10
 _SENSOR_DRIFT_PPM = 100.0
 """A crystal keeps within 50 ppm over its whole temperature range."""
+
+
+_EQUALS_OF_EVENT = {
+    StationKind.WRONG_CAMERA: ("distortion of the lens",),
+    StationKind.MIRRORED: ("x and y exchanged (in the protocol description, or by the sensor)",),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +52,7 @@ class ModelledSession:
 def findings(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
     """The causes of what a session shows, a gross one alone: under it all fine ones are guesses."""
     gross = gross_finding(session, stats.counted)
-    causes = (gross,) if gross else tuple(_with_event(session, one) for one in _fine(session, stats.counted))
+    causes = (gross,) if gross else _fine(session, stats.counted)
     facts = tuple(_facts(session, stats, {finding.cause for finding in causes}))
     return (*causes, *facts) or tuple(_unexplained(session, stats))
 
@@ -86,19 +95,14 @@ def session_model(session: SessionData, counted: CountedFrames) -> ModelledSessi
     mount, camera = session.alignment.mount if session.alignment else station.mount, station.sensor.camera()
     zenith_sensor = np.asarray(horizon_to_sensor(mount)[:, 2])
     series = with_left_out(series, session.frames.matches, camera)
+    if (steps := clock_steps(session.events)) and not _ran_away_s(session):
+        series = without_steps(series, frames["host_utc_ns"], steps, station.site, mount)
     field = field_of_errors(session.frames.matches, frames["utc_ns"], counted.used, camera, station.site, zenith_sensor)
     exposure_s = float(np.nanmedian(frames["exposure_s"][series.rows]))
     first_ns = int(frames["utc_ns"][series.rows[0]])
     model = SessionModel.of(series.shortened(), field, station.site, mount, is_fitted=session.alignment is not None)
-    return ModelledSession(model, series, Setting(camera, station.site, mount, first_ns, exposure_s))
-
-
-def _with_event(session: SessionData, finding: Finding) -> Finding:
-    """A step that the host's own clocks showed is known exactly."""
-    texts = [event.text for event in session.events if event.kind == StationKind.CLOCK_STEP]
-    if finding.cause != "clock step" or not texts:
-        return finding
-    return replace(finding, size=f"{texts[-1]}; the stars agree: {finding.size}", equals=())
+    frame_hz = 1 / max(float(np.median(np.diff(series.time_s))), 1e-9)
+    return ModelledSession(model, series, Setting(camera, station.site, mount, first_ns, exposure_s, frame_hz))
 
 
 def _unexplained(session: SessionData, stats: Statistics) -> Iterator[Finding]:
@@ -187,8 +191,7 @@ def _events(session: SessionData, named: set[str]) -> Iterator[Finding]:
     )
     for kind, cause, following in known:
         if kind in kinds and cause not in named:
-            equals = ("distortion of the lens",) if kind == StationKind.WRONG_CAMERA else ()
-            yield Finding(cause, kinds[kind].text, equals, following)
+            yield Finding(cause, kinds[kind].text, _EQUALS_OF_EVENT.get(kind, ()), following)
 
 
 def _ran_away_s(session: SessionData) -> float:
@@ -214,7 +217,7 @@ def _nothing_identified(session: SessionData) -> Iterator[Finding]:
         yield Finding(
             "nothing identified",
             f"not one of {no_match} panoramas with enough objects was identified, with no focal length within 25 % of "
-            "the stated one, nor mirrored: most objects are no stars, or sensor.rows, columns or the optics are others",
+            "the stated one, nor mirrored: most objects are not stars, or sensor.rows, columns or optics are others",
             ("an overcast sky with lamps or the Moon behind it", "a distortion of the lens by several pixels"),
             "look at the panoramas: gse view SESSION; check the sensor section of the station file",
         )
@@ -274,7 +277,7 @@ def _unlike(stats: Statistics) -> Iterator[Finding]:
     own = stats.equivalence
     if own is None or own.same:
         return
-    apart = f", the others lie up to {own.separation_arcsec.max:.1f} arcsec apart" if own.both else ""
+    apart = f", the others lie up to {amount(own.separation_arcsec.max, 'arcsec')} apart" if own.both else ""
     yield Finding(
         "sensor answers otherwise",
         f"the sensor's own answers are not the onboard-equivalent ones: of {own.answers}, {own.only_sensor} were "

@@ -48,13 +48,13 @@ def fine_causes(model: SessionModel) -> tuple[Named, ...]:
     named: list[Hypothesis] = []
     rivals = list(fixed)
     for _ in range(_MOST_CAUSES):
-        base = _fit(observed, named)
+        base = fitted_to(observed, named)
         done = _beside(named)
         tried = [one for one in fixed if one.cause not in done]
-        columns = _together(observed, named)
+        columns = together(observed, named)
         changes = [*steps(model, observed, base, columns), *sinusoids(model, observed, base, columns)]
         tried += changes
-        gains = [(_score(observed, [*named, one]) - base.twice_log_likelihood, one) for one in tried]
+        gains = [(score(observed, [*named, one]) - base.twice_log_likelihood, one) for one in tried]
         seen = [item for item in gains if _is_seen(model, observed, named, item[1])]
         if not seen:
             break
@@ -66,14 +66,14 @@ def fine_causes(model: SessionModel) -> tuple[Named, ...]:
             break
         named = [*_without_idle(observed, named, best), best]
         rivals += changes
-    return tuple(_named(model, observed, named, one, rivals) for one in named)
+    return tuple(told(model, observed, named, one, rivals) for one in named)
 
 
 def _is_seen(model: SessionModel, observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bool:
     """Whether what a cause does to the stars is more than their places on the pixels do."""
     if model.field is None or not one.columns.field.any():
         return True
-    coefficients = _fit(observed, [*named, one]).coefficients[-one.columns.count :]
+    coefficients = fitted_to(observed, [*named, one]).coefficients[-one.columns.count :]
     moved_px = model.field.moved_px @ (one.columns.field @ coefficients)
     return bool((moved_px**2).sum(axis=1).mean() >= model.field.least_px**2)
 
@@ -82,13 +82,13 @@ def _refined(observed: Observed, named: list[Hypothesis], found: Hypothesis) -> 
     """The same between the places that were tried."""
     if found.moved is None:
         return found
-    best, best_score, step = found, _score(observed, [*named, found]), found.spacing / 2
+    best, best_score, step = found, score(observed, [*named, found]), found.spacing / 2
     for _ in range(_REFINEMENTS):
         for place in (best.place - step, best.place + step):
             moved = found.moved(place)
-            score = _score(observed, [*named, moved])
-            if score > best_score:
-                best, best_score = moved, score
+            moved_score = score(observed, [*named, moved])
+            if moved_score > best_score:
+                best, best_score = moved, moved_score
         step /= 2
     return best
 
@@ -102,25 +102,25 @@ def _is_rest(observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bo
     ends = np.cumsum([other.columns.count for other in causes])[:-1]
     sizes = {
         id(cause): float(np.square(cause.columns.cosines @ part).sum())
-        for cause, part in zip(causes, np.split(_fit(observed, causes).coefficients, ends), strict=True)
+        for cause, part in zip(causes, np.split(fitted_to(observed, causes).coefficients, ends), strict=True)
     }
     return sizes[id(one)] < _REST_SHARE**2 * max(sizes[id(other)] for other in earlier)
 
 
-def _fit(observed: Observed, causes: Sequence[Hypothesis]) -> Fitted:
-    return fitted(observed, _together(observed, causes))
+def fitted_to(observed: Observed, causes: Sequence[Hypothesis]) -> Fitted:
+    return fitted(observed, together(observed, causes))
 
 
-def _together(observed: Observed, causes: Sequence[Hypothesis]) -> Columns:
+def together(observed: Observed, causes: Sequence[Hypothesis]) -> Columns:
     columns = Columns(np.zeros((3, 0)), np.zeros((len(observed.cosines), 3, 0)), np.zeros((len(observed.right), 0)))
     for one in causes:
         columns = columns + one.columns
     return columns
 
 
-def _score(observed: Observed, causes: Sequence[Hypothesis]) -> float:
+def score(observed: Observed, causes: Sequence[Hypothesis]) -> float:
     """Twice the log likelihood less what the last cause costs; hopeless outside of what nature allows."""
-    fit = _fit(observed, causes)
+    fit = fitted_to(observed, causes)
     if not causes:
         return fit.twice_log_likelihood
     last = causes[-1]
@@ -133,7 +133,7 @@ def _score(observed: Observed, causes: Sequence[Hypothesis]) -> float:
 
 def _explains(observed: Observed, causes: Sequence[Hypothesis]) -> float:
     """The score at the place that was found, whatever the search for it cost."""
-    return _score(observed, causes) + 2 * math.log(causes[-1].searched)
+    return score(observed, causes) + 2 * math.log(causes[-1].searched)
 
 
 def _beside(named: Sequence[Hypothesis]) -> frozenset[str]:
@@ -147,7 +147,8 @@ def _without_idle(observed: Observed, named: list[Hypothesis], best: Hypothesis)
     kept = list(named)
     for one in named:
         others = [other for other in kept if other is not one]
-        gain = _fit(observed, [*kept, best]).twice_log_likelihood - _fit(observed, [*others, best]).twice_log_likelihood
+        with_it, without = (fitted_to(observed, [*some, best]).twice_log_likelihood for some in (kept, others))
+        gain = with_it - without
         if gain < one.is_worth:
             kept = others
     return kept
@@ -157,7 +158,7 @@ def _outlasts_stars(model: SessionModel, observed: Observed, named: list[Hypothe
     """Whether a change over time is more than stars make that keep their errors while they cross their pixels."""
     if best.weights is None:
         return True
-    own, by_stars = _significances(model, _fit(observed, [*named, best]), best, best.weights)
+    own, by_stars = _significances(model, fitted_to(observed, [*named, best]), best, best.weights)
     return own * by_stars / max(own + by_stars, 1e-300) > _LEAST_SIGMAS**2
 
 
@@ -172,11 +173,11 @@ def _significances(
     return own, float(size @ np.linalg.inv(by_stars) @ size)
 
 
-def _named(
+def told(
     model: SessionModel, observed: Observed, named: list[Hypothesis], one: Hypothesis, rivals: Sequence[Hypothesis]
 ) -> Named:
     others = [other for other in named if other is not one]
-    fit = _fit(observed, [*others, one])
+    fit = fitted_to(observed, [*others, one])
     count = one.columns.count
     least = _explains(observed, [*others, one]) - EQUAL_WITHIN
     equals = [rival for rival in rivals if rival.cause != one.cause and _explains(observed, [*others, rival]) > least]

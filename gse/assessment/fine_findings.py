@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from gse.assessment.error_series import ErrorSeries
 from gse.assessment.fine_causes import Named, fine_causes
-from gse.assessment.fine_hypotheses import Hypothesis
+from gse.assessment.fine_hypotheses import MOST_HPA, ZERO_C_K, Hypothesis
+from gse.assessment.gross_causes import wrong_dates
 from gse.assessment.session_model import SessionModel
 from gse.assessment.turns import all_turns
 from gse.assessment.vibration import Vibration, vibration, without_waves
@@ -32,17 +33,20 @@ _SURE_S = 0.2
 CLOCK_SCALES = {"clock set to GPS time": 18.0, "clock set to TAI": 37.0}
 """How fast a host's clock is that was set to another time scale than UTC, in s, since 2017."""
 _MOST_PRESSURE_SHARE = 0.3
+_MOST_BEAT_FRAMES = 200
+"""One vibration of a hundred beats with the frames as slowly as this, or slower."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What findings are worded with: the stated values, the first instant, and the exposure."""
+    """What findings are worded with: the stated values, the first instant, the exposure, and frames per second."""
 
     camera: Camera
     site: Site
     mount: Mount
     first_ns: int
     exposure_s: float
+    frame_hz: float
 
 
 def fine_findings(model: SessionModel, series: ErrorSeries, setting: Setting) -> tuple[Finding, ...]:
@@ -78,6 +82,7 @@ def _clock_offset(one: Named, setting: Setting) -> Finding:
     for share, end in ((0.5, "one end"), (1.0, "the wrong end")):
         if abs(abs(fast_s) - share * setting.exposure_s) < _SIGMAS * error_s < setting.exposure_s / 4:
             equals.append(f"a time stamp of {end} of the exposure ({setting.exposure_s:g} s)")
+    equals += wrong_dates(fast_s)
     size = f"the host's clock is {abs(fast_s):.{_digits(error_s)}f} s {'fast' if fast_s > 0 else 'slow'}"
     size += f" (+- {2 * error_s:.2g} s)"
     if _is_whole(abs(fast_s), 1.0, error_s):
@@ -164,14 +169,17 @@ def _principal_point(one: Named, setting: Setting) -> Finding:
 
 def _refraction(one: Named, setting: Setting) -> Finding:
     off, error = float(one.coefficients[0]), float(one.errors[0])
-    stated = setting.site.air_pressure_hpa
-    size = (
-        f"pressure: the stars fit site.pressure_hpa: {stated + off:.0f}, in force is {stated:.0f} (+- {2 * error:.1g})"
-    )
-    equals = []
-    if stated > 0 and abs(off) < _MOST_PRESSURE_SHARE * stated:
-        kelvin = -off / (stated + off) * (setting.site.air_temperature_c + 273.15)
+    stated_hpa, stated_c = setting.site.air_pressure_hpa, setting.site.air_temperature_c
+    fits_hpa = stated_hpa + off
+    pressure = f"pressure: the stars fit site.pressure_hpa: {fits_hpa:.0f}, in force is {stated_hpa:.0f}"
+    size, equals = f"{pressure} (+- {2 * error:.1g})", []
+    if stated_hpa > 0 and abs(off) < _MOST_PRESSURE_SHARE * stated_hpa:
+        kelvin = -off / fits_hpa * (stated_c + ZERO_C_K)
         equals.append(f"temperature ({kelvin:+.0f} K)")
+        if fits_hpa > MOST_HPA:
+            error_k = error / fits_hpa * (stated_c + ZERO_C_K)
+            size = f"temperature: the stars fit site.temperature_c: {stated_c + kelvin:.0f}, in force is {stated_c:.0f}"
+            size, equals = f"{size} (+- {2 * error_k:.1g})", []
     return Finding(
         "refraction", size, _equals(one, *equals), "enter pressure and temperature at the mount in the station file"
     )
@@ -205,8 +213,11 @@ def _thermal(one: Named, setting: Setting) -> Finding:
     amplitude = math.sqrt(float((one.coefficients[:4] ** 2).sum()))
     where = {"columns": "along columns", "rows": "along rows"}.get(one.hypothesis.kind, "across the boresight")
     size = f"the boresight swings by +-{amplitude:.1f} arcsec {where} with a period of {_period(one.hypothesis.at_s)}"
+    equals = ["a mount that swings"]
+    if one.hypothesis.at_s * setting.frame_hz < _MOST_BEAT_FRAMES:
+        equals.append(f"a vibration near a multiple of {setting.frame_hz:.3g} Hz, the frame rate, with which it beats")
     return Finding(
-        "thermal sinusoid", size, _equals(one, "a mount that swings"),
+        "thermal sinusoid", size, _equals(one, *equals),
         "look for what heats and cools in that time (heater, fan, air conditioning); let it settle",
     )  # fmt: skip
 

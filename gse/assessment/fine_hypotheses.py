@@ -20,8 +20,9 @@ FALSE_ALARM, FALSE_DRIFT = 3e-5, 2e-4
 A drift must also be better than slow noise, whose likelihood takes most of the false ones away; a step or a sinusoid is
 what such noise most looks like.
 """
-_MOST_HPA = 1085.0
-"""The highest pressure on record, at sea level."""
+MOST_HPA, _COLDEST_K = 1085.0, 180.0
+"""The highest pressure and the lowest temperature on record: air that is colder than stated bends light as denser."""
+ZERO_C_K = 273.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +96,8 @@ def causes_of_field(model: SessionModel) -> Iterator[Hypothesis]:
     yield of("principal point", "principal point x", "principal point y")
     if not model.is_fitted:
         stated_hpa = model.site.air_pressure_hpa
-        yield replace(of("refraction", "pressure"), bounds=(-stated_hpa, _MOST_HPA - stated_hpa))
+        densest_hpa = MOST_HPA * (model.site.air_temperature_c + ZERO_C_K) / _COLDEST_K
+        yield replace(of("refraction", "pressure"), bounds=(-stated_hpa, densest_hpa - stated_hpa))
 
 
 def drifts(model: SessionModel) -> Iterator[Hypothesis]:

@@ -43,9 +43,12 @@ _MOST_CLOCK_S = 25.5 * 3600
 _NEAR_S, _VERY_NEAR_S = 60.0, 4.0
 """How near to a whole number of hours a clock must be, for those that are usual and for others: of so many others one
 is near to anything."""
-_USUAL_HOURS = (*range(-12, 15), -24, 24)
+_HALF_HOURS = (-9.5, -3.5, -2.5, 3.5, 4.5, 5.5, 6.5, 9.5, 10.5)
 _QUARTER_HOURS = (5.75, 8.75, 12.75)
-"""Time zones that are neither whole nor half hours from UTC."""
+_USUAL_HOURS = (*range(-12, 15), *_HALF_HOURS, *_QUARTER_HOURS, -24, 24)
+"""Time zones from UTC, those of summer too, and whole days."""
+_DATE_S = 4.0
+"""A date that is off by days moves the stars by aberration and precession too, by 40 arcsec at most in half a year."""
 _AXIS_SHARE = 0.05
 _SITE_ROUNDS, _SITE_STEP_DEG, _MOST_LATITUDE_DEG = 6, 0.01, 89.9
 _CHECK_MOUNT = "check the angles of the mount, then: gse align SESSION --accept-gross --write FILE"
@@ -186,10 +189,11 @@ def _of_site(site: Site, mount: Mount) -> Iterator[_Hypothesis]:
 
     if longitude <= 180:
         yield of("longitude sign", east, longitude_deg=-longitude)
+    yield of("latitude sign", north, latitude_deg=-latitude)
+    if longitude <= 180:
         yield of(
             "latitude and longitude signs", f"{north} and {east}", latitude_deg=-latitude, longitude_deg=-longitude
         )
-    yield of("latitude sign", north, latitude_deg=-latitude)
     if abs(longitude) <= 90:
         swapped = f"site.latitude_deg: {longitude:g} and site.longitude_deg: {latitude:g}"
         yield of("latitude and longitude exchanged", swapped, latitude_deg=longitude, longitude_deg=latitude)
@@ -216,6 +220,10 @@ def _of_mount(site: Site, mount: Mount) -> Iterator[_Hypothesis]:
             size = f"the stars fit mount.{name}_deg: {angle:g}"
             changed: dict[str, Any] = {f"{name}_deg": angle}
             yield _Hypothesis(cause, size, _CORRECT, site, replace(mount, **changed))
+    if azimuth % 360 <= 90 and altitude >= 0:
+        size = f"the stars fit mount.azimuth_deg: {altitude:g} and mount.altitude_deg: {azimuth % 360:g}"
+        exchanged = replace(mount, azimuth_deg=altitude, altitude_deg=azimuth % 360)
+        yield _Hypothesis("azimuth and altitude exchanged", size, _CORRECT, site, exchanged)
 
 
 def _of_clock(stated: _Hypothesis, fast_s: float) -> Iterator[_Hypothesis]:
@@ -317,8 +325,18 @@ def _refined_s(raw: RawAttitudes, stated: _Hypothesis, angle_rad: float, orienta
 def _about_the_pole(fast_s: float, site: Site) -> Finding:
     size = f"the host's clock is {_duration(abs(fast_s))} {'fast' if fast_s > 0 else 'slow'}"
     fits_deg = (site.longitude_deg - math.degrees(fast_s * EARTH_RATE_RAD_PER_S) + 180) % 360 - 180
-    equals = f"longitude (the stars fit site.longitude_deg: {fits_deg:.4f})", "a mount turned about the pole"
+    longitude = f"longitude (the stars fit site.longitude_deg: {fits_deg:.4f})"
+    equals = (longitude, "a mount turned about the pole", *wrong_dates(fast_s))
     return Finding("clock offset", size, equals, _SET_CLOCK, is_gross=True)
+
+
+def wrong_dates(fast_s: float) -> Iterator[str]:
+    """Whole days, up to a year, by which a date turns the sky as so fast a clock does."""
+    for days in (*range(2, 184), 365, 366):
+        for off in (days, -days):
+            turned_s = 86_400 * off - _SIDEREAL_DAY_S * round((86_400 * off - fast_s) / _SIDEREAL_DAY_S)
+            if abs(turned_s - fast_s) < _DATE_S:
+                yield f"a date that is {days} days {'ahead' if off > 0 else 'behind'}"
 
 
 def _duration(seconds: float) -> str:

@@ -83,11 +83,18 @@ def _reason(frames: NDArray[np.void], first: int, last: int, site: Site) -> tupl
         return Cause.NO_SKY, f"less than half of the stars just before or after: cloud for {duration_s:.0f} s"
     most = int(np.percentile(part["objects"], _CLEAR_PERCENTILE))
     if most < FEWEST_OBJECTS:
-        objects = "no object at all" if most == 0 else f"at most {most} objects"
-        expected = float(np.median(part["stars_expected"]))
-        stars = f", {expected:.0f} stars are expected" if expected >= 0 else ""
-        return Cause.NO_OBJECTS, f"{objects} for {duration_s:.0f} s{stars}: lens cap, cover or overcast"
+        return Cause.NO_OBJECTS, _few_objects(most, duration_s, float(np.median(part["stars_expected"])))
     return None
+
+
+def _few_objects(most: int, duration_s: float, expected: float) -> str:
+    """Too few objects for an answer, with what may be the reason."""
+    objects = "no object at all" if most == 0 else f"at most {most} object{'' if most == 1 else 's'}"
+    stars = f", {expected:.0f} star{' is' if expected == 1 else 's are'} expected" if expected >= 0 else ""
+    reason = "lens cap, cover or overcast" if most == 0 else "cloud, a cover, or a sensor that sends too few objects"
+    if 0 <= expected < FEWEST_OBJECTS:
+        reason = "the field has too few stars to be identified"
+    return f"{objects} for {duration_s:.0f} s{stars}: {reason}"
 
 
 def _exposure_ns(frame: np.void) -> int:

@@ -2,8 +2,8 @@
 
 The identifier named the right stars, only not where site, clock and mount of the station file say. Where the errors
 that are left without the mistake keep the limits, no row fails for it: the word is INCONCLUSIVE, and the mistake is the
-first reason. A mirrored image, in which nothing can be identified, is one too, and so is a host whose clock shows GPS
-time or TAI: no latency of a sensor is 18 or 37 s.
+first reason. A mirrored image or a focal length under which nothing can be identified is one too, and so is a host
+whose clock shows GPS time or TAI: no latency of a sensor is 18 or 37 s.
 """
 
 from dataclasses import replace
@@ -22,7 +22,7 @@ from gse.station.frame_table import STATUSES
 from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
 
-MIRRORED = "mirrored image"
+_OF_CAMERA = {"mirrored image": StationKind.MIRRORED, "focal length": StationKind.WRONG_CAMERA}
 _KEPT_SHARE = 0.9
 """Of some 15 frames: one may lie outside."""
 _OF_IDENTIFICATION = ("availability",)
@@ -30,9 +30,9 @@ _OF_IDENTIFICATION = ("availability",)
 
 def set_up_mistake(session: SessionData, counted: CountedFrames, found: tuple[Finding, ...]) -> Finding | None:
     """The one of the findings that explains it all, if there is one."""
-    mirrored = [finding for finding in found if finding.cause == MIRRORED]
-    if mirrored and _is_all_mirrored(session):
-        return mirrored[0]
+    of_camera = [finding for finding in found if _hides_all(session, finding)]
+    if of_camera:
+        return of_camera[0]
     for finding in found:
         if finding.cause in CLOCK_SCALES:
             left_arcsec = left_with_clock_of(session, counted, CLOCK_SCALES[finding.cause])
@@ -44,10 +44,11 @@ def set_up_mistake(session: SessionData, counted: CountedFrames, found: tuple[Fi
     return cause.finding
 
 
-def _is_all_mirrored(session: SessionData) -> bool:
-    """Whether each panorama that was refused for its stars may be a mirror image."""
+def _hides_all(session: SessionData, finding: Finding) -> bool:
+    """Whether it is a camera stated wrongly, under which no panorama was identified."""
     status = session.frames.columns["status"]
-    is_told = any(event.kind == StationKind.MIRRORED for event in session.events)
+    kinds = {event.kind for event in session.events}
+    is_told = _OF_CAMERA.get(finding.cause) in kinds
     return is_told and not (status == STATUSES.index(Status.IDENTIFIED)).any()
 
 
@@ -61,7 +62,7 @@ def _keeps(left_arcsec: NDArray[np.float64], limits: Limits) -> bool:
 def excused(row: Row, mistake: Finding) -> Row:
     """A row that fails by the mistake: INCONCLUSIVE; another as it is."""
     is_identification = row.subject is Subject.ONBOARD and row.name in _OF_IDENTIFICATION
-    by_it = is_identification if mistake.cause == MIRRORED else row.unit == "arcsec"
+    by_it = is_identification if mistake.cause in _OF_CAMERA else row.unit == "arcsec"
     if row.outcome is not Outcome.FAIL or not by_it:
         return row
     return replace(row, outcome=Outcome.INCONCLUSIVE, reason=f"{row.reason}: by the set-up ({mistake.cause})")

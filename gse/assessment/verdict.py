@@ -84,7 +84,8 @@ def judge(session: SessionData) -> Assessment:
     found += sensor_findings(session, stats.own, stats.convention)
     health = sensor_health(session)
     found += tuple(health_findings(session, health))
-    reasons = [row.reason for row in rows if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE)]
+    # What decides comes first: screens with one line show the first reason.
+    reasons = [row.reason for outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE) for row in rows if row.outcome is outcome]
     # A mistake of the set-up explains the figures that follow it.
     reasons = [*in_the_way[:1], *reasons, *in_the_way[1:]] if mistake else [*reasons, *in_the_way]
     if verdict is not Verdict.PASS:

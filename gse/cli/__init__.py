@@ -118,7 +118,7 @@ def _quiet_on_a_closed_pipe() -> Iterator[None]:
         raise click.exceptions.Exit(0) from None
 
 
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_Commands, epilog=epilog("gse"), context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="gse-star-sensor", prog_name="gse")
 def cli() -> None:
     """Ground test station for a star sensor.

@@ -96,8 +96,9 @@ def command(
         _session(path, _of(identifiers, place), _of(stations, place), start_utc, anew=anew)
         for place, path in enumerate((first, second or first))
     ]
-    result = compared(*sessions)
-    click.echo(json.dumps(compare_report(result)) if as_json else "\n".join(_lines(result)))
+    result, programs = compared(*sessions), _programs(sessions)
+    document = compare_report(result) | programs
+    click.echo(json.dumps(document) if as_json else "\n".join([*_lines(result), *_program_lines(programs)]))
     ctx.exit(EXIT_FAIL if result.regressions else 0)
 
 
@@ -118,6 +119,22 @@ def _session(
 
     change = change_to(station_path, identifier)
     return judged_with_progress(path, options=ReplayOptions(start_utc=start_utc), station=change, anew=anew).session
+
+
+def _programs(sessions: Sequence["SessionData"]) -> dict[str, Any]:
+    """The external identifiers of the two sides, with their failures; nothing where there is none."""
+    from gse.report.summary import external_identifier, plain
+
+    found = {side: external_identifier(session) for side, session in zip(("first", "second"), sessions, strict=True)}
+    programs = {side: plain(program) for side, program in found.items() if program is not None}
+    return {"external_identifiers": programs} if programs else {}
+
+
+def _program_lines(programs: dict[str, Any]) -> list[str]:
+    from gse.report.terminal import external_lines
+
+    found = programs.get("external_identifiers", {}).items()
+    return ["", *(f"{side}: {line}" for side, program in found for line in external_lines(program))] if found else []
 
 
 def compare_report(result: SessionComparison) -> dict[str, Any]:

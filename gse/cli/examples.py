@@ -1,6 +1,7 @@
 """Two examples at the end of the help of each command, and of each below it."""
 
 EXAMPLES = {
+    "gse": ("gse run", "gse run --help"),
     "run": (
         "gse run --view web",
         "gse run --station roof.yaml --port /dev/ttyUSB0 --duration 30m",

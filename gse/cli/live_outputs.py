@@ -139,7 +139,9 @@ class LiveOutputs:
         if self._status is not None:
             self._status.close()
         if self._live is not None:
-            self._live.conclude(report["verdict"], report["reasons"])
+            from gse.report.terminal import headline
+
+            self._live.conclude(headline(report["word"], simulated=report["simulated"]), report["reasons"])
 
     def __enter__(self) -> Self:
         return self

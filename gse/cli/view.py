@@ -61,6 +61,7 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
     from gse.assessment.verdict import judge
     from gse.cli.progress import replay_with_progress
     from gse.report.metric_table import metrics_in_markdown
+    from gse.report.terminal import headline
     from gse.station.loop import Listener, StationLoop
     from gse.view.glance_word import level_of
     from gse.view.saved_view import SavedView
@@ -76,8 +77,9 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
         session.clock_error_s = clock_error_s
     assessment = judge(session)
     metrics = metrics_in_markdown(assessment.statistics)
-    views[0].finish(session, assessment.verdict.value, assessment.reasons, metrics=metrics)
-    return "; ".join([assessment.verdict.value, *assessment.reasons[:1]]), level_of(assessment.verdict.value)
+    verdict = headline(assessment.word, simulated=assessment.simulated)
+    views[0].finish(session, verdict, assessment.reasons, metrics=metrics)
+    return "; ".join([verdict, *assessment.reasons[:1]]), level_of(verdict)
 
 
 def _serve_until_interrupt(url: str) -> None:

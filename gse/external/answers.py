@@ -119,9 +119,8 @@ def _answer(document: dict[str, Any], objects: int) -> ExternalAnswer:
     if status in _NO_ANSWER:
         attitude = None
     rows, stars = _matches(document.get("matches", []), objects)
-    elapsed_us, call_us = (
-        _number(document, key, 0, 1e12) if key in document else None for key in ("elapsed_us", "call_us")
-    )
+    elapsed_us = _number(document, "elapsed_us", 0, 1e12) if "elapsed_us" in document else None
+    call_us = _number(document, "call_us", 0, 1e12) if "call_us" in document else None
     has_roll, detail = "roll_deg" in document or "quaternion" in document, _text(document, "detail", "")
     return ExternalAnswer(document, attitude, has_roll, status, detail, rows, stars, elapsed_us, call_us)
 

@@ -24,13 +24,14 @@ from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, Row, this_sensor
 from gse.station.session_data import SessionData
 
 SCHEMA = "gse.report/1"
-DECIMALS = 6
-DIGITS = 8
-"""Of every number: 1e-6 deg is 0.004 arcsec, and no more digits than any machine computes alike."""
+DECIMALS = {"deg": 6, "arcsec": 3}
+"""Of an angle: 1e-6 deg is 0.0036 arcsec."""
+DIGITS = 6
+"""Of every other number. Processors differ by 1e-8 arcsec, or in the tenth digit: rounded so they hardly ever do."""
 
 
 def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
-    """What is in report.json; floats are rounded to 6 decimals or 8 digits, null where they are unknown or infinite."""
+    """What is in report.json; floats are rounded, null where they are unknown or infinite."""
     stats = assessment.statistics
     report = {
         "schema": SCHEMA,
@@ -61,21 +62,27 @@ def summarise(session: SessionData, assessment: Assessment) -> dict[str, Any]:
         "exclusions": [_exclusion(item, count) for item, count in stats.exclusions],
         "session": _session(session),
     }
-    if session.external is not None:
-        report["external_identifier"] = _external(session, session.external)
+    external = external_identifier(session)
+    if external is not None:
+        report["external_identifier"] = external
     document: dict[str, Any] = plain(report)
     return document
 
 
-def _external(session: SessionData, identity: dict[str, Any]) -> dict[str, Any]:
-    """``time_of`` says whose clock gave the identification times: the identifier's own, or this host's."""
+def external_identifier(session: SessionData) -> dict[str, Any] | None:
+    """The external identifier of a session with what it gave; None without one.
+
+    ``time_of`` says whose clock gave the identification times: the identifier's own, or this host's.
+    """
+    if session.external is None:
+        return None
     counts = session.external_counts
     own = "the identifier's own clock"
     time_of = (
         own if counts.own_times == counts.answers else "this host" if not counts.own_times else f"{own}, and this host"
     )
     return {
-        **{key: value for key, value in identity.items() if key != "schema"},
+        **{key: value for key, value in session.external.items() if key != "schema"},
         "answers": counts.answers,
         "failures": dict(sorted(counts.failures.items())),
         "time_of": time_of,
@@ -202,24 +209,32 @@ def _range(values: NDArray[np.float32]) -> dict[str, Any]:
     return {"min": finite.min(), "max": finite.max()} if len(finite) else {"min": None, "max": None}
 
 
-def plain(value: Any) -> Any:
-    """Only what JSON knows: enums as text, dataclasses as objects, floats rounded, NaN and infinity as null."""
+def plain(value: Any, unit: str = "") -> Any:
+    """Only what JSON knows: enums as text, dataclasses as objects, floats rounded, NaN and infinity as null.
+
+    How a float is rounded follows from the ``unit`` at the end of its name, or of the name of what it belongs to.
+    """
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, bool | int | str) or value is None:
         return value
     if isinstance(value, float):  # numpy's float64 too
         # + 0.0 makes a zero of a rounded-off negative number
-        return _rounded(float(value)) + 0.0 if math.isfinite(value) else None
+        return _rounded(float(value), unit) + 0.0 if math.isfinite(value) else None
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
+        of_all = _unit(str(value.get("unit", "")).partition(" ")[0]) or unit
+        return {str(key): plain(item, _unit(str(key)) or of_all) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [plain(item, unit) for item in value]
     raise TypeError(f"{type(value).__name__} has no place in a report")
 
 
-def _rounded(value: float) -> float:
-    magnitude = math.floor(math.log10(abs(value))) if value else 0
-    return round(value, min(DECIMALS, DIGITS - 1 - magnitude))
+def _unit(name: str) -> str:
+    """The unit of an angle at the end of a name; empty of any other."""
+    return next((unit for unit in DECIMALS if name.removesuffix("_per_h").endswith(unit)), "")
+
+
+def _rounded(value: float, unit: str) -> float:
+    return round(value, DECIMALS[unit]) if unit else float(f"{value:.{DIGITS}g}")

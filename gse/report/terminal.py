@@ -21,8 +21,8 @@ def print_verdict(report: dict[str, Any], console: Console | None = None) -> Non
         return
     colour = _COLOURS[report["verdict"]]
     reasons = [Text(f"  {reason}") for reason in report["reasons"]]
-    headline = Text(_headline(report), style=f"bold {colour}")
-    console.print(Panel(Text("\n").join([headline, *reasons]), border_style=colour, expand=False))
+    head = Text(headline(report["word"], simulated=report["simulated"]), style=f"bold {colour}")
+    console.print(Panel(Text("\n").join([head, *reasons]), border_style=colour, expand=False))
     console.print()
     console.print(_table(_HEAD[1:], _below_subjects(measurement_rows(report))))
     console.print()
@@ -34,7 +34,7 @@ def print_verdict(report: dict[str, Any], console: Console | None = None) -> Non
 def plain_lines(report: dict[str, Any]) -> list[str]:
     """The same as lines of plain text."""
     return [
-        _headline(report),
+        headline(report["word"], simulated=report["simulated"]),
         *(f"  {reason}" for reason in report["reasons"]),
         "",
         *aligned(_HEAD, measurement_rows(report)),
@@ -61,8 +61,9 @@ def measurement_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
     ]
 
 
-def _headline(report: dict[str, Any]) -> str:
-    return f"{report['word']} (SIMULATED)" if report["simulated"] else str(report["word"])
+def headline(word: str, *, simulated: bool) -> str:
+    """A verdict as it is printed, marked where no sensor took part."""
+    return f"{word} (SIMULATED)" if simulated else word
 
 
 def table_4_1_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
@@ -84,7 +85,7 @@ def facts(report: dict[str, Any]) -> list[str]:
         f"{link['duplicates']} duplicates, {link['reconnects']} reconnects",
         f"truth: known to {_amount(budget['ra_arcsec'])} in dRA* and {_amount(budget['de_arcsec'])} in dDE (95 %)",
     ]
-    lines += _external_lines(report.get("external_identifier"))
+    lines += external_lines(report.get("external_identifier"))
     lines += sky_lines(report["sky"])
     lines += [f"excluded: {item['frames']} frames, {item['cause']}: {item['reason']}" for item in report["exclusions"]]
     lines += [f"not tested: {line}" for line in report["not_tested"]]
@@ -92,7 +93,7 @@ def facts(report: dict[str, Any]) -> list[str]:
     return [*lines, "the session lost its end"] if link["truncated"] else lines
 
 
-def _external_lines(program: dict[str, Any] | None) -> list[str]:
+def external_lines(program: dict[str, Any] | None) -> list[str]:
     """The external identifier with its failures, in a line; none of a session without one."""
     if program is None:
         return []

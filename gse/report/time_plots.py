@@ -107,6 +107,7 @@ def draw_identification_time(figure: Figure, drawn: PlotData) -> None:
     finite = values[np.isfinite(values) & (values > 0)]
     if not len(finite):
         _nothing(left, "no times were recorded")
+        left.set(xticks=[], yticks=[], ylabel="")
         right.set_axis_off()
         return
     left.axhline(limit, color=hex_of(VERMILLION), linewidth=1)

@@ -28,6 +28,8 @@ FEWEST_EXPECTED = 10
 """Fewer expected stars do not tell a share."""
 FEWEST_OBJECTS = 3
 """Fewer objects than this are no panorama of a clear sky: no identifier can work on them."""
+UNMATCHED_SHARE, FEWEST_UNMATCHED = 0.6, 6
+"""So many of the missing stars are there as objects without a star: the camera or its focus is not as stated."""
 MOON_GLARE_DEG = 10.0
 """Beyond the edge of the field: nearer, the Moon's light hides stars as a cloud does."""
 _CLEAR_PERCENTILE = 95.0
@@ -67,7 +69,8 @@ class SkyEvidence:
 
     ``expected`` is the number of the mission catalogue's stars in the field, at most as many as a panorama has room
     for. ``seen_share`` is the share of them that was named, in the frames that show stars, and ``empty_share`` is that
-    of the frames that show missing stars instead. ``zero_point_mag`` is for an exposure of 1 s.
+    of the frames that show missing stars instead. ``zero_point_mag`` is for an exposure of 1 s. ``unmatched`` objects
+    are as bright as stars of the catalogue, and none of them.
     """
 
     lights: Lights
@@ -80,7 +83,14 @@ class SkyEvidence:
     shows_stars: bool
     overexposed: bool
     exposure_s: float
+    unmatched: float = 0.0
     moon_glares: bool = False
+
+    @property
+    def misses_stars(self) -> bool:
+        """Whether missing stars are not there as objects that match none."""
+        missing = (1 - self.seen_share) * self.expected
+        return self.unmatched < max(UNMATCHED_SHARE * missing, FEWEST_UNMATCHED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +124,7 @@ def evidence_of(rows: NDArray[np.void], expected: float, lights: Lights, usual_o
         bool((shown | false).any()),
         bool((rows["status"] == STATUSES.index(Status.SENSOR_FAULT)).mean() > 0.5),
         _median(exposure_s),
+        float(np.median(rows["false_objects"][shown])) if shown.any() else 0.0,
     )
 
 
@@ -148,7 +159,8 @@ def condition_of(found: SkyEvidence, clear: ClearSky, before: SkyCondition) -> S
     if found.lights.is_dark and found.expected >= FEWEST_EXPECTED:
         if found.moon_glares:
             return SkyCondition.UNKNOWN if found.seen_share < FEW_SHARE else SkyCondition.CLEAR
-        if _share_under_cloud(found, clear) < max(_least_share(was_clouded) * clear.seen_share, FEW_SHARE):
+        least = max(FEW_SHARE, _least_share(was_clouded) * clear.seen_share)
+        if found.misses_stars and _share_under_cloud(found, clear) < least:
             return SkyCondition.CLOUDED
     return SkyCondition.CLEAR
 

@@ -4,7 +4,7 @@
 const LOST_AFTER_MS = 2000;
 const AGAIN_AFTER_MS = 1000;
 const LOOK_MS = 500, BUSY_MS = 1500;
-const STALE_AFTER_S = 2;
+const STALE_AFTER_S = 2, LONG_S = 600;
 const EDGE = 1.45, MARK = 0.3;
 const at = (id) => document.getElementById(id);
 const svg = (name, attributes) => {
@@ -13,7 +13,11 @@ const svg = (name, attributes) => {
   return node;
 };
 const number = (value, digits) => value === null || value === undefined ? "-" : value.toFixed(digits);
-const signed = (value, digits) => value === null || value === undefined ? "-" : (value < 0 ? "−" : "+") + Math.abs(value).toFixed(digits);
+const signed = (value, digits) => {
+  if (value === null || value === undefined) return "-";
+  const size = Math.abs(value).toFixed(digits);
+  return (value < 0 && Number(size) ? "−" : "+") + size;
+};
 let latest = null;
 let heardMs = performance.now();
 let shownWord = "";
@@ -56,21 +60,29 @@ function sound(kind) {
   });
 }
 
+// Degrees where arcseconds make no sense, as in a report.
+function angle(arcsec, digits) {
+  if (arcsec === null || arcsec === undefined) return "-";
+  return Math.abs(arcsec) < 3600 ? signed(arcsec, digits) : `${signed(arcsec / 3600, 3)} deg`;
+}
+
 function duration(minutes) {
   return minutes < 120 ? `${minutes} min` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }
 
 function show(state) {
   putWord(state.word.text, state.word.level, state.word.detail);
-  put("since", number(state.since_answer_s, 1));
+  const isLong = state.since_answer_s >= LONG_S;
+  put("since", isLong ? String(Math.floor(state.since_answer_s / 60)) : number(state.since_answer_s, 1));
+  put("since-unit", isLong ? "minutes ago" : "seconds ago");
   const stars = state.stars;
-  put("stars", `${stars.seen}/${stars.expected ?? stars.objects}`);
-  put("stars-of", stars.expected === null ? "named of objects" : "named of expected");
+  put("stars", stars.seen === null ? "-" : `${stars.seen}/${stars.expected ?? stars.objects}`);
+  put("stars-of", stars.seen === null ? "no panoramas" : stars.expected === null ? "of objects" : "of those expected");
   put("magnitude", number(stars.limiting_mag, 1));
-  put("magnitude-note", state.sky ? `sky ${state.sky}` : "faintest star named");
+  put("magnitude-note", state.sky ? `sky ${state.sky}` : "faintest star seen");
   put("forecast", state.forecast.replace(/^verdict: /, "") || "-");
-  put("dawn", state.dawn_min === null ? "none" : state.dawn_min <= 0 ? "bright" : `in ${duration(state.dawn_min)}`);
-  put("dawn-note", "Sun above −12 deg");
+  put("dawn", state.dawn_min === null ? "none" : state.dawn_min <= 0 ? "bright" : duration(state.dawn_min));
+  put("dawn-note", "Sun at −12°");
   put("clock", state.clock ?? "not read");
   put("identified", state.identified === null ? "-" : (100 * state.identified).toFixed(1));
   put("identified-note", `% (limit ${(100 * state.identified_limit).toFixed(0)}), ${state.false_answers} false`);
@@ -104,13 +116,13 @@ function showAxis(axis, place, isStale) {
   const box = at(id);
   box.querySelector("h2").textContent = `${axis.name}, ${axis.subject} (arcsec)`;
   const value = box.querySelector(".value");
-  value.textContent = signed(axis.last_arcsec, 1);
+  value.textContent = angle(axis.last_arcsec, 1);
   value.classList.toggle("stale", isStale);
   value.classList.toggle("outside", Math.abs(axis.last_arcsec) > axis.limit_arcsec);
   box.querySelector("small").textContent =
-    `mean ${signed(axis.mean_arcsec, 1)}, std ${number(axis.std_arcsec, 1)}, NEA ${number(axis.nea_arcsec, 1)}, limit ${axis.limit_arcsec}` +
-    (axis.outside ? " OUTSIDE" : "");
-  box.querySelector(".bounds").textContent = `dashed: ±${axis.limit_arcsec}`;
+    (axis.outside ? "OUTSIDE " : "") +
+    `mean ${angle(axis.mean_arcsec, 1)}, std ${number(axis.std_arcsec, 1)}, NEA ${number(axis.nea_arcsec, 1)}`;
+  box.querySelector(".bounds").textContent = `dashed: limits ±${axis.limit_arcsec}`;
   const recent = axis.recent ?? [];
   const line = recent.map((pair, x) => pair ? `M${x + 0.5} ${bar(pair).join("V")}` : "");
   box.querySelector(".spark").setAttribute("d", line.join(""));

@@ -1,5 +1,6 @@
 """The one big word on a session: what to know from the other side of the roof."""
 
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -30,6 +31,8 @@ class Phase(StrEnum):
 class Facts:
     """What the word follows from. ``link`` is of LINK_WORDS; ``sky`` is CLOUD, NO STARS, DAYLIGHT or empty.
 
+    ``verdict`` is as a report prints it, such as "PASS, relative (SIMULATED)". ``objects`` is None of a sensor that
+    sends no panoramas.
     ``since_answer_s`` counts from the first panorama as long as there was no answer; ``outside`` names the limits that
     are not kept; ``aligning_s`` is the time left for the fit of the mount; ``cause`` is what the station found out.
     """
@@ -39,9 +42,9 @@ class Facts:
     reasons: tuple[str, ...] = ()
     link: str = "no link"
     port: str = ""
-    since_bytes_s: float = 0.0
+    since_frame_s: float = 0.0
     frames: int = 0
-    objects: int = 0
+    objects: int | None = 0
     answered: bool = False
     since_answer_s: float = 0.0
     sky: str = ""
@@ -68,11 +71,13 @@ def word_of(facts: Facts) -> Word:
 
 def _at_the_end(facts: Facts) -> Word:
     if facts.phase is Phase.JUDGING:
-        return Word("JUDGING", Level.IDLE, "the session is closed, judged and reported")
+        return Word("JUDGING", Level.IDLE, "the session is closed; its verdict follows")
     if not facts.verdict:
         return Word("ENDED", Level.WARN, "the session ended without a verdict")
     why = "; ".join(_most_useful(facts)) or "every limit is kept"
-    return Word(f"DONE: {facts.verdict}", level_of(facts.verdict), why)
+    verdict = bare_verdict(facts.verdict)
+    qualified = f"{facts.verdict}: " if facts.verdict != verdict else ""
+    return Word(f"DONE: {verdict}", level_of(facts.verdict), qualified + why)
 
 
 def _most_useful(facts: Facts) -> tuple[str, ...]:
@@ -82,13 +87,18 @@ def _most_useful(facts: Facts) -> tuple[str, ...]:
 
 def level_of(verdict: str) -> Level:
     """How much a verdict asks for attention."""
-    return {"PASS": Level.GOOD, "FAIL": Level.BAD}.get(verdict, Level.WARN)
+    return {"PASS": Level.GOOD, "FAIL": Level.BAD}.get(bare_verdict(verdict), Level.WARN)
+
+
+def bare_verdict(verdict: str) -> str:
+    """PASS, FAIL or INCONCLUSIVE of a verdict as it is printed."""
+    return re.split("[, ]", verdict, maxsplit=1)[0]
 
 
 def _of_link(facts: Facts) -> Word | None:
     if facts.link in ("no port", "silent") and facts.frames:
         gone = facts.link == "no port"
-        what = f"{facts.port} is {'gone' if gone else 'silent'}, no bytes for {facts.since_bytes_s:.0f} s"
+        what = f"{facts.port} is {'gone' if gone else 'silent'}, no bytes for {facts.since_frame_s:.0f} s"
         following = "check the cable, it is opened again by itself" if gone else "check the sensor and its power"
         return Word("LINK LOST", Level.BAD, f"{what}: {following}")
     if not facts.frames:
@@ -102,12 +112,22 @@ def _of_link(facts: Facts) -> Word | None:
 
 def _of_answers(facts: Facts) -> Word | None:
     if facts.since_answer_s < (NO_ANSWER_S if facts.answered else ACQUIRING_S):
-        return None if facts.answered else Word("ACQUIRING", Level.IDLE, f"{facts.objects} objects, no answer yet")
-    lasts, objects = _duration(facts.since_answer_s), f"{facts.objects} objects"
+        return None if facts.answered else Word("ACQUIRING", Level.IDLE, f"no answer yet, {_objects(facts)}")
+    lasts, objects = _duration(facts.since_answer_s), _objects(facts)
     if facts.sky:
         return Word(facts.sky, Level.WARN, f"{lasts} without an answer, {objects}; frames without sky do not count")
     cause = f"; {facts.cause}" if facts.cause and not facts.answered else ""
     return Word(f"NO ANSWER {lasts}", Level.BAD, objects + cause)
+
+
+def _objects(facts: Facts) -> str:
+    """What the last panorama had, or that none comes: then the sensor or this computer is slow, not the sky."""
+    if facts.since_frame_s >= NO_ANSWER_S:
+        frame = "ATTITUDE frame" if facts.objects is None else "panorama"
+        return f"no {frame} for {_duration(facts.since_frame_s)}"
+    if facts.objects is None:
+        return "its ATTITUDE frames hold none"
+    return f"{facts.objects} object{'' if facts.objects == 1 else 's'}"
 
 
 def _of_errors(facts: Facts) -> Word:

@@ -108,7 +108,7 @@ class LiveView:
         self._glance.enter_judging()
 
     def conclude(self, verdict: str, reasons: Sequence[str]) -> None:
-        """Show the verdict at the end."""
+        """Show the verdict, as a report prints it, at the end."""
         self._glance.conclude(verdict, tuple(reasons))
         if self._feed:
             self._feed.conclude(verdict, reasons)

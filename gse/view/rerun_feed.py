@@ -27,6 +27,7 @@ from gse.station.frame_results import NewResults
 from gse.station.housekeeping import in_words
 from gse.station.results import FrameResult, LinkCounters
 from gse.station.session_data import SessionData
+from gse.view.glance_word import bare_verdict
 from gse.view.own_answers import OwnAnswerErrors
 from gse.view.ports import free_port
 from gse.view.saved_view import rrd_file_sink
@@ -131,7 +132,7 @@ class RerunFeed:
         self._came.set()
 
     def conclude(self, verdict: str, reasons: Sequence[str]) -> None:
-        """Show the verdict at the end."""
+        """Show the verdict, as a report prints it, at the end."""
         self._put(_Concluded(verdict, tuple(reasons)))
 
     def _put(self, item: _Item) -> None:
@@ -245,7 +246,7 @@ class _SceneFeed:
         text = verdict_at_end(item.verdict, list(item.reasons), self._so_far())
         self._panel_utc_ns = 1 << 62
         self._scene.words(self._scene.running.utc_ns, text, self._metrics())
-        self._scene.stands(self._scene.running.utc_ns, item.verdict)
+        self._scene.stands(self._scene.running.utc_ns, bare_verdict(item.verdict))
 
     def finish(self) -> None:
         self._scene.flush()

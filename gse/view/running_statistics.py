@@ -213,7 +213,8 @@ class Running:
     def silence(self) -> str:
         """A warning if none of the last frames was identified (clouds, a lamp, the Sun); otherwise empty."""
         since_s = (self.utc_ns - (self._answered_utc_ns or self.utc_ns)) / NS_PER_S
-        return f"NO ANSWER for {since_s:.0f} s, {self.objects} objects" if since_s >= NO_ANSWER_S else ""
+        objects = f"{self.objects} object{'' if self.objects == 1 else 's'}"
+        return f"NO ANSWER for {since_s:.0f} s, {objects}" if since_s >= NO_ANSWER_S else ""
 
     @property
     def frames_per_s(self) -> float:

@@ -12,6 +12,7 @@ from gse.errors import UsageError
 from gse.station.frame_results import NewResults
 from gse.station.results import FrameResult
 from gse.station.session_data import SessionData
+from gse.view.glance_word import bare_verdict
 from gse.view.own_answers import OwnAnswerErrors
 from gse.view.scene import Scene
 from gse.view.verdict_text import verdict_at_end, verdict_so_far
@@ -70,7 +71,7 @@ class SavedView:
         text = verdict_so_far(self._scene.running, session.link, clock, clock_error_s=session.clock_error_s)
         self._scene.words_for_all_times(verdict_at_end(verdict, list(reasons), text), metrics)
         if len(session.frames):
-            self._scene.stands(int(session.frames.columns["utc_ns"][0]), verdict)
+            self._scene.stands(int(session.frames.columns["utc_ns"][0]), bare_verdict(verdict))
         self._stream.flush()
         self._stream.disconnect()
 

@@ -4,6 +4,7 @@ import math
 
 from drivers.clock import ClockReading
 from gse.station.results import LinkCounters
+from gse.view.glance_word import bare_verdict
 from gse.view.running_statistics import Moments, Running
 
 _MARKS = {"PASS": "✔", "FAIL": "✘", "INCONCLUSIVE": "?"}
@@ -51,9 +52,11 @@ def verdict_so_far(
 
 
 def verdict_at_end(verdict: str, reasons: list[str], so_far: str) -> str:
-    """Markdown of the verdict, its reasons, and the last statistics."""
+    """Markdown of the verdict as a report prints it, its reasons, and the last statistics."""
     body = so_far.split("\n", 1)[1] if "\n" in so_far else so_far
-    return "\n".join([f"# {_MARKS.get(verdict, '')} {verdict}", *(f"- {reason}" for reason in reasons), "", body])
+    return "\n".join(
+        [f"# {_MARKS.get(bare_verdict(verdict), '')} {verdict}", *(f"- {reason}" for reason in reasons), "", body]
+    )
 
 
 def headline(running: Running, lost: int) -> str:

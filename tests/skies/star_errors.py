@@ -142,4 +142,4 @@ def model_of(frames, matches, site, mount):
 
 def findings_of(truth, site, mount, duration_s, rng, **noise):
     model = model_of(*made(truth, site, mount, duration_s, rng, **noise), site, mount)
-    return fine_findings(model, model.series, Setting(CAMERA, site, mount, START_NS, 0.1))
+    return fine_findings(model, model.series, Setting(CAMERA, site, mount, START_NS, 0.1, FRAMES / duration_s))

@@ -69,6 +69,12 @@ def test_air_that_is_not_there_is_named_and_no_mount():
     assert number(r"site.pressure_hpa: (-?\d+)", finding.size) == pytest.approx(0, abs=40)
 
 
+def test_air_that_is_much_colder_than_stated_is_a_temperature_and_no_record_pressure():
+    finding = only(replace(TRUE, site=replace(SITE, temperature_c=-40.0)))
+    assert finding.cause == "refraction"
+    assert number(r"site.temperature_c: (-?\d+)", finding.size) == pytest.approx(-40, abs=12)
+
+
 def test_a_focal_length_is_named_and_no_moving_mount():
     finding = only(replace(TRUE, camera=replace(CAMERA, focal_length_px=4182.4)), 7200.0)
     assert finding.cause == "focal length"
@@ -124,6 +130,7 @@ def test_a_thermal_swing_is_named_with_its_period():
     assert finding.cause == "thermal sinusoid"
     assert "period of 15 min" in finding.size
     assert number(r"\+-([\d.]+) arcsec", finding.size) == pytest.approx(22.4, abs=1.0)
+    assert any("a vibration near a multiple" in equal for equal in finding.equals)
 
 
 def test_vibration_is_named_with_its_size():

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gse.assessment.gross_causes import RawAttitudes, gross_cause
+from gse.assessment.gross_causes import RawAttitudes, gross_cause, wrong_dates
 from gse.attitude import solve_attitude
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount
@@ -76,7 +76,8 @@ def test_a_wrong_sign_or_order_of_the_site_is_named(site, cause, change):
     true = replace(site, **change(site))
     finding = found(site, MOUNT, true_site=true)
     assert finding.cause == cause
-    assert f"{true.latitude_deg:g}" in finding.size or f"{true.longitude_deg:g}" in finding.size
+    stated = [f"site.{name}: {value:g}" for name, value in change(site).items()]
+    assert finding.size.startswith(f"the stars fit {' and '.join(stated)};")
     assert finding.equals == ()
 
 
@@ -181,3 +182,32 @@ def test_a_mount_that_is_driven_with_the_sky_is_named():
 
 def test_an_error_of_a_fifth_of_a_degree_is_not_gross():
     assert found(MUNICH, MOUNT, true_mount=replace(MOUNT, altitude_deg=60.2)) is None
+
+
+def test_one_sign_is_named_before_two_where_the_second_changes_nothing():
+    date_line = replace(MUNICH, longitude_deg=180.0)
+    finding = found(replace(date_line, latitude_deg=-48.2), MOUNT, true_site=date_line)
+    assert finding.cause == "latitude sign"
+    assert "latitude and longitude signs" in finding.equals[0]
+
+
+def test_azimuth_and_altitude_exchanged_are_named():
+    true = replace(MOUNT, azimuth_deg=35.0)
+    finding = found(MUNICH, replace(true, azimuth_deg=60.0, altitude_deg=35.0), true_mount=true)
+    assert finding.cause == "azimuth and altitude exchanged"
+    assert "mount.azimuth_deg: 35 and mount.altitude_deg: 60" in finding.size
+
+
+@pytest.mark.parametrize(("hours", "zone"), [(5.5, "UTC+5:30"), (-3.5, "UTC-3:30"), (5.75, "UTC+5:45")])
+def test_a_zone_of_half_an_hour_is_named_beside_a_mount_set_by_hand(hours, zone):
+    by_hand = replace(MOUNT, azimuth_deg=MOUNT.azimuth_deg + 0.1)
+    finding = found(BOGOR, MOUNT, true_mount=by_hand, clock_s=hours * 3600)
+    assert finding.cause == "clock set to local time"
+    assert zone in finding.size
+
+
+@pytest.mark.parametrize(("days", "words"), [(30, "30 days ahead"), (-7, "7 days behind"), (366, "366 days ahead")])
+def test_a_date_off_by_days_is_an_equal_of_the_clock_that_turns_as_much(days, words):
+    fast_s = days * 86_400 - round(days * 86_400 / 86_164.0905) * 86_164.0905 + 2.0
+    assert f"a date that is {words}" in list(wrong_dates(fast_s))
+    assert not list(wrong_dates(fast_s + 60))

@@ -95,6 +95,17 @@ def test_failures_are_named_on_the_terminal(sessions, folder, gse):
     assert f"external identifier: parrot, version 1.0: {external_answers(sessions[1])} answers, 1 CRASH" in done.out
 
 
+def test_a_comparison_names_the_failures_of_each_side(sessions, gse):
+    done = gse("compare", *sessions)
+    assert (
+        f"second: external identifier: parrot, version 1.0: {external_answers(sessions[1])} answers, 1 CRASH"
+        in done.out
+    )
+    document = json.loads(gse("compare", *sessions, "--json").out)
+    assert list(document["external_identifiers"]) == ["second"]
+    assert document["external_identifiers"]["second"]["failures"] == {"CRASH": 1}
+
+
 def test_the_sky_is_as_clear_where_a_program_names_few_stars_or_fails(sessions, folder):
     body = (
         f"own = {{f['frame_no']: f for f in map(json.loads, open({str(folder / 'own.ndjson')!r}))}}\n"

@@ -151,6 +151,14 @@ def test_frames_that_fail_with_all_their_objects_are_no_cloud() -> None:
     assert conditions[1] is SkyCondition.CLEAR
 
 
+@pytest.mark.parametrize(("unmatched", "condition"), [(2.0, SkyCondition.CLOUDED), (16.0, SkyCondition.CLEAR)])
+def test_stars_that_are_there_and_match_none_are_no_cloud(unmatched: float, condition: SkyCondition) -> None:
+    """As with a lens out of focus, or with a distortion that is not stated."""
+    lights = Lights(-40.0, -30.0, 120.0, 90.0)
+    few = SkyEvidence(lights, 30.0, 0.2, math.nan, 5.0, 24.0, 0.0, True, False, 0.05, unmatched)
+    assert condition_of(few, ClearSky(), SkyCondition.UNKNOWN) is condition
+
+
 def test_a_field_of_one_star_is_not_judged_by_its_share() -> None:
     lights = Lights(-40.0, -30.0, 120.0, 90.0)
     one = SkyEvidence(lights, 1.0, 0.0, math.nan, math.nan, 1.0, 0.0, False, False, 0.05)

@@ -44,6 +44,7 @@ ON = Facts(link="streaming", port="/dev/ttyUSB0", frames=100, objects=28, answer
         (ON, "OK", Level.GOOD),
         (replace(ON, since_answer_s=12.0), "NO ANSWER 12 s", Level.BAD),
         (replace(ON, since_answer_s=400.0), "NO ANSWER 6 min", Level.BAD),
+        (replace(ON, objects=None, since_answer_s=12.0), "NO ANSWER 12 s", Level.BAD),
         (replace(ON, since_answer_s=12.0, sky="CLOUD"), "CLOUD", Level.WARN),
         (replace(ON, since_answer_s=12.0, sky="DAYLIGHT"), "DAYLIGHT", Level.WARN),
         (replace(ON, link="no port", since_answer_s=12.0, sky="CLOUD"), "LINK LOST", Level.BAD),
@@ -52,6 +53,8 @@ ON = Facts(link="streaming", port="/dev/ttyUSB0", frames=100, objects=28, answer
         (replace(ON, outside=("mean |dDE| 70.0 arcsec (limit 60)",)), "OUTSIDE", Level.BAD),
         (replace(ON, phase=Phase.JUDGING, link="closed"), "JUDGING", Level.IDLE),
         (replace(ON, phase=Phase.ENDED, verdict="PASS", link="no port"), "DONE: PASS", Level.GOOD),
+        (replace(ON, phase=Phase.ENDED, verdict="PASS, relative (SIMULATED)"), "DONE: PASS", Level.GOOD),
+        (replace(ON, phase=Phase.ENDED, verdict="FAIL (SIMULATED)"), "DONE: FAIL", Level.BAD),
         (replace(ON, phase=Phase.ENDED, verdict="FAIL"), "DONE: FAIL", Level.BAD),
         (replace(ON, phase=Phase.ENDED, verdict="INCONCLUSIVE"), "DONE: INCONCLUSIVE", Level.WARN),
         (replace(ON, phase=Phase.ENDED), "ENDED", Level.WARN),
@@ -62,10 +65,22 @@ def test_the_word_says_what_is_most_wrong(facts: Facts, text: str, level: Level)
     assert (word.text, word.level) == (text, level)
 
 
+def test_a_panorama_that_does_not_come_is_told_from_one_without_an_answer() -> None:
+    silent = replace(ON, since_answer_s=12.0, objects=1)
+    assert word_of(silent).detail == "1 object"
+    assert word_of(replace(silent, since_frame_s=12.0)).detail == "no panorama for 12 s"
+
+
 def test_the_word_for_a_limit_names_it() -> None:
     assert word_of(replace(ON, outside=("mean |dDE| 70.0 arcsec (limit 60)",))).detail.endswith(
         "70.0 arcsec (limit 60)"
     )
+
+
+def test_a_verdict_on_a_simulated_sky_says_so_below_the_word() -> None:
+    ended = replace(ON, phase=Phase.ENDED, verdict="PASS, relative (SIMULATED)")
+    assert word_of(ended).detail == "PASS, relative (SIMULATED): every limit is kept"
+    assert word_of(replace(ended, verdict="PASS")).detail == "every limit is kept"
 
 
 @pytest.mark.parametrize(
