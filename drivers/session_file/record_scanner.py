@@ -45,6 +45,8 @@ MAX_CHUNK_BYTES = 4 << 20
 SCAN_BYTES = 1 << 20
 MAX_SCAN_WORK = 64
 """Bytes checked per byte scanned before long candidates are passed over: damage must not cost hours."""
+FREELY_CHECKED_BYTES = 1024
+"""Candidates up to this length are never passed over: the messages of most sessions are shorter."""
 MAX_CHANNELS = 64
 MOST_TOPICS_TRIED = 16
 """For a message whose channel is unknown; this station writes fewer."""
@@ -171,7 +173,7 @@ class RecordScanner:
             for match in _CANDIDATE.finditer(block):
                 here = offset + match.start()
                 size = _HEAD.unpack_from(block, match.start())[1]
-                if size > 4096 and work > SCAN_BYTES + MAX_SCAN_WORK * (here - start):
+                if size > FREELY_CHECKED_BYTES and work > SCAN_BYTES + MAX_SCAN_WORK * (here - start):
                     continue
                 work += size if here + 9 + size <= self._window.size else 0
                 if self._is_proven(here):

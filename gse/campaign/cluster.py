@@ -6,8 +6,11 @@ and the order of work are Dask's; its settings (``distributed.scheduler.worker-t
 """
 
 import logging
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 
 import dask
 from distributed import Client, LocalCluster
@@ -28,30 +31,68 @@ _ADDRESSES = ("tcp://", "tls://", "ucx://", "ws://", "wss://")
 def cluster(scheduler: str | None, workers: int) -> Iterator[Client]:
     """A client of the cluster; UsageError where there is none, or its workers run another version."""
     _quiet()
-    if scheduler is not None:
-        with _connected(scheduler) as client:
-            _check_software(client, scheduler)
+    with _ended_in_order():
+        if scheduler is not None:
+            with _connected(scheduler) as client:
+                _check_software(client, scheduler)
+                yield client
+            return
+        with _own(workers) as client:
             yield client
+
+
+@contextmanager
+def _ended_in_order() -> Iterator[None]:
+    """SIGTERM and the hang-up of the terminal end a run as Ctrl-C does: the workers are ended first."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
         return
-    with _own(workers) as client:
-        yield client
+    names = (name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+    numbers = [signal.Signals[name] for name in names if signal.getsignal(signal.Signals[name]) is signal.SIG_DFL]
+    for number in numbers:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """A block whose new threads, and the processes that these start, get no Ctrl-C and no hang-up of the terminal.
+
+    These are for this process, which ends the others; one that comes in the block takes effect after it.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGHUP,))
+    try:
+        # Its start unblocks SIGINT for the thread that needs it first.
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
 def _own(workers: int) -> Iterator[Client]:
     """Workers of this machine share its memory: Dask's default limit is each one's share."""
     with dask.config.set(_NO_PAGES | _NO_PROFILE):
-        local = LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            host=LOOPBACK,
-            # Without a dashboard Dask opens port 8787 all the same, and complains where somebody has it.
-            scheduler_kwargs={"dashboard": False, "dashboard_address": f"{LOOPBACK}:0"},
-            worker_dashboard_address=None,
-            security=True,
-            silence_logs=logging.CRITICAL,
-        )
+        with _interrupts_blocked():
+            local = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                host=LOOPBACK,
+                # Without a dashboard Dask opens port 8787 all the same, and complains where somebody has it.
+                scheduler_kwargs={"dashboard": False, "dashboard_address": f"{LOOPBACK}:0"},
+                worker_dashboard_address=None,
+                security=True,
+                silence_logs=logging.CRITICAL,
+            )
         try:
             with Client(local, set_as_default=False) as client:
                 yield client

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE
+from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERRUPTED
 from gse.cli.options import station_of
 from gse.errors import UsageError
 
@@ -87,6 +87,7 @@ def judge_command(
     from gse.campaign.cluster import cluster
     from gse.campaign.dataset import DataSet
     from gse.campaign.engine import plan_campaign, run_campaign
+    from gse.campaign.first_compilation import compile_first
     from gse.campaign.keys import OWN_STATION, station_sha256
     from gse.campaign.sources import find_sources
 
@@ -102,14 +103,19 @@ def judge_command(
         station_sha256=station_sha256(*station) if station else OWN_STATION,
         rehash=rehash,
     )
+    outcomes = list(campaign.unchanged)
     if campaign.todo:
-        with (
-            cluster(scheduler, workers or _cores(len(campaign.todo))) as client,
-            _Bar("judging", len(campaign.todo)) as bar,
-        ):
-            outcomes = run_campaign(campaign, client, bar.judged)
-    else:
-        outcomes = list(campaign.unchanged)
+        try:
+            if scheduler is None:
+                compile_first(lambda text: click.echo(text, err=True))
+            with (
+                cluster(scheduler, workers or _cores(len(campaign.todo))) as client,
+                _Bar("judging", len(campaign.todo)) as bar,
+            ):
+                outcomes = run_campaign(campaign, client, bar.judged)
+        except KeyboardInterrupt:
+            click.echo(f"interrupted; what was judged is in {dataset.url}: start the same command again", err=True)
+            ctx.exit(EXIT_INTERRUPTED)
     document = _document(dataset, outcomes)
     click.echo(json.dumps(document) if as_json else "\n".join(_lines(document)))
     ctx.exit(EXIT_DATA_LOST if document["errors"] or document["damaged"] else 0)

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,7 +31,9 @@ class Started:
         self.process.wait(20)
 
 
-def start(*command: object, env: dict[str, str] | None = None, log: Path | None = None) -> Started:
+def start(
+    *command: object, env: dict[str, str] | None = None, log: Path | None = None, before: Callable[[], object] = tuple
+) -> Started:
     """Start a program as the leader of a process group."""
     with open(log or os.devnull, "ab") as out:
         process = subprocess.Popen(
@@ -40,6 +43,7 @@ def start(*command: object, env: dict[str, str] | None = None, log: Path | None 
             stdout=out,
             stderr=out,
             start_new_session=True,
+            preexec_fn=before,
         )
     return Started(process)
 

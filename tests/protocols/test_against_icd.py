@@ -125,7 +125,7 @@ def test_a_message_of_the_other_direction_is_of_an_unknown_type(from_sensor: boo
     assert "goes the other way" in explain(protocol.frame_layout, refused[0])
 
 
-def test_a_protocol_without_commands_finds_none_in_what_is_sent() -> None:
+def test_what_a_sensor_sends_is_no_frame_in_what_it_is_sent() -> None:
     protocol = load_protocol("panorama-slip")
     data = protocol.encode_payload(next(t for t in protocol.types if protocol.is_from_sensor(t)), bytes(180), 1)
     decoder = FrameDecoder(protocol, from_sensor=False)

@@ -4,14 +4,18 @@ import json
 import os
 import shutil
 import signal
+import subprocess
+import sys
 import threading
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import fsspec
 import fsspec.config
 import psutil
 import pytest
-from devices.cluster import BUCKET, cluster
+from devices.cluster import BUCKET, Started, cluster, start
 
 from gse.campaign.cluster import cluster as connected
 from gse.campaign.dataset import DataSet
@@ -106,6 +110,30 @@ def test_workers_of_its_own_listen_on_loopback_alone_and_one_that_is_killed_lose
     assert {address.ip for address in listening} == {"127.0.0.1"}
     assert [one.error for one in outcomes] == [""] * 4
     assert len(whole(tmp_path / "dataset")) == 4
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_a_campaign_that_is_interrupted_says_one_line_and_leaves_whole_sessions(nights, tmp_path, number):
+    command = (sys.executable, "-m", "gse", "campaign", "judge", nights, "--to", tmp_path / "dataset", "--workers", "1")
+    started = start(*command, log=tmp_path / "log", before=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    lines = lines_of(tmp_path / "log", started)
+    assert next(lines).startswith("judging: 1 of 4")
+    os.killpg(started.process.pid, number)  # as a terminal does: to all that belong to the command
+    assert [line.split(";")[0] for line in lines if not line.startswith("judging")] == ["interrupted"]
+    assert started.process.wait() == 130
+    assert 1 <= len(whole(tmp_path / "dataset")) <= 4
+
+
+def lines_of(log: Path, started: Started) -> Iterator[str]:
+    """The lines of a log as they come, until its writer has ended."""
+    with log.open() as file:
+        ended = False
+        while not ended:
+            ended = started.process.poll() is not None
+            while line := file.readline():
+                yield line.rstrip()
+            with suppress(subprocess.TimeoutExpired):
+                started.process.wait(0.05)
 
 
 def test_storage_that_fails_for_a_while_is_asked_again(running, sftp, nights, tmp_path):

@@ -1,0 +1,49 @@
+"""Compilation of all that judges a session, by a process of its own, before the first campaign on a computer.
+
+A worker that compiles holds half as much memory again, and each worker would compile the same. The process leaves the
+code in numba's cache on disk, where all workers of this computer find it. If it comes to nothing, they compile.
+"""
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from gse.assessment.verdict import judge
+from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.identifier.first_compilation import is_compiled
+from gse.sessions.replay import replay_session
+from gse.simulator.recording import record_simulation
+from gse.truth import EarthOrientation
+
+_FRAMES, _START_UTC_NS = 20, 1_774_018_800_000_000_000
+_LONGEST_S = 600.0
+
+
+def compile_first(tell: Callable[[str], None]) -> None:
+    """Wait until the code is on disk; returns at once where it is."""
+    if is_compiled():
+        return
+    tell("compiling the identifiers, once on this computer")
+    # -P: a folder named gse where the user stands is not this package.
+    command = [sys.executable, "-P", "-m", "gse.campaign.first_compilation"]
+    nowhere = subprocess.DEVNULL
+    with suppress(OSError, subprocess.TimeoutExpired):
+        subprocess.run(command, stdin=nowhere, stdout=nowhere, stderr=nowhere, timeout=_LONGEST_S, check=False)
+
+
+def judge_made_session() -> None:
+    """Judge a simulated session of some frames as a worker does: the types are those of all sessions."""
+    station = parse_station(BUILT_IN_TEXT)
+    port = station.port.model_copy(update={"url": f"sim://?frames={_FRAMES}"})
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "session.mcap"
+        orientation = EarthOrientation.from_disk(_START_UTC_NS)
+        record_simulation(path, station.model_copy(update={"port": port}), BUILT_IN_TEXT, orientation.to_json())
+        judge(replay_session(path, threads=1).session)
+
+
+if __name__ == "__main__":
+    judge_made_session()
