@@ -8,10 +8,10 @@ from skies.known_nights import START_NS, STATION, TRUTH, session, unanswered
 from skies.one_by_one import add_frame
 
 from drivers.chunk import LinkEvent
-from gse.assessment.diagnosis import causes_so_far
+from gse.assessment.diagnosis import causes_so_far, stars_fall_out
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
 from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
 
@@ -121,3 +121,10 @@ def test_a_night_without_one_answer_says_where_to_look():
     text = found(made)
     assert "gse calibrate" in text
     assert "mirrored image: the image is mirrored" in text
+
+
+@pytest.mark.parametrize(("unmatched", "fall_out"), [(3, False), (7, True)])
+def test_a_camera_that_leaves_a_third_of_the_stars_unmatched_lets_them_fall_out(unmatched, fall_out):
+    frames = np.zeros(5, dtype=FRAME)
+    frames["matched"], frames["false_objects"] = 11, unmatched
+    assert stars_fall_out(frames) is fall_out
