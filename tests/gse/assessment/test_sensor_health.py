@@ -115,6 +115,17 @@ def test_stars_that_change_their_brightness_are_told_with_the_direction(mag_per_
     assert f"the same stars become {word} by {abs(mag_per_h):.2f} mag/h" in finding.size
 
 
+def test_hot_pixels_per_kelvin_are_those_that_were_put_in() -> None:
+    made = with_statuses()
+    frames, noise = made.frames.columns, np.random.default_rng(2)
+    frames["temperature_c"], frames["stars_seen"] = 20 + 10 * np.arange(1200) / 1200, 10
+    frames["hot_pixels"] = np.round(1.5 * (frames["temperature_c"] - 20) + noise.normal(3, 0.5, 1200)).clip(0)
+    found = sensor_health(made).hot_pixels_per_k
+    assert found is not None
+    assert found.slope == pytest.approx(1.5, rel=0.05)
+    assert found.low < 1.5 < found.high
+
+
 def test_sound_telemetry_is_no_finding() -> None:
     assert findings(with_statuses()) == []
 

@@ -87,7 +87,11 @@ def test_what_one_panorama_names_is_free_in_another_and_the_last_stars_of_the_ca
     rows, exact = shown(stars)
     few = replace_rows(stars, rows)
     named = [Identification(np.arange(3), np.arange(3), 1e-9), Identification(np.arange(3, 6), np.arange(3, 6), 1e-9)]
-    found = LeftOutStars(FIELD_14_DEG, few).of(objects_of([exact, exact]), Answers.of(named), frames(2))
+    beside = FIELD_14_DEG.directions(
+        FIELD_14_DEG.pixels(exact[3:4]) + np.array([1.0, 0.0])
+    )  # a star that is named already
+    seen = objects_of([exact, np.concatenate([exact, beside])])
+    found = LeftOutStars(FIELD_14_DEG, few).of(seen, Answers.of(named), frames(2))
     everything = set(range(len(rows)))
     assert [set(one.stars.tolist()) for one in found] == [everything - {0, 1, 2}, everything - {3, 4, 5}]
 
