@@ -18,6 +18,7 @@ from scipy.special import betaincinv, ndtr
 from gse.assessment.guard_band import COVERAGE_FACTOR, exceeds, further_share, guard, keeps
 from gse.assessment.sampling import MIN_FRAMES, Bounds
 from gse.limits import Decision
+from gse.percent import percent
 from gse.station.results import Subject
 
 RISK = 0.05
@@ -223,14 +224,14 @@ def judge_share(
     label = f"{subject} {name}"
     uncertainty = share.value - share.lower if at_least else share.upper - share.value
     outcome = _share_outcome(share, limit, at_least=at_least, decision=decision)
-    seen = f"{label}: {share.count} of {share.of} frames{beside} ({share.value:.2%})"
+    seen = f"{label}: {share.count} of {share.of} frames{beside} ({percent(share.value, 2)})"
     if share.of == 0:
         outcome, reason = Outcome.NOT_TESTED, f"{label}: no frame has it"
     elif outcome is Outcome.FAIL:
-        reason = f"{seen}, the limit is {limit:.2%}"
+        reason = f"{seen}, the limit is {percent(limit, 2)}"
     elif outcome is Outcome.INCONCLUSIVE:
-        bound = f"at least {share.lower:.2%}" if at_least else f"at most {share.upper:.2%}"
-        reason = f"{seen} show {bound} with 95 % confidence, the limit is {limit:.2%}: a longer session decides"
+        bound = f"at least {percent(share.lower, 2)}" if at_least else f"at most {percent(share.upper, 2)}"
+        reason = f"{seen} show {bound} with 95 % confidence, the limit is {percent(limit, 2)}: a longer session decides"
     else:
         reason = ""
     return Row(subject, name, share.value, "", limit, outcome, reason, uncertainty, n_eff=share.n_eff)

@@ -19,6 +19,7 @@ from gse.constants import ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.finding import Finding
 from gse.instant import NS_PER_S, to_text
 from gse.mount import Mount
+from gse.percent import percent
 from gse.site import Site
 from gse.truth import horizon_to_sensor, mount_of
 
@@ -138,7 +139,7 @@ def _site(one: Named, setting: Setting) -> Finding:
 def _focal_length(one: Named, setting: Setting) -> Finding:
     share, error = float(one.coefficients[0]), float(one.errors[0])
     fits = setting.camera.focal_length_px * (1 + share)
-    size = f"it is {abs(share):.3%} too {'short' if share > 0 else 'long'} (+- {2 * error:.1g}): the stars fit "
+    size = f"it is {percent(abs(share), 3)} too {'short' if share > 0 else 'long'} (+- {2 * error:.1g}): the stars fit "
     return Finding("focal length", f"{size}sensor.focal_length_px: {fits:.2f}", _equals(one), _CALIBRATE)
 
 

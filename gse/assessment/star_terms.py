@@ -13,6 +13,7 @@ import numpy as np
 from gse.assessment.uncertainty import Term
 from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.instant import to_julian_year
+from gse.percent import percent
 from gse.station.session_data import SessionData
 
 MOTION_AT_REST_ARCSEC_PER_YEAR = 0.12
@@ -82,7 +83,8 @@ def star_terms(field: FieldOfStars, utc_ns: int, duration_s: float) -> list[Term
             "arcsec per star",
             *field.of_a_fix(motion),
             evidence="B: Hipparcos against Gaia; 0.12 arcsec a year for a star whose motion is not known",
-            explanation=f"{field.at_rest:.0%} of the catalogue's stars stand where they stood {years:.0f} years ago",
+            explanation=f"{percent(field.at_rest, 0)} of the catalogue's stars stand where they stood "
+            f"{years:.0f} years ago",
             remedy="fewer faint stars (identifier.catalog_stars): the bright ones have their motion",
             corrected=field.at_rest < 1,
             common=common,

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
 from gse.instant import to_text
+from gse.percent import percent
 from gse.station.clock_steps import clock_steps, first_rows
 
 LEAP_S = 0.5
@@ -59,4 +60,5 @@ def _rate(frames: NDArray[np.void]) -> Iterator[str]:
     if len(off) and np.abs(off).max() > _RATE_OFF:
         worst = int(np.abs(off).argmax())
         when = to_text(int(frames["host_utc_ns"][blocks[worst][0]]), 1)
-        yield f"sensor time tag: it ran {abs(off[worst]):.0%} {'fast' if off[worst] > 0 else 'slow'} from {when}"
+        how = "fast" if off[worst] > 0 else "slow"
+        yield f"sensor time tag: it ran {percent(abs(off[worst]), 0)} {how} from {when}"

@@ -26,6 +26,7 @@ from gse.assessment.subject_statistics import SubjectStatistics, figure_of
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
 from gse.finding import Finding
 from gse.limits import Limits
+from gse.percent import percent
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
 
@@ -216,7 +217,9 @@ def _time(subject: SubjectStatistics, limits: Limits) -> Row:
     if row.outcome is Outcome.FAIL or undecided:
         reason = f"{row.label} is {subject.time_ms.p99:.1f} ms, the limit is {limits.identification_ms:g} ms"
         reason += f" ({subject.slow.count} of {subject.slow.of} frames are slower"
-        reason += f", which shows at most {subject.slow.upper:.1%}: a longer session decides)" if undecided else ")"
+        reason += (
+            f", which shows at most {percent(subject.slow.upper, 1)}: a longer session decides)" if undecided else ")"
+        )
     return replace(
         row, value=subject.time_ms.p99, unit="ms", limit=limits.identification_ms, reason=reason, uncertainty=math.nan
     )

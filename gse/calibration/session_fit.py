@@ -19,6 +19,7 @@ from gse.errors import UsageError
 from gse.identifier import Identification, Identifier
 from gse.identifier.camera_search import REACH, find_camera
 from gse.panorama import Panorama
+from gse.percent import percent
 from gse.truth import SiderealTruth
 
 MAX_PANORAMAS = 400
@@ -132,7 +133,7 @@ def _search(some: list[Panorama], camera: Camera, catalog: StarCatalog) -> Camer
     if found is None:
         raise UsageError(
             f"none of {len(some)} panoramas could be identified with a focal length within "
-            f"{REACH:.0%} of {camera.focal_length_px:g} px, as it is or mirrored; "
+            f"{percent(REACH, 0)} of {camera.focal_length_px:g} px, as it is or mirrored; "
             "check sensor.rows, sensor.columns and sensor.focal_length_px"
         )
     return found.camera

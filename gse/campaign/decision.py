@@ -20,6 +20,7 @@ from gse.assessment.decision import Outcome, Share, share_of
 from gse.assessment.guard_band import exceeds, further_share, guard, keeps
 from gse.campaign.nights import Session, weighted
 from gse.limits import Decision
+from gse.percent import percent
 from gse.station.results import Verdict
 
 ONE_SIDED = 0.95
@@ -177,7 +178,7 @@ def _share(nights: dict[str, list[Session]], subject: str, name: str, limit: flo
     share, at_least = campaign_share(nights, subject, name), name == "availability"
     label = f"{subject} {name}"
     above = share.value - share.lower if at_least else share.upper - share.value
-    text = f"{label}: {share.value:.3%} of {share.of} frames in {len(nights)} nights"
+    text = f"{label}: {percent(share.value, 3)} of {share.of} frames in {len(nights)} nights"
     if decision is Decision.SIMPLE:
         kept, broken = (
             (share.value >= limit, share.value < limit) if at_least else (share.value <= limit, share.value > limit)
@@ -189,13 +190,13 @@ def _share(nights: dict[str, list[Session]], subject: str, name: str, limit: flo
     if kept:
         return Outcome.PASS, share.value, above, ""
     if broken:
-        return Outcome.FAIL, share.value, above, f"{text}, the limit is {limit:.2%}"
-    bound = f"at least {share.lower:.2%}" if at_least else f"at most {share.upper:.2%}"
+        return Outcome.FAIL, share.value, above, f"{text}, the limit is {percent(limit, 2)}"
+    bound = f"at least {percent(share.lower, 2)}" if at_least else f"at most {percent(share.upper, 2)}"
     return (
         Outcome.INCONCLUSIVE,
         share.value,
         above,
-        f"{text} show {bound} (95 %), the limit is {limit:.2%}: more nights decide",
+        f"{text} show {bound} (95 %), the limit is {percent(limit, 2)}: more nights decide",
     )
 
 

@@ -12,6 +12,7 @@ from gse.cli.new_files import write_new
 from gse.cli.options import change_to, fit_options, say, with_identifier
 from gse.config.edit import with_values
 from gse.errors import TruthError
+from gse.percent import percent
 from gse.sign_of_life import working
 from gse.truth import EarthOrientation, SiderealTruth
 
@@ -149,7 +150,11 @@ def _lines(result: SessionCalibration) -> list[str]:
     """The result for a person, with the map of residuals over the detector."""
     fitted = result.calibration
     rows = zip(_NAMES, _values(fitted).values(), fitted.sigma, _DIGITS, strict=False)  # p1, p2 only where fitted
-    scale = [f"the focal length was changed by {result.first_scale - 1:+.1%} first"] if result.first_scale != 1 else []
+    scale = (
+        [f"the focal length was changed by {percent(result.first_scale - 1, 1, sign=True)} first"]
+        if result.first_scale != 1
+        else []
+    )
     hot = ", ".join(f"({x}, {y})" for x, y in result.hot_pixels) or "none"
     return [
         *(f"{name:22}{value:14.{digits}f}  +- {sigma:.{digits}f}" for name, value, sigma, digits in rows),

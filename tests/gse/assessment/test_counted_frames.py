@@ -169,7 +169,7 @@ def test_a_restart_with_a_fast_clock_hides_no_wrong_stars(sky, change_s):
     assessment = judge(sky.session(clocks, blind_s=(change_s, change_s + 14.0), blind_px=blind_px))
     assert assessment.statistics.exclusions == ()
     assert assessment.verdict is not Verdict.PASS
-    assert any("sensor time tag: it ran 20% fast" in line for line in map(str, assessment.findings))
+    assert any("sensor time tag: it ran 20 % fast" in line for line in map(str, assessment.findings))
 
 
 # Frames that never came
