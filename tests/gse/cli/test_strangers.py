@@ -96,6 +96,24 @@ def test_aliases_in_a_station_file_are_refused(tmp_path: Path, gse: Gse) -> None
     assert gse("report", write_station(tmp_path / "session.mcap", BUILT_IN_TEXT + laughs)).code == 2
 
 
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        ("0x" + "f" * 20_000, "line 22: a number of more than 300 digits"),
+        (":".join(["59"] * 20_000), "line 22: a number of more than 300 digits"),
+        ("9" * 20_000, "a value that is not one"),
+        ("a\0b", "the character U+0000 in line 22"),
+    ],
+)
+def test_a_value_that_python_does_not_write_down_is_refused_with_its_line(
+    tmp_path: Path, gse: Gse, value: str, told: str
+) -> None:
+    station = tmp_path / "station.yaml"
+    station.write_text(f"{BUILT_IN_TEXT}version: {value}\n")
+    done = gse("config", "check", station)
+    assert (done.code, told in done.err) == (2, True)
+
+
 @pytest.mark.parametrize("key", ['"\\x1b[2J": 1', 'site: {name: "\\x1b]0;x\\x07"}', 'protocol: "\\ud800"'])
 def test_a_station_file_cannot_steer_the_terminal(tmp_path: Path, gse: Gse, key: str) -> None:
     path = write_station(tmp_path / "session.mcap", f"{BUILT_IN_TEXT}{key}\n")
