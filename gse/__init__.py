@@ -6,13 +6,9 @@ functions that many rooms share. ARCHITECTURE.md is the plan. For notebooks: ``g
 """
 
 import os
-import platform
 from typing import TYPE_CHECKING, Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's matrices here are small: more threads wait for each other
-if platform.machine() in ("x86_64", "AMD64"):
-    # OpenBLAS multiplies by other instructions on each kind of processor, and its last digits differ. All know these.
-    os.environ.setdefault("OPENBLAS_CORETYPE", "Nehalem")
 
 if TYPE_CHECKING:
     from gse.api import identify as identify

@@ -50,7 +50,7 @@ def messages():
 
 
 _CAUSES = (
-    *("gross_causes", "fine_causes", "fine_findings", "diagnosis"),
+    *("gross_causes", "fine_causes", "fine_findings", "diagnosis", "unexplained"),
     *("sensor_convention", "sensor_findings", "sensor_health"),
 )
 

@@ -108,7 +108,9 @@ def one_file(path: Path) -> Capture:
 def session_file(path: Path) -> Path:
     """The first segment of the session that a path names: a file, or a folder with a session.mcap."""
     if path.is_dir():
-        path = path / "session.mcap"
+        folder, path = path, path / "session.mcap"
+        if not path.exists() and (folder / "report.json").exists():
+            raise CaptureError(f"{folder} holds a report and no session; give the session that it was made from")
     if not path.exists():
         raise CaptureError(f"there is no session {path}; a session is a .mcap file or the folder that 'gse run' made")
     return path

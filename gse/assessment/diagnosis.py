@@ -20,6 +20,7 @@ from gse.assessment.known_steps import without_steps
 from gse.assessment.session_model import SessionModel
 from gse.assessment.statistics import Statistics
 from gse.assessment.time_tags import time_tag_faults
+from gse.assessment.unexplained import unexplained
 from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.station.clock_steps import clock_steps
@@ -27,12 +28,18 @@ from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
+from gse.station.sky_condition import FEWEST_UNMATCHED
 from gse.truth import horizon_to_sensor
 
 _FEWEST_DRIFTING = 10
 _SENSOR_DRIFT_PPM = 100.0
 """A crystal keeps within 50 ppm over its whole temperature range."""
 
+
+_STARS_FALL_OUT = ("distortion", "focal length", "principal point")
+"""Causes that may move stars by more than they are matched within; beside them all others are guesses then."""
+_FALLEN_OUT_SHARE = 0.3
+"""Of those that are matched: more than satellites, noise or a few hot pixels."""
 
 _EQUALS_OF_EVENT = {
     StationKind.WRONG_CAMERA: ("distortion of the lens",),
@@ -54,7 +61,7 @@ def findings(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
     gross = gross_finding(session, stats.counted)
     causes = (gross,) if gross else _fine(session, stats.counted)
     facts = tuple(_facts(session, stats, {finding.cause for finding in causes}))
-    return (*causes, *facts) or tuple(_unexplained(session, stats))
+    return (*causes, *facts) or tuple(unexplained(session, stats))
 
 
 def causes_so_far(session: SessionData) -> tuple[Finding, ...]:
@@ -81,9 +88,17 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
 def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
     try:
         modelled = session_model(session, counted)
-        return fine_findings(modelled.model, modelled.series, modelled.setting) if modelled else ()
+        found = fine_findings(modelled.model, modelled.series, modelled.setting) if modelled else ()
     except np.linalg.LinAlgError:  # stars or errors that lie on one line: they tell no cause, and end no session
         return ()
+    of_camera = [finding for finding in found if finding.cause in _STARS_FALL_OUT]
+    return tuple(of_camera[:1]) if of_camera and stars_fall_out(session.frames.columns[counted.used]) else found
+
+
+def stars_fall_out(frames: NDArray[np.void]) -> bool:
+    """Whether many stars of frames (rows of FRAME) lie too far off to be matched: as these change, so do the errors."""
+    unmatched, matched = float(np.median(frames["false_objects"])), float(np.median(frames["matched"]))
+    return unmatched >= max(FEWEST_UNMATCHED, _FALLEN_OUT_SHARE * matched)
 
 
 def session_model(session: SessionData, counted: CountedFrames) -> ModelledSession | None:
@@ -103,26 +118,6 @@ def session_model(session: SessionData, counted: CountedFrames) -> ModelledSessi
     model = SessionModel.of(series.shortened(), field, station.site, mount, is_fitted=session.alignment is not None)
     frame_hz = 1 / max(float(np.median(np.diff(series.time_s))), 1e-9)
     return ModelledSession(model, series, Setting(camera, station.site, mount, first_ns, exposure_s, frame_hz))
-
-
-def _unexplained(session: SessionData, stats: Statistics) -> Iterator[Finding]:
-    limits = session.station.limits
-    over = [
-        f"95 % of |{name}| is {stats.onboard.axes[axis].p95_abs_arcsec:.0f} arcsec"
-        for name, axis, limit in (
-            ("dRA*", "d_ra_cosde", limits.d_ra_cosde_arcsec),
-            ("dDE", "d_de", limits.d_de_arcsec),
-            ("roll", "d_roll", limits.d_roll_arcsec),
-        )
-        if stats.onboard.axes[axis].p95_abs_bounds_arcsec.lower > limit
-    ]
-    if over:
-        yield Finding(
-            "none of these",
-            f"{', '.join(over)}, and no cause that is known here fits",
-            (),
-            "look at the errors over time: gse view SESSION; for a maintainer: gse why SESSION --bundle FILE",
-        )
 
 
 def gross_finding(session: SessionData, counted: CountedFrames) -> Finding | None:

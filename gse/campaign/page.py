@@ -1,5 +1,6 @@
 """campaign.html: one page, readable offline, printable, in the style of a session's report."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from importlib import resources
@@ -19,7 +20,7 @@ def campaign_html(report: dict[str, Any]) -> str:
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters.update(number=_number, quantity=quantity_text)
+    environment.filters.update(number=_number, quantity=quantity_text, with_digits_of=with_digits_of)
     template = environment.from_string(
         resources.files("gse.campaign").joinpath("campaign.html.jinja").read_text("utf-8")
     )
@@ -58,3 +59,10 @@ def _laid_out(figure: Figure, draw: Callable[[Figure, dict[str, Any]], None], se
 def _number(value: float | None, digits: int = 3) -> str:
     """A number with significant digits, a dash where it is unknown."""
     return "–" if value is None else f"{value:.{digits}g}"
+
+
+def with_digits_of(value: float | None, scatter: float | None) -> str:
+    """A value to the second significant digit of its scatter; with six digits where that is zero or unknown."""
+    if value is None or not scatter:
+        return _number(value, 6)
+    return f"{value:z.{max(0, 1 - math.floor(math.log10(scatter)))}f}"

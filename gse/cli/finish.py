@@ -43,12 +43,14 @@ def conclude(
 ) -> dict[str, Any]:
     """Write the report of a judged session and this host's own times into a folder; returns the report."""
     from drivers.whole_file import write_whole
+    from gse.cli.without_pandas import spare_pandas
     from gse.release_memory import give_back
     from gse.report import summarise
     from gse.report.files import write_report
     from gse.report.provenance import provenance
 
     report = summarise(session, assessment)
+    spare_pandas()
     give_back()
     try:
         write_report(session, assessment, folder, provenance(session.versions, _self_check()))

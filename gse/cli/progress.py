@@ -64,7 +64,10 @@ def judged_with_progress(
     With options the session is another one: then results are neither used nor kept.
     """
     from gse.assessment.verdict import judge
+    from gse.cli.without_pandas import spare_pandas
     from gse.sessions.judged import Judged, judged_session
+
+    spare_pandas()
 
     def derive() -> Replay:
         return replay_with_progress(path, options=options, station=station, threads=threads)

@@ -15,7 +15,8 @@ from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_C
 from gse.station.housekeeping import MODES
 from gse.station.results import Subject
 
-_ROWS_AT_ONCE = 1 << 13
+_ROWS_AT_ONCE = 1 << 11
+"""Of a night: 8,000 would take 25 MiB more, which Arrow keeps, and 5 % less time."""
 _UTC_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
 _LARGEST = 1e12
 """A number beyond is of a sensor gone wrong: it is written as Python writes it."""

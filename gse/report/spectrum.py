@@ -23,9 +23,19 @@ def power_density(
     if step_s <= 0 or span_s <= 0:
         return np.empty(0), np.empty(0)
     errors, count = _on_slots(time_s, error_arcsec, step_s)
-    power = np.abs(np.fft.rfft(errors)) ** 2 / count
-    frequency = np.fft.rfftfreq(len(errors), step_s)
+    length = _quick_length(len(errors))
+    power = np.abs(np.fft.rfft(errors, length)) ** 2 / count
+    frequency = np.fft.rfftfreq(length, step_s)
     return _averaged(frequency[1:].astype(np.float64), 2 * step_s * power[1:])
+
+
+def _quick_length(length: int) -> int:
+    """The next of at most 64 times a power of two: a length with a great prime takes six times the memory and time.
+
+    The zeros that are added, a thirtieth at most, move the frequencies a little.
+    """
+    step = 1 << max(length.bit_length() - 6, 0)
+    return -(-length // step) * step
 
 
 def _on_slots(

@@ -117,7 +117,7 @@ def draw_identification_time(figure: Figure, drawn: PlotData) -> None:
     left.set_ylim(float(finite.min()) / 1.5, 4 * max(limit, float(finite.max())))
     left.text(0.01, limit, f"limit {limit:g} ms", transform=left.get_yaxis_transform(), va="bottom", fontsize=7)
     bins = np.geomspace(finite.min() / 1.01, finite.max() * 1.01, 60)
-    right.hist(finite, bins=bins, orientation="horizontal", color=hex_of(GREEN))
+    right.stairs(*np.histogram(finite, bins), orientation="horizontal", fill=True, color=hex_of(GREEN))
     right.set_xlabel("frames")
     time_axis(left)
 

@@ -1,16 +1,19 @@
 """One page on a session: what happened, when, why, and what to do next."""
 
+import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from drivers.chunk import LinkEvent
 from gse import instant
+from gse.report.terminal import headline
 from gse.station.results import Subject
 
 WIDTH = 80
 _MOST_EVENTS = 12
 _MOST_REASONS = 8
+_GLUE = "\N{NO-BREAK SPACE}"
 _QUIET = {"OPENED", "SYNCING", "STREAMING", "CLOSED"}
 """The ordinary course of a session."""
 
@@ -35,8 +38,8 @@ def why_page(report: dict[str, Any], events: Sequence[LinkEvent], session: str) 
 
 def _head(report: dict[str, Any]) -> Iterator[str]:
     facts, found = report["session"], report["identification"]
-    simulated = " (SIMULATED)" if report["simulated"] else ""
-    yield f"{report['word']}{simulated}: {facts['sensor']}, {_span(facts)}"
+    verdict = headline(report["word"], simulated=report["simulated"])
+    yield f"{verdict}: {facts['sensor']}, {_span(facts)}"
     identified = found["statuses"].get("IDENTIFIED", 0)
     what = "answers of its own, no panoramas" if list(found["subjects"]) == [Subject.SENSOR] else "panoramas"
     yield f"{found['frames']} {what}, {identified} identified, {report['link']['frames_lost']} lost"
@@ -86,11 +89,17 @@ def _next(report: dict[str, Any], session: str) -> Iterator[str]:
             "INCONCLUSIVE": ["see how much longer a session must be: gse plan SESSION"],
         }.get(report["verdict"], ["look at the errors over time: gse view SESSION"])
     for step in dict.fromkeys(steps):
-        yield from _item(step.replace("SESSION", session))
+        yield from _step(step.replace("SESSION", session))
     if report["verdict"] != "PASS":
-        yield from _item(
+        yield from _step(
             f"what each message means: docs/troubleshooting.md; for a maintainer: gse why {session} --bundle FILE"
         )
+
+
+def _step(text: str) -> list[str]:
+    """Lines of a step with its command in one piece, which can be copied."""
+    whole = re.sub("gse [^;]*", lambda command: command[0].replace(" ", _GLUE), text)
+    return [line.replace(_GLUE, " ") for line in _item(whole)]
 
 
 def _item(text: str) -> list[str]:

@@ -196,7 +196,9 @@ def words_of(condition: SkyCondition, found: SkyEvidence, clear: ClearSky) -> st
     stars = stars if found.seen_share >= 0 else "stars are identified"
     if condition is SkyCondition.CLEAR:
         depth = f", to magnitude {found.limiting_mag:.1f}" if math.isfinite(found.limiting_mag) else ""
-        return f"{stars}{depth}; {found.lights}"
+        few = found.lights.is_dark and not found.moon_glares and found.misses_stars and found.seen_share < MISSING_SHARE
+        doubt = " (cloud that was always there, or a sensor that sees less than its catalogue)" if few else ""
+        return f"{stars}{depth}{doubt}; {found.lights}"
     if condition is SkyCondition.CLOUDED:
         faded = faded_mag(found, clear)
         dimmed = f"stars are {faded:.1f} mag fainter than in the clear, " if faded >= CLEARED_MAG else ""

@@ -76,13 +76,13 @@ function show(state) {
   put("since", isLong ? String(Math.floor(state.since_answer_s / 60)) : number(state.since_answer_s, 1));
   put("since-unit", isLong ? "minutes ago" : "seconds ago");
   const stars = state.stars;
-  put("stars", `${stars.seen}/${stars.expected ?? stars.objects}`);
-  put("stars-of", stars.expected === null ? "of objects" : "of those expected");
+  put("stars", stars.seen === null ? "-" : `${stars.seen}/${stars.expected ?? stars.objects}`);
+  put("stars-of", stars.seen === null ? "no panoramas" : stars.expected === null ? "of objects" : "of those expected");
   put("magnitude", number(stars.limiting_mag, 1));
   put("magnitude-note", state.sky ? `sky ${state.sky}` : "faintest star seen");
   put("forecast", state.forecast.replace(/^verdict: /, "") || "-");
   put("dawn", state.dawn_min === null ? "none" : state.dawn_min <= 0 ? "bright" : duration(state.dawn_min));
-  put("dawn-note", "Sun at −12 deg");
+  put("dawn-note", "Sun at −12°");
   put("clock", state.clock ?? "not read");
   put("identified", state.identified === null ? "-" : (100 * state.identified).toFixed(1));
   put("identified-note", `% (limit ${(100 * state.identified_limit).toFixed(0)}), ${state.false_answers} false`);

@@ -198,9 +198,11 @@ class Glance:
         }
 
     def _stars(self) -> dict[str, Any]:
-        """Named stars, those expected in the field, and the magnitude of the faintest named one."""
+        """Named stars, those expected, the faintest magnitude; null of a sensor that sends no panoramas."""
         if self._latest is None:
             return {"seen": 0, "expected": None, "objects": 0, "limiting_mag": None}
+        if self._subject == Subject.SENSOR:
+            return {"seen": None, "expected": None, "objects": None, "limiting_mag": None}
         light = self._latest.result.light
         return {
             "seen": light.stars,
@@ -248,7 +250,7 @@ class Glance:
             port=self._station.port.url,
             since_frame_s=silent_s,
             frames=running.frames,
-            objects=running.objects,
+            objects=None if self._subject == Subject.SENSOR else running.objects,
             answered=self._answered_utc_ns is not None,
             since_answer_s=since_answer_s if self._phase is Phase.RUNNING else 0.0,
             sky="DAYLIGHT" if self._bright else _SKY_WORDS.get(running.sky, ""),
@@ -269,9 +271,14 @@ class Glance:
             "disk_free_gb": self._disk_free_gb(),
             "dawn_min": self._dawn_min(running.utc_ns or now.utc_ns),
             "turn": self._turn(),
-            "focus": focus_of(latest.result.panorama, self._station.sensor.index_max) if latest else None,
+            "focus": self._focus(),
             "events": [str(line) for line in self._events.latest(_EVENTS_SHOWN)],
         }
+
+    def _focus(self) -> dict[str, Any] | None:
+        if self._latest is None or self._subject == Subject.SENSOR:
+            return None
+        return focus_of(self._latest.result.panorama, self._station.sensor.index_max)
 
     def _disk_free_gb(self) -> float | None:
         try:

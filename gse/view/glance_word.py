@@ -31,7 +31,8 @@ class Phase(StrEnum):
 class Facts:
     """What the word follows from. ``link`` is of LINK_WORDS; ``sky`` is CLOUD, NO STARS, DAYLIGHT or empty.
 
-    ``verdict`` is as a report prints it, such as "PASS, relative (SIMULATED)".
+    ``verdict`` is as a report prints it, such as "PASS, relative (SIMULATED)". ``objects`` is None of a sensor that
+    sends no panoramas.
     ``since_answer_s`` counts from the first panorama as long as there was no answer; ``outside`` names the limits that
     are not kept; ``aligning_s`` is the time left for the fit of the mount; ``cause`` is what the station found out.
     """
@@ -43,7 +44,7 @@ class Facts:
     port: str = ""
     since_frame_s: float = 0.0
     frames: int = 0
-    objects: int = 0
+    objects: int | None = 0
     answered: bool = False
     since_answer_s: float = 0.0
     sky: str = ""
@@ -111,7 +112,7 @@ def _of_link(facts: Facts) -> Word | None:
 
 def _of_answers(facts: Facts) -> Word | None:
     if facts.since_answer_s < (NO_ANSWER_S if facts.answered else ACQUIRING_S):
-        return None if facts.answered else Word("ACQUIRING", Level.IDLE, f"{_objects(facts)}, no answer yet")
+        return None if facts.answered else Word("ACQUIRING", Level.IDLE, f"no answer yet, {_objects(facts)}")
     lasts, objects = _duration(facts.since_answer_s), _objects(facts)
     if facts.sky:
         return Word(facts.sky, Level.WARN, f"{lasts} without an answer, {objects}; frames without sky do not count")
@@ -122,7 +123,10 @@ def _of_answers(facts: Facts) -> Word | None:
 def _objects(facts: Facts) -> str:
     """What the last panorama had, or that none comes: then the sensor or this computer is slow, not the sky."""
     if facts.since_frame_s >= NO_ANSWER_S:
-        return f"no panorama for {_duration(facts.since_frame_s)}"
+        frame = "ATTITUDE frame" if facts.objects is None else "panorama"
+        return f"no {frame} for {_duration(facts.since_frame_s)}"
+    if facts.objects is None:
+        return "its ATTITUDE frames hold none"
     return f"{facts.objects} object{'' if facts.objects == 1 else 's'}"
 
 

@@ -169,6 +169,12 @@ def test_a_missing_session_is_told_in_words(tmp_path: Path) -> None:
         read_capture(tmp_path / "nothing.mcap")
 
 
+def test_a_folder_with_a_report_only_is_told_from_a_missing_session(tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_text("{}")
+    with pytest.raises(CaptureError, match="holds a report and no session"):
+        read_capture(tmp_path)
+
+
 def test_a_folder_stands_for_the_session_in_it(tmp_path: Path) -> None:
     data = write_session(tmp_path / "session.mcap")
     assert [record.data for record in whole(tmp_path)[0] if isinstance(record, Message)] == data

@@ -16,7 +16,7 @@ from gse.assessment.verdict import judge
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.exclusions import Cause, Exclusion, excluded, parse_exclusion
+from gse.station.exclusions import Cause, Exclusion, excluded, exclusions, parse_exclusion
 from gse.station.results import AnswerCheck, AttitudeError, FrameResult, Status, Verdict
 
 CLEAR_ZERO_POINT_MAG = 14.0
@@ -256,6 +256,15 @@ def test_frames_around_a_clock_step_are_excluded_by_name(step_s, frames):
     ((item, count),) = statistics(stepped(step_s, error_arcsec=0.0)).exclusions
     assert "stepped by" in item.reason
     assert count == pytest.approx(frames, abs=1)
+
+
+@pytest.mark.parametrize(("step_s", "stretches"), [(9, 1), (-9, 1), (11, 2), (-11, 2)])
+def test_what_the_two_clocks_tell_of_a_step_is_one_stretch_where_they_meet(step_s, stretches):
+    step = ClockStep(START_NS + 60 * NS_PER_S, 0, StationKind.CLOCK_STEP, "set", step_s * NS_PER_S)
+    found = exclusions([step], session(0).frames.columns)
+    assert len(found) == stretches
+    seconds = sum(item.until_ns - item.from_ns for item in found) / NS_PER_S
+    assert seconds == (20 if stretches == 2 else 10 + abs(step_s))
 
 
 def test_the_side_of_a_clock_step_that_has_wrong_stamps_is_excluded():

@@ -77,6 +77,24 @@ def test_an_undecided_row_says_how_much_longer_would_have_decided():
     )
 
 
+@pytest.mark.parametrize(("above", "below"), [(70.0, 50.0), (65.0, 55.0)])
+def test_a_figure_above_its_limit_takes_as_long_to_decide_as_one_below(above, below):
+    def minutes(value):
+        return minutes_more(Figure(value, Bounds(0, 0, value - 20, value + 20), math.inf, 600, 600.0), LIMIT, 1.0)
+
+    assert minutes(above) == pytest.approx(minutes(below))
+    assert minutes(above) > 10
+
+
+def test_what_takes_longer_is_told_in_minutes_or_as_more_than_a_day():
+    def would_decide(half_width):
+        return row(50.0, half_width, frames=600, duration_s=60.0).reason.partition("U ")[2]
+
+    assert ": 1 more minute would have decided" in would_decide(12.0)
+    assert ": 3 more minutes would have decided" in would_decide(20.0)
+    assert ": more than a day more would have decided" in would_decide(400.0)
+
+
 def test_degrees_are_printed_where_degrees_are_meant():
     assert "is 90.00 deg, the limit is 60.0 arcsec" in row(90 * 3600.0, 1.0).reason
 
@@ -90,6 +108,24 @@ def test_the_bounds_of_a_share_are_those_of_the_binomial_test(count, of):
     below = scipy.stats.binomtest(count, of, alternative="less").proportion_ci(0.95, method="exact")
     above = scipy.stats.binomtest(count, of, alternative="greater").proportion_ci(0.95, method="exact")
     assert (share.lower, share.upper) == pytest.approx((above.low, below.high), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("count", "limit", "at_least", "reason"),
+    [
+        (0, 0.05, False, ""),
+        (90, 0.05, False, "onboard false answers: 90 of 600 frames (15.00%), the limit is 5.00%"),
+        (28, 0.05, False, "(4.67%) show at most 6.34% with 95 % confidence, the limit is 5.00%: a longer session"),
+        (572, 0.95, True, "(95.33%) show at least 93.66% with 95 % confidence, the limit is 95.00%: a longer session"),
+    ],
+)
+def test_a_share_says_why_it_does_not_pass(count, limit, at_least, reason):
+    share = share_of(count, 600)
+    found = judge_share(
+        Subject.ONBOARD, "false answers", share, limit=limit, at_least=at_least, decision=Decision.GUARDED
+    ).reason
+    assert reason in found
+    assert bool(found) == bool(reason)
 
 
 def false_answers(count, of, decision=Decision.GUARDED):

@@ -8,8 +8,11 @@ from skies.known_nights import START_NS, STATION, TRUTH, session, unanswered
 from skies.one_by_one import add_frame
 
 from drivers.chunk import LinkEvent
+from gse.assessment.diagnosis import causes_so_far, stars_fall_out
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
+from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
+from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
 
 
@@ -84,6 +87,32 @@ def test_distortion_is_named():
     assert text.startswith("distortion: stars at the edge lie 2.")
 
 
+@pytest.mark.parametrize(("absent", "cause"), [(26, "identifier without an answer"), (25, "nothing identified")])
+def test_where_the_reference_finds_stars_in_most_panoramas_it_is_the_identifier(absent, cause):
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(50):
+        add_frame(made.frames, unanswered(number))
+    frames = made.frames.columns
+    frames["answer_check"] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    frames["answer_check"][:absent] = ANSWER_CHECKS.index(AnswerCheck.ABSENT)
+    (finding,) = causes_so_far(made)
+    assert finding.cause == cause
+    frames["status"][7] = STATUSES.index(Status.IDENTIFIED)
+    assert causes_so_far(made) == ()
+
+
+@pytest.mark.parametrize(("expected", "words"), [(4.0, "which its catalogue holds 4"), (-1.0, ""), (12.0, "")])
+def test_a_short_catalogue_is_told_where_it_is_known_to_be_short(expected, words):
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(50):
+        add_frame(made.frames, unanswered(number))
+    made.frames.columns["stars_seen"], made.frames.columns["stars_expected"] = 12, expected
+    (finding,) = causes_so_far(made)
+    assert "12 stars of the sky are in each" in finding.size
+    assert ("its catalogue holds" in finding.size) == bool(words)
+    assert words in finding.size
+
+
 def test_a_night_without_one_answer_says_where_to_look():
     made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
     for number in range(50):
@@ -92,3 +121,10 @@ def test_a_night_without_one_answer_says_where_to_look():
     text = found(made)
     assert "gse calibrate" in text
     assert "mirrored image: the image is mirrored" in text
+
+
+@pytest.mark.parametrize(("unmatched", "fall_out"), [(3, False), (7, True)])
+def test_a_camera_that_leaves_a_third_of_the_stars_unmatched_lets_them_fall_out(unmatched, fall_out):
+    frames = np.zeros(5, dtype=FRAME)
+    frames["matched"], frames["false_objects"] = 11, unmatched
+    assert stars_fall_out(frames) is fall_out

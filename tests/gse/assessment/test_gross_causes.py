@@ -76,7 +76,8 @@ def test_a_wrong_sign_or_order_of_the_site_is_named(site, cause, change):
     true = replace(site, **change(site))
     finding = found(site, MOUNT, true_site=true)
     assert finding.cause == cause
-    assert f"{true.latitude_deg:g}" in finding.size or f"{true.longitude_deg:g}" in finding.size
+    stated = [f"site.{name}: {value:g}" for name, value in change(site).items()]
+    assert finding.size.startswith(f"the stars fit {' and '.join(stated)};")
     assert finding.equals == ()
 
 

@@ -1,6 +1,7 @@
 """Health of the sensor: what the stars and the telemetry of a session tell of it, and no more."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from skies.known_nights import START_NS, session
 
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
-from gse.assessment.sensor_health import health_findings, sensor_health
+from gse.assessment.sensor_health import Trend, health_findings, sensor_health
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S
 from gse.recording.session_format import RecordedTimings
@@ -103,6 +104,26 @@ def with_statuses(**changes: object) -> SessionData:
         for number in range(120)
     ]
     return made
+
+
+@pytest.mark.parametrize(("mag_per_h", "word"), [(0.6, "brighter"), (-0.6, "fainter"), (2.5, "brighter")])
+def test_stars_that_change_their_brightness_are_told_with_the_direction(mag_per_h: float, word: str) -> None:
+    made = with_statuses()
+    slope = Trend(mag_per_h, mag_per_h - 0.01, mag_per_h + 0.01)
+    health = replace(sensor_health(made), brightness_mag_per_h=slope)
+    (finding,) = health_findings(made, health)
+    assert f"the same stars become {word} by {abs(mag_per_h):.2f} mag/h" in finding.size
+
+
+def test_hot_pixels_per_kelvin_are_those_that_were_put_in() -> None:
+    made = with_statuses()
+    frames, noise = made.frames.columns, np.random.default_rng(2)
+    frames["temperature_c"], frames["stars_seen"] = 20 + 10 * np.arange(1200) / 1200, 10
+    frames["hot_pixels"] = np.round(1.5 * (frames["temperature_c"] - 20) + noise.normal(3, 0.5, 1200)).clip(0)
+    found = sensor_health(made).hot_pixels_per_k
+    assert found is not None
+    assert found.slope == pytest.approx(1.5, rel=0.05)
+    assert found.low < 1.5 < found.high
 
 
 def test_sound_telemetry_is_no_finding() -> None:

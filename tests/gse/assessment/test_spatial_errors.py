@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy.stats
 from skies.known_nights import STATION
 
 from gse.assessment.first_fix import first_fixes_s
@@ -44,7 +45,7 @@ def test_noise_alone_has_no_spatial_error_within_its_interval(seed):
         assert axis.pixel.low_arcsec == 0
         assert axis.fov.high_arcsec < 1
         assert axis.pixel.high_arcsec < 1
-        assert axis.temporal.low_arcsec < 10.4 < axis.temporal.high_arcsec + 0.5
+        assert 9 < axis.temporal.low_arcsec < 10.4 < axis.temporal.high_arcsec + 0.5
 
 
 def test_the_noise_of_the_boresight_is_that_of_a_star_over_the_root_of_their_number():
@@ -73,8 +74,18 @@ def test_an_error_that_is_slow_over_the_field_is_found():
     assert y.fov.low_arcsec == 0
 
 
-def test_few_stars_give_no_spatial_errors():
-    assert found(matches(stars=10)) is None
+def test_an_error_of_the_fourth_degree_belongs_to_no_part_of_the_field():
+    def bent(x, y):
+        place = y / 512 - 1
+        return 8 * (35 * place**4 - 30 * place**2 + 3) / 8  # Legendre's polynomial: nothing of a lower degree is in it
+
+    x, _ = found(matches(bent, noise_arcsec=1.0))
+    assert x.temporal.rms_arcsec > x.fov.rms_arcsec
+
+
+@pytest.mark.parametrize(("stars", "is_enough"), [(19, False), (20, True)])
+def test_twenty_stars_are_needed_for_spatial_errors(stars, is_enough):
+    assert (found(matches(stars=stars)) is not None) == is_enough
 
 
 def thermal(per_k, *, seed=1, warming_k=7.0, count=6000):
@@ -95,6 +106,43 @@ def test_a_boresight_that_follows_the_temperature_is_found_in_arcsec_per_kelvin(
 def test_noise_does_not_follow_the_temperature_in_nineteen_of_twenty_sessions():
     results = [thermal(0.0, seed=seed) for seed in range(40)]
     assert sum(one.low_arcsec_per_k <= 0 <= one.high_arcsec_per_k for one in results) >= 35
+
+
+def test_where_residuals_do_not_correlate_the_interval_is_that_of_ordinary_regression():
+    """Means of 32 blocks, their errors to and fro; 29 degrees of freedom are left beside mean, drift and slope."""
+    number = np.arange(32)
+    temperature, block = 20 + 3 * np.sin(number / 7), 1.5 * (-1.0) ** number
+    error = 2 * temperature + 0.1 * number + block
+    rows = np.repeat(number, 10)
+    found = thermal_error(np.arange(320) * 10**9, error[rows], temperature[rows])
+    design = np.column_stack([np.ones(32), number, temperature])
+    fit, (square,), *_ = np.linalg.lstsq(design, error, rcond=None)
+    sigma = math.sqrt(square / 29 * np.linalg.inv(design.T @ design)[2, 2])
+    half = scipy.stats.t.ppf(0.975, 29) * sigma
+    assert found.arcsec_per_k == pytest.approx(fit[2], rel=1e-6)
+    assert found.low_arcsec_per_k == pytest.approx(fit[2] - half, rel=1e-6)
+    assert found.high_arcsec_per_k == pytest.approx(fit[2] + half, rel=1e-6)
+    assert found.range_k == pytest.approx(np.ptp(temperature))
+
+
+def test_residuals_that_correlate_widen_the_interval():
+    number = np.arange(32)
+    temperature = 20 + 3 * np.sin(number / 7)
+    rows, rng = np.repeat(number, 10), np.random.default_rng(3)
+    held = []
+    for _ in range(60):
+        course = rng.normal(size=33)
+        for row in range(1, 33):
+            course[row] = 0.6 * course[row - 1] + 0.8 * course[row]
+        found = thermal_error(np.arange(320) * 10**9, course[1:][rows], temperature[rows])
+        held.append(found.low_arcsec_per_k < 0 < found.high_arcsec_per_k)
+    assert np.mean(held) >= 0.8
+
+
+@pytest.mark.parametrize(("moved_k", "is_enough"), [(0.4, False), (0.6, True)])
+def test_a_temperature_must_move_by_five_of_its_steps(moved_k, is_enough):
+    temperature = 20 + moved_k * np.repeat([0.0, 1.0], 160)
+    assert (thermal_error(np.arange(320) * 10**9, temperature, temperature) is not None) == is_enough
 
 
 def test_a_steady_or_unknown_temperature_tells_nothing():

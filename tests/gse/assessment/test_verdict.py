@@ -11,6 +11,7 @@ from skies.one_by_one import add_frame
 from drivers.clock import ClockReading
 from gse.assessment.clock_health import clock_health, stated_error_s
 from gse.assessment.decision import Outcome
+from gse.assessment.sensor_answers import not_compared, own_truth
 from gse.assessment.statistics import statistics
 from gse.assessment.subject_statistics import about_circular_mean
 from gse.assessment.verdict import judge
@@ -256,6 +257,35 @@ def with_own_answers(made, *, turned_deg=0.0, latency_s=0.08):
             ),
         )
     return made
+
+
+def test_what_is_sent_is_bounded_to_the_numbers_of_the_table():
+    table = AttitudeTable()
+    for number in (-1, 7, 2**40):
+        table.append(0, AttitudeMessage(time_us=0, frame_no=number, matched=number))
+    assert table.columns["frame_no"].tolist() == [0, 7, 2**32 - 1]
+    assert table.columns["matched"].tolist() == [0, 7, 2**16 - 1]
+
+
+def test_answers_to_no_panorama_and_answers_that_were_taken_back_are_counted():
+    made = with_own_answers(session(30))
+    assert not_compared(made) == 0
+    made.sensor_attitudes.append(0, AttitudeMessage(time_us=10**12, ra_deg=1.0, de_deg=2.0, roll_deg=0.0))
+    made.sensor_attitudes.append(0, AttitudeMessage(time_us=1, ra_deg=1.0, de_deg=2.0, roll_deg=0.0))
+    assert not_compared(made) == 2
+    last = made.frames.columns[-1]
+    for ra_deg in (1.0, 5.0):
+        made.sensor_attitudes.append(
+            0, AttitudeMessage(int(last["time_us"]), ra_deg=ra_deg, de_deg=2.0, frame_no=int(last["frame_no"]))
+        )
+    assert not_compared(made) == 4
+
+
+def test_before_the_mount_is_fitted_a_sensors_answers_are_compared_with_nothing():
+    made = session(1)
+    assert own_truth(made) is not None
+    made.station = STATION.model_copy(update={"mount": Mount(align="first 10 s")})
+    assert own_truth(made) is None
 
 
 def test_a_sensor_whose_own_answers_are_right_passes_with_rows_of_its_own():

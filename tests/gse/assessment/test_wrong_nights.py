@@ -46,3 +46,11 @@ def test_an_identifier_that_knows_too_few_stars_is_named_and_not_the_optics():
     assert "none of 30 panoramas" in finding.size
     assert "its catalogue holds 4" in finding.size or "its catalogue holds 3" in finding.size
     assert "identifier.catalog_stars" in finding.next_step
+
+
+def test_errors_that_single_stars_explain_are_their_noise():
+    world = replace(WORLD, size_px=512, focal_length_px=703.0, faintest_mag=4.6, whole_pixels=False, noise_px=0.6)
+    told = judge(session(world, world, replace(PLAN, seconds=40.0)))
+    (finding,) = told.findings
+    assert finding.cause == "centroid noise"
+    assert "(0.6" in finding.size or "(0.5" in finding.size

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gse.calibration.camera_fit import StarField, _misfit, _parameters, _residuals, _with, calibrate
+from gse.calibration.camera_fit import StarField, _misfit, _parameters, _residuals, _softness, _weight, _with, calibrate
 from gse.calibration.hot_pixels import hot_pixels
 from gse.calibration.session_fit import PanoramaSample, calibrate_session
 from gse.camera import Camera
@@ -272,6 +272,17 @@ def test_the_derivatives_of_the_residuals_are_those_of_small_steps(mirrored):
     for place, turn in enumerate(1e-6 * np.eye(3)):
         slope = (residual(values, turn) - residual(values, -turn)) / 2e-6
         assert by_rotation[:, :, place] == pytest.approx(slope, rel=1e-5, abs=1e-2)
+
+
+def test_a_star_resists_by_the_divergence_of_its_pull():
+    """Half of it, along both axes together, in that of the mean weight: what the fit takes the scatter to be."""
+    residual, step = np.random.default_rng(3).normal(0, 1.5, (40, 2)), 1e-6
+    divergence = np.zeros(len(residual))
+    for axis in range(2):
+        off = step * np.eye(2)[axis]
+        ahead, behind = (_weight(place, 0.4)[:, None] * place for place in (residual + off, residual - off))
+        divergence += (ahead - behind)[:, axis] / (2 * step)
+    assert _softness(residual, 0.4) == pytest.approx(divergence / 2 / _weight(residual, 0.4).mean(), rel=1e-5)
 
 
 def test_a_star_on_the_last_edge_of_the_detector_is_in_the_last_cell():

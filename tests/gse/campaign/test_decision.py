@@ -8,6 +8,7 @@ from gse.assessment.decision import Outcome
 from gse.campaign.decision import campaign_rows, campaign_share, verdict_of
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
 from gse.campaign.nights import COLUMNS, Session, _reasons, by_night
+from gse.campaign.page import with_digits_of
 from gse.campaign.trends import trend
 from gse.station.results import Verdict
 from gse.tables import sessions_schema
@@ -119,3 +120,17 @@ def test_a_session_that_is_doubted_as_a_whole_is_left_out_and_a_short_one_is_not
     reasons = list(_reasons(row))
     assert (not reasons) == counts
     assert counts or "the clock stepped" in reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("value", "scatter", "text"),
+    [
+        (-0.153672, 0.411, "-0.15"),
+        (4170.02, 0.324, "4170.02"),
+        (-1.89, 64.7, "-2"),
+        (100.0, 0.0, "100"),
+        (None, 1.0, "–"),
+    ],
+)
+def test_a_mean_is_given_to_the_second_digit_of_its_scatter(value, scatter, text):
+    assert with_digits_of(value, scatter) == text

@@ -155,6 +155,7 @@ def test_a_report_names_what_was_left_out_and_is_the_same_again(judged, gse, tmp
     assert {row["name"]: row["nights"] for row in sensor["rows"]}["mean |dDE|"] == sensor["nights"] >= 2
     page = (tmp_path / "first" / "campaign.html").read_text()
     assert "foreign.mcap" in page
+    assert "<strong>INCONCLUSIVE (SIMULATED)</strong>" in page
     assert page.count("<svg") >= 3
     assert gse("campaign", "report", judged, "--out", tmp_path / "first").code == 2
 

@@ -1,11 +1,15 @@
 """Commands on a session of a sensor that sends quaternions of its own and no panorama."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
+from drivers.clock import ClockReading
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import RX, Message
+from gse.sessions.replay import replay_session
+from gse.view.glance import Glance
 
 SCENARIO = """\
 text: A sensor of quaternions only.
@@ -41,3 +45,21 @@ def test_its_convention_is_found_in_a_raw_capture_too(gse, session, tmp_path):
     done = gse("conventions", tmp_path / "raw.bin", *options)
     assert done.code == 0
     assert json.loads(done.out)["named"]["scalar"] == "last"
+
+
+def test_the_glance_page_has_its_errors_and_no_stars(session):
+    pages = []
+
+    def listeners(loop, folder):
+        pages.append(Glance(loop.session.station))
+        return pages
+
+    last_ns = int(replay_session(session, make_listeners=listeners).session.frames.columns["utc_ns"][-1])
+    now = ClockReading(last_ns, 10**9, "ntp", True, 0.0, 0.01)
+    pages[0].absorb(now)
+    document = pages[0].document(now)
+    assert document["word"]["text"] == "OK"
+    assert [axis["subject"] for axis in document["axes"]] == ["sensor", "sensor"]
+    assert (document["stars"]["seen"], document["stars"]["expected"], document["focus"]) == (None, None, None)
+    silent = pages[0].document(replace(now, mono_ns=now.mono_ns + 12 * 10**9))["word"]
+    assert (silent["text"], silent["detail"]) == ("NO ANSWER 12 s", "no ATTITUDE frame for 12 s")

@@ -1,12 +1,15 @@
 """Measured against true attitude: the same everywhere on the sky."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gse.attitude import Attitude
 from gse.station.attitude_error import attitude_error
+from gse.station.own_answers import attitude_errors
 
 
 @pytest.mark.parametrize(("ra", "de"), [(0.0, 0.0), (359.99999, 45.0), (123.0, 89.9999), (10.0, -90.0), (200.0, 90.0)])
@@ -34,3 +37,14 @@ def test_signs_are_east_north_and_roll_as_defined():
 def test_an_answer_on_the_other_side_of_the_sky_is_180_degrees_off():
     error = attitude_error(Attitude.from_angles(190.0, -30.0, 0.0), Attitude.from_angles(10.0, 30.0, 0.0))
     assert math.hypot(error.d_ra_cosde_arcsec, error.d_de_arcsec) == pytest.approx(180 * 3600)
+
+
+def test_many_errors_at_once_are_those_one_by_one_also_at_the_pole_and_without_an_error():
+    true = Rotation.random(40, rng=np.random.default_rng(4)).as_matrix()
+    true[0], true[1] = np.eye(3), np.diag([1.0, -1.0, -1.0])  # the boresight is at a pole
+    turn = Rotation.from_rotvec(np.random.default_rng(5).normal(0, 0.01, (40, 3)))
+    measured = turn.as_matrix() @ true
+    measured[2] = true[2]
+    expected = [dataclasses.astuple(attitude_error(*(Attitude(one, np.zeros((3, 3))) for one in pair)))
+                for pair in zip(measured, true, strict=True)]  # fmt: skip
+    assert np.transpose(attitude_errors(measured, true)) == pytest.approx(np.array(expected), abs=1e-6)

@@ -64,3 +64,9 @@ def test_a_search_that_finds_nothing_is_repeated_after_ten_times_as_long(catalog
     assert look(watch, seen(noise, 0)) == look(watch, seen(noise, 6)) == ""
     assert look(watch, seen(stars_px, 49)) == ""
     assert "3.0 % too long" in look(watch, seen(stars_px, 51))
+
+
+def test_six_objects_are_too_few_to_begin_the_watch(catalog, stars_px):
+    watch = CameraWatch(STATED, catalog)
+    assert look(watch, seen(stars_px[:6], 0)) == look(watch, seen(stars_px, 6)) == ""
+    assert "3.0 % too long" in look(watch, seen(stars_px, 11.1))

@@ -4,9 +4,11 @@ import numpy as np
 from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames
 
+from gse.panorama import Panorama
 from gse.station import frame_table
 from gse.station.frame_results import FrameResults
 from gse.station.frame_table import FrameTable
+from gse.station.results import FrameResult, Status
 
 
 def test_every_frame_and_every_match_of_a_short_night_is_kept():
@@ -16,6 +18,13 @@ def test_every_frame_and_every_match_of_a_short_night_is_kept():
         add_frame(table, frame)
     assert table.columns["utc_ns"].tolist() == [frame.panorama.utc_ns for frame in frames]
     assert np.bincount(table.matches["frame"]).tolist() == [len(frame.matches) for frame in frames]
+
+
+def test_objects_are_counted_up_to_255():
+    counts = [0, 7, 255, 300]
+    made = [Panorama(k, np.full((count, 2), 9.0), np.ones(count)) for k, count in enumerate(counts)]
+    results = FrameResults.of([FrameResult(one, Status.NO_MATCH, "", "neighbour") for one in made])
+    assert results.rows()["objects"].tolist() == [0, 7, 255, 255]
 
 
 def test_a_long_night_keeps_all_frames_and_the_matches_of_every_second_one_or_fewer():

@@ -83,6 +83,24 @@ def test_of_two_objects_at_one_star_the_nearer_is_the_star_and_a_named_star_is_n
     assert (found.objects.tolist(), found.stars.tolist()) == ([4], [rows[3]])
 
 
+def test_what_one_panorama_names_is_free_in_another_and_the_last_stars_of_the_catalogue_are_found(stars):
+    rows, exact = shown(stars)
+    few = replace_rows(stars, rows)
+    named = [Identification(np.arange(3), np.arange(3), 1e-9), Identification(np.arange(3, 6), np.arange(3, 6), 1e-9)]
+    beside = FIELD_14_DEG.directions(
+        FIELD_14_DEG.pixels(exact[3:4]) + np.array([1.0, 0.0])
+    )  # a star that is named already
+    seen = objects_of([exact, np.concatenate([exact, beside])])
+    found = LeftOutStars(FIELD_14_DEG, few).of(seen, Answers.of(named), frames(2))
+    everything = set(range(len(rows)))
+    assert [set(one.stars.tolist()) for one in found] == [everything - {0, 1, 2}, everything - {3, 4, 5}]
+
+
+def replace_rows(stars, rows):
+    """A catalogue of these stars alone."""
+    return replace(stars, **{name: getattr(stars, name)[rows] for name in ("ids", "icrs", "magnitude")})
+
+
 def test_air_biases_the_stars_that_the_neighbour_technique_names_but_not_all_that_the_frames_show(stars):
     rows, exact = shown(stars)
     rng = np.random.default_rng(4)

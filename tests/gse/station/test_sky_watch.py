@@ -21,7 +21,7 @@ from gse.station.loop import StationLoop
 from gse.station.results import AnswerCheck, SkyCondition, Status
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up
-from gse.station.sky_condition import ClearSky, Lights, SkyEvidence, condition_of
+from gse.station.sky_condition import ClearSky, Lights, SkyEvidence, condition_of, words_of
 from gse.station.sky_watch import SkyWatch
 from gse.truth.mounting import horizon_to_sensor
 from gse.truth.solar_system import icrs_to_horizon, sun_and_moon_horizon
@@ -157,6 +157,13 @@ def test_stars_that_are_there_and_match_none_are_no_cloud(unmatched: float, cond
     lights = Lights(-40.0, -30.0, 120.0, 90.0)
     few = SkyEvidence(lights, 30.0, 0.2, math.nan, 5.0, 24.0, 0.0, True, False, 0.05, unmatched)
     assert condition_of(few, ClearSky(), SkyCondition.UNKNOWN) is condition
+
+
+def test_a_clear_sky_of_few_stars_says_what_else_it_may_be() -> None:
+    lights = Lights(-40.0, -30.0, 120.0, 90.0)
+    few = SkyEvidence(lights, 30.0, 0.4, math.nan, 4.0, 13.0, 0.0, True, False, 0.05)
+    assert "cloud that was always there" in words_of(SkyCondition.CLEAR, few, ClearSky())
+    assert "always there" not in words_of(SkyCondition.CLEAR, replace(few, seen_share=0.8), ClearSky())
 
 
 def test_a_field_of_one_star_is_not_judged_by_its_share() -> None:

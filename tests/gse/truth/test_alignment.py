@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount
-from gse.truth import Alignment, fit_mount, horizon_to_sensor, small_rotations
+from gse.truth import Alignment, fit_mount, horizon_to_sensor, small_rotations, time_blocks
 
 ARCSEC = math.pi / 180 / 3600
 START_NS = from_text("2026-03-20T18:30:07Z")
@@ -59,6 +59,14 @@ def test_the_sigma_is_of_eight_blocks_where_a_session_has_no_more(step_s, frames
     fitted = fit_mount(instants(frames, step_s), turned(errors))
     expected = means.std(axis=0, ddof=1) / math.sqrt(8) * math.sqrt(7 / 5)
     assert fitted.sigma_arcsec == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("seconds", [80, 90, 160, 400])
+def test_blocks_last_twenty_seconds_or_an_eighth_of_what_there_is(seconds):
+    """An eighth of the time from the first frame to the last, so that a frame or so is left for a ninth."""
+    counts = np.bincount(time_blocks(instants(seconds)))
+    assert len(counts) == pytest.approx(max(8, seconds / 20), abs=1)
+    assert counts[0] == pytest.approx(min(20, seconds / 8), abs=1)
 
 
 def test_the_mount_is_the_mean_of_the_frames_and_the_scatter_their_standard_deviation():

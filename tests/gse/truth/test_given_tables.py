@@ -64,6 +64,40 @@ def test_the_list_that_comes_with_unix_systems_is_read_too(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("expires", "day"),
+    [("1 January 2028", (2028, 1, 1)), ("28 June 2027", (2027, 6, 28)), ("5 Dec 2026", (2026, 12, 5))],
+)
+def test_a_list_of_leap_seconds_says_until_when_it_is_known(tmp_path, expires, day):
+    path = tmp_path / "Leap_Second.dat"
+    path.write_text(f"# File expires on {expires}\n 41317.0 1 1 1972 10\n 57754.0 1 1 2017 37\n")
+    leap = read_given([path]).leap_seconds
+    assert leap.known_until_mjd == erfa.cal2jd(*day)[1]
+    assert (leap.mjd, leap.tai_minus_utc_s) == ((41_317, 57_754), (10.0, 37.0))
+
+
+def test_a_row_has_every_digit_of_its_columns(tmp_path, later_finals):
+    """x, y, UT1 - UTC and its error as the ReadMe of finals2000A has their columns."""
+    lines = later_finals.read_text().splitlines()
+    values = {(18, 27): " 0.123456", (37, 46): " 0.654321", (58, 68): "-0.1234567", (68, 78): " 0.0123456"}
+    for (begin, end), value in values.items():
+        lines[3] = lines[3][:begin] + value + lines[3][end:]
+    path = tmp_path / "finals"
+    path.write_text("\n".join(lines))
+    row = read_given([path]).rows[int(float(lines[3][7:15]))]
+    assert row[1:5] == (-0.1234567, 0.123456, 0.654321, 0.0123456)
+
+
+@pytest.mark.parametrize("columns", [(18, 27), (37, 46), (58, 68), (68, 78)], ids=["x", "y", "UT1", "its error"])
+def test_a_value_of_ten_is_no_orientation_of_the_earth(tmp_path, later_finals, columns):
+    lines, (begin, end) = later_finals.read_text().splitlines(), columns
+    lines[3] = f"{lines[3][:begin]}{10.0:{end - begin}.3f}{lines[3][end:]}"
+    path = tmp_path / "finals"
+    path.write_text("\n".join(lines))
+    with pytest.raises(TruthError, match="line 4: UT1 - UTC or the pole is out of range"):
+        read_given([path])
+
+
+@pytest.mark.parametrize(
     ("content", "words"),
     [
         ("", "is not a table of Earth orientation: expected finals2000A"),

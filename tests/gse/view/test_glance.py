@@ -44,6 +44,7 @@ ON = Facts(link="streaming", port="/dev/ttyUSB0", frames=100, objects=28, answer
         (ON, "OK", Level.GOOD),
         (replace(ON, since_answer_s=12.0), "NO ANSWER 12 s", Level.BAD),
         (replace(ON, since_answer_s=400.0), "NO ANSWER 6 min", Level.BAD),
+        (replace(ON, objects=None, since_answer_s=12.0), "NO ANSWER 12 s", Level.BAD),
         (replace(ON, since_answer_s=12.0, sky="CLOUD"), "CLOUD", Level.WARN),
         (replace(ON, since_answer_s=12.0, sky="DAYLIGHT"), "DAYLIGHT", Level.WARN),
         (replace(ON, link="no port", since_answer_s=12.0, sky="CLOUD"), "LINK LOST", Level.BAD),

@@ -1,0 +1,80 @@
+"""Findings of fine causes in words: numbers by hand, from coefficients that are given."""
+
+import math
+
+import numpy as np
+import pytest
+
+from gse.assessment.competing_models import Columns
+from gse.assessment.fine_causes import Named
+from gse.assessment.fine_findings import _WORDS, Setting
+from gse.assessment.fine_hypotheses import Hypothesis
+from gse.camera import Camera
+from gse.instant import from_text
+from gse.mount import Mount
+from gse.site import Site
+
+SETTING = Setting(
+    Camera(1024, 1024, 4000.0, (511.5, 511.5), radial_distortion=(0.001, 0.0)),
+    Site(latitude_deg=48.0, longitude_deg=11.0, pressure_hpa=1000.0, temperature_c=15.0),
+    Mount(azimuth_deg=130.0, altitude_deg=60.0, roll_deg=25.0),
+    from_text("2026-03-20T15:00:00Z"),
+    0.1,
+    10.0,
+)
+
+
+def said(cause, *coefficients, kind="", at_s=math.nan, error=0.0):
+    columns = Columns(*(np.zeros((1, 1, 1)) for _ in range(3)))
+    one = Named(Hypothesis(cause, kind, columns, at_s=at_s), np.array(coefficients), np.full(9, error), ())
+    finding = _WORDS[cause](one, SETTING)
+    return f"{finding.cause}: {finding.size}; {', '.join(finding.equals)}"
+
+
+@pytest.mark.parametrize(
+    ("cause", "coefficients", "words"),
+    [
+        # Refraction goes as p / T: 50 hPa of 1000 less are as 288.15 K / 0.95, 15 K more.
+        ("refraction", (-50.0,), ["site.pressure_hpa: 950, in force is 1000", "temperature (+15 K)"]),
+        ("refraction", (20.0,), ["site.pressure_hpa: 1020", "temperature (-6 K)"]),
+        ("focal length", (0.002,), ["0.200% too short", "focal_length_px: 4008.00"]),
+        ("focal length", (-0.002,), ["0.200% too long", "focal_length_px: 3992.00"]),
+        ("distortion", (0.004,), ["2.05 px too far in", "radial_distortion: [0.005000, 0.000000]"]),
+        ("distortion", (-0.004, 0.001), ["1.54 px too far out", "radial_distortion: [-0.003000, 0.001000]"]),
+        ("principal point", (2.0, -1.5), ["+2.00 px in x and -1.50 px in y", "principal_point_px: [513.50, 510.00]"]),
+        # A pixel of 1 / 4000 is 51.57 arcsec.
+        ("principal point", (2.0, -1.5), ["a mount turned by 129 arcsec"]),
+        ("clock drift", (-250.0,), ["250 ppm slow", "0.900 s in an hour"]),
+        ("clock drift", (250.0,), ["250 ppm fast"]),
+        ("clock offset", (1.0,), ["clock is 1.0000 s fast", "a leap second", "latency: frames that are stamped 1.000"]),
+        ("clock offset", (-1.5,), ["1.5000 s slow", "longitude_deg: 11.00627", "about the pole by -22.6 arcsec"]),
+        ("clock offset", (18.0,), ["clock set to GPS time"]),
+        ("clock offset", (37.0,), ["clock set to TAI"]),
+        ("site", (36.0,), ["site.latitude_deg: 48.01000, stated is 48", "+1112 m on the ground"]),
+        ("mount moves", (1.0, -2.0, 30.0), ["+1.0 arcsec/h in azimuth", "-2.0 arcsec/h in altitude", "+30.0"]),
+        ("thermal sinusoid", (3.0, 4.0, 12.0, 84.0, 999.0), ["swings by +-85.0 arcsec across the boresight"]),
+    ],
+)
+def test_a_cause_is_told_in_the_unit_that_an_operator_turns(cause, coefficients, words):
+    text = said(cause, *coefficients)
+    assert all(word in text for word in words), text
+
+
+@pytest.mark.parametrize(
+    ("kind", "arcsec", "words"), [("azimuth", 36.0, "azimuth_deg: 130.01000"), ("roll", -72.0, "roll_deg: 24.98000")]
+)
+def test_one_angle_of_the_mount_is_given_as_it_should_be(kind, arcsec, words):
+    assert words in said("mount", arcsec, kind=kind)
+
+
+@pytest.mark.parametrize(("at_s", "words"), [(90.0, "15:01:30Z"), (3600.0, "16:00:00Z")])
+def test_what_happens_at_an_instant_is_told_with_it(at_s, words):
+    assert words in said("clock step", 0.25, at_s=at_s)
+    assert "stepped by +0.250 s" in said("clock step", 0.25, at_s=at_s)
+    assert words in said("slip of the mount", 1.0, 2.0, 3.0, at_s=at_s)
+
+
+@pytest.mark.parametrize(("at_s", "words"), [(599.0, "period of 599 s"), (900.0, "period of 15 min")])
+def test_a_period_is_told_in_seconds_or_minutes(at_s, words):
+    assert words in said("thermal sinusoid", 3.0, 4.0, kind="columns", at_s=at_s)
+    assert "+-5.0 arcsec along columns" in said("thermal sinusoid", 3.0, 4.0, kind="columns", at_s=at_s)
