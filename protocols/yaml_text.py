@@ -17,9 +17,9 @@ class _Loader(yaml.SafeLoader):
             raise yaml.MarkedYAMLError(problem="aliases (*name) are not allowed here", problem_mark=mark)
         return super().compose_node(parent, index)
 
-    def construct_yaml_int(self, node: yaml.Node) -> int:
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         """A whole number. Of more than 4,300 digits Python refuses to write it down, even in a message."""
-        value: int = super().construct_yaml_int(node)  # type: ignore[no-untyped-call]
+        value = super().construct_yaml_int(node)
         if abs(value) >= _LARGEST:
             raise yaml.MarkedYAMLError(problem="a number of more than 300 digits", problem_mark=node.start_mark)
         return value
