@@ -46,7 +46,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
@@ -56,8 +55,6 @@ from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.clock import ClockReading
 from drivers.link import SerialLink
 from drivers.link_state import LinkMonitor
-from gse.external.answers import Failure
-from gse.identifier import Reason
 from gse.panorama import Panorama, Panoramas
 from gse.recording.session_format import RecordedTimings
 from gse.station.byte_stream import FrameAt
@@ -73,6 +70,7 @@ from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.own_answer_results import OwnAnswerProcessor
 from gse.station.reception import News, Received, Reception
+from gse.station.result_events import ResultEvents
 from gse.station.results import FrameResult, OwnAnswer, Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
@@ -164,10 +162,10 @@ class StationLoop:
         self._own_answers = OwnAnswerProcessor(station.sensor.attitude)
         baudrate = station.port.baudrate
         self._monitor = LinkMonitor(baudrate, explain=lambda sample: what_fits(sample, setup.protocol, baudrate))
-        self._camera_watch = CameraWatch(setup.camera, setup.identifier.catalog)
         self._truth_sought = False
         self._event_log = EventLog()
         self.sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
+        self._result_events = ResultEvents(self.sky, CameraWatch(setup.camera, setup.identifier.catalog))
 
     def run(
         self,
@@ -231,11 +229,7 @@ class StationLoop:
         """Process the bytes left in the decoder at the end of the stream."""
         results = self._identify(self.reception.receive(self.reception.stream.finish()))
         results += self._conclude_but(0)
-        if text := self._camera_watch.finish():
-            utc_ns = int(self.session.frames.columns["utc_ns"][-1])
-            self.on_event(LinkEvent(utc_ns, 0, StationKind.WRONG_CAMERA, text))
-        if self.session.station.mount.inertial is None:
-            self._log_all(self.sky.finish(self.session.frames.columns))
+        self._log_all(self._result_events.finish(self.session))
         fill_housekeeping(self.session.frames.columns, self.session.statuses)
         self.session.raw_sha256 = self.reception.stream.raw_sha256
         self.session.others_lost = self.reception.others_lost
@@ -337,7 +331,7 @@ class StationLoop:
         if self._first_seconds is not None and self._frame_processor.truth is not None:
             for result in results:
                 self._first_seconds.add(result, self._frame_processor.truth)
-        for k, event in self._events_of(results, first):
+        for k, event in self._result_events.of(results, self.session, first):
             self._show(results, rows, shown, k)
             self.on_event(event)
             shown = k
@@ -348,28 +342,6 @@ class StationLoop:
         if begin < end:
             for listener in self.listeners:
                 listener.on_results(NewResults(results, rows[begin:end], begin), self.session)
-
-    def _events_of(self, results: FrameResults, first: int) -> list[tuple[int, LinkEvent]]:
-        """Events that results bring, of which the first is row ``first`` of the session, each before its result."""
-        events: list[tuple[int, LinkEvent]] = []
-        if self.session.station.mount.inertial is None:  # before a star simulator there is no sky
-            taken = self.sky.take(self.session.frames.columns, first)
-            events += [(row - first, event) for row, found in taken for event in found]
-        for k, result in enumerate(results.made):
-            if result.given is not None:
-                self.session.external_counts.count(result.given)
-                if isinstance(result.given.answer, Failure):
-                    text = (
-                        f"{result.given.answer.kind} at frame {result.panorama.frame_no}: {result.given.answer.detail}"
-                    )
-                    events.append((k, LinkEvent(result.panorama.utc_ns, 0, StationKind.IDENTIFIER_FAULT, text)))
-        for k, answer in results.answers.unidentified.items():
-            if answer.reason is Reason.MIRRORED:
-                utc_ns = int(results.panoramas.utc_ns[k])
-                events.append((k, LinkEvent(utc_ns, 0, StationKind.MIRRORED, answer.detail)))
-        for k, text in self._camera_watch.look(results):
-            events.append((k, LinkEvent(int(results.panoramas.utc_ns[k]), 0, StationKind.WRONG_CAMERA, text)))
-        return sorted(events, key=itemgetter(0))
 
     def _conclude_own(self, answer: OwnAnswer) -> FrameResults:
         """Compare an answer of a sensor that sends no panoramas with truth; store the result and pass it on."""
