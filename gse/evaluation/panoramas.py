@@ -147,7 +147,10 @@ def row(identifier: str, panoramas: PanoramaSet, found: Sequence[Score]) -> dict
 def benchmark(
     identifiers: Sequence[IdentifierOptions], sets: Sequence[PanoramaSet], catalog: str
 ) -> Iterator[dict[str, Any]]:
-    """The rows of every identifier on every set."""
+    """The rows of every identifier on every set; UsageError, before any, where an external one cannot be started."""
+    for options in identifiers:
+        if options.algorithm == "external":
+            plug_of(options, sets[0].cases[0].sensor)
     for panoramas in sets:
         for options in identifiers:
             yield row(options.label, panoramas, scores(options, panoramas.cases, catalog))

@@ -82,7 +82,8 @@ class ImageSource:
         size = np.array([self._camera.columns, self._camera.rows])
         near = ((start_px > -margin_px[:, None]) & (start_px < size + margin_px[:, None])).all(axis=1)
         electrons = self._photometry.star_electrons(magnitude[near], exposure_s)
-        _add_smeared(light, start_px[near], end_px[near], electrons, self._scenario.optics.psf_sigma_px)
+        sigma_px = self._scenario.optics.psf_sigma_px * self._scene.blur(middle_ns)
+        _add_smeared(light, start_px[near], end_px[near], electrons, sigma_px)
 
     def _add_moon(self, light: NDArray[np.float32], utc_ns: int, exposure_s: float) -> None:
         """The lit part of the Moon, evenly bright up to its limb; saturated without blooming."""

@@ -54,14 +54,15 @@ class PanoramaSource:
         if self._photometry.is_overexposed(background):
             return Exposure(np.empty((0, 2)), np.empty(0), frozenset({OVEREXPOSED}))
         limit = self._photometry.faintest_magnitude(sky_magnitude, exposure_s, temperature_c)
-        xy_px, magnitude = self._stars(middle_utc_ns, limit)
-        index = self._photometry.peak_index(magnitude, exposure_s)
+        blur = self._scene.blur(middle_utc_ns)  # the light of a peak is spread over the square of it
+        xy_px, magnitude = self._stars(middle_utc_ns, limit - 5 * math.log10(blur), self._noise_px * blur)
+        index = self._photometry.peak_index(magnitude, exposure_s) / blur**2
         xy_px, index = self._with_hot_pixels(xy_px, index, exposure_s, temperature_c)
         xy_px, index = self._with_false_objects(xy_px, index)
         xy_px, index = self._behind_the_moon(xy_px, index, middle_utc_ns)
         return self._kept(xy_px, index + background)
 
-    def _stars(self, utc_ns: int, limit: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _stars(self, utc_ns: int, limit: float, noise_px: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         noise = self._scenario.optics.magnitude_noise
         # The cell is asked for to the next half magnitude: the limit wanders a little with the temperature.
         deepest = math.ceil(2 * (limit + _NOISE_SIGMAS * noise)) / 2
@@ -69,7 +70,7 @@ class PanoramaSource:
         near = self._camera.contains(xy_px)
         xy_px, magnitude = xy_px[near], magnitude[near]
         magnitude = magnitude + self._random.normal(0, noise, len(magnitude))
-        xy_px = xy_px + self._random.normal(0, self._noise_px, xy_px.shape)
+        xy_px = xy_px + self._random.normal(0, noise_px, xy_px.shape)
         seen = magnitude < limit
         if self._scenario.detector.missing:
             seen &= self._random.random(len(seen)) >= self._scenario.detector.missing

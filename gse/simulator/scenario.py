@@ -40,7 +40,9 @@ class Optics(_Section):
     position_noise_arcsec: Annotated[float, Field(ge=0, le=1000)] = 10.0
     """Per axis, before positions are put on whole pixels; panorama level only."""
     psf_sigma_px: Annotated[float, Field(ge=0.3, le=5)] = 0.9
-    """Width of the Gaussian that a star makes."""
+    """Width of the Gaussian that a star makes, in focus."""
+    defocus: tuple[tuple[float, Annotated[float, Field(ge=1, le=20)]], ...] = ((0.0, 1.0),)
+    """By how many times wider stars are: (seconds since the start, factor), linear between."""
     electrons_per_index: Annotated[float, Field(gt=0, le=1000)] = 10.0
     read_noise_electrons: Annotated[float, Field(ge=0, le=1000)] = 15.0
     dark_electrons_per_s: Annotated[float, Field(ge=0, le=1e6)] = 50.0

@@ -107,6 +107,10 @@ class Scene:
         air = self._scenario.air
         return sky_magnitude(directions_horizon, self.bodies(utc_ns), utc_ns, air.dark_magnitude, sunlight=air.sunlight)
 
+    def blur(self, utc_ns: int) -> float:
+        """By how many times wider than in focus the image of a star is."""
+        return profile_at(self._scenario.optics.defocus, self.since_start_s(utc_ns))
+
     def is_capped(self, utc_ns: int) -> bool:
         """Whether a cap or a cover is on the lens."""
         second = self.since_start_s(utc_ns)

@@ -37,6 +37,8 @@ def said(cause, *coefficients, kind="", at_s=math.nan, error=0.0):
         # Refraction goes as p / T: 50 hPa of 1000 less are as 288.15 K / 0.95, 15 K more.
         ("refraction", (-50.0,), ["site.pressure_hpa: 950, in force is 1000", "temperature (+15 K)"]),
         ("refraction", (20.0,), ["site.pressure_hpa: 1020", "temperature (-6 K)"]),
+        # 1152.6 hPa are on no record: 288.15 K at 1000 hPa bend as 250 K do.
+        ("refraction", (152.6,), ["temperature: the stars fit site.temperature_c: -23, in force is 15"]),
         ("focal length", (0.002,), ["0.200% too short", "focal_length_px: 4008.00"]),
         ("focal length", (-0.002,), ["0.200% too long", "focal_length_px: 3992.00"]),
         ("distortion", (0.004,), ["2.05 px too far in", "radial_distortion: [0.005000, 0.000000]"]),

@@ -7,7 +7,8 @@ from devices.programs import program
 
 from gse.cli.evaluate import table as evaluation_table
 from gse.errors import TableError, UsageError
-from gse.evaluation.panoramas import read_set, table
+from gse.evaluation.panoramas import benchmark, read_set, table
+from gse.identifier_options import IdentifierOptions
 
 NIGHT_SKY = Path(__file__).parents[3] / "replays" / "night-sky"
 NAME = "rooftop-alt40-azi-135"
@@ -59,6 +60,12 @@ for line in sys.stdin:
     assert theirs["boresight_arcsec"]["max"] == pytest.approx(36, abs=0.1)
     assert (ours["failures"], theirs["failures"]) == ({}, {"NONSENSE": 1})
     assert "onboard failed: 2 NONSENSE; counted as none" in table(document["rows"])
+
+
+def test_a_program_that_is_not_there_is_refused_before_the_others_work(folder):
+    missing = IdentifierOptions(algorithm="external", command=("./none",), directory=str(folder))
+    with pytest.raises(UsageError, match="there is no file"):
+        next(benchmark([IdentifierOptions(), missing], [read_set(folder)], "gaia"))
 
 
 def test_an_external_identifier_is_a_row_of_the_ordinary_evaluation_too(folder, gse):
