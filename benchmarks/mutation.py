@@ -96,6 +96,7 @@ MOST_CPU_S = 200
 LEAST = 30
 """Mutants of a small room: fewer tell nothing about it."""
 
+_LIGHT_S = 1.5
 FIRST_S = 3.0
 """The quickest tests of a mutant, of so long in all, run before the others."""
 
@@ -320,9 +321,10 @@ class Coverage:
     seconds: dict[str, float]
 
     def tests_of(self, mutant: Mutant, most_s: float) -> list[list[str]]:
-        """The tests that may notice a mutant, those that import its module and the quickest first.
+        """The tests that may notice a mutant, in two parts, of ``most_s`` in all.
 
-        In two parts, of ``most_s`` in all.
+        First come those of files that import its module, then the quickest. Of such files all tests run, if they are
+        light: where a function keeps what it returned, coverage sees its lines in one test only.
         """
         lines = self.lines.get(mutant.module, {})
         names = {name for line in mutant.ran or lines for name in lines.get(line, ())}
@@ -330,15 +332,29 @@ class Coverage:
             steps = ({name for path in step for tests in self.lines.get(path, {}).values() for name in tests}
                      for step in importers(ROOT, mutant.module))  # fmt: skip
             names = next((step for step in steps if step), set())
+        heaviest = self._heaviest_s()
+        direct = {name for name in self.seconds if _import_of(mutant.module) in _text(_file(name))}
+        names |= {name for name in direct if heaviest[_file(name)] < _LIGHT_S}
         parts: tuple[list[str], list[str]] = [], []
         spent_s = 0.0
-        far = {name: _import_of(mutant.module) not in _text(name.split("::")[0]) for name in names}
-        for name in sorted(names, key=lambda name: (far[name], self.seconds[name], name)):
+        cost = {name: (name not in direct, heaviest[_file(name)], self.seconds[name], name) for name in names}
+        for name in sorted(names, key=cost.__getitem__):
             spent_s += self.seconds[name]
             if spent_s > most_s and parts[0]:
                 break
             parts[spent_s > FIRST_S].append(name)
         return [part for part in parts if part]
+
+    def _heaviest_s(self) -> dict[str, float]:
+        """Of each file the longest test: what is made for all of its tests counts in the first of them."""
+        found: dict[str, float] = {}
+        for name, seconds in self.seconds.items():
+            found[_file(name)] = max(found.get(_file(name), 0.0), seconds)
+        return found
+
+
+def _file(name: str) -> str:
+    return name.split("::")[0]
 
 
 def coverage_of(tree: Path, folders: list[str], kept: Path | None) -> Coverage:
@@ -389,7 +405,7 @@ def write_map(tree: Path, folders: list[str]) -> None:
         watch.seconds.pop(name, None)
     of_file: dict[str, list[str]] = {}
     for name in watch.seconds:
-        of_file.setdefault(name.split("::")[0], []).append(name)
+        of_file.setdefault(_file(name), []).append(name)
     watch.coverage.stop()
     data = watch.coverage.get_data()
     lines: dict[str, dict[int, list[str]]] = {}
@@ -407,7 +423,7 @@ def write_map(tree: Path, folders: list[str]) -> None:
 def _tests(context: str, of_file: dict[str, list[str]]) -> list[str]:
     """The tests of a context of coverage; what is made for one test may be for all of its file."""
     name, _, phase = context.rpartition("|")
-    return [name] if phase == "run" else of_file[name.split("::")[0]]
+    return [name] if phase == "run" else of_file[_file(name)]
 
 
 def copy_of_tree(folder: Path) -> Path:
@@ -489,7 +505,7 @@ class Only:
         items[:] = [item for turn, item in sorted(named, key=lambda pair: pair[0]) if turn < len(self._turns)]
 
     def _turn(self, name: str) -> int:
-        of_file = self._turns.get(name.split("::")[0], len(self._turns))
+        of_file = self._turns.get(_file(name), len(self._turns))
         return self._turns.get(name, of_file)
 
 
@@ -506,7 +522,7 @@ def _forked(names: list[str], most_cpu_s: int, replaced: tuple[str, str] | None)
                 replace_in_memory(*replaced)
         except (KeyError, ValueError):
             os._exit(0)  # No function or constant: the tree will tell.
-        of_files = dict.fromkeys(name.split("::")[0] for name in names)
+        of_files = dict.fromkeys(_file(name) for name in names)
         os._exit(int(pytest.main([*options, *of_files], plugins=[Only(names)])))
     _, status, usage = os.wait4(child, 0)
     unheard = status == 0 or (os.WIFEXITED(status) and os.WEXITSTATUS(status) == pytest.ExitCode.NO_TESTS_COLLECTED)
