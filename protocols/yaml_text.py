@@ -3,6 +3,9 @@
 from typing import Any
 
 import yaml
+from yaml.reader import ReaderError
+
+_LARGEST = 10**300
 
 
 class _Loader(yaml.SafeLoader):
@@ -14,13 +17,28 @@ class _Loader(yaml.SafeLoader):
             raise yaml.MarkedYAMLError(problem="aliases (*name) are not allowed here", problem_mark=mark)
         return super().compose_node(parent, index)
 
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        """A whole number. Of more than 4,300 digits Python refuses to write it down, even in a message."""
+        value = super().construct_yaml_int(node)
+        if abs(value) >= _LARGEST:
+            raise yaml.MarkedYAMLError(problem="a number of more than 300 digits", problem_mark=node.start_mark)
+        return value
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
+
 
 def load_document(text: str) -> tuple[yaml.Node | None, Any]:
     """The one document of a text, as node and as value, (None, None) where it is empty.
 
     yaml.YAMLError where it is none, or a value is absurd.
     """
-    loader = _Loader(text)
+    try:
+        loader = _Loader(text)
+    except ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        problem = f"the character U+{ord(text[error.position]):04X} in line {line} is not allowed in YAML"
+        raise yaml.MarkedYAMLError(problem=problem) from error
     try:
         root = loader.get_single_node()
         return root, loader.construct_document(root) if root else None

@@ -15,6 +15,7 @@ import csv
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 from typing import TextIO, get_args
 
@@ -28,6 +29,9 @@ from gse.errors import CatalogError
 LIST_COLUMNS = ("id", "ra_deg", "de_deg", "magnitude", "epoch")
 TABLE_COLUMNS = ("id", "x", "y", "z", "magnitude", "n", "neighbours")
 MOST_STARS = 100_000
+MOST_FIELDS = 2_000_000
+"""In all lines, a hundred MB of memory; the table of 4,200 stars with a hundred neighbours each has 800,000."""
+MOST_BYTES = 32_000_000
 _UNIT_WITHIN = 1e-5
 """A unit vector in single precision is one to 1e-7; in five decimals to this."""
 _EXACT_WITHIN = 1e-14
@@ -104,13 +108,20 @@ def read_flight_catalog(content: bytes, source: str) -> StarCatalog:
 
 
 def _lines(content: bytes, source: str) -> _Lines:
+    if len(content) > MOST_BYTES:
+        raise CatalogError(f"{source} holds more than {MOST_BYTES} bytes: this is not a flight catalogue")
     try:
-        text = content.decode("utf-8-sig")
+        content.decode("utf-8")
     except UnicodeDecodeError as error:
         raise CatalogError(f"{source} is not UTF-8 text: byte {error.start}") from error
     remarks: dict[str, str] = {}
     rows: list[tuple[int, list[str]]] = []
-    for number, line in enumerate(text.splitlines(), 1):
+    fields = 0
+    for number, line in enumerate(TextIOWrapper(BytesIO(content), "utf-8-sig"), 1):
+        fields += line.count(",") + 1
+        if fields > MOST_FIELDS or len(rows) > MOST_STARS:
+            limits = f"at most {MOST_STARS} stars and {MOST_FIELDS} fields are taken"
+            raise CatalogError(f"{source}, line {number}: this is not a flight catalogue: {limits}")
         if line.startswith("#"):
             key, _, value = line.lstrip("# ").partition(":")
             remarks.setdefault(key.strip(), value.strip())
@@ -118,8 +129,6 @@ def _lines(content: bytes, source: str) -> _Lines:
             rows.append((number, [field.strip() for field in line.split(",")]))
     if len(rows) < 2:
         raise CatalogError(f"{source} holds no star")
-    if len(rows) > MOST_STARS + 1:
-        raise CatalogError(f"{source} holds {len(rows) - 1} stars; at most {MOST_STARS} are taken")
     return _Lines(source, remarks, [name.lower() for name in rows[0][1]], rows[1:])
 
 

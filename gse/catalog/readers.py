@@ -9,6 +9,7 @@ import os
 import zlib
 from collections.abc import Iterator
 from importlib import resources
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,8 @@ from gse.errors import CatalogError
 GAIA = "gaia"
 """The source name of the embedded catalogue; any other is a path."""
 
-MAX_FILE_BYTES = 200_000_000
-"""Four times hip_main.dat (53 MB): a larger one is not a star catalogue."""
+MAX_FILE_BYTES = 120_000_000
+"""Twice hip_main.dat (53 MB): a larger one is not a star catalogue."""
 
 _MAS = math.radians(1 / 3_600_000)
 _GZIP = b"\x1f\x8b"
@@ -42,6 +43,8 @@ _BSC5_RECORD = np.dtype(
 _BSC5_MOST_STARS = 1_000_000
 
 _HIP_FIELDS = 78
+_HIP_MOST_BYTES = 1000
+"""Of a line, which has 450."""
 _HIP_NUMBER, _HIP_RA_HMS, _HIP_DE_DMS, _HIP_V, _HIP_RA, _HIP_DE, _HIP_MU_RA, _HIP_MU_DE = 1, 3, 4, 5, 8, 9, 12, 13
 """Fields H1, H3, H4, H5, H8, H9, H12, H13 of the main catalogue, ESA 1997."""
 
@@ -82,10 +85,10 @@ def _foreign(source: str) -> StarCatalog:
 def _content(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
-            content = file.read(MAX_FILE_BYTES + 1)
-        if content.startswith(_GZIP):
-            with gzip.open(path) as unpacked:
-                content = unpacked.read(MAX_FILE_BYTES + 1)
+            is_packed = file.read(len(_GZIP)) == _GZIP
+            file.seek(0)
+            with gzip.GzipFile(fileobj=file) if is_packed else file as plain:
+                content = plain.read(MAX_FILE_BYTES + 1)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise CatalogError(f"{path} is a damaged gzip file: {error}") from error
     except OSError as error:
@@ -158,10 +161,10 @@ def _hipparcos_stars(content: bytes, source: str) -> Iterator[tuple[float, ...]]
 
     Where no astrometric solution was found (a few multiple stars) the rounded place of H3 and H4 serves, at rest.
     """
-    for count, line in enumerate(content.splitlines(), 1):
-        field = line.decode("latin-1").split("|")
+    for count, line in enumerate(BytesIO(content), 1):
+        field = line[: _HIP_MOST_BYTES + 1].decode("latin-1").rstrip("\r\n").split("|")
         try:
-            if field[0] != "H" or len(field) != _HIP_FIELDS:
+            if len(line) > _HIP_MOST_BYTES or field[0] != "H" or len(field) != _HIP_FIELDS:
                 raise ValueError
             star = _hipparcos_star(field)
         except ValueError:

@@ -211,6 +211,8 @@ def _explain(item: Any, node: yaml.Node | None, source: str) -> str:
         return f"{where}{key}: {item['ctx']['error']}"
     if key == "version":
         return f"{where}version is {item['input']!r:.60}; this gse reads version 1: install a newer gse"
+    if item["type"] == "string_pattern_mismatch":
+        return f"{where}{key} is {item['input']!r:.60}: expected a text like {item['ctx']['pattern']}"
     return f"{where}{key} is {item['input']!r:.60}: {item['msg'].lower()}"
 
 

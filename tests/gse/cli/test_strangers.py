@@ -86,6 +86,30 @@ def test_a_session_opens_no_file_of_this_host_unless_a_station_file_is_given(
     assert gse("report", path, "--station", own).code in (1, 5)
 
 
+LIST = b"id,ra_deg,de_deg,magnitude,epoch\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"H|" * 10_000_000, "line 1: no Hipparcos star"),
+        (LIST + b"1," * 10_000_000, "line 2: this is not a flight catalogue: at most"),
+        (LIST + b"1\n" * 10_000_000, "line 100002: this is not a flight catalogue: at most"),
+        (b"id," + b" " * 40_000_000, "more than 32000000 bytes"),
+    ],
+    ids=["one line", "one row", "short rows", "too large"],
+)
+def test_a_catalogue_of_20_mb_in_few_or_many_lines_is_refused_in_little_memory(
+    tmp_path: Path, gse: Gse, content: bytes, told: str
+) -> None:
+    (tmp_path / "catalog").write_bytes(content)
+    (tmp_path / "station.yaml").write_text(f"{BUILT_IN_TEXT}catalog: {tmp_path / 'catalog'}\n")
+    before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    done = gse("catalog", "info", "--station", tmp_path / "station.yaml")
+    assert (done.code, told in done.err) == (2, True)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib < GROWTH_MIB << 10
+
+
 def test_aliases_in_a_station_file_are_refused(tmp_path: Path, gse: Gse) -> None:
     laughs = "a0: &a0 [lol, lol]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12))
     station = tmp_path / "station.yaml"
@@ -94,6 +118,24 @@ def test_aliases_in_a_station_file_are_refused(tmp_path: Path, gse: Gse) -> None
     assert done.code == 2
     assert "aliases" in done.err
     assert gse("report", write_station(tmp_path / "session.mcap", BUILT_IN_TEXT + laughs)).code == 2
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        ("0x" + "f" * 20_000, "line 22: a number of more than 300 digits"),
+        (":".join(["59"] * 20_000), "line 22: a number of more than 300 digits"),
+        ("9" * 20_000, "a value that is not one"),
+        ("a\0b", "the character U+0000 in line 22"),
+    ],
+)
+def test_a_value_that_python_does_not_write_down_is_refused_with_its_line(
+    tmp_path: Path, gse: Gse, value: str, told: str
+) -> None:
+    station = tmp_path / "station.yaml"
+    station.write_text(f"{BUILT_IN_TEXT}version: {value}\n")
+    done = gse("config", "check", station)
+    assert (done.code, told in done.err) == (2, True)
 
 
 @pytest.mark.parametrize("key", ['"\\x1b[2J": 1', 'site: {name: "\\x1b]0;x\\x07"}', 'protocol: "\\ud800"'])
