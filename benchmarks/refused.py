@@ -12,7 +12,7 @@ from PIL import Image
 from gse.config.station import BUILT_IN_TEXT
 
 GSE = [sys.executable, "-m", "gse"]
-SIZES_KIB = (4, 24, 100, 400)
+SIZES_KIB = (8, 24, 100, 400)  # of 4, a file of one page takes all and is whole
 PATIENCE_S = 180.0
 """Of one command: the 30 s for a full disk twice, its work, and a machine that does other things beside it."""
 WRITING = (

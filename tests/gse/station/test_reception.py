@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from drivers.chunk import Chunk, LinkEvent
 from gse.instant import LAST_NS
 from gse.panorama import Panorama
+from gse.station.arrivals import chaos_in_words
 from gse.station.reception import News, Reception
 from gse.station.sensor_clock import SensorClock
 from protocols import PanoramaMessage, load_protocol
@@ -312,3 +313,10 @@ def test_a_line_that_doubles_every_frame_is_not_a_frozen_sensor() -> None:
     chunks = [Chunk(*arrival(number * 100_000), 2 * frame(number, number * 100_000)) for number in range(20)]
     items = received(reception, *chunks)
     assert (events(items), reception.counters.duplicates, reception.counters.frames_repeated) == ([], 20, 0)
+
+
+@pytest.mark.parametrize(
+    ("before", "words"), [(7, "another frame 7: its sequence number stands still"), (900, "frame 900: more than can")]
+)
+def test_why_a_sequence_number_makes_no_sense_is_told(before, words):
+    assert f"frame 7 on the wire follows {words}" in chaos_in_words(7, before)
