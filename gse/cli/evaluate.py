@@ -304,7 +304,8 @@ def table(document: dict[str, Any]) -> list[str]:
         "",
         f"shares of the frames with at least {document['fewest_stars']} real stars, with 95 % bounds",
         f"few: frames with fewer stars; false answers in them: {few_false}",
-        "times: CPU time of one call; of an external identifier its own, otherwise this host's clock; all frames",
+        "times: CPU time of one call, all frames; of an external identifier its own,",
+        "otherwise by this host's clock",
         *failure_lines(document["cells"]),
         *_distinct_star(document),
     ]
