@@ -26,7 +26,7 @@ from gse.attitude_convention import (
     read_angles,
     read_quaternions,
 )
-from gse.station.own_answers import attitude_errors
+from gse.station.attitude_error import attitude_errors
 from gse.truth.frames import icrs_to_frame
 
 MOST_ARCSEC = 360.0
@@ -122,7 +122,7 @@ def search_convention(evidence: Evidence) -> ConventionSearch | None:
     nearest = fits[0]
     reach = max(_EQUAL_FACTOR * nearest.size_arcsec, nearest.size_arcsec + _EQUAL_SIGMAS * nearest.uncertainty_arcsec)
     good = tuple(fit for fit in fits if fit.size_arcsec <= reach) if nearest.size_arcsec <= MOST_ARCSEC else ()
-    apart = np.hypot(*np.array(attitude_errors(evidence.true_corrected, evidence.true))[3:])
+    apart = np.hypot(*attitude_errors(evidence.true_corrected, evidence.true).T[3:])
     return ConventionSearch(
         answers=len(evidence.utc_ns),
         duration_s=float(np.ptp(evidence.utc_ns)) / 1e9,
@@ -204,7 +204,7 @@ def _misfit(evidence: Evidence, convention: AttitudeConvention, true: NDArray[np
     """Size and standard uncertainty of what a convention leaves, in arcsec."""
     read = read_quaternions if evidence.is_quaternion else read_angles
     measured = read(evidence.sent, convention) @ icrs_to_frame(convention.frame, evidence.utc_ns)
-    _, _, roll, x, y = attitude_errors(measured, true)
+    _, _, roll, x, y = attitude_errors(measured, true).T
     if not evidence.is_quaternion and np.isnan(evidence.sent[:, 2]).any():
         roll = np.zeros(len(x))
     roll = roll[0] + (roll - roll[0] + _TURN_ARCSEC / 2) % _TURN_ARCSEC - _TURN_ARCSEC / 2  # +-180 deg is no middle

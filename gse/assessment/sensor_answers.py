@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from gse.attitude_convention import AttitudeConvention, state_angles
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD
+from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import ANGLES, QUATERNION
-from gse.station.own_answers import OwnAnswerTruth, attitude_errors, measured_rotations
+from gse.station.own_answers import OwnAnswerTruth, measured_rotations
 from gse.station.session_data import SessionData
 from gse.truth import truth_of
 from gse.truth.orientation import FIRST_MJD
@@ -127,7 +128,7 @@ def _measure(
         if truth is None or not with_truth.any():
             continue
         errors = attitude_errors(measured[with_truth], truth.expected(utc_ns[part][with_truth]))
-        for name, values in zip(ERRORS, errors, strict=True):
+        for name, values in zip(ERRORS, errors.T, strict=True):
             columns[name][rows[part][with_truth]] = values
     without_roll = rows[np.isnan(answers["roll_deg"][places]) & np.isfinite(answers["ra_deg"][places])]
     columns["roll_deg"][without_roll] = columns["d_roll_arcsec"][without_roll] = np.nan

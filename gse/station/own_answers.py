@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.attitude_convention import AttitudeConvention, read_angles, read_quaternions
-from gse.constants import ARCSEC_PER_RAD
 from gse.instant import NS_PER_S
 from gse.mount import Mount
 from gse.station.attitude_table import ANGLES, QUATERNION
@@ -96,21 +95,3 @@ def _triad(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     x = along_x + np.cross(along_y, z)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
-
-
-def attitude_errors(measured: NDArray[np.float64], true: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """dRA*, dDE, roll and cross-boresight x, y (M,) in arcsec of rotations (M, 3, 3): ``attitude_error`` of many."""
-    error = measured @ true.transpose(0, 2, 1)
-    x, y, z = error[:, 2].T
-    across = np.hypot(x, y)
-    arc = np.where(across > 0, np.arctan2(across, z) / np.where(across > 0, across, 1.0), 1.0)
-    boresight = true[:, 2]
-    level = np.hypot(boresight[:, 0], boresight[:, 1])
-    safe = np.where(level > 0, level, 1.0)
-    cos_ra = np.where(level > 0, boresight[:, 0] / safe, 1.0)
-    sin_ra = np.where(level > 0, boresight[:, 1] / safe, 0.0)
-    off = x[:, None] * true[:, 0] + y[:, None] * true[:, 1]
-    east = cos_ra * off[:, 1] - sin_ra * off[:, 0]
-    north = level * off[:, 2] - boresight[:, 2] * (cos_ra * off[:, 0] + sin_ra * off[:, 1])
-    roll = np.arctan2(error[:, 1, 0] - error[:, 0, 1], error[:, 0, 0] + error[:, 1, 1])
-    return tuple(values * ARCSEC_PER_RAD for values in (east * arc, north * arc, roll, x * arc, y * arc))

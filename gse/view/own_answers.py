@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from gse.config.station import Station
 from gse.mount import Mount
+from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import OWN_ANSWER
-from gse.station.own_answers import OwnAnswerTruth, attitude_errors, measured_rotations
+from gse.station.own_answers import OwnAnswerTruth, measured_rotations
 from gse.station.results import FrameResult, Subject
 from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation, truth_of
@@ -116,7 +117,7 @@ class OwnAnswerErrors:
         if len(good) and self._truth is not None:
             measured = measured_rotations(answers[good], utc_ns[good], self._station.sensor.attitude)
             errors = attitude_errors(measured, self._truth.expected(utc_ns[good]))
-            for name, values in zip(_ERRORS, errors, strict=False):
+            for name, values in zip(_ERRORS, errors.T, strict=False):
                 rows[name][good] = values
             without_roll = np.isnan(answers["roll_deg"]) & np.isfinite(answers["ra_deg"])
             rows["d_roll_arcsec"][without_roll] = np.nan

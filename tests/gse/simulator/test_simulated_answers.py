@@ -9,8 +9,9 @@ from gse.instant import NS_PER_S, from_text
 from gse.simulator.device import device_factory
 from gse.simulator.own_answers import OwnAnswers
 from gse.simulator.scenario import parse_scenario
+from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import AttitudeTable
-from gse.station.own_answers import OwnAnswerTruth, attitude_errors, measured_rotations
+from gse.station.own_answers import OwnAnswerTruth, measured_rotations
 from gse.truth import EarthOrientation, SiderealTruth
 from protocols import AttitudeMessage, FrameDecoder, PanoramaMessage, load_protocol
 
@@ -33,7 +34,7 @@ def answers(keys, convention="{}", stated=None):
     read_as = station.sensor.attitude if stated is None else stated
     truth = SiderealTruth(station.site, ORIENTATION)
     true = OwnAnswerTruth(truth, station.mount, read_as.aberration == "corrected").expected(UTC_NS)
-    return np.array(attitude_errors(measured_rotations(table.columns, UTC_NS, read_as), true)), messages
+    return attitude_errors(measured_rotations(table.columns, UTC_NS, read_as), true).T, messages
 
 
 @pytest.mark.parametrize(

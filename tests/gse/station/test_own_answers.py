@@ -13,9 +13,10 @@ from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S
 from gse.report import summarise
 from gse.report.frames_csv import frames_csv
+from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import OWN_ANSWER
 from gse.station.loop import StationLoop
-from gse.station.own_answers import OwnAnswerTruth, attitude_errors, measured_rotations
+from gse.station.own_answers import OwnAnswerTruth, measured_rotations
 from gse.station.results import Status, Subject, Verdict
 from gse.station.setup import set_up
 from gse.truth.frames import icrs_to_frame
@@ -128,13 +129,13 @@ def test_what_is_stated_in_a_convention_is_read_by_it(frame, aberration):
     answers = np.zeros(3, dtype=OWN_ANSWER)
     answers["ra_deg"], answers["de_deg"], answers["roll_deg"] = sent.T
     read = measured_rotations(answers, utc_ns, convention)
-    assert np.abs(np.array(attitude_errors(read, true))).max() < 1e-4
+    assert np.abs(attitude_errors(read, true)).max() < 1e-4
 
 
 def test_aberration_moves_an_answer_by_what_astronomy_says():
     utc_ns = np.array([START_NS + 30 * NS_PER_S])
     one, other = (OwnAnswerTruth(TRUTH, STATION.mount, corrected).expected(utc_ns) for corrected in (True, False))
-    x, y = np.array(attitude_errors(one, other))[3:, 0]
+    x, y = attitude_errors(one, other)[0, 3:]
     boresight = TRUTH.attitude_true(int(utc_ns[0]), STATION.mount).boresight_icrs
     apparent = TRUTH.apparent(boresight[None], int(utc_ns[0]))[0]
     assert np.hypot(x, y) == pytest.approx(np.degrees(np.linalg.norm(apparent - boresight)) * 3600, abs=0.005)
