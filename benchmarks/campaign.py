@@ -28,6 +28,7 @@ from gse.campaign.dataset import INDEX, SESSIONS, Committed, DataSet, parquet_of
 from gse.campaign.document import campaign_document
 from gse.campaign.engine import plan_campaign, run_campaign
 from gse.campaign.files import write_campaign_report
+from gse.campaign.first_compilation import compile_first
 from gse.campaign.query import ask
 from gse.campaign.sources import find_sources
 from gse.campaign.storage import put_whole
@@ -148,6 +149,7 @@ def main() -> None:
     parser.add_argument("--sessions", type=Path, help="Folder of the nights; default: a temporary one.")
     parser.add_argument("--keep", type=Path, help="New folder for data sets and reports; default: a temporary one.")
     arguments = parser.parse_args()
+    compile_first(print)
     with tempfile.TemporaryDirectory(prefix="gse-campaign-") as folder:
         root = arguments.keep or Path(folder)
         made = arguments.sessions or root / "nights"
