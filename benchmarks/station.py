@@ -213,7 +213,7 @@ class _PtySensor:
         self._station = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         assert self._station.stderr is not None
         for line in self._station.stderr:
-            if b"WAITING" in line:
+            if b"OPENED" in line:
                 break
         self._answers: queue.Queue[float] = queue.Queue()
         for reading in (self._station.stderr.read, self._read):
