@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import dask
 import fsspec
 import fsspec.config
 import psutil
@@ -110,6 +111,11 @@ def test_workers_of_its_own_listen_on_loopback_alone_and_one_that_is_killed_lose
     assert {address.ip for address in listening} == {"127.0.0.1"}
     assert [one.error for one in outcomes] == [""] * 4
     assert len(whole(tmp_path / "dataset")) == 4
+
+
+def test_workers_of_its_own_keep_no_samples_of_a_profiler():
+    with connected(None, 1) as client:
+        assert list(client.run(dask.config.get, "distributed.worker.profile.enabled").values()) == [False]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
