@@ -227,5 +227,5 @@ def _known(ports: Iterable[PortInfo]) -> str:
 def _group(device: str) -> str:
     try:
         return Path(device).group()
-    except (OSError, KeyError):
+    except (OSError, KeyError, NotImplementedError):  # the last without groups, as on Windows
         return "dialout"
