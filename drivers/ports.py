@@ -195,7 +195,7 @@ def explain(url: str, error: Exception) -> str:
         return f"there is no port {url}; {_known(ports_here())}"
     if number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK):
         return _busy(url, holders(url))
-    if number in (errno.EACCES, errno.EPERM):
+    if number in (errno.EACCES, errno.EPERM) and is_device(url) and not os.path.isfile(url):  # its group may be root
         return (
             f"no permission for {url}: add yourself to its group and log in again:\n"
             f"sudo usermod -aG {_group(url)} {getpass.getuser()}"
