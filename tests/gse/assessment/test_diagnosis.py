@@ -169,5 +169,10 @@ def test_a_gross_mistake_is_named_alone():
     assert finding.is_gross
 
 
+def test_stars_that_all_stand_on_the_boresight_tell_no_cause_and_end_no_session():
+    """No attitude follows from them: their normal equations have no inverse."""
+    assert causes_so_far(session(60, matches=((511.5, 511.5, 3.0, -2.0),) * 12)) == ()
+
+
 def test_a_session_without_frames_has_no_findings():
     assert found(SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")) == ""
