@@ -228,7 +228,7 @@ def _of_mount(site: Site, mount: Mount) -> Iterator[_Hypothesis]:
 
 def _of_clock(stated: _Hypothesis, fast_s: float) -> Iterator[_Hypothesis]:
     """Whole hours, time zones and days, of those that turn the sky by what is seen about the pole."""
-    for fast in (fast_s + days * _SIDEREAL_DAY_S for days in (-2, -1, 0, 1, 2)):
+    for fast in (fast_s + days * _SIDEREAL_DAY_S for days in (-1, 0, 1)):
         hours = _nearest_zone(fast / 3600)
         near_s = _NEAR_S if hours in _USUAL_HOURS else _VERY_NEAR_S
         if hours and abs(fast - 3600 * hours) < near_s and abs(fast) < _MOST_CLOCK_S:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, session
 
-from gse.assessment.sensor_answers import SensorAnswers
+from gse.assessment.sensor_answers import SensorAnswers, sensor_answers
 from gse.assessment.sensor_findings import sensor_findings
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.instant import NS_PER_S
@@ -39,6 +39,20 @@ def beside(night, ra=0.0, de=0.0, *, roll=0.0, noise=2.0, count=FRAMES):
 
 def said(night, *place, **options):
     return [str(finding) for finding in sensor_findings(night, beside(night, *place, **options), None)]
+
+
+def test_when_an_answer_arrives_is_counted_from_the_middle_of_its_exposure_in_ms():
+    """7 ms and half a second, an answer of a file, which came at no time, and none."""
+    made = session(4)
+    for row, late_ns in zip(made.frames.columns[:3], (7_000_000, 500_000_000, None), strict=True):
+        message = AttitudeMessage(int(row["time_us"]), 10.0, 20.0, 30.0, int(row["frame_no"]), 12, "acquired", 0.08)
+        made.sensor_attitudes.append(0 if late_ns is None else int(row["utc_ns"]) + late_ns, message)
+    found = sensor_answers(made)
+    assert found.arrival_ms == pytest.approx([7.0, 500.0, math.nan, math.nan], nan_ok=True)
+    assert found.latency_ms == pytest.approx([80.0, 80.0, 80.0, math.nan], nan_ok=True)
+    assert (found.sent.tolist(), found.acquired.tolist()) == ([True] * 3 + [False],) * 2
+    assert found.matched.tolist() == [12, 12, 12, 0]
+    assert sensor_answers(session(4)) is None
 
 
 def test_answers_that_agree_are_no_finding(night):
