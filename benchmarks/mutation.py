@@ -448,7 +448,8 @@ class Tester:
     def _started(self) -> "subprocess.Popen[str]":
         return subprocess.Popen(
             [sys.executable, __file__, "--serve", str(self.tree), *self._whole],
-            env=os.environ | {"PYTHONPATH": str(self.tree), "PYTHONHASHSEED": "0"},
+            env=os.environ
+            | {"PYTHONPATH": str(self.tree), "PYTHONHASHSEED": "0", "NUMBA_CACHE_DIR": str(self.tree / "machine-code")},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -597,8 +598,9 @@ def in_tree(tester: Tester, mutant: Mutant, parts: list[list[str]], most_cpu_s: 
 
 def _machine_code(tree: Path, modules: set[str]) -> list[Path]:
     """The files of numba's cache that belong to modules."""
-    paths = [tree / module for module in modules]
-    return [code for path in paths for code in path.parent.glob(f"__pycache__/{path.stem}.*.nb?")]
+    paths = [Path(module) for module in modules]
+    rooms = tree / "machine-code"
+    return [code for path in paths for code in rooms.glob(f"{path.parent.name}_*/{path.stem}.*.nb?")]
 
 
 def outcomes(

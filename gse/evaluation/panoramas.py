@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.host_files import only_a_file
 from gse.assessment.percentiles import percentiles
 from gse.attitude import solve_attitude
 from gse.camera import Camera
@@ -186,7 +187,7 @@ def _truths(path: Path) -> dict[str, tuple[SensorDescription, NDArray[np.float64
     try:
         if path.stat().st_size > MOST_TRUTH_BYTES:
             raise TableError(f"{path} is larger than {MOST_TRUTH_BYTES} bytes: this is not a truth of panoramas")
-        with path.open(encoding="utf-8") as file:
+        with open(path, encoding="utf-8", opener=only_a_file) as file:
             document = json.loads(file.read(MOST_TRUTH_BYTES))
     except OSError as error:
         raise TableError(f"cannot read {path}: {error.strerror}") from error
