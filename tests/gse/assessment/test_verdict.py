@@ -392,6 +392,17 @@ def test_what_the_operator_leaves_out_is_not_counted():
 # Clocks
 
 
+def test_what_fails_is_told_before_what_is_open():
+    """Rows of RA are open, those of DE behind them fail."""
+    assessment = judge(session(200, noise=28.0, bias=(0.0, 400.0, 0.0)))
+    outcome_of = {row.reason: row.outcome for row in assessment.rows if row.outcome is not Outcome.NOT_TESTED}
+    assert outcomes(assessment)["95 % of |dRA*|"] is Outcome.INCONCLUSIVE
+    told = [outcome_of[reason] for reason in assessment.reasons if reason in outcome_of]
+    assert told.count(Outcome.FAIL) == 2
+    assert told[:2] == [Outcome.FAIL] * 2
+    assert set(told[2:]) == {Outcome.INCONCLUSIVE}
+
+
 def test_the_earth_turns_at_its_rate():
     rate = statistics(session(10_000)).onboard.earth_rate
     assert abs(rate.measured_arcsec_per_s - 15.041067) < max(2 * rate.error_arcsec_per_s, 1e-3)
