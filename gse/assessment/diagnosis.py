@@ -92,12 +92,15 @@ def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
     except np.linalg.LinAlgError:  # stars or errors that lie on one line: they tell no cause, and end no session
         return ()
     of_camera = [finding for finding in found if finding.cause in _STARS_FALL_OUT]
-    return tuple(of_camera[:1]) if of_camera and stars_fall_out(session.frames.columns[counted.used]) else found
+    return tuple(of_camera[:1]) if of_camera and stars_fall_out(session.frames.columns, counted.used) else found
 
 
-def stars_fall_out(frames: NDArray[np.void]) -> bool:
-    """Whether many stars of frames (rows of FRAME) lie too far off to be matched: as these change, so do the errors."""
-    unmatched, matched = float(np.median(frames["false_objects"])), float(np.median(frames["matched"]))
+def stars_fall_out(frames: NDArray[np.void], used: NDArray[np.bool_]) -> bool:
+    """Whether many stars of the used frames (rows of FRAME) lie too far off to be matched.
+
+    As these change, so do the errors.
+    """
+    unmatched, matched = (float(np.median(frames[name][used])) for name in ("false_objects", "matched"))
     return unmatched >= max(FEWEST_UNMATCHED, _FALLEN_OUT_SHARE * matched)
 
 

@@ -17,6 +17,7 @@ import json
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
@@ -24,7 +25,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from gse.campaign.storage import explained, open_storage, put_whole, read_whole
+from gse.campaign.storage import explained, open_storage, put_file_whole, put_whole, read_whole
 from gse.errors import UsageError
 from gse.tables import SCHEMA_VERSION
 from gse.tables.parquet import write_parquet
@@ -105,9 +106,9 @@ class DataSet:
         except Exception as error:
             raise explained(error, self.url) from error
 
-    def put(self, place: Committed, table: str, parquet: bytes) -> None:
-        """Write the file of one table of a session."""
-        put_whole(self.fs, self.root, place.path(table), parquet)
+    def put(self, place: Committed, table: str, parquet: Path) -> None:
+        """Write the file of one table of a session, from one of this host."""
+        put_file_whole(self.fs, self.root, place.path(table), parquet)
 
     def read(self, path: str, columns: Sequence[str] | None = None) -> pa.Table | None:
         """A Parquet file below the data set's folder, None where there is none."""

@@ -9,6 +9,8 @@ Credentials come from where fsspec, boto and ssh look for them (docs/campaigns.m
 
 import errno
 import os
+import shutil
+import socket
 import uuid
 from collections.abc import Callable
 from contextlib import suppress
@@ -97,12 +99,26 @@ def put_whole(fs: Any, root: str, name: str, data: bytes) -> None:
     if not _can_rename(fs):
         fs.pipe_file(path, data)
         return
+    _put_renamed(fs, root, path, lambda file: file.write(data))
+
+
+def put_file_whole(fs: Any, root: str, name: str, here: Path) -> None:
+    """The same with a file of this host, which is never held whole where the storage can rename."""
+    path = f"{root}/{name}"
+    if not _can_rename(fs):
+        fs.put_file(str(here), path)
+        return
+    with here.open("rb") as source:
+        _put_renamed(fs, root, path, lambda file: shutil.copyfileobj(source, file, COPIED_AT_ONCE))
+
+
+def _put_renamed(fs: Any, root: str, path: str, write: Callable[[Any], object]) -> None:
     part = f"{root}/{PARTS}/{uuid.uuid4().hex}"
     for folder in (part, path):
         fs.makedirs(folder.rsplit("/", 1)[0], exist_ok=True)
     try:
         with fs.open(part, "wb") as file:
-            file.write(data)
+            write(file)
             if "file" in _protocols(fs):
                 file.flush()
                 os.fsync(file.fileno())
@@ -117,7 +133,10 @@ def copy_here(fs: Any, path: str, here: Path) -> None:
     """Copy a file of any storage to this host."""
     with fs.open(path, "rb") as source, here.open("wb") as copy:
         while data := source.read(COPIED_AT_ONCE):
-            copy.write(data)
+            try:
+                copy.write(data)
+            except OSError as error:
+                raise explained(error, f"{here.parent} of {socket.gethostname()}") from error
 
 
 def read_whole(fs: Any, path: str, most_bytes: int) -> bytes | None:
