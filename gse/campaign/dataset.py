@@ -114,7 +114,8 @@ class DataSet:
         """A Parquet file below the data set's folder, None where there is none."""
         try:
             with self.fs.open(f"{self.root}/{path}", "rb") as file:
-                return pq.ParquetFile(file).read(columns=columns)
+                # A thread of Arrow's that still holds a file of Python's when the program ends aborts it (arrow#33975).
+                return pq.ParquetFile(file, pre_buffer=False).read(columns=columns, use_threads=False)
         except FileNotFoundError:
             return None
         except Exception as error:
