@@ -83,6 +83,8 @@ class DataSet:
                 put_whole(fs, root, MARK, mark)
         except UsageError:
             raise
+        except FileNotFoundError as error:
+            raise UsageError(f"no data set can be made in {url}: there is no such bucket or folder") from error
         except Exception as error:
             raise explained(error, url) from error
         _check_version(mark, url)
@@ -151,10 +153,15 @@ class DataSet:
         """Write the index anew, with what is known of ``sources`` beside what was known before."""
         known = {(row["url"], row["key"]): row for row in (*self.sources(), *sources)}
         if known:
-            rows = pa.Table.from_pylist([known[each] for each in sorted(known)])
-            put_whole(self.fs, self.root, _SOURCES, parquet_of([rows]))
+            self._put_index(_SOURCES, pa.Table.from_pylist([known[each] for each in sorted(known)]))
         if self.committed():
-            put_whole(self.fs, self.root, INDEX, parquet_of([self.sessions()]))
+            self._put_index(INDEX, self.sessions())
+
+    def _put_index(self, path: str, rows: pa.Table) -> None:
+        try:
+            put_whole(self.fs, self.root, path, parquet_of([rows]))
+        except Exception as error:
+            raise explained(error, self.url) from error
 
     def _row(self, place: Committed, columns: Sequence[str] | None) -> pa.Table | None:
         in_file = None if columns is None else [name for name in columns if name not in _PLACE]

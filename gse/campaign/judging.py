@@ -62,7 +62,8 @@ class Job:
 class Judged:
     """Outcome of one source; ``is_new`` where this run wrote its results, ``error`` says why it has no verdict.
 
-    ``key`` is empty where nothing could be kept: its storage failed, or it ended its workers.
+    ``key`` is empty where nothing could be kept: its storage failed, or it ended its workers. ``ends_run`` where the
+    results of no other session could be kept either: the data set's storage is gone or full.
     """
 
     source: Source
@@ -73,7 +74,7 @@ class Judged:
     night: str = ""
     error: str = ""
     is_new: bool = False
-    is_disk_full: bool = False
+    ends_run: bool = False
 
 
 def judge_source(source: Source, job: Job) -> Judged:
@@ -92,7 +93,7 @@ def judge_source(source: Source, job: Job) -> Judged:
                 return Judged(source, error=f"{source.url} changed while it was read; is its session still running?")
             with_patience(job.dataset_url, lambda fs, root: _put(DataSet(job.dataset_url, fs, root), result))
     except StorageError as error:
-        return Judged(source, error=str(error), is_disk_full=error.is_full)
+        return Judged(source, error=str(error), ends_run=error.is_full or error.url == job.dataset_url)
     except OSError as error:
         return Judged(source, error=str(explained(error, error.filename or source.url)))
     finally:

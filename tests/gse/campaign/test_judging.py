@@ -133,7 +133,7 @@ def test_a_worker_without_room_of_its_own_names_its_folder_and_ends_the_run(made
     source, job = find_sources([str(made / "night-1.mcap")])[0], Job("one", dataset.url, None)
     with full_disk():
         outcome = judge_source(source, job)
-    assert outcome.is_disk_full
+    assert outcome.ends_run
     assert re.match(r"no room is left under .*session-.* of ", outcome.error)
     assert dataset.committed() == []
     assert judge_source(source, job).error == ""
