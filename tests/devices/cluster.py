@@ -99,13 +99,15 @@ class Sshd:
 
     def stop(self) -> None:
         """Its connections end with it: each is served by a process of its own, which would go on alone."""
-        if self._server is not None:
-            served = psutil.Process(self._server.process.pid).children(recursive=True)
-            self._server.end()
-            for one in served:
-                with suppress(psutil.NoSuchProcess):
-                    one.kill()
-            psutil.wait_procs(served)
+        if self._server is None:
+            return
+        served = psutil.Process(self._server.process.pid).children(recursive=True)
+        self._server.end()
+        self._server = None
+        for one in served:
+            with suppress(psutil.NoSuchProcess):
+                one.kill()
+        psutil.wait_procs(served)
 
 
 def wait_for_port(port: int) -> None:
