@@ -370,7 +370,7 @@ def load(folder: Path) -> list[Row]:
     command = [str(Path(sys.executable).parent / "gse"), "run", "--station", str(station), "--port"]
     command += [str(terminal.path), "--view", "web", "--duration", str(SECONDS + 15), "--out", str(disk.folder)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        time.sleep(8)
+        _await_running(disk.folder)
         fd = terminal.master
         feed = subprocess.Popen(
             [sys.executable, "-c", FEED, str(fd), str(FRAME_BYTES), str(stream)], pass_fds=[fd], stdout=subprocess.PIPE
@@ -387,6 +387,14 @@ def load(folder: Path) -> list[Row]:
         (f"{len(frames)} frames at 400/s, view on, {disk.kind}: lost", str(len(frames) - len(received)), "0"),
         ("the sensor had to wait at most (a real one cannot wait)", f"{late_s * 1e3:.0f} ms", "< 600 ms: 64 KiB"),
     ]
+
+
+def _await_running(out: Path) -> None:
+    """Wait until the session below a folder has loaded its tables: on a busy machine that takes long."""
+    until_s = time.monotonic() + 120
+    while not any('"running"' in path.read_text(encoding="utf-8") for path in out.glob("*/status.json")):
+        assert time.monotonic() < until_s, "the session does not run"
+        time.sleep(0.2)
 
 
 class _Disk:

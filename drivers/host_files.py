@@ -1,6 +1,8 @@
 """File access that POSIX systems and Windows spell differently."""
 
+import errno
 import os
+import stat
 from pathlib import Path
 
 _QUIETLY = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
@@ -9,6 +11,14 @@ _QUIETLY = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 READ = os.O_RDONLY | _QUIETLY
 CREATE = os.O_RDWR | os.O_CREAT | os.O_EXCL | _QUIETLY
 APPEND = os.O_WRONLY | os.O_CREAT | os.O_APPEND | _QUIETLY
+
+
+def only_a_file(path: str, flags: int) -> int:
+    """The ``opener`` of a file that somebody names: OSError for a pipe or a device, which nobody may ever write to."""
+    mode = os.stat(path).st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # a folder is refused by ``open``, in its own words
+        raise OSError(errno.EINVAL, "it is a pipe or a device; expected a file", path)
+    return os.open(path, flags | _QUIETLY, 0o666)
 
 
 def read_at(fd: int, size: int, offset: int) -> bytes:

@@ -28,6 +28,13 @@ def test_every_folder_with_code_is_packaged() -> None:
     assert packaged == there
 
 
+def test_type_checkers_of_those_who_use_them_see_the_types() -> None:
+    data = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
+    for package in (drivers, gse, protocols):
+        assert (folder_of(package) / "py.typed").exists()
+        assert "py.typed" in data[package.__name__]
+
+
 def test_the_application_is_not_for_upload() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert "Private :: Do Not Upload" in project["classifiers"]

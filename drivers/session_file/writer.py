@@ -4,6 +4,7 @@ Unchunked, and handed to the kernel after every message: what was written stays 
 ``read_capture`` of drivers/session_file/reader.py.
 """
 
+import contextlib
 from pathlib import Path
 from types import TracebackType
 
@@ -36,6 +37,7 @@ class CaptureWriter(MessageWriter):
             enable_data_crcs=True,
         )
         self._channels: dict[str, int] = {}
+        self._finished = False
         self._writer.start(profile=PROFILE, library="gse-star-sensor")
         for topic in (RX, TX, EVENTS):
             self._channel(topic)
@@ -114,12 +116,20 @@ class CaptureWriter(MessageWriter):
         """Say that the session goes on in another file."""
         self.write(Message(CONTINUED, utc_ns, mono_ns, successor.encode()))
 
+    def finish(self) -> None:
+        """End the file with its summary, in memory only until ``flush``; no message can follow."""
+        if self._finished:
+            return
+        self._finished = True
+        # mcap's finish() leaves records that are not flushed out of the checksum of the data section (1.6).
+        with contextlib.suppress(OSError):  # of the disk: all records are in the spool then
+            self._writer.flush()
+        self._writer.finish()
+
     def close(self) -> None:
         """Write the summary and close; OSError when the disk refuses, the messages before stay readable."""
         try:
-            # finish() leaves records that are not flushed out of the checksum of the data section (mcap 1.6).
-            self._writer.flush()
-            self._writer.finish()
+            self.finish()
             self._spool.flush()
             self._spool.sync()
         finally:

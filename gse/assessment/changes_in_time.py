@@ -24,8 +24,7 @@ _SWINGS = {"sinusoid": (0, 1), "columns": (0,), "rows": (1,)}
 def steps(model: SessionModel, observed: Observed, base: Fitted, named: Columns) -> Iterator[Hypothesis]:
     """A step at the best place of many, of the clock, of one angle of the mount, or of all."""
     count = len(model.series.time_s)
-    places = np.unique(np.linspace(0, count, _STEPS + 2)[1:-1].astype(np.int64))
-    places = places[places > 0]
+    places = np.unique(np.linspace(0, count, _STEPS + 2)[:-1].astype(np.int64))[1:]
     if not len(places):
         return
     each = [model.series.cosines((np.arange(count) >= place).astype(np.float64)) for place in places]

@@ -245,18 +245,13 @@ def _plain(fits: list[Fit]) -> list[Fit]:
 
 
 def _readings(convention: AttitudeConvention) -> NDArray[np.float64]:
-    return read_quaternions(_SOME_QUATERNIONS, convention) + 0.0
+    return read_quaternions(_SOME_QUATERNIONS, convention)
 
 
 def _plainness(convention: AttitudeConvention) -> tuple[int, ...]:
     axes = convention.reference_axes, convention.body_axes
     minus, moved = "".join(axes).count("-"), sum(words.replace("-", "") != "x y z" for words in axes)
-    return (
-        (axes[0] != "x y z") + (axes[1] != "x y z"),
-        minus + moved,
-        convention.conjugate,
-        convention.scalar == "first",
-    )
+    return ((axes[0] != "x y z") + (axes[1] != "x y z"), minus + moved, convention.conjugate)
 
 
 def with_aberration(search: ConventionSearch) -> AttitudeConvention | None:

@@ -144,10 +144,10 @@ def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthO
     return GrossCause(finding, _arcsec(_horizon_to_sensor(whole, best, orientation), horizon_to_sensor(best.mount)))
 
 
-def left_with_clock(
+def left_with(
     raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthOrientation, fast_s: float
 ) -> NDArray[np.float64]:
-    """The errors (M, 3) that are left when the host's clock is so fast: columns, rows, roll, in arcsec."""
+    """The errors (M, 3) that are left at a site when the host's clock is so fast: columns, rows, roll, in arcsec."""
     under = _Hypothesis("", "", "", site, mount, fast_s)
     return _arcsec(_horizon_to_sensor(raw, under, orientation), horizon_to_sensor(mount))
 
@@ -228,7 +228,7 @@ def _of_mount(site: Site, mount: Mount) -> Iterator[_Hypothesis]:
 
 def _of_clock(stated: _Hypothesis, fast_s: float) -> Iterator[_Hypothesis]:
     """Whole hours, time zones and days, of those that turn the sky by what is seen about the pole."""
-    for fast in (fast_s + days * _SIDEREAL_DAY_S for days in (-2, -1, 0, 1, 2)):
+    for fast in (fast_s + days * _SIDEREAL_DAY_S for days in (-1, 0, 1)):
         hours = _nearest_zone(fast / 3600)
         near_s = _NEAR_S if hours in _USUAL_HOURS else _VERY_NEAR_S
         if hours and abs(fast - 3600 * hours) < near_s and abs(fast) < _MOST_CLOCK_S:

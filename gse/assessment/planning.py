@@ -89,8 +89,6 @@ def availability_frames(expected: float, limit: float, *, frames_per_value: floa
     With PROBABILITY, for an expected availability of independent frames, or of runs of ``frames_per_value``; None where
     the limit is not below what is expected.
     """
-    if expected <= limit:
-        return None
     numbers = np.unique(np.geomspace(1, _MAX_FRAMES, 4000).astype(np.int64))
     passing = np.flatnonzero([_availability_passes(int(number), expected, limit) for number in numbers])
     return math.ceil(numbers[passing[0]] * frames_per_value) if len(passing) else None

@@ -194,11 +194,12 @@ def _centroid_noise(session: SessionData) -> CentroidNoise | None:
 def _against_light(noise_px: NDArray[np.float64], index: NDArray[np.float64]) -> CentroidNoise:
     """Least squares with both parts at least zero, without the stars that are far off."""
     kept = noise_px <= NOISY * np.median(noise_px)
-    slope, floor = np.polyfit(1 / index[kept], noise_px[kept] ** 2, 1) if np.ptp(index[kept]) else (0.0, 0.0)
-    if slope < 0 or not np.isfinite(slope):
-        slope, floor = 0.0, float(np.mean(noise_px[kept] ** 2))
+    square = float(np.mean(noise_px[kept] ** 2))
+    slope, floor = np.polyfit(1 / index[kept], noise_px[kept] ** 2, 1) if np.ptp(index[kept]) else (0.0, square)
+    if slope < 0:
+        slope, floor = 0.0, square
     if floor < 0:
-        slope, floor = float(np.mean(noise_px[kept] ** 2) / np.mean(1 / index[kept])), 0.0
+        slope, floor = square / float(np.mean(1 / index[kept])), 0.0
     predicted_px = np.sqrt(floor + slope / index)
     return CentroidNoise(
         len(noise_px),

@@ -79,15 +79,14 @@ def session_plan(
     frames_per_answer: float = 1.0,
 ) -> SessionPlan:
     """Plan a session without false answers; answers come and fail in runs of ``frames_per_answer`` frames."""
-    rows = [RowPlan(axis.name, axis.limit_arcsec, "arcsec", _accuracy_frames(axis)) for axis in axes]
+    rows = [
+        RowPlan(axis.name, axis.limit_arcsec, "arcsec", _frames_of(axis.expected, axis.limit_arcsec, axis.truth_arcsec))
+        for axis in axes
+    ]
     answered = availability_frames(availability, limits.availability, frames_per_value=frames_per_answer)
     rows.append(RowPlan("availability", limits.availability, "", answered))
     rows.append(RowPlan("false answers", limits.false_share, "", false_answer_frames(limits.false_share)))
     return SessionPlan(tuple(rows), frames_per_s)
-
-
-def _accuracy_frames(axis: AxisQuestion) -> int | None:
-    return _frames_of(axis.expected, axis.limit_arcsec, axis.truth_arcsec)
 
 
 @functools.lru_cache(maxsize=16)
@@ -100,7 +99,7 @@ def plan_like(assessment: Assessment, subject: Subject, limits: Limits) -> Sessi
     """The plan of another session like one that was judged; None where it says too little of noise or correlation."""
     stats = assessment.statistics
     of_subject = stats.subjects[subject]
-    if stats.duration_s <= 0 or stats.frames < 2:
+    if stats.duration_s <= 0:
         return None
     frames_per_s = (stats.frames - 1) / stats.duration_s
     axes = tuple(_questions(assessment, of_subject, frames_per_s))

@@ -55,7 +55,7 @@ def thermal_error(
     left = error - design @ fit
     widening = _widening(left)
     freedom = max(len(error) / widening - design.shape[1], 1.0)
-    variance = float(left @ left) / max(len(error) - design.shape[1], 1) * widening * float(inverse[2, 2])
+    variance = float(left @ left) / (len(error) - design.shape[1]) * widening * float(inverse[2, 2])
     half = float(stdtrit(freedom, 0.975)) * math.sqrt(variance)
     slope = float(fit[2])
     return ThermalError(slope, slope - half, slope + half, float(np.ptp(temperature)))

@@ -41,7 +41,7 @@ def _leaps(frames: NDArray[np.void], events: Sequence[LinkEvent]) -> Iterator[st
     ahead_s: NDArray[np.float64] = tags_s - host_s
     leaps = (tags_s > 0) & (ahead_s > LEAP_S + 1.5 * np.median(tags_s) * numbers)
     for row in first_rows(frames["host_utc_ns"], clock_steps(events)):
-        leaps[max(row - 1, 0) : row] = False
+        leaps[row - 1 : row] = False
     rows = np.flatnonzero(leaps)
     if len(rows):
         first = int(rows[0])

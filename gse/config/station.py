@@ -19,6 +19,7 @@ from pydantic import (
     with_config,
 )
 
+from drivers.host_files import only_a_file
 from drivers.outside_text import plain_lines
 from gse.attitude_convention import AttitudeConvention
 from gse.camera import Camera
@@ -163,7 +164,7 @@ port:
 def read_station(path: Path) -> tuple[Station, str]:
     """The station of a file, and the file's text; ConfigError names file, line and key."""
     try:
-        with path.open(encoding="utf-8") as file:
+        with open(path, encoding="utf-8", opener=only_a_file) as file:
             text = file.read(MAX_FILE_BYTES + 1)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"

@@ -38,9 +38,12 @@ def first_fit_many(
     """``first_fit`` for K panoramas: rows ``first[k]`` to before ``first[k + 1]``, each object taken once."""
     found = _room_for_answers(len(first) - 1, len(directions))
     for k in range(len(first) - 1):
-        distinct, rows = _distinct(directions[first[k] : first[k + 1]])
+        panorama = directions[first[k] : first[k + 1]]
+        distinct = distinct_objects(panorama)
+        rows = panorama[distinct]
         objects, stars, alphas = first_fit(rows, icrs, table, blocks, limits)
-        _put(found, k, objects, stars, alphas, distinct, rows, icrs)
+        _put(found, k, distinct[objects], stars, alphas)
+        found.rms_rad[k] = _rms_rad(rows[objects], icrs[stars])
     return found
 
 
@@ -56,9 +59,12 @@ def best_vote_many(
     """As ``first_fit_many``, by ``best_vote``."""
     found = _room_for_answers(len(first) - 1, len(directions))
     for k in range(len(first) - 1):
-        distinct, rows = _distinct(directions[first[k] : first[k + 1]])
+        panorama = directions[first[k] : first[k + 1]]
+        distinct = distinct_objects(panorama)
+        rows = panorama[distinct]
         objects, stars, alphas = best_vote(rows, icrs, table, blocks, limits)
-        _put(found, k, objects, stars, alphas, distinct, rows, icrs)
+        _put(found, k, distinct[objects], stars, alphas)
+        found.rms_rad[k] = _rms_rad(rows[objects], icrs[stars])
     return found
 
 
@@ -69,40 +75,19 @@ def _room_for_answers(panoramas: int, objects: int) -> Found:
         np.empty(objects, np.int64),
         np.empty(objects, np.int64),
         np.empty(panoramas, np.int64),
-        np.zeros(panoramas),
+        np.empty(panoramas),
     )
 
 
 @compiled
-def _distinct(directions: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Rows of the objects that are no second listing of another one, and their directions."""
-    distinct = distinct_objects(directions)
-    rows = np.empty((len(distinct), 3))
-    for i in range(len(distinct)):
-        for axis in range(3):
-            rows[i, axis] = directions[distinct[i], axis]
-    return distinct, rows
+def _put(found: Found, k: int, objects: NDArray[np.int64], stars: NDArray[np.int64], alphas: int) -> None:
+    """Put the answer to panorama k into its place."""
+    begin, end = found.ends[k], found.ends[k] + len(objects)
+    found.objects[begin:end], found.stars[begin:end] = objects, stars
+    found.ends[k + 1], found.alphas[k] = end, alphas
 
 
 @compiled
-def _put(
-    found: Found,
-    k: int,
-    objects: NDArray[np.int64],
-    stars: NDArray[np.int64],
-    alphas: int,
-    distinct: NDArray[np.int64],
-    rows: NDArray[np.float64],
-    icrs: NDArray[np.float64],
-) -> None:
-    """Put the answer to panorama k into its place."""
-    begin = found.ends[k]
-    measured, placed = np.empty((len(objects), 3)), np.empty((len(objects), 3))
-    for i in range(len(objects)):
-        found.objects[begin + i], found.stars[begin + i] = distinct[objects[i]], stars[i]
-        for axis in range(3):
-            measured[i, axis], placed[i, axis] = rows[objects[i], axis], icrs[stars[i], axis]
-    found.ends[k + 1] = begin + len(objects)
-    found.alphas[k] = alphas
-    if len(objects) > 0:
-        found.rms_rad[k] = wahba_residual_rad(measured, placed)
+def _rms_rad(measured: NDArray[np.float64], stars: NDArray[np.float64]) -> float:
+    """As ``wahba_residual_rad``, zero where no star was found."""
+    return wahba_residual_rad(measured, stars) if len(measured) > 0 else 0.0

@@ -35,8 +35,8 @@ def read_image(path: Path, bits: int | None = None) -> NDArray[np.uint16]:
     suffix = path.suffix.lower()
     if suffix not in _KNOWN_SUFFIXES:
         raise TableError(f"{path} is not an image of a known format: expected {', '.join(_KNOWN_SUFFIXES)}")
-    if path.is_dir():
-        raise TableError(f"{path} is a folder: expected an image file")
+    if path.exists() and not path.is_file():
+        raise TableError(f"{path} is a folder, a pipe or a device: expected an image file")
     try:
         size = path.stat().st_size
     except OSError as error:

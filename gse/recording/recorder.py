@@ -241,18 +241,15 @@ class Recorder(MessageWriter):
             previous.continued(path.name, *self._stamp)
             previous.close()
         except OSError as error:
-            self._announce(
-                RecorderKind.UNFINISHED,
-                f"{self._segments[-2]}: {error.strerror}; it was not closed properly; it is still readable",
-            )
+            self._leave_unfinished(self._segments[-2], error)
         self._read_back(self._segments[-2], previous.written, data_bytes)
 
     def _finish(self) -> None:
         until_s = time.monotonic() + self._last_tries_s
         self._keep_safe()
-        while self._writer.pending and time.monotonic() < until_s:
+        self._writer.finish()
+        while not self._flush() and time.monotonic() < until_s:
             time.sleep(0.1)
-            self._flush()
         written = self._writer.size - self._writer.pending
         lost = sum(size for end, size in zip(self._unwritten_ends, self._unwritten_sizes, strict=True) if end > written)
         if self._writer.vanished():
@@ -260,16 +257,19 @@ class Recorder(MessageWriter):
         try:
             self._writer.close()
         except OSError as error:
-            self._announce(
-                RecorderKind.UNFINISHED,
-                f"{self._segments[-1]}: {error.strerror}; it was not closed properly; it is still readable",
-            )
+            self._leave_unfinished(self._segments[-1], error)
         if lost:
             self.lost_bytes += lost
             self._announce(
                 RecorderKind.LOST, f"{lost} received bytes are not in {self._segments[-1]}: the disk took no more"
             )
         self._segment_data_bytes -= lost
+
+    def _leave_unfinished(self, segment: Path, error: OSError) -> None:
+        """Tell that a file has no end: without one a reader cannot know that nothing is missing."""
+        text = f"{segment}: {error.strerror}; it was not closed properly; it is still readable"
+        self.damage = f"{self.damage}; {text}" if self.damage else text
+        self._announce(RecorderKind.UNFINISHED, text)
 
     def _read_back(self, segment: Path, written: WrittenBytes, data_bytes: int) -> None:
         """Compare a closed file with the bytes written to it, before it is compressed."""

@@ -9,6 +9,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from drivers.host_files import only_a_file
 from gse.assessment.verdict import Assessment
 from gse.errors import UsageError
 from gse.report.fingerprint import fingerprint, fingerprint_in, provenance_in
@@ -41,7 +42,7 @@ class Verification:
 def read_page(path: Path) -> str:
     """The text of a page as it is, line ends too; UsageError where it cannot be read."""
     try:
-        with path.open("rb") as file:
+        with open(path, "rb", opener=only_a_file) as file:
             content = file.read(MAX_PAGE_BYTES + 1)
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from error

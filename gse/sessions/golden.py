@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import DriverError
+from drivers.host_files import only_a_file
 from drivers.session_file.reader import find_segments
 from drivers.whole_file import write_whole
 from gse.assessment.verdict import judge
@@ -116,7 +117,7 @@ def _read_report(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > MAX_REPORT_BYTES:
             raise UsageError(f"{path} is larger than {MAX_REPORT_BYTES} bytes; expected a report of gse")
-        with path.open(encoding="utf-8") as file:
+        with open(path, encoding="utf-8", opener=only_a_file) as file:
             report = json.loads(file.read(MAX_REPORT_BYTES))
     except FileNotFoundError:
         raise UsageError(f"there is no expected report {path.name}; 'gse ci --update' writes it") from None

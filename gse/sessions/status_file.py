@@ -17,6 +17,7 @@ from typing import Any
 
 from drivers.chunk import LinkEvent
 from drivers.clock import read_clock
+from drivers.host_files import only_a_file
 from drivers.outside_text import is_plain
 from drivers.session_file.record_scanner import MAGIC
 from drivers.whole_file import write_whole
@@ -172,14 +173,20 @@ def session_folders(out: Path) -> list[Path]:
 
     A folder whose name would steer a terminal is none of ours.
     """
-    if (out / "session.mcap").is_file():
+    if _holds_a_session(out):
         return [out]
     try:
-        return sorted(
-            folder for folder in out.iterdir() if is_plain(folder.name) and (folder / "session.mcap").is_file()
-        )
+        return sorted(folder for folder in out.iterdir() if is_plain(folder.name) and _holds_a_session(folder))
     except OSError:
         return []
+
+
+def _holds_a_session(folder: Path) -> bool:
+    """Whether it does; not where it is closed to this user, which must not hide the folders beside it."""
+    try:
+        return (folder / "session.mcap").is_file()
+    except OSError:
+        return False
 
 
 def is_unfinished(folder: Path) -> bool:
@@ -198,7 +205,7 @@ def is_unfinished(folder: Path) -> bool:
 def _is_closed(session: Path) -> bool:
     """Whether a session file ends as MCAP files do."""
     try:
-        with session.open("rb") as file:
+        with open(session, "rb", opener=only_a_file) as file:
             file.seek(-len(MAGIC), os.SEEK_END)
             return file.read() == MAGIC
     except OSError:

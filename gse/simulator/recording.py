@@ -48,7 +48,7 @@ def record_simulation(path: Path, station: Station, station_text: str, orientati
         recorder.attach(PROTOCOL, "application/yaml", load_protocol(station.protocol).text.encode())
         recorder.attach(EARTH_ORIENTATION, "application/json", orientation_json.encode())
         size = _record(link, recorder)
-    refused = [event.text for event in recorder.news() if event.kind in (RecorderKind.LOST, RecorderKind.UNFINISHED)]
+    refused = [event.text for event in recorder.news() if event.kind == RecorderKind.LOST]
     return Recording(size, "; ".join(filter(None, [recorder.damage, *refused])) or None)
 
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from drivers.host_files import only_a_file
 from gse.config.station import BUILT_IN_TEXT, Station
 from gse.errors import ConfigError
 from gse.instant import from_text
@@ -226,7 +227,7 @@ def load_scenario(name_or_path: str) -> Scenario:
         return parse_scenario(packaged.read_text(encoding="utf-8"), f"scenario {name_or_path}")
     path = Path(name_or_path)
     try:
-        with path.open(encoding="utf-8") as file:
+        with open(path, encoding="utf-8", opener=only_a_file) as file:
             text = file.read(MAX_FILE_BYTES + 1)
     except (OSError, UnicodeDecodeError):
         names = ", ".join(scenario_names())

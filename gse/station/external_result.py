@@ -55,64 +55,65 @@ def results_of(
     mount: Mount | None,
 ) -> list[FrameResult]:
     """The results of K panoramas, with the RA, DE and roll that were answered."""
-    return [
-        _result(identifier, panoramas, k, identified, None if math.isnan(us) else us, truth, mount)
-        for k, us in enumerate(elapsed_us)
-    ]
+    results = []
+    for k, us in enumerate(elapsed_us):
+        answered = _answered(identifier, panoramas[k], identified, k, None if math.isnan(us) else us)
+        directions_sensor = identified.directions_sensor[panoramas.parts.rows(k)]
+        results.append(_compared(answered, directions_sensor, identifier.catalog, truth, mount))
+    return results
 
 
-def _result(
-    identifier: ExternalIdentifier,
-    panoramas: Panoramas,
-    k: int,
-    identified: Identified,
-    elapsed_us: float | None,
-    truth: SiderealTruth | None,
-    mount: Mount | None,
+def _answered(
+    identifier: ExternalIdentifier, panorama: Panorama, identified: Identified, k: int, elapsed_us: float | None
 ) -> FrameResult:
-    panorama = panoramas[k]
-    found, attitude, given = identified.answers[k], identified.attitudes[k], identified.given.get(k)
+    """The answer to panorama k, compared with nothing yet."""
+    found, given = identified.answers[k], identified.given.get(k)
     if given is None:
         assert isinstance(found, Unidentified)
         return FrameResult(panorama, Status.SENSOR_FAULT, found.detail, identifier.name)
-    check = ANSWER_CHECKS[identified.answer_check[k]]
-    if isinstance(found, Unidentified) or attitude is None:
-        status, detail = status_of(given)
-        return FrameResult(
-            panorama,
-            status,
-            detail,
-            identifier.name,
-            elapsed_us=elapsed_us,
-            answer_check=check,
-            light=identified.light[k],
-            given=given,
-        )
-    utc_ns, directions_sensor = panorama.utc_ns, identified.directions_sensor[panoramas.parts.rows(k)]
+    identification = found if isinstance(found, Identification) else None
+    status, detail = (Status.IDENTIFIED, "") if identification is not None else status_of(given)
+    return FrameResult(
+        panorama,
+        status,
+        detail,
+        identifier.name,
+        identification=identification,
+        attitude=identified.attitudes[k],
+        elapsed_us=elapsed_us,
+        answer_check=ANSWER_CHECKS[identified.answer_check[k]],
+        light=identified.light[k],
+        has_roll=identification is None or has_roll(given),
+        given=given,
+    )
+
+
+def _compared(
+    answered: FrameResult,
+    directions_sensor: NDArray[np.float64],
+    catalog: StarCatalog,
+    truth: SiderealTruth | None,
+    mount: Mount | None,
+) -> FrameResult:
+    """The same with its matches, and where there is a truth with its error; a roll that was not answered has none."""
+    found, attitude, utc_ns = answered.identification, answered.attitude, answered.panorama.utc_ns
+    if found is None or attitude is None:
+        return answered
     true = truth.attitude_true(utc_ns, mount) if truth and mount else None
-    if not has_roll(given) and true is not None:
+    if not answered.has_roll and true is not None:
         attitude = with_roll(attitude, true.roll_deg)
     geometric = None
     if truth is not None:
         stars_sensor = directions_sensor.take(found.objects, axis=0)
         geometric = geometric_of(attitude, stars_sensor if len(stars_sensor) > 1 else directions_sensor, truth, utc_ns)
     error = attitude_error(geometric, true) if geometric and true else None
-    return FrameResult(
-        panorama,
-        Status.IDENTIFIED,
-        "",
-        identifier.name,
-        identification=found,
+    return replace(
+        answered,
         attitude=attitude,
-        matches=matches_of(found, identifier.catalog, geometric or attitude, directions_sensor, truth, utc_ns),
-        elapsed_us=elapsed_us,
+        matches=matches_of(found, catalog, geometric or attitude, directions_sensor, truth, utc_ns),
         attitude_geometric=geometric,
-        attitude_error=error if has_roll(given) or error is None else replace(error, d_roll_arcsec=math.nan),
+        attitude_error=error if answered.has_roll or error is None else replace(error, d_roll_arcsec=math.nan),
         attitude_true=true,
-        answer_check=check,
-        light=identified.light[k],
-        has_roll=has_roll(given),
-        given=given,
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
+from drivers.host_files import only_a_file
 from gse.installation import source_sha256
 from gse.station.setup import versions
 
@@ -33,7 +34,7 @@ def session_sha256(segments: Iterable[Path]) -> str:
     """Of the files of a session, in the order of its segments."""
     whole = hashlib.sha256()
     for path in segments:
-        with path.open("rb") as file:
+        with open(path, "rb", opener=only_a_file) as file:
             while data := file.read(_READ_AT_ONCE):
                 whole.update(data)
     return whole.hexdigest()

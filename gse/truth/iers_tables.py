@@ -18,6 +18,7 @@ from pathlib import Path
 
 import astropy_iers_data  # type: ignore[import-untyped]
 
+from drivers.host_files import only_a_file
 from gse.errors import TruthError
 
 C04_FIRST_MJD, FINALS_FIRST_MJD = 37_665, 41_684
@@ -112,7 +113,7 @@ def installed_source() -> str:
 
 def _text(path: Path) -> str:
     try:
-        with path.open("rb") as file:
+        with open(path, "rb", opener=only_a_file) as file:
             content = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise TruthError(f"cannot read the Earth orientation file {path}: {error.strerror}") from error

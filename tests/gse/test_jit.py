@@ -1,34 +1,62 @@
 """Compiled functions, kept on disk between runs."""
 
-import importlib.util
 import os
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
+import pytest
+
+import gse
 from gse.jit import is_on_disk
 
-_SOURCE = """
-from gse.jit import compiled
-
-@compiled
-def double(x):
-    return 2 * x
+_RUN = """
+from gse.jit import is_on_disk
+from gse.truth.refraction import _remove as function
+import numpy as np
+print(is_on_disk(function))
+stars = np.array([[0.0, 0.0, 1.0]])
+function(stars, stars, 1e-4, 1e-7, stars.copy())
+print(is_on_disk(function))
 """
 
 
-def test_machine_code_is_on_disk_once_a_function_ran_until_its_source_changes(tmp_path: Path) -> None:
-    source = tmp_path / "doubling.py"
-    source.write_text(_SOURCE, encoding="utf-8")
-    spec = importlib.util.spec_from_file_location("doubling", source)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert not is_on_disk(module.double)
-    assert module.double(2) == 4
-    assert is_on_disk(module.double)
-    later_ns = source.stat().st_mtime_ns + 10_000_000_000
-    os.utime(source, ns=(later_ns, later_ns))
-    assert not is_on_disk(module.double)
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    """A copy of the program, in a folder for itself."""
+    for name in ("gse", "drivers", "protocols"):
+        source = Path(gse.__file__).parents[1] / name
+        shutil.copytree(source, tmp_path / "program" / name, ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path / "program"
+
+
+def before_and_after(program: Path, cache: Path) -> list[str]:
+    """Whether machine code of a function is on disk: at the start of a new process, and once the function ran."""
+    own = dict.fromkeys(("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"), str(cache))
+    own |= {"NUMBA_CACHE_DIR": "", "PYTHONPATH": str(program), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", _RUN], env=os.environ | own, capture_output=True, text=True, check=True
+    )
+    return done.stdout.split()
+
+
+def test_machine_code_is_kept_for_exactly_this_program_and_never_beside_it(program: Path, tmp_path: Path) -> None:
+    files = set(program.rglob("*"))
+    cache = tmp_path / "cache"
+    assert before_and_after(program, cache) == ["False", "True"]
+    moved = program.rename(tmp_path / "moved")
+    assert before_and_after(moved, cache) == ["True", "True"]
+    # A function holds what it takes from other modules: a change in one of them makes it another function.
+    with (moved / "gse" / "constants.py").open("a", encoding="utf-8") as file:
+        file.write("\n# Changed.\n")
+    assert before_and_after(moved, cache) == ["False", "True"]
+    moved.rename(program)
+    assert set(program.rglob("*")) == files
+
+
+def test_where_nothing_can_be_kept_the_function_runs_all_the_same(program: Path) -> None:
+    assert before_and_after(program, Path(os.devnull) / "cache") == ["False", "False"]
 
 
 def test_a_function_that_is_not_compiled_has_nothing_to_wait_for() -> None:

@@ -30,7 +30,7 @@ def test_the_attitude_is_that_of_align_vectors(spread: float) -> None:
 
 
 @pytest.mark.parametrize("step", [0.0, 0.5])
-@pytest.mark.parametrize("count", [2, 3, 60, 301])
+@pytest.mark.parametrize("count", [*range(2, 40), 60, 301])
 def test_slopes_are_those_of_theilslopes_ties_included(count: int, step: float) -> None:
     rng = np.random.default_rng(count)
     at, values = np.sort(rng.normal(size=count)), rng.normal(size=count)

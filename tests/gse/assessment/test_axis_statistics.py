@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gse.assessment.axis_statistics import axis_statistics
+from gse.assessment.axis_statistics import WINDOW_S, axis_statistics
 from gse.instant import NS_PER_S
 
 
@@ -40,6 +40,12 @@ def test_a_slow_wave_is_low_frequency_error_and_no_noise():
     assert figures.nea_arcsec == pytest.approx(2.0, rel=0.03)
     assert figures.low_frequency_arcsec == pytest.approx(10 / math.sqrt(2), rel=0.05)
     assert figures.std_arcsec == pytest.approx(math.hypot(2, 10 / math.sqrt(2)), rel=0.03)
+
+
+@pytest.mark.parametrize(("windows", "is_known"), [(1.5, False), (2.0, False), (2.1, True)])
+def test_low_frequency_error_needs_more_than_two_of_its_windows(windows, is_known):
+    figures = axis(np.random.default_rng(3).normal(0, 2.0, round(windows * WINDOW_S) + 1), step_s=1.0)
+    assert math.isfinite(figures.low_frequency_arcsec) == is_known
 
 
 def test_a_drift_is_found_among_outliers():

@@ -6,7 +6,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
 from gse.assessment.autocorrelation import exponential_spectrum
-from gse.assessment.competing_models import Columns, Observed, _shapes, fitted
+from gse.assessment.competing_models import PENALTY, Columns, Observed, _shapes, fitted, white_precision
 
 K = 40
 NOISE = np.random.default_rng(1).normal(size=(K, 3))
@@ -78,3 +78,14 @@ def test_a_parameter_of_the_field_alone_is_what_the_stars_say():
     found = fitted(observed(parameters=(0.7, -2.0), freedom=1e6), column)
     assert found.coefficients == pytest.approx([0.7, -2.0], rel=1e-6)
     assert found.covariance == pytest.approx(np.linalg.inv(NORMAL), rel=1e-3)
+
+
+def test_a_column_costs_the_bayesian_information_criterion_of_150_values():
+    assert abs(PENALTY - np.log(150)) < 0.02
+
+
+def test_white_noise_is_judged_by_the_upper_half_of_the_ordinates():
+    cosines = np.vstack([1000 * NOISE, [2.0, 20.0, 200.0] * np.random.default_rng(3).normal(size=(K, 3))])
+    found = white_precision(cosines)
+    assert found.shape == (2 * K, 3)
+    assert found == pytest.approx(np.tile(1 / np.mean(cosines[K:] ** 2, axis=0), (2 * K, 1)))

@@ -9,6 +9,7 @@ from skies.known_nights import START_NS, STATION, TRUTH, session
 
 from gse.assessment.convention_search import Evidence, search_convention, with_aberration
 from gse.assessment.decision import Outcome
+from gse.assessment.sensor_convention import in_words
 from gse.assessment.verdict import judge
 from gse.attitude_convention import (
     AttitudeConvention,
@@ -74,6 +75,56 @@ def test_answers_of_no_convention_get_the_nearest_and_how_far_it_is_off():
     found = search_convention(sent(AttitudeConvention(), state_angles, body_arcsec=(3600, 0, 0)))
     assert found.fits == ()
     assert 2000 < found.nearest.size_arcsec < 3700  # a degree, less what precession makes up for
+
+
+def test_quaternions_of_no_convention_get_the_nearest_too():
+    found = search_convention(sent(AttitudeConvention(), state_quaternions, body_arcsec=(5 * 3600, 0, 0)))
+    assert found.fits == ()
+    assert 4.6 * 3600 < found.nearest.size_arcsec < 5.1 * 3600
+
+
+def test_a_turn_about_the_boresight_counts_a_tenth():
+    found = search_convention(sent(AttitudeConvention(), state_quaternions, body_arcsec=(0, 0, 10 * 3600)))
+    assert found.nearest.size_arcsec == pytest.approx(0.1 * 10 * 3600, rel=0.01)
+
+
+@pytest.mark.parametrize("state", [state_quaternions, state_angles])
+def test_answers_without_an_error_leave_nothing(state):
+    found = search_convention(sent(AttitudeConvention(), state, noise_arcsec=0.0))
+    assert found.nearest.size_arcsec < 0.01
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({}, "scalar last, in ICRS or J2000"),
+        ({"scalar": "first", "conjugate": True, "frame": "date"}, "scalar first, conjugate, of date"),
+        (
+            {"body_axes": "-y x z", "reference_axes": "y z x"},
+            "scalar last, in ICRS or J2000, body axes -y x z, reference axes y z x",
+        ),
+    ],
+)
+def test_a_convention_of_quaternions_is_told_by_its_keys(keys, words):
+    quaternions = search_convention(sent(AttitudeConvention(), state_quaternions))
+    assert in_words(AttitudeConvention(**keys), quaternions) == words
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({}, "RA in degrees, in ICRS or J2000"),
+        ({"ra_unit": "h", "frame": "date"}, "RA in hours, of date"),
+        ({"roll_through": "west"}, "RA in degrees, in ICRS or J2000, roll through west from 0 deg"),
+        ({"roll_zero_deg": 90}, "RA in degrees, in ICRS or J2000, roll through east from 90 deg"),
+    ],
+)
+def test_a_convention_of_angles_is_told_by_its_keys(keys, words):
+    angles = search_convention(sent(AttitudeConvention(), state_angles))
+    assert in_words(AttitudeConvention(**keys), angles) == words
+    assert (
+        in_words(AttitudeConvention(**keys), dataclasses.replace(angles, roll_sent=False)) == words.split(", roll")[0]
+    )
 
 
 def test_answers_that_stand_still_have_no_convention():

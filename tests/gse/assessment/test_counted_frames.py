@@ -76,6 +76,12 @@ def test_frames_that_waited_in_a_buffer_before_the_port_was_read_are_excluded_by
     assert stats.onboard.axes["d_ra_cosde"].max_abs_arcsec == 1.0
 
 
+def test_a_stretch_that_an_operator_leaves_out_explains_no_error_of_time():
+    stated = parse_exclusion("2026-03-20T18:30:00Z/2026-03-20T18:31:00Z=clouds")
+    assert (stated.cause, stated.reason, stated.time_error_s) == (Cause.OPERATOR, "clouds", 0.0)
+    assert stated.until_ns - stated.from_ns == 60 * NS_PER_S
+
+
 def test_a_sensor_clock_that_runs_fast_is_no_buffer():
     assert statistics(session(600, sensor_ppm=-1000.0)).exclusions == ()
 

@@ -95,6 +95,14 @@ def test_what_takes_longer_is_told_in_minutes_or_as_more_than_a_day():
     assert ": more than a day more would have decided" in would_decide(400.0)
 
 
+@pytest.mark.parametrize(
+    ("hours", "words"), [(23.9, ": 1434 more minutes would"), (24.1, ": more than a day more would")]
+)
+def test_more_than_a_day_is_not_counted_in_minutes(hours, words):
+    per_second = minutes_more(Figure(50.0, Bounds(0, 0, 30.0, 70.0), 100.0, 600, 1.0), LIMIT, 0.0)
+    assert words in row(50.0, 20.0, duration_s=hours * 60 / per_second - 1e-6).reason
+
+
 def test_degrees_are_printed_where_degrees_are_meant():
     assert "is 90.00 deg, the limit is 60.0 arcsec" in row(90 * 3600.0, 1.0).reason
 

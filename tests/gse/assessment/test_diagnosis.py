@@ -1,6 +1,7 @@
 """Diagnosis on sessions made of numbers whose errors are known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from drivers.chunk import LinkEvent
 from gse.assessment.diagnosis import causes_so_far, stars_fall_out
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
+from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
 from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
@@ -128,3 +130,49 @@ def test_a_camera_that_leaves_a_third_of_the_stars_unmatched_lets_them_fall_out(
     frames, used = np.zeros(9, dtype=FRAME), np.arange(9) < 4
     frames["matched"], frames["false_objects"] = 11, np.where(used, unmatched, 10 - unmatched)
     assert stars_fall_out(frames, used) is fall_out
+
+
+def silent(count=50):
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(count):
+        add_frame(made.frames, unanswered(number))
+    return made
+
+
+def clock_steps(*sizes_ns):
+    return [ClockStep(START_NS, 0, StationKind.CLOCK_STEP, "the clock stepped", size_ns) for size_ns in sizes_ns]
+
+
+@pytest.mark.parametrize(
+    ("steps_ns", "drift_s"),
+    [
+        ([10**8] * 40, "+4.000 s"),
+        ([-(10**8)] * 40, "-4.000 s"),
+        ([10**8] * 35, None),  # ten and half of the frames
+        ([10**8] * 39 + [-(10**8)], None),
+    ],
+    ids=["ahead", "behind", "in too few frames", "to and fro"],
+)
+def test_a_clock_that_steps_one_way_in_most_frames_runs_away(steps_ns, drift_s):
+    made = silent()
+    made.events = clock_steps(*steps_ns)
+    (first, *_) = causes_so_far(made)
+    assert first.cause == ("clock drift" if drift_s else "clock step")
+    assert drift_s is None or drift_s in first.size
+
+
+def test_a_gross_mistake_is_named_alone():
+    made = session(30)
+    made.station = STATION.model_copy(update={"mount": replace(STATION.mount, roll_deg=STATION.mount.roll_deg + 90)})
+    (finding,) = causes_so_far(made)
+    assert "off by 90 deg" in finding.cause
+    assert finding.is_gross
+
+
+def test_stars_that_all_stand_on_the_boresight_tell_no_cause_and_end_no_session():
+    """No attitude follows from them: their normal equations have no inverse."""
+    assert causes_so_far(session(60, matches=((511.5, 511.5, 3.0, -2.0),) * 12)) == ()
+
+
+def test_a_session_without_frames_has_no_findings():
+    assert found(SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")) == ""

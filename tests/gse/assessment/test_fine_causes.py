@@ -95,9 +95,10 @@ def test_distortion_is_named_and_no_moving_mount():
 
 
 def test_a_principal_point_is_named_with_the_mount_beside_it():
-    finding = only(replace(TRUE, camera=replace(CAMERA, principal_point_px=(516.5, 511.5))))
+    finding = only(replace(TRUE, camera=replace(CAMERA, principal_point_px=(516.5, 507.5))))
     assert finding.cause == "principal point"
     assert number(r"principal_point_px: \[([\d.]+)", finding.size) == pytest.approx(516.5, abs=0.1)
+    assert number(r"principal_point_px: \[[\d.]+, ([\d.]+)", finding.size) == pytest.approx(507.5, abs=0.1)
     assert any("mount" in equal for equal in finding.equals)
 
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from gse.assessment.competing_models import Columns
 from gse.assessment.fine_causes import Named
@@ -52,7 +53,9 @@ def said(cause, *coefficients, kind="", at_s=math.nan, error=0.0):
         ("clock offset", (-1.5,), ["1.5000 s slow", "longitude_deg: 11.00627", "about the pole by -22.6 arcsec"]),
         ("clock offset", (18.0,), ["clock set to GPS time"]),
         ("clock offset", (37.0,), ["clock set to TAI"]),
+        ("clock offset", (240.0,), ["longitude_deg: 9.99726"]),  # a degree, less what the Earth turns more in 240 s
         ("site", (36.0,), ["site.latitude_deg: 48.01000, stated is 48", "+1112 m on the ground"]),
+        ("site", (3600.0,), ["site.latitude_deg: 49.00000"]),
         ("mount moves", (1.0, -2.0, 30.0), ["+1.0 arcsec/h in azimuth", "-2.0 arcsec/h in altitude", "+30.0"]),
         ("thermal sinusoid", (3.0, 4.0, 12.0, 84.0, 999.0), ["swings by +-85.0 arcsec across the boresight"]),
     ],
@@ -63,10 +66,26 @@ def test_a_cause_is_told_in_the_unit_that_an_operator_turns(cause, coefficients,
 
 
 @pytest.mark.parametrize(
-    ("kind", "arcsec", "words"), [("azimuth", 36.0, "azimuth_deg: 130.01000"), ("roll", -72.0, "roll_deg: 24.98000")]
+    ("kind", "arcsec", "words"), [("azimuth", 3600.0, "azimuth_deg: 131.00000"), ("roll", -72.0, "roll_deg: 24.98000")]
 )
 def test_one_angle_of_the_mount_is_given_as_it_should_be(kind, arcsec, words):
     assert words in said("mount", arcsec, kind=kind)
+
+
+def test_a_size_is_told_with_twice_its_standard_error():
+    assert "+36.0 arcsec (+- 1) in altitude" in said("mount", 36.0, kind="altitude", error=0.5)
+    assert "(+36.0 +- 1 arcsec" in said("site", 36.0, error=0.5)
+    assert "fast (+- 0.1 s)" in said("clock offset", 0.9, error=0.05)
+
+
+@pytest.mark.parametrize(
+    ("weights", "searched", "chance"), [(None, 1, 3e-5), (np.ones(4), 1, 2e-4), (np.ones(4), 10, 3e-6)]
+)
+@pytest.mark.parametrize("columns", [1, 3])
+def test_a_cause_is_worth_naming_where_noise_would_hardly_explain_as_much(weights, searched, chance, columns):
+    """A constant cause, a drift, and a change at one of ten places, by chi squared of as many degrees as columns."""
+    one = Hypothesis("cause", "kind", Columns(*(np.zeros((1, 1, columns)) for _ in range(3))), weights, searched)
+    assert chi2.sf(one.is_worth, columns) == pytest.approx(chance)
 
 
 @pytest.mark.parametrize(("at_s", "words"), [(90.0, "15:01:30Z"), (3600.0, "16:00:00Z")])

@@ -157,6 +157,13 @@ def test_another_town_is_named_with_its_place():
     assert finding.equals == ("a mount whose base is not level",)
 
 
+def test_another_continent_is_named_with_its_place():
+    finding = found(BOGOR, MOUNT, true_site=replace(MUNICH, latitude_deg=2.0, longitude_deg=16.0))
+    assert finding.cause == "site"
+    assert "latitude_deg: 2.0" in finding.size or "latitude_deg: 1.99" in finding.size
+    assert "longitude_deg: 16.0" in finding.size or "longitude_deg: 15.99" in finding.size
+
+
 def test_a_gross_mistake_is_named_on_a_mount_that_was_set_by_hand_too():
     finding = found(MUNICH, replace(MOUNT, altitude_deg=59.9), true_site=replace(MUNICH, latitude_deg=-48.2),
                     true_mount=MOUNT)  # fmt: skip

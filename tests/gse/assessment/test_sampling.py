@@ -296,8 +296,12 @@ def test_what_is_at_its_limit_can_never_be_shown():
 
 @pytest.mark.parametrize(
     ("expected", "truth_arcsec", "least", "most"),
-    [(Expected(0.0, 20.0, 0.0, 1.0), 3.0, 60, 150), (Expected(0.0, 3.3, 8.0, 1.0), 7.0, 100, 250)],
-    ids=["white", "few independent values"],
+    [
+        (Expected(0.0, 20.0, 0.0, 1.0), 3.0, 60, 150),
+        (Expected(0.0, 25.0, 0.0, 1.0), 0.0, 200, 360),
+        (Expected(0.0, 3.3, 8.0, 1.0), 7.0, 100, 250),
+    ],
+    ids=["white", "near the limit", "few independent values"],
 )
 def test_sessions_of_the_planned_length_pass(expected, truth_arcsec, least, most):
     n = accuracy_frames(expected, 60.0, truth_arcsec=truth_arcsec)
@@ -307,6 +311,15 @@ def test_sessions_of_the_planned_length_pass(expected, truth_arcsec, least, most
         upper = error_bounds(errors).p95_abs.upper
         passed.append(keeps(float(np.percentile(np.abs(errors), 95)), upper, 60.0, truth_arcsec))
     assert 0.8 <= np.mean(passed) <= 0.98
+
+
+def test_very_near_a_limit_the_length_goes_as_one_over_the_square_of_the_margin():
+    """The 95th percentile of noise of 1 is 1.96; what is left of 60 arcsec is 1.2, 3.2 or 7.1 arcsec."""
+    lengths = {
+        noise: accuracy_frames(Expected(0.0, noise, 0.0, 1.0), 60.0, truth_arcsec=0.0) for noise in (27.0, 29.0, 30.0)
+    }
+    scaled = [frames * ((60 - 1.959964 * noise) / noise) ** 2 for noise, frames in lengths.items()]
+    assert max(scaled) < 1.03 * min(scaled)
 
 
 def test_shares_are_planned_by_their_exact_bounds():

@@ -10,7 +10,7 @@ from skies.known_nights import START_NS, session
 
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
-from gse.assessment.sensor_health import Trend, health_findings, sensor_health
+from gse.assessment.sensor_health import CentroidNoise, Trend, health_findings, sensor_health
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S
 from gse.recording.session_format import RecordedTimings
@@ -177,6 +177,77 @@ def test_a_status_that_stands_still_is_a_finding() -> None:
     made = with_statuses()
     made.statuses = [(utc_ns, made.statuses[0][1]) for utc_ns, _ in made.statuses]
     assert any("the STATUS time stands still in 119 of 120" in line for line in findings(made))
+
+
+def test_two_copies_of_one_status_are_no_clock_that_stands_still() -> None:
+    made = with_statuses()
+    made.statuses = [status for status in made.statuses for _ in (1, 2)]
+    assert findings(made) == []
+
+
+@pytest.mark.parametrize(("temperature_c", "count"), [(0.0, 1), (1.0, 0), (20.0, 0)])
+def test_zero_is_no_temperature_long_before_another_one_stands_still(temperature_c: float, count: int) -> None:
+    made = with_statuses(temperature_c=temperature_c)
+    made.statuses = made.statuses[:40]
+    lines = findings(made)
+    assert len(lines) == count
+    assert all("0.00 degC in all 40 STATUS frames" in line for line in lines)
+
+
+# Stars by hand
+
+
+@pytest.fixture(scope="module")
+def steady() -> SessionData:
+    """Ten stars of which each keeps its place on a pixel, and where it is off."""
+    return session(40, matches=tuple((100.0 * star, 50.0, 20.0 * star, -30.0) for star in range(1, 11)))
+
+
+def noise_of(steady: SessionData, noise_px: list[float], index: list[float]) -> CentroidNoise:
+    """What is found where each star scatters by so much on both axes, and has so great an index value."""
+    matches = steady.frames.matches
+    places = {"residual_x_arcsec": 20.0 * (matches["star"] + 1), "residual_y_arcsec": -30.0}
+    pixel_arcsec = math.degrees(steady.station.sensor.camera().pixel_rad) * 3600
+    generator = np.random.default_rng(4)
+    for name, place in places.items():
+        scatter = generator.normal(size=(40, 10))
+        scatter /= np.sqrt((np.diff(scatter, axis=0) ** 2).mean(axis=0) / 2)  # exactly one, from frame to frame
+        matches[name] = place + (scatter * noise_px).ravel() * pixel_arcsec
+    matches["brightness"] = np.tile(index, 40)
+    found = sensor_health(steady).centroid_noise
+    assert found is not None
+    return found
+
+
+def test_the_noise_of_centroids_follows_their_light(steady: SessionData) -> None:
+    index = np.geomspace(50, 5000, 10)
+    found = noise_of(steady, np.sqrt(0.1**2 + 2.0**2 / index), index)
+    assert (found.stars, found.noisy_stars) == (10, 0)
+    assert (found.floor_px, found.photon_px) == (pytest.approx(0.1, rel=1e-3), pytest.approx(2.0, rel=1e-3))
+    assert found.median_px == pytest.approx(np.median(np.sqrt(0.01 + 4 / index)), rel=1e-3)
+
+
+def test_stars_that_scatter_three_times_as_much_as_their_light_explains_are_counted(steady: SessionData) -> None:
+    """They do not enter what light explains: the others keep their floor. The sensor sends no brightness."""
+    found = noise_of(steady, [0.1] * 8 + [0.32, 5.0], [500.0] * 10)
+    assert found.noisy_stars == 2
+    assert found.floor_px == pytest.approx(0.1, rel=1e-3)
+    assert noise_of(steady, [0.1] * 8 + [0.28, 5.0], [500.0] * 10).noisy_stars == 1
+
+
+def test_brighter_stars_that_scatter_more_have_a_floor_and_no_light(steady: SessionData) -> None:
+    found = noise_of(steady, [0.1, 0.11, 0.12, 0.13, 0.14] * 2, [100.0, 200.0, 300.0, 400.0, 500.0] * 2)
+    assert found.photon_px == 0.0
+    assert found.floor_px == pytest.approx(math.sqrt(np.mean(np.array([0.1, 0.11, 0.12, 0.13, 0.14]) ** 2)), rel=1e-3)
+
+
+def test_stars_whose_noise_falls_faster_than_light_explains_have_no_floor(steady: SessionData) -> None:
+    index = np.array([100.0, 200.0, 400.0, 800.0, 1600.0] * 2)
+    noise = 10 / index
+    found = noise_of(steady, noise, index)
+    assert found.floor_px == 0.0
+    near = noise <= 3 * np.median(noise)
+    assert found.photon_px == pytest.approx(math.sqrt(np.mean(noise[near] ** 2) / np.mean(1 / index[near])), rel=1e-3)
 
 
 def test_housekeeping_is_told_in_a_line_without_what_the_protocol_lacks() -> None:

@@ -1,19 +1,26 @@
 """What is left of a session, and bad input to ``gse plan`` in words."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from devices.command_line import runner
 from skies.synthetic_night import synthetic_night
 
-from gse.assessment.decision import Outcome
-from gse.assessment.session_plan import NEVER, RowPlan, SessionPlan, minutes_left, rows_left
-from gse.assessment.verdict import judge
-from gse.station.results import Verdict
+from gse.assessment.decision import Figure, Outcome, judge_figure, minutes_more
+from gse.assessment.sampling import Bounds
+from gse.assessment.session_plan import NEVER, RowPlan, SessionPlan, minutes_left, plan_like, rows_left
+from gse.assessment.verdict import Assessment, judge
+from gse.limits import Decision, Limits
+from gse.station.results import Subject, Verdict
 
 
-def test_a_row_is_decided_after_the_minutes_that_were_said() -> None:
-    few = judge(synthetic_night(240))
+@pytest.fixture(scope="module")
+def few() -> Assessment:
+    return judge(synthetic_night(240))
+
+
+def test_a_row_is_decided_after_the_minutes_that_were_said(few) -> None:
     left = {item.row.name: item.minutes for item in rows_left(few)}
     assert few.verdict is Verdict.INCONCLUSIVE
     assert 0 < left["false answers"] < NEVER
@@ -25,15 +32,44 @@ def test_a_row_is_decided_after_the_minutes_that_were_said() -> None:
     assert outcomes == [Outcome.INCONCLUSIVE, Outcome.PASS]
 
 
-def test_nothing_is_left_of_a_row_that_is_decided() -> None:
-    assert all(item.minutes == 0 for item in rows_left(judge(synthetic_night(240))) if item.row.outcome is Outcome.PASS)
+def test_a_figure_is_decided_after_the_minutes_that_its_reason_says(few) -> None:
+    figure = Figure(50.0, Bounds(0.0, 0.0, 30.0, 70.0), 100.0, 240, few.statistics.duration_s)
+    row = judge_figure(
+        Subject.ONBOARD,
+        "mean |dDE|",
+        figure,
+        unit="arcsec",
+        limit=60.0,
+        truth_uncertainty=2.0,
+        decision=Decision.GUARDED,
+    )
+    (left,) = rows_left(replace(few, rows=(row,)))
+    assert left.minutes == pytest.approx(minutes_more(figure, 60.0, 2.0))
+    assert 1 < left.minutes < 3
 
 
-def test_the_minutes_left_are_those_of_the_slowest_row() -> None:
-    assessment = judge(synthetic_night(240))
-    left = [item.minutes for item in rows_left(assessment)]
-    found = minutes_left(assessment)
+def test_nothing_is_left_of_a_row_that_is_decided(few) -> None:
+    assert all(item.minutes == 0 for item in rows_left(few) if item.row.outcome is Outcome.PASS)
+
+
+def test_the_minutes_left_are_those_of_the_slowest_row(few) -> None:
+    left = [item.minutes for item in rows_left(few)]
+    found = minutes_left(few)
     assert math.isnan(found) if any(map(math.isnan, left)) else found == (max(left) or NEVER)
+
+
+def test_another_session_is_planned_from_the_figures_of_one_that_was_judged(few) -> None:
+    plan = plan_like(few, Subject.ONBOARD, Limits())
+    assert plan.frames_per_s == pytest.approx(10.0)
+    assert [(row.name, row.frames) for row in plan.rows[:3]] == [("dRA*", 30), ("dDE", 30), ("roll", 30)]
+    assert [row.name for row in plan.rows[3:]] == ["availability", "false answers"]
+    assert 240 < plan.rows[3].frames < 2400  # 97 % of 240 frames leave it open
+    assert plan.rows[4].frames == 299
+    assert plan.minutes(plan.frames) == pytest.approx(plan.rows[3].frames / 600)
+
+
+def test_a_session_of_one_frame_plans_nothing() -> None:
+    assert plan_like(judge(synthetic_night(1)), Subject.ONBOARD, Limits()) is None
 
 
 def test_a_plan_with_a_row_that_cannot_pass_has_no_length() -> None:

@@ -43,10 +43,10 @@ def test_depth_is_that_of_the_clear_frames_and_else_of_those_with_stars():
 
 
 def test_no_more_stars_are_seen_than_are_expected_and_of_none_there_is_no_share():
-    frames = frames_of([CLEAR] * 3)
-    frames["stars_seen"], frames["stars_expected"] = [5, 12, 3], [10, 10, 0]
-    assert seen_share(frames)[:2].tolist() == [0.5, 1.0]
-    assert math.isnan(seen_share(frames)[2])
+    frames = frames_of([CLEAR] * 4)
+    frames["stars_seen"], frames["stars_expected"] = [5, 12, 1, 3], [10, 10, 1, 0]
+    assert seen_share(frames)[:3].tolist() == [0.5, 1.0, 1.0]
+    assert math.isnan(seen_share(frames)[3])
     assert sky_summary(frames).stars_expected == (0.0, 10.0)
 
 

@@ -48,6 +48,11 @@ def test_noise_alone_has_no_spatial_error_within_its_interval(seed):
         assert 9 < axis.temporal.low_arcsec < 10.4 < axis.temporal.high_arcsec + 0.5
 
 
+def test_noise_of_half_an_arcsecond_is_bounded_on_both_sides():
+    for axis in found(matches(noise_arcsec=0.5)):
+        assert 0.45 < axis.temporal.low_arcsec < axis.temporal.rms_arcsec < axis.temporal.high_arcsec < 0.6
+
+
 def test_the_noise_of_the_boresight_is_that_of_a_star_over_the_root_of_their_number():
     for axis in found(matches(noise_arcsec=10.0)):  # 30 stars in each frame
         assert axis.temporal.boresight_arcsec == pytest.approx(10.0 / math.sqrt(30), rel=0.2)
@@ -123,6 +128,26 @@ def test_where_residuals_do_not_correlate_the_interval_is_that_of_ordinary_regre
     assert found.low_arcsec_per_k == pytest.approx(fit[2] - half, rel=1e-6)
     assert found.high_arcsec_per_k == pytest.approx(fit[2] + half, rel=1e-6)
     assert found.range_k == pytest.approx(np.ptp(temperature))
+
+
+def test_residuals_that_correlate_widen_it_as_kendall_has_the_bias_of_their_correlation():
+    """(1 + 4 r) / n is missing in the correlation r of n residuals; (1 + r) / (1 - r) of them tell as much as one."""
+    number = np.arange(32)
+    temperature = 20 + 3 * np.sin(number / 7)
+    course = 1.5 * np.sign(np.sin((number + 0.5) * math.pi / 2))  # two to one side, two to the other
+    course += np.repeat([0.3, -0.3], 16)
+    found = thermal_error(np.arange(320) * 10**9, (2 * temperature + course)[np.repeat(number, 10)],
+                          temperature[np.repeat(number, 10)])  # fmt: skip
+    design = np.column_stack([np.ones(32), number, temperature])
+    fit, (square,), *_ = np.linalg.lstsq(design, 2 * temperature + course, rcond=None)
+    left = 2 * temperature + course - design @ fit
+    r = left[1:] @ left[:-1] / square
+    r += (1 + 4 * r) / 32
+    assert 0.05 < r < 0.9
+    wider = (1 + r) / (1 - r)
+    sigma = math.sqrt(square / 29 * wider * np.linalg.inv(design.T @ design)[2, 2])
+    half = scipy.stats.t.ppf(0.975, 32 / wider - 3) * sigma
+    assert found.high_arcsec_per_k == pytest.approx(fit[2] + half, rel=1e-5)
 
 
 def test_residuals_that_correlate_widen_the_interval():

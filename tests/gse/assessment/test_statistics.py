@@ -1,5 +1,7 @@
 """Statistics of a session by hand: each number from a few frames."""
 
+import math
+
 import numpy as np
 import pytest
 from skies.known_nights import START_NS, frame, session, unanswered
@@ -8,7 +10,8 @@ from skies.one_by_one import add_frame
 from gse.assessment.statistics import statistics
 from gse.assessment.subject_statistics import about_circular_mean
 from gse.instant import NS_PER_S
-from gse.station.results import AnswerCheck, AttitudeError
+from gse.station.frame_table import STATUSES
+from gse.station.results import AnswerCheck, AttitudeError, Status
 
 
 def at_seconds(answered, *, silent=()):
@@ -85,6 +88,34 @@ def test_what_arrives_late_is_measured_from_the_middle_of_the_exposure_to_the_ho
     made = at_seconds(range(4))
     made.frames.columns["host_utc_ns"][:] = made.frames.columns["utc_ns"] + 7_000_000
     assert statistics(made).arrival_ms.p50 == 7.0
+    made.frames.columns["host_utc_ns"][:2] = 0  # panoramas of a file, which came at no time
+    assert (statistics(made).arrival_ms.n, statistics(made).arrival_ms.p50) == (2, 7.0)
+
+
+def test_faults_of_an_external_identifier_are_counted_only_where_there_are_any():
+    made = at_seconds(range(4))
+    assert "IDENTIFIER_FAULT" not in statistics(made).statuses
+    made.frames.columns["status"][1] = STATUSES.index(Status.IDENTIFIER_FAULT)
+    assert statistics(made).statuses["IDENTIFIER_FAULT"] == 1
+
+
+@pytest.mark.parametrize("de_deg", [0.0, 60.0, -80.0])
+def test_the_earth_rate_is_measured_by_how_stars_run_away_in_right_ascension(de_deg):
+    """Half of its error is that of the drift: an hour's arcseconds, in seconds, at the cosine of the declination."""
+    made = session(400, step_s=9.0, noise=1.0, drift_per_h=(36.0, 0.0))
+    made.frames.columns["de_true_deg"][:] = de_deg
+    onboard = statistics(made).onboard
+    drift, cos_de = onboard.axes["d_ra_cosde"], math.cos(math.radians(de_deg))
+    assert onboard.earth_rate.measured_arcsec_per_s == pytest.approx(15.041067 + 0.01 / cos_de, abs=2e-4 / cos_de)
+    wide = drift.drift_high_arcsec_per_h - drift.drift_low_arcsec_per_h
+    assert onboard.earth_rate.error_arcsec_per_s == pytest.approx(wide / 2 / 3600 / cos_de)
+
+
+@pytest.mark.parametrize(("de_deg", "is_known"), [(89.0, True), (89.95, False), (-89.95, False)])
+def test_at_the_pole_the_earth_rate_is_not_measured(de_deg, is_known):
+    made = session(60)
+    made.frames.columns["de_true_deg"][:] = de_deg
+    assert math.isfinite(statistics(made).onboard.earth_rate.measured_arcsec_per_s) == is_known
 
 
 def test_frames_over_the_limit_of_time_are_slow_and_one_at_it_is_not():

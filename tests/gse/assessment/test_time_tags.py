@@ -50,6 +50,20 @@ def test_frames_that_are_read_at_once_with_one_tag_do_not_stand_still():
     assert not any("stood still" in line for line in faults(made))
 
 
+def test_a_tag_that_does_not_move_has_not_leapt_ahead_of_a_host_that_went_back():
+    made = frames()
+    made["host_utc_ns"][100:] -= 2 * NS_PER_S
+    made["time_us"][100] = made["time_us"][99]
+    assert not any("leapt" in line for line in faults(made))
+
+
+def test_a_step_of_the_host_before_the_first_frame_hides_no_leap():
+    made = frames()
+    made["time_us"][100:] += 3_000_000
+    early = ClockStep(START_NS - NS_PER_S, 0, StationKind.CLOCK_STEP, "", 5 * NS_PER_S)
+    assert any("leapt by +3.00 s" in line for line in faults(made, (early,)))
+
+
 @pytest.mark.parametrize(("leap_s", "is_told"), [(0.6, False), (0.7, True)])
 def test_a_leap_is_half_a_second_beyond_a_frame_and_a_half_with_its_size_and_time(leap_s, is_told):
     """Half a second, and one and a half of the usual steps: so much may frames be ahead that are read at once."""

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from skies.known_nights import START_NS, STATION, TABLE
+from skies.known_nights import START_NS, STATION, TABLE, session
 
-from gse.assessment.truth_budget import SessionFacts, truth_budget
+from gse.assessment.truth_budget import SessionFacts, session_facts, truth_budget
 from gse.assessment.uncertainty import Distribution, half_width
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.instant import from_text
@@ -57,6 +57,46 @@ def test_a_hundredth_of_a_degree_of_the_site_is_35_arcsec():
     term = terms(replace(FACTS, site=site, mount=Mount()))["site position"]
     assert 1.959964 * term.de_arcsec == pytest.approx(36.0, abs=0.3)
     assert 1.959964 * term.ra_arcsec == pytest.approx(36.0, abs=0.3)
+
+
+def test_a_first_byte_is_read_a_millisecond_and_half_of_its_ten_bits_late():
+    late = terms(replace(FACTS, baudrate=9600))["time stamp"]
+    assert late.standard == pytest.approx((0.001 + 5 / 9600) / math.sqrt(3))
+    assert late.ra_arcsec < EARTH_RATE_ARCSEC_PER_S * late.standard
+
+
+def test_a_clock_within_a_bound_is_off_by_the_bound_over_root_three():
+    clock = terms(replace(FACTS, clock_error_s=2.0))["clock"]
+    assert clock.standard == pytest.approx(2 / math.sqrt(3))
+    turned = EARTH_RATE_ARCSEC_PER_S * clock.standard
+    assert math.hypot(clock.ra_arcsec, clock.roll_arcsec) == pytest.approx(turned)  # by cosine and sine of DE
+    assert clock.de_arcsec == 0.0
+
+
+def test_what_no_model_takes_out_is_told_from_what_is_corrected():
+    still = terms(replace(FACTS, duration_s=60.0, drift_arcsec_per_h={"d_ra_cosde": 1.0}))
+    assert {name for name, term in still.items() if not term.corrected} == {
+        *("mount azimuth", "mount altitude", "mount roll", "mount stability", "clock"),
+        *("deflection of the vertical", "parallax", "blends", "proper motion"),
+    }
+
+
+@pytest.mark.parametrize(("seconds", "freedom"), [(60, 599), (139, 599), (140, 7), (200, 10)])
+def test_a_fit_has_the_freedom_of_its_blocks_of_20_s_or_of_the_frames_of_few(seconds, freedom):
+    covariance = ((4.0, 0.0, 0.0), (0.0, 4.0, 0.0), (0.0, 0.0, 400.0))
+    fit = Alignment(LEANING, covariance, (5.0, 5.0, 50.0), 600, 0, START_NS, START_NS + seconds * 10**9)
+    fitted = terms(replace(FACTS, alignment=fit))["fitted mount"]
+    assert fitted.degrees_of_freedom == freedom
+    assert fitted.distribution is STUDENT
+
+
+def test_a_session_is_judged_at_its_middle_over_its_whole_length():
+    made = session(61, step_s=2.0)
+    facts = session_facts(made, clock_error_s=0.5)
+    assert facts.utc_ns == START_NS + 60 * 10**9
+    assert facts.duration_s == 120.0
+    assert (facts.clock_error_s, facts.baudrate) == (0.5, made.station.port.baudrate)
+    assert session_facts(session(0), clock_error_s=0.5).earth_orientation is None
 
 
 def test_a_stated_mount_leaves_its_level_and_at_the_zenith_nothing_by_its_azimuth():

@@ -259,14 +259,6 @@ def with_own_answers(made, *, turned_deg=0.0, latency_s=0.08):
     return made
 
 
-def test_what_is_sent_is_bounded_to_the_numbers_of_the_table():
-    table = AttitudeTable()
-    for number in (-1, 7, 2**40):
-        table.append(0, AttitudeMessage(time_us=0, frame_no=number, matched=number))
-    assert table.columns["frame_no"].tolist() == [0, 7, 2**32 - 1]
-    assert table.columns["matched"].tolist() == [0, 7, 2**16 - 1]
-
-
 def test_answers_to_no_panorama_and_answers_that_were_taken_back_are_counted():
     made = with_own_answers(session(30))
     assert not_compared(made) == 0
@@ -390,6 +382,17 @@ def test_what_the_operator_leaves_out_is_not_counted():
 
 
 # Clocks
+
+
+def test_what_fails_is_told_before_what_is_open():
+    """Rows of RA are open, those of DE behind them fail."""
+    assessment = judge(session(200, noise=28.0, bias=(0.0, 400.0, 0.0)))
+    outcome_of = {row.reason: row.outcome for row in assessment.rows if row.outcome is not Outcome.NOT_TESTED}
+    assert outcomes(assessment)["95 % of |dRA*|"] is Outcome.INCONCLUSIVE
+    told = [outcome_of[reason] for reason in assessment.reasons if reason in outcome_of]
+    assert told.count(Outcome.FAIL) == 2
+    assert told[:2] == [Outcome.FAIL] * 2
+    assert set(told[2:]) == {Outcome.INCONCLUSIVE}
 
 
 def test_the_earth_turns_at_its_rate():

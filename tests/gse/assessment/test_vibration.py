@@ -9,7 +9,7 @@ from skies.star_errors import CAMERA, SETTINGS, Truth, made
 
 from gse.assessment.error_series import error_series
 from gse.assessment.field_patterns import field_of_errors
-from gse.assessment.vibration import vibration
+from gse.assessment.vibration import vibration, without_waves
 from gse.truth import horizon_to_sensor
 
 FRAME_S = 0.05
@@ -62,6 +62,34 @@ def test_its_size_is_that_of_both_axes_beyond_the_stars(sky, step_s):
 def test_one_axis_that_shakes_is_enough(sky):
     found = shaken(sky, noise(1.0) * [1.0, 5.0, 1.0])
     assert found.excess_arcsec == pytest.approx(sky[2] * math.sqrt(24), rel=0.1)
+
+
+def test_an_axis_that_does_not_shake_adds_nothing_to_the_other(sky):
+    both = noise(4.0)
+    parts = [shaken(sky, both * axes).excess_arcsec ** 2 for axes in ([1, 0, 0], [0, 1, 0])]
+    assert sum(parts) == pytest.approx(shaken(sky, both).excess_arcsec ** 2, rel=1e-6)
+
+
+def test_a_few_pairs_of_frames_with_gaps_between_them_show_it_too(sky):
+    series, field, one = sky
+    time_s = FRAME_S * (np.arange(32) + 18 * (np.arange(32) // 2))
+    for seed in range(5):
+        errors = one * noise(10.0, seed, 32)
+        found = vibration(replace(series, rows=series.rows[:32], time_s=time_s, errors_arcsec=errors), field)
+        assert found.excess_arcsec == pytest.approx(one * 10 * math.sqrt(2), rel=0.5)
+
+
+def test_waves_that_were_found_are_taken_out_with_their_periods(sky):
+    series, _, _ = sky
+    time_s, rest = series.time_s, noise(1.0)
+    fast, slow = (np.sin(2 * math.pi * time_s / period_s + 0.7)[:, None] for period_s in (7.0, 23.0))
+    waved = replace(series, errors_arcsec=rest + 50 * fast * [1, 0, 2] + 30 * slow * [0, 1, 0])
+    left = without_waves(waved, [7.0, 23.0]).errors_arcsec
+    assert left == pytest.approx(
+        without_waves(replace(series, errors_arcsec=rest), [7.0, 23.0]).errors_arcsec, abs=1e-6
+    )
+    assert np.abs(left - rest).std() < 0.1
+    assert without_waves(waved, []) is waved
 
 
 @pytest.mark.parametrize("hz", [0.5, 2.0, 7.3])

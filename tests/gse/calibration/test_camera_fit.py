@@ -216,6 +216,14 @@ def test_a_principal_point_that_the_stars_tell_is_moved_and_one_within_four_sigm
     assert fitted.camera.principal_point_px[0] == pytest.approx(517.5, abs=4 * fitted.sigma[1])
 
 
+def test_a_cell_with_one_star_shows_its_residual_and_an_empty_one_none():
+    fitted = calibrate(TRUE, random_fields(TRUE, np.random.default_rng(5), panoramas=12, stars=8))
+    count = fitted.map_px[:, :, 2]
+    assert (count == 1).sum() > 5
+    assert (np.abs(fitted.map_px[count == 1][:, :2]) > 0).all()
+    assert (fitted.map_px[count == 0] == 0).all()
+
+
 def test_the_map_counts_every_star_in_its_cell_but_the_outliers():
     fitted = calibrate(TRUE, random_fields(TRUE, np.random.default_rng(6), panoramas=150))
     count = fitted.map_px[:, :, 2]

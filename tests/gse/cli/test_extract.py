@@ -216,7 +216,7 @@ def test_colours_of_16_bits_and_folders_are_refused(tmp_path: Path) -> None:
     (tmp_path / "folder.png").mkdir()
     for name, words in (
         ("rgb.tif", "expected gray of 8, 12 or 16 bits, or colour of 8"),
-        ("folder.png", "is a folder"),
+        ("folder.png", "is a folder, a pipe or a device"),
     ):
         with pytest.raises(TableError, match=words):
             read_image(tmp_path / name)

@@ -12,9 +12,18 @@ import pytest
 from devices.command_line import Done, Gse
 from devices.hostile_sessions import FILES, write_file, write_flood, write_station, write_steering, write_times
 
-from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.errors import ConfigError, TableError
+from gse.catalog import load_catalog
+from gse.config.station import BUILT_IN_TEXT, parse_station, read_station
+from gse.errors import CatalogError, ConfigError, TableError, TruthError, UsageError
+from gse.imaging.image_file import read_image
+from gse.imaging.panorama_table import read_panorama_table
+from gse.report.verification import read_page
 from gse.sessions.expected_answers import ExpectedAnswers
+from gse.sessions.status_file import is_unfinished
+from gse.simulator.scenario import load_scenario
+from gse.truth.iers_tables import read_given
+from protocols import load_protocol
+from protocols.errors import DescriptionError
 
 CPU_S = 10.0
 """Per MB of input; a small one counts as a MB."""
@@ -160,6 +169,39 @@ def test_a_pipe_or_a_device_in_the_place_of_a_session_is_refused(command: str, p
     for path in (pipe, "/dev/zero"):
         done = gse(*command.format(path, path).split())
         assert (done.code, "it is a pipe or a device; expected a file" in done.err) == (2, True)
+
+
+READERS: dict[str, tuple[Callable[[Path], object], type[Exception]]] = {
+    "a station file": (read_station, ConfigError),
+    "a scenario": (lambda path: load_scenario(str(path)), ConfigError),
+    "a catalogue": (lambda path: load_catalog(str(path)), CatalogError),
+    "Earth orientation": (lambda path: read_given([path]), TruthError),
+    "a panorama table": (read_panorama_table, TableError),
+    "an image": (read_image, TableError),
+    "a report": (read_page, UsageError),
+    "a protocol": (lambda path: load_protocol(str(path)), DescriptionError),
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_no_file_that_somebody_names_may_be_a_pipe(tmp_path: Path, name: str) -> None:
+    read, error = READERS[name]
+    os.mkfifo(tmp_path / "pipe.png")
+    for path in (tmp_path / "pipe.png", Path("/dev/zero")):
+        with pytest.raises(error):
+            read(path)
+
+
+def test_a_pipe_in_a_folder_of_sessions_holds_nobody_up(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "session.mcap")
+    assert is_unfinished(tmp_path)
+
+
+@pytest.mark.parametrize("command", ["session info {}", "report {}", "status {}", "view {} --save {}"])
+def test_a_name_that_no_file_can_have_is_answered_as_one(command: str, tmp_path: Path, gse: Gse) -> None:
+    path = tmp_path / ("x" * 300)
+    done = gse(*command.format(path, tmp_path / "new.rrd").split())
+    assert (done.code, "File name too long; give another path" in done.err) == (2, True)
 
 
 HOSTILE_ANSWERS = {

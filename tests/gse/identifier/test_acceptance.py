@@ -11,6 +11,7 @@ from scipy.stats import binom
 from gse.catalog import StarCatalog
 from gse.identifier import Identification, Reason, Unidentified
 from gse.identifier.acceptance import RandomSky, accepted, wahba_residual_rad
+from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS
 from gse.identifier.robust import _answer
 
 ARCSEC = math.radians(1 / 3600)
@@ -40,6 +41,12 @@ def answer(seen, tolerance_rad, *, flip=False):
     directions, catalog = seen
     rows = np.arange(10)
     return accepted(directions * MIRROR if flip else directions, catalog, rows, rows, tolerance_rad, 1e-7)
+
+
+def test_the_evidence_that_ends_a_search_leaves_an_ambiguous_rival_a_chance_of_a_thousandth():
+    """An attitude by chance has a Bayes factor of x with a probability of 1 / x at most (Markov)."""
+    assert math.exp(LOG_UNAMBIGUOUS - LOG_STRONG) == pytest.approx(1e-3)
+    assert math.exp(-LOG_ACCEPTED) * CHANCE_OF_EVIDENCE == pytest.approx(1e-3)
 
 
 def test_the_residual_is_that_of_the_best_rotation_that_scipy_finds(seen):

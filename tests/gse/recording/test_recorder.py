@@ -162,6 +162,34 @@ def test_a_full_disk_that_is_freed_in_time_loses_nothing(tmp_path: Path, live: s
     assert not capture.truncated
 
 
+FULL_AT_THE_END = """
+import resource, sys, threading
+from pathlib import Path
+from drivers.chunk import Chunk
+from gse.recording.recorder import Recorder
+hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+path = Path(sys.argv[1])
+recorder = Recorder(path, live=False, last_tries_s=float(sys.argv[2]))
+for n in range(200):
+    recorder.rx(Chunk(n, n, bytes([n]) * 216))
+resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size, hard))
+threading.Timer(0.3, resource.setrlimit, (resource.RLIMIT_FSIZE, (hard, hard))).start()
+recorder.close()
+print(recorder.lost_bytes, recorder.damage is None)
+"""
+
+
+@pytest.mark.parametrize(("tries_s", "closed"), [("10", True), ("0", False)])
+def test_the_end_of_a_file_is_tried_again_on_a_full_disk_and_told_where_it_is_missing(
+    tmp_path: Path, tries_s: str, closed: bool
+) -> None:
+    path = tmp_path / "session.mcap"
+    assert run(FULL_AT_THE_END, str(path), tries_s) == ["0", str(closed)]
+    data, capture = received(path)
+    assert data == b"".join(bytes([n]) * 216 for n in range(200))
+    assert capture.truncated is not closed
+
+
 DISK_FULL_TWICE = """
 import resource, sys
 from pathlib import Path

@@ -134,3 +134,17 @@ def test_a_panorama_that_the_sensor_spoiled_is_a_sensor_fault(reference, panoram
 def test_an_index_value_at_its_maximum_and_a_flag_that_is_not_a_fault_spoil_nothing(reference, panorama):
     bright = replace(panorama, brightness=np.linspace(4096.0, 200.0, 25), flags=frozenset({"saturated"}))
     assert result(Turned(reference, 0.0), reference, bright).status is Status.IDENTIFIED
+
+
+def test_positions_without_sense_spoil_their_own_panorama_alone(reference, panorama):
+    """Farther away than a float can square."""
+    insane = replace(panorama, xy_px=np.full((25, 2), 1e300), problems=("x is 1e300",))
+    made = processor(Turned(reference, 0.0), reference)
+    panoramas = Panoramas.of([panorama, insane, panorama])
+    identified = made.identify(panoramas)
+    assert identified.sound.tolist() == [True, False, True]
+    finite = np.isfinite(identified.directions_sensor).all(axis=1)
+    assert finite.tolist() == [True] * 25 + [False] * 25 + [True] * 25
+    results = made.conclude(panoramas, identified, identified.elapsed_us)
+    assert [one.status for one in results] == [Status.IDENTIFIED, Status.SENSOR_FAULT, Status.IDENTIFIED]
+    assert results.rows()["stars_seen"].tolist() == [len(results[0].matches), 0, len(results[2].matches)]

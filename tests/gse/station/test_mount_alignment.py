@@ -133,6 +133,18 @@ def test_a_mount_that_moved_between_the_minutes_shows_in_the_repeatability():
     assert np.hypot(*cross_validated(measured, SESSION).repeatability_arcsec[:2]) == pytest.approx(20, abs=1)
 
 
+def test_each_minute_is_judged_by_the_minutes_beside_it_to_the_frame():
+    """Twelve minutes without noise, of which every second one is 20 arcsec higher: each half fits its own exactly."""
+    measured = MeasuredMounts()
+    moved = Mount(azimuth_deg=123.0, altitude_deg=41.0 + 20 / 3600, roll_deg=200.0)
+    pair = [frames(mount, 720, sigma_arcsec=(0.0, 0.0, 0.0)) for mount in (MOUNTS[1], moved)]
+    for number, results in enumerate(zip(*pair, strict=True)):
+        measured.add(results[number // 60 % 2], TRUTH)
+    judged = cross_validated(measured, SESSION)
+    assert np.hypot(*judged.repeatability_arcsec[:2]) == pytest.approx(20, abs=1e-4)
+    assert np.hypot(*judged.rms_arcsec[:2]) == pytest.approx(20, abs=1e-4)
+
+
 def test_one_frame_cannot_be_judged_on_others():
     measured = MeasuredMounts()
     for result in frames(MOUNTS[1], 1):

@@ -112,3 +112,18 @@ def test_more_pixels_than_are_remembered_forget_the_oldest():
         last = kinds(names, second, (200.0, 300.0), *crowd)
     assert last[0] == HOT_PIXEL
     assert set(last[1:]) == {UNKNOWN}
+
+
+@pytest.mark.parametrize(("frames", "last"), [(4, UNKNOWN), (5, HOT_PIXEL)])
+def test_five_frames_on_one_pixel_are_needed_however_far_the_sky_has_moved(frames, last):
+    names = NonStellarObjects(CAMERA, SITE)
+    assert [kinds(names, 60.0 * place, (200.0, 300.0)) for place in range(frames)][-1] == [last]
+
+
+@pytest.mark.parametrize(("every", "last"), [(1, HOT_PIXEL), (3, UNKNOWN)])
+def test_a_hot_pixel_is_there_in_most_of_the_frames(every, last):
+    names = NonStellarObjects(CAMERA, SITE)
+    for place in range(61):
+        shown = [(200.0, 300.0)] if place % every == 0 else []
+        found = kinds(names, 30.0 * place, *shown, (10.0 + 9 * place, 900.0))
+    assert found == [last, UNKNOWN]

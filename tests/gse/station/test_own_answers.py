@@ -17,7 +17,8 @@ from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import OWN_ANSWER
 from gse.station.loop import StationLoop
 from gse.station.own_answers import OwnAnswerTruth, measured_rotations
-from gse.station.results import Status, Subject, Verdict
+from gse.station.reception import Reception
+from gse.station.results import OwnAnswer, Status, Subject, Verdict
 from gse.station.setup import set_up
 from gse.truth.frames import icrs_to_frame
 from protocols import AttitudeMessage, parse_protocol
@@ -146,3 +147,24 @@ def test_a_description_without_a_direction_is_refused():
     text = "\n".join(line for line in QUATERNIONS_ONLY.splitlines() if "q3" not in line)
     with pytest.raises(Exception, match="no direction: expected ra and de, or q1, q2, q3, q4"):
         parse_protocol(text, "own.yaml")
+
+
+def test_answers_of_a_capture_go_on_from_the_latest_where_the_sensor_starts_anew():
+    """The host's times mean nothing there."""
+    protocol = parse_protocol(QUATERNIONS_ONLY, "quaternions")
+    reception = Reception(protocol, baudrate=115_200, anchor_utc_ns=START_NS)
+    tags_s = [100.0, 101.0, 102.0, 1.0, 2.0]
+    data = b"".join(
+        protocol.encode(
+            AttitudeMessage(
+                round(tag_s * 1e6), q1=0.0, q2=0.0, q3=0.0, q4=1.0, frame_no=number, state="acquired", latency_s=0.0
+            ),
+            sequence=0,
+        )
+        for number, tag_s in enumerate(tags_s)
+    )
+    answers = [
+        item for item in reception.receive(reception.stream.feed(Chunk(0, 0, data))) if isinstance(item, OwnAnswer)
+    ]
+    assert [(answer.utc_ns - START_NS) / NS_PER_S for answer in answers] == [0.0, 1.0, 2.0, 2.0, 3.0]
+    assert {answer.host_utc_ns for answer in answers} == {0}

@@ -4,10 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from devices.programs import program
 
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.external.answers import ExternalAnswer, FailureKind
 from gse.instant import from_text
+from gse.panorama import Panorama
 from gse.station.setup import set_up
 
 MOTION_MAS_PER_YEAR = 1000.0
@@ -52,3 +55,15 @@ def test_the_stars_of_a_session_stand_where_their_proper_motion_has_brought_them
 
 def test_without_an_instant_the_stars_stand_where_their_catalogue_has_them(station):
     assert set_up(station, "").identifier.catalog.epoch_jyear == 1991.25
+
+
+def test_a_program_has_as_many_milliseconds_as_the_station_file_gives_it(tmp_path):
+    """It answers after 0.4 s and is given 0.1 s, but for the first panorama, for which it has to start."""
+    slow = program(tmp_path, "for line in sys.stdin: time.sleep(0.4); answer(json.loads(line))\n")
+    identifier = f"identifier: {{algorithm: external, command: [{slow}], timeout_ms: 100, catalog_stars: 500}}\n"
+    source = set_up(parse_station(f"{BUILT_IN_TEXT}{identifier}"), "").identifier.source
+    panoramas = [Panorama(0, np.array([[1.0, 2.0]]), np.ones(1), number) for number in (1, 2)]
+    given = [source.answers([panorama])[0] for panorama in panoramas]
+    source.close()
+    assert isinstance(given[0].answer, ExternalAnswer)
+    assert given[1].answer.kind is FailureKind.TIMEOUT

@@ -21,8 +21,8 @@ from gse.station.loop import StationLoop
 from gse.station.results import AnswerCheck, SkyCondition, Status
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up
-from gse.station.sky_condition import ClearSky, Lights, SkyEvidence, condition_of, words_of
-from gse.station.sky_watch import SkyWatch
+from gse.station.sky_condition import ClearSky, Lights, SkyEvidence, condition_of, evidence_of, words_of
+from gse.station.sky_watch import WINDOW_NS, SkyWatch
 from gse.truth.mounting import horizon_to_sensor
 from gse.truth.solar_system import icrs_to_horizon, sun_and_moon_horizon
 
@@ -216,3 +216,43 @@ def test_the_end_of_twilight_is_told_once() -> None:
     dusk_ns = from_text("2026-03-20T11:46:00Z")
     kinds, _ = watched(rows(stars=14, frames=2 * 240), begin_ns=dusk_ns)
     assert kinds == ["DAYLIGHT", "CLEAR", "DARK_NIGHT"]
+
+
+# Evidence by hand
+
+
+@pytest.mark.parametrize(
+    ("objects", "usual", "is_empty"),
+    [(3, 4.0, False), (2, 4.0, True), (7, 10.0, False), (6, 10.0, True), (30, math.nan, True)],
+)
+def test_a_frame_without_an_answer_shows_missing_stars_where_it_has_seven_tenths_of_the_objects_or_fewer(
+    objects: int, usual: float, is_empty: bool
+) -> None:
+    lights = Lights(-40.0, -30.0, 120.0, 90.0)
+    part = np.concatenate([rows(3, stars=0, objects=objects), rows(1, stars=10)])
+    assert evidence_of(part, 20.0, lights, usual).empty_share == (0.75 if is_empty else 0.0)
+    assert evidence_of(part, 20.0, lights, usual).seen_share == 0.5
+    assert evidence_of(part, 5.0, lights, usual).seen_share == 1.0
+
+
+@pytest.mark.parametrize(
+    ("zero_point_mag", "words"),
+    [
+        (13.5, "stars are 0.5 mag fainter than in the clear, 6 of 20 expected stars are seen: cloud, haze or dew"),
+        (13.6, "6 of 20 expected stars are seen: cloud, haze or dew"),
+    ],
+)
+def test_how_much_fainter_the_stars_are_is_told_where_a_cloud_would_not_end_by_it(
+    zero_point_mag: float, words: str
+) -> None:
+    lights = Lights(-40.0, -30.0, 120.0, 90.0)
+    few = SkyEvidence(lights, 20.0, 0.3, zero_point_mag, 5.0, 8.0, 0.0, True, False, 0.05)
+    assert words_of(SkyCondition.CLOUDED, few, ClearSky(14.0, 0.9)) == words
+
+
+def test_an_event_of_the_sky_has_the_time_of_the_last_frame_of_its_seconds() -> None:
+    frames = rows(stars=14)
+    frames["utc_ns"] = NIGHT_NS + np.arange(len(frames)) * (NS_PER_S // 2)
+    watch = SkyWatch(STATION.site, STATION.sensor.camera(), CATALOG, STATION.mount)
+    ((_, (event, *_)),) = watch.take(frames[: WINDOW_NS * 2 // NS_PER_S + 1], 0)
+    assert event.utc_ns == NIGHT_NS + WINDOW_NS - NS_PER_S // 2

@@ -106,6 +106,19 @@ def test_two_false_answers_in_five_do_not_move_the_mount(count):
     assert (np.abs(off) < 5 * SIGMA / math.sqrt(0.6 * count)).all()
 
 
+@pytest.mark.parametrize("count", [25, 1000])
+@pytest.mark.parametrize("about", np.vstack([np.eye(3), [0.6, 0.8, 0.0], [0.6, 0.0, -0.8]]).tolist())
+def test_false_answers_that_begin_a_session_half_a_turn_away_do_not_move_the_mount(count, about):
+    """From half a turn away the others scatter to both sides: the fit must begin among the majority."""
+    rotations = turned(noise(count))
+    false = np.arange(count) < 0.4 * count
+    rotations[false] = Rotation.from_rotvec(math.pi * np.array(about)).as_matrix() @ rotations[false]
+    fitted = fit_mount(instants(count), rotations)
+    assert fitted.rejected == false.sum()
+    off = small_rotations(horizon_to_sensor(fitted.mount)[None], horizon_to_sensor(MOUNT))[0] / ARCSEC
+    assert (np.abs(off) < 5 * SIGMA / math.sqrt(0.6 * count)).all()
+
+
 def test_one_frame_is_a_mount_of_unknown_precision():
     fitted = fit_mount(instants(1), turned([[5.0, 0.0, 0.0]]))
     assert np.isnan(fitted.scatter_arcsec).all()

@@ -39,3 +39,10 @@ def test_the_axes_of_j2000_are_the_bias_away_from_icrs():
     assert np.array_equal(icrs[1], np.eye(3))
     bias = np.array([j2000[1][1, 0], j2000[1][2, 0], j2000[1][2, 1]]) / ARCSEC
     assert bias == pytest.approx([0.0146, -0.016617, -0.0068192], abs=2e-4)  # IERS Conventions 2010, 5.4.4
+
+
+def test_the_axes_of_date_hold_for_the_middle_of_their_five_minutes():
+    """Half of five minutes on they have turned by 0.0003 arcsec."""
+    utc_ns = from_text("2026-03-20T18:32:30Z")
+    matrix = load.timescale(builtin=True).utc(2026, 3, 20, 18, 32, 30).M
+    assert apart_rad(icrs_to_frame("date", np.array([utc_ns]))[0], matrix) < 0.4 * MILLIARCSEC

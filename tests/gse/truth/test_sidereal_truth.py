@@ -68,8 +68,25 @@ def test_the_sky_turns_by_two_seconds_over_a_leap_second():
     assert turned == pytest.approx(2 * 15.041067 * ARCSEC, rel=1e-4)
 
 
+@pytest.mark.parametrize("instant", ["2026-01-03T17:00:00Z", "2025-07-03T20:00:00Z"], ids=["perihelion", "aphelion"])
+def test_stars_near_the_sun_are_where_erfa_has_them_for_astrometry(instant):
+    """Against the whole path of SOFA's astrometry, apci13 and atciqz, from 2 to 90 deg from the Sun."""
+    utc_ns = from_text(instant)
+    table = EarthOrientation.from_disk(utc_ns)
+    tt = 2_440_587.5 + utc_ns // NS_PER_DAY, (utc_ns % NS_PER_DAY / NS_PER_S + 37 + 32.184) / 86_400
+    sun = -erfa.epv00(*tt)[0]["p"]
+    away = np.cross(sun, [0.1, 0.7, 0.7])
+    sun, away = sun / np.linalg.norm(sun), away / np.linalg.norm(away)
+    angles = np.radians([2.0, 5.0, 20.0, 45.0, 90.0])[:, None]
+    stars = np.cos(angles) * sun + np.sin(angles) * away
+    astrometry, _ = erfa.apci13(*tt)
+    expected = erfa.s2c(*erfa.atciqz(*erfa.c2s(stars), astrometry)) @ astrometry["bpn"]
+    seen = SiderealTruth(ROOF, table, {"diurnal aberration"}).apparent(stars, utc_ns)
+    assert np.linalg.norm(seen - expected, axis=1).max() < 0.001 * ARCSEC
+
+
 def test_a_clock_before_1972_has_no_truth_and_is_told_why():
-    with pytest.raises(TruthError, match=r"1969-12-31.*set the clock"):
+    with pytest.raises(TruthError, match=r"no sidereal truth for 1969-12-31T23:59:59Z.*set the clock"):
         EarthOrientation.from_disk(-5)
 
 

@@ -1,0 +1,75 @@
+"""Where steps and swings are looked for, in series that are made of nothing else."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skies.star_errors import SETTINGS
+
+from gse.assessment.changes_in_time import sinusoids, steps
+from gse.assessment.competing_models import Columns, fitted
+from gse.assessment.error_series import ErrorSeries
+from gse.assessment.session_model import SessionModel
+
+SITE, MOUNT = SETTINGS[0]
+PARAMETERS = 6
+
+
+def model_of(errors, frame_s=1.0):
+    series = ErrorSeries(np.arange(len(errors)), frame_s * np.arange(len(errors)), np.asarray(errors))
+    return SessionModel.of(series, None, SITE, MOUNT, is_fitted=False)
+
+
+def tried(search, model):
+    observed = model.observed()
+    nothing = Columns(np.zeros((3, 0)), np.zeros((*observed.cosines.shape, 0)), np.zeros((PARAMETERS, 0)))
+    return list(search(model, observed, fitted(observed, nothing), nothing))
+
+
+def stepped(count, place, *, noise=0.1):
+    errors = noise * np.random.default_rng(1).normal(size=(count, 3))
+    errors[place:] += [100.0, -50.0, 20.0]
+    return errors
+
+
+@pytest.mark.parametrize("place", range(1, 12))
+def test_a_step_between_any_two_frames_of_a_short_session_is_tried_there(place):
+    found = tried(steps, model_of(stepped(12, place)))
+    assert (place, float(place)) in {(one.place, one.at_s) for one in found}
+    assert {(one.cause, one.kind) for one in found} == {
+        ("clock step", "clock step"),
+        *(("slip of the mount", kind) for kind in ("azimuth", "altitude", "roll", "slip")),
+    }
+
+
+def test_a_step_of_a_long_session_is_tried_near_its_place_and_moved_to_it():
+    model = model_of(stepped(9700, 5050))
+    for one in tried(steps, model):
+        assert abs(one.place - 5050) <= one.spacing == 100
+        assert one.searched == 96
+        assert one.moved(5050).at_s == 5050.0
+
+
+def test_one_frame_has_no_step():
+    model = model_of(stepped(12, 6))
+    alone = replace(model, series=replace(model.series, time_s=np.zeros(1), errors_arcsec=np.zeros((1, 3))))
+    assert list(steps(alone, None, None, None)) == []
+
+
+@pytest.mark.parametrize("cycles", [1.0, 2.25, 5.0])
+@pytest.mark.parametrize(("axis", "kind"), [(0, "columns"), (1, "rows")])
+def test_a_swing_is_tried_with_its_period(cycles, axis, kind):
+    time_s = 5.0 * np.arange(600)
+    errors = 0.1 * np.random.default_rng(2).normal(size=(600, 3))
+    errors[:, axis] += 40 * np.sin(2 * math.pi * cycles * time_s / time_s[-1] + 1.0)
+    found = [one for one in tried(sinusoids, model_of(errors, 5.0)) if one.kind == kind]
+    assert time_s[-1] / cycles in [pytest.approx(one.at_s) for one in found]
+    assert all(one.columns.count == 2 for one in found)
+
+
+def test_a_swing_is_not_faster_than_once_a_minute():
+    errors = np.random.default_rng(3).normal(size=(179, 3))
+    slow = {one.at_s for one in tried(sinusoids, model_of(errors))}
+    assert min(slow) >= 59
+    assert tried(sinusoids, model_of(errors[:59])) == []

@@ -1,0 +1,104 @@
+"""Events that results bring, each at its place among them: of the camera, a mirrored image, the sky, a program."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skies.known_nights import START_NS, STATION
+from skies.one_by_one import add_frame
+
+from drivers.chunk import LinkEvent
+from gse.config.station import BUILT_IN_TEXT
+from gse.external.answers import Failure, FailureKind
+from gse.external.identifier import Given
+from gse.identifier import Answers, Identification, Reason, Unidentified
+from gse.instant import NS_PER_S
+from gse.panorama import Panorama
+from gse.station.frame_results import FrameResults
+from gse.station.result_events import ResultEvents
+from gse.station.results import FrameResult, Status
+from gse.station.session_data import SessionData
+
+FOUND = Identification(np.arange(0), np.arange(0), 1e-9)
+
+
+class Camera:
+    """A watch that has something to say of one result, and at the end."""
+
+    def __init__(self, at=None, end=""):
+        self._at, self._end = at, end
+
+    def look(self, results):
+        return [] if self._at is None else [(self._at, "the focal length is another one")]
+
+    def finish(self):
+        return self._end
+
+
+class Sky:
+    """A watch that has something to say at some rows, and at the end."""
+
+    def __init__(self, *rows):
+        self._rows = rows
+
+    def take(self, frames, first):
+        return [(row, [event("CLEAR"), event("CLOUDED")]) for row in self._rows if row >= first]
+
+    def finish(self, frames):
+        return [event("NO_STARS")]
+
+
+def event(kind):
+    return LinkEvent(START_NS, 0, kind, "")
+
+
+def results_of(count, session, *, reasons=(), failed=None):
+    """Results of ``count`` panoramas, stored after those that the session has; none is answered for ``reasons``."""
+    first, made = len(session.frames), []
+    for number in range(first, first + count):
+        panorama = Panorama(START_NS + number * NS_PER_S, np.empty((0, 2)), np.empty(0), number)
+        made.append(FrameResult(panorama, Status.NO_MATCH, "", "neighbour"))
+        if failed is not None:
+            fault = Failure(FailureKind.CRASH, "it ended") if number - first == failed else None
+            made[-1] = replace(made[-1], given=Given(fault or object(), 1.0))
+        add_frame(session.frames, made[-1])
+    answers = [dict(reasons).get(place, FOUND) for place in range(count)]
+    return replace(FrameResults.of(made), answers=Answers.of(answers), made=tuple(made) if failed is not None else ())
+
+
+@pytest.fixture
+def session():
+    return SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+
+
+def test_events_stand_before_the_results_that_bring_them_in_their_order(session):
+    results_of(4, session)
+    mirrored = Unidentified(Reason.MIRRORED, "once flipped, it fits")
+    results = results_of(5, session, reasons={3: mirrored, 2: Unidentified(Reason.NO_MATCH, "")}.items())
+    found = ResultEvents(Sky(1, 4, 8), Camera(at=2)).of(results, session, 4)
+    assert [(place, one.kind) for place, one in found] == [
+        (0, "CLEAR"),
+        (0, "CLOUDED"),
+        (2, "WRONG_CAMERA"),
+        (3, "MIRRORED"),
+        (4, "CLEAR"),
+        (4, "CLOUDED"),
+    ]
+    assert [(one.utc_ns - START_NS) / NS_PER_S for _, one in found[2:4]] == [6.0, 7.0]
+    assert [one.text for _, one in found[2:4]] == ["the focal length is another one", "once flipped, it fits"]
+
+
+def test_failures_of_a_program_are_counted_and_told_with_their_frame(session):
+    results = results_of(3, session, failed=1)
+    ((place, told),) = ResultEvents(Sky(), Camera()).of(results, session, 0)
+    assert (place, told.kind, told.utc_ns) == (1, "IDENTIFIER_FAULT", START_NS + NS_PER_S)
+    assert told.text == "CRASH at frame 1: it ended"
+    assert (session.external_counts.answers, session.external_counts.failures["CRASH"]) == (2, 1)
+
+
+@pytest.mark.parametrize(("end", "kinds"), [("", ["NO_STARS"]), ("it is wrong", ["WRONG_CAMERA", "NO_STARS"])])
+def test_at_the_end_the_camera_and_the_sky_have_their_say(session, end, kinds):
+    results_of(3, session)
+    told = ResultEvents(Sky(), Camera(end=end)).finish(session)
+    assert [one.kind for one in told] == kinds
+    assert all(one.utc_ns == START_NS + 2 * NS_PER_S for one in told if one.kind == "WRONG_CAMERA")
