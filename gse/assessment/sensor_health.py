@@ -121,9 +121,9 @@ def health_findings(session: SessionData, health: SensorHealth) -> Iterator[Find
         )
 
 
-def _hot_pixel_trend(temperature_c: NDArray[np.float32], hot_pixels: NDArray[np.uint8]) -> Trend | None:
+def _hot_pixel_trend(temperatures_c: NDArray[np.float32], hot_pixels: NDArray[np.uint8]) -> Trend | None:
     """Hot pixels per kelvin: their dark current doubles every 7 K."""
-    temperature_c = temperature_c.astype(np.float64)
+    temperature_c = temperatures_c.astype(np.float64)
     known = np.isfinite(temperature_c)
     if not known.any() or np.ptp(temperature_c[known]) < MIN_RANGE_K:
         return None

@@ -175,8 +175,8 @@ def _judged(path: Path, key: ResultKey, job: Job, source: Source, folder: Path) 
         FRAMES: frames_parts(session, assessment.statistics, key.text),
         SESSIONS: [_completed(row, hot_pixels.column(), report)],
     }
-    place = Committed(session.station.sensor.name, _night(row), key.text)
-    return _Result(place, _written(tables, folder), assessment.verdict.value, "")
+    committed = Committed(session.station.sensor.name, _night(row), key.text)
+    return _Result(committed, _written(tables, folder), assessment.verdict.value, "")
 
 
 def _failed(key: ResultKey, source: Source, text: str, folder: Path) -> _Result:
