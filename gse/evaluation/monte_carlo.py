@@ -119,19 +119,19 @@ def graded(answer: Identification, catalog: StarCatalog, frame: SimulatedFrame) 
     return "coarse" if mostly and error_deg <= COARSE_DEG else "false"
 
 
-def _asked(identifier: ExternalIdentifier, frame: SimulatedFrame, number: int) -> tuple[str, float, str]:
+def _asked(identifier: ExternalIdentifier, frame: SimulatedFrame, number: int) -> tuple[str, float, Failure | None]:
     """Kind of an external identifier's answer, by its boresight alone, its time in microseconds, and its failure."""
     (given,) = identifier.source.answers([Panorama(0, frame.xy_px, frame.brightness, number)])
     elapsed_us = math.nan if given.elapsed_us is None else given.elapsed_us
     if isinstance(given.answer, Failure):
-        return "none", elapsed_us, given.answer.kind.value
+        return "none", elapsed_us, given.answer
     attitude = given.answer.attitude
     if attitude is None:
-        return "none", elapsed_us, ""
+        return "none", elapsed_us, None
     distance = math.dist(attitude.boresight_icrs, frame.attitude.boresight_icrs)
     error_deg = math.degrees(2 * math.asin(min(1.0, distance / 2)))
     kind = "right" if error_deg <= RIGHT_DEG else "coarse" if error_deg <= COARSE_DEG else "false"
-    return kind, elapsed_us, ""
+    return kind, elapsed_us, None
 
 
 _Named = tuple[NDArray[np.int64], NDArray[np.int64]]
