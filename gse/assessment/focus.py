@@ -52,8 +52,8 @@ def focus_finding(loss: FocusLoss) -> Finding:
     """It in words."""
     return Finding(
         "defocus",
-        f"single stars scatter by {loss.last_px:.2f} px in the last quarter of the session, by {loss.first_px:.2f} px in "
-        "the first, and are as bright as before",
+        f"single stars scatter by {loss.last_px:.2f} px in the last quarter of the session, by {loss.first_px:.2f} px "
+        "in the first, and are as bright as before",
         ("seeing that grows", "a vibration that smears single stars"),
         "look at focus and temperature of the lens, and repeat the session",
     )
