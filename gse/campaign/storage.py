@@ -136,7 +136,7 @@ def explained(error: Exception, url: str) -> StorageError:
     if number in _FULL:
         return StorageError(f"no room is left under {url}; make room and start the same command again", is_full=True)
     if isinstance(error, FileNotFoundError):
-        return StorageError(f"there is no {url}")
+        return StorageError(f"there is no {url}; expected an existing file or folder")
     if _is_refused(error):
         return StorageError(
             f"{url} refused the credentials, or access ({told:.200}); docs/campaigns.md says where they are read from"
