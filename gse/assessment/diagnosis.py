@@ -14,6 +14,7 @@ from gse.assessment.counted_frames import CountedFrames, counted_frames
 from gse.assessment.error_series import ErrorSeries, error_series, with_left_out
 from gse.assessment.field_patterns import field_of_errors, unexplained_residuals
 from gse.assessment.fine_findings import Setting, fine_findings
+from gse.assessment.focus import focus_finding, focus_loss
 from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause, left_with
 from gse.assessment.known_steps import without_steps
 from gse.assessment.sensor_answers import sensor_answers
@@ -94,13 +95,15 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
     yield from _events(session, named)
     yield from _nothing_identified(session)
     yield from _faulty(session)
-    if not named:
+    if not named & set(STARS_FALL_OUT) and (loss := focus_loss(session, stats.counted)):
+        yield focus_finding(loss)
+    elif not named:
         yield from _most_unmatched(session, stats.counted)
     for line in time_tag_faults(session.frames.columns, session.events):
         yield Finding("sensor time tag", line.split(": ", 1)[1], (), "ask the maker; gse decode SESSION --explain")
     if "clock drift" not in named:
         yield from _sensor_clock(stats)
-    if not (named & set(STARS_FALL_OUT) and stars_fall_out(session.frames.columns[stats.counted.used])):
+    if not (named & set(STARS_FALL_OUT) and stars_fall_out(session.frames.columns, stats.counted.used)):
         yield from _hot_pixels(session)
 
 
@@ -111,12 +114,15 @@ def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
     except np.linalg.LinAlgError:  # stars or errors that lie on one line: they tell no cause, and end no session
         return ()
     of_camera = [finding for finding in found if finding.cause in STARS_FALL_OUT]
-    return tuple(of_camera[:1]) if of_camera and stars_fall_out(session.frames.columns[counted.used]) else found
+    return tuple(of_camera[:1]) if of_camera and stars_fall_out(session.frames.columns, counted.used) else found
 
 
-def stars_fall_out(frames: NDArray[np.void]) -> bool:
-    """Whether many stars of frames (rows of FRAME) lie too far off to be matched: as these change, so do the errors."""
-    unmatched, matched = float(np.median(frames["false_objects"])), float(np.median(frames["matched"]))
+def stars_fall_out(frames: NDArray[np.void], used: NDArray[np.bool_]) -> bool:
+    """Whether many stars of the used frames (rows of FRAME) lie too far off to be matched.
+
+    As these change, so do the errors.
+    """
+    unmatched, matched = (float(np.median(frames[name][used])) for name in ("false_objects", "matched"))
     return unmatched >= max(FEWEST_UNMATCHED, _FALLEN_OUT_SHARE * matched)
 
 
@@ -265,11 +271,11 @@ def _only_reference_answers(session: SessionData, unanswered: int) -> Finding:
 
 def _most_unmatched(session: SessionData, counted: CountedFrames) -> Iterator[Finding]:
     """Answers beside which most objects are none of the stars that ought to be there, under a clear sky."""
-    frames = session.frames.columns[counted.answered & ~counted.excluded]
-    if not len(frames) or not stars_fall_out(frames):
+    frames, known = session.frames.columns, counted.answered & ~counted.excluded
+    if not known.any() or not stars_fall_out(frames, known):
         return
     unmatched, matched, expected = (
-        float(np.median(frames[name])) for name in ("false_objects", "matched", "stars_expected")
+        float(np.median(frames[name][known])) for name in ("false_objects", "matched", "stars_expected")
     )
     if unmatched > matched and expected >= matched + FEWEST_UNMATCHED:
         yield Finding(

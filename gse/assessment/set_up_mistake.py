@@ -57,7 +57,7 @@ def _hides_all(session: SessionData, counted: CountedFrames, finding: Finding) -
     """Whether it is a camera stated wrongly, under which no panorama was identified, or only with some of its stars."""
     frames = session.frames.columns
     if (frames["status"] == STATUSES.index(Status.IDENTIFIED)).any():
-        return finding.cause in STARS_FALL_OUT and stars_fall_out(frames[counted.used])
+        return finding.cause in STARS_FALL_OUT and stars_fall_out(frames, counted.used)
     kinds = {event.kind for event in session.events}
     return _OF_CAMERA.get(finding.cause) in kinds
 

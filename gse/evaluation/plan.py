@@ -1,13 +1,13 @@
 """Plans of ``gse evaluate``: the settings of both papers, and their results as rates with intervals."""
 
 import math
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gse.assessment.percentiles import Percentiles, percentiles
+from gse.assessment.percentiles import Percentiles
 from gse.camera import Camera
+from gse.evaluation.cpu_times import CpuTimes
 from gse.evaluation.frames import Conditions, Optics
 from gse.external.answers import Failure
 from gse.identifier_options import IdentifierOptions
@@ -125,13 +125,13 @@ class Tally:
 
 
 class Counter:
-    """Counts the outcomes of a plan as they come; of each frame only its time is kept, 8 bytes."""
+    """Counts the outcomes of a plan as they come; nothing is kept of a single frame."""
 
     def __init__(self, plan: Plan) -> None:
         self._fewest_stars = plan.fewest_stars
         self._counted = [dict.fromkeys(KINDS, 0) for _ in plan.cells]
         self._excluded = [dict.fromkeys(KINDS, 0) for _ in plan.cells]
-        self._cpu_us = [array("d") for _ in plan.cells]
+        self._cpu_us = [CpuTimes() for _ in plan.cells]
         self._failures: list[dict[str, int]] = [{} for _ in plan.cells]
         self._first_failure: list[str | None] = [None for _ in plan.cells]
 
@@ -140,7 +140,7 @@ class Counter:
         for outcome in done:
             counts = self._counted if outcome.real_stars >= self._fewest_stars else self._excluded
             counts[outcome.cell][outcome.kind] += 1
-            self._cpu_us[outcome.cell].append(outcome.cpu_us)
+            self._cpu_us[outcome.cell].add(outcome.cpu_us)
             if outcome.failure:
                 failures, kind = self._failures[outcome.cell], outcome.failure.kind.value
                 failures[kind] = failures.get(kind, 0) + 1
@@ -149,14 +149,10 @@ class Counter:
 
     def tallies(self) -> list[Tally]:
         """The counts of every cell so far."""
-        import numpy as np
-
         counts = zip(self._counted, self._excluded, self._cpu_us, strict=True)
         failures = zip(self._failures, self._first_failure, strict=True)
         return [
-            Tally(
-                len(us), dict(counted), dict(excluded), percentiles(np.array(us, dtype=np.float64)), dict(kinds), first
-            )
+            Tally(us.frames, dict(counted), dict(excluded), us.percentiles(), dict(kinds), first)
             for (counted, excluded, us), (kinds, first) in zip(counts, failures, strict=True)
         ]
 
