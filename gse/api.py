@@ -150,11 +150,17 @@ def _of_data_set(path: Path, table: str) -> pa.Table:
         raise UsageError(f"there is no session in {path} yet")
     if not (path / table).is_dir():  # no session of it could be judged
         return _SCHEMAS[table]().empty_table()
-    files = _files(path, table)
-    if table == "sessions":
-        return files.to_table()
-    keys = _files(path, "sessions").to_table(columns=["key"])["key"].combine_chunks()
-    return files.to_table(filter=ds.field("key").cast(pa.string()).isin(keys))
+    try:
+        files = _files(path, table)
+        if table == "sessions":
+            return files.to_table()
+        keys = _files(path, "sessions").to_table(columns=["key"])["key"].combine_chunks()
+        return files.to_table(filter=ds.field("key").cast(pa.string()).isin(keys))
+    except (pa.ArrowException, OSError) as error:
+        raise UsageError(
+            f"{str(error).splitlines()[0]:.400}\nif a file is damaged: delete the file of the same name below "
+            "sessions/, and judge into the data set again"
+        ) from error
 
 
 def _check_version(path: Path) -> None:

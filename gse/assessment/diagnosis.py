@@ -14,6 +14,7 @@ from gse.assessment.counted_frames import CountedFrames, counted_frames
 from gse.assessment.error_series import ErrorSeries, error_series, with_left_out
 from gse.assessment.field_patterns import field_of_errors, unexplained_residuals
 from gse.assessment.fine_findings import Setting, fine_findings
+from gse.assessment.focus import focus_finding, focus_loss
 from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause, left_with
 from gse.assessment.known_steps import without_steps
 from gse.assessment.sensor_answers import sensor_answers
@@ -94,7 +95,9 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
     yield from _events(session, named)
     yield from _nothing_identified(session)
     yield from _faulty(session)
-    if not named:
+    if not named & set(STARS_FALL_OUT) and (loss := focus_loss(session, stats.counted)):
+        yield focus_finding(loss)
+    elif not named:
         yield from _most_unmatched(session, stats.counted)
     for line in time_tag_faults(session.frames.columns, session.events):
         yield Finding("sensor time tag", line.split(": ", 1)[1], (), "ask the maker; gse decode SESSION --explain")

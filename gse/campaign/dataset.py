@@ -25,7 +25,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from gse.campaign.storage import explained, open_storage, put_file_whole, put_whole, read_whole
+from gse.campaign.storage import StorageError, explained, open_storage, put_file_whole, put_whole, read_whole
 from gse.errors import UsageError
 from gse.tables import SCHEMA_VERSION
 from gse.tables.parquet import write_parquet
@@ -36,6 +36,9 @@ SESSIONS, FRAMES, STARS = TABLES = ("sessions", "frames", "stars")
 REPORT_COLUMN = "report_json"
 UNKNOWN = "unknown"
 """Sensor and night of a session that could not be read: pandas does not read Hive's own name for null."""
+
+AGAIN = "delete the file of the same name below sessions/, and judge into the data set again"
+"""What to do with a damaged file: the session is not in the data set then, and the next run puts it there whole."""
 
 INDEX = "index/sessions.parquet"
 _SOURCES = "index/sources.parquet"
@@ -121,7 +124,9 @@ class DataSet:
         except FileNotFoundError:
             return None
         except Exception as error:
-            raise explained(error, f"{self.url}/{path}") from error
+            if not isinstance(error, pa.ArrowException) and getattr(error, "errno", None) is not None:
+                raise explained(error, f"{self.url}/{path}") from error
+            raise StorageError(f"{self.url}/{path} is damaged ({str(error).strip():.100}); {AGAIN}") from error
 
     def sources(self) -> list[dict[str, Any]]:
         """What is known of sources: url, state, session_sha256, the hashes it was judged with, key."""

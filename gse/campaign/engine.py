@@ -144,6 +144,6 @@ def _source_rows(campaign: Campaign, outcomes: Iterable[Judged]) -> list[dict[st
 def _done(campaign: Campaign, outcomes: list[Judged]) -> str:
     kept = sum(1 for one in outcomes if one.key)
     return (
-        f"{kept} of {len(campaign.todo) + len(campaign.unchanged)} sessions are in the data set, each whole: "
+        f"at least {kept} of {len(campaign.todo) + len(campaign.unchanged)} sessions are in the data set, each whole: "
         "start the same command again"
     )

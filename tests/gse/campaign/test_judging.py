@@ -15,6 +15,7 @@ import pytest
 from fsspec.implementations.local import LocalFileSystem
 from skies.short_nights import make_session
 
+import gse as gse_api
 from gse.campaign.dataset import SCHEMA, UNKNOWN, DataSet
 from gse.campaign.engine import plan_campaign
 from gse.campaign.judging import Job, judge_source
@@ -87,6 +88,22 @@ def test_frames_of_a_session_that_is_not_whole_are_not_seen(judged, gse, tmp_pat
     answer = gse("campaign", "query", copy, "select distinct night from frames order by all", "--format", "csv").out
     assert "2026-03-01" not in answer
     assert "2026-03-02" in answer
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda data: data[: len(data) // 2], lambda data: b"", lambda data: bytes(len(data))]
+)
+def test_a_damaged_table_is_named_with_what_to_do(judged, gse, tmp_path, damage):
+    copy = shutil.copytree(judged, tmp_path / "copy")
+    frames = sorted((copy / "frames").glob("*/*/*.parquet"))[0]
+    frames.write_bytes(damage(frames.read_bytes()))
+    for command in (("query", copy, "select count(*) from frames"), ("report", copy, "--out", tmp_path / "report")):
+        done = gse("campaign", *command)
+        assert done.code in (2, 3)
+        assert frames.name in done.err.replace("\n", "")
+        assert "delete the file of the same name below sessions/" in " ".join(done.err.split())
+    with pytest.raises(UsageError, match="delete the file of the same name"):
+        _ = gse_api.load(copy).frames
 
 
 def test_a_wrong_question_is_answered_by_duckdb_in_words(judged, gse):
