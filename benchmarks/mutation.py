@@ -2,7 +2,7 @@
 
     python -m pip install coverage
     python benchmarks/mutation.py --sample 400 --seed 1 --coverage map.json | tee first.txt
-    python benchmarks/mutation.py --sample 400 --seed 1 --again first.txt
+    python benchmarks/mutation.py --again first.txt
     python benchmarks/mutation.py --rooms truth --sample 60 --only gse/truth/alignment.py
 
 A random sample of mutants, shared among the rooms by their number of faults (30 at least each), in a copy of the tree
@@ -103,12 +103,13 @@ FIRST_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One mutation: of the node ``number`` of a module (or of ``parts`` of it) the change ``change``."""
+    """One mutation: of the node ``number`` of a module (or of ``parts`` of it) the change ``change``; and its place."""
 
     module: str
     parts: tuple[str, ...]
     number: int
     change: int
+    place: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +227,7 @@ def nodes(tree: ast.AST, parts: set[str]) -> Iterator[ast.AST]:
 
 def _names(statement: ast.AST) -> set[str]:
     if isinstance(statement, ast.Assign):
-        return {target.id for target in statement.targets if isinstance(target, ast.Name)}
+        return {node.id for target in statement.targets for node in ast.walk(target) if isinstance(node, ast.Name)}
     return {getattr(statement, "name", "")}
 
 
@@ -252,12 +253,16 @@ def faults(room: Room, only: str) -> list[Fault]:
         for path in sorted(ROOT.glob(pattern)):
             parts.setdefault(str(path.relative_to(ROOT)), set()).update({part} if part else ())
     return [
-        Fault(module, tuple(sorted(named)), number, change)
+        Fault(module, tuple(sorted(named)), number, change, _place(module, node))
         for module, named in parts.items()
         if only in module
         for number, node in enumerate(nodes(ast.parse((ROOT / module).read_text()), named))
         for change in range(len(list(mutations(node))))
     ]
+
+
+def _place(module: str, node: ast.AST) -> str:
+    return f"{module}:{getattr(node, 'lineno', 0)}:{getattr(node, 'col_offset', 0)}"
 
 
 def mutant_of(fault: Fault) -> Mutant:
@@ -652,6 +657,17 @@ def sampled(names: list[str], options: argparse.Namespace) -> dict[str, list[Mut
     }
 
 
+def named(names: list[str], options: argparse.Namespace) -> dict[str, list[Mutant]]:
+    """The mutants of each room that survived in an earlier output, whatever it was a sample of."""
+    texts = survivors_of(options.again)
+    places = {text.split("  ")[0] for text in texts}
+    made = {
+        name: [mutant_of(fault) for fault in faults(ROOMS[name], options.only) if fault.place in places]
+        for name in names
+    }
+    return {name: [one for one in some if str(one) in texts] for name, some in made.items()}
+
+
 def survivors_of(output: Path) -> set[str]:
     """The lines of an earlier output that name a survivor, without the first word."""
     lines = [line.split(maxsplit=1) for line in output.read_text().splitlines() if line.strip()]
@@ -669,7 +685,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--most", type=float, default=40.0, help="seconds of tests for one mutant")
     parser.add_argument("--coverage", type=Path, help="file for what coverage notes, to use it again on the same tree")
-    parser.add_argument("--again", type=Path, help="an earlier output: only its survivors")
+    parser.add_argument("--again", type=Path, help="an earlier output of the same tree: only its survivors")
     parser.add_argument("--map", nargs="+", help=argparse.SUPPRESS)
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--whole", action="store_true", help=argparse.SUPPRESS)
@@ -691,10 +707,7 @@ def main() -> None:
         chosen = options.rooms.split(",")
         folders = sorted({folder for name in chosen for folder in ROOMS[name].tests})
         coverage = coverage_of(trees[0], folders, options.coverage)
-        rooms = sampled(chosen, options)
-        if options.again:
-            left = survivors_of(options.again)
-            rooms = {name: [one for one in room if str(one) in left] for name, room in rooms.items()}
+        rooms = named(chosen, options) if options.again else sampled(chosen, options)
         mixed = list(dict.fromkeys(one for room in rooms.values() for one in room))
         random.Random(options.seed).shuffle(mixed)
         print(f"seed {options.seed}, {len(mixed)} mutants, without the golden replays", flush=True)

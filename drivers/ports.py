@@ -195,7 +195,7 @@ def explain(url: str, error: Exception) -> str:
         return f"there is no port {url}; {_known(ports_here())}"
     if number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK):
         return _busy(url, holders(url))
-    if number in (errno.EACCES, errno.EPERM):
+    if number in (errno.EACCES, errno.EPERM) and is_device(url) and not os.path.isfile(url):  # its group may be root
         return (
             f"no permission for {url}: add yourself to its group and log in again:\n"
             f"sudo usermod -aG {_group(url)} {getpass.getuser()}"
@@ -206,7 +206,8 @@ def explain(url: str, error: Exception) -> str:
         return f"{url} is not a port that can be opened: {error}"
     if is_device(url) and not number:
         return f"{url} is not a serial port: {error}"
-    return f"cannot open {url}: {error}"
+    hint = "; is the server that shall send the bytes running there?" if "refused" in str(error) else ""
+    return f"cannot open {url}: {error}{hint}"
 
 
 def _busy(url: str, names: list[str]) -> str:
@@ -227,5 +228,5 @@ def _known(ports: Iterable[PortInfo]) -> str:
 def _group(device: str) -> str:
     try:
         return Path(device).group()
-    except (OSError, KeyError):
+    except (OSError, KeyError, NotImplementedError):  # the last without groups, as on Windows
         return "dialout"

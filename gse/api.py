@@ -4,6 +4,7 @@ Small and stable: names, parameters and columns stay within a schema version. do
 Errors are of gse.errors, drivers.errors and protocols.errors, each with one or two lines for a person.
 """
 
+import json
 import logging
 from collections.abc import Callable
 from functools import cached_property
@@ -12,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.dataset as ds
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from drivers.session_file.reader import session_file
 from gse import instant
@@ -26,9 +27,11 @@ from gse.sessions.replay import replay_session
 from gse.station.loop import StationLoop
 from gse.station.results import FrameResult
 from gse.station.setup import set_up
-from gse.tables import SessionTables, session_tables
+from gse.tables import SCHEMA_VERSION, SessionTables, frames_schema, session_tables, stars_schema
 
-_DATASET_MARK = "dataset.json"
+_DATASET_MARK, _MOST_MARK_BYTES = "dataset.json", 10_000
+_DATASET_SCHEMA = f"gse.dataset/{SCHEMA_VERSION}"
+_SCHEMAS = {"frames": frames_schema, "stars": stars_schema}
 _PARTITIONS = ds.partitioning(pa.schema([("sensor", pa.string()), ("night", pa.string())]), flavor="hive")
 _log = logging.getLogger("gse")
 
@@ -64,8 +67,11 @@ def load(path: str | Path) -> Results:
     A session that was judged before gives its kept results; else it is derived and judged now. CaptureError or
     UsageError where there is neither.
     """
+    if "://" in str(path):
+        raise UsageError(f"{path} is not on this host; copy it here, or ask a data set with 'gse campaign query'")
     path = Path(path)
     if (path / _DATASET_MARK).is_file():
+        _check_version(path)
         return Results(lambda table: _of_data_set(path, table))
     tables = _of_session(path)
     return Results(lambda table: getattr(tables, table))
@@ -93,14 +99,36 @@ def identify(
 
     ``panorama`` is the file of a panorama table, or pixels (N, 2) as x, y with brightness (N,), brightest first. With
     ``utc`` ("2026-03-20T18:30:00Z") the answer is compared with the mount of the ``station``: ``.attitude_error``.
+    UsageError where the arrays are not of these shapes.
     """
-    xy_px, brightness = panorama if isinstance(panorama, tuple) else read_panorama_table(Path(panorama))
-    pixels = np.asarray(xy_px, dtype=np.float64).reshape(-1, 2)
-    values = np.asarray(brightness, dtype=np.float64).reshape(-1)
-    if len(pixels) != len(values):
-        raise UsageError(f"{len(pixels)} pixels and {len(values)} brightness values came; expected as many of both")
+    if isinstance(panorama, str | Path):
+        xy_px, brightness = read_panorama_table(Path(panorama))
+    else:
+        xy_px, brightness = _pixels(panorama)
+    try:
+        utc_ns = instant.from_text(utc) if utc else 0
+    except ValueError as error:
+        raise UsageError(f"utc: {error}") from error
     setup = set_up(*with_identifier(*station_of(Path(station) if station else None), identifier))
-    return StationLoop(setup).observe(Panorama(instant.from_text(utc) if utc else 0, pixels, values))
+    return StationLoop(setup).observe(Panorama(utc_ns, xy_px, brightness))
+
+
+def _pixels(panorama: tuple[ArrayLike, ArrayLike]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Pixels (N, 2) and brightness (N,) as given; a transposed array would be other pixels, so none is reshaped."""
+    expected = "expected pixels (N, 2) as x, y and brightness (N,), or the file of a panorama table"
+    try:
+        xy_px, brightness = (np.asarray(part, dtype=np.float64) for part in panorama)
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"this is no panorama ({error}); {expected}") from error
+    if not xy_px.size and not brightness.size:
+        return np.empty((0, 2)), np.empty(0)
+    if xy_px.ndim != 2 or xy_px.shape[1] != 2 or brightness.shape != xy_px.shape[:1]:
+        raise UsageError(f"pixels {xy_px.shape} and brightness {brightness.shape} came; {expected}")
+    if not (np.isfinite(xy_px).all() and np.isfinite(brightness).all()):
+        raise UsageError("pixels or brightness are not finite; leave out what was not measured")
+    if np.any(np.diff(brightness) > 0):
+        raise UsageError("the brightness increases; expected the brightest object first, and brightness, not magnitude")
+    return xy_px, brightness
 
 
 def _judged(path: Path, station: str | Path | None, identifier: str | None, *, anew: bool = False) -> Judged:
@@ -118,11 +146,30 @@ def _of_session(path: Path) -> SessionTables:
 
 def _of_data_set(path: Path, table: str) -> pa.Table:
     """All files of a table, of the sessions that are in the data set: those whose row is there."""
-    files = _files(path, table)
-    if table == "sessions":
-        return files.to_table()
-    keys = _files(path, "sessions").to_table(columns=["key"])["key"].combine_chunks()
-    return files.to_table(filter=ds.field("key").cast(pa.string()).isin(keys))
+    if not (path / "sessions").is_dir():
+        raise UsageError(f"there is no session in {path} yet")
+    if not (path / table).is_dir():  # no session of it could be judged
+        return _SCHEMAS[table]().empty_table()
+    try:
+        files = _files(path, table)
+        if table == "sessions":
+            return files.to_table()
+        keys = _files(path, "sessions").to_table(columns=["key"])["key"].combine_chunks()
+        return files.to_table(filter=ds.field("key").cast(pa.string()).isin(keys))
+    except (pa.ArrowException, OSError) as error:
+        raise UsageError(
+            f"{str(error).splitlines()[0]:.400}\nif a file is damaged: delete the file of the same name below "
+            "sessions/, and judge into the data set again"
+        ) from error
+
+
+def _check_version(path: Path) -> None:
+    try:
+        schema = json.loads((path / _DATASET_MARK).read_bytes()[:_MOST_MARK_BYTES])["schema"]
+    except (ValueError, TypeError, KeyError, RecursionError):
+        schema = "unreadable"
+    if schema != _DATASET_SCHEMA:
+        raise UsageError(f"{path} is a data set of another version ({schema!s:.40}; expected {_DATASET_SCHEMA})")
 
 
 def _files(path: Path, table: str) -> ds.Dataset:

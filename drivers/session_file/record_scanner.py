@@ -121,7 +121,7 @@ class RecordScanner:
         if not self._has_message(min(FOREIGN_AFTER, self._window.size)):
             raise CaptureError(
                 f"{self._file} is not a session of this station (MCAP with profile {PROFILE!r} expected); "
-                "for a raw serial capture give the UTC of its start: --start-utc"
+                "a raw serial capture needs the UTC of its start: gse replay --start-utc"
             )
 
     def _has_message(self, end: int) -> bool:

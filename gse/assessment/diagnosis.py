@@ -11,22 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import CountedFrames, counted_frames
-from gse.assessment.decision import amount
 from gse.assessment.error_series import ErrorSeries, error_series, with_left_out
-from gse.assessment.field_patterns import field_of_errors
+from gse.assessment.field_patterns import field_of_errors, unexplained_residuals
 from gse.assessment.fine_findings import Setting, fine_findings
-from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause, left_with_clock
+from gse.assessment.focus import focus_finding, focus_loss
+from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause, left_with
 from gse.assessment.known_steps import without_steps
+from gse.assessment.sensor_answers import sensor_answers
+from gse.assessment.sensor_convention import session_convention
+from gse.assessment.sensor_findings import sensor_findings
 from gse.assessment.session_model import SessionModel
+from gse.assessment.star_changes import sampled_matches, without_star_changes
 from gse.assessment.statistics import Statistics
 from gse.assessment.time_tags import time_tag_faults
 from gse.assessment.unexplained import unexplained
 from gse.finding import Finding
 from gse.instant import NS_PER_S
+from gse.site import Site
 from gse.station.clock_steps import clock_steps
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.results import AnswerCheck, Status
+from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.station.sky_condition import FEWEST_UNMATCHED
 from gse.truth import horizon_to_sensor
@@ -36,7 +41,7 @@ _SENSOR_DRIFT_PPM = 100.0
 """A crystal keeps within 50 ppm over its whole temperature range."""
 
 
-_STARS_FALL_OUT = ("distortion", "focal length", "principal point")
+STARS_FALL_OUT = ("distortion", "focal length", "principal point")
 """Causes that may move stars by more than they are matched within; beside them all others are guesses then."""
 _FALLEN_OUT_SHARE = 0.3
 """Of those that are matched: more than satellites, noise or a few hot pixels."""
@@ -69,7 +74,20 @@ def causes_so_far(session: SessionData) -> tuple[Finding, ...]:
     counted = counted_frames(session)
     gross = gross_finding(session, counted)
     causes = (gross,) if gross else _fine(session, counted)
-    return (*causes, *_events(session, {finding.cause for finding in causes}), *_nothing_identified(session))
+    return (
+        *causes,
+        *_events(session, {finding.cause for finding in causes}),
+        *_nothing_identified(session),
+        *_of_sensor(session, is_gross=gross is not None),
+    )
+
+
+def _of_sensor(session: SessionData, *, is_gross: bool) -> tuple[Finding, ...]:
+    """What the sensor's own answers look like so far; under a gross mistake they are compared with nothing."""
+    if not len(session.sensor_attitudes):
+        return ()
+    own = None if is_gross or session.subject is Subject.SENSOR else sensor_answers(session)
+    return sensor_findings(session, own, session_convention(session))
 
 
 def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator[Finding]:
@@ -77,12 +95,16 @@ def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator
     yield from _events(session, named)
     yield from _nothing_identified(session)
     yield from _faulty(session)
+    if not named & set(STARS_FALL_OUT) and (loss := focus_loss(session, stats.counted)):
+        yield focus_finding(loss)
+    elif not named:
+        yield from _most_unmatched(session, stats.counted)
     for line in time_tag_faults(session.frames.columns, session.events):
         yield Finding("sensor time tag", line.split(": ", 1)[1], (), "ask the maker; gse decode SESSION --explain")
     if "clock drift" not in named:
         yield from _sensor_clock(stats)
-    yield from _hot_pixels(session)
-    yield from _unlike(stats)
+    if not (named & set(STARS_FALL_OUT) and stars_fall_out(session.frames.columns, stats.counted.used)):
+        yield from _hot_pixels(session)
 
 
 def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
@@ -91,13 +113,16 @@ def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
         found = fine_findings(modelled.model, modelled.series, modelled.setting) if modelled else ()
     except np.linalg.LinAlgError:  # stars or errors that lie on one line: they tell no cause, and end no session
         return ()
-    of_camera = [finding for finding in found if finding.cause in _STARS_FALL_OUT]
-    return tuple(of_camera[:1]) if of_camera and stars_fall_out(session.frames.columns[counted.used]) else found
+    of_camera = [finding for finding in found if finding.cause in STARS_FALL_OUT]
+    return tuple(of_camera[:1]) if of_camera and stars_fall_out(session.frames.columns, counted.used) else found
 
 
-def stars_fall_out(frames: NDArray[np.void]) -> bool:
-    """Whether many stars of frames (rows of FRAME) lie too far off to be matched: as these change, so do the errors."""
-    unmatched, matched = float(np.median(frames["false_objects"])), float(np.median(frames["matched"]))
+def stars_fall_out(frames: NDArray[np.void], used: NDArray[np.bool_]) -> bool:
+    """Whether many stars of the used frames (rows of FRAME) lie too far off to be matched.
+
+    As these change, so do the errors.
+    """
+    unmatched, matched = (float(np.median(frames[name][used])) for name in ("false_objects", "matched"))
     return unmatched >= max(FEWEST_UNMATCHED, _FALLEN_OUT_SHARE * matched)
 
 
@@ -113,6 +138,10 @@ def session_model(session: SessionData, counted: CountedFrames) -> ModelledSessi
     if (steps := clock_steps(session.events)) and not _ran_away_s(session):
         series = without_steps(series, frames["host_utc_ns"], steps, station.site, mount)
     field = field_of_errors(session.frames.matches, frames["utc_ns"], counted.used, camera, station.site, zenith_sensor)
+    if field is not None:
+        matches = sampled_matches(session.frames.matches, series)
+        residuals_arcsec = unexplained_residuals(field, matches, camera, station.site, zenith_sensor)
+        series = without_star_changes(series, matches, residuals_arcsec, camera)
     exposure_s = float(np.nanmedian(frames["exposure_s"][series.rows]))
     first_ns = int(frames["utc_ns"][series.rows[0]])
     model = SessionModel.of(series.shortened(), field, station.site, mount, is_fitted=session.alignment is not None)
@@ -135,12 +164,14 @@ def gross_cause_of(session: SessionData, counted: CountedFrames) -> GrossCause |
     return gross_cause(raw, session.station.site, mount, orientation)
 
 
-def left_with_clock_of(session: SessionData, counted: CountedFrames, fast_s: float) -> NDArray[np.float64]:
-    """The errors (M, 3) that a session shows when its host's clock is so fast, in arcsec; none of no answers."""
+def left_under(
+    session: SessionData, counted: CountedFrames, *, fast_s: float = 0.0, site: Site | None = None
+) -> NDArray[np.float64]:
+    """The errors (M, 3) that a session shows with another clock or site than stated, in arcsec; none of no answers."""
     raw, orientation = _raw_attitudes(session, counted), session.earth_orientation
     if raw is None or orientation is None:
         return np.zeros((0, 3))
-    return left_with_clock(raw, session.station.site, session.station.mount, orientation, fast_s)
+    return left_with(raw, site or session.station.site, session.station.mount, orientation, fast_s)
 
 
 def _raw_attitudes(session: SessionData, counted: CountedFrames) -> RawAttitudes | None:
@@ -204,11 +235,12 @@ def _nothing_identified(session: SessionData) -> Iterator[Finding]:
     is_day = StationKind.DAYLIGHT in kinds and StationKind.DARK_NIGHT not in kinds
     if is_day or StationKind.WRONG_CAMERA in kinds:
         return
-    if not no_match or (status == STATUSES.index(Status.IDENTIFIED)).any():
+    if (status == STATUSES.index(Status.IDENTIFIED)).any():
         return
-    if 2 * (session.frames.columns["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.ABSENT)).sum() > no_match:
-        yield _few_stars_known(session, no_match)
-    else:
+    unanswered = no_match + int((status == STATUSES.index(Status.TOO_FEW)).sum())
+    if 2 * (session.frames.columns["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.ABSENT)).sum() > unanswered:
+        yield _only_reference_answers(session, unanswered)
+    elif no_match:
         yield Finding(
             "nothing identified",
             f"not one of {no_match} panoramas with enough objects was identified, with no focal length within 25 % of "
@@ -218,17 +250,41 @@ def _nothing_identified(session: SessionData) -> Iterator[Finding]:
         )
 
 
-def _few_stars_known(session: SessionData, no_match: int) -> Finding:
-    """The sky is there, the camera is right: only the identifier under test has no answer."""
-    seen, expected = (float(np.median(session.frames.columns[name])) for name in ("stars_seen", "stars_expected"))
+def _only_reference_answers(session: SessionData, unanswered: int) -> Finding:
+    """The sky is there: the identifier under test knows too few of its stars, or these do not lie as it is told."""
+    seen, expected, objects = (
+        float(np.median(session.frames.columns[name])) for name in ("stars_seen", "stars_expected", "objects")
+    )
     known = f", of which its catalogue holds {expected:.0f}" if 0 <= expected < seen else ""
+    known += f"; {objects - seen:.0f} of {objects:.0f} objects are none of them" if objects > seen else ""
+    equals = ["a fault of the identifier"]
+    if objects - seen >= max(FEWEST_UNMATCHED, _FALLEN_OUT_SHARE * seen):
+        equals.append("a distortion of the lens, or a principal point that is not as stated: gse calibrate SESSION")
     return Finding(
         "identifier without an answer",
-        f"the identifier under test answers none of {no_match} panoramas; the reference identifier does, and "
+        f"the identifier under test answers none of {unanswered} panoramas; the reference identifier does, and "
         f"{seen:.0f} stars of the sky are in each{known}",
-        ("a fault of the identifier",),
+        tuple(equals),
         "let it know more stars (identifier.catalog_stars), and try: gse report SESSION --station FILE",
     )
+
+
+def _most_unmatched(session: SessionData, counted: CountedFrames) -> Iterator[Finding]:
+    """Answers beside which most objects are none of the stars that ought to be there, under a clear sky."""
+    frames, known = session.frames.columns, counted.answered & ~counted.excluded
+    if not known.any() or not stars_fall_out(frames, known):
+        return
+    unmatched, matched, expected = (
+        float(np.median(frames[name][known])) for name in ("false_objects", "matched", "stars_expected")
+    )
+    if unmatched > matched and expected >= matched + FEWEST_UNMATCHED:
+        yield Finding(
+            "camera",
+            f"{unmatched:.0f} objects as bright as stars of the catalogue are none of them, {matched:.0f} are, and "
+            f"{expected:.0f} stars are expected: they do not lie where the camera of the station file has them",
+            ("a distortion of the lens", "stars out of focus", "false objects of the sensor"),
+            "fit the camera: gse calibrate SESSION --write FILE; look at the panoramas: gse view SESSION",
+        )
 
 
 def _faulty(session: SessionData) -> Iterator[Finding]:
@@ -266,17 +322,3 @@ def _hot_pixels(session: SessionData) -> Iterator[Finding]:
             ("dust or a reflex that stands still",),
             "list them in sensor.hot_pixels: gse calibrate SESSION --write FILE",
         )
-
-
-def _unlike(stats: Statistics) -> Iterator[Finding]:
-    own = stats.equivalence
-    if own is None or own.same:
-        return
-    apart = f", the others lie up to {amount(own.separation_arcsec.max, 'arcsec')} apart" if own.both else ""
-    yield Finding(
-        "sensor answers otherwise",
-        f"the sensor's own answers are not the onboard-equivalent ones: of {own.answers}, {own.only_sensor} were "
-        f"answered only by the sensor and {own.only_station} only here{apart}",
-        ("another catalogue or identifier in the sensor",),
-        "compare frame by frame: frames.csv of gse report SESSION",
-    )

@@ -18,10 +18,10 @@ from gse.site import Site
 from gse.star_influence import attitude_operators, boresight_shifts, star_covariance, unfitted
 from gse.truth import Refraction, time_blocks
 
-PARAMETERS = ("focal length", "k1", "k2", "principal point x", "principal point y", "pressure")
+PARAMETERS = ("focal length", "k1", "k2", "p1", "p2", "principal point x", "principal point y", "pressure")
 """Of the truth, less what is stated: the first as a share, the points in px, the pressure in hPa."""
 
-_STEPS = (1e-5, 1e-4, 1e-4, 0.1, 0.1, 300.0)
+_STEPS = (1e-5, 1e-4, 1e-4, 1e-4, 1e-4, 0.1, 0.1, 300.0)
 _MOST_ROWS = 40_000
 _FEWEST_ROWS = 100
 _SHOWN_ROWS = 1000
@@ -127,10 +127,8 @@ def _fitted(
     directions = camera.directions(xy_px)
     operators = attitude_operators(directions, matches["frame"])
     patterns = np.stack(list(_patterns(camera, site, zenith_sensor, xy_px)), axis=2)
-    numbers, place = np.unique(matches["frame"], return_inverse=True)
-    turns = np.zeros((len(numbers), 3, len(PARAMETERS)))
-    np.add.at(turns, place, operators @ patterns)
-    left = patterns - np.cross(turns[place], directions[:, :, None], axis=1)[:, :2]
+    numbers = np.unique(matches["frame"])
+    left, turns = _unabsorbed(patterns, directions, operators, matches["frame"])
     design = left.reshape(-1, len(PARAMETERS))
     normal, right = design.T @ design, design.T @ residuals.ravel()
     fit = np.linalg.lstsq(_scaled(normal), right / np.sqrt(np.diag(normal)), rcond=1e-9)[0] / np.sqrt(np.diag(normal))
@@ -163,6 +161,37 @@ def _fitted(
         moved_px,
         _WHOLE_PIXELS_HIDE_PX if (xy_px == np.rint(xy_px)).all() else _CENTROIDS_HIDE_PX,
     )
+
+
+def _unabsorbed(
+    patterns: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    operators: NDArray[np.float64],
+    frames: NDArray[np.int64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Patterns (N, 2, F) without the turns (L, 3, F) of each frame that an attitude makes of them, and these."""
+    numbers, place = np.unique(frames, return_inverse=True)
+    turns = np.zeros((len(numbers), 3, patterns.shape[2]))
+    np.add.at(turns, place, operators @ patterns)
+    return patterns - np.cross(turns[place], directions[:, :, None], axis=1)[:, :2], turns
+
+
+def unexplained_residuals(
+    field: FieldOfErrors,
+    matches: NDArray[np.void],
+    camera: Camera,
+    site: Site,
+    zenith_sensor: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Residuals (N, 2) of matches (rows of MATCH) in arcsec, without the patterns as they fit the field."""
+    xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
+    directions = camera.directions(xy_px)
+    patterns = np.stack(list(_patterns(camera, site, zenith_sensor, xy_px)), axis=2)
+    left, _ = _unabsorbed(patterns, directions, attitude_operators(directions, matches["frame"]), matches["frame"])
+    size = np.sqrt(np.diag(field.normal))
+    fit = np.linalg.lstsq(_scaled(field.normal), field.right / size, rcond=1e-9)[0] / size
+    residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
+    return np.asarray(residuals - left @ fit)
 
 
 def _scaled(normal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -210,8 +239,11 @@ def _patterns(
 def _cameras(camera: Camera) -> Iterator[Camera]:
     """Cameras with one parameter greater by its step."""
     (k1, k2), (x, y) = camera.radial_distortion, camera.principal_point_px
+    p1, p2 = camera.tangential_distortion
     yield replace(camera, focal_length_px=camera.focal_length_px * (1 + _STEPS[0]))
     yield replace(camera, radial_distortion=(k1 + _STEPS[1], k2))
     yield replace(camera, radial_distortion=(k1, k2 + _STEPS[2]))
-    yield replace(camera, principal_point_px=(x + _STEPS[3], y))
-    yield replace(camera, principal_point_px=(x, y + _STEPS[4]))
+    yield replace(camera, tangential_distortion=(p1 + _STEPS[3], p2))
+    yield replace(camera, tangential_distortion=(p1, p2 + _STEPS[4]))
+    yield replace(camera, principal_point_px=(x + _STEPS[5], y))
+    yield replace(camera, principal_point_px=(x, y + _STEPS[6]))

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from gse.assessment.error_series import ErrorSeries
 from gse.assessment.fine_causes import Named, fine_causes
-from gse.assessment.fine_hypotheses import MOST_HPA, ZERO_C_K, Hypothesis
+from gse.assessment.fine_hypotheses import MOST_HPA, TANGENTIAL, ZERO_C_K, Hypothesis
 from gse.assessment.gross_causes import wrong_dates
 from gse.assessment.session_model import SessionModel
 from gse.assessment.turns import all_turns
@@ -144,12 +144,22 @@ def _focal_length(one: Named, setting: Setting) -> Finding:
 
 
 def _distortion(one: Named, setting: Setting) -> Finding:
+    if one.hypothesis.kind == TANGENTIAL:
+        return _tangential(one, setting)
     change = np.zeros(2)
     change[: len(one.coefficients)] = one.coefficients
     edge_px = float(change.sum()) * setting.camera.columns / 2
     k1, k2 = np.array(setting.camera.radial_distortion) + change
     size = f"stars at the edge lie {abs(edge_px):.2f} px too far {'in' if edge_px > 0 else 'out'}: the stars fit "
     return Finding("distortion", f"{size}sensor.radial_distortion: [{k1:.6f}, {k2:.6f}]", _equals(one), _CALIBRATE)
+
+
+def _tangential(one: Named, setting: Setting) -> Finding:
+    p1, p2 = np.array(setting.camera.tangential_distortion) + one.coefficients
+    edge_px = math.hypot(*one.coefficients) * 3 * setting.camera.columns / 2
+    size = f"the lens is not centred: stars at the edge lie up to {edge_px:.2f} px off: the stars fit "
+    size += f"sensor.tangential_distortion: [{p1:.6f}, {p2:.6f}]"
+    return Finding("distortion", size, _equals(one), "gse calibrate SESSION --tangential --write FILE")
 
 
 def _principal_point(one: Named, setting: Setting) -> Finding:

@@ -23,6 +23,7 @@ what such noise most looks like.
 MOST_HPA, _COLDEST_K = 1085.0, 180.0
 """The highest pressure and the lowest temperature on record: air that is colder than stated bends light as denser."""
 ZERO_C_K = 273.15
+TANGENTIAL = "tangential"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +94,7 @@ def causes_of_field(model: SessionModel) -> Iterator[Hypothesis]:
     yield of("focal length", "focal length")
     yield of("distortion", "k1")
     yield replace(of("distortion", "k1", "k2"), kind="k1 and k2")
+    yield replace(of("distortion", "p1", "p2"), kind=TANGENTIAL)
     yield of("principal point", "principal point x", "principal point y")
     if not model.is_fitted:
         stated_hpa = model.site.air_pressure_hpa

@@ -144,10 +144,10 @@ def gross_cause(raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthO
     return GrossCause(finding, _arcsec(_horizon_to_sensor(whole, best, orientation), horizon_to_sensor(best.mount)))
 
 
-def left_with_clock(
+def left_with(
     raw: RawAttitudes, site: Site, mount: Mount, orientation: EarthOrientation, fast_s: float
 ) -> NDArray[np.float64]:
-    """The errors (M, 3) that are left when the host's clock is so fast: columns, rows, roll, in arcsec."""
+    """The errors (M, 3) that are left at a site when the host's clock is so fast: columns, rows, roll, in arcsec."""
     under = _Hypothesis("", "", "", site, mount, fast_s)
     return _arcsec(_horizon_to_sensor(raw, under, orientation), horizon_to_sensor(mount))
 

@@ -10,8 +10,9 @@ from gse.station.frame_results import NewResults
 from gse.station.session_data import SessionData
 
 FIRST_AFTER_S = 10.0
-"""Of the data's time, after the first panorama; then after twice the time, four times ...: a look costs half a second
-of the loop's thread."""
+"""Of the data's time, after the first panorama; then after 20 s, and whenever a third more has passed, 20 s at least: a
+look costs half a second of the loop's thread."""
+_SHARE, _LEAST_S = 3, 20.0
 
 
 @dataclass(slots=True)
@@ -36,7 +37,8 @@ class LiveDiagnosis:
             self._begun_ns, self._due_ns = utc_ns, utc_ns + round(FIRST_AFTER_S * NS_PER_S)
         if utc_ns < self._due_ns:
             return
-        self._due_ns = utc_ns + (utc_ns - self._begun_ns)
+        elapsed_ns = utc_ns - self._begun_ns
+        self._due_ns = utc_ns + min(elapsed_ns, max(elapsed_ns // _SHARE, round(_LEAST_S * NS_PER_S)))
         from gse.assessment.diagnosis import causes_so_far  # the first frames are shown before it is imported
 
         for finding in causes_so_far(session):

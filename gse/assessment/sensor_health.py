@@ -90,12 +90,12 @@ class SensorHealth:
 def sensor_health(session: SessionData) -> SensorHealth:
     """Measure it; ``objects``, ``hot_pixels`` and ``false_objects`` are means per frame that was identified."""
     frames = session.frames.columns
-    seen = frames[frames["stars_seen"] > 0]
+    seen = frames["stars_seen"] > 0
     return SensorHealth(
-        objects=_mean(seen["objects"]),
-        hot_pixels=_mean(seen["hot_pixels"]),
-        hot_pixels_per_k=_hot_pixel_trend(seen),
-        false_objects=_mean(seen["false_objects"]),
+        objects=_mean(frames["objects"][seen]),
+        hot_pixels=_mean(frames["hot_pixels"][seen]),
+        hot_pixels_per_k=_hot_pixel_trend(frames["temperature_c"][seen], frames["hot_pixels"][seen]),
+        false_objects=_mean(frames["false_objects"][seen]),
         brightness_mag_per_h=_brightness_trend(session),
         centroid_noise=_centroid_noise(session),
         housekeeping=_housekeeping([message for _, message in session.statuses]),
@@ -121,14 +121,14 @@ def health_findings(session: SessionData, health: SensorHealth) -> Iterator[Find
         )
 
 
-def _hot_pixel_trend(frames: NDArray[np.void]) -> Trend | None:
+def _hot_pixel_trend(temperatures_c: NDArray[np.float32], hot_pixels: NDArray[np.uint8]) -> Trend | None:
     """Hot pixels per kelvin: their dark current doubles every 7 K."""
-    temperature_c = frames["temperature_c"].astype(np.float64)
+    temperature_c = temperatures_c.astype(np.float64)
     known = np.isfinite(temperature_c)
     if not known.any() or np.ptp(temperature_c[known]) < MIN_RANGE_K:
         return None
     order = np.argsort(temperature_c[known], kind="stable")
-    return _trend(temperature_c[known][order], frames["hot_pixels"][known][order].astype(np.float64))
+    return _trend(temperature_c[known][order], hot_pixels[known][order].astype(np.float64))
 
 
 def _brightness_trend(session: SessionData) -> Trend | None:

@@ -2,8 +2,9 @@
 
 The identifier named the right stars, only not where site, clock and mount of the station file say. Where the errors
 that are left without the mistake keep the limits, no row fails for it: the word is INCONCLUSIVE, and the mistake is the
-first reason. A mirrored image or a focal length under which nothing can be identified is one too, and so is a host
-whose clock shows GPS time or TAI: no latency of a sensor is 18 or 37 s.
+first reason. A mirrored image or a focal length under which nothing can be identified is one too, a camera with which
+many stars lie too far off to be named, air that is not that of the height, and a host whose clock shows GPS time or
+TAI: no latency of a sensor is 18 or 37 s. What the sensor answers itself no camera of the station file excuses.
 """
 
 from dataclasses import replace
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import CountedFrames
 from gse.assessment.decision import Outcome, Row
-from gse.assessment.diagnosis import gross_cause_of, left_with_clock_of
+from gse.assessment.diagnosis import STARS_FALL_OUT, gross_cause_of, left_under, stars_fall_out
 from gse.assessment.fine_findings import CLOCK_SCALES
 from gse.finding import Finding
 from gse.limits import Limits
@@ -25,17 +26,16 @@ from gse.station.session_data import SessionData
 _OF_CAMERA = {"mirrored image": StationKind.MIRRORED, "focal length": StationKind.WRONG_CAMERA}
 _KEPT_SHARE = 0.9
 """Of some 15 frames: one may lie outside."""
-_OF_IDENTIFICATION = ("availability",)
+_OF_IDENTIFICATION = ("availability", "false answers")
 
 
 def set_up_mistake(session: SessionData, counted: CountedFrames, found: tuple[Finding, ...]) -> Finding | None:
     """The one of the findings that explains it all, if there is one."""
-    of_camera = [finding for finding in found if _hides_all(session, finding)]
+    of_camera = [finding for finding in found if _hides_all(session, counted, finding)]
     if of_camera:
         return of_camera[0]
     for finding in found:
-        if finding.cause in CLOCK_SCALES:
-            left_arcsec = left_with_clock_of(session, counted, CLOCK_SCALES[finding.cause])
+        if (left_arcsec := _left_without(session, counted, finding)) is not None:
             return finding if _keeps(left_arcsec, session.station.limits) else None
     gross = [finding for finding in found if finding.is_gross]
     cause = gross_cause_of(session, counted) if gross else None
@@ -44,12 +44,22 @@ def set_up_mistake(session: SessionData, counted: CountedFrames, found: tuple[Fi
     return cause.finding
 
 
-def _hides_all(session: SessionData, finding: Finding) -> bool:
-    """Whether it is a camera stated wrongly, under which no panorama was identified."""
-    status = session.frames.columns["status"]
+def _left_without(session: SessionData, counted: CountedFrames, finding: Finding) -> NDArray[np.float64] | None:
+    """The errors that are left without a fine mistake that is no sensor's: of the time scale, or of the air."""
+    if finding.cause in CLOCK_SCALES:
+        return left_under(session, counted, fast_s=CLOCK_SCALES[finding.cause])
+    if finding.cause == "refraction":
+        return left_under(session, counted, site=replace(session.station.site, pressure_hpa=None, temperature_c=None))
+    return None
+
+
+def _hides_all(session: SessionData, counted: CountedFrames, finding: Finding) -> bool:
+    """Whether it is a camera stated wrongly, under which no panorama was identified, or only with some of its stars."""
+    frames = session.frames.columns
+    if (frames["status"] == STATUSES.index(Status.IDENTIFIED)).any():
+        return finding.cause in STARS_FALL_OUT and stars_fall_out(frames, counted.used)
     kinds = {event.kind for event in session.events}
-    is_told = _OF_CAMERA.get(finding.cause) in kinds
-    return is_told and not (status == STATUSES.index(Status.IDENTIFIED)).any()
+    return _OF_CAMERA.get(finding.cause) in kinds
 
 
 def _keeps(left_arcsec: NDArray[np.float64], limits: Limits) -> bool:
@@ -62,7 +72,11 @@ def _keeps(left_arcsec: NDArray[np.float64], limits: Limits) -> bool:
 def excused(row: Row, mistake: Finding) -> Row:
     """A row that fails by the mistake: INCONCLUSIVE; another as it is."""
     is_identification = row.subject is Subject.ONBOARD and row.name in _OF_IDENTIFICATION
-    by_it = is_identification if mistake.cause in _OF_CAMERA else row.unit == "arcsec"
+    is_accuracy = row.unit == "arcsec"
+    if mistake.cause in _OF_CAMERA or mistake.cause in STARS_FALL_OUT:
+        by_it = is_identification or (is_accuracy and row.subject is Subject.ONBOARD)
+    else:
+        by_it = is_accuracy
     if row.outcome is not Outcome.FAIL or not by_it:
         return row
     return replace(row, outcome=Outcome.INCONCLUSIVE, reason=f"{row.reason}: by the set-up ({mistake.cause})")

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.assessment.answers_apart import answers_apart
 from gse.assessment.clock_health import ClockHealth, clock_health
 from gse.assessment.convention_search import ConventionSearch
 from gse.assessment.counted_frames import CountedFrames, counted_frames, explained_arcsec
@@ -16,8 +17,9 @@ from gse.assessment.spatial_errors import SpatialErrors, spatial_errors
 from gse.assessment.subject_statistics import AXES, NO_EARTH_RATE, Answers, SubjectStatistics, subject_statistics
 from gse.station.clock_steps import instants_ns
 from gse.station.exclusions import Exclusion, excluded
+from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.results import Status, Subject
+from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 
 _MOST_STAR_ERRORS = 20_000
@@ -131,13 +133,22 @@ def _sensor(own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames
 def sensor_masks(
     own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which answers (M,) of the sensor beside panoramas are false, and which enter its accuracy."""
+    """Which answers (M,) of the sensor beside panoramas are false, and which enter its accuracy.
+
+    False is an answer far from the median of all; or one that lies further from the answer to the same panorama here
+    than two answers of the same stars do, the usual separation aside, where the reference identifier confirms that.
+    """
     known = own.acquired & np.isfinite(own.d_de_arcsec) & ~counted.excluded
     false = np.zeros(len(known), dtype=bool)
     if known.any():
         x, y = own.cross_x_arcsec, own.cross_y_arcsec
         separation_arcsec = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
         false = own.acquired & (separation_arcsec > explained_arcsec(frames, counted.exclusions))
+    apart_arcsec = answers_apart(own, frames)
+    confirmed = np.isfinite(apart_arcsec[:, 0]) & (frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.CORRECT))
+    if confirmed.any():
+        off = apart_arcsec - np.median(apart_arcsec[confirmed], axis=0)
+        false |= confirmed & (np.hypot(*off.T) > SAME_BORESIGHT_ARCSEC)
     return false, known & ~false
 
 

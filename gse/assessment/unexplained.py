@@ -46,14 +46,14 @@ def unexplained(session: SessionData, stats: Statistics) -> Iterator[Finding]:
 def _noise_of_stars(session: SessionData, stats: Statistics) -> str:
     """What single stars leave of the boresight's errors, in words, where that is nearly all; else nothing."""
     used, matches = stats.counted.used, session.frames.matches
-    frames, matches = session.frames.columns[used], matches[used[matches["frame"]]]
-    count = float(np.median(frames["matched"])) if len(frames) else 0.0
+    frames, matches = session.frames.columns, matches[used[matches["frame"]]]
+    count = float(np.median(frames["matched"][used])) if used.any() else 0.0
     if count <= _FITTED or not len(matches):
         return ""
     residuals = np.array([matches["residual_x_arcsec"], matches["residual_y_arcsec"]], dtype=np.float64)
     of_star = math.sqrt(float((residuals**2).mean()) * count / (count - _FITTED))
     left = of_star / math.sqrt(count)
-    errors = np.array([frames["cross_x_arcsec"], frames["cross_y_arcsec"]], dtype=np.float64)
+    errors = np.array([frames[name][used] for name in ("cross_x_arcsec", "cross_y_arcsec")], dtype=np.float64)
     if math.sqrt(float(np.nanmean(errors**2))) > _MOST_RATIO * left:
         return ""
     px = of_star * ARCSEC_RAD / session.station.sensor.camera().pixel_rad

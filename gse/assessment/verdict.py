@@ -82,7 +82,8 @@ def judge(session: SessionData) -> Assessment:
     if mistake:
         in_the_way = (f"set-up: {mistake}", *in_the_way)
     verdict = _verdict(rows, in_the_way)
-    found += sensor_findings(session, stats.own, stats.convention)
+    compared = None if any(finding.is_gross for finding in found) else stats.own
+    found += sensor_findings(session, compared, stats.convention, stats.equivalence)
     health = sensor_health(session)
     found += tuple(health_findings(session, health))
     # What decides comes first: screens with one line show the first reason.
@@ -175,7 +176,7 @@ def _rows(
         decision=limits.decision,
         relative=relative,
     )
-    yield from _shares(subject, limits)
+    yield from _shares(subject, limits, lost=stats.frames_expected - int(stats.counted.expected.sum()))
     yield _time(subject, limits)
 
 
@@ -190,10 +191,17 @@ def _settles(budget: TruthUncertaintyBudget, axis: str) -> bool:
     return stability**2 > budget.axes[axis].standard_arcsec ** 2 / 2
 
 
-def _shares(subject: SubjectStatistics, limits: Limits) -> Iterator[Row]:
+def _shares(subject: SubjectStatistics, limits: Limits, *, lost: int) -> Iterator[Row]:
     who, decision = subject.subject, limits.decision
+    never_came = f", {lost} of which never came" if lost else ""
     yield judge_share(
-        who, "availability", subject.available, limit=limits.availability, at_least=True, decision=decision
+        who,
+        "availability",
+        subject.available,
+        limit=limits.availability,
+        at_least=True,
+        decision=decision,
+        beside=never_came,
     )
     count = subject.star_fields
     fields = f" in {count} star field{'' if count == 1 else 's'}" if count else ""

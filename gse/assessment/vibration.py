@@ -49,8 +49,10 @@ def without_waves(series: ErrorSeries, periods_s: Sequence[float]) -> ErrorSerie
 
 
 def vibration(series: ErrorSeries, field: FieldOfErrors) -> Vibration | None:
-    """None where the scatter is what the stars explain."""
+    """None where the scatter is what the stars explain, and where most frames are of one instant with another."""
     frame_s = float(np.median(np.diff(series.time_s)))
+    if frame_s <= 0:
+        return None
     longest_s = min(_BLOCK_S, series.duration_s / _MIN_BLOCKS)
     blocks = np.floor(series.time_s / max(longest_s, _FRAMES_OF_BLOCK * frame_s, 1e-9)).astype(np.int64)
     if len(np.unique(blocks)) < _MIN_BLOCKS // 2:

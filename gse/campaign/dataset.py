@@ -17,6 +17,7 @@ import json
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
@@ -24,7 +25,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from gse.campaign.storage import explained, open_storage, put_whole, read_whole
+from gse.campaign.storage import StorageError, explained, open_storage, put_file_whole, put_whole, read_whole
 from gse.errors import UsageError
 from gse.tables import SCHEMA_VERSION
 from gse.tables.parquet import write_parquet
@@ -35,6 +36,9 @@ SESSIONS, FRAMES, STARS = TABLES = ("sessions", "frames", "stars")
 REPORT_COLUMN = "report_json"
 UNKNOWN = "unknown"
 """Sensor and night of a session that could not be read: pandas does not read Hive's own name for null."""
+
+AGAIN = "delete the file of the same name below sessions/, and judge into the data set again"
+"""What to do with a damaged file: the session is not in the data set then, and the next run puts it there whole."""
 
 INDEX = "index/sessions.parquet"
 _SOURCES = "index/sources.parquet"
@@ -82,6 +86,8 @@ class DataSet:
                 put_whole(fs, root, MARK, mark)
         except UsageError:
             raise
+        except FileNotFoundError as error:
+            raise UsageError(f"no data set can be made in {url}: there is no such bucket or folder") from error
         except Exception as error:
             raise explained(error, url) from error
         _check_version(mark, url)
@@ -105,19 +111,22 @@ class DataSet:
         except Exception as error:
             raise explained(error, self.url) from error
 
-    def put(self, place: Committed, table: str, parquet: bytes) -> None:
-        """Write the file of one table of a session."""
-        put_whole(self.fs, self.root, place.path(table), parquet)
+    def put(self, place: Committed, table: str, parquet: Path) -> None:
+        """Write the file of one table of a session, from one of this host."""
+        put_file_whole(self.fs, self.root, place.path(table), parquet)
 
     def read(self, path: str, columns: Sequence[str] | None = None) -> pa.Table | None:
         """A Parquet file below the data set's folder, None where there is none."""
         try:
             with self.fs.open(f"{self.root}/{path}", "rb") as file:
-                return pq.ParquetFile(file).read(columns=columns)
+                # A thread of Arrow's that still holds a file of Python's when the program ends aborts it (arrow#33975).
+                return pq.ParquetFile(file, pre_buffer=False).read(columns=columns, use_threads=False)
         except FileNotFoundError:
             return None
         except Exception as error:
-            raise explained(error, f"{self.url}/{path}") from error
+            if not isinstance(error, pa.ArrowException) and getattr(error, "errno", None) is not None:
+                raise explained(error, f"{self.url}/{path}") from error
+            raise StorageError(f"{self.url}/{path} is damaged ({str(error).strip():.100}); {AGAIN}") from error
 
     def sources(self) -> list[dict[str, Any]]:
         """What is known of sources: url, state, session_sha256, the hashes it was judged with, key."""
@@ -149,10 +158,15 @@ class DataSet:
         """Write the index anew, with what is known of ``sources`` beside what was known before."""
         known = {(row["url"], row["key"]): row for row in (*self.sources(), *sources)}
         if known:
-            rows = pa.Table.from_pylist([known[each] for each in sorted(known)])
-            put_whole(self.fs, self.root, _SOURCES, parquet_of([rows]))
+            self._put_index(_SOURCES, pa.Table.from_pylist([known[each] for each in sorted(known)]))
         if self.committed():
-            put_whole(self.fs, self.root, INDEX, parquet_of([self.sessions()]))
+            self._put_index(INDEX, self.sessions())
+
+    def _put_index(self, path: str, rows: pa.Table) -> None:
+        try:
+            put_whole(self.fs, self.root, path, parquet_of([rows]))
+        except Exception as error:
+            raise explained(error, self.url) from error
 
     def _row(self, place: Committed, columns: Sequence[str] | None) -> pa.Table | None:
         in_file = None if columns is None else [name for name in columns if name not in _PLACE]

@@ -7,6 +7,7 @@ by its content. Sessions go to the cluster one by one; Dask gives those of a los
 import uuid
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,7 @@ from gse.campaign.dataset import DataSet
 from gse.campaign.judging import Job, Judged, judge_source
 from gse.campaign.keys import OWN_STATION, software_sha256
 from gse.campaign.sources import Source
+from gse.campaign.storage import StorageError, with_patience
 from gse.errors import CampaignError
 from gse.sessions.replay import StationText
 
@@ -60,17 +62,22 @@ def run_campaign(
 ) -> list[Judged]:
     """Judge what is new; the outcome of every source, those that were unchanged first.
 
-    CampaignError where the scheduler goes away or the data set's disk is full: what was judged until then is kept.
+    CampaignError where the scheduler goes away, or the data set's storage is gone or full: what was judged until then
+    is kept.
     """
     outcomes = list(campaign.unchanged)
     try:
         for judged in _run(campaign, client):
             outcomes.append(judged)
             each(judged)
-            if judged.is_disk_full:
+            if judged.ends_run:
                 raise CampaignError(f"{judged.error}; {_done(campaign, outcomes)}")
-    finally:
-        campaign.dataset.renew_index(_source_rows(campaign, outcomes))
+    except BaseException:
+        with suppress(StorageError):
+            campaign.dataset.renew_index(_source_rows(campaign, outcomes))
+        raise
+    url, rows = campaign.dataset.url, _source_rows(campaign, outcomes)
+    with_patience(url, lambda fs, root: DataSet(url, fs, root).renew_index(rows))
     return outcomes
 
 
@@ -136,4 +143,7 @@ def _source_rows(campaign: Campaign, outcomes: Iterable[Judged]) -> list[dict[st
 
 def _done(campaign: Campaign, outcomes: list[Judged]) -> str:
     kept = sum(1 for one in outcomes if one.key)
-    return f"{kept} of {len(campaign.todo) + len(campaign.unchanged)} sessions are in the data set, each whole"
+    return (
+        f"at least {kept} of {len(campaign.todo) + len(campaign.unchanged)} sessions are in the data set, each whole: "
+        "start the same command again"
+    )

@@ -9,10 +9,11 @@ import contextlib
 import functools
 import json
 import os
+import socket
 import stat
 import tempfile
 import traceback
-from contextlib import ExitStack
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,19 +30,19 @@ from gse.campaign.dataset import (
     UNKNOWN,
     Committed,
     DataSet,
-    parquet_of,
     without_place,
 )
 from gse.campaign.hot_pixels import COLUMN, HotPixelCounter
 from gse.campaign.keys import OWN_STATION, session_sha256, software_sha256
 from gse.campaign.sources import Source
-from gse.campaign.storage import StorageError, copy_here, protocol_of, with_patience
+from gse.campaign.storage import StorageError, copy_here, explained, protocol_of, with_patience
 from gse.errors import GseError
 from gse.release_memory import give_back
 from gse.report import summarise
 from gse.sessions.replay import StationText, replay_session
 from gse.station.setup import keep_one_sky
-from gse.tables import ResultKey, failed_session, frames_parts, sessions_table, stars_table
+from gse.tables import ResultKey, failed_session, frames_parts, sessions_table, stars_parts
+from gse.tables.parquet import write_parquet
 from protocols import ProtocolError
 
 _MOST_ERROR = 1000
@@ -61,7 +62,8 @@ class Job:
 class Judged:
     """Outcome of one source; ``is_new`` where this run wrote its results, ``error`` says why it has no verdict.
 
-    ``key`` is empty where nothing could be kept: its storage failed, or it ended its workers.
+    ``key`` is empty where nothing could be kept: its storage failed, or it ended its workers. ``ends_run`` where the
+    results of no other session could be kept either: the data set's storage is gone or full.
     """
 
     source: Source
@@ -72,25 +74,28 @@ class Judged:
     night: str = ""
     error: str = ""
     is_new: bool = False
-    is_disk_full: bool = False
+    ends_run: bool = False
 
 
 def judge_source(source: Source, job: Job) -> Judged:
     """Judge a session and put its results into the data set; what is there already is not judged again."""
     try:
-        with ExitStack() as stack:
-            first, segments, read_before = _here(source, stack)
+        with tempfile.TemporaryDirectory(prefix="session-", dir=_scratch()) as name:
+            folder = Path(name)
+            first, segments, read_before = _here(source, folder)
             found = session_sha256(segments)
             key = ResultKey(found, job.station_sha256, software_sha256())
             known = _committed(job).get(key.text)
             if known is not None:
                 return Judged(source, key.text, found, sensor=known.sensor, night=known.night)
-            result = _judged(first, key, job, source)
+            result = _judged(first, key, job, source, folder)
             if session_sha256(segments) != found or read_before != _state_here(source):
                 return Judged(source, error=f"{source.url} changed while it was read; is its session still running?")
-        with_patience(job.dataset_url, lambda fs, root: _put(DataSet(job.dataset_url, fs, root), result))
+            with_patience(job.dataset_url, lambda fs, root: _put(DataSet(job.dataset_url, fs, root), result))
     except StorageError as error:
-        return Judged(source, error=str(error), is_disk_full=error.is_full)
+        return Judged(source, error=str(error), ends_run=error.is_full or error.url == job.dataset_url)
+    except OSError as error:
+        return Judged(source, error=str(explained(error, error.filename or source.url)))
     finally:
         keep_one_sky()
         give_back()
@@ -101,18 +106,19 @@ def judge_source(source: Source, job: Job) -> Judged:
 
 @dataclass(frozen=True, slots=True)
 class _Result:
+    """What is to go into the data set: a Parquet file of this host for each table."""
+
     place: Committed
-    files: dict[str, bytes]
+    files: dict[str, Path]
     verdict: str | None
     error: str
 
 
-def _here(source: Source, stack: ExitStack) -> tuple[Path, list[Path], str]:
-    """First and all segments of a session on this host, and its state before they were read."""
+def _here(source: Source, folder: Path) -> tuple[Path, list[Path], str]:
+    """First and all segments of a session on this host, copied into a folder from others; its state before."""
     state = _state_here(source)
     if protocol_of(source.url) == "file":
         return Path(source.url), [Path(url) for url in source.segments], state
-    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="session-", dir=_scratch())))
     here = [folder / url.rsplit("/", 1)[1] for url in source.segments]
     for url, path in zip(source.segments, here, strict=True):
         with_patience(url, functools.partial(copy_here, here=path))
@@ -141,7 +147,7 @@ def _scratch() -> str | None:
     return None
 
 
-def _judged(path: Path, key: ResultKey, job: Job, source: Source) -> _Result:
+def _judged(path: Path, key: ResultKey, job: Job, source: Source, folder: Path) -> _Result:
     given, hot_pixels = job.station, HotPixelCounter()
     try:
         replay = replay_session(
@@ -155,29 +161,39 @@ def _judged(path: Path, key: ResultKey, job: Job, source: Source) -> _Result:
         row = sessions_table(session, assessment, key, source=source.url)
         report = json.dumps(summarise(session, assessment), indent=2, allow_nan=False) + "\n"
     except (GseError, DriverError, ProtocolError) as error:
-        return _failed(key, source, str(error))
-    except MemoryError:
+        return _failed(key, source, str(error), folder)
+    except (MemoryError, OSError):
         raise
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(place.filename).name}:{place.lineno}"
-        return _failed(key, source, f"internal error: {type(error).__name__}: {error} at {where}; please report it")
-    return _Result(
-        Committed(session.station.sensor.name, _night(row), key.text),
-        {
-            STARS: parquet_of([stars_table(session, key.text)]),
-            FRAMES: parquet_of(frames_parts(session, assessment.statistics, key.text)),
-            SESSIONS: parquet_of([_completed(row, hot_pixels.column(), report)]),
-        },
-        assessment.verdict.value,
-        "",
-    )
+        return _failed(
+            key, source, f"internal error: {type(error).__name__}: {error} at {where}; please report it", folder
+        )
+    tables = {
+        STARS: stars_parts(session, key.text),
+        FRAMES: frames_parts(session, assessment.statistics, key.text),
+        SESSIONS: [_completed(row, hot_pixels.column(), report)],
+    }
+    committed = Committed(session.station.sensor.name, _night(row), key.text)
+    return _Result(committed, _written(tables, folder), assessment.verdict.value, "")
 
 
-def _failed(key: ResultKey, source: Source, text: str) -> _Result:
+def _failed(key: ResultKey, source: Source, text: str, folder: Path) -> _Result:
     error = plain_lines(text)[:_MOST_ERROR]
     rows = _completed(failed_session(source.url, error, key), pa.nulls(1, COLUMN.type), None)
-    return _Result(Committed(UNKNOWN, UNKNOWN, key.text), {SESSIONS: parquet_of([rows])}, None, error)
+    return _Result(Committed(UNKNOWN, UNKNOWN, key.text), _written({SESSIONS: [rows]}, folder), None, error)
+
+
+def _written(tables: dict[str, Iterable[pa.Table]], folder: Path) -> dict[str, Path]:
+    """The parts of each table as a file: those of a long night would take 100 MB in memory."""
+    paths = {table: folder / f"{table}.parquet" for table in tables}
+    try:
+        for table, parts in tables.items():
+            write_parquet(parts, paths[table])
+    except OSError as error:
+        raise explained(error, f"{folder} of {socket.gethostname()}") from error
+    return paths
 
 
 def _completed(rows: pa.Table, hot_pixels: pa.Array, report: str | None) -> pa.Table:

@@ -7,6 +7,8 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
 
+from distributed.scheduler import KilledWorker
+
 from gse.campaign.cluster import RETRIES, cluster
 from gse.errors import CampaignError
 from gse.evaluation.monte_carlo import Evaluator, tasks
@@ -22,7 +24,7 @@ Chunk = tuple[int, range]
 def outcomes_on(scheduler: str, plan: Plan) -> Iterator[list[Outcome]]:
     """The outcomes of a plan, as gse.evaluation.monte_carlo.outcomes gives them.
 
-    CampaignError where the scheduler goes away.
+    CampaignError where the scheduler goes away, or frames end their workers.
     """
     run = uuid.uuid4().hex
     with cluster(scheduler, 1) as client:
@@ -38,6 +40,10 @@ def outcomes_on(scheduler: str, plan: Plan) -> Iterator[list[Outcome]]:
                 queued.extend(itertools.islice(waiting, 1))
         except (CancelledError, OSError) as error:
             raise CampaignError("the scheduler is gone: the evaluation has no result; start it again") from error
+        except KilledWorker as error:
+            raise CampaignError(
+                "some frames ended their workers again and again, perhaps for want of memory: there is no result"
+            ) from error
 
 
 def work(plan: Plan, chunks: list[Chunk]) -> list[Outcome]:

@@ -7,13 +7,14 @@ from typing import Any, TextIO
 
 import duckdb
 
-from gse.campaign.dataset import FRAMES, REPORT_COLUMN, SESSIONS, STARS, DataSet
+from gse.campaign.dataset import AGAIN, FRAMES, REPORT_COLUMN, SESSIONS, STARS, DataSet
 from gse.campaign.storage import protocol_of
 from gse.errors import UsageError
 from gse.tables import frames_schema, stars_schema
 
 _SCHEMAS = {FRAMES: frames_schema, STARS: stars_schema}
 _ROWS_AT_ONCE = 10_000
+_DAMAGED = ("No magic bytes", "too small to be a Parquet file", "TProtocolException", "corrupt", "ZSTD")
 
 
 def ask(dataset: DataSet, sql: str, form: str, file: TextIO) -> None:
@@ -21,8 +22,8 @@ def ask(dataset: DataSet, sql: str, form: str, file: TextIO) -> None:
 
     ``form`` is text (DuckDB's own table of the first rows), csv with a head, or json with one object per line.
     """
-    connection = connect(dataset)
     try:
+        connection = connect(dataset)
         if form == "text":
             answer = connection.sql(sql)
             file.write(f"{'done' if answer is None else answer}\n")
@@ -32,6 +33,8 @@ def ask(dataset: DataSet, sql: str, form: str, file: TextIO) -> None:
         write = _write_csv if form == "csv" else _write_json
         write(names, _rows(connection), file)
     except duckdb.Error as error:
+        if any(sign in str(error) for sign in _DAMAGED):
+            raise UsageError(f"a file is damaged: {AGAIN}\nDuckDB: {str(error).splitlines()[0]}") from error
         raise UsageError(f"DuckDB: {error}") from error
 
 

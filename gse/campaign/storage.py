@@ -8,7 +8,10 @@ Credentials come from where fsspec, boto and ssh look for them (docs/campaigns.m
 """
 
 import errno
+import logging
 import os
+import shutil
+import socket
 import uuid
 from collections.abc import Callable
 from contextlib import suppress
@@ -32,24 +35,31 @@ PARTS = ".parts"
 
 _RENAMES = ("file", "local", "sftp", "ssh")
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_LASTING = (*_FULL, errno.EROFS, errno.ELOOP, errno.ENAMETOOLONG)
 _REFUSED = ("AuthenticationException", "BadHostKeyException", "NoCredentialsError", "PartialCredentialsError")
 _REFUSED_TEXTS = ("not found in known_hosts", "InvalidAccessKeyId", "SignatureDoesNotMatch", "AccessDenied")
 _LIBRARIES = ("paramiko", "botocore", "aiobotocore", "aiohttp", "s3fs")
+
+_given_up: set[str] = set()
+"""Servers that failed for PATIENCE_S: else each of a thousand sessions would wait as long for one that is gone."""
 
 _T = TypeVar("_T")
 
 
 class StorageError(CampaignError):
-    """Storage that cannot be read or written; ``is_full`` where it has no room left."""
+    """Storage that cannot be read or written, with its ``url``; ``is_full`` where it has no room left."""
 
-    def __init__(self, text: str, *, is_full: bool = False) -> None:
+    def __init__(self, text: str, url: str = "", *, is_full: bool = False) -> None:
         super().__init__(text)
+        self.url = url
         self.is_full = is_full
 
 
 def open_storage(url: str) -> tuple[Any, str]:
     """The file system of a URL or local path, and the path on it; StorageError where it cannot be reached."""
     protocol = protocol_of(url)
+    if protocol != "file" and not url.split("://", 1)[1].split("/", 1)[0]:
+        raise UsageError(f"{url} names no server; expected for example sftp://user@host/folder or s3://bucket/folder")
     if protocol in ("sftp", "ssh"):
         _use_known_hosts()
     try:
@@ -58,6 +68,10 @@ def open_storage(url: str) -> tuple[Any, str]:
     except ImportError as error:
         raise UsageError(
             f"{url} needs a package that is not installed ({error}); pip install 'gse-star-sensor[campaign]'"
+        ) from error
+    except FileNotFoundError as error:  # of a key or of known_hosts: the path of the URL was not looked at yet
+        raise StorageError(
+            f"{url} cannot be reached: {error}; docs/campaigns.md says where keys and credentials are read from", url
         ) from error
     except Exception as error:
         raise explained(error, url) from error
@@ -73,22 +87,28 @@ def protocol_of(url: str) -> str:
 
 
 def with_patience(url: str, act: Callable[[Any, str], _T]) -> _T:
-    """What ``act`` returns of a URL's file system and path; tried again, newly connected, while the storage fails."""
+    """What ``act`` returns of a URL's file system and path; tried again, newly connected, while the storage fails.
+
+    A server that failed for so long once is asked only once, until it answers.
+    """
+    server = "/".join(url.split("/", 3)[:3]) if "://" in url else ""
     asked = tenacity.Retrying(
-        stop=tenacity.stop_after_delay(PATIENCE_S),
+        stop=tenacity.stop_after_attempt(1) if server in _given_up else tenacity.stop_after_delay(PATIENCE_S),
         wait=tenacity.wait_random_exponential(multiplier=0.5, max=10.0),
         retry=tenacity.retry_if_exception(_may_pass),
         before_sleep=lambda state: _forget_connections(url),
         reraise=True,
     )
     try:
-        return asked(lambda: act(*open_storage(url)))
-    except CampaignError:
-        raise
+        done = asked(lambda: act(*open_storage(url)))
     except Exception as error:
-        if not _is_of_storage(error):
+        if _may_pass(error):
+            _given_up.add(server)
+        if isinstance(error, CampaignError) or not _is_of_storage(error):
             raise
         raise explained(error, url) from error
+    _given_up.discard(server)
+    return done
 
 
 def put_whole(fs: Any, root: str, name: str, data: bytes) -> None:
@@ -97,12 +117,26 @@ def put_whole(fs: Any, root: str, name: str, data: bytes) -> None:
     if not _can_rename(fs):
         fs.pipe_file(path, data)
         return
+    _put_renamed(fs, root, path, lambda file: file.write(data))
+
+
+def put_file_whole(fs: Any, root: str, name: str, here: Path) -> None:
+    """The same with a file of this host, which is never held whole where the storage can rename."""
+    path = f"{root}/{name}"
+    if not _can_rename(fs):
+        fs.put_file(str(here), path)
+        return
+    with here.open("rb") as source:
+        _put_renamed(fs, root, path, lambda file: shutil.copyfileobj(source, file, COPIED_AT_ONCE))
+
+
+def _put_renamed(fs: Any, root: str, path: str, write: Callable[[Any], object]) -> None:
     part = f"{root}/{PARTS}/{uuid.uuid4().hex}"
     for folder in (part, path):
         fs.makedirs(folder.rsplit("/", 1)[0], exist_ok=True)
     try:
         with fs.open(part, "wb") as file:
-            file.write(data)
+            write(file)
             if "file" in _protocols(fs):
                 file.flush()
                 os.fsync(file.fileno())
@@ -117,7 +151,10 @@ def copy_here(fs: Any, path: str, here: Path) -> None:
     """Copy a file of any storage to this host."""
     with fs.open(path, "rb") as source, here.open("wb") as copy:
         while data := source.read(COPIED_AT_ONCE):
-            copy.write(data)
+            try:
+                copy.write(data)
+            except OSError as error:
+                raise explained(error, f"{here.parent} of {socket.gethostname()}") from error
 
 
 def read_whole(fs: Any, path: str, most_bytes: int) -> bytes | None:
@@ -134,14 +171,17 @@ def explained(error: Exception, url: str) -> StorageError:
     number = getattr(error, "errno", None)
     told = str(error).strip() or type(error).__name__
     if number in _FULL:
-        return StorageError(f"no room is left under {url}; make room and start the same command again", is_full=True)
+        return StorageError(f"no room is left under {url}; make room", url, is_full=True)
     if isinstance(error, FileNotFoundError):
-        return StorageError(f"there is no {url}")
+        return StorageError(f"there is no {url}", url)
+    if isinstance(error, NotADirectoryError | IsADirectoryError) or number in (errno.EROFS, errno.ELOOP):
+        return StorageError(f"{url} cannot be used: {told:.300}", url)
     if _is_refused(error):
         return StorageError(
-            f"{url} refused the credentials, or access ({told:.200}); docs/campaigns.md says where they are read from"
+            f"{url} refused the credentials, or access ({told:.200}); docs/campaigns.md says where they are read from",
+            url,
         )
-    return StorageError(f"{url} cannot be reached: {told:.300}")
+    return StorageError(f"{url} cannot be reached: {told:.300}", url)
 
 
 def _may_pass(error: BaseException) -> bool:
@@ -150,7 +190,7 @@ def _may_pass(error: BaseException) -> bool:
         return isinstance(error.__cause__, Exception) and _may_pass(error.__cause__)
     if isinstance(error, FileNotFoundError | PermissionError | IsADirectoryError | NotADirectoryError):
         return False
-    return _is_of_storage(error) and not _is_refused(error) and getattr(error, "errno", None) not in _FULL
+    return _is_of_storage(error) and not _is_refused(error) and getattr(error, "errno", None) not in _LASTING
 
 
 def _is_of_storage(error: BaseException) -> bool:
@@ -183,5 +223,6 @@ def _use_known_hosts() -> None:
     """SFTP to hosts that ssh knows only: fsspec's own default trusts whoever answers first."""
     import gse.campaign.known_hosts
 
+    logging.getLogger("paramiko").setLevel(logging.CRITICAL)  # it prints the traceback of what it raises
     fsspec.register_implementation("sftp", gse.campaign.known_hosts.KnownHostsSFTP, clobber=True)
     fsspec.register_implementation("ssh", gse.campaign.known_hosts.KnownHostsSFTP, clobber=True)

@@ -12,6 +12,7 @@ import click
 
 from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERRUPTED
 from gse.cli.options import station_of
+from gse.cli.progress_bar import ProgressBar
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -110,9 +111,9 @@ def judge_command(
                 compile_first(lambda text: click.echo(text, err=True))
             with (
                 cluster(scheduler, workers or _cores(len(campaign.todo))) as client,
-                _Bar("judging", len(campaign.todo)) as bar,
+                ProgressBar("judging", len(campaign.todo)) as bar,
             ):
-                outcomes = run_campaign(campaign, client, bar.judged)
+                outcomes = run_campaign(campaign, client, lambda judged: bar.advance(is_error=bool(judged.error)))
         except KeyboardInterrupt:
             click.echo(f"interrupted; what was judged is in {dataset.url}: start the same command again", err=True)
             ctx.exit(EXIT_INTERRUPTED)
@@ -155,8 +156,8 @@ def report_command(
     browser = find_browser() if pdf else None
     dataset = DataSet.at(_absolute(dataset_url))
     judged_with = station_sha256(*station_of(station_path)) if station_path else OWN_STATION
-    with _Bar("reading", len(dataset.committed())) as bar:
-        report = campaign_document(dataset, station_sha256=judged_with, each=bar.one_more)
+    with ProgressBar("reading", len(dataset.committed())) as bar:
+        report = campaign_document(dataset, station_sha256=judged_with, each=bar.advance)
     page = write_campaign_report(report, out)
     if browser:
         click.echo(f"PDF: {print_to_pdf(browser, page)}", err=True)
@@ -186,44 +187,6 @@ def query_command(*, dataset_url: str, sql: str, form: str) -> None:
     from gse.campaign.query import ask
 
     ask(DataSet.at(_absolute(dataset_url)), sql, form, sys.stdout)
-
-
-class _Bar:
-    """Progress on stderr with the time left: a bar on a terminal, else a line at each tenth."""
-
-    def __init__(self, what: str, total: int) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-        self._what, self._errors = what, 0
-        self._console = Console(stderr=True)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        off = not self._console.is_terminal
-        self._progress = Progress(*columns, console=self._console, transient=True, disable=off)
-        self._task = self._progress.add_task(what, total=total)
-
-    def __enter__(self) -> "_Bar":
-        self._progress.__enter__()
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._progress.__exit__(*error)
-
-    def judged(self, judged: "Judged") -> None:
-        """Count a session that was judged."""
-        self._errors += bool(judged.error)
-        self.one_more()
-
-    def one_more(self) -> None:
-        """Count a session."""
-        described = f"{self._what} ({self._errors} with errors)" if self._errors else self._what
-        self._progress.update(self._task, advance=1, description=described)
-        task = self._progress.tasks[0]
-        done, total = int(task.completed), int(task.total or 0)
-        if not self._console.is_terminal and done * 10 // total > (done - 1) * 10 // total:
-            left_s = task.time_remaining
-            left = f", about {max(left_s / 60, 1):.0f} min left" if left_s and done < total else ""
-            click.echo(f"{described}: {done} of {total}{left}", err=True)
 
 
 def _verdict_lines(report: dict[str, Any]) -> list[str]:

@@ -221,15 +221,19 @@ def _lines(result: SessionComparison) -> list[str]:
 
 def _metric_line(row: Row) -> str:
     name = f"{row.name}, {row.unit}".replace("noise equivalent angle", "NEA")
-    return f"{name:52}{row.first:7.3g}{row.second:7.3g}{row.difference:+8.3g}{_sigmas(row, 6)}"
+    values = f"{_figure(row.first, '7.3g')}{_figure(row.second, '7.3g')}{_figure(row.difference, '+8.3g')}"
+    return f"{name:52}{values}{_figure(row.sigmas, '6.1f')}"
 
 
-def _sigmas(row: Row, width: int) -> str:
-    return f"{row.sigmas:{width}.1f}" if math.isfinite(row.sigmas) else f"{'-':>{width}}"
+def _figure(value: float, form: str) -> str:
+    """A number, or a dash of the same width where there is none."""
+    text = f"{value:{form}}"
+    return text if math.isfinite(value) else f"{'-':>{len(f'{0.0:{form}}')}}"
 
 
 def _line(row: Row) -> str:
     name = f"{row.name} ({row.unit})" if row.unit else row.name
-    values = f"{row.first:8.4g}{row.second:8.4g}{row.alike:8.4g}{row.difference:+8.3g}"
+    values = "".join(_figure(value, "8.4g") for value in (row.first, row.second, row.alike))
+    values += _figure(row.difference, "+8.3g") + _figure(row.sigmas, "7.1f")
     allowed = f"{row.allowed:8.3g}" if row.gate else f"{'-':>8}"
-    return f"{name:27}{values}{_sigmas(row, 7)}{allowed}{' WORSE' if row.worse else ''}"
+    return f"{name:27}{values}{allowed}{' WORSE' if row.worse else ''}"

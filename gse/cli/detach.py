@@ -1,9 +1,11 @@
 """Detached start: the session runs in a process without a terminal.
 
 Until its port is open, that process writes to the terminal, so that errors at the start are visible; afterwards to
-run.log in the session folder.
+run.log in the session folder. A log of 16 MiB becomes run.1.log, in the place of the one before, and a new one begins:
+a week of --json-frames must not take the disk of the session.
 """
 
+import contextlib
 import json
 import os
 import signal
@@ -15,7 +17,9 @@ from drivers.host_files import APPEND, READ
 from gse import sign_of_life
 from gse.errors import UsageError
 
-LOG_NAME = "run.log"
+LOG_NAME, OLDER_LOG_NAME = "run.log", "run.1.log"
+MOST_LOG_BYTES = 16 << 20
+"""Without --json-frames, two weeks."""
 
 
 class Detachment:
@@ -23,17 +27,33 @@ class Detachment:
 
     def __init__(self, report_fd: int) -> None:
         self._report_fd = report_fd
+        self._folder: Path | None = None
 
     def into(self, folder: Path) -> None:
         """Write stdout and stderr to the log of this session, and let the starting process exit."""
-        log = os.open(folder / LOG_NAME, APPEND, 0o644)
+        self._folder = folder
         nothing = os.open(os.devnull, READ)
-        for source, fd in ((nothing, 0), (log, 1), (log, 2)):
-            os.dup2(source, fd)
-        os.close(log)
+        os.dup2(nothing, 0)
         os.close(nothing)
+        _write_to(folder / LOG_NAME)
         os.write(self._report_fd, json.dumps({"folder": str(folder), "pid": os.getpid()}).encode())
         os.close(self._report_fd)
+
+    def keep_small(self) -> None:
+        """Begin a new log where this one is long; where that fails, the old one goes on."""
+        if self._folder is None or os.fstat(1).st_size < MOST_LOG_BYTES:
+            return
+        with contextlib.suppress(OSError):
+            os.replace(self._folder / LOG_NAME, self._folder / OLDER_LOG_NAME)
+            _write_to(self._folder / LOG_NAME)
+
+
+def _write_to(path: Path) -> None:
+    """Have stdout and stderr written to a file."""
+    log = os.open(path, APPEND, 0o644)
+    for fd in (1, 2):
+        os.dup2(log, fd)
+    os.close(log)
 
 
 def detach() -> Detachment:
@@ -69,5 +89,5 @@ def _say_where(started: dict[str, str]) -> None:
     click.echo(f"session: {folder}")
     click.echo(f"process: {started['pid']}")
     click.echo(f"status: gse status {folder}")
-    click.echo(f"messages: tail -f {folder}/{LOG_NAME}")
+    click.echo(f"messages: tail -F {folder}/{LOG_NAME}")
     click.echo(f"end: gse status --stop {folder}")

@@ -13,6 +13,7 @@ import click
 
 from gse.cli import EXIT_INTERRUPTED, was_interrupted
 from gse.cli.options import IDENTIFIER, PLUG_HELP, station_of, station_option, with_identifier
+from gse.cli.progress_bar import ProgressBar
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
@@ -247,18 +248,14 @@ def _refuse_for_angles(options: dict[str, Any]) -> None:
 
 
 def _run(plan: "Plan", workers: int, scheduler: str | None) -> tuple["Counter", bool]:
-    """All outcomes counted, or those until Ctrl-C; a bar on stderr where that is a terminal."""
-    from rich.console import Console
-    from rich.progress import Progress
-
+    """All outcomes counted, or those until Ctrl-C, with progress on stderr."""
     from gse.evaluation.plan import Counter
 
-    console, counter = Console(stderr=True), Counter(plan)
+    counter = Counter(plan)
     try:
-        with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-            task = progress.add_task("evaluating", total=plan.frames * len(plan.cells))
+        with ProgressBar("evaluating", plan.frames * len(plan.cells)) as bar:
             for chunk in _outcomes(plan, workers, scheduler):
-                progress.update(task, advance=counter.add(chunk))
+                bar.advance(counter.add(chunk))
     except KeyboardInterrupt:
         return counter, True
     except SystemError as error:

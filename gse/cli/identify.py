@@ -1,6 +1,7 @@
 """``gse identify``: stars, RA, DE and roll of one panorama table."""
 
 import json
+import math
 from pathlib import Path
 
 import click
@@ -54,11 +55,11 @@ def command(
             document["utc"] = None
         click.echo(json.dumps(document))
     else:
-        _print(result)
+        _print(result, setup.station.identifier.label)
     ctx.exit(0 if result.status is Status.IDENTIFIED else 1)
 
 
-def _print(result: FrameResult) -> None:
+def _print(result: FrameResult, identifier: str) -> None:
     attitude = result.attitude
     if attitude is None:
         click.echo(f"{result.status}: {result.detail}")
@@ -66,8 +67,9 @@ def _print(result: FrameResult) -> None:
     count = len(result.panorama.brightness)
     click.echo(f"RA {attitude.ra_deg:.5f}  DE {attitude.de_deg:+.5f}  roll {attitude.roll_deg:.4f} deg (ICRS)")
     probability = result.identification.false_match_probability if result.identification else 1.0
-    summary = f"{len(result.matches)} of {count} objects identified by {result.identifier}"
-    click.echo(f"{summary}, false-match probability {probability:.1g}")
+    stated = "not stated" if math.isnan(probability) else f"{probability:.1g}"
+    summary = f"{len(result.matches)} of {count} objects identified by {identifier}"
+    click.echo(f"{summary}, false-match probability {stated}")
     if result.attitude_error:
         error = result.attitude_error
         click.echo(f"dRA* {error.d_ra_cosde_arcsec:+.1f}  dDE {error.d_de_arcsec:+.1f} arcsec from the mount")

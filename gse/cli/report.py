@@ -72,8 +72,10 @@ class _Output:
         if sessions > 1 and (self.pdf or self.screenshot or self.verified):
             raise UsageError("--pdf, --screenshot and --verify are for one session; give one FILE")
         for wanted in (self.out, self.screenshot):
-            if wanted is not None and wanted.exists():
+            if wanted is not None and (wanted.exists() or wanted.is_symlink()):
                 raise UsageError(f"{wanted} exists already; choose another name")
+        if self.screenshot is not None and not self.screenshot.parent.is_dir():
+            raise UsageError(f"there is no folder {self.screenshot.parent} for the picture; make it, or choose another")
 
 
 _judging = gathered(

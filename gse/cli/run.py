@@ -23,7 +23,7 @@ from gse.cli.options import (
     station_option,
     with_identifier,
 )
-from gse.cli.output import queued_output
+from gse.cli.output import News, Outputs, queued_output
 from gse.config.edit import with_values
 from gse.config.station import Station
 from gse.errors import GseError
@@ -99,7 +99,7 @@ def command(
                 station,
                 text,
                 out,
-                Operator(ending, _say, session.opened, outputs.news, notes),
+                Operator(ending, _say, session.opened, lambda: session.terminal_news(outputs), notes),
                 make_listeners=lambda loop, folder: session.listeners(live_outputs, loop, folder),
                 duration_s=duration_s,
                 wait_port=wait_port,
@@ -135,6 +135,12 @@ class _Session:
             self._detachment.into(folder)
         _say(f"recording: {folder / 'session.mcap'}")
         _say("Ctrl-C ends the session: it is closed, judged and reported")
+
+    def terminal_news(self, outputs: Outputs) -> list[News]:
+        """Events of the readers of stdout and stderr since the last call; a log in their place is kept small."""
+        if self._detachment is not None:
+            self._detachment.keep_small()
+        return outputs.news()
 
     def listeners(self, live_outputs: LiveOutputs, loop: "StationLoop", folder: Path) -> "Sequence[Listener]":
         """Those of the live outputs; the status file then shows what these know."""

@@ -120,10 +120,10 @@ def trim(
 @click.option(
     "--format",
     "form",
-    type=click.Choice(("csv", "ndjson", "raw", "rrd", "parquet", "mcap")),
+    type=click.Choice(("csv", "ndjson", "raw", "stderr", "rrd", "parquet", "mcap")),
     required=True,
-    help="Panoramas as CSV, all records as NDJSON, the received bytes, a rerun recording; results as a new folder of "
-    "Parquet files, or as topics beside the bytes in a new MCAP file.",
+    help="Panoramas as CSV, all records as NDJSON, the received bytes, what an external identifier wrote to stderr, a "
+    "rerun recording; results as a new folder of Parquet files, or as topics beside the bytes in a new MCAP file.",
 )
 @_out
 @click.pass_context
@@ -135,15 +135,18 @@ def export(ctx: click.Context, path: Path, form: str, out: Path | None) -> None:
     if form in ("parquet", "mcap"):
         _export_results(path, form, out)
         return
-    from gse.sessions.export import export_csv, export_ndjson, export_raw
+    from drivers.session_file.records import RX
+    from gse.recording.session_format import LOG_TOPIC
+    from gse.sessions.export import export_bytes, export_csv, export_ndjson
 
+    topics = {"raw": RX, "stderr": LOG_TOPIC}
     with ExitStack() as stack:
-        if form == "raw":
-            count = export_raw(path, _new(out, stack) if out else sys.stdout.buffer)
+        if form in topics:
+            count = export_bytes(path, _new(out, stack) if out else sys.stdout.buffer, topics[form])
         else:
             text = stack.enter_context(TextIOWrapper(_new(out, stack), "utf-8", newline="\n")) if out else sys.stdout
             count = export_csv(path, text) if form == "csv" else export_ndjson(path, text)
-    what = {"csv": "panoramas", "ndjson": "records", "raw": "bytes"}[form]
+    what = {"csv": "panoramas", "ndjson": "records"}.get(form, "bytes")
     click.echo(f"{count} {what} exported", err=True)
 
 

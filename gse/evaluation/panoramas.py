@@ -71,13 +71,13 @@ class PanoramaSet:
 class Score:
     """What became of one panorama: a kind of KINDS, the error of the boresight (NaN for none) and the time.
 
-    ``failure`` is how an external identifier failed, empty where it did not.
+    ``failure`` is how an external identifier failed, None where it did not.
     """
 
     kind: str
     error_arcsec: float
     elapsed_us: float
-    failure: str = ""
+    failure: Failure | None = None
 
 
 def read_set(folder: Path) -> PanoramaSet:
@@ -134,6 +134,7 @@ def row(identifier: str, panoramas: PanoramaSet, found: Sequence[Score]) -> dict
         shares[kind] = {"count": count, "share": share, "interval": bounds and [round(bound, 6) for bound in bounds]}
     near = np.array([score.error_arcsec for score in found if score.kind in ("right", "coarse")])
     errors, times = percentiles(near), percentiles(np.array([score.elapsed_us for score in found]) / 1000)
+    failures = [score.failure for score in found if score.failure]
     return {
         "set": panoramas.name,
         "identifier": identifier,
@@ -141,7 +142,8 @@ def row(identifier: str, panoramas: PanoramaSet, found: Sequence[Score]) -> dict
         "rates": shares,
         "boresight_arcsec": {"median": _number(errors.p50), "p95": _number(errors.p95), "max": _number(errors.max)},
         "time_ms": {"median": _number(times.p50), "p95": _number(times.p95), "max": _number(times.max)},
-        "failures": dict(sorted(Counter(score.failure for score in found if score.failure).items())),
+        "failures": dict(sorted(Counter(failure.kind.value for failure in failures).items())),
+        "first_failure": failures[0].detail if failures else None,
     }
 
 
@@ -254,7 +256,7 @@ def _external(
     for case, one in zip(cases, given, strict=True):
         elapsed_us = _NAN if one.elapsed_us is None else one.elapsed_us
         if isinstance(one.answer, Failure):
-            yield Score("none", _NAN, elapsed_us, one.answer.kind.value)
+            yield Score("none", _NAN, elapsed_us, one.answer)
             continue
         attitude = one.answer.attitude
         yield _score(None if attitude is None else attitude.boresight_icrs, case, elapsed_us)

@@ -1,14 +1,15 @@
 """Plans of ``gse evaluate``: the settings of both papers, and their results as rates with intervals."""
 
 import math
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gse.assessment.percentiles import Percentiles, percentiles
+from gse.assessment.percentiles import Percentiles
 from gse.camera import Camera
+from gse.evaluation.cpu_times import CpuTimes
 from gse.evaluation.frames import Conditions, Optics
+from gse.external.answers import Failure
 from gse.identifier_options import IdentifierOptions
 
 SCHEMA = "gse.evaluation/1"
@@ -45,14 +46,14 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome of one frame of one cell; ``failure`` is how an external identifier failed, empty where it did not."""
+    """Outcome of one frame of one cell; ``failure`` is how an external identifier failed, None where it did not."""
 
     cell: int
     frame: int
     kind: str
     real_stars: int
     cpu_us: float
-    failure: str = ""
+    failure: Failure | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +107,8 @@ GAIA_LIMIT = 5.7
 class Tally:
     """One cell's counts; ``excluded`` are those of frames with too few real stars. Times are CPU of all frames.
 
-    ``failures`` are those of an external identifier by kind, in all frames; each counts as none, too.
+    ``failures`` are those of an external identifier by kind, in all frames, ``first_failure`` is the first in words;
+    each counts as none, too.
     """
 
     frames: int
@@ -114,6 +116,7 @@ class Tally:
     excluded: dict[str, int]
     cpu_us: Percentiles
     failures: dict[str, int]
+    first_failure: str | None
 
     @property
     def total(self) -> int:
@@ -122,48 +125,50 @@ class Tally:
 
 
 class Counter:
-    """Counts the outcomes of a plan as they come; of each frame only its time is kept, 8 bytes."""
+    """Counts the outcomes of a plan as they come; nothing is kept of a single frame."""
 
     def __init__(self, plan: Plan) -> None:
         self._fewest_stars = plan.fewest_stars
         self._counted = [dict.fromkeys(KINDS, 0) for _ in plan.cells]
         self._excluded = [dict.fromkeys(KINDS, 0) for _ in plan.cells]
-        self._cpu_us = [array("d") for _ in plan.cells]
+        self._cpu_us = [CpuTimes() for _ in plan.cells]
         self._failures: list[dict[str, int]] = [{} for _ in plan.cells]
+        self._first_failure: list[str | None] = [None for _ in plan.cells]
 
     def add(self, done: Sequence[Outcome]) -> int:
         """Count outcomes; returns how many they were."""
         for outcome in done:
             counts = self._counted if outcome.real_stars >= self._fewest_stars else self._excluded
             counts[outcome.cell][outcome.kind] += 1
-            self._cpu_us[outcome.cell].append(outcome.cpu_us)
+            self._cpu_us[outcome.cell].add(outcome.cpu_us)
             if outcome.failure:
-                failures = self._failures[outcome.cell]
-                failures[outcome.failure] = failures.get(outcome.failure, 0) + 1
+                failures, kind = self._failures[outcome.cell], outcome.failure.kind.value
+                failures[kind] = failures.get(kind, 0) + 1
+                self._first_failure[outcome.cell] = self._first_failure[outcome.cell] or outcome.failure.detail
         return len(done)
 
     def tallies(self) -> list[Tally]:
         """The counts of every cell so far."""
-        import numpy as np
-
-        columns = zip(self._counted, self._excluded, self._cpu_us, self._failures, strict=True)
+        counts = zip(self._counted, self._excluded, self._cpu_us, strict=True)
+        failures = zip(self._failures, self._first_failure, strict=True)
         return [
-            Tally(
-                len(times), dict(counted), dict(excluded), percentiles(np.array(times, dtype=np.float64)), dict(failed)
-            )
-            for counted, excluded, times, failed in columns
+            Tally(us.frames, dict(counted), dict(excluded), us.percentiles(), dict(kinds), first)
+            for (counted, excluded, us), (kinds, first) in zip(counts, failures, strict=True)
         ]
 
 
 def failure_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """How external identifiers failed, a line each, of rows with identifier and failures."""
+    """How external identifiers failed, and the first failure of each, of rows with identifier and failures."""
     found: dict[str, dict[str, int]] = {}
+    first: dict[str, str] = {}
     for row in rows:
         of_program = found.setdefault(row["identifier"], {})
         for kind, count in row["failures"].items():
             of_program[kind] = of_program.get(kind, 0) + count
+            first.setdefault(row["identifier"], row["first_failure"])
     return [
-        f"{name} failed: {', '.join(f'{count} {kind}' for kind, count in sorted(failures.items()))}; counted as none"
+        f"{name} failed: {', '.join(f'{count} {kind}' for kind, count in sorted(failures.items()))}; counted as none\n"
+        f"  the first: {first[name]}"
         for name, failures in found.items()
         if failures
     ]
@@ -217,5 +222,6 @@ def _cell(plan: Plan, k: int, row: Tally) -> dict[str, Any]:
         "rates": rates,
         "excluded": row.excluded,
         "failures": dict(sorted(row.failures.items())),
+        "first_failure": row.first_failure,
         "cpu_ms": {name: round(us / 1000, 4) if math.isfinite(us) else None for name, us in times.items()},
     }

@@ -141,7 +141,7 @@ class Child:
             if len(self._received) > MOST_REPLY_BYTES:
                 failure = Failure(FailureKind.FLOOD, f"a line of more than {MOST_REPLY_BYTES} bytes")
             elif is_late:
-                failure = Failure(FailureKind.TIMEOUT, f"no answer within {1000 * limit_s:g} ms")
+                failure = Failure(FailureKind.TIMEOUT, f"no answer within {1000 * limit_s:g} ms{self._what_lies()}")
             else:
                 # What lies in the pipes when the time is over still counts: the host may have been late, too.
                 wait_s = began_s + limit_s - time.perf_counter()
@@ -149,6 +149,10 @@ class Child:
                 failure = self._serve_pipes(max(wait_s, 0.0))
         self._stop_sending()
         return replies, failure
+
+    def _what_lies(self) -> str:
+        """What came without its end: a program that writes no line ends waits as long as the station does."""
+        return f"; {len(self._received)} bytes came, and not the end of an answer" if self._received else ""
 
     def _serve_pipes(self, wait_s: float) -> Failure | None:
         """Wait for pipes that are ready, and serve each of them once."""

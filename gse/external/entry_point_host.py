@@ -43,6 +43,8 @@ def _loaded(target: str) -> tuple[Callable[..., Callable[[Answer], Answer]], dic
     make: Any = module
     for part in name.split("."):
         make = getattr(make, part)
+    if not callable(make):
+        raise TypeError(f"{target} is {type(make).__name__}; expected a function of the sensor")
     version = getattr(module, "version", getattr(module, "__version__", ""))
     return make, {"file": str(getattr(module, "program", module.__file__)), "version": str(version)}
 
@@ -52,6 +54,8 @@ def _timed(identify: Callable[[Answer], Answer], panorama: Answer) -> Answer:
     began_ns = time.perf_counter_ns()
     answer = identify(panorama)
     call_us = (time.perf_counter_ns() - began_ns) / 1000
+    if not isinstance(answer, dict):
+        raise TypeError(f"the answer is {type(answer).__name__}; expected a dict")
     return {"frame_no": panorama["frame_no"], **answer, "call_us": call_us}
 
 

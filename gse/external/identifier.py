@@ -4,7 +4,6 @@ A failure costs its panorama: the first that is not answered. The program is the
 it are sent again. One that fails too often in a row is given up, so that a session with a broken program ends.
 """
 
-import errno
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from gse.catalog import StarCatalog
 from gse.external.answers import ExternalAnswer, Failure, FailureKind
 from gse.external.child import Child, Log, Reply
-from gse.external.plugs import MOST_AHEAD, Plug
+from gse.external.plugs import MOST_AHEAD, Plug, start_failure
 from gse.panorama import Panorama
 
 MOST_FAILURES_IN_A_ROW = 100
@@ -26,11 +25,6 @@ MOST_SILENT_STARTS = 5
 """Starts in a row without an answer within their time, a minute of a session in all: the program will not answer."""
 MOST_LOG_BYTES = 1 << 20
 """Of what a program writes to stderr in a session."""
-
-_START_HINTS = {
-    errno.ENOENT: "; is the interpreter of its first line there?",
-    errno.ENOEXEC: "; a script needs a first line with #!, a program must be one for this computer",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,8 +112,7 @@ class RunningIdentifier:
             try:
                 self._child = self._plug.start(self._log)
             except OSError as error:
-                text = f"it cannot be started: {error.strerror}{_START_HINTS.get(error.errno or 0, '')}"
-                return self._ended([], Failure(FailureKind.START, text))
+                return self._ended([], Failure(FailureKind.START, f"it {start_failure(error)}"))
             requests.insert(0, self._plug.greeting)
             first_s += self._start_s
         replies, failure = self._child.exchange(

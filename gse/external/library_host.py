@@ -87,7 +87,9 @@ def main() -> int:
         library = ctypes.CDLL(path)
         identify = _function(library, symbol)
     except (OSError, LookupError) as error:
-        os.write(out, json.dumps({"error": str(error)}).encode() + b"\n")
+        text = str(error).removeprefix(f"{path}: ")
+        hint = "; expected a shared library for this computer" if isinstance(error, OSError) else ""
+        os.write(out, json.dumps({"error": text + hint}).encode() + b"\n")
         return 1
     if check:
         names = {key: _text(library, f"gse_identifier_{key}") for key in ("name", "version")}

@@ -5,6 +5,7 @@ panorama and give a line per answer; the host of a C library gets and gives the 
 are files of this package that import nothing of the station.
 """
 
+import errno
 import hashlib
 import importlib.metadata
 import json
@@ -35,6 +36,10 @@ _CHECK_S = 60.0
 """Time in which a library or an entry point must load: a solver with scipy takes 20 s of a busy host."""
 _MOST_NAME = 100
 _HOSTS = Path(__file__).parent
+_START_HINTS = {
+    errno.ENOENT: "; is the interpreter of its first line there?",
+    errno.ENOEXEC: "; a script needs a first line with #!, a program must be one for this computer",
+}
 
 
 @dataclass(slots=True)
@@ -111,6 +116,10 @@ class CommandPlug:
         self.identity = Identity(
             "command", (script or program).name, "not stated", _sha256(script or program), _sha256(config)
         )
+        try:  # what the system refuses now, it would refuse all night
+            self.start(Log(0)).close()
+        except OSError as error:
+            raise UsageError(f"identifier.command: {program} {start_failure(error)}") from None
 
     def start(self, log: Log) -> Child:
         """Start the program."""
@@ -196,6 +205,11 @@ class LibraryPlug(CommandPlug):
         )
 
 
+def start_failure(error: OSError) -> str:
+    """Why a program cannot be started, and what to look at."""
+    return f"cannot be started: {error.strerror}{_START_HINTS.get(error.errno or 0, '')}"
+
+
 def _host(name: str, target: str, *arguments: object) -> tuple[str, ...]:
     texts = ["" if argument is None else str(argument) for argument in arguments]
     return (sys.executable, "-I", str(_HOSTS / name), target, *texts)
@@ -206,7 +220,7 @@ def _check(command: tuple[str, ...], directory: Path, what: str) -> dict[str, An
     try:
         child = Child((*command, "--check"), directory, Log(0))
     except OSError as error:
-        raise UsageError(f"{what}: {command[0]} cannot be started: {error.strerror}") from None
+        raise UsageError(f"{what}: {command[0]} {start_failure(error)}") from None
     replies, failure = child.exchange((), split_line, 1, first_s=_CHECK_S, each_s=_CHECK_S)
     child.close()
     if failure is not None and failure.kind is FailureKind.TIMEOUT:

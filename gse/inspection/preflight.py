@@ -20,6 +20,7 @@ from gse.config.station import Station
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.errors import GseError
 from gse.inspection.check import Check, Outcome
+from gse.inspection.external_identifier import check_external_identifier
 from gse.inspection.plausibility import plausibility
 from gse.limits import Limits
 from gse.site import Site
@@ -58,6 +59,8 @@ def checks(
     yield _disk(station, out, hours)
     yield _earth_orientation(now_ns + round(hours * 3600 * instant.NS_PER_S), given_orientation)
     yield _catalog(station)
+    if station.identifier.algorithm == "external":
+        yield check_external_identifier(station)
     yield from plausibility(station, now_ns, hours)
     yield _viewer()
 

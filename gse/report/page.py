@@ -9,6 +9,7 @@ from importlib import resources
 from typing import Any
 
 import jinja2
+import numpy as np
 from markupsafe import Markup, escape
 
 from drivers.outside_text import plain_lines
@@ -73,7 +74,12 @@ def report_html(
 ) -> str:
     """The page of a session; all but its last section, which says what it is ``made_by``, follows from the session."""
     drawn = plot_data(session, assessment.statistics)
-    wanted = [(name, height_in, partial(draw, drawn=drawn[0])) for name, height_in, draw in _PLOTS]
+    times_recorded = bool((np.nan_to_num(session.frames.columns["elapsed_us"]) > 0).any())
+    wanted = [
+        (name, height_in, partial(draw, drawn=drawn[0]))
+        for name, height_in, draw in _PLOTS
+        if name != "identification" or times_recorded
+    ]
     for of_subject in drawn:
         wanted += [
             (f"{of_subject.subject}-{name}", height_in, partial(draw, drawn=of_subject))
@@ -86,6 +92,7 @@ def report_html(
         style=_resource("report.css"),
         caption=numbered("Table", "caption"),
         plot=_plot(plots),
+        times_recorded=times_recorded,
         axis_names=_AXIS_NAMES,
         axis_columns=_AXIS_COLUMNS,
         metric_tables={subject: metric_table(report["metrics"], subject) for subject in report["accuracy"]},

@@ -105,11 +105,6 @@ def draw_identification_time(figure: Figure, drawn: PlotData) -> None:
     left.set_title("Identification time (as recorded in the session)")
     left.set_ylabel("ms")
     finite = values[np.isfinite(values) & (values > 0)]
-    if not len(finite):
-        _nothing(left, "no times were recorded")
-        left.set(xticks=[], yticks=[], ylabel="")
-        right.set_axis_off()
-        return
     left.axhline(limit, color=hex_of(VERMILLION), linewidth=1)
     line(left, drawn, values, GREEN, "identification")
     left.set_yscale("log")

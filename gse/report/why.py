@@ -17,6 +17,8 @@ _GLUE = "\N{NO-BREAK SPACE}"
 _QUIET = {"OPENED", "SYNCING", "STREAMING", "CLOSED"}
 """The ordinary course of a session."""
 
+_STDERR_STEP = "see what the external identifier wrote to stderr: gse session export SESSION --format stderr"
+
 
 def why_page(report: dict[str, Any], events: Sequence[LinkEvent], session: str) -> str:
     """The page, from a report (as ``summarise`` gives it) and the events; ``session`` stands in the commands."""
@@ -83,6 +85,8 @@ def _why(report: dict[str, Any]) -> Iterator[str]:
 
 def _next(report: dict[str, Any], session: str) -> Iterator[str]:
     steps = [item["next_step"] for item in report["diagnosis"] if item["next_step"]]
+    if report.get("external_identifier", {}).get("failures"):
+        steps.append(_STDERR_STEP)
     if not steps:
         steps = {
             "PASS": ["nothing; the report is made by: gse report SESSION"],

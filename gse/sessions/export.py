@@ -1,4 +1,4 @@
-"""Export of sessions: CSV, NDJSON, raw bytes."""
+"""Export of sessions: CSV, NDJSON, bytes."""
 
 import csv
 import json
@@ -75,11 +75,11 @@ def _document(record: Message | Attachment | Damage) -> dict[str, Any]:
         return document | {"hex": record.data.hex()}
 
 
-def export_raw(path: Path, out: BinaryIO) -> int:
-    """Write the received bytes unchanged; returns their number."""
+def export_bytes(path: Path, out: BinaryIO, topic: str = RX) -> int:
+    """Write the received bytes, or those of another topic, unchanged; returns their number."""
     count = 0
     for record in read_capture(path):
-        if isinstance(record, Message) and record.topic == RX:
+        if isinstance(record, Message) and record.topic == topic:
             out.write(record.data)
             count += len(record.data)
     return count

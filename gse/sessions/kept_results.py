@@ -31,7 +31,7 @@ from gse.sessions.kept_context import KeptContext
 from gse.sessions.own_seal import is_sealed, seal
 from gse.station.attitude_table import OWN_ANSWER, AttitudeTable
 from gse.station.session_data import SessionData
-from gse.tables import ResultKey, frames_parts, frames_schema, sessions_table, stars_schema, stars_table
+from gse.tables import ResultKey, frames_parts, frames_schema, sessions_table, stars_parts, stars_schema
 from gse.tables.parquet import ParquetColumns, read_parquet, write_parquet
 from gse.tables.restored import restored_frames, restored_stars
 
@@ -99,7 +99,7 @@ def kept(key: ResultKey, folder: Path, station: Station, station_text: str) -> S
 def _write(session: SessionData, assessment: Assessment, key: ResultKey, part: Path) -> None:
     write_parquet([sessions_table(session, assessment, key)], part / "sessions.parquet")
     write_parquet(frames_parts(session, assessment.statistics, key.text), part / "frames.parquet")
-    write_parquet([stars_table(session, key.text)], part / "stars.parquet")
+    write_parquet(stars_parts(session, key.text), part / "stars.parquet")
     write_parquet([_answers(session.sensor_attitudes)], part / "answers.parquet")
     files = {path.name: _sha256(path) for path in sorted(part.iterdir())}
     manifest = _Manifest.model_construct(key=key.text, files=files, context=KeptContext.of(session))

@@ -121,7 +121,7 @@ def run_live(
     UsageError where an external identifier cannot be started: then nothing is left behind.
     """
     protocol = load_protocol(station.protocol)
-    check_external(station, protocol)
+    check_external(station, protocol, operator.tell)
     folder = new_session_folder(out, station.sensor.name, read_clock().utc_ns)
     try:
         recorder = Recorder(folder / "session.mcap", live=not station.port.url.startswith(MOCK_PORTS))

@@ -131,11 +131,15 @@ _CAPTURED = Port(url="replay://")
 
 @dataclass(frozen=True, slots=True)
 class StationInForce:
-    """The station of a replay with its text, and the protocol's description where that is the session's own."""
+    """The station of a replay with its text, and the protocol's description where that is the session's own.
+
+    ``keeps_identifier`` where the identifier under test is that of the session.
+    """
 
     station: Station
     text: str
     protocol_text: str | None
+    keeps_identifier: bool
 
 
 def station_in_force(attachments: Mapping[str, str], change: Callable[[StationText], StationText]) -> StationInForce:
@@ -145,7 +149,10 @@ def station_in_force(attachments: Mapping[str, str], change: Callable[[StationTe
     frozen = sealed(parse_station(text, "the session's station.yaml"))
     station, text = change((frozen, text))
     protocol_text = attachments.get(PROTOCOL) if station.protocol == frozen.protocol else None
-    return StationInForce(unsealed(station, has_protocol=protocol_text is not None), text, protocol_text)
+    keeps_identifier = station.identifier.facts() == frozen.identifier.facts()
+    return StationInForce(
+        unsealed(station, has_protocol=protocol_text is not None), text, protocol_text, keeps_identifier
+    )
 
 
 def _loop(
@@ -175,8 +182,9 @@ def _loop(
         earth_orientation=None if given else _frozen_orientation(attachments.get(EARTH_ORIENTATION)),
         given_orientation=given,
         anchor_utc_ns=None if recorded else options.anchor_utc_ns,
-        # A raw capture has no recorded times, and this host's own would make reports differ.
-        recorded=recorded.timings if recorded else RecordedTimings(),
+        # A raw capture has no recorded times, another identifier none of its own; those of this host would make reports
+        # differ.
+        recorded=recorded.timings if recorded and force.keeps_identifier else RecordedTimings(),
     )
     loop.session.clock_error_s = _stated_clock_error_s(attachments.get(STATED))
     if recorded and STATION not in attachments and force.text == BUILT_IN_TEXT:

@@ -1,6 +1,5 @@
 """Frame processor: panoramas in, results out; every step works on columns of many panoramas."""
 
-import math
 import time
 from dataclasses import dataclass
 
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from gse.attitude import Attitudes, paper_mean, solve_attitudes
 from gse.camera import Camera
-from gse.constants import ARCSEC_PER_RAD
+from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD
 from gse.external.identifier import ExternalIdentifier
 from gse.identifier import Answers, Identifier, ObjectColumns, Reason, Unidentified
 from gse.identifier.result import answered
@@ -30,7 +29,8 @@ from gse.truth import SiderealTruth
 CENTROID_SIGMA_PX = 0.3
 """Position noise of a whole-pixel object, 1 / sqrt(12) px, for the covariance of an attitude."""
 
-SAME_BORESIGHT_RAD = math.radians(0.05)
+SAME_BORESIGHT_ARCSEC = 180.0
+_SAME_BORESIGHT_RAD = SAME_BORESIGHT_ARCSEC * ARCSEC_RAD
 """The answer under test is correct when its boresight is within this of the reference identifier's."""
 
 FAULT_FLAGS = frozenset({"detector fault", "memory fault"})
@@ -237,7 +237,7 @@ class FrameProcessor:
         stars_icrs = self.reference.catalog.icrs.take(true_stars.stars, axis=0)
         looking = solve_attitudes(measured, stars_icrs, true_stars.parts.first[1:][known], 1e-4)
         apart_rad = np.linalg.norm(attitudes.boresights_icrs[known] - looking.boresights_icrs, axis=1)
-        same = np.where(apart_rad < SAME_BORESIGHT_RAD, _CORRECT, _FALSE)
+        same = np.where(apart_rad < _SAME_BORESIGHT_RAD, _CORRECT, _FALSE)
         checks[known] = np.where(np.isnan(apart_rad), _ABSENT, same)
         return checks
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from operator import itemgetter
 
 from drivers.chunk import LinkEvent
-from gse.external.answers import Failure
+from gse.external.answers import Failure, FailureKind
 from gse.identifier import Reason
+from gse.panorama import Panorama
 from gse.station.camera_watch import CameraWatch
 from gse.station.event_kinds import StationKind
 from gse.station.frame_results import FrameResults
@@ -51,8 +52,16 @@ def _external(results: FrameResults, session: SessionData) -> Iterator[tuple[int
         if result.given is not None:
             session.external_counts.count(result.given)
             if isinstance(result.given.answer, Failure):
-                text = f"{result.given.answer.kind} at frame {result.panorama.frame_no}: {result.given.answer.detail}"
-                yield k, LinkEvent(result.panorama.utc_ns, 0, StationKind.IDENTIFIER_FAULT, text)
+                utc_ns, (kind, text) = result.panorama.utc_ns, _failure_words(result.given.answer, result.panorama)
+                if kind is StationKind.IDENTIFIER_FAULT or session.external_counts.failures[FailureKind.GIVEN_UP] == 1:
+                    yield k, LinkEvent(utc_ns, 0, kind, text)
+
+
+def _failure_words(failure: Failure, panorama: Panorama) -> tuple[StationKind, str]:
+    """Kind and text of an event; that no more answers are to come is another kind, so that the operator is told it."""
+    if failure.kind is FailureKind.GIVEN_UP:
+        return StationKind.IDENTIFIER_GIVEN_UP, f"no answer from frame {panorama.frame_no} on: {failure.detail}"
+    return StationKind.IDENTIFIER_FAULT, f"{failure.kind} at frame {panorama.frame_no}: {failure.detail}"
 
 
 def _event(results: FrameResults, k: int, kind: str, text: str) -> LinkEvent:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.clock import read_clock
 from gse.attitude import Attitude, solve_attitude
@@ -25,7 +26,7 @@ from gse.panorama import MAX_OBJECTS
 from gse.release_memory import give_back
 from protocols import Protocol, load_protocol, parse_protocol
 
-_WARM_UP_RA_DE_DEG = (83.0, 0.0)
+ORION_RA_DE_DEG = (83.0, 0.0)
 """The belt of Orion: bright stars for a field of any width."""
 _IN_FRONT = 0.5
 """Cosine of 60 deg: distortion is solved for the stars that a field may hold, not for all of the sky."""
@@ -138,9 +139,11 @@ def _running(station: Station, protocol: Protocol) -> RunningIdentifier:
     return RunningIdentifier(plug, station.identifier.timeout_ms / 1000)
 
 
-def check_external(station: Station, protocol: Protocol) -> None:
+def check_external(station: Station, protocol: Protocol, tell: Callable[[str], None] = no_words) -> None:
     """UsageError where the station file names an external identifier that cannot be started."""
     if station.identifier.algorithm == "external":
+        if station.identifier.command is None:  # a library or a Python module may load for a long time
+            tell(f"loading the external identifier {station.identifier.label}")
         plug_of(station.identifier, sensor_description(station, protocol))
 
 
@@ -190,11 +193,17 @@ def _warm_up(identifier: Identifier | ExternalIdentifier, camera: Camera) -> Non
     """Identify a panorama of catalogue stars once: that compiles and loads all code that a session needs."""
     if isinstance(identifier, ExternalIdentifier):
         return
-    icrs_to_sensor = Attitude.from_angles(*_WARM_UP_RA_DE_DEG, 0.0).icrs_to_sensor
-    stars_icrs = identifier.catalog.icrs
-    directions = stars_icrs @ icrs_to_sensor.T
-    xy_px = camera.pixels(directions[directions[:, 2] > _IN_FRONT])
-    directions_sensor = camera.directions(np.round(xy_px[camera.contains(xy_px)][:MAX_OBJECTS]))
-    answer = identifier.identify(directions_sensor, np.linspace(4000.0, 100.0, len(directions_sensor)))
+    xy_px, brightness = example_places(identifier.catalog, camera)
+    directions_sensor = camera.directions(np.round(xy_px))
+    answer = identifier.identify(directions_sensor, brightness)
     if isinstance(answer, Identification):  # with any stars: only the types matter
-        solve_attitude(directions_sensor[answer.objects], stars_icrs[answer.stars], 1e-4)
+        solve_attitude(directions_sensor[answer.objects], identifier.catalog.icrs[answer.stars], 1e-4)
+
+
+def example_places(catalog: StarCatalog, camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The brightest stars about ORION_RA_DE_DEG, image up to the north: pixels (N, 2), and falling brightness (N,)."""
+    icrs_to_sensor = Attitude.from_angles(*ORION_RA_DE_DEG, 0.0).icrs_to_sensor
+    directions = catalog.icrs @ icrs_to_sensor.T
+    xy_px = camera.pixels(directions[directions[:, 2] > _IN_FRONT])
+    xy_px = xy_px[camera.contains(xy_px)][:MAX_OBJECTS]
+    return xy_px, np.linspace(4000.0, 100.0, len(xy_px))

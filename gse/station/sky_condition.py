@@ -28,7 +28,7 @@ FEWEST_EXPECTED = 10
 """Fewer expected stars do not tell a share."""
 FEWEST_OBJECTS = 3
 """Fewer objects than this are no panorama of a clear sky: no identifier can work on them."""
-UNMATCHED_SHARE, FEWEST_UNMATCHED = 0.6, 6
+UNMATCHED_SHARE, FEWEST_UNMATCHED = 0.4, 6
 """So many of the missing stars are there as objects without a star: the camera or its focus is not as stated."""
 MOON_GLARE_DEG = 10.0
 """Beyond the edge of the field: nearer, the Moon's light hides stars as a cloud does."""

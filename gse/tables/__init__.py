@@ -11,7 +11,7 @@ from gse.tables.frames import frames_parts, frames_schema, frames_table
 from gse.tables.key import ResultKey
 from gse.tables.session_tables import SessionTables, session_tables
 from gse.tables.sessions import failed_session, sessions_schema, sessions_table
-from gse.tables.stars import stars_schema, stars_table
+from gse.tables.stars import stars_parts, stars_schema, stars_table
 from gse.tables.units import SCHEMA_VERSION
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "session_tables",
     "sessions_schema",
     "sessions_table",
+    "stars_parts",
     "stars_schema",
     "stars_table",
 ]

@@ -8,8 +8,8 @@ from typing import BinaryIO
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-ROWS_AT_ONCE = 1 << 16
-"""Of a row group: a longer table is made and written in parts."""
+ROWS_AT_ONCE = 1 << 13
+"""Of a row group: a longer table is made and written in parts, for each of which a writer holds ten times its bytes."""
 MOST_ROWS = 1 << 24
 """Two weeks of frames at 10 Hz."""
 MOST_BYTES_PER_ROW = 4096

@@ -4,6 +4,8 @@ Thinning: the rows are those that the frame table keeps (gse.station.frame_table
 none: of every frame first, of every second, fourth, ... as soon as a session has more than MOST_MATCHES of them.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
@@ -14,6 +16,7 @@ from gse.constants import ARCSEC_PER_RAD
 from gse.station.frame_table import MATCH
 from gse.station.session_data import SessionData
 from gse.tables.frames import KEY, arrow_column, numbers, same_key, table_of
+from gse.tables.parquet import ROWS_AT_ONCE
 from gse.tables.records import UTC
 from gse.tables.units import field, schema
 
@@ -45,8 +48,18 @@ def stars_table(session: SessionData, key: str) -> pa.Table:
     of the frame expects it: a sensor that sends whole pixels has no other. ``field_*_deg`` are angles from the
     boresight along columns and rows.
     """
-    matches, frames = session.frames.matches, session.frames.columns
-    of_frame = matches["frame"]
+    return _part(session, session.frames.matches, key)
+
+
+def stars_parts(session: SessionData, key: str, *, rows_at_once: int = ROWS_AT_ONCE) -> Iterator[pa.Table]:
+    """The same table in parts, at least one."""
+    matches = session.frames.matches
+    for first in range(0, max(len(matches), 1), rows_at_once):
+        yield _part(session, matches[first : first + rows_at_once], key)
+
+
+def _part(session: SessionData, matches: NDArray[np.void], key: str) -> pa.Table:
+    frames, of_frame = session.frames.columns, matches["frame"]
     arrays = {
         "key": same_key(key, len(matches)),
         "frame": pa.array(np.ascontiguousarray(of_frame)),

@@ -13,6 +13,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import psutil
 import pytest
 
 WORKER_TTL_S = 6
@@ -97,9 +98,16 @@ class Sshd:
         wait_for_port(self.port)
 
     def stop(self) -> None:
-        """Its sessions end with it: they are in its process group."""
-        if self._server is not None:
-            self._server.end()
+        """Its connections end with it: each is served by a process of its own, which would go on alone."""
+        if self._server is None:
+            return
+        served = psutil.Process(self._server.process.pid).children(recursive=True)
+        self._server.end()
+        self._server = None
+        for one in served:
+            with suppress(psutil.NoSuchProcess):
+                one.kill()
+        psutil.wait_procs(served)
 
 
 def wait_for_port(port: int) -> None:

@@ -13,6 +13,7 @@ import pytest
 import gse
 from gse.errors import UsageError
 from gse.tables import frames_schema, sessions_schema, stars_schema
+from gse.tables.parquet import write_parquet
 
 ROOT = Path(__file__).parents[2]
 
@@ -39,14 +40,15 @@ def with_key(table: pa.Table, key: str) -> pa.Table:
 
 def test_a_data_set_of_many_sessions_is_loaded_like_one(session: Path, tmp_path: Path) -> None:
     pytest.importorskip("fsspec")
-    from gse.campaign.dataset import Committed, DataSet, parquet_of, without_place
+    from gse.campaign.dataset import Committed, DataSet, without_place
 
     one = gse.load(session)
     dataset = DataSet.at(str(tmp_path / "nights"), create=True)
     for number, night in enumerate(("2026-03-20", "2026-03-21", "unfinished")):
         place = Committed("LAPAN-like", night, str(number) * 64)
         for name in ("stars", "frames", "sessions")[: 2 if night == "unfinished" else 3]:
-            dataset.put(place, name, parquet_of([without_place(with_key(getattr(one, name), place.key))]))
+            write_parquet([without_place(with_key(getattr(one, name), place.key))], tmp_path / name)
+            dataset.put(place, name, tmp_path / name)
     many = gse.load(tmp_path / "nights")
     assert many.frames.num_rows == 2 * one.frames.num_rows
     assert set(many.frames.column("night").to_pylist()) == {"2026-03-20", "2026-03-21"}
@@ -64,11 +66,34 @@ def test_the_tables_have_the_documented_columns(session: Path) -> None:
 
 
 def test_what_is_no_session_or_panorama_is_refused_in_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="2 pixels and 3 brightness values came"):
-        gse.identify((np.zeros((2, 2)), np.ones(3)))
     (tmp_path / "notes.txt").write_text("no session")
     with pytest.raises(UsageError, match="is not a session"):
         gse.load(tmp_path / "notes.txt")
+    with pytest.raises(UsageError, match="is not on this host"):
+        gse.load("s3://nights/dataset")
+    (tmp_path / "dataset.json").write_text('{"schema": "gse.dataset/999"}')
+    with pytest.raises(UsageError, match="another version"):
+        gse.load(tmp_path)
+    (tmp_path / "dataset.json").write_text('{"schema": "gse.dataset/1"}')
+    with pytest.raises(UsageError, match="there is no session in"):
+        _ = gse.load(tmp_path).frames
+
+
+@pytest.mark.parametrize(
+    ("panorama", "word"),
+    [
+        ((np.zeros((2, 2)), np.ones(3)), r"\(2, 2\) and brightness \(3,\) came"),
+        ((np.zeros((2, 6)), np.ones(6)), r"\(2, 6\) and brightness \(6,\) came"),
+        ((np.zeros(6), np.ones(3)), "expected pixels"),
+        ((np.full((2, 2), np.nan), np.ones(2)), "not finite"),
+        ((np.zeros((2, 2)), [1.0, 2.0]), "brightest object first"),
+        (([[1.0, 2.0], [3.0]], [1.0, 1.0]), "this is no panorama"),
+        (None, "this is no panorama"),
+    ],
+)
+def test_arrays_that_are_no_panorama_are_refused_and_not_reshaped(panorama, word) -> None:
+    with pytest.raises(UsageError, match=word):
+        gse.identify(panorama)
 
 
 def test_gse_alone_imports_nothing_heavy() -> None:

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from skies.one_by_one import add_frame
+from skies.one_by_one import add_frames
 
 from drivers.clock import ClockReading
 from gse.config.station import BUILT_IN_TEXT, parse_station
@@ -38,12 +38,14 @@ def session(
     made = SessionData(station, BUILT_IN_TEXT, "panorama-v1", earth_orientation=TABLE)
     made.catalog = {"epoch_jyear": 2016.0}
     made.clock = [ClockReading(START_NS, 0, "kernel PLL", True, 0.0, 0.01)]
+    results = []
     for number in range(count):
         utc_ns = START_NS + round(number * step_s * NS_PER_S)
         hours = number * step_s / 3600
         ra, de = rng.normal(0, noise, 2) + bias[:2] + np.array(drift_per_h) * hours
         roll = float(rng.normal(0, 10 * noise)) + bias[2]
-        add_frame(made.frames, frame(utc_ns, number, AttitudeError(ra, de, roll, ra, -de), judged, sensor_ppm, matches))
+        results.append(frame(utc_ns, number, AttitudeError(ra, de, roll, ra, -de), judged, sensor_ppm, matches))
+    add_frames(made.frames, results)
     return made
 
 

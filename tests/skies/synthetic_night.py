@@ -1,9 +1,10 @@
 """Nights made of numbers, for tests of views and report: a drifting sensor, noise, and some trouble."""
 
+import functools
 import math
 
 import numpy as np
-from skies.one_by_one import add_frame
+from skies.one_by_one import add_frames
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
@@ -23,6 +24,7 @@ EARTH_RATE_DEG_S = 15.041 / 3600
 OBJECTS = 24
 
 
+@functools.cache
 def small_catalog() -> StarCatalog:
     return load_catalog().rows(slice(0, 4000))
 
@@ -101,10 +103,9 @@ def _frame(number, utc_ns, true, camera, catalog, generator, noise_arcsec, bias_
 def synthetic_night(count, **options):
     """A Night of ``count`` frames at 10 Hz with events, clock readings and counters."""
     session = SessionData(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, "panorama-v1")
-    for frame in synthetic_frames(count, **options):
-        add_frame(session.frames, frame)
-        if frame.panorama.frame_no % 100 == 0:
-            session.clock.append(reading_at(frame.panorama.utc_ns))
+    frames = list(synthetic_frames(count, **options))
+    add_frames(session.frames, frames)
+    session.clock += [reading_at(frame.panorama.utc_ns) for frame in frames[::100]]
     end_ns = START_NS + count * NS_PER_S // 10
     half_ns, back_ns = START_NS + (end_ns - START_NS) // 2, START_NS + (end_ns - START_NS) * 6 // 10
     session.events = [

@@ -127,9 +127,9 @@ def test_a_night_without_one_answer_says_where_to_look():
 
 @pytest.mark.parametrize(("unmatched", "fall_out"), [(3, False), (7, True)])
 def test_a_camera_that_leaves_a_third_of_the_stars_unmatched_lets_them_fall_out(unmatched, fall_out):
-    frames = np.zeros(5, dtype=FRAME)
-    frames["matched"], frames["false_objects"] = 11, unmatched
-    assert stars_fall_out(frames) is fall_out
+    frames, used = np.zeros(9, dtype=FRAME), np.arange(9) < 4
+    frames["matched"], frames["false_objects"] = 11, np.where(used, unmatched, 10 - unmatched)
+    assert stars_fall_out(frames, used) is fall_out
 
 
 def silent(count=50):

@@ -33,6 +33,14 @@ def test_the_first_look_is_ten_seconds_after_the_first_panorama_and_a_finding_is
     assert announced_after_s(times_s) == announced
 
 
-@pytest.mark.parametrize(("times_s", "announced"), [([0, 10, 11, 19.9], []), ([0, 10, 19.9, 20], [20])])
-def test_each_look_is_after_twice_the_time_of_the_one_before(times_s, announced):
-    assert announced_after_s(times_s, fails_from_s=11) == announced
+@pytest.mark.parametrize(
+    ("times_s", "fails_from_s", "announced"),
+    [
+        ([0, 10, 11, 19.9], 11, []),
+        ([0, 10, 19.9, 20], 11, [20]),
+        ([0, 10, 20, 39.9, 40], 30, [40]),
+        ([0, 90, 119.9, 120], 100, [120]),
+    ],
+)
+def test_the_next_look_is_after_20_s_or_a_third_of_the_time_so_far(times_s, fails_from_s, announced):
+    assert announced_after_s(times_s, fails_from_s=fails_from_s) == announced

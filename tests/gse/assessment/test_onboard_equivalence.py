@@ -3,8 +3,9 @@
 import pytest
 from skies.known_nights import session
 
-from gse.assessment.diagnosis import findings
-from gse.assessment.statistics import statistics
+from gse.assessment.sensor_findings import sensor_findings
+from gse.assessment.statistics import sensor_masks, statistics
+from gse.station.results import Subject
 from protocols import AttitudeMessage
 
 
@@ -33,20 +34,43 @@ def test_a_sensor_that_answers_as_its_rebuilding_is_equivalent():
     assert (own.answers, own.both, own.only_sensor, own.only_station) == (100, 100, 0, 0)
     assert own.separation_arcsec.max < 0.01
     assert own.latency_ms.p50 == pytest.approx(80)
-    assert findings(made, statistics(made)) == ()
+    assert named(made) == []
 
 
-def test_a_sensor_that_answers_otherwise_is_named():
+def named(made):
+    found = statistics(made)
+    return [str(one) for one in sensor_findings(made, found.own, found.convention, found.equivalence)]
+
+
+def test_a_sensor_that_does_not_answer_what_is_answered_here_is_named():
     made = session(100)
-    answer(made, until=50, off_arcsec=30.0)
+    answer(made, until=50)
     answer(made, 50, state="lost")
     own = statistics(made).equivalence
     assert not own.same
     assert (own.both, own.only_station) == (50, 50)
-    assert own.separation_arcsec.p50 == pytest.approx(30, abs=0.01)
-    assert "not the onboard-equivalent ones: of 100, 0 were answered only by the sensor and 50 only here" in "".join(
-        map(str, findings(made, statistics(made)))
-    )
+    assert named(made)[0].startswith("sensor answers otherwise: of 100 panoramas, 50 were answered only here")
+
+
+def test_another_identifier_of_the_same_noise_is_no_fault():
+    made = session(100, noise=5.0)
+    for first in range(0, 100, 2):
+        answer(made, first, first + 1, off_arcsec=4.0)
+        answer(made, first + 1, first + 2, off_arcsec=-4.0)
+    assert not statistics(made).equivalence.same
+    assert named(made) == []
+
+
+def test_an_answer_beside_a_confirmed_one_is_false_where_it_names_other_stars():
+    """0.3 deg off is within half a degree of the median, and yet not where the stars of its panorama are."""
+    made = session(100)
+    answer(made, until=90)
+    answer(made, 90, 95, off_arcsec=170.0)
+    answer(made, 95, off_arcsec=1080.0)
+    found = statistics(made)
+    assert found.subjects[Subject.SENSOR].false_answers.count == 5
+    false, used = sensor_masks(found.own, made.frames.columns, found.counted)
+    assert not (false & used).any()
 
 
 def test_a_sensor_without_answers_of_its_own_is_not_compared():

@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 from skies.known_nights import START_NS, frame, session, unanswered
-from skies.one_by_one import add_frame
+from skies.one_by_one import add_frame, add_frames
 
 from gse.assessment.field_content import SeenStars, share_error
 from gse.assessment.session_comparison import session_comparison
@@ -132,14 +132,15 @@ def starry(stars, *, seed, per_star=20.0, count=600):
     """A session whose frames' errors are those that the noise of so many stars gives, anywhere on the detector."""
     rng = np.random.default_rng(seed)
     xy = rng.uniform(0, 1023, (stars, 2)).tolist()
-    made = session(0)
+    made, results = session(0), []
     for number in range(count):
         errors = rng.normal(0, per_star, (stars, 2))
         right, down = -errors.mean(axis=0)
         left = (errors - errors.mean(axis=0)).tolist()
         matches = [(*place, *error) for place, error in zip(xy, left, strict=True)]
         error = AttitudeError(-right, -down, 0.0, right, down)
-        add_frame(made.frames, frame(START_NS + number * NS_PER_S, number + 10_000 * seed, error, matches=matches))
+        results.append(frame(START_NS + number * NS_PER_S, number + 10_000 * seed, error, matches=matches))
+    add_frames(made.frames, results)
     return made
 
 

@@ -124,6 +124,12 @@ def test_frames_that_come_irregularly_tell_no_frequency(sky, gaps, is_named):
     assert math.isfinite(found.frequency_hz) == is_named
 
 
+def test_frames_whose_time_stands_still_tell_nothing(sky):
+    series, field, one = sky
+    stuck = series.time_s // 0.3 * 0.3
+    assert vibration(replace(series, time_s=stuck, errors_arcsec=one * noise(10.0)), field) is None
+
+
 def test_a_slip_or_a_slow_course_is_no_vibration(sky):
     late = (np.arange(1200) > 700)[:, None]
     assert shaken(sky, noise(1.0) + 300.0 * late) is None

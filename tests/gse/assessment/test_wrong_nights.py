@@ -54,3 +54,29 @@ def test_errors_that_single_stars_explain_are_their_noise():
     (finding,) = told.findings
     assert finding.cause == "centroid noise"
     assert "(0.6" in finding.size or "(0.5" in finding.size
+
+
+LENS = replace(WORLD, focal_length_px=731.0, faintest_mag=3.9, whole_pixels=False, noise_px=0.1)
+
+
+def test_a_wide_lens_that_is_not_as_stated_is_no_fault_of_the_identifier():
+    """Half of the stars at the edge are not where they are looked for, and the answers of such panoramas are wrong."""
+    told = judge(session(LENS, replace(LENS, k1=-0.01), replace(PLAN, seconds=20.0, rate_hz=5.0)))
+    assert [finding.cause for finding in told.findings] == ["distortion"]
+    assert told.verdict is Verdict.INCONCLUSIVE
+    assert told.reasons[0].startswith("set-up: distortion: ")
+
+
+def test_a_wide_lens_that_leaves_few_right_answers_is_the_cameras():
+    told = judge(session(LENS, replace(LENS, k1=-0.01), replace(PLAN, seconds=12.0)))
+    (finding,) = told.findings
+    assert finding.cause == "camera"
+    assert "a distortion of the lens" in finding.equals
+
+
+def test_air_that_is_not_that_of_the_height_fails_no_sensor():
+    world = replace(WORLD, altitude_deg=20.0, whole_pixels=False)
+    told = judge(session(world.at(pressure_hpa=0.0), world, PLAN))
+    assert told.findings[0].cause == "refraction"
+    assert told.verdict is Verdict.INCONCLUSIVE
+    assert any("by the set-up (refraction)" in reason for reason in told.reasons)

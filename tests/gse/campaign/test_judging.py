@@ -2,16 +2,21 @@
 
 import json
 import os
+import re
 import shutil
 import sys
+import threading
+from contextlib import contextmanager
 
 import pandas as pd
 import polars as pl
 import pyarrow.dataset as pads
 import pytest
+from fsspec.implementations.local import LocalFileSystem
 from skies.short_nights import make_session
 
-from gse.campaign.dataset import SCHEMA, DataSet
+import gse as gse_api
+from gse.campaign.dataset import SCHEMA, UNKNOWN, DataSet
 from gse.campaign.engine import plan_campaign
 from gse.campaign.judging import Job, judge_source
 from gse.campaign.sources import find_sources
@@ -85,6 +90,22 @@ def test_frames_of_a_session_that_is_not_whole_are_not_seen(judged, gse, tmp_pat
     assert "2026-03-02" in answer
 
 
+@pytest.mark.parametrize(
+    "damage", [lambda data: data[: len(data) // 2], lambda data: b"", lambda data: bytes(len(data))]
+)
+def test_a_damaged_table_is_named_with_what_to_do(judged, gse, tmp_path, damage):
+    copy = shutil.copytree(judged, tmp_path / "copy")
+    frames = sorted((copy / "frames").glob("*/*/*.parquet"))[0]
+    frames.write_bytes(damage(frames.read_bytes()))
+    for command in (("query", copy, "select count(*) from frames"), ("report", copy, "--out", tmp_path / "report")):
+        done = gse("campaign", *command)
+        assert done.code in (2, 3)
+        assert frames.name in done.err.replace("\n", "")
+        assert "delete the file of the same name below sessions/" in " ".join(done.err.split())
+    with pytest.raises(UsageError, match="delete the file of the same name"):
+        _ = gse_api.load(copy).frames
+
+
 def test_a_wrong_question_is_answered_by_duckdb_in_words(judged, gse):
     done = gse("campaign", "query", judged, "select nothing from sessions")
     assert done.code == 2
@@ -101,23 +122,60 @@ def test_a_data_set_of_another_version_is_refused_and_a_foreign_folder_too(gse, 
     assert "there is no data set" in gse("campaign", "query", tmp_path / "nowhere", "select 1").err
 
 
-def test_a_full_disk_leaves_nothing_half_written(made, tmp_path, monkeypatch):
+@contextmanager
+def full_disk():
+    """A file beyond some bytes fails as on a full disk."""
     resource = pytest.importorskip("resource")
-    dataset = DataSet.at(str(tmp_path / "dataset"), create=True)
-    source = find_sources([str(made / "night-1.mcap")])[0]
-    job = Job("one", dataset.url, None)
-    judge_source(find_sources([str(made / "night-2.mcap")])[0], job)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))  # a file beyond it fails as on a full disk
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
     try:
-        outcome = judge_source(source, job)
+        yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    assert outcome.is_disk_full
-    assert "no room is left" in outcome.error
-    assert len(dataset.committed()) == 1
+
+
+def test_a_full_disk_leaves_nothing_half_written(judged, tmp_path):
+    dataset = DataSet.at(str(tmp_path / "dataset"), create=True)
+    place = DataSet.at(str(judged)).committed()[0]
+    with full_disk(), pytest.raises(OSError, match="large"):
+        dataset.put(place, "sessions", judged / place.path("frames"))
+    assert dataset.committed() == []
     assert not list((tmp_path / "dataset" / ".parts").iterdir())
+    dataset.put(place, "sessions", judged / place.path("frames"))
+    assert dataset.committed() == [place]
+
+
+def test_a_worker_without_room_of_its_own_names_its_folder_and_ends_the_run(made, tmp_path):
+    dataset = DataSet.at(str(tmp_path / "dataset"), create=True)
+    source, job = find_sources([str(made / "night-1.mcap")])[0], Job("one", dataset.url, None)
+    with full_disk():
+        outcome = judge_source(source, job)
+    assert outcome.ends_run
+    assert re.match(r"no room is left under .*session-.* of ", outcome.error)
+    assert dataset.committed() == []
     assert judge_source(source, job).error == ""
+
+
+class ReadByOneThread(LocalFileSystem):
+    """Files that only one thread may read: Arrow's others may hold a file of Python's when the program ends."""
+
+    cachable = False
+
+    def _open(self, path, mode="rb", **options):
+        file, owner = super()._open(path, mode, **options), threading.get_ident()
+        plain_read = file.read
+
+        def read(*arguments):
+            assert threading.get_ident() == owner
+            return plain_read(*arguments)
+
+        file.read = read
+        return file
+
+
+def test_the_files_of_a_data_set_are_read_by_the_calling_thread(judged):
+    dataset = DataSet(str(judged), ReadByOneThread(), str(judged))
+    assert all(dataset.read(place.path("stars")).num_rows for place in dataset.committed() if place.sensor != UNKNOWN)
 
 
 def test_sources_are_folders_globs_and_files_each_session_once(made, tmp_path):

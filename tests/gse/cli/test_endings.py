@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import termios
 from pathlib import Path
 from subprocess import DEVNULL, PIPE
@@ -95,6 +96,24 @@ def test_a_detached_session_outlives_its_terminal_and_is_asked_and_ended_from_el
     assert "ended" in gse("status", session.folder).out
     assert "INCONCLUSIVE" in (session.folder / "run.log").read_text()
     assert gse("status", session.folder, "--stop").code == 2
+
+
+LOGGING = """
+import os, sys
+from pathlib import Path
+from gse.cli.detach import Detachment
+detachment = Detachment(os.pipe()[1])
+detachment.into(Path(sys.argv[1]))
+for number in range(50):
+    os.write(1, b"%d%s" % (number, b" " * (1 << 20)))
+    detachment.keep_small()
+"""
+
+
+def test_the_log_of_a_detached_session_keeps_its_newest_part_and_takes_no_disk(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-c", LOGGING, str(tmp_path)], check=True)
+    newest, older = ((tmp_path / name).read_bytes() for name in ("run.log", "run.1.log"))
+    assert [int(word) for word in (older + newest).split()] == [*range(32, 50)]
 
 
 def test_a_detached_start_that_fails_says_so_on_the_terminal(tmp_path: Path) -> None:

@@ -3,8 +3,11 @@ import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
+from gse.assessment.percentiles import percentiles
+from gse.evaluation.cpu_times import CpuTimes
 from gse.evaluation.plan import interval
 
 
@@ -132,3 +135,15 @@ def test_workers_that_start_when_ctrl_c_comes_end_without_a_word():
     assert done.returncode == 130, done.stderr
     assert json.loads(done.stdout)["interrupted"] is True
     assert done.stderr.splitlines() == ["interrupted: the result is that of the frames done so far"]
+
+
+def test_percentiles_of_counted_times_are_those_of_the_times():
+    times_us = np.exp(np.random.default_rng(3).normal(5.0, 2.0, size=1001))
+    times, counted = np.append(times_us, np.nan), CpuTimes()
+    for time_us in times:
+        counted.add(time_us)
+    found, expected = counted.percentiles(), percentiles(times)
+    assert (counted.frames, found.n) == (1002, 1001)
+    for name in ("p50", "p95", "p99", "max"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-3)
+    assert CpuTimes().percentiles().n == 0

@@ -77,6 +77,7 @@ def test_an_external_identifier_is_a_row_of_the_ordinary_evaluation_too(folder, 
     assert (cell["identifier"], cell["frames_done"], cell["cpu_ms"]["median"]) == ("onboard", 4, 2.0)
     assert cell["rates"]["false"]["count"] == cell["frames_counted"] - 1
     assert cell["failures"] == {"NONSENSE": 1}
+    assert cell["first_failure"] == "ra_deg is 400: expected a number from 0 to 360"
     assert "onboard failed: 1 NONSENSE; counted as none" in evaluation_table(document)
 
 

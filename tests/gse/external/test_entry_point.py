@@ -31,6 +31,11 @@ def make(sensor, config=None):
 
 def broken(sensor):
     raise OSError("no database")
+
+def forgets(sensor):
+    return lambda panorama: None
+
+constant = 5
 """
 
 
@@ -51,6 +56,7 @@ def installed(tmp_path):
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: made-solver\nVersion: 3.2\n")
     points = "mine = made_solver:make\nbroken = made_solver:broken\ngone = made_solver:gone\n"
+    points += "forgets = made_solver:forgets\nconstant = made_solver:constant\n"
     (info / "entry_points.txt").write_text(f"[gse.identifiers]\n{points}")
     sys.path.insert(0, str(tmp_path))
     yield tmp_path
@@ -76,8 +82,20 @@ def test_an_installed_entry_point_answers_with_its_config(installed):
 def test_an_entry_point_that_cannot_be_loaded_is_refused_before_a_session(installed):
     with pytest.raises(UsageError, match="AttributeError: module 'made_solver' has no attribute 'gone'"):
         running("gone")
-    with pytest.raises(UsageError, match=r"none is not installed; known in gse\.identifiers: broken, cedar-solve"):
+    with pytest.raises(UsageError, match="made_solver:constant is int; expected a function of the sensor"):
+        running("constant")
+    with pytest.raises(
+        UsageError, match=r"none is not installed; known in gse\.identifiers: broken, cedar-solve, constant"
+    ):
         running("none")
+
+
+def test_what_is_no_answer_is_named_by_its_type(installed):
+    identifier = running("forgets")
+    (given,) = identifier.answers(empty(1))
+    identifier.close()
+    assert isinstance(given.answer, Failure)
+    assert "TypeError: the answer is NoneType; expected a dict" in given.answer.detail
 
 
 def test_one_that_fails_to_start_costs_its_panoramas(installed):

@@ -149,6 +149,25 @@ def test_a_session_with_an_external_identifier_can_be_judged_under_a_built_in_on
         assert np.array_equal(replay.session.frames.columns[name], own.session.frames.columns[name])
 
 
+def test_the_time_of_one_identifier_is_not_that_of_another_in_a_replay(sessions):
+    """The session recorded neighbour's times; a program that answers in its place has none of them."""
+    own = replay_session(sessions[0]).session.frames.columns["elapsed_us"]
+    other = replay_session(sessions[0], station=change_to(None, "pivot")).session.frames.columns["elapsed_us"]
+    assert np.isfinite(own).all()
+    assert np.isnan(other).all()
+
+
+def test_a_program_that_is_given_up_is_told_once(folder, gse):
+    ends = program(folder, "import sys\nsys.exit('no licence for this host')\n", head="", name="ends")
+    done = gse("run", "--port", "sim://?frames=110", "--identifier", f"command:{ends}", "--out", folder / "given-up")
+    assert done.err.count("IDENTIFIER_GIVEN_UP: no answer from frame 100 on: it failed too often in a row") == 1
+    assert "repeated events: IDENTIFIER_FAULT 99 x\n" in done.err
+    (session,) = (folder / "given-up").iterdir()
+    assert "gse session export" in gse("why", session).out
+    exported = gse("session", "export", session, "--format", "stderr")
+    assert exported.out == 100 * "no licence for this host\n"
+
+
 def test_external_alone_names_no_program(sessions, folder, gse):
     done = gse("replay", sessions[0], "--identifier", "external", "--out", folder / "none")
     assert done.code == 2

@@ -20,6 +20,7 @@ from gse.tables import (
     frames_schema,
     session_tables,
     sessions_schema,
+    stars_parts,
     stars_schema,
 )
 from gse.tables.frames import WORDS, plain_name
@@ -81,10 +82,18 @@ def test_each_column_of_the_frame_table_is_a_column_with_its_values(session, tab
 
 @pytest.mark.parametrize("rows_at_once", [2, 99, 100, 700, 701])
 def test_a_long_table_is_made_and_written_in_parts(session, assessment, tables, tmp_path, rows_at_once) -> None:
-    parts = list(frames_parts(session, assessment.statistics, KEY.text, rows_at_once=rows_at_once))
-    assert max(part.num_rows for part in parts) <= rows_at_once
-    write_parquet(parts, tmp_path / "frames.parquet")
-    assert pq.read_table(tmp_path / "frames.parquet").equals(tables.frames)
+    of_frames = frames_parts(session, assessment.statistics, KEY.text, rows_at_once=rows_at_once)
+    of_stars = stars_parts(session, KEY.text, rows_at_once=rows_at_once)
+    for parts, whole in ((list(of_frames), tables.frames), (list(of_stars), tables.stars)):
+        assert max(part.num_rows for part in parts) <= rows_at_once
+        write_parquet(parts, tmp_path / "parts.parquet")
+        assert plain(pq.read_table(tmp_path / "parts.parquet")).equals(plain(whole))
+
+
+def plain(table: pa.Table) -> pa.Table:
+    """A table with words in the place of dictionaries: each part has its own."""
+    arrays = [column.cast(pa.string()) if pa.types.is_dictionary(column.type) else column for column in table.columns]
+    return pa.table(arrays, names=table.column_names)
 
 
 def test_stars_stand_on_their_pixels_and_in_the_field(session, tables) -> None:

@@ -1,0 +1,162 @@
+"""The sensor's own answers against those that follow here from the same panoramas: bias, delay, roll, noise.
+
+Both are of the same stars, so that another identifier or another choice of stars parts them by no more than the noise
+of each.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.assessment.answers_apart import answers_apart
+from gse.assessment.onboard_equivalence import OnboardEquivalence
+from gse.assessment.sensor_answers import SensorAnswers
+from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.finding import Finding
+from gse.instant import NS_PER_S
+from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
+from gse.station.session_data import SessionData
+
+_SIGMAS = 5.0
+_PIXEL_SIGMAS = 4.0
+"""Stars that stay on their rows keep the error of whole pixels there for the whole session."""
+_BLOCKS = 20
+_FEWEST = 40
+_NOISY = 3.0
+"""Times the scatter of the answers here: an identifier with a third of the stars scatters by less than twice that."""
+_OF_LIMIT = 0.1
+"""Less noise than this share of its limit does no harm."""
+_ONE_SIDED_SHARE = 0.01
+_WHOLE_FRAME = 0.1
+_ROLL_IS_WORSE = 10.0
+_TURN_ARCSEC = 360 * 3600.0
+_MEDIAN_OF_STEPS = math.sqrt(2) * 0.6745
+"""Median of the difference of two normal numbers, in their standard deviations."""
+
+
+def beside_panoramas(
+    session: SessionData, own: SensorAnswers, alike: OnboardEquivalence | None, explained_arcsec: float
+) -> Iterator[Finding]:
+    """A finding for each way in which the answers differ; a shift up to ``explained_arcsec`` has its cause already."""
+    yield from _offset(session, own, explained_arcsec)
+    yield from _turned(session, own)
+    yield from _noisy(session, own)
+    yield from _one_sided(alike)
+
+
+def _offset(session: SessionData, own: SensorAnswers, explained_arcsec: float) -> Iterator[Finding]:
+    """How the sensor's answers lie off, where that is more than its aberration explains."""
+    frames = session.frames.columns
+    both = _compared(own.d_de_arcsec, frames["d_de_arcsec"])
+    if len(both) < _FEWEST:
+        return
+    ra, ra_error = _typical(frames, both, own.d_ra_cosde_arcsec[both] - frames["d_ra_cosde_arcsec"][both])
+    de, de_error = _typical(frames, both, own.d_de_arcsec[both] - frames["d_de_arcsec"][both])
+    least = _PIXEL_SIGMAS * _of_pixels_arcsec(session, both)
+    if math.hypot(ra, de) <= max(least, _SIGMAS * math.hypot(ra_error, de_error), explained_arcsec):
+        return
+    where = f"{_angle(ra)} east and {_angle(de)} north of those that follow from its own panoramas"
+    cos_de = math.cos(math.radians(float(np.nanmedian(frames["de_true_deg"][both]))))
+    late_s = -ra / (EARTH_RATE_ARCSEC_PER_S * max(cos_de, 1e-9))
+    along_ra = abs(de) <= max(_SIGMAS * de_error, 0.1 * abs(ra))
+    along_ra |= abs(de) <= least and _is_whole_frames(frames["utc_ns"][both], late_s)
+    if not along_ra or cos_de < 0.05:
+        yield Finding("sensor bias", f"its answers lie {where}", next_step="compare its camera model and catalogue")
+        return
+    side = "before" if late_s > 0 else "after"
+    yield Finding(
+        "sensor delay",
+        f"its answers lie {where}, as those of {abs(late_s):.2f} s {side} the exposure that they are marked with",
+        equals=("a bias of its own in RA",),
+        next_step="look which exposure its firmware names in ATTITUDE",
+    )
+
+
+def _compared(of_sensor: NDArray[np.float64], of_station: NDArray[np.float64]) -> NDArray[np.int64]:
+    return np.flatnonzero(np.isfinite(of_sensor) & np.isfinite(of_station))
+
+
+def _of_pixels_arcsec(session: SessionData, rows: NDArray[np.int64]) -> float:
+    """What whole pixels leave of the boresight, whatever the number of frames."""
+    pixels_arcsec = session.station.sensor.camera().pixel_rad * ARCSEC_PER_RAD / math.sqrt(12)
+    return pixels_arcsec / math.sqrt(max(float(np.median(session.frames.columns["matched"][rows])), 1.0))
+
+
+def _is_whole_frames(utc_ns: NDArray[np.int64], late_s: float) -> bool:
+    """Whether it is the time of one frame or more: a firmware that names another exposure."""
+    frames = abs(late_s) / max(float(np.median(np.diff(np.sort(utc_ns)))) / NS_PER_S, 1e-9)
+    return round(frames) >= 1 and abs(frames - round(frames)) <= _WHOLE_FRAME * round(frames)
+
+
+def _turned(session: SessionData, own: SensorAnswers) -> Iterator[Finding]:
+    """How the sensor's answers are turned about the boresight: a field shows roll ten times worse than direction."""
+    frames = session.frames.columns
+    both = _compared(own.d_roll_arcsec, frames["d_roll_arcsec"])
+    if len(both) < _FEWEST:
+        return
+    apart = (own.d_roll_arcsec[both] - frames["d_roll_arcsec"][both] + _TURN_ARCSEC / 2) % _TURN_ARCSEC
+    roll, error = _typical(frames, both, apart - _TURN_ARCSEC / 2)
+    if abs(roll) <= max(_ROLL_IS_WORSE * _PIXEL_SIGMAS * _of_pixels_arcsec(session, both), _SIGMAS * error):
+        return
+    yield Finding(
+        "sensor roll",
+        f"its roll lies {_angle(roll)} off the one that follows from its own panoramas",
+        equals=("a body frame that is turned about the boresight",),
+        next_step="compare how its body frame lies on the detector",
+    )
+
+
+def _noisy(session: SessionData, own: SensorAnswers) -> Iterator[Finding]:
+    """Answers, the false ones aside, that scatter by far more than those that follow here from the same panoramas."""
+    frames = session.frames.columns
+    apart_arcsec = answers_apart(own, frames)
+    both = np.flatnonzero(np.isfinite(apart_arcsec[:, 0]) & np.isfinite(own.cross_x_arcsec))
+    if len(both) < _FEWEST:
+        return
+    off = apart_arcsec[both] - np.median(apart_arcsec[both], axis=0)
+    both = both[np.hypot(*off.T) <= SAME_BORESIGHT_ARCSEC]
+    if len(both) < _FEWEST:
+        return
+    names = ("cross_x_arcsec", "cross_y_arcsec")
+    of_sensor = math.hypot(*(_scatter(frames, both, getattr(own, name)[both]) for name in names))
+    here = math.hypot(*(_scatter(frames, both, frames[name][both].astype(np.float64)) for name in names))
+    limits = session.station.limits
+    if of_sensor > max(_NOISY * here, _OF_LIMIT * min(limits.d_ra_cosde_arcsec, limits.d_de_arcsec)):
+        yield Finding(
+            "sensor noise",
+            f"its answers scatter by {of_sensor:.1f} arcsec from frame to frame, those that follow from its own "
+            f"panoramas by {here:.1f}",
+            next_step="compare how many stars its firmware uses, and how it finds their places",
+        )
+
+
+def _scatter(frames: NDArray[np.void], rows: NDArray[np.int64], values: NDArray[np.float64]) -> float:
+    """Standard deviation of values (K,) from one frame to the next, by the median, so that false answers count not."""
+    steps = np.abs(np.diff(values[np.argsort(frames["utc_ns"][rows], kind="stable")]))
+    return float(np.median(steps)) / _MEDIAN_OF_STEPS
+
+
+def _one_sided(alike: OnboardEquivalence | None) -> Iterator[Finding]:
+    """Panoramas that the sensor did not answer, though the station did; to answer more is no fault."""
+    if alike is None or alike.only_station <= _ONE_SIDED_SHARE * alike.answers:
+        return
+    yield Finding(
+        "sensor answers otherwise",
+        f"of {alike.answers} panoramas, {alike.only_station} were answered only here and {alike.only_sensor} only by "
+        "the sensor",
+        ("another catalogue or identifier in the sensor",),
+        "compare frame by frame: frames.csv of gse report SESSION",
+    )
+
+
+def _typical(frames: NDArray[np.void], rows: NDArray[np.int64], values: NDArray[np.float64]) -> tuple[float, float]:
+    """Median of values (K,), and its error, by medians of blocks of time."""
+    order = np.argsort(frames["utc_ns"][rows], kind="stable")
+    medians = np.array([np.median(values[block]) for block in np.array_split(order, _BLOCKS)])
+    return float(np.median(medians)), float(medians.std(ddof=1)) / math.sqrt(_BLOCKS)
+
+
+def _angle(arcsec: float) -> str:
+    return f"{arcsec:+.1f} arcsec" if abs(arcsec) < 3600 else f"{arcsec / 3600:+.3f} deg"
