@@ -10,10 +10,10 @@ from skies.star_errors import SETTINGS
 from gse.assessment.changes_in_time import sinusoids, steps
 from gse.assessment.competing_models import Columns, fitted
 from gse.assessment.error_series import ErrorSeries
+from gse.assessment.field_patterns import PARAMETERS
 from gse.assessment.session_model import SessionModel
 
 SITE, MOUNT = SETTINGS[0]
-PARAMETERS = 6
 
 
 def model_of(errors, frame_s=1.0):
@@ -23,7 +23,7 @@ def model_of(errors, frame_s=1.0):
 
 def tried(search, model):
     observed = model.observed()
-    nothing = Columns(np.zeros((3, 0)), np.zeros((*observed.cosines.shape, 0)), np.zeros((PARAMETERS, 0)))
+    nothing = Columns(np.zeros((3, 0)), np.zeros((*observed.cosines.shape, 0)), np.zeros((len(PARAMETERS), 0)))
     return list(search(model, observed, fitted(observed, nothing), nothing))
 
 

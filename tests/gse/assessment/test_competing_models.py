@@ -7,6 +7,8 @@ from scipy.stats import multivariate_t
 
 from gse.assessment.autocorrelation import exponential_spectrum
 from gse.assessment.competing_models import PENALTY, Columns, Observed, _shapes, fitted, white_precision
+from gse.assessment.fine_causes import _without_idle
+from gse.assessment.fine_hypotheses import Hypothesis
 
 K = 40
 NOISE = np.random.default_rng(1).normal(size=(K, 3))
@@ -89,3 +91,17 @@ def test_white_noise_is_judged_by_the_upper_half_of_the_ordinates():
     found = white_precision(cosines)
     assert found.shape == (2 * K, 3)
     assert found == pytest.approx(np.tile(1 / np.mean(cosines[K:] ** 2, axis=0), (2 * K, 1)))
+
+
+@pytest.mark.parametrize(("also", "is_kept"), [(0.0, False), (5.0, True)])
+def test_an_earlier_cause_is_dropped_where_a_later_one_explains_what_it_did(also, is_kept):
+    """The first is nine tenths of the second, and something of its own that is there or is not."""
+    rng = np.random.default_rng(6)
+    second, own = (rng.normal(size=(K, 3, 1)) for _ in range(2))
+
+    def cause(cosines):
+        return Hypothesis("cause", "kind", Columns(np.zeros((3, 1)), cosines, np.zeros((2, 1))))
+
+    first, later = cause(0.9 * second + 0.3 * own), cause(second)
+    seen = observed(cosines=NOISE + 4 * second[:, :, 0] + also * own[:, :, 0])
+    assert _without_idle(seen, [first], later) == ([first] if is_kept else [])

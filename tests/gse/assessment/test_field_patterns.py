@@ -1,0 +1,49 @@
+"""Errors of stars over the field: where on a pixel each stood, and few of them."""
+
+import numpy as np
+import pytest
+from skies.star_errors import CAMERA, SETTINGS, Truth, made
+
+from gse.assessment.field_patterns import field_of_errors
+from gse.constants import ARCSEC_PER_RAD
+from gse.truth import horizon_to_sensor
+
+SITE, MOUNT = SETTINGS[0]
+PIXEL_ARCSEC = CAMERA.pixel_rad * ARCSEC_PER_RAD
+
+
+@pytest.fixture(scope="module")
+def sky():
+    frames, matches = made(Truth(SITE, MOUNT), SITE, MOUNT, 60.0, np.random.default_rng(1))
+    return frames, matches[matches["frame"] % 20 == 0]
+
+
+def field_of(sky, matches, used=None):
+    frames, _ = sky
+    used = np.ones(len(frames), dtype=bool) if used is None else used
+    return field_of_errors(matches, frames["utc_ns"], used, CAMERA, SITE, horizon_to_sensor(MOUNT)[:, 2])
+
+
+@pytest.mark.parametrize(("off_px", "turned"), [(2.0, 1.0), (0.5, -1.0), (0.25, -1j)])
+def test_the_phase_of_a_star_is_that_of_its_true_place_on_a_pixel(sky, off_px, turned):
+    """Measured where it is, less its residual: half a pixel off is the other phase, whole pixels are none."""
+    matches = sky[1].copy()
+    matches["residual_x_arcsec"], matches["residual_y_arcsec"] = off_px * PIXEL_ARCSEC, 0.0
+    phases = field_of(sky, matches).stars.phases
+    x, y = (np.exp(2j * np.pi * matches[name].astype(float)) for name in ("x_px", "y_px"))
+    assert phases == pytest.approx(np.column_stack([x * turned, y]), abs=2e-3)
+
+
+@pytest.mark.parametrize(("rows", "is_enough"), [(99, False), (120, True)])
+def test_a_hundred_stars_are_needed(sky, rows, is_enough):
+    assert (field_of(sky, sky[1][:rows]) is not None) == is_enough
+
+
+def test_stars_of_frames_that_do_not_count_and_outliers_are_left_out(sky):
+    matches = sky[1].copy()
+    whole = field_of(sky, matches)
+    used = np.ones(len(sky[0]), dtype=bool)
+    used[: len(used) // 2] = False
+    assert len(field_of(sky, matches, used).stars.frames) == (matches["frame"] >= len(used) // 2).sum()
+    matches["residual_x_arcsec"][::50] = 1000.0
+    assert len(whole.stars.frames) - len(field_of(sky, matches).stars.frames) == len(matches[::50])

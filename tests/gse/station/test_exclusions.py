@@ -1,0 +1,48 @@
+"""Frames that waited in a buffer: told where a session begins, and not where the host's clock was stepped."""
+
+import numpy as np
+import pytest
+
+from gse.instant import NS_PER_S, from_text
+from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.exclusions import Cause, exclusions
+from gse.station.frame_table import FRAME
+
+START_NS = from_text("2026-03-20T18:30:00Z")
+
+
+def frames_with_a_burst_at(first, *, step_rows=(), step_s=20.0):
+    """Frames at 10 Hz of which 38 were read at once; from each of ``step_rows`` on the clock is ``step_s`` ahead."""
+    made = np.zeros(300, dtype=FRAME)
+    due_ns = START_NS + np.arange(300) * NS_PER_S // 10
+    made["time_us"] = (due_ns - START_NS) // 1000
+    made["frame_no"] = np.arange(300)
+    for row in step_rows:
+        due_ns[row:] += round(step_s * NS_PER_S)
+    made["utc_ns"] = made["host_utc_ns"] = due_ns
+    burst = slice(first, first + 38)
+    made["utc_ns"][burst] = made["host_utc_ns"][burst] = due_ns[first + 38] + 1000 * np.arange(38)
+    events = [
+        ClockStep(int(made["host_utc_ns"][row]), 0, StationKind.CLOCK_STEP, "", round(step_s * NS_PER_S))
+        for row in step_rows
+    ]
+    return exclusions(events, made)
+
+
+@pytest.mark.parametrize(
+    ("first", "step_rows", "is_told"),
+    [(0, (), True), (0, (150,), True), (150, (150,), False), (150, (150, 250), False)],
+)
+def test_a_buffer_is_told_until_the_first_step_of_the_clock(first, step_rows, is_told):
+    causes = {item.cause for item in frames_with_a_burst_at(first, step_rows=step_rows)}
+    assert (Cause.BACKLOG in causes) == is_told
+    assert (Cause.CLOCK_STEP in causes) == bool(step_rows)
+
+
+def test_each_step_of_the_clock_is_left_out_on_both_of_its_sides():
+    stretches = [item for item in frames_with_a_burst_at(0, step_rows=(150,)) if item.cause is Cause.CLOCK_STEP]
+    old_ns, new_ns = START_NS + 15 * NS_PER_S, START_NS + 35 * NS_PER_S
+    around = {(item.from_ns, item.until_ns) for item in stretches}
+    assert (old_ns - 5 * NS_PER_S, old_ns + 5 * NS_PER_S) in around
+    assert (new_ns - 5 * NS_PER_S, new_ns + 5 * NS_PER_S) in around
+    assert {item.time_error_s for item in stretches} == {20.0}
