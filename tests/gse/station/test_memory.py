@@ -17,7 +17,7 @@ from gse.station.frame_table import FRAME
 from gse.station.results import NO_MATCHES
 from gse.station.session_data import SessionData
 
-FRAMES = 30_000
+FRAMES = 10_000
 
 
 @pytest.fixture(scope="module")
