@@ -232,7 +232,9 @@ def test_a_sensor_that_is_not_of_the_campaign_has_a_section_of_its_own(judged, m
     judge_all(make_session(tmp_path / "other.mcap", 9, sensor="Other one"), copy)
     done = gse("campaign", "report", copy, "--out", tmp_path / "report", "--json")
     assert [sensor["name"] for sensor in json.loads(done.out)["sensors"]] == ["LAPAN-like", "Other one"]
-    assert "<h2>Other one</h2>" in (tmp_path / "report" / "campaign.html").read_text()
+    page = (tmp_path / "report" / "campaign.html").read_text()
+    assert "<h2>Other one</h2>" in page
+    assert "1 session in 1 night, 2026-03-09" in page
     answer = gse("campaign", "query", copy, "select distinct sensor from frames order by all", "--format", "csv")
     assert answer.out.splitlines()[1:] == ["LAPAN-like", "Other one"]
 
