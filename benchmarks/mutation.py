@@ -454,7 +454,7 @@ class Tester:
         return subprocess.Popen(
             [sys.executable, __file__, "--serve", str(self.tree), *self._whole],
             env=os.environ
-            | {"PYTHONPATH": str(self.tree), "PYTHONHASHSEED": "0", "NUMBA_CACHE_DIR": str(self.tree / "machine-code")},
+            | {"PYTHONPATH": str(self.tree), "PYTHONHASHSEED": "0", "NUMBA_CACHE_DIR": str(_rooms(self.tree))},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -604,8 +604,12 @@ def in_tree(tester: Tester, mutant: Mutant, parts: list[list[str]], most_cpu_s: 
 def _machine_code(tree: Path, modules: set[str]) -> list[Path]:
     """The files of numba's cache that belong to modules."""
     paths = [Path(module) for module in modules]
-    rooms = tree / "machine-code"
-    return [code for path in paths for code in rooms.glob(f"{path.parent.name}_*/{path.stem}.*.nb?")]
+    return [code for path in paths for code in _rooms(tree).glob(f"{path.parent.name}_*/{path.stem}.*.nb?")]
+
+
+def _rooms(tree: Path) -> Path:
+    """Where numba keeps what it compiled of a tree."""
+    return tree / "build" / "machine-code"
 
 
 def outcomes(

@@ -206,7 +206,8 @@ def explain(url: str, error: Exception) -> str:
         return f"{url} is not a port that can be opened: {error}"
     if is_device(url) and not number:
         return f"{url} is not a serial port: {error}"
-    return f"cannot open {url}: {error}"
+    hint = "; is the server that shall send the bytes running there?" if "refused" in str(error) else ""
+    return f"cannot open {url}: {error}{hint}"
 
 
 def _busy(url: str, names: list[str]) -> str:

@@ -9,7 +9,7 @@ from gse.attitude_convention import AttitudeConvention, state_angles
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD
 from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import ANGLES, QUATERNION
-from gse.station.own_answers import OwnAnswerTruth, measured_rotations
+from gse.station.own_answers import OwnAnswerTruth, field_of, measured_rotations
 from gse.station.session_data import SessionData
 from gse.truth import truth_of
 from gse.truth.orientation import FIRST_MJD
@@ -109,7 +109,8 @@ def own_truth(session: SessionData) -> OwnAnswerTruth | None:
     truth = truth_of(station.site, mount, session.earth_orientation)
     if truth is None or (station.mount.align is not None and session.alignment is None):
         return None
-    return OwnAnswerTruth(truth, mount, station.sensor.attitude.aberration == "corrected")
+    corrected = station.sensor.attitude.aberration == "corrected"
+    return OwnAnswerTruth(truth, mount, corrected, field_of(station.sensor.camera()))
 
 
 def _measure(

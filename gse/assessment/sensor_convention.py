@@ -51,7 +51,8 @@ def evidence_of(session: SessionData, seconds: float = SEARCHED_S) -> Evidence |
     chosen = _first(frames["utc_ns"], rows, seconds)
     utc_ns, sent = frames["utc_ns"][chosen], _sent(answers[places[np.searchsorted(rows, chosen)]])
     left_in, taken_out = (
-        OwnAnswerTruth(truth.truth, truth.mount, corrected).expected(utc_ns) for corrected in (False, True)
+        OwnAnswerTruth(truth.truth, truth.mount, corrected, truth.field_sensor).expected(utc_ns)
+        for corrected in (False, True)
     )
     return Evidence(utc_ns, sent, left_in, taken_out, _mount_arcsec(session))
 

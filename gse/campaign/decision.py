@@ -174,11 +174,16 @@ def _figure(label: str, values: list[float], limit: float, truth: float, unit: s
     return Outcome.INCONCLUSIVE, mean, above, f"{text}: {ask}"
 
 
+def counted(number: int, what: str) -> str:
+    """A number of things in words: 1 night, 2 nights."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
 def _share(nights: dict[str, list[Session]], subject: str, name: str, limit: float, decision: Decision) -> _Decided:
     share, at_least = campaign_share(nights, subject, name), name == "availability"
     label = f"{subject} {name}"
     above = share.value - share.lower if at_least else share.upper - share.value
-    text = f"{label}: {percent(share.value, 3)} of {share.of} frames in {len(nights)} nights"
+    text = f"{label}: {percent(share.value, 3)} of {share.of} frames in {counted(len(nights), 'night')}"
     if decision is Decision.SIMPLE:
         kept, broken = (
             (share.value >= limit, share.value < limit) if at_least else (share.value <= limit, share.value > limit)

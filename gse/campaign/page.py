@@ -10,6 +10,7 @@ import jinja2
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from gse.campaign.decision import counted
 from gse.campaign.plots import draw_field, draw_phase, draw_rows, draw_sky, draw_trends, trends_height_in
 from gse.report.page import numbered, quantity_text
 from gse.report.svg import svg_of
@@ -20,7 +21,7 @@ def campaign_html(report: dict[str, Any]) -> str:
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters.update(number=_number, quantity=quantity_text, with_digits_of=with_digits_of)
+    environment.filters.update(number=_number, quantity=quantity_text, with_digits_of=with_digits_of, counted=counted)
     template = environment.from_string(
         resources.files("gse.campaign").joinpath("campaign.html.jinja").read_text("utf-8")
     )

@@ -155,6 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         error.show()
         code = EXIT_USAGE
     except (click.Abort, KeyboardInterrupt):
+        click.echo("gse: interrupted", err=True)
         code = EXIT_INTERRUPTED
     except (GseError, DriverError, ProtocolError) as error:
         click.echo(folded(f"gse: {plain_lines(str(error))}", err=True), err=True)

@@ -191,11 +191,14 @@ def query_command(*, dataset_url: str, sql: str, form: str) -> None:
 
 def _verdict_lines(report: dict[str, Any]) -> list[str]:
     """The verdict of each sensor for a person."""
+    from gse.campaign.decision import counted
+
     lines = []
     for sensor in report["sensors"]:
         marks = [word for word in ("relative", "simulated") if sensor[word]]
         mark = f" ({', '.join(marks)})" if marks else ""
-        lines.append(f"{sensor['name']}: {sensor['verdict']}{mark}, {sensor['nights']} nights, {sensor['hours']:.1f} h")
+        length = f"{counted(sensor['nights'], 'night')}, {sensor['hours']:.1f} h"
+        lines.append(f"{sensor['name']}: {sensor['verdict']}{mark}, {length}")
         lines += [f"  {reason}" for reason in sensor["reasons"]]
         lines += [f"  {line}" for line in _atlas_lines(sensor["atlas"])]
     if report["left_out"]:

@@ -184,6 +184,7 @@ def parse_station(text: str, source: str = "built-in station") -> Station:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark else ""
         problem = getattr(error, "problem", None) or "not YAML"
+        problem += "; indent with blanks, not with tabs" if "\\t" in problem else ""
         raise ConfigError(f"{source}{line}: {problem}") from error
     if not isinstance(document, dict):
         raise ConfigError(f"{source}: expected a mapping with the keys {', '.join(_SOURCE_KEYS)}")

@@ -11,12 +11,15 @@ answer is false, and the frames with at least 3 real stars count.
 import math
 import multiprocessing
 import signal
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
+from itertools import takewhile
+from types import FrameType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,16 +65,17 @@ class Evaluator:
         if plan.angle_noise:
             self._source = of_angles(self._source, plan.optics.magnitude_limit)
 
-    def run(self, cell: int, frames: range) -> list[Outcome]:
-        """The outcomes of some frames of a cell."""
+    def run(self, cell: int, frames: range, stop: Callable[[], bool] = lambda: False) -> list[Outcome]:
+        """The outcomes of some frames of a cell, up to the first before which ``stop`` is true."""
         if cell not in self._ready:
             self._ready[cell] = self._prepared(self._plan.cells[cell])
-            self._outcomes(cell, range(min(_WARM_UP_FRAMES, self._plan.frames)))
-        return self._outcomes(cell, frames)
+            self._outcomes(cell, range(min(_WARM_UP_FRAMES, self._plan.frames)), stop)
+        return self._outcomes(cell, frames, stop)
 
-    def _outcomes(self, cell: int, frames: range) -> list[Outcome]:
+    def _outcomes(self, cell: int, frames: range, stop: Callable[[], bool]) -> list[Outcome]:
         directions = spiral_directions(self._plan.frames, frames)  # of all frames they would be 240 MB for 10^7
-        return [self._outcome(cell, *each) for each in zip(frames, directions, strict=True)]
+        wanted = takewhile(lambda _: not stop(), zip(frames, directions, strict=True))
+        return [self._outcome(cell, *each) for each in wanted]
 
     def _prepared(self, cell: Cell) -> tuple[FrameMaker, Identifier | ExternalIdentifier]:
         plan, conditions = self._plan, cell.conditions
@@ -188,7 +192,11 @@ def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[Outcome]]:
     """
     if workers == 1:
         bench = Evaluator(plan)
-        yield from (bench.run(*task) for task in tasks(plan))
+        with _interrupt_noted() as interrupted:
+            for cell, frames in tasks(plan):
+                yield bench.run(cell, frames, interrupted.is_set)
+                if interrupted.is_set():
+                    raise KeyboardInterrupt
         return
     load_catalog(plan.catalog)  # so that its errors are raised here, not in a worker that cannot start
     context = multiprocessing.get_context("spawn")
@@ -216,6 +224,26 @@ def tasks(plan: Plan) -> Iterator[tuple[int, range]]:
     """The chunks of a plan, each a cell and some of its frames, in the order of the outcomes."""
     chunks = math.ceil(plan.frames / _CHUNK_FRAMES)
     return ((cell, range(c, plan.frames, chunks)) for c in range(chunks) for cell in range(len(plan.cells)))
+
+
+@contextmanager
+def _interrupt_noted() -> Iterator[threading.Event]:
+    """The first Ctrl-C sets the event: an exception in the middle of compiled code may end the process (SIGSEGV)."""
+    noted = threading.Event()
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if noted.is_set():
+            raise KeyboardInterrupt
+        noted.set()
+
+    before = None
+    with suppress(ValueError):  # not in the main thread: nobody interrupts it
+        before = signal.signal(signal.SIGINT, note)
+    try:
+        yield noted
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

@@ -159,7 +159,7 @@ class StationLoop:
             paper_mean=station.identifier.attitude == "paper-mean",
             left_out=LeftOutStars(setup.camera, setup.identifier.catalog),
         )
-        self._own_answers = OwnAnswerProcessor(station.sensor.attitude)
+        self._own_answers = OwnAnswerProcessor(station.sensor.attitude, station.sensor.camera())
         baudrate = station.port.baudrate
         self._monitor = LinkMonitor(baudrate, explain=lambda sample: what_fits(sample, setup.protocol, baudrate))
         self._truth_sought = False

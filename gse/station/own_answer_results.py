@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 from gse.attitude import Attitude
 from gse.attitude_convention import AttitudeConvention
+from gse.camera import Camera
 from gse.mount import Mount
 from gse.panorama import Panorama
 from gse.station.attitude_error import attitude_error
 from gse.station.attitude_table import AttitudeTable
-from gse.station.own_answers import OwnAnswerTruth, measured_rotations
+from gse.station.own_answers import OwnAnswerTruth, field_of, measured_rotations
 from gse.station.results import FrameResult, OwnAnswer, Status, Subject
 from gse.truth import SiderealTruth, mount_of
 from protocols import AttitudeMessage
@@ -22,8 +23,9 @@ _NO_COVARIANCE = np.zeros((3, 3))
 class OwnAnswerProcessor:
     """Makes results of answers, read by the sensor's convention."""
 
-    def __init__(self, convention: AttitudeConvention) -> None:
+    def __init__(self, convention: AttitudeConvention, camera: Camera) -> None:
         self._convention = convention
+        self._field_sensor = field_of(camera)
         self._truth: OwnAnswerTruth | None = None
 
     @staticmethod
@@ -76,7 +78,8 @@ class OwnAnswerProcessor:
     def _of(self, truth: SiderealTruth, mount: Mount) -> OwnAnswerTruth:
         """Kept while truth and mount stay: what moves the answers is computed once a minute."""
         if self._truth is None or self._truth.truth is not truth or self._truth.mount != mount:
-            self._truth = OwnAnswerTruth(truth, mount, self._convention.aberration == "corrected")
+            corrected = self._convention.aberration == "corrected"
+            self._truth = OwnAnswerTruth(truth, mount, corrected, self._field_sensor)
         return self._truth
 
 

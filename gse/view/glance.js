@@ -95,6 +95,7 @@ function show(state) {
   state.axes.forEach((axis, place) => showAxis(axis, place, isStale));
   showTurn(state.turn);
   showFocus(state.focus);
+  at("note").hidden = state.ended;  // nobody takes it then
   const lines = state.events.join("\n");
   if (at("events").dataset.lines !== lines) {
     at("events").dataset.lines = lines;

@@ -15,7 +15,7 @@ from gse.config.station import Station
 from gse.mount import Mount
 from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import OWN_ANSWER
-from gse.station.own_answers import OwnAnswerTruth, measured_rotations
+from gse.station.own_answers import OwnAnswerTruth, field_of, measured_rotations
 from gse.station.results import FrameResult, Subject
 from gse.station.session_data import SessionData
 from gse.truth import EarthOrientation, truth_of
@@ -90,7 +90,8 @@ class OwnAnswerErrors:
         truth = truth_of(self._station.site, mount, orientation) if mount else None
         if truth is None or mount is None:
             return None
-        return OwnAnswerTruth(truth, mount, self._station.sensor.attitude.aberration == "corrected")
+        sensor = self._station.sensor
+        return OwnAnswerTruth(truth, mount, sensor.attitude.aberration == "corrected", field_of(sensor.camera()))
 
     def _paired(self, came: Sequence[_Came]) -> tuple[NDArray[np.void], NDArray[np.int64]]:
         """Answers (K,) whose panoramas are known, and the UTC (K,) of these; the others wait."""

@@ -192,6 +192,8 @@ def test_wrong_credentials_and_unknown_hosts_are_named(running, sftp, gse, night
     done = gse(*arguments)
     assert done.code == 3
     assert "refused the credentials" in done.err
+    fsspec.config.conf["sftp"] = sftp.options("no-such-key")
+    assert "no-such-key'; docs/campaigns.md says where keys" in " ".join(gse(*arguments).err.split())
     fsspec.config.conf["sftp"] = sftp.options() | {"known_hosts": os.devnull}
     assert "not found in known_hosts" in gse(*arguments).err
 

@@ -156,6 +156,15 @@ def test_a_worker_without_room_of_its_own_names_its_folder_and_ends_the_run(made
     assert judge_source(source, job).error == ""
 
 
+def test_a_data_set_that_cannot_be_written_ends_the_run(made, tmp_path):
+    dataset = DataSet.at(str(tmp_path / "dataset"), create=True)
+    (tmp_path / "dataset" / "stars").write_text("in the way")
+    outcome = judge_source(find_sources([str(made / "night-1.mcap")])[0], Job("one", dataset.url, None))
+    assert outcome.ends_run
+    assert outcome.error.startswith(f"{dataset.url} cannot be used")
+    assert dataset.committed() == []
+
+
 class ReadByOneThread(LocalFileSystem):
     """Files that only one thread may read: Arrow's others may hold a file of Python's when the program ends."""
 
@@ -223,7 +232,9 @@ def test_a_sensor_that_is_not_of_the_campaign_has_a_section_of_its_own(judged, m
     judge_all(make_session(tmp_path / "other.mcap", 9, sensor="Other one"), copy)
     done = gse("campaign", "report", copy, "--out", tmp_path / "report", "--json")
     assert [sensor["name"] for sensor in json.loads(done.out)["sensors"]] == ["LAPAN-like", "Other one"]
-    assert "<h2>Other one</h2>" in (tmp_path / "report" / "campaign.html").read_text()
+    page = (tmp_path / "report" / "campaign.html").read_text()
+    assert "<h2>Other one</h2>" in page
+    assert "1 session in 1 night, 2026-03-09" in page
     answer = gse("campaign", "query", copy, "select distinct sensor from frames order by all", "--format", "csv")
     assert answer.out.splitlines()[1:] == ["LAPAN-like", "Other one"]
 
@@ -232,6 +243,12 @@ def test_without_its_packages_a_campaign_says_how_to_install_them(gse, monkeypat
     monkeypatch.setitem(sys.modules, "duckdb", None)
     done = gse("campaign", "query", tmp_path, "select 1")
     assert (done.code, "pip install '.[campaign]'" in done.err) == (2, True)
+
+
+@pytest.mark.parametrize("url", ["sftp:///folder", "s3://"])
+def test_a_url_that_names_no_server_is_refused(url):
+    with pytest.raises(UsageError, match="names no server; expected for example"):
+        find_sources([url])
 
 
 @pytest.mark.parametrize("name", ["new\nline.mcap", "red\x1b[31m.mcap", b"no text \xff.mcap"])

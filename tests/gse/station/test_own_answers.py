@@ -1,5 +1,7 @@
 """A sensor that sends its own answers and no panoramas: the only subject of its session."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from skies.known_nights import START_NS, TABLE, TRUTH
@@ -16,7 +18,7 @@ from gse.report.frames_csv import frames_csv
 from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import OWN_ANSWER
 from gse.station.loop import StationLoop
-from gse.station.own_answers import OwnAnswerTruth, measured_rotations
+from gse.station.own_answers import OwnAnswerTruth, field_of, measured_rotations
 from gse.station.reception import Reception
 from gse.station.results import OwnAnswer, Status, Subject, Verdict
 from gse.station.setup import set_up
@@ -168,3 +170,21 @@ def test_answers_of_a_capture_go_on_from_the_latest_where_the_sensor_starts_anew
     ]
     assert [(answer.utc_ns - START_NS) / NS_PER_S for answer in answers] == [0.0, 1.0, 2.0, 2.0, 3.0]
     assert {answer.host_utc_ns for answer in answers} == {0}
+
+
+def test_over_a_field_that_is_low_the_mean_of_what_air_bends_is_expected():
+    """14 deg at 22 deg: half of the bend's second derivative, 2 x 58 arcsec tan z / cos z^2, times the mean square."""
+    low = replace(STATION.mount, azimuth_deg=200.0, altitude_deg=22.0)
+    utc_ns, camera = np.array([START_NS]), STATION.sensor.camera()
+    narrow, wide = OwnAnswerTruth(TRUTH, low), OwnAnswerTruth(TRUTH, low, field_sensor=field_of(camera))
+    x, y = attitude_errors(wide.expected(utc_ns), narrow.expected(utc_ns))[0, 3:]
+    zenith_rad, half = np.radians(68.0), 512 / camera.focal_length_px
+    assert np.hypot(x, y) == pytest.approx(58 * np.tan(zenith_rad) / np.cos(zenith_rad) ** 2 * half**2 / 3, rel=0.3)
+    assert narrow.uneven_arcsec(START_NS) == 0
+    assert wide.uneven_arcsec(START_NS) == pytest.approx(58 / np.cos(zenith_rad) ** 2 * half / 3**0.5, rel=0.3)
+
+
+def test_at_the_zenith_a_field_expects_what_its_middle_does():
+    utc_ns, field_sensor = np.array([START_NS]), field_of(STATION.sensor.camera())
+    narrow, wide = OwnAnswerTruth(TRUTH, STATION.mount), OwnAnswerTruth(TRUTH, STATION.mount, field_sensor=field_sensor)
+    assert attitude_errors(wide.expected(utc_ns), narrow.expected(utc_ns))[0] == pytest.approx(0, abs=0.3)

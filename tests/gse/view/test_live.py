@@ -47,6 +47,13 @@ def view_threads() -> list[threading.Thread]:
     return [thread for thread in threading.enumerate() if thread.name in ("live view", "view server")]
 
 
+def ended_view_threads() -> bool:
+    """Whether the view's threads end: closing waits some seconds for what is queued, and a busy machine is slower."""
+    for thread in view_threads():
+        thread.join(60)
+    return not view_threads()
+
+
 def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
     with LiveView(session.station, mode="none", save_rrd=path, catalog=small_catalog()) as view:
@@ -61,7 +68,7 @@ def test_a_view_that_keeps_up_shows_every_frame_and_the_verdict(frames, session,
     assert len(moving(rows["/clock"])) == len(session.clock)
     assert len(moving(rows["/state/link"])) == len(session.events)
     assert moving(rows["/verdict"])[-1]["TextDocument:text"][0].startswith("# ✔ PASS\n- all limits are kept")
-    assert view_threads() == []
+    assert ended_view_threads()
 
 
 def test_frames_that_the_view_has_no_room_for_are_dropped_and_counted(frames, session, tmp_path: Path) -> None:
@@ -88,13 +95,13 @@ def test_a_page_that_nobody_opens_starts_no_program_and_holds_nothing_up(frames,
         for frame in frames:
             view.on_results(NewResults.of([frame]), session)
     assert view.dropped == 0
-    assert view_threads() == []
+    assert ended_view_threads()
 
 
 def wait_until_connected(port: int) -> None:
     """Until a viewer holds a connection to a local port, as Linux tells it."""
     pause = threading.Event()
-    for _ in range(300):
+    for _ in range(1200):
         for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
             _, local, _, state = line.split()[:4]
             if state == "01" and int(local.split(":")[1], 16) == port:
@@ -159,7 +166,7 @@ def test_a_viewer_that_is_frozen_or_killed_holds_nothing_up(frames, session, har
         closer.start()
         closer.join(15)
         assert not closer.is_alive()
-        assert view_threads() == []
+        assert ended_view_threads()
         assert view.dropped == 0
     finally:
         viewer.kill()
