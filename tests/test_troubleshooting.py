@@ -50,7 +50,7 @@ def messages():
 
 
 _CAUSES = (
-    *("gross_causes", "fine_causes", "fine_findings", "diagnosis", "unexplained"),
+    *("gross_causes", "fine_causes", "fine_findings", "focus", "diagnosis", "unexplained"),
     *("sensor_convention", "sensor_findings", "sensor_health", "beside_panoramas"),
 )
 

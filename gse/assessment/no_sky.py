@@ -7,15 +7,17 @@ sensor sends them too.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.assessment.decision import Outcome, Row
 from gse.instant import NS_PER_S
 from gse.site import Site
 from gse.station.exclusions import Cause, Exclusion
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.results import AnswerCheck, Status
+from gse.station.frame_table import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
+from gse.station.results import AnswerCheck, SkyCondition, Status
 from gse.station.sky_condition import FEWEST_EXPECTED, FEWEST_OBJECTS, SUN_LIMIT_DEG
 from gse.truth.solar_system import sun_altitude_deg
 
@@ -38,6 +40,17 @@ def no_sky(frames: NDArray[np.void], site: Site) -> tuple[Exclusion, ...]:
     if (np.diff(frames["utc_ns"]) < 0).any():  # a step of the clock; a copy of a long session is 40 MB
         frames = frames[np.argsort(frames["utc_ns"], kind="stable")]
     return tuple(_explained(frames, site))
+
+
+def under_cloud(row: Row, frames: NDArray[np.void]) -> Row:
+    """An availability that fails under a sky of which most frames (rows of FRAME) show a cloud: INCONCLUSIVE."""
+    clouded = int((frames["sky_condition"] == SKY_CONDITIONS.index(SkyCondition.CLOUDED)).sum())
+    if row.name != "availability" or row.outcome is not Outcome.FAIL or 2 * clouded <= len(frames):
+        return row
+    reason = (
+        f"{row.reason}: the sky was clouded, or the sensor sees too few stars, in {clouded} of {len(frames)} frames"
+    )
+    return replace(row, outcome=Outcome.INCONCLUSIVE, reason=reason)
 
 
 def _explained(frames: NDArray[np.void], site: Site) -> Iterator[Exclusion]:

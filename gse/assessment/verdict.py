@@ -17,6 +17,7 @@ from gse.assessment.decision import Outcome, Row, judge_figure, judge_share
 from gse.assessment.diagnosis import findings
 from gse.assessment.guard_band import COVERAGE_FACTOR
 from gse.assessment.mount_terms import STABILITY
+from gse.assessment.no_sky import under_cloud
 from gse.assessment.obstacles import obstacles
 from gse.assessment.sensor_findings import sensor_findings
 from gse.assessment.sensor_health import SensorHealth, health_findings, sensor_health
@@ -78,6 +79,7 @@ def judge(session: SessionData) -> Assessment:
     mistake = set_up_mistake(session, stats.counted, found) if Outcome.FAIL in {row.outcome for row in rows} else None
     if mistake:
         rows = tuple(excused(row, mistake) for row in rows)
+    rows = tuple(under_cloud(row, session.frames.columns) for row in rows)
     in_the_way = tuple(obstacles(session, stats, rows))
     if mistake:
         in_the_way = (f"set-up: {mistake}", *in_the_way)

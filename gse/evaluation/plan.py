@@ -166,12 +166,12 @@ def failure_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
         for kind, count in row["failures"].items():
             of_program[kind] = of_program.get(kind, 0) + count
             first.setdefault(row["identifier"], row["first_failure"])
-    return [
-        f"{name} failed: {', '.join(f'{count} {kind}' for kind, count in sorted(failures.items()))}; counted as none\n"
-        f"  the first: {first[name]}"
-        for name, failures in found.items()
-        if failures
-    ]
+    lines = []
+    for name, failures in found.items():
+        if failures:
+            kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(failures.items()))
+            lines += [f"{name} failed: {kinds}; counted as none", f"  the first: {first[name]}"]
+    return lines
 
 
 def interval(count: int, total: int) -> tuple[float, float] | None:

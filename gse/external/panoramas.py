@@ -87,15 +87,38 @@ class Counts:
 
     def texts(self) -> list[str]:
         """The list ``objects`` of each panorama as JSON; whole numbers where all of a panorama are whole."""
+        whole = np.rint(self.values)
+        if np.array_equal(whole, self.values) and (whole >= 0).all() and (whole < _MOST_KNOWN).all():
+            return self._known_texts(whole.astype(np.int64))
         fractions = np.concatenate([[0], np.cumsum((self.values != np.rint(self.values)).any(axis=1))])[self.first]
-        whole = np.rint(self.values).astype(np.int64).ravel().tolist()
+        numbers = whole.astype(np.int64).ravel().tolist()
         ends = pairwise((3 * self.first).tolist())
         return [
             _template("%r", end - begin) % tuple(self.values.ravel()[begin:end].tolist())
             if has_fractions
-            else _template("%d", end - begin) % tuple(whole[begin:end])
+            else _template("%d", end - begin) % tuple(numbers[begin:end])
             for has_fractions, (begin, end) in zip(np.diff(fractions).tolist(), ends, strict=True)
         ]
+
+    def _known_texts(self, whole: NDArray[np.int64]) -> list[str]:
+        """Of small whole numbers, whose texts are known: three times as fast as a template."""
+        words = np.empty(whole.shape, _WORD)
+        for column, known in enumerate(_known_words()):
+            words[:, column] = known[whole[:, column]]
+        data, size = words.tobytes(), 3 * words.itemsize
+        ends = pairwise((size * self.first).tolist())
+        return ["[" + data[begin:end].replace(b"\0", b"")[:-1].decode() + "]" for begin, end in ends]
+
+
+_WORD = np.dtype("S6")
+_MOST_KNOWN = 8192
+"""Rows, columns and index values of most sensors are smaller."""
+
+
+@functools.cache
+def _known_words() -> list[NDArray[np.bytes_]]:
+    """The numbers below _MOST_KNOWN as y, x and index value of an object in JSON."""
+    return [np.array([form % number for number in range(_MOST_KNOWN)], _WORD) for form in (b"[%d,", b"%d,", b"%d],")]
 
 
 @functools.cache

@@ -22,7 +22,8 @@ from gse.mount import Mount, MountUncertainty
 from gse.site import SiteUncertainty
 from gse.station.attitude_table import AttitudeTable
 from gse.station.exclusions import Cause, Exclusion
-from gse.station.results import AnswerCheck, AttitudeError, Status, Subject, Verdict
+from gse.station.frame_table import SKY_CONDITIONS, STATUSES
+from gse.station.results import AnswerCheck, AttitudeError, SkyCondition, Status, Subject, Verdict
 from gse.station.session_data import SessionData
 from gse.truth import Alignment, EarthOrientation
 from protocols import AttitudeMessage
@@ -186,6 +187,17 @@ def test_missed_frames_count_against_availability():
     assert assessment.verdict is not Verdict.PASS
     assert assessment.statistics.onboard.available.value == pytest.approx(300 / 345)
     assert any("300 of 345" in reason for reason in assessment.reasons)
+
+
+@pytest.mark.parametrize(("clouded", "verdict"), [(400, Verdict.FAIL), (700, Verdict.INCONCLUSIVE)])
+def test_frames_without_an_answer_under_a_clouded_sky_fail_no_sensor(clouded, verdict):
+    made = session(1000)
+    frames = made.frames.columns
+    frames["status"][::3] = STATUSES.index(Status.NO_MATCH)
+    frames["sky_condition"][:clouded] = SKY_CONDITIONS.index(SkyCondition.CLOUDED)
+    assessment = judge(made)
+    assert outcomes(assessment)["availability"] is (Outcome.FAIL if verdict is Verdict.FAIL else Outcome.INCONCLUSIVE)
+    assert assessment.verdict is verdict
 
 
 def test_frames_that_never_arrived_count_as_expected():
