@@ -20,6 +20,8 @@ _MODEL_ARCSEC = 0.0005
 _AIR_MODEL = 0.005
 """Half-width, as a share of the refraction: stars from 0.5 to 0.7 um differ by 0.5 of 57 arcsec at 45 deg."""
 _EARTH_M = 6_371_000.0
+_LEAST_COS_LATITUDE = 0.01
+"""Within 64 km of a pole azimuth is counted from a meridian that is chosen, not found."""
 
 
 def model_terms(at: ChangedTruth) -> list[Term]:
@@ -102,7 +104,7 @@ def site_terms(site: Site, at: ChangedTruth) -> list[Term]:
     """Coordinates, height and vertical."""
     position_m, height_m = site.uncertainty.position_m * TO_STANDARD, site.uncertainty.height_m * TO_STANDARD
     step_m = LARGEST_STEP_ARCSEC * ARCSEC_RAD * _EARTH_M
-    cos_latitude = max(math.cos(math.radians(site.latitude_deg)), 1e-6)
+    cos_latitude = max(math.cos(math.radians(site.latitude_deg)), _LEAST_COS_LATITUDE)
 
     def moved(north: float, east: float) -> Callable[[float], Vector]:
         def change(by_m: float) -> Vector:

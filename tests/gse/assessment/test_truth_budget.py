@@ -59,6 +59,13 @@ def test_a_hundredth_of_a_degree_of_the_site_is_35_arcsec():
     assert 1.959964 * term.ra_arcsec == pytest.approx(36.0, abs=0.3)
 
 
+@pytest.mark.parametrize("latitude_deg", [90.0, -90.0])
+def test_at_a_pole_ten_metres_are_seconds_of_arc_and_no_turn_of_the_sky(latitude_deg):
+    site = Site(latitude_deg=latitude_deg, longitude_deg=0.0)
+    term = terms(replace(FACTS, site=site))["site position"]
+    assert 0.1 < math.hypot(term.ra_arcsec, term.de_arcsec) < 60.0
+
+
 def test_a_first_byte_is_read_a_millisecond_and_half_of_its_ten_bits_late():
     late = terms(replace(FACTS, baudrate=9600))["time stamp"]
     assert late.standard == pytest.approx((0.001 + 5 / 9600) / math.sqrt(3))
