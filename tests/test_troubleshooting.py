@@ -51,7 +51,7 @@ def messages():
 
 _CAUSES = (
     *("gross_causes", "fine_causes", "fine_findings", "diagnosis", "unexplained"),
-    *("sensor_convention", "sensor_findings", "sensor_health", "beside_panoramas"),
+    *("sensor_convention", "sensor_findings", "sensor_health", "beside_panoramas", "focus"),
 )
 
 
