@@ -362,7 +362,7 @@ def load(folder: Path) -> list[Row]:
         items: list[Chunk | LinkEvent] = []
         while not link.at_end:
             items += link.receive(1.0)
-    frames, _ = decoded(items)
+    frames = [frame for frame in decoded(items)[0] if len(frame) == FRAME_BYTES]  # no STATUS, which FEED would cut
     stream = folder / "stream.bin"
     stream.write_bytes(b"".join(frames))
     disk = _Disk(folder)

@@ -50,8 +50,8 @@ def messages():
 
 
 _CAUSES = (
-    *("gross_causes", "fine_causes", "fine_findings", "diagnosis", "unexplained"),
-    *("sensor_convention", "sensor_findings", "sensor_health", "beside_panoramas", "focus"),
+    *("gross_causes", "fine_causes", "fine_findings", "focus", "diagnosis", "unexplained"),
+    *("sensor_convention", "sensor_findings", "sensor_health", "beside_panoramas"),
 )
 
 

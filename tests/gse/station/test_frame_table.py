@@ -25,6 +25,7 @@ def test_objects_are_counted_up_to_255():
     made = [Panorama(k, np.full((count, 2), 9.0), np.ones(count)) for k, count in enumerate(counts)]
     results = FrameResults.of([FrameResult(one, Status.NO_MATCH, "", "neighbour") for one in made])
     assert results.rows()["objects"].tolist() == [0, 7, 255, 255]
+    assert results.rows()["stars_seen"].tolist() == results.rows()["matched"].tolist() == [0, 0, 0, 0]
 
 
 def test_a_long_night_keeps_all_frames_and_the_matches_of_every_second_one_or_fewer():
