@@ -63,6 +63,20 @@ class AstropySky:
         rightwards = _unit(beside - boresight * (beside * boresight).sum(axis=1)[:, None])
         return boresight, _unit(upwards + np.cross(rightwards, boresight))
 
+    def fitted_boresight_and_up(
+        self, axes: NDArray[np.float64], field: NDArray[np.float64], utc_ns: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """As ``boresight_and_up`` through the air, by Wahba's least squares over the stars of a field.
+
+        ``field`` (N, 3) are directions in components along right, up and out. What is low is lifted by more, so that
+        the whole field has another mean than its middle.
+        """
+        stars = self._icrs(field @ axes, utc_ns, self._air)
+        u, _, vt = np.linalg.svd(np.einsum("mni,nj->mij", stars, field))
+        u[:, :, 2] *= (np.linalg.det(u @ vt) * np.linalg.det(axes))[:, None]  # right, up and out are left-handed
+        rotations = u @ vt
+        return rotations[:, :, 2], rotations[:, :, 1]
+
     def _icrs(
         self, directions: NDArray[np.float64], utc_ns: NDArray[np.int64], air: dict[str, Any]
     ) -> NDArray[np.float64]:

@@ -37,8 +37,6 @@ from gse.truth import SiderealTruth
 Station = Callable[[Setup], StationLoop]
 
 _BORESIGHT_ARCSEC, _ROLL_ARCSEC, _DRIFT_ARCSEC_PER_H = 0.1, 1.0, 0.1
-_OWN_ARCSEC = 0.5
-"""The made sensor answers what is at its boresight; the station expects the mean of the field, up to 0.4 arcsec off."""
 _NOISE_SHARE = 0.06
 """Three standard deviations of a scatter that 1,600 frames show."""
 _FOCAL_PERCENT = 0.002
@@ -126,10 +124,9 @@ def _attitude(sky: MadeSky, watched: _Watched) -> Iterator[_Compared]:
 
 
 def _angles(watched: _Watched, subject: Subject, expected: tuple[float, float, float]) -> Iterator[_Compared]:
-    across_arcsec = _OWN_ARCSEC if subject is Subject.SENSOR else _BORESIGHT_ARCSEC
     names = (
-        ("dRA*", "d_ra_cosde", across_arcsec),
-        ("dDE", "d_de", across_arcsec),
+        ("dRA*", "d_ra_cosde", _BORESIGHT_ARCSEC),
+        ("dDE", "d_de", _BORESIGHT_ARCSEC),
         ("roll", "d_roll", _ROLL_ARCSEC),
     )
     axes = watched.stats.subjects[subject].axes

@@ -55,6 +55,7 @@ _LATENCY_S = 0.02
 _INDEX = 4000, 200
 _FALSE_BY_DEG = 2.0
 _CLEAR_PX = 20.0
+_GRID = 9
 _ZENITH = np.array([0.0, 0.0, 1.0])
 _POLE = np.array([0.0, np.cos(np.radians(SITE.latitude_deg)), np.sin(np.radians(SITE.latitude_deg))])
 
@@ -132,11 +133,11 @@ class MadeSky:
 
 
 def own_answers(sky: AstropySky, error: KnownError, utc_ns: NDArray[np.int64]) -> list[Angles | None]:
-    """What the sensor answers itself at instants (M,): the catalogue place of what it sees at its boresight."""
+    """What the sensor answers itself at instants (M,): the attitude that fits the catalogue places over its field."""
     if error.own_east_arcsec is None:
         return [None] * len(utc_ns)
     axes = np.array([true_sensor(error, instant).axes for instant in utc_ns.tolist()])
-    boresight, up = sky.boresight_and_up(axes, utc_ns, air=True)
+    boresight, up = sky.fitted_boresight_and_up(axes, _field(), utc_ns)
     boresight = boresight + error.own_east_arcsec * ARCSEC_RAD * east_and_north(boresight)[0]
     east, north = east_and_north(boresight)  # the meridian there has another direction
     roll_deg = np.degrees(np.arctan2((up * east).sum(axis=1), (up * north).sum(axis=1)))
@@ -145,6 +146,14 @@ def own_answers(sky: AstropySky, error: KnownError, utc_ns: NDArray[np.int64]) -
     de_deg[: error.own_false] += _FALSE_BY_DEG
     angles = zip((np.degrees(np.arctan2(y, x)) % 360).tolist(), de_deg.tolist(), (roll_deg % 360).tolist(), strict=True)
     return list(angles)
+
+
+def _field() -> NDArray[np.float64]:
+    """Directions (N, 3) evenly over the detector, along right, up and out."""
+    across = (np.arange(_GRID) + 0.5 - _GRID / 2) * SIZE_PX / _GRID / FOCAL_LENGTH_PX
+    right, up = np.meshgrid(across, across)
+    directions = np.stack([right, up, np.ones_like(right)], axis=-1).reshape(-1, 3)
+    return np.asarray(directions / np.linalg.norm(directions, axis=1)[:, None])
 
 
 def begins_ns() -> NDArray[np.int64]:
