@@ -37,6 +37,8 @@ from gse.station.sky_condition import FEWEST_UNMATCHED
 from gse.truth import horizon_to_sensor
 
 _FEWEST_DRIFTING = 10
+_FEWEST_ANSWERED = 5
+"""One picture may show the edge of a cloud, a bright Moon or a town."""
 _SENSOR_DRIFT_PPM = 100.0
 """A crystal keeps within 50 ppm over its whole temperature range."""
 
@@ -272,7 +274,7 @@ def _only_reference_answers(session: SessionData, unanswered: int) -> Finding:
 def _most_unmatched(session: SessionData, counted: CountedFrames) -> Iterator[Finding]:
     """Answers beside which most objects are none of the stars that ought to be there, under a clear sky."""
     frames, known = session.frames.columns, counted.answered & ~counted.excluded
-    if not known.any() or not stars_fall_out(frames, known):
+    if known.sum() < _FEWEST_ANSWERED or not stars_fall_out(frames, known):
         return
     unmatched, matched, expected = (
         float(np.median(frames[name][known])) for name in ("false_objects", "matched", "stars_expected")

@@ -139,7 +139,8 @@ def _site(one: Named, setting: Setting) -> Finding:
 def _focal_length(one: Named, setting: Setting) -> Finding:
     share, error = float(one.coefficients[0]), float(one.errors[0])
     fits = setting.camera.focal_length_px * (1 + share)
-    size = f"it is {percent(abs(share), 3)} too {'short' if share > 0 else 'long'} (+- {2 * error:.1g}): the stars fit "
+    size = f"it is {percent(abs(share), 3)} too {'short' if share > 0 else 'long'} (+- {200 * error:.1g} %): "
+    size += "the stars fit "
     return Finding("focal length", f"{size}sensor.focal_length_px: {fits:.2f}", _equals(one), _CALIBRATE)
 
 

@@ -73,6 +73,7 @@ def test_one_angle_of_the_mount_is_given_as_it_should_be(kind, arcsec, words):
 
 
 def test_a_size_is_told_with_twice_its_standard_error():
+    assert "0.200 % too short (+- 0.01 %)" in said("focal length", 0.002, error=0.00005)
     assert "+36.0 arcsec (+- 1) in altitude" in said("mount", 36.0, kind="altitude", error=0.5)
     assert "(+36.0 +- 1 arcsec" in said("site", 36.0, error=0.5)
     assert "fast (+- 0.1 s)" in said("clock offset", 0.9, error=0.05)
