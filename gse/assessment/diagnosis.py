@@ -4,6 +4,7 @@ A finding is a hint for the operator and decides nothing; the verdict goes by th
 one effect: fine ones compete with each other, a gross one silences them, and events that say the same are left out.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -37,6 +38,8 @@ from gse.station.sky_condition import FEWEST_UNMATCHED
 from gse.truth import horizon_to_sensor
 
 _FEWEST_DRIFTING = 10
+_LOW_DEG = 10.0
+"""At an altitude of 10 deg air lifts stars by 5 arcmin, at 30 deg by 1.7: a field holds both."""
 _FEWEST_ANSWERED = 5
 """One picture may show the edge of a cloud, a bright Moon or a town."""
 _SENSOR_DRIFT_PPM = 100.0
@@ -272,21 +275,43 @@ def _only_reference_answers(session: SessionData, unanswered: int) -> Finding:
 
 
 def _most_unmatched(session: SessionData, counted: CountedFrames) -> Iterator[Finding]:
-    """Answers beside which most objects are none of the stars that ought to be there, under a clear sky."""
+    """What leaves too few good answers where most objects are none of the stars that ought to be there."""
     frames, known = session.frames.columns, counted.answered & ~counted.excluded
     if known.sum() < _FEWEST_ANSWERED or not stars_fall_out(frames, known):
+        return
+    good = (counted.answered & ~counted.false)[counted.expected].mean()
+    if good >= session.station.limits.availability:
         return
     unmatched, matched, expected = (
         float(np.median(frames[name][known])) for name in ("false_objects", "matched", "stars_expected")
     )
     if unmatched > matched and expected >= matched + FEWEST_UNMATCHED:
-        yield Finding(
-            "camera",
+        yield _out_of_place(
+            session,
             f"{unmatched:.0f} objects as bright as stars of the catalogue are none of them, {matched:.0f} are, and "
-            f"{expected:.0f} stars are expected: they do not lie where the camera of the station file has them",
-            ("a distortion of the lens", "stars out of focus", "false objects of the sensor"),
-            "fit the camera: gse calibrate SESSION --write FILE; look at the panoramas: gse view SESSION",
+            f"{expected:.0f} stars are expected",
         )
+
+
+def _out_of_place(session: SessionData, seen: str) -> Finding:
+    """Why stars do not lie where they are looked for: a field that reaches to the horizon, or another camera."""
+    station, fitted = session.station, session.alignment
+    mount = fitted.mount if fitted else station.mount
+    lowest_deg = mount.altitude_deg - math.degrees(station.sensor.camera().diagonal_rad) / 2
+    if mount.inertial is None and lowest_deg < _LOW_DEG:
+        return Finding(
+            "field near the horizon",
+            f"{seen}: it reaches down to an altitude of {lowest_deg:.0f} deg, where air lifts stars by more than they "
+            "are matched within",
+            ("a camera that is not as stated",),
+            "point the sensor higher, and repeat the session",
+        )
+    return Finding(
+        "camera",
+        f"{seen}: they do not lie where the camera of the station file has them",
+        ("a distortion of the lens", "stars out of focus", "false objects of the sensor"),
+        "fit the camera: gse calibrate SESSION --write FILE; look at the panoramas: gse view SESSION",
+    )
 
 
 def _faulty(session: SessionData) -> Iterator[Finding]:

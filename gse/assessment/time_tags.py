@@ -1,5 +1,6 @@
 """Faults of the sensor's time tags: tags that stand still, leap, or run fast or slow for a while."""
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -16,7 +17,10 @@ LEAP_S = 0.5
 _FEWEST_STUCK = 3
 _RATE_FRAMES = 40
 _RATE_OFF = 0.05
-"""A share that no oscillator is off by; arrivals jitter by less, in the median of as many frames."""
+"""A share that no oscillator is off by."""
+_SIGMAS = 5.0
+_MAD, _OF_MEDIAN = 1.4826, 1.2533
+"""Standard deviation of normal numbers in their median deviation, and error of their median in that of their mean."""
 
 
 def time_tag_faults(frames: NDArray[np.void], events: Sequence[LinkEvent]) -> tuple[str, ...]:
@@ -56,9 +60,16 @@ def _rate(frames: NDArray[np.void]) -> Iterator[str]:
     host_s: NDArray[np.float64] = np.diff(frames["host_utc_ns"] - frames["host_utc_ns"][0]).astype(np.float64) / 1e9
     regular = np.flatnonzero((tags_s > 0) & (host_s > np.median(host_s) / 2))
     blocks = [regular[begin : begin + _RATE_FRAMES] for begin in range(0, len(regular), _RATE_FRAMES)]
-    off = np.array([np.median(tags_s[rows] / host_s[rows]) - 1 for rows in blocks if len(rows) == _RATE_FRAMES])
+    off = np.array([_off(tags_s[rows] / host_s[rows]) for rows in blocks if len(rows) == _RATE_FRAMES])
     if len(off) and np.abs(off).max() > _RATE_OFF:
         worst = int(np.abs(off).argmax())
         when = to_text(int(frames["host_utc_ns"][blocks[worst][0]]), 1)
         how = "fast" if off[worst] > 0 else "slow"
         yield f"sensor time tag: it ran {percent(abs(off[worst]), 0)} {how} from {when}"
+
+
+def _off(rates: NDArray[np.float64]) -> float:
+    """By how much the median of rates (N,) is off, zero where their jitter explains it."""
+    median = float(np.median(rates))
+    error = _OF_MEDIAN * _MAD * float(np.median(np.abs(rates - median))) / math.sqrt(len(rates))
+    return median - 1 if abs(median - 1) > _SIGMAS * error else 0.0
