@@ -33,7 +33,7 @@ def verdict_so_far(
         *_own_rows(running),
         "",
         *(f"- {status}: {count}" for status, count in sorted(running.by_status.items())),
-        f"- false answers: {running.false_answers}",
+        f"- false answers, onboard: {running.false_answers}",
         f"- frames lost: {_loud(link.frames_lost)}, bytes discarded: {link.bytes_discarded} of {link.bytes_in}",
         f"- reconnects: {link.reconnects}, sensor resets: {link.sensor_resets}",
     ]
