@@ -131,7 +131,7 @@ def _fitted(
     left, turns = _unabsorbed(patterns, directions, operators, matches["frame"])
     design = left.reshape(-1, len(PARAMETERS))
     normal, right = design.T @ design, design.T @ residuals.ravel()
-    fit = np.linalg.lstsq(_scaled(normal), right / np.sqrt(np.diag(normal)), rcond=1e-9)[0] / np.sqrt(np.diag(normal))
+    fit = _solved(normal, right)
     rest = residuals - (left @ fit)
     _, star, sightings = np.unique(matches["star"], return_inverse=True, return_counts=True)
     variance, freedom = _variance_of_sums(rest, star, sightings, len(PARAMETERS))
@@ -188,10 +188,14 @@ def unexplained_residuals(
     directions = camera.directions(xy_px)
     patterns = np.stack(list(_patterns(camera, site, zenith_sensor, xy_px)), axis=2)
     left, _ = _unabsorbed(patterns, directions, attitude_operators(directions, matches["frame"]), matches["frame"])
-    size = np.sqrt(np.diag(field.normal))
-    fit = np.linalg.lstsq(_scaled(field.normal), field.right / size, rcond=1e-9)[0] / size
     residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
-    return np.asarray(residuals - left @ fit)
+    return np.asarray(residuals - left @ _solved(field.normal, field.right))
+
+
+def _solved(normal: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The parameters (F,) of normal equations, zero along what they do not tell."""
+    size = np.sqrt(np.diag(normal))
+    return np.asarray(np.linalg.lstsq(_scaled(normal), right / size, rcond=1e-9)[0] / size)
 
 
 def _scaled(normal: NDArray[np.float64]) -> NDArray[np.float64]:
