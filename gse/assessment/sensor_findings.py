@@ -1,22 +1,21 @@
 """What is wrong with a sensor's own answers: a line for each of convention, zeros, standstill, delay, bias, noise."""
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.assessment.beside_panoramas import beside_panoramas
+from gse.assessment.beside_panoramas import Explained, beside_panoramas
 from gse.assessment.convention_search import ConventionSearch
 from gse.assessment.onboard_equivalence import OnboardEquivalence
-from gse.assessment.sensor_answers import SensorAnswers, own_truth
+from gse.assessment.sensor_answers import SensorAnswers, by_other_stars_arcsec
 from gse.assessment.sensor_convention import convention_finding, is_wrong
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.finding import Finding
 from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.session_data import SessionData
 
-_AIR_SIGMAS = 3.0
+_STAR_SIGMAS = 4.0
 _STANDSTILL_S = 2.0
 _FEWEST_ALIKE = 5
 """So many answers in a row that are the same to the last digit, for so long: the sky has turned by 30 arcsec."""
@@ -36,18 +35,10 @@ def sensor_findings(
     found = [*of_convention, *_zeros(session), *_standstill(session)]
     if own is not None and not is_wrong(search, stated):
         explained_arcsec = _OF_ABERRATION * search.aberration_arcsec if search and of_convention else 0.0
-        explained_arcsec = max(explained_arcsec, _by_air_arcsec(session))
-        found += beside_panoramas(session, own, alike, explained_arcsec)
+        by_stars_arcsec = by_other_stars_arcsec(session)
+        explained = Explained(max(explained_arcsec, _STAR_SIGMAS * by_stars_arcsec), by_stars_arcsec)
+        found += beside_panoramas(session, own, alike, explained)
     return tuple(found)
-
-
-def _by_air_arcsec(session: SessionData) -> float:
-    """What another choice of stars makes of the boresight where air bends the field unevenly."""
-    truth, frames = own_truth(session), session.frames.columns
-    if truth is None or truth.mount.inertial is not None or not len(frames):
-        return 0.0
-    count = max(float(np.median(frames["matched"])), 1.0)
-    return _AIR_SIGMAS * truth.uneven_arcsec(int(frames["utc_ns"][len(frames) // 2])) / math.sqrt(count)
 
 
 def _zeros(session: SessionData) -> Iterator[Finding]:

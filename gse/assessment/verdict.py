@@ -25,6 +25,7 @@ from gse.assessment.set_up_mistake import excused, set_up_mistake
 from gse.assessment.statistics import Statistics, statistics
 from gse.assessment.subject_statistics import SubjectStatistics, figure_of
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
+from gse.assessment.uncertainty import AxisUncertainty
 from gse.finding import Finding
 from gse.limits import Limits
 from gse.percent import percent
@@ -155,6 +156,7 @@ def _rows(
         ("dDE", "d_de", limits.d_de_arcsec),
         ("roll", "d_roll", limits.d_roll_arcsec),
     )
+    truth = budget.own_axes if subject.subject is Subject.SENSOR else budget.axes
     for label, axis, limit in axes:
         for name, which in ((f"mean |{label}|", "mean_abs"), (f"95 % of |{label}|", "p95_abs")):
             yield judge_figure(
@@ -163,7 +165,7 @@ def _rows(
                 figure_of(subject.axes[axis], which, stats.duration_s),
                 unit="arcsec",
                 limit=limit,
-                truth_uncertainty=_truth_uncertainty(budget, axis),
+                truth_uncertainty=_standard(truth[axis]),
                 decision=limits.decision,
                 relative=relative,
                 settles=_settles(budget, axis),
@@ -174,7 +176,7 @@ def _rows(
         figure_of(subject.half_cone_95, "p95_abs", stats.duration_s),
         unit="arcsec",
         limit=math.nan if limits.boresight_arcsec is None else limits.boresight_arcsec,
-        truth_uncertainty=math.hypot(*(_truth_uncertainty(budget, axis) for axis in ("d_ra_cosde", "d_de"))),
+        truth_uncertainty=math.hypot(*(_standard(truth[axis]) for axis in ("d_ra_cosde", "d_de"))),
         decision=limits.decision,
         relative=relative,
     )
@@ -182,9 +184,9 @@ def _rows(
     yield _time(subject, limits)
 
 
-def _truth_uncertainty(budget: TruthUncertaintyBudget, axis: str) -> float:
+def _standard(truth: AxisUncertainty) -> float:
     """The standard uncertainty whose 1.645-fold is the one-sided 95 % bound of truth, whatever its distribution."""
-    return budget.axes[axis].one_sided_arcsec / COVERAGE_FACTOR
+    return truth.one_sided_arcsec / COVERAGE_FACTOR
 
 
 def _settles(budget: TruthUncertaintyBudget, axis: str) -> bool:
