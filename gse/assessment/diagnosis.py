@@ -16,8 +16,9 @@ from gse.assessment.error_series import ErrorSeries, error_series, with_left_out
 from gse.assessment.field_patterns import field_of_errors, unexplained_residuals
 from gse.assessment.fine_findings import Setting, fine_findings
 from gse.assessment.focus import focus_finding, focus_loss
-from gse.assessment.gross_causes import GrossCause, RawAttitudes, gross_cause, left_with
+from gse.assessment.gross_causes import GrossCause, gross_cause, left_with
 from gse.assessment.known_steps import without_steps
+from gse.assessment.raw_attitudes import RawAttitudes
 from gse.assessment.sensor_answers import sensor_answers
 from gse.assessment.sensor_convention import session_convention
 from gse.assessment.sensor_findings import sensor_findings
