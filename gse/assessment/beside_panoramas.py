@@ -41,9 +41,10 @@ _MEDIAN_OF_STEPS = math.sqrt(2) * 0.6745
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """What is no fault of a sensor: shifts and scatter up to these have their causes, as aberration or other stars."""
+    """What is no fault of a sensor: shifts, turns and scatter up to these have their causes, as aberration or stars."""
 
     shift_arcsec: float
+    roll_arcsec: float
     scatter_arcsec: float
 
 
@@ -52,7 +53,7 @@ def beside_panoramas(
 ) -> Iterator[Finding]:
     """A finding for each way in which the answers differ by more than is explained."""
     yield from _offset(session, own, explained.shift_arcsec)
-    yield from _turned(session, own)
+    yield from _turned(session, own, explained.roll_arcsec)
     yield from _noisy(session, own, explained.scatter_arcsec)
     yield from _one_sided(alike)
 
@@ -104,7 +105,7 @@ def _is_whole_frames(utc_ns: NDArray[np.int64], late_s: float) -> bool:
     return round(frames) >= 1 and abs(frames - round(frames)) <= _WHOLE_FRAME * round(frames)
 
 
-def _turned(session: SessionData, own: SensorAnswers) -> Iterator[Finding]:
+def _turned(session: SessionData, own: SensorAnswers, explained_arcsec: float) -> Iterator[Finding]:
     """How the sensor's answers are turned about the boresight: a field shows roll ten times worse than direction."""
     frames = session.frames.columns
     both = _compared(own.d_roll_arcsec, frames["d_roll_arcsec"])
@@ -112,7 +113,8 @@ def _turned(session: SessionData, own: SensorAnswers) -> Iterator[Finding]:
         return
     apart = (own.d_roll_arcsec[both] - frames["d_roll_arcsec"][both] + _TURN_ARCSEC / 2) % _TURN_ARCSEC
     roll, error = _typical(frames, both, apart - _TURN_ARCSEC / 2)
-    if abs(roll) <= max(_ROLL_IS_WORSE * _PIXEL_SIGMAS * _of_pixels_arcsec(session, both), _SIGMAS * error):
+    least_arcsec = _ROLL_IS_WORSE * _PIXEL_SIGMAS * _of_pixels_arcsec(session, both)
+    if abs(roll) <= max(least_arcsec, _SIGMAS * error, explained_arcsec):
         return
     yield Finding(
         "sensor roll",

@@ -1,5 +1,6 @@
 """What is wrong with a sensor's own answers: a line for each of convention, zeros, standstill, delay, bias, noise."""
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -8,8 +9,10 @@ from numpy.typing import NDArray
 from gse.assessment.beside_panoramas import Explained, beside_panoramas
 from gse.assessment.convention_search import ConventionSearch
 from gse.assessment.onboard_equivalence import OnboardEquivalence
+from gse.assessment.out_of_place import STARS_FALL_OUT
 from gse.assessment.sensor_answers import SensorAnswers, by_other_stars_arcsec
 from gse.assessment.sensor_convention import convention_finding, is_wrong
+from gse.assessment.star_terms import roll_of_a_fix
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.finding import Finding
 from gse.station.attitude_table import ANGLES, QUATERNION
@@ -28,17 +31,30 @@ def sensor_findings(
     own: SensorAnswers | None,
     search: ConventionSearch | None,
     alike: OnboardEquivalence | None = None,
+    *,
+    named: tuple[Finding, ...] = (),
 ) -> tuple[Finding, ...]:
-    """A finding for each thing that the sensor's own answers look like; ``own`` are those beside panoramas."""
+    """A finding for each thing that the sensor's own answers look like; ``own`` are those beside panoramas.
+
+    A camera or air that is ``named`` puts the answers here off, not the sensor's.
+    """
     stated = session.station.sensor.attitude
     of_convention = tuple(convention_finding(search, stated))
     found = [*of_convention, *_zeros(session), *_standstill(session)]
     if own is not None and not is_wrong(search, stated):
         explained_arcsec = _OF_ABERRATION * search.aberration_arcsec if search and of_convention else 0.0
-        by_stars_arcsec = by_other_stars_arcsec(session)
-        explained = Explained(max(explained_arcsec, _STAR_SIGMAS * by_stars_arcsec), by_stars_arcsec)
-        found += beside_panoramas(session, own, alike, explained)
+        if {finding.cause for finding in named} & {*STARS_FALL_OUT, "refraction"}:
+            explained_arcsec = math.inf
+        found += beside_panoramas(session, own, alike, _explained(session, explained_arcsec))
     return tuple(found)
+
+
+def _explained(session: SessionData, shift_arcsec: float) -> Explained:
+    """With what another choice of stars makes of the answers."""
+    by_stars_arcsec = by_other_stars_arcsec(session)
+    shift_arcsec = max(shift_arcsec, _STAR_SIGMAS * by_stars_arcsec)
+    width_rad = math.sqrt(session.station.sensor.camera().solid_angle_sr)
+    return Explained(shift_arcsec, roll_of_a_fix(shift_arcsec, width_rad), by_stars_arcsec)
 
 
 def _zeros(session: SessionData) -> Iterator[Finding]:

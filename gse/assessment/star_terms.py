@@ -67,10 +67,10 @@ class FieldOfStars:
     def of_a_fix(self, star_arcsec: float) -> tuple[float, float, float]:
         """dRA*, dDE and roll of a fix, from a standard uncertainty along each axis of each star."""
         across = star_arcsec / math.sqrt(max(self.stars, 1.0))
-        return across, across, _roll_arcsec(across, self.width_rad)
+        return across, across, roll_of_a_fix(across, self.width_rad)
 
 
-def _roll_arcsec(across_arcsec: float, width_rad: float) -> float:
+def roll_of_a_fix(across_arcsec: float, width_rad: float) -> float:
     """The turn about the boresight of stars all over a field that shift it by so much across."""
     return across_arcsec / (width_rad / math.sqrt(6))
 
@@ -129,7 +129,7 @@ def own_stars(across_arcsec: float, width_rad: float) -> Term:
         "arcsec",
         across_arcsec,
         across_arcsec,
-        _roll_arcsec(across_arcsec, width_rad),
+        roll_of_a_fix(across_arcsec, width_rad),
         evidence="B: how far air and aberration part the stars over the field, over the root of their number in a fix",
         explanation="in the rows of the sensor alone: its answer has the air of its own stars, truth that of the field",
         remedy="point the sensor higher",

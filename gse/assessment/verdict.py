@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from gse.assessment.decision import Outcome, Row, judge_figure, judge_share
 from gse.assessment.diagnosis import findings
 from gse.assessment.guard_band import COVERAGE_FACTOR
+from gse.assessment.low_field import under_air
 from gse.assessment.mount_terms import STABILITY
 from gse.assessment.no_sky import under_cloud
 from gse.assessment.obstacles import obstacles
@@ -80,13 +81,13 @@ def judge(session: SessionData) -> Assessment:
     mistake = set_up_mistake(session, stats.counted, found) if Outcome.FAIL in {row.outcome for row in rows} else None
     if mistake:
         rows = tuple(excused(row, mistake) for row in rows)
-    rows = tuple(under_cloud(row, session.frames.columns) for row in rows)
+    rows = tuple(under_air(under_cloud(row, session.frames.columns), session) for row in rows)
     in_the_way = tuple(obstacles(session, stats, rows))
     if mistake:
         in_the_way = (f"set-up: {mistake}", *in_the_way)
     verdict = _verdict(rows, in_the_way)
     compared = None if any(finding.is_gross for finding in found) else stats.own
-    found += sensor_findings(session, compared, stats.convention, stats.equivalence)
+    found += sensor_findings(session, compared, stats.convention, stats.equivalence, named=found)
     health = sensor_health(session)
     found += tuple(health_findings(session, health))
     # What decides comes first: screens with one line show the first reason.
