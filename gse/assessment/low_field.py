@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from gse.assessment.decision import Outcome, Row
 from gse.constants import ARCSEC_PER_RAD
-from gse.station.frame_table import ANSWER_CHECKS
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.own_answers import OwnAnswerTruth, field_of
-from gse.station.results import AnswerCheck, Subject
+from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.truth import truth_of
 
@@ -34,12 +34,11 @@ def air_in_field(session: SessionData) -> str:
 
 
 def only_reference_answers(session: SessionData) -> bool:
-    """Whether the reference identifier confirms the sky in most frames, the one under test in less than half."""
-    check = session.frames.columns["answer_check"]
-    absent, correct = (
-        int((check == ANSWER_CHECKS.index(one)).sum()) for one in (AnswerCheck.ABSENT, AnswerCheck.CORRECT)
-    )
-    return 2 * absent > len(check) and absent > correct
+    """Whether only the reference identifier names the stars of most frames, and the one under test does not fail."""
+    frames = session.frames.columns
+    failed = frames["status"] == STATUSES.index(Status.IDENTIFIER_FAULT)
+    absent = (frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.ABSENT)) & ~failed
+    return bool(2 * absent.sum() > len(frames))
 
 
 def under_air(row: Row, session: SessionData) -> Row:

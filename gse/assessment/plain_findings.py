@@ -75,9 +75,13 @@ def nothing_identified(session: SessionData) -> Iterator[Finding]:
     is_day = StationKind.DAYLIGHT in kinds and StationKind.DARK_NIGHT not in kinds
     if is_day or StationKind.WRONG_CAMERA in kinds:
         return
-    if only_reference_answers(session):
+    identified = bool((status == STATUSES.index(Status.IDENTIFIED)).any())
+    failed = int((status == STATUSES.index(Status.IDENTIFIER_FAULT)).sum())
+    if 2 * failed > len(status) and not identified:
+        yield _only_failures(failed, len(status))
+    elif only_reference_answers(session):
         yield _without_answer(session)
-    elif no_match and not (status == STATUSES.index(Status.IDENTIFIED)).any():
+    elif no_match and not identified:
         yield Finding(
             "nothing identified",
             f"not one of {no_match} panoramas with enough objects was identified, with no focal length within 25 % of "
@@ -85,6 +89,16 @@ def nothing_identified(session: SessionData) -> Iterator[Finding]:
             ("an overcast sky with lamps or the Moon behind it", "a distortion of the lens by several pixels"),
             "look at the panoramas: gse view SESSION; check the sensor section of the station file",
         )
+
+
+def _only_failures(failed: int, panoramas: int) -> Finding:
+    """An external identifier that never answers: nothing follows on the sky or the sensor."""
+    return Finding(
+        "identifier fails",
+        f"the external identifier failed on {failed} of {panoramas} panoramas, and identified none",
+        (),
+        "see what the external identifier wrote to stderr: gse session export SESSION --format stderr",
+    )
 
 
 def _without_answer(session: SessionData) -> Finding:
@@ -107,11 +121,13 @@ def _without_answer(session: SessionData) -> Finding:
     equals = ["a fault of the identifier"]
     if objects - seen >= max(FEWEST_UNMATCHED, FALLEN_OUT_SHARE * seen):
         equals.append("a distortion of the lens, or a principal point that is not as stated: gse calibrate SESSION")
+    is_external = session.station.identifier.algorithm == "external"
+    more_stars = "a catalogue of its own with more stars" if is_external else "more stars (identifier.catalog_stars)"
     return Finding(
         "identifier without an answer",
         f"{size}identifier does, and {seen:.0f} stars of the sky are in each{known}",
         tuple(equals),
-        "let it know more stars (identifier.catalog_stars), and try: gse report SESSION --station FILE",
+        f"let it know {more_stars}, and try: gse report SESSION --station FILE",
     )
 
 
