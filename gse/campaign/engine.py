@@ -16,7 +16,7 @@ from distributed.scheduler import KilledWorker
 
 from gse.campaign.cluster import RETRIES
 from gse.campaign.dataset import DataSet
-from gse.campaign.judging import Job, Judged, judge_source
+from gse.campaign.judging import LIMIT_S, Job, Judged, judge_source
 from gse.campaign.keys import OWN_STATION, software_sha256
 from gse.campaign.sources import Source
 from gse.campaign.storage import StorageError, with_patience
@@ -41,9 +41,10 @@ def plan_campaign(
     station: StationText | None = None,
     station_sha256: str = OWN_STATION,
     rehash: bool = False,
+    limit_s: float = LIMIT_S,
 ) -> Campaign:
     """Find out which sources are new to a data set; with ``rehash`` all are read."""
-    job = Job(uuid.uuid4().hex, dataset.url, station, station_sha256)
+    job = Job(uuid.uuid4().hex, dataset.url, station, station_sha256, limit_s)
     committed = {place.key: place for place in dataset.committed()}
     known = {} if rehash else _known(dataset, station_sha256)
     todo, unchanged = [], []
@@ -94,7 +95,7 @@ def _run(campaign: Campaign, client: Client) -> Iterator[Judged]:
         try:
             future = next(waiting)
             source = futures.pop(future)
-            yield _outcome(future, source)
+            yield _outcome(future, source, campaign.job.limit_s)
         except (CancelledError, OSError, StopIteration) as error:
             left = len(campaign.todo) - number
             raise CampaignError(
@@ -103,7 +104,7 @@ def _run(campaign: Campaign, client: Client) -> Iterator[Judged]:
             ) from error
 
 
-def _outcome(future: Any, source: Source) -> Judged:
+def _outcome(future: Any, source: Source, limit_s: float) -> Judged:
     error = future.exception()
     if error is None:
         judged = future.result()
@@ -113,7 +114,8 @@ def _outcome(future: Any, source: Source) -> Judged:
     if isinstance(error, CancelledError):
         raise error
     if isinstance(error, KilledWorker):
-        return Judged(source, error=f"{source.url} ended its workers again and again, perhaps for want of memory")
+        text = f"takes more than {limit_s / 60:g} minutes, or more memory than they have"
+        return Judged(source, error=f"{source.url} ended its workers again and again: it {text}")
     return Judged(source, error=f"{source.url} could not be judged: {type(error).__name__}: {error}")
 
 
