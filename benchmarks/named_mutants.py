@@ -110,7 +110,7 @@ NAMED = (
     ),
     Named(
         "slow for fast",
-        "gse/assessment/diagnosis.py",
+        "gse/assessment/plain_findings.py",
         "'slow' if ppm > 0",
         "'slow' if ppm < 0",
         "tests/gse/assessment/test_diagnosis.py",

@@ -50,7 +50,8 @@ def messages():
 
 
 _CAUSES = (
-    *("gross_causes", "fine_causes", "fine_findings", "focus", "diagnosis", "unexplained"),
+    *("gross_causes", "gross_hypotheses", "gross_turns", "fine_causes", "fine_findings"),
+    *("diagnosis", "plain_findings", "out_of_place", "focus", "unexplained"),
     *("sensor_convention", "sensor_findings", "sensor_health", "beside_panoramas"),
 )
 
@@ -60,12 +61,12 @@ def causes():
     for name in _CAUSES:
         tree = ast.parse((ROOT / "gse" / "assessment" / f"{name}.py").read_text(encoding="utf-8"))
         for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and ast.unparse(node.func) in ("Finding", "Hypothesis", "_Hypothesis", "of"):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in ("Finding", "Hypothesis", "of"):
                 yield from (arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant) and arg.value)
             if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "CLOCK_SCALES":
                 yield from ast.literal_eval(node.value)
-            if isinstance(node, ast.FunctionDef) and node.name in ("_of_mount", "_clock_words", "_events"):
-                place = 1 if node.name == "_events" else 0
+            if isinstance(node, ast.FunctionDef) and node.name in ("of_mount", "_clock_words", "event_findings"):
+                place = 1 if node.name == "event_findings" else 0
                 yield from (
                     of_one.elts[place].value
                     for of_one in ast.walk(node)

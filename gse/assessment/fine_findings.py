@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from gse.assessment.error_series import ErrorSeries
 from gse.assessment.fine_causes import Named, fine_causes
 from gse.assessment.fine_hypotheses import MOST_HPA, TANGENTIAL, ZERO_C_K, Hypothesis
-from gse.assessment.gross_causes import wrong_dates
+from gse.assessment.gross_turns import wrong_dates
 from gse.assessment.session_model import SessionModel
 from gse.assessment.turns import all_turns
 from gse.assessment.vibration import Vibration, vibration, without_waves

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import CountedFrames
 from gse.assessment.decision import Outcome, Row
-from gse.assessment.diagnosis import STARS_FALL_OUT, gross_cause_of, left_under, stars_fall_out
 from gse.assessment.fine_findings import CLOCK_SCALES
+from gse.assessment.out_of_place import STARS_FALL_OUT, stars_fall_out
+from gse.assessment.session_gross_cause import gross_cause_of, left_under
 from gse.finding import Finding
 from gse.limits import Limits
 from gse.station.event_kinds import StationKind

@@ -53,7 +53,7 @@ def command(
     is named, nothing is written without --accept-gross, and the exit code is 1.
     """
     from gse.assessment.counted_frames import counted_frames
-    from gse.assessment.diagnosis import gross_finding
+    from gse.assessment.session_gross_cause import gross_finding
     from gse.cli.progress import replay_with_progress
     from gse.sessions.replay import ReplayOptions
 

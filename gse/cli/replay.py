@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.cli import EXIT_FAIL
+from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.finish import (
     TRUNCATED,
     Applied,
@@ -73,7 +73,7 @@ _replayed = gathered(
     "expected",
     metavar="FILE|sensor",
     help="Count the answers that differ from those of this file (lines of gse.answer/1 or gse.frame/1), or from the "
-    "sensor's own (sensor: its ATTITUDE frames in the session); exit code 1.",
+    "sensor's own (sensor: its ATTITUDE frames in the session); exit code 1, 5 where there is no answer to compare.",
 )
 @live_options
 @clock_error_option
@@ -165,8 +165,13 @@ def _with_sensor(loop: "StationLoop") -> "list[Comparison]":
 
 
 def _differing(comparisons: "list[Comparison]", replay: "Replay") -> list[Applied]:
-    """The exit codes of answers that differ from expected ones, which are told."""
+    """The exit codes of answers that differ from expected ones, or of none to compare, which are told."""
+    found: list[Applied] = []
     for answers in comparisons:
         answers.finish(replay.session)
         click.echo(answers.text(), err=True)
-    return [(EXIT_FAIL, "answers differ from the expected ones") for answers in comparisons if not answers.is_same]
+        if not answers.is_same:
+            found.append((EXIT_FAIL, "answers differ from the expected ones"))
+        elif answers.shows_nothing:
+            found.append((EXIT_INCONCLUSIVE, "there was no answer to compare with an expected one"))
+    return found

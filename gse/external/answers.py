@@ -33,7 +33,7 @@ _TO_SENSOR, _TO_ICRS = "icrs-to-sensor", "sensor-to-icrs"
 
 
 _IDENTIFIED = "IDENTIFIED"
-_NO_ANSWER = ("TOO_FEW", "NO_MATCH", "AMBIGUOUS", "SENSOR_FAULT")
+NO_ANSWER = ("TOO_FEW", "NO_MATCH", "AMBIGUOUS", "SENSOR_FAULT")
 """Numbers beside these are what was left in their place."""
 _NONE = np.zeros(0, np.int64)
 
@@ -116,7 +116,7 @@ def _answer(document: dict[str, Any], objects: int) -> ExternalAnswer:
     status = _text(document, "status", _IDENTIFIED if attitude else "NO_MATCH")
     if status == _IDENTIFIED and attitude is None:
         raise ValueError(f"status is {_IDENTIFIED} without ra_deg and de_deg, or a quaternion")
-    if status in _NO_ANSWER:
+    if status in NO_ANSWER:
         attitude = None
     rows, stars = _matches(document.get("matches", []), objects)
     elapsed_us = _number(document, "elapsed_us", 0, 1e12) if "elapsed_us" in document else None

@@ -75,7 +75,8 @@ class ExpectedAttitudes(Comparison):
         self._sent |= {int(row["time_us"]): row.copy() for row in new}
         for time_us in [time_us for time_us in self._sent if time_us in self._results]:
             given, sent = self._results.pop(time_us), self._sent.pop(time_us)
-            self.note(given.frame_no, self._differences(given, sent))
+            answered = given.icrs_to_sensor is not None or bool(sent["acquired"])
+            self.note(given.frame_no, self._differences(given, sent), answered=answered)
         while len(self._sent) > MOST_WAITING:
             self._sent.pop(next(iter(self._sent)))
             self._dropped += 1

@@ -22,7 +22,8 @@ class Emulator:
         self._firmware, self._endpoint, self._now_ns = firmware, endpoint, now_ns
         self._baudrate = baudrate
         self._byte_ns = BITS_PER_BYTE * NS_PER_S // baudrate
-        self._line: deque[tuple[int, bytes]] = deque()
+        self._line: deque[tuple[int, bytes, int]] = deque()
+        """When the piece has arrived, its bytes, and the baud rate at which the station was to read them."""
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Serve until ``stop`` returns True."""
@@ -33,17 +34,16 @@ class Emulator:
             while (due_ns := self._firmware.due_ns) is not None and due_ns <= self._now_ns() and not stop():
                 self._put(self._firmware.step())
             while self._line and self._line[0][0] <= self._now_ns():
-                self._endpoint.send(self._line.popleft()[1])
+                _, piece, baudrate = self._line.popleft()
+                if baudrate == self._station_baud():  # a rate that is set in the middle of a frame spoils the frame
+                    self._endpoint.send(piece)
 
-    def _read_by_the_station(self, data: bytes) -> bytes:
-        """What a station reads of these bytes: something else where it has set another baud rate."""
-        listening = self._endpoint.listening_baud() or self._baudrate
-        return data if listening == self._baudrate else received_at(data, self._baudrate, listening)
+    def _station_baud(self) -> int:
+        return self._endpoint.listening_baud() or self._baudrate
 
     def _heard(self, data: bytes) -> bytes:
-        """What the sensor reads of the station's bytes."""
-        sending = self._endpoint.listening_baud() or self._baudrate
-        return data if sending == self._baudrate else received_at(data, sending, self._baudrate)
+        """What the sensor reads of the station's bytes: something else where that has set another baud rate."""
+        return received_at(data, self._station_baud(), self._baudrate)
 
     def _wait_s(self) -> float:
         dues = [self._line[0][0]] if self._line else []
@@ -57,9 +57,10 @@ class Emulator:
         """Lay bytes on the line: the first when it is complete, the others in pieces as they follow."""
         for sent in transmissions:
             at, size = 0, 1
-            data = self._read_by_the_station(sent.data)
+            listening = self._station_baud()
+            data = received_at(sent.data, self._baudrate, listening)
             while at < len(data):
                 piece = data[at : at + size]
                 at += len(piece)
-                self._line.append((sent.start_ns + at * self._byte_ns, piece))
+                self._line.append((sent.start_ns + at * self._byte_ns, piece, listening))
                 size = max(_PIECE_NS // self._byte_ns, 1)

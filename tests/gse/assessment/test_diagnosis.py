@@ -9,7 +9,8 @@ from skies.known_nights import START_NS, STATION, TRUTH, session, unanswered
 from skies.one_by_one import add_frame
 
 from drivers.chunk import LinkEvent
-from gse.assessment.diagnosis import causes_so_far, stars_fall_out
+from gse.assessment.diagnosis import causes_so_far
+from gse.assessment.out_of_place import stars_fall_out
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
 from gse.station.event_kinds import ClockStep, StationKind

@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gse.assessment.gross_causes import RawAttitudes, gross_cause, wrong_dates
+from gse.assessment.gross_causes import gross_cause
+from gse.assessment.gross_turns import wrong_dates
+from gse.assessment.raw_attitudes import RawAttitudes
 from gse.attitude import solve_attitude
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount

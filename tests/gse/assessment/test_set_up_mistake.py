@@ -9,7 +9,7 @@ from skies.one_by_one import add_frame
 from drivers.chunk import LinkEvent
 from gse.assessment.counted_frames import counted_frames
 from gse.assessment.decision import Outcome, Row
-from gse.assessment.diagnosis import gross_finding
+from gse.assessment.session_gross_cause import gross_finding
 from gse.assessment.set_up_mistake import excused, set_up_mistake
 from gse.config.station import BUILT_IN_TEXT
 from gse.finding import Finding

@@ -222,3 +222,29 @@ def test_the_lines_of_a_replay_are_expected_of_the_next_one(sessions, folder, gs
     path.write_text('{"frame_no": 1}\nnonsense\n')
     broken = gse("replay", sessions[0], "--expect", path, "--out", folder / "expect-broken")
     assert (broken.code, "broken.ndjson, line 2: expected an answer" in broken.err) == (2, True)
+
+
+def test_an_expected_quaternion_is_compared_and_an_empty_expectation_refused(sessions, folder, gse):
+    path = folder / "expected.ndjson"
+    lines = (folder / "own.ndjson").read_text().splitlines()
+    turned = [{"frame_no": json.loads(line)["frame_no"], "quaternion": [1, 0, 0, 0]} for line in lines]
+    path.write_text("".join(json.dumps(line) + "\n" for line in turned))
+    assert compared(sessions[0], path).different == 120
+    for text, reason in (
+        ("\n", "has no answer: expected a line of JSON for each frame"),
+        ('{"frame_no": 1, "ra_deg": NaN, "de_deg": NaN}', "line 1: ra_deg is nan: expected numbers"),
+        ('{"frame_no": 1, "quaternion": [1, 0, 0, "0"]}', "line 1: quaternion is [1, 0, 0, '0']: expected numbers"),
+    ):
+        path.write_text(text)
+        refused = gse("replay", sessions[0], "--expect", path, "--out", folder / "refused-expectation")
+        assert (refused.code, reason in refused.err) == (2, True)
+
+
+def test_no_answers_on_both_sides_show_nothing(sessions, folder, gse):
+    blind = program(folder, "for line in sys.stdin: answer(json.loads(line), status='NO_MATCH')\n", name="blind")
+    path = folder / "none.ndjson"
+    path.write_text("".join(json.dumps({"frame_no": number}) + "\n" for number in range(120)))
+    options = ("--identifier", f"command:{blind}", "--expect", path, "--out", folder / "blind-replay")
+    done = gse("replay", sessions[0], *options)
+    assert "0 of 120 answers differ from the expected ones; 120 of them are no answer on both sides" in done.err
+    assert "there was no answer to compare with an expected one (5)" in done.err

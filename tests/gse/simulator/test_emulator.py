@@ -147,6 +147,38 @@ def test_preflight_finds_the_baud_rate_of_a_faster_sensor(detector: Detector, tm
     assert f"valid frames come with port.baudrate: {BAUDRATE}" in check.advice
 
 
+class RateSetInMidFrame:
+    """A station that sets half the sensor's baud rate after the first piece of each frame."""
+
+    address = "nowhere"
+
+    def __init__(self) -> None:
+        self.received = b""
+        self.enough = threading.Event()
+
+    def wait(self, timeout_s: float) -> bytes:
+        threading.Event().wait(timeout_s)
+        return b""
+
+    def send(self, data: bytes) -> None:
+        self.received += data
+        if len(self.received) > 1000:
+            self.enough.set()
+
+    def listening_baud(self) -> int:
+        return BAUDRATE // 2 if self.received else BAUDRATE
+
+    def close(self) -> None:
+        """There is nothing to close."""
+
+
+def test_a_frame_in_whose_middle_the_rate_is_set_does_not_come_whole(detector: Detector) -> None:
+    endpoint, decoder = RateSetInMidFrame(), FrameDecoder(PROTOCOL)
+    with emulated(endpoint, detector):
+        assert endpoint.enough.wait(PATIENCE_S)
+    assert [item for item in decoder.feed(endpoint.received) if isinstance(item, Frame)] == []
+
+
 def test_a_client_may_leave_and_another_come(detector: Detector) -> None:
     with emulated(TcpEndpoint("127.0.0.1", 0), detector) as address:
         for _ in range(2):

@@ -1,0 +1,148 @@
+"""Plain findings: what events, counts and rates of a session say by themselves, without a model of its errors."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gse.assessment.out_of_place import FALLEN_OUT_SHARE
+from gse.assessment.statistics import Statistics
+from gse.finding import Finding
+from gse.instant import NS_PER_S
+from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, Status
+from gse.station.session_data import SessionData
+from gse.station.sky_condition import FEWEST_UNMATCHED
+
+_FEWEST_DRIFTING = 10
+_SENSOR_DRIFT_PPM = 100.0
+"""A crystal keeps within 50 ppm over its whole temperature range."""
+_EQUALS_OF_EVENT = {
+    StationKind.WRONG_CAMERA: ("distortion of the lens",),
+    StationKind.MIRRORED: ("x and y exchanged (in the protocol description, or by the sensor)",),
+}
+
+
+def event_findings(session: SessionData, named: set[str]) -> Iterator[Finding]:
+    """What events say that no named cause says already."""
+    kinds = {event.kind: event for event in session.events}
+    if StationKind.MIRRORED in kinds:
+        kinds.pop(StationKind.WRONG_CAMERA, None)
+    if away_s := ran_away_s(session):
+        kinds.pop(StationKind.CLOCK_STEP)
+        if "clock drift" not in named:
+            size = f"the host's UTC clock ran away from its monotonic one by {away_s:+.3f} s, a little with each frame"
+            yield Finding("clock drift", size, (), "see whether the clock is synchronised: gse preflight")
+    known = (
+        (StationKind.CLOCK_STEP, "clock step", "synchronise the clock before the session: gse preflight"),
+        (
+            StationKind.MIRRORED,
+            "mirrored image",
+            "turn sensor.mirrored over in the station file: gse calibrate SESSION",
+        ),
+        (
+            StationKind.WRONG_CAMERA,
+            "focal length",
+            "enter it and judge the same recording again: gse report SESSION --station FILE; gse calibrate fits it",
+        ),
+        (StationKind.NO_STATION, "station file", "give the right one: gse report SESSION --station FILE"),
+        (StationKind.SEQUENCE_CHAOS, "sequence numbers", "see what the link brings: gse decode SESSION --explain"),
+        (
+            StationKind.FROZEN,
+            "frozen sensor",
+            "switch the sensor off and on: it repeats one panorama",
+        ),
+    )
+    for kind, cause, following in known:
+        if kind in kinds and cause not in named:
+            yield Finding(cause, kinds[kind].text, _EQUALS_OF_EVENT.get(kind, ()), following)
+
+
+def ran_away_s(session: SessionData) -> float:
+    """The sum of the steps of the host's clock, where most frames have one and all go one way; else 0."""
+    steps_ns = [event.step_ns for event in session.events if isinstance(event, ClockStep)]
+    is_drift = len(steps_ns) > _FEWEST_DRIFTING + len(session.frames.columns) // 2
+    same_way = len({step_ns > 0 for step_ns in steps_ns}) == 1
+    return sum(steps_ns) / NS_PER_S if is_drift and same_way else 0.0
+
+
+def nothing_identified(session: SessionData) -> Iterator[Finding]:
+    """By the identifier under test, in a whole session by night."""
+    status = session.frames.columns["status"]
+    no_match = int((status == STATUSES.index(Status.NO_MATCH)).sum())
+    kinds = {event.kind for event in session.events}
+    is_day = StationKind.DAYLIGHT in kinds and StationKind.DARK_NIGHT not in kinds
+    if is_day or StationKind.WRONG_CAMERA in kinds:
+        return
+    if (status == STATUSES.index(Status.IDENTIFIED)).any():
+        return
+    unanswered = no_match + int((status == STATUSES.index(Status.TOO_FEW)).sum())
+    if 2 * (session.frames.columns["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.ABSENT)).sum() > unanswered:
+        yield _only_reference_answers(session, unanswered)
+    elif no_match:
+        yield Finding(
+            "nothing identified",
+            f"not one of {no_match} panoramas with enough objects was identified, with no focal length within 25 % of "
+            "the stated one, nor mirrored: most objects are not stars, or sensor.rows, columns or optics are others",
+            ("an overcast sky with lamps or the Moon behind it", "a distortion of the lens by several pixels"),
+            "look at the panoramas: gse view SESSION; check the sensor section of the station file",
+        )
+
+
+def _only_reference_answers(session: SessionData, unanswered: int) -> Finding:
+    """The sky is there: the identifier under test knows too few of its stars, or these do not lie as it is told."""
+    seen, expected, objects = (
+        float(np.median(session.frames.columns[name])) for name in ("stars_seen", "stars_expected", "objects")
+    )
+    known = f", of which its catalogue holds {expected:.0f}" if 0 <= expected < seen else ""
+    known += f"; {objects - seen:.0f} of {objects:.0f} objects are none of them" if objects > seen else ""
+    equals = ["a fault of the identifier"]
+    if objects - seen >= max(FEWEST_UNMATCHED, FALLEN_OUT_SHARE * seen):
+        equals.append("a distortion of the lens, or a principal point that is not as stated: gse calibrate SESSION")
+    return Finding(
+        "identifier without an answer",
+        f"the identifier under test answers none of {unanswered} panoramas; the reference identifier does, and "
+        f"{seen:.0f} stars of the sky are in each{known}",
+        tuple(equals),
+        "let it know more stars (identifier.catalog_stars), and try: gse report SESSION --station FILE",
+    )
+
+
+def faulty_panoramas(session: SessionData) -> Iterator[Finding]:
+    """Where more than half of the panoramas are."""
+    status = session.frames.columns["status"]
+    faulty = int((status == STATUSES.index(Status.SENSOR_FAULT)).sum())
+    if 2 * faulty > len(status):
+        yield Finding(
+            "faulty panoramas",
+            f"{faulty} of {len(status)} panoramas cannot be: the sensor reports a fault, or an index value is too "
+            "great, negative, no number, or the same for all objects, so that no object is the brightest",
+            ("a protocol description that reads index or x and y from the wrong bytes",),
+            "read what was sent: gse decode SESSION --explain",
+        )
+
+
+def sensor_clock_drift(stats: Statistics) -> Iterator[Finding]:
+    """By more than a crystal may, and than its error."""
+    ppm = stats.clock.sensor_drift_ppm
+    if abs(ppm) > max(_SENSOR_DRIFT_PPM, 3 * stats.clock.sensor_drift_error_ppm):
+        yield Finding(
+            "sensor clock drift",
+            f"it runs {abs(ppm):.0f} ppm {'slow' if ppm > 0 else 'fast'} against the host's",
+            ("a host's clock that is being slewed",),
+            "see the clock: gse preflight; the sensor's own tags are not used for UTC",
+        )
+
+
+def hot_pixels(session: SessionData) -> Iterator[Finding]:
+    """More than the station file lists."""
+    count = session.frames.columns["hot_pixels"]
+    late = count[-(len(count) // 4) :]  # a pixel is told from a star once the sky has moved
+    usual = float(np.median(late)) if len(late) else 0.0
+    if usual > len(session.station.sensor.hot_pixels):
+        yield Finding(
+            "hot pixels",
+            f"{usual:.0f} objects of a frame (median) stand still on the detector while the stars move",
+            ("dust or a reflex that stands still",),
+            "list them in sensor.hot_pixels: gse calibrate SESSION --write FILE",
+        )
