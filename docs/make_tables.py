@@ -23,7 +23,7 @@ files that pandas, polars and DuckDB read as they lie. This page is made by `doc
 | sessions | session: verdict, every figure with its interval, conditions, hashes | `gse.sessions/{SCHEMA_VERSION}` |
 | frames | panorama: time, answers of each subject, errors, sky | `gse.frames/{SCHEMA_VERSION}` |
 | stars | matched star and frame: residual, pixel phase, field position, temperature | `gse.stars/{SCHEMA_VERSION}` |
-| atlas (in the data set of a campaign) | session with enough stars: its part of the error atlas | `gse.atlas/{SCHEMA_VERSION}` |
+| atlas (of a campaign alone) | session with enough stars: its part of the error atlas | `gse.atlas/{SCHEMA_VERSION}` |
 
 * `key` joins the tables: the SHA-256 of what the results follow from, which are the session's bytes
   (`session_sha256`), the station file in force (`station_sha256`) and the software (`software_sha256`: its source and
@@ -42,8 +42,8 @@ files that pandas, polars and DuckDB read as they lie. This page is made by `doc
   angles from the boresight along columns and rows.
 * `night` is the date of the evening on which the session's night began, in the mean time of the site's longitude.
 * A session that could not be judged has a row in sessions: `source`, `error`, and nulls.
-* Atlas: `phase` has the pixel phase error along columns and rows, with the first harmonic (sine, cosine), its covariance by
-  rows, and the mean residual with its standard error over 20 parts of a pixel; `field_*` are of 8 x 8 cells of the
+* Atlas: `phase` has the pixel phase error along columns and rows, with the first harmonic (sine, cosine), its covariance
+  by rows, and the mean residual with its standard error over 20 parts of a pixel; `field_*` are of 8 x 8 cells of the
   detector, row by row; `scale` is the relative error of the focal length; `offsets` are those of the stars from their
   catalogue places.
 """
