@@ -42,7 +42,7 @@ files that pandas, polars and DuckDB read as they lie. This page is made by `doc
   angles from the boresight along columns and rows.
 * `night` is the date of the evening on which the session's night began, in the mean time of the site's longitude.
 * A session that could not be judged has a row in sessions: `source`, `error`, and nulls.
-* Atlas: `phase` has the pixel phase error along columns and rows, with the first harmonic (sine, cosine), its covariance
+* Atlas: `phase` has the pixel phase error along columns and rows: the first harmonic (sine, cosine), its covariance
   by rows, and the mean residual with its standard error over 20 parts of a pixel; `field_*` are of 8 x 8 cells of the
   detector, row by row; `scale` is the relative error of the focal length; `offsets` are those of the stars from their
   catalogue places.
