@@ -14,7 +14,7 @@ from typing import Any
 from distributed import Client, as_completed
 from distributed.scheduler import KilledWorker
 
-from gse.campaign.cluster import RETRIES
+from gse.campaign.cluster import RETRIES, past_lost_workers
 from gse.campaign.dataset import DataSet
 from gse.campaign.judging import LIMIT_S, Job, Judged, judge_source
 from gse.campaign.keys import OWN_STATION, software_sha256
@@ -95,7 +95,7 @@ def _run(campaign: Campaign, client: Client) -> Iterator[Judged]:
         try:
             future = next(waiting)
             source = futures.pop(future)
-            yield _outcome(future, source, campaign.job.limit_s)
+            yield _outcome(past_lost_workers(future), source)
         except (CancelledError, OSError, StopIteration) as error:
             left = len(campaign.todo) - number
             raise CampaignError(
@@ -104,7 +104,7 @@ def _run(campaign: Campaign, client: Client) -> Iterator[Judged]:
             ) from error
 
 
-def _outcome(future: Any, source: Source, limit_s: float) -> Judged:
+def _outcome(future: Any, source: Source) -> Judged:
     error = future.exception()
     if error is None:
         judged = future.result()
@@ -114,8 +114,7 @@ def _outcome(future: Any, source: Source, limit_s: float) -> Judged:
     if isinstance(error, CancelledError):
         raise error
     if isinstance(error, KilledWorker):
-        text = f"takes more than {limit_s / 60:g} minutes, or more memory than they have"
-        return Judged(source, error=f"{source.url} ended its workers again and again: it {text}")
+        return Judged(source, error=f"{source.url} ended its workers again and again, perhaps for want of memory")
     return Judged(source, error=f"{source.url} could not be judged: {type(error).__name__}: {error}")
 
 

@@ -6,7 +6,6 @@ is raised, and the session is judged by the next run.
 """
 
 import contextlib
-import faulthandler
 import functools
 import json
 import os
@@ -14,7 +13,7 @@ import socket
 import stat
 import tempfile
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -41,6 +40,7 @@ from gse.campaign.hot_pixels import COLUMN, HotPixelCounter
 from gse.campaign.keys import OWN_STATION, session_sha256, software_sha256
 from gse.campaign.sources import Source
 from gse.campaign.storage import StorageError, copy_here, explained, protocol_of, with_patience
+from gse.campaign.time_limit import time_limit, was_too_long
 from gse.errors import GseError
 from gse.release_memory import give_back
 from gse.report import summarise
@@ -59,7 +59,7 @@ _MOST_ERROR = 1000
 class Job:
     """What the sessions of a campaign are judged with; ``name`` is one run's own.
 
-    A worker that is longer than ``limit_s`` at one session ends, since nothing else could stop it.
+    A worker that takes longer than ``limit_s`` for one session ends.
     """
 
     name: str
@@ -99,7 +99,11 @@ def judge_source(source: Source, job: Job) -> Judged:
             known = _committed(job).get(key.text)
             if known is not None:
                 return Judged(source, key.text, found, sensor=known.sensor, night=known.night)
-            with _ended_after(job.limit_s):
+            mark = f"too-long-{job.name}-{key.text}"
+            if was_too_long(job.dataset_url, mark):
+                limit = f"{source.url} takes more than {job.limit_s / 60:g} minutes"
+                return Judged(source, error=f"{limit}; --session-limit gives it more")
+            with time_limit(job.limit_s, job.dataset_url, mark):
                 result = _judged(first, key, job, source, folder)
             if session_sha256(segments) != found or read_before != _state_here(source):
                 return Judged(source, error=f"{source.url} changed while it was read; is its session still running?")
@@ -114,20 +118,6 @@ def judge_source(source: Source, job: Job) -> Judged:
     return Judged(
         source, key.text, found, result.verdict, result.place.sensor, result.place.night, result.error, is_new=True
     )
-
-
-@contextlib.contextmanager
-def _ended_after(limit_s: float) -> Iterator[None]:
-    """End this process where the block takes longer, whatever it does: Dask knows no limit of a task's time.
-
-    Dask then starts the worker anew, and gives up a session that has ended several.
-    """
-    with open(os.devnull, "w") as nowhere:
-        faulthandler.dump_traceback_later(limit_s, exit=True, file=nowhere)
-        try:
-            yield
-        finally:
-            faulthandler.cancel_dump_traceback_later()
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,7 +70,7 @@ def command() -> None:
     type=click.IntRange(1, 10_000),
     default=60,
     show_default=True,
-    help="Minutes after which a worker that judges one session ends; the session is given up where that recurs.",
+    help="Minutes that a worker may take for one session.",
 )
 @click.option("--rehash", is_flag=True, help="Read sources whose size and time of change are as before, too.")
 @click.option("--json", "as_json", is_flag=True, help="The outcome as one JSON object on stdout.")

@@ -185,11 +185,14 @@ def test_a_worker_without_room_of_its_own_names_its_folder_and_ends_the_run(made
 def test_a_worker_that_is_too_long_at_a_session_ends_and_leaves_nothing(made, tmp_path):
     dataset = DataSet.at(str(tmp_path / "dataset"), create=True)
     source = find_sources([str(made / "night-1.mcap")])[0]
+    short = Job("one", dataset.url, None, limit_s=0.02)
     if not (worker := os.fork()):
-        judge_source(source, Job("one", dataset.url, None, limit_s=0.02))
+        judge_source(source, short)
         os._exit(0)
     assert os.waitstatus_to_exitcode(os.waitpid(worker, 0)[1]) == 1
+    assert "minutes; --session-limit gives it more" in judge_source(source, short).error
     assert dataset.committed() == []
+    assert judge_source(source, Job("next run", dataset.url, None)).error == ""
 
 
 def test_a_data_set_that_cannot_be_written_ends_the_run(made, tmp_path):
