@@ -143,11 +143,9 @@ def errors_of(table: pa.Table) -> SessionErrors | None:
     )
     listed = table["offsets"].combine_chunks().values
     columns = {of.name: listed.field(of.name) for of in listed.type}
-    numbers = {name: of.to_numpy(zero_copy_only=False) for name, of in columns.items() if name != "star"}
-    offsets = StarOffsets(
-        numbers["star_id"], *(numbers[name] for name in _OF_OFFSETS), numbers["residuals"], numbers["minutes"]
-    )
-    return SessionErrors(atlas, offsets, tuple(columns["star"].to_pylist()))
+    names = columns.pop("star").to_pylist()
+    numbers = {name: of.to_numpy(zero_copy_only=False) for name, of in columns.items()}
+    return SessionErrors(atlas, StarOffsets(star=numbers.pop("star_id"), **numbers), tuple(names))
 
 
 def _flat(values: NDArray[np.float64]) -> list[float | None]:
