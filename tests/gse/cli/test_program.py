@@ -4,6 +4,7 @@ import contextlib
 import itertools
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -96,10 +97,16 @@ def test_what_is_not_a_duration_is_answered_with_examples(text: str) -> None:
         read_duration(text)
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+NO_START_FILE = {"bash": ["--norc"], "zsh": ["-f"], "fish": ["--no-config"]}
+
+
+@pytest.mark.parametrize("shell", NO_START_FILE)
 def test_a_shell_that_sources_the_script_completes_commands(shell: str) -> None:
     script = subprocess.run([GSE, "completion", shell], capture_output=True, text=True, check=True).stdout
     assert f"_GSE_COMPLETE={shell}_complete" in script
+    if shutil.which(shell):
+        bare = subprocess.run([shell, *NO_START_FILE[shell]], input=script, capture_output=True, text=True, check=True)
+        assert (bare.stdout, bare.stderr) == ("", "")
 
 
 def test_bash_is_given_the_commands_that_fit() -> None:

@@ -1,6 +1,7 @@
 """The live view in a real browser: the page opens, the plots draw, and no request leaves the machine."""
 
 import io
+import itertools
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_nig
 
 from gse.drawing.palette import ORANGE, PINK, SKY_BLUE, VERMILLION
 from gse.station.frame_results import NewResults
+from gse.view.glance import Glance
 from gse.view.live import LiveView
 from gse.view.saved_view import SavedView
 from gse.view.server import Content, ViewServer
@@ -111,3 +113,29 @@ def test_the_page_cannot_call_out_even_if_it_tries() -> None:
         blocked = seen.page.evaluate("fetch('http://localhost:1/').then(() => 'sent', e => String(e))")
         assert "sent" not in blocked
         assert any("Content Security Policy" in error for error in seen.errors)
+
+
+SIZES = {"phone": (390, 844), "laptop": (1280, 720), "wide": (1920, 1080)}
+THEMES = ("", "red,large")
+
+
+def test_the_glance_page_fits_its_window_in_each_size_and_theme_with_one_request() -> None:
+    chromium()
+    session = synthetic_night(20)
+    glance = Glance(session.station)
+    for frame in synthetic_frames(20, trouble=False):
+        glance.on_results(NewResults.of([frame]), session)
+    with ViewServer("127.0.0.1", 0, Content(glance=glance)) as server, visit() as seen:
+        for size, theme in itertools.product(SIZES.values(), THEMES):
+            seen.page.goto("about:blank")
+            seen.page.set_viewport_size({"width": size[0], "height": size[1]})
+            seen.page.goto(f"{server.url}#{theme}")
+            seen.page.wait_for_selector("#axis-1")
+            place = seen.page.evaluate("document.getElementById('word-text').getBoundingClientRect().toJSON()")
+            room = seen.page.evaluate("[document.documentElement.scrollWidth, document.body.className]")
+            assert seen.page.inner_text("#word-text") not in ("", "CONNECTING")
+            assert place["height"] >= size[1] / 10, (size, theme)
+            assert place["right"] <= size[0], (size, theme)
+            assert room == [size[0], ""], (size, theme)
+        assert {url for url in seen.requests if url.startswith("http")} == {server.url}
+        assert seen.errors == []
