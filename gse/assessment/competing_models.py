@@ -156,10 +156,10 @@ def _field_square(observed: Observed, at: NDArray[np.float64]) -> float:
 @functools.lru_cache(maxsize=2)
 def _field_alone(observed: Observed) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Scales (F,), the normal equations (F, F) in them, and what these say of the parameters (F,) without a model."""
-    scale: NDArray[np.float64] = np.sqrt(np.diag(observed.normal))
+    scale = np.sqrt(np.diag(observed.normal))
     normal = observed.normal / scale[:, None] / scale
-    best: NDArray[np.float64] = np.linalg.lstsq(normal, observed.right / scale, rcond=1e-9)[0]
-    return scale, normal, best
+    best = np.linalg.lstsq(normal, observed.right / scale, rcond=1e-9)[0]
+    return scale, normal, np.asarray(best, dtype=np.float64)
 
 
 def _equations(observed: Observed, columns: Columns, state: _State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
