@@ -76,6 +76,10 @@ def nothing_identified(session: SessionData) -> Iterator[Finding]:
         return
     if (status == STATUSES.index(Status.IDENTIFIED)).any():
         return
+    failed = int((status == STATUSES.index(Status.IDENTIFIER_FAULT)).sum())
+    if 2 * failed > len(status):
+        yield _only_failures(failed, len(status))
+        return
     unanswered = no_match + int((status == STATUSES.index(Status.TOO_FEW)).sum())
     if 2 * (session.frames.columns["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.ABSENT)).sum() > unanswered:
         yield _only_reference_answers(session, unanswered)
@@ -89,6 +93,16 @@ def nothing_identified(session: SessionData) -> Iterator[Finding]:
         )
 
 
+def _only_failures(failed: int, panoramas: int) -> Finding:
+    """An external identifier that never answers: nothing follows on the sky or the sensor."""
+    return Finding(
+        "identifier fails",
+        f"the external identifier failed on {failed} of {panoramas} panoramas, and identified none",
+        (),
+        "see what the external identifier wrote to stderr: gse session export SESSION --format stderr",
+    )
+
+
 def _only_reference_answers(session: SessionData, unanswered: int) -> Finding:
     """The sky is there: the identifier under test knows too few of its stars, or these do not lie as it is told."""
     seen, expected, objects = (
@@ -99,12 +113,14 @@ def _only_reference_answers(session: SessionData, unanswered: int) -> Finding:
     equals = ["a fault of the identifier"]
     if objects - seen >= max(FEWEST_UNMATCHED, FALLEN_OUT_SHARE * seen):
         equals.append("a distortion of the lens, or a principal point that is not as stated: gse calibrate SESSION")
+    is_external = session.station.identifier.algorithm == "external"
+    more_stars = "a catalogue of its own with more stars" if is_external else "more stars (identifier.catalog_stars)"
     return Finding(
         "identifier without an answer",
         f"the identifier under test answers none of {unanswered} panoramas; the reference identifier does, and "
         f"{seen:.0f} stars of the sky are in each{known}",
         tuple(equals),
-        "let it know more stars (identifier.catalog_stars), and try: gse report SESSION --station FILE",
+        f"let it know {more_stars}, and try: gse report SESSION --station FILE",
     )
 
 

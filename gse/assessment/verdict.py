@@ -45,6 +45,7 @@ class Assessment:
     """The verdict, a line per reason, the rows it was made from, and what the errors look like.
 
     ``relative`` where the mount was fitted on the same sky: then absolute pointing, site and clock were not tested.
+    ``damaged`` where a part of the session file is missing: nobody knows what that part showed.
     ``not_tested`` are lines on what the verdict says nothing of. A ``simulated`` session proves nothing of a sensor.
     """
 
@@ -57,12 +58,15 @@ class Assessment:
     not_tested: tuple[str, ...]
     relative: bool
     simulated: bool
+    damaged: bool
     health: SensorHealth
 
     @property
     def word(self) -> str:
-        """The verdict as it is printed."""
-        return f"{self.verdict}, relative" if self.relative and self.verdict is Verdict.PASS else self.verdict.value
+        """The verdict as it is printed: a PASS with what it does not cover."""
+        if self.verdict is not Verdict.PASS:
+            return self.verdict.value
+        return ", ".join(["PASS", *["relative"] * self.relative, *["damaged session"] * self.damaged])
 
 
 def judge(session: SessionData) -> Assessment:
@@ -108,6 +112,7 @@ def judge(session: SessionData) -> Assessment:
         tuple(_not_tested(stats, rows, relative)),
         relative,
         is_simulated(session),
+        session.truncated,
         health,
     )
 

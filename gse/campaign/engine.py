@@ -14,7 +14,7 @@ from typing import Any
 from distributed import Client, as_completed
 from distributed.scheduler import KilledWorker
 
-from gse.campaign.cluster import RETRIES
+from gse.campaign.cluster import RETRIES, past_lost_workers
 from gse.campaign.dataset import DataSet
 from gse.campaign.judging import Job, Judged, judge_source
 from gse.campaign.keys import OWN_STATION, software_sha256
@@ -94,7 +94,7 @@ def _run(campaign: Campaign, client: Client) -> Iterator[Judged]:
         try:
             future = next(waiting)
             source = futures.pop(future)
-            yield _outcome(future, source)
+            yield _outcome(past_lost_workers(future), source)
         except (CancelledError, OSError, StopIteration) as error:
             left = len(campaign.todo) - number
             raise CampaignError(

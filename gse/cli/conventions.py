@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_FAIL
+from gse.cli.damage import damage_code
 from gse.cli.options import change_to, say, start_utc_option
 from gse.errors import UsageError
 from gse.sign_of_life import working
@@ -58,7 +59,8 @@ def command(
         )
     stated = session.station.sensor.attitude
     click.echo(json.dumps(_document(search, stated)) if as_json else "\n".join(_lines(search, stated)))
-    ctx.exit(EXIT_FAIL if not search.fits or is_wrong(search, stated) else 0)
+    lost = damage_code(path, damaged=session.truncated)
+    ctx.exit(lost or (EXIT_FAIL if not search.fits or is_wrong(search, stated) else 0))
 
 
 def _session(path: Path, station_path: Path | None, start_utc: str | None, seconds: float) -> "SessionData":

@@ -104,6 +104,18 @@ def test_where_the_reference_finds_stars_in_most_panoramas_it_is_the_identifier(
     assert causes_so_far(made) == ()
 
 
+def test_a_program_that_failed_on_most_panoramas_says_nothing_of_the_stars():
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(50):
+        add_frame(made.frames, unanswered(number))
+    made.frames.columns["status"][:26] = STATUSES.index(Status.IDENTIFIER_FAULT)
+    (finding,) = causes_so_far(made)
+    assert finding.cause == "identifier fails"
+    assert "failed on 26 of 50 panoramas" in finding.size
+    made.frames.columns["status"][25] = STATUSES.index(Status.NO_MATCH)
+    assert causes_so_far(made)[0].cause != "identifier fails"
+
+
 @pytest.mark.parametrize(("expected", "words"), [(4.0, "which its catalogue holds 4"), (-1.0, ""), (12.0, "")])
 def test_a_short_catalogue_is_told_where_it_is_known_to_be_short(expected, words):
     made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
