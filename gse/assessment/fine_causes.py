@@ -5,6 +5,7 @@ The one with the best score is named, then the best beside it, as long as each i
 Causes that explain the same nearly as well are its equals.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -110,6 +111,12 @@ def _is_rest(observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bo
 
 
 def fitted_to(observed: Observed, causes: Sequence[Hypothesis]) -> Fitted:
+    """The fit of causes together; most are asked for twice, to compete and as equals of the best."""
+    return _fitted_to(observed, tuple(causes))
+
+
+@functools.lru_cache(maxsize=256)
+def _fitted_to(observed: Observed, causes: tuple[Hypothesis, ...]) -> Fitted:
     return fitted(observed, together(observed, causes))
 
 
