@@ -17,7 +17,7 @@ from gse.truth import EarthOrientation
 
 _MODEL_ARCSEC = 0.0005
 """What a rigorous correction leaves: the celestial pole offsets (0.0005) and the cells of 300 s (0.0006)."""
-_AIR_MODEL = 0.005
+AIR_MODEL = 0.005
 """Half-width, as a share of the refraction: stars from 0.5 to 0.7 um differ by 0.5 of 57 arcsec at 45 deg."""
 _EARTH_M = 6_371_000.0
 _LEAST_COS_LATITUDE = 0.01
@@ -179,13 +179,13 @@ def air_terms(site: Site, mount: Mount, at: ChangedTruth) -> list[Term]:
         )
         for name, (standard, unit, changed, how) in air.items()
     ]
-    left = _AIR_MODEL / math.sqrt(3) * at.refraction_arcsec
+    left = AIR_MODEL / math.sqrt(3) * at.refraction_arcsec
     lowered = at.changed(mount=replace(mount, altitude_deg=mount.altitude_deg - left / 3600))
     shift = absolute(lowered) if left else (0.0, 0.0, 0.0)
     terms.append(
         Term(
             "refraction: model",
-            _AIR_MODEL / math.sqrt(3),
+            AIR_MODEL / math.sqrt(3),
             "of it",
             *shift,
             evidence="B: ERFA's A tan z + B tan^3 z at 0.6 um; stars of 0.5 to 0.7 um",
