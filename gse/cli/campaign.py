@@ -218,6 +218,8 @@ def _verdict_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _atlas_lines(atlas: dict[str, Any] | None) -> list[str]:
+    from gse.campaign.decision import counted
+
     if atlas is None:
         return []
     lines = [
@@ -227,7 +229,7 @@ def _atlas_lines(atlas: dict[str, Any] | None) -> list[str]:
     ]
     if atlas["stars_found"]:
         names = ", ".join(f"{star['name']} ({star['sigmas']:.1f} sigma)" for star in atlas["stars"][:5])
-        lines.append(f"{atlas['stars_found']} stars away from their catalogue places: {names}")
+        lines.append(f"{counted(atlas['stars_found'], 'star')} away from the catalogue's place: {names}")
     return lines
 
 
