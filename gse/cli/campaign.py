@@ -235,14 +235,18 @@ def _atlas_lines(atlas: dict[str, Any] | None) -> list[str]:
 
 def _document(dataset: "DataSet", outcomes: list["Judged"]) -> dict[str, Any]:
     """What became of the sources of this run, whether they were judged now or before."""
-    from gse.campaign.dataset import UNKNOWN
+    from gse.campaign.dataset import UNKNOWN, DataSet
+    from gse.campaign.storage import with_patience
 
     keys: dict[str, list[str]] = {}
     for one in outcomes:
         if one.key:
             keys.setdefault(one.key, []).append(one.source.url)
-    rows = dataset.sessions(("key", "sensor", "verdict", "truncated", "error")).to_pylist() if keys else []
-    rows = [row for row in rows if row["key"] in keys]
+    columns = ("key", "sensor", "verdict", "truncated", "error")
+    rows = []
+    if keys:  # with a connection that may be newer than that of the run's beginning
+        table = with_patience(dataset.url, lambda fs, root: DataSet(dataset.url, fs, root).sessions(columns))
+        rows = [row for row in table.to_pylist() if row["key"] in keys]
     return {
         "schema": SCHEMA,
         "dataset": dataset.url,
