@@ -41,7 +41,7 @@ ELSEWHERE = {
     r"s3://": "needs a server of S3 (tests/gse/campaign has one)",
     r"tcp://": "needs a Dask scheduler (tests/gse/campaign has one)",
     r"\./onboard": "the reader's own program",
-    r"^gse note \S+ \S+ \S+ \S+ sessions": "needs a running session of this name",
+    r"^gse (note \"dew|status --stop \S)": "needs a running session of this name",
 }
 _GOES_ON = re.compile(r"^gse (emulate|view \S+ --web)")
 ENDED_AFTER_S = 12

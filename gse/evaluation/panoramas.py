@@ -160,15 +160,22 @@ def benchmark(
 
 
 def table(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """The rows for a person; shares in %."""
-    head = f"{'set':28}{'identifier':18}{'n':>6}" + "".join(f"{kind + ' %':>10}" for kind in KINDS)
-    lines = [f"{head}{'error/arcsec':>14}{'max':>8}{'median ms':>11}{'p95 ms':>9}"]
+    """The rows for a person, within 80 columns, below the name of their set; shares in %."""
+    head = f"{'identifier':18}{'n':>6}" + "".join(f"{kind:>7}" for kind in KINDS)
+    lines = [
+        f"{head}{'error':>7}{'max':>7}{'median':>7}{'p95':>7}",
+        " " * 24 + f"{'%':>7}" * len(KINDS) + f"{'arcsec':>7}" * 2 + f"{'ms':>7}" * 2,
+    ]
+    shown = None
     for one in rows:
-        line = f"{one['set']:28.27}{one['identifier']:18.17}{one['panoramas']:6d}"
-        line += "".join(f"{100 * (one['rates'][kind]['share'] or 0):10.2f}" for kind in KINDS)
+        if one["set"] != shown:
+            shown = one["set"]
+            lines.append(f"{shown:.80}")
         error, times = one["boresight_arcsec"], one["time_ms"]
-        line += f"{_text(error['median'], 1):>14}{_text(error['max'], 1):>8}"
-        lines.append(f"{line}{_text(times['median'], 3):>11}{_text(times['p95'], 3):>9}")
+        line = f"  {one['identifier']:16.15}{one['panoramas']:6d}"
+        line += "".join(f"{100 * (one['rates'][kind]['share'] or 0):7.2f}" for kind in KINDS)
+        line += "".join(f"{_text(error[key], 1):>7}" for key in ("median", "max"))
+        lines.append(line + "".join(f"{_short(times[key]):>7}" for key in ("median", "p95")))
     return lines + failure_lines(rows)
 
 
@@ -273,6 +280,11 @@ def _score(boresight_icrs: NDArray[np.float64] | None, case: Case, elapsed_us: f
 
 def _number(value: float) -> float | None:
     return round(value, 4) if math.isfinite(value) else None
+
+
+def _short(milliseconds: float | None) -> str:
+    """Microseconds where they are told, in seven columns."""
+    return _text(milliseconds, 3 if milliseconds is None or milliseconds < 10 else 1)
 
 
 def _text(value: float | None, decimals: int) -> str:
