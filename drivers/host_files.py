@@ -13,12 +13,25 @@ CREATE = os.O_RDWR | os.O_CREAT | os.O_EXCL | _QUIETLY
 APPEND = os.O_WRONLY | os.O_CREAT | os.O_APPEND | _QUIETLY
 
 
+_OF_A_SHELL = ("/dev/fd/", "/proc/self/fd/", "/dev/stdin")
+
+
 def only_a_file(path: str, flags: int) -> int:
     """The ``opener`` of a file that somebody names: OSError for a pipe or a device, which nobody may ever write to."""
     mode = os.stat(path).st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # a folder is refused by ``open``, in its own words
         raise OSError(errno.EINVAL, "it is a pipe or a device; expected a file", path)
     return os.open(path, flags | _QUIETLY, 0o666)
+
+
+def a_file_or_a_shells_pipe(path: str, flags: int) -> int:
+    """The same, but for a pipe that a shell hands over, ``<(COMMAND)`` or /dev/stdin: it ends where COMMAND ends.
+
+    It can be read once, so it is for a text that is read as a whole.
+    """
+    if path.startswith(_OF_A_SHELL) and stat.S_ISFIFO(os.stat(path).st_mode):
+        return os.open(path, flags | _QUIETLY)
+    return only_a_file(path, flags)
 
 
 def read_at(fd: int, size: int, offset: int) -> bytes:

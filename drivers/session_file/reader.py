@@ -54,6 +54,11 @@ class Capture:
     def __next__(self) -> Record:
         return next(self._records)
 
+    @property
+    def is_damaged(self) -> bool:
+        """Whether something is missing of what was read so far."""
+        return self.truncated or self.damage_count > 0
+
     def _read(self) -> Iterator[Record]:
         attached: set[str] = set()
         for segment in self.segments:

@@ -95,7 +95,7 @@ def session_comparison(
         # The same panoramas have the same fields: fewer stars identified in them is a loss of the second.
         growth = 1.0 if pairs is not None else one.field.geometry / two.field.geometry
         growth = growth if math.isfinite(growth) else 1.0
-        change = _paired_error(axis, columns, pairs)
+        change = _paired_change(axis, columns, pairs)
         rows.append(_mean_abs(f"mean |{label}|", one, two, growth, change, allowed))
         rows.append(_noise(f"NEA {label}", one, two, growth, allowed))
         rows.append(_bias(f"bias {label}", one, two, allowed, gate=bias_is_regression))
@@ -200,24 +200,32 @@ def _good(frames: NDArray[np.void]) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(frames["d_de_arcsec"]) & ~false_answers(frames), dtype=bool)
 
 
-def _paired_error(axis: str, columns: _Columns, pairs: _Pairs | None) -> float:
-    """Standard error of the mean change of the absolute error; NaN of different panoramas."""
+class _Change(NamedTuple):
+    """Mean change of the absolute error of the panoramas that are in both nights, and its standard error."""
+
+    mean: float
+    error: float
+
+
+def _paired_change(axis: str, columns: _Columns, pairs: _Pairs | None) -> _Change | None:
+    """None of different panoramas, or where none of them was answered well in both nights."""
     if pairs is None:
-        return _NAN
+        return None
     errors = [np.abs(frames[f"{axis}_arcsec"]) for frames in columns]
     both = _good(columns[0])[pairs[0]] & _good(columns[1])[pairs[1]]
     change = (errors[1][pairs[1]] - errors[0][pairs[0]])[both]
-    return _error_of_mean(change)
+    return _Change(float(change.mean()), _error_of_mean(change)) if len(change) else None
 
 
-def _mean_abs(name: str, one: _Axis, two: _Axis, growth: float, paired_error: float, allowed: float) -> Row:
+def _mean_abs(name: str, one: _Axis, two: _Axis, growth: float, change: "_Change | None", allowed: float) -> Row:
     """Mean absolute error; that of the second over the fields of the first by a normal distribution of its errors."""
     a, b = one.figures.mean_abs_arcsec, two.figures.mean_abs_arcsec
+    if change is not None:
+        return Row(name, "arcsec", a, b, a + change.mean, change.mean, _sigmas(change.mean, change.error), allowed)
     bias, spread = two.figures.bias_arcsec, two.figures.std_arcsec
     alike = b if growth == 1 else b + _folded_mean(bias, spread * growth) - _folded_mean(bias, spread)
     scale = growth if math.isfinite(growth) else 1.0
     error = math.hypot(one.mean_abs_error_arcsec, scale * two.mean_abs_error_arcsec)
-    error = error if math.isnan(paired_error) else paired_error
     return Row(name, "arcsec", a, b, alike, alike - a, _sigmas(alike - a, error), allowed)
 
 

@@ -4,10 +4,11 @@
     sessions/sensor=NAME/night=2026-03-20/KEY.parquet    one row: verdict, figures, conditions, hashes, report.json
     frames/sensor=NAME/night=2026-03-20/KEY.parquet      one row per panorama
     stars/sensor=NAME/night=2026-03-20/KEY.parquet       one row per matched star and frame
+    atlas/sensor=NAME/night=2026-03-20/KEY.parquet       one row, or none of too few stars: its part of the error atlas
     index/sessions.parquet                               the rows of all sessions but report.json, for fast questions
     index/sources.parquet                                which source has which key, by size and time of change
 
-A result is a file that never changes, named by its key. stars and frames of a session come first and its row in
+A result is a file that never changes, named by its key. The other tables of a session come first and its row in
 sessions last: a session is in the data set where its row is, and then it is whole. Two campaigns that judge one session
 at once write the same file twice. Files in index follow from the others and from the sources: they may be deleted.
 """
@@ -32,7 +33,7 @@ from gse.tables.parquet import write_parquet
 
 SCHEMA = f"gse.dataset/{SCHEMA_VERSION}"
 MARK = "dataset.json"
-SESSIONS, FRAMES, STARS = TABLES = ("sessions", "frames", "stars")
+SESSIONS, FRAMES, STARS, ATLAS = "sessions", "frames", "stars", "atlas"
 REPORT_COLUMN = "report_json"
 UNKNOWN = "unknown"
 """Sensor and night of a session that could not be read: pandas does not read Hive's own name for null."""

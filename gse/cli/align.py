@@ -11,6 +11,7 @@ import numpy as np
 
 from gse.attitude import Attitude
 from gse.cli import EXIT_FAIL
+from gse.cli.damage import damage_code
 from gse.cli.new_files import write_new
 from gse.cli.options import change_to, fit_options
 from gse.config.edit import with_values
@@ -74,10 +75,11 @@ def command(
     report = alignment_report(validation, replay.session.station.mount)
     report["gross"] = None if gross is None else dataclasses.asdict(gross)
     click.echo(json.dumps(report) if as_json else "\n".join(_lines(report)))
+    lost = damage_code(path, damaged=replay.session.truncated)
     if gross is not None:
         written = "nothing is written: " if refused and write_path is not None else ""
         click.echo(f"{written}the fit hides a gross difference from the stated set-up: {gross}", err=True)
-        ctx.exit(0 if accept_gross else EXIT_FAIL)
+    ctx.exit(lost or (EXIT_FAIL if refused else 0))
 
 
 def alignment_report(validation: CrossValidation, stated: Mount) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import click
 
 from gse.calibration.camera_fit import Calibration
 from gse.calibration.session_fit import PanoramaSample, SessionCalibration, calibrate_session
+from gse.cli.damage import damage_code
 from gse.cli.new_files import write_new
 from gse.cli.options import change_to, fit_options, say, with_identifier
 from gse.config.edit import with_values
@@ -28,7 +29,9 @@ _DIGITS = (4, 4, 4, 8, 8, 8, 8)
     write_help="Write the station file with this camera and these hot pixels to a new file.", schema="gse.calibration/1"
 )
 @click.option("--tangential", is_flag=True, help="Fit tangential distortion (p1, p2) too.")
+@click.pass_context
 def command(
+    ctx: click.Context,
     *,
     path: Path,
     station_path: Path | None,
@@ -55,6 +58,7 @@ def command(
     if write_path is not None:
         write_new(write_path, with_values(recording.station_text, "sensor", _sensor_values(result)))
     click.echo(json.dumps(calibration_report(result)) if as_json else "\n".join(_lines(result)))
+    ctx.exit(damage_code(path, damaged=recording.damaged))
 
 
 def _calibrated(recording: "Recording", *, tangential: bool) -> SessionCalibration:

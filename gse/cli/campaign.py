@@ -64,6 +64,14 @@ def command() -> None:
     type=click.Path(path_type=Path),
     help="Station file for all sessions, instead of their own.",
 )
+@click.option(
+    "--session-limit",
+    "limit_min",
+    type=click.IntRange(1, 10_000),
+    default=60,
+    show_default=True,
+    help="Minutes that a worker may take for one session.",
+)
 @click.option("--rehash", is_flag=True, help="Read sources whose size and time of change are as before, too.")
 @click.option("--json", "as_json", is_flag=True, help="The outcome as one JSON object on stdout.")
 @click.pass_context
@@ -75,6 +83,7 @@ def judge_command(
     scheduler: str | None,
     workers: int | None,
     station_path: Path | None,
+    limit_min: int,
     rehash: bool,
     as_json: bool,
 ) -> None:
@@ -103,6 +112,7 @@ def judge_command(
         station=station,
         station_sha256=station_sha256(*station) if station else OWN_STATION,
         rehash=rehash,
+        limit_s=60 * limit_min,
     )
     outcomes = list(campaign.unchanged)
     if campaign.todo:
@@ -178,7 +188,7 @@ def report_command(
     help="Form of the answer; json has one object per line.",
 )
 def query_command(*, dataset_url: str, sql: str, form: str) -> None:
-    """Ask DATASET a question in SQL, by DuckDB. Tables: sessions, frames, stars, and reports (report_json).
+    """Ask DATASET a question in SQL, by DuckDB. Tables: sessions, frames, stars, atlas, and reports (report_json).
 
     For example: gse campaign query DATASET "select sensor, verdict, count(*) from sessions group by all"
     """

@@ -11,6 +11,7 @@ import click
 
 from gse.assessment.session_comparison import Row, SessionComparison, session_comparison
 from gse.cli import EXIT_FAIL
+from gse.cli.damage import damage_code
 from gse.cli.options import IDENTIFIER, PLUG_HELP, anew_option, change_to, start_utc_option
 from gse.errors import UsageError
 
@@ -85,10 +86,11 @@ def command(
             )
         paths = (first, *others)
         sessions = [_session(path, None, None, start_utc, anew=anew) for path in paths]
+        lost = _damage_code(paths, sessions)
         comparisons = [compared(sessions[0], session) for session in sessions[1:]]
         document = _document_of_many(paths, sessions, comparisons)
         click.echo(json.dumps(document) if as_json else "\n".join(_lines_of_many(document)))
-        ctx.exit(EXIT_FAIL if any(result.regressions for result in comparisons) else 0)
+        ctx.exit(lost or (EXIT_FAIL if any(result.regressions for result in comparisons) else 0))
     second = others[0] if others else None
     if second is None and not identifiers and not stations:
         raise UsageError("a comparison needs two sides; give a second session, or --identifier, or --station")
@@ -96,10 +98,11 @@ def command(
         _session(path, _of(identifiers, place), _of(stations, place), start_utc, anew=anew)
         for place, path in enumerate((first, second or first))
     ]
+    lost = _damage_code((first, second or first), sessions)
     result, programs = compared(*sessions), _programs(sessions)
     document = compare_report(result) | programs
     click.echo(json.dumps(document) if as_json else "\n".join([*_lines(result), *_program_lines(programs)]))
-    ctx.exit(EXIT_FAIL if result.regressions else 0)
+    ctx.exit(lost or (EXIT_FAIL if result.regressions else 0))
 
 
 def _of(options: tuple[Any, ...], place: int) -> Any:
@@ -118,7 +121,16 @@ def _session(
     from gse.sessions.replay import ReplayOptions
 
     change = change_to(station_path, identifier)
-    return judged_with_progress(path, options=ReplayOptions(start_utc=start_utc), station=change, anew=anew).session
+    session = judged_with_progress(path, options=ReplayOptions(start_utc=start_utc), station=change, anew=anew).session
+    if not len(session.frames) and not len(session.sensor_attitudes):
+        raise UsageError(f"{path} has neither a panorama nor an answer of the sensor to compare; see 'gse why {path}'")
+    return session
+
+
+def _damage_code(paths: Sequence[Path], sessions: Sequence["SessionData"]) -> int:
+    """The exit code of sessions of which a part is missing, each of which is told once, or 0."""
+    damaged = {path: session.truncated for path, session in zip(paths, sessions, strict=True)}
+    return max(damage_code(path, damaged=truncated) for path, truncated in damaged.items())
 
 
 def _programs(sessions: Sequence["SessionData"]) -> dict[str, Any]:
@@ -231,9 +243,14 @@ def _figure(value: float, form: str) -> str:
     return text if math.isfinite(value) else f"{'-':>{len(f'{0.0:{form}}')}}"
 
 
+def _sigmas(value: float) -> str:
+    """Those of another program on the same panoramas may be thousands."""
+    return _figure(value, "7.1f" if abs(value) < 1e4 else "+7.0e")
+
+
 def _line(row: Row) -> str:
     name = f"{row.name} ({row.unit})" if row.unit else row.name
     values = "".join(_figure(value, "8.4g") for value in (row.first, row.second, row.alike))
-    values += _figure(row.difference, "+8.3g") + _figure(row.sigmas, "7.1f")
+    values += _figure(row.difference, "+8.3g") + _sigmas(row.sigmas)
     allowed = f"{row.allowed:8.3g}" if row.gate else f"{'-':>8}"
     return f"{name:27}{values}{allowed}{' WORSE' if row.worse else ''}"

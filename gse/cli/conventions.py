@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_FAIL
+from gse.cli.damage import damage_code
 from gse.cli.options import change_to, say, start_utc_option
 from gse.errors import UsageError
 from gse.sign_of_life import working
@@ -42,9 +43,9 @@ def command(
 ) -> None:
     """Name the convention of the sensor's own answers (ATTITUDE frames) in a SESSION.
 
-    All discrete conventions are tried: the order and direction of a quaternion, its axes, RA and DE of date or J2000 or
-    ICRS, hours or degrees, the sense of the roll, aberration corrected or not. The exit code is 0 if the station file
-    states one that fits, 1 if it does not or if none fits.
+    All discrete conventions are tried: the order and direction of a quaternion, its axes, RA and DE of date, of B1950,
+    of J2000 or ICRS, hours or degrees, the sense of the roll, aberration corrected or not. The exit code is 0 if the
+    station file states one that fits, 1 if it does not or if none fits.
     """
     from gse.assessment.sensor_convention import is_wrong, session_convention
 
@@ -58,7 +59,8 @@ def command(
         )
     stated = session.station.sensor.attitude
     click.echo(json.dumps(_document(search, stated)) if as_json else "\n".join(_lines(search, stated)))
-    ctx.exit(EXIT_FAIL if not search.fits or is_wrong(search, stated) else 0)
+    lost = damage_code(path, damaged=session.truncated)
+    ctx.exit(lost or (EXIT_FAIL if not search.fits or is_wrong(search, stated) else 0))
 
 
 def _session(path: Path, station_path: Path | None, start_utc: str | None, seconds: float) -> "SessionData":
@@ -137,7 +139,7 @@ def _lines(search: "ConventionSearch", stated: "AttitudeConvention") -> list[str
 def _not_told_apart(search: "ConventionSearch") -> list[str]:
     if not search.fits:
         return []
-    found = [] if search.fits[0].convention.frame == "date" else ["ICRS and J2000, which lie 0.02 arcsec apart"]
+    found = ["ICRS and J2000, which lie 0.02 arcsec apart"] if search.fits[0].convention.frame == "ICRS" else []
     apart = f"a body frame turned by {search.aberration_arcsec:.1f} arcsec"
     if search.aberration == "not told":
         return [*found, f"aberration corrected, aberration not corrected, and {apart}"]

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 Applied = tuple[int, str]
 """An exit code that applies, and its reason."""
 
-TRUNCATED = "the session is damaged or lost its end"
 _WEIGHTIEST_FIRST = (EXIT_INTERNAL, EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERRUPTED, 0)
 """Lost data before the verdict, because the verdict then covers only a part of the session."""
 
@@ -88,7 +87,7 @@ def applied(report: dict[str, Any], folder: Path, *, data_lost: str) -> list[App
     found: list[Applied] = [(EXIT_DATA_LOST, data_lost)] if data_lost else []
     if not (folder / "report.json").is_file():
         found.append((EXIT_DATA_LOST, "the report could not be written"))
-    return [*found, ({"PASS": 0, "FAIL": EXIT_FAIL}.get(report["verdict"], EXIT_INCONCLUSIVE), report["verdict"])]
+    return [*found, ({"PASS": 0, "FAIL": EXIT_FAIL}.get(report["verdict"], EXIT_INCONCLUSIVE), report["word"])]
 
 
 def say_exit_code(found: list[Applied]) -> int:

@@ -178,11 +178,14 @@ def fit_options(*, write_help: str, schema: str) -> Callable[[Any], Any]:
 
 
 def change_to(path: Path | None, algorithm: str | None = None) -> "Callable[[StationText], StationText]":
-    """What a replay does to the recorded station: another file in its place, another identifier under test."""
+    """What a replay does to the recorded station: another file in its place, another identifier under test.
+
+    The file is read here, once: results, and the key that they are kept under, follow from the same text.
+    """
+    given = station_of(path) if path else None
 
     def change(recorded: "StationText") -> "StationText":
-        station, text = station_of(path) if path else recorded
-        return with_identifier(station, text, algorithm)
+        return with_identifier(*(given or recorded), algorithm)
 
     return change
 

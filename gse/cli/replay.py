@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
+from gse.cli.damage import DAMAGED
 from gse.cli.finish import (
-    TRUNCATED,
     Applied,
     applied,
     conclude,
@@ -128,7 +128,7 @@ def command(
         live_outputs.conclude(report)
     show_report(report, as_json=as_json, json_frames=live.json_frames)
     show_paths(folder)
-    found = applied(report, folder, data_lost=TRUNCATED if replay.session.truncated else "")
+    found = applied(report, folder, data_lost=DAMAGED if replay.session.truncated else "")
     ctx.exit(say_exit_code([*found, *_differing(comparisons, replay)]))
 
 

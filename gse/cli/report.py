@@ -1,6 +1,7 @@
 """``gse report``: the report of a session, or of several side by side."""
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,7 +9,15 @@ from typing import TYPE_CHECKING
 import click
 
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
-from gse.cli.finish import TRUNCATED, applied, conclude, judge_as_stated, say_exit_code, show_paths, show_report
+from gse.cli.damage import DAMAGED, damage_code
+from gse.cli.finish import (
+    applied,
+    conclude,
+    judge_as_stated,
+    say_exit_code,
+    show_paths,
+    show_report,
+)
 from gse.cli.options import (
     anew_option,
     change_to,
@@ -22,17 +31,19 @@ from gse.cli.options import (
 from gse.errors import UsageError
 from gse.sign_of_life import working
 from gse.station.exclusions import Exclusion
+from gse.station.results import Verdict
 from gse.truth.iers_tables import GivenTables
 
 if TYPE_CHECKING:
     from gse.sessions.judged import Judged
+    from gse.sessions.replay import StationText
 
 
 @dataclass(frozen=True, slots=True)
 class _Judging:
     """How a session is judged."""
 
-    station_path: Path | None
+    station: "Callable[[StationText], StationText]"
     clock_error_s: float | None
     given_orientation: GivenTables | None
     excluded: tuple[Exclusion, ...]
@@ -48,7 +59,7 @@ class _Judging:
         found = judged_with_progress(
             path,
             options=ReplayOptions(given_orientation=self.given_orientation, start_utc=self.start_utc),
-            station=change_to(self.station_path),
+            station=self.station,
             anew=anew or self.anew,
             threads=self.threads,
         )
@@ -83,8 +94,8 @@ _judging = gathered(
     _Judging,
     click.option(
         "--station",
-        "station_path",
         type=click.Path(path_type=Path),
+        callback=lambda _context, _option, path: change_to(path),
         help="Station file instead of the session's own, e.g. where that names a catalogue file.",
     ),
     clock_error_option,
@@ -159,7 +170,7 @@ def _report_one(path: Path, judging: _Judging, output: _Output) -> int:
         click.echo(f"picture: {output.screenshot}", err=True)
     show_report(report, as_json=output.as_json, json_frames=False)
     show_paths(folder)
-    return say_exit_code(applied(report, folder, data_lost=TRUNCATED if judged.session.truncated else ""))
+    return say_exit_code(applied(report, folder, data_lost=DAMAGED if judged.session.truncated else ""))
 
 
 def _report_several(paths: tuple[Path, ...], judging: _Judging, output: _Output) -> int:
@@ -175,13 +186,15 @@ def _report_several(paths: tuple[Path, ...], judging: _Judging, output: _Output)
     folder = _new_folder(output.out, paths[0].parent)
     write_whole(folder / "sessions.html", [sessions_html(report)])
     write_whole(folder / "sessions.json", [json.dumps(report, indent=2) + "\n"])
-    verdicts = [(one["verdict"], one["name"]) for one in report["sessions"]]
-    lines = [*(f"{verdict:14}{name}" for verdict, name in verdicts), ""]
+    width = max(len(one["word"]) for one in report["sessions"])
+    lines = [*(f"{one['word']:{width}}  {one['name']}" for one in report["sessions"]), ""]
     lines += aligned(TABLE_4_1_HEAD, table_4_1_rows(report))
     click.echo(json.dumps(report) if output.as_json else "\n".join(lines))
     click.echo(f"report: {folder / 'sessions.html'}", err=True)
-    codes = {"FAIL": EXIT_FAIL, "INCONCLUSIVE": EXIT_INCONCLUSIVE}
-    return next((code for verdict, code in codes.items() if verdict in dict(verdicts)), 0)
+    lost = [damage_code(path, damaged=one.session.truncated) for path, one in zip(paths, judged, strict=True)]
+    verdicts = {one.assessment.verdict for one in judged}
+    codes = {Verdict.FAIL: EXIT_FAIL, Verdict.INCONCLUSIVE: EXIT_INCONCLUSIVE}
+    return max(lost) or next((code for verdict, code in codes.items() if verdict in verdicts), 0)
 
 
 def _name_of(path: Path) -> str:

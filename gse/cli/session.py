@@ -12,6 +12,7 @@ import click
 from drivers.outside_text import plain_lines
 from drivers.whole_file import new_file
 from gse.cli import EXIT_DATA_LOST
+from gse.cli.damage import damage_code
 from gse.errors import UsageError
 
 _session = click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
@@ -133,8 +134,7 @@ def export(ctx: click.Context, path: Path, form: str, out: Path | None) -> None:
         _export_rrd(ctx, path, out)
         return
     if form in ("parquet", "mcap"):
-        _export_results(path, form, out)
-        return
+        ctx.exit(_export_results(path, form, out))
     from drivers.session_file.records import RX
     from gse.recording.session_format import LOG_TOPIC
     from gse.sessions.export import export_bytes, export_csv, export_ndjson
@@ -142,15 +142,17 @@ def export(ctx: click.Context, path: Path, form: str, out: Path | None) -> None:
     topics = {"raw": RX, "stderr": LOG_TOPIC}
     with ExitStack() as stack:
         if form in topics:
-            count = export_bytes(path, _new(out, stack) if out else sys.stdout.buffer, topics[form])
+            done = export_bytes(path, _new(out, stack) if out else sys.stdout.buffer, topics[form])
         else:
             text = stack.enter_context(TextIOWrapper(_new(out, stack), "utf-8", newline="\n")) if out else sys.stdout
-            count = export_csv(path, text) if form == "csv" else export_ndjson(path, text)
+            done = export_csv(path, text) if form == "csv" else export_ndjson(path, text)
     what = {"csv": "panoramas", "ndjson": "records"}.get(form, "bytes")
-    click.echo(f"{count} {what} exported", err=True)
+    click.echo(f"{done.written} {what} exported", err=True)
+    ctx.exit(damage_code(path, damaged=done.damaged))
 
 
-def _export_results(path: Path, form: str, out: Path | None) -> None:
+def _export_results(path: Path, form: str, out: Path | None) -> int:
+    """Write the results of a session; the exit code."""
     from drivers.session_file.reader import session_file
     from gse.cli.progress import judged_with_progress
     from gse.sessions.judged import result_key
@@ -169,6 +171,7 @@ def _export_results(path: Path, form: str, out: Path | None) -> None:
     except OSError as error:
         raise UsageError(f"cannot write {out}: {error.strerror}") from error
     click.echo(f"{count} {'rows' if form == 'parquet' else 'results'} exported to {out}", err=True)
+    return damage_code(path, damaged=judged.session.truncated)
 
 
 def _export_rrd(ctx: click.Context, path: Path, out: Path | None) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from gse import sign_of_life
+from gse.cli.damage import damage_code
 from gse.cli.options import bind_option, clock_error_option, http_port_option
 
 
@@ -21,7 +22,9 @@ from gse.cli.options import bind_option, clock_error_option, http_port_option
 @click.option("--save", type=click.Path(path_type=Path, dir_okay=False), help="Save it as a rerun file, .rrd")
 @click.option("--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Save a picture of it as .png")
 @clock_error_option
+@click.pass_context
 def command(
+    ctx: click.Context,
     *,
     path: Path,
     web: bool,
@@ -42,7 +45,7 @@ def command(
             recording = Path(tempfile.mkdtemp(prefix="gse-view-")) / "session.rrd"
             if web or screenshot:
                 stack.callback(_remove, recording)
-        verdict = _write_recording(path, recording, clock_error_s)
+        verdict, code = _write_recording(path, recording, clock_error_s)
         if save is not None:
             click.echo(f"saved: {save}", err=True)
         if screenshot is not None:
@@ -54,10 +57,11 @@ def command(
         elif save is None and screenshot is None:
             open_native_viewer(str(recording))
             click.echo(f"opened in rerun: {recording}", err=True)
+    ctx.exit(code)
 
 
-def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -> tuple[str, str]:
-    """Write it; returns the verdict and its level, for the bar of the page."""
+def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -> tuple[tuple[str, str], int]:
+    """Write it; returns the verdict and its level, for the bar of the page, and the exit code."""
     from gse.assessment.verdict import judge
     from gse.cli.progress import replay_with_progress
     from gse.report.metric_table import metrics_in_markdown
@@ -79,7 +83,8 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
     metrics = metrics_in_markdown(assessment.statistics)
     verdict = headline(assessment.word, simulated=assessment.simulated)
     views[0].finish(session, verdict, assessment.reasons, metrics=metrics)
-    return "; ".join([verdict, *assessment.reasons[:1]]), level_of(verdict)
+    shown = "; ".join([verdict, *assessment.reasons[:1]]), level_of(verdict)
+    return shown, damage_code(path, damaged=session.truncated)
 
 
 def _serve_until_interrupt(url: str) -> None:

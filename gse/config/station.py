@@ -19,7 +19,7 @@ from pydantic import (
     with_config,
 )
 
-from drivers.host_files import only_a_file
+from drivers.host_files import a_file_or_a_shells_pipe
 from drivers.outside_text import plain_lines
 from gse.attitude_convention import AttitudeConvention
 from gse.camera import Camera
@@ -164,7 +164,7 @@ port:
 def read_station(path: Path) -> tuple[Station, str]:
     """The station of a file, and the file's text; ConfigError names file, line and key."""
     try:
-        with open(path, encoding="utf-8", opener=only_a_file) as file:
+        with open(path, encoding="utf-8", opener=a_file_or_a_shells_pipe) as file:
             text = file.read(MAX_FILE_BYTES + 1)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"

@@ -10,8 +10,10 @@ built-in identifier, and an external one's own where it states them.
 """
 
 import functools
+import itertools
 import json
 import math
+import operator
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -160,23 +162,21 @@ def benchmark(
 
 
 def table(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """The rows for a person, within 80 columns, below the name of their set; shares in %."""
-    head = f"{'identifier':18}{'n':>6}" + "".join(f"{kind:>7}" for kind in KINDS)
-    lines = [
-        f"{head}{'error':>7}{'max':>7}{'median':>7}{'p95':>7}",
-        " " * 24 + f"{'%':>7}" * len(KINDS) + f"{'arcsec':>7}" * 2 + f"{'ms':>7}" * 2,
-    ]
-    shown = None
-    for one in rows:
-        if one["set"] != shown:
-            shown = one["set"]
-            lines.append(f"{shown:.80}")
-        error, times = one["boresight_arcsec"], one["time_ms"]
-        line = f"  {one['identifier']:16.15}{one['panoramas']:6d}"
-        line += "".join(f"{100 * (one['rates'][kind]['share'] or 0):7.2f}" for kind in KINDS)
-        line += "".join(f"{_text(error[key], 1):>7}" for key in ("median", "max"))
-        lines.append(line + "".join(f"{_short(times[key]):>7}" for key in ("median", "p95")))
-    return lines + failure_lines(rows)
+    """The rows for a person, within 80 columns, below the name of their set."""
+    head = f"{'identifier':11}{'n':>7}" + "".join(f"{kind + ' %':>9}" for kind in KINDS)
+    lines: list[str] = []
+    for name, of_set in itertools.groupby(rows, key=operator.itemgetter("set")):
+        lines += [name, f"{head}{'error':>7}{'max':>6}{'median':>7}{'p95':>6}", *map(_line, of_set), ""]
+    words = "error, max: boresight, median and largest, arcsec; median, p95: time, ms"
+    return [*lines, words, *failure_lines(rows)]
+
+
+def _line(one: dict[str, Any]) -> str:
+    error, times = one["boresight_arcsec"], one["time_ms"]
+    shares = "".join(f"{100 * (one['rates'][kind]['share'] or 0):9.2f}" for kind in KINDS)
+    errors = f"{_text(error['median'], 1):>7}{_text(error['max'], 1):>6}"
+    spent = f"{_text(times['median'], 3):>7}{_text(times['p95'], 2):>6}"
+    return f"{one['identifier']:11.11}{one['panoramas']:7d}{shares}{errors}{spent}"
 
 
 def _cases(path: Path) -> Iterator[Case]:
@@ -280,11 +280,6 @@ def _score(boresight_icrs: NDArray[np.float64] | None, case: Case, elapsed_us: f
 
 def _number(value: float) -> float | None:
     return round(value, 4) if math.isfinite(value) else None
-
-
-def _short(milliseconds: float | None) -> str:
-    """Microseconds where they are told, in seven columns."""
-    return _text(milliseconds, 3 if milliseconds is None or milliseconds < 10 else 1)
 
 
 def _text(value: float | None, decimals: int) -> str:

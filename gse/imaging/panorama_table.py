@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.host_files import only_a_file
+from drivers.host_files import a_file_or_a_shells_pipe
 from gse.errors import TableError
 from gse.panorama import MAX_OBJECTS
 
@@ -43,7 +43,7 @@ def read_panorama_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 def _read_text(path: Path) -> str:
     try:
-        with open(path, encoding="utf-8-sig", opener=only_a_file) as file:
+        with open(path, encoding="utf-8-sig", opener=a_file_or_a_shells_pipe) as file:
             text = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise TableError(f"cannot read {path}: {error.strerror}") from error

@@ -159,7 +159,7 @@ class Decoding:
     @property
     def is_damaged(self) -> bool:
         """Whether the session file lacks its end or has damaged places."""
-        return self._capture is not None and (self._capture.truncated or self._capture.damage_count > 0)
+        return self._capture is not None and self._capture.is_damaged
 
     @property
     def damages(self) -> list[Damage]:

@@ -12,6 +12,7 @@ from gse import instant
 from gse.assessment.verdict import Assessment
 from gse.report.paper import LIMIT_DEG, PAPER, Row, this_sensor
 from gse.report.summary import plain, table_row
+from gse.report.terminal import headline
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 
@@ -38,6 +39,7 @@ def _session(name: str, session: SessionData, assessment: Assessment) -> dict[st
         "first_utc": instant.to_text(int(frames["utc_ns"].min())) if len(frames) else None,
         "frames": len(frames),
         "verdict": assessment.verdict.value,
+        "word": headline(assessment.word, simulated=assessment.simulated),
         "reasons": list(assessment.reasons),
         "raw_sha256": session.raw_sha256,
     }

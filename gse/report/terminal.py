@@ -90,7 +90,9 @@ def facts(report: dict[str, Any]) -> list[str]:
     lines += [f"excluded: {item['frames']} frames, {item['cause']}: {item['reason']}" for item in report["exclusions"]]
     lines += [f"not tested: {line}" for line in report["not_tested"]]
     lines += [f"note: {finding}" for finding in report["findings"] if finding not in report["reasons"]]
-    return [*lines, "the session lost its end"] if link["truncated"] else lines
+    if link["truncated"]:
+        lines.append("the session is damaged or lost its end: this covers what is left of it")
+    return lines
 
 
 def external_lines(program: dict[str, Any] | None) -> list[str]:

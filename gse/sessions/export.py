@@ -4,7 +4,7 @@ import csv
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, TextIO
+from typing import Any, BinaryIO, NamedTuple, TextIO
 
 from drivers.outside_text import table_cell
 from drivers.session_file.reader import read_capture
@@ -17,16 +17,23 @@ from gse.sessions.replay import ReplayOptions
 CSV_COLUMNS = ("utc", "frame_no", "time_us", "exposure_s", "temperature_c", "flags", "object", "x_px", "y_px", "index")
 
 
-def export_csv(path: Path, out: TextIO) -> int:
-    """Write each object of each panorama as one line; returns the number of panoramas."""
-    panoramas = open_recording(path, ReplayOptions(), needs_catalog=False).panoramas()
+class Exported(NamedTuple):
+    """How many panoramas, records or bytes were written; whether a part of the session is missing."""
+
+    written: int
+    damaged: bool
+
+
+def export_csv(path: Path, out: TextIO) -> Exported:
+    """Write each object of each panorama as one line."""
+    recording = open_recording(path, ReplayOptions(), needs_catalog=False)
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
     count = 0
-    for panorama in panoramas:
+    for panorama in recording.panoramas():
         count += 1
         writer.writerows(_rows(panorama))
-    return count
+    return Exported(count, recording.damaged)
 
 
 def _rows(panorama: Panorama) -> Iterator[tuple[object, ...]]:
@@ -44,13 +51,13 @@ def _rows(panorama: Panorama) -> Iterator[tuple[object, ...]]:
         yield (*head, row, f"{x:.5f}", f"{y:.5f}", f"{brightness:g}")
 
 
-def export_ndjson(path: Path, out: TextIO) -> int:
-    """Write each record as one JSON line, damage included, with bytes in hexadecimal; returns the number of records."""
-    count = 0
-    for record in read_capture(path):
+def export_ndjson(path: Path, out: TextIO) -> Exported:
+    """Write each record as one JSON line, damage included, with bytes in hexadecimal."""
+    count, capture = 0, read_capture(path)
+    for record in capture:
         out.write(json.dumps(_document(record)) + "\n")
         count += 1
-    return count
+    return Exported(count, capture.is_damaged)
 
 
 def _document(record: Message | Attachment | Damage) -> dict[str, Any]:
@@ -75,11 +82,11 @@ def _document(record: Message | Attachment | Damage) -> dict[str, Any]:
         return document | {"hex": record.data.hex()}
 
 
-def export_bytes(path: Path, out: BinaryIO, topic: str = RX) -> int:
-    """Write the received bytes, or those of another topic, unchanged; returns their number."""
-    count = 0
-    for record in read_capture(path):
+def export_bytes(path: Path, out: BinaryIO, topic: str = RX) -> Exported:
+    """Write the received bytes, or those of another topic, unchanged."""
+    count, capture = 0, read_capture(path)
+    for record in capture:
         if isinstance(record, Message) and record.topic == topic:
             out.write(record.data)
             count += len(record.data)
-    return count
+    return Exported(count, capture.is_damaged)

@@ -23,7 +23,10 @@ RECEIVE_TIMEOUT_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A session with its station file, wire format and frozen Earth orientation (None where it has none)."""
+    """A session with its station file, wire format and frozen Earth orientation (None where it has none).
+
+    ``damaged``: a part of it is missing.
+    """
 
     path: Path
     options: ReplayOptions
@@ -31,6 +34,7 @@ class Recording:
     station_text: str
     protocol: Protocol
     earth_orientation: EarthOrientation | None
+    damaged: bool = False
 
     def panoramas(self) -> Iterator[Panorama]:
         """The panoramas, in order, through the same link and reception as a live sensor's."""
@@ -60,13 +64,16 @@ def open_recording(
         raise CaptureError(f"there is no recording {path}; expected a session (.mcap or its folder)")
     if not is_session(path):
         return _raw_capture(path, options, change)
-    attachments = read_recorded(path).attachments
-    if STATION not in attachments:
+    recorded = read_recorded(path)
+    attachments = recorded.attachments
+    own_text = attachments.get(STATION, BUILT_IN_TEXT)
+    frozen = sealed(parse_station(own_text, "the session's station.yaml"))
+    station, text = change((frozen, own_text))
+    if STATION not in attachments and text == BUILT_IN_TEXT:
         raise UsageError(
-            f"{path} has no station file: it is not a session of gse, or its head is damaged; give one by --station"
+            f"{path} has no station file: it is not a session of gse, or its head is damaged; give one by --station, "
+            "which 'gse replay', 'gse calibrate' and 'gse align' take"
         )
-    frozen = sealed(parse_station(attachments[STATION], "the session's station.yaml"))
-    station, text = change((frozen, attachments[STATION]))
     has_protocol = PROTOCOL in attachments and station.protocol == frozen.protocol
     station = unsealed(station, has_protocol=has_protocol, needs_catalog=needs_catalog)
     if has_protocol:
@@ -74,9 +81,8 @@ def open_recording(
     else:
         protocol = load_protocol(station.protocol)
     orientation = attachments.get(EARTH_ORIENTATION)
-    return Recording(
-        path, options, station, text, protocol, EarthOrientation.from_json(orientation) if orientation else None
-    )
+    earth_orientation = EarthOrientation.from_json(orientation) if orientation else None
+    return Recording(path, options, station, text, protocol, earth_orientation, recorded.damaged)
 
 
 def _raw_capture(path: Path, options: ReplayOptions, change: Callable[[StationText], StationText]) -> Recording:

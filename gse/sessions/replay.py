@@ -4,7 +4,7 @@ import json
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.chunk import LinkEvent
@@ -126,7 +126,8 @@ def replay_session(
 
 
 _CAPTURED = Port(url="replay://")
-"""Of a raw capture: somebody recorded it, so the simulated port that a station file without one has is not its port."""
+"""Of a raw capture, or of a session without its head: somebody recorded it, so the simulated port that a station file
+without one has is not its port."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +151,8 @@ def station_in_force(attachments: Mapping[str, str], change: Callable[[StationTe
     station, text = change((frozen, text))
     protocol_text = attachments.get(PROTOCOL) if station.protocol == frozen.protocol else None
     keeps_identifier = station.identifier.facts() == frozen.identifier.facts()
+    if STATION not in attachments and (text == BUILT_IN_TEXT or "port" not in station.model_fields_set):
+        station = station.model_copy(update={"port": _CAPTURED})
     return StationInForce(
         unsealed(station, has_protocol=protocol_text is not None), text, protocol_text, keeps_identifier
     )
@@ -165,8 +168,6 @@ def _loop(
 ) -> StationLoop:
     attachments, given = recorded.attachments if recorded else {}, options.given_orientation
     force = station_in_force(attachments, change)
-    if recorded is None and (force.text == BUILT_IN_TEXT or "port" not in force.station.model_fields_set):
-        force = replace(force, station=force.station.model_copy(update={"port": _CAPTURED}))
     program = read_identity(attachments.get(IDENTIFIER))
     answers = RecordedAnswers(path, program) if names_program(force.station) else None
     setup = set_up(

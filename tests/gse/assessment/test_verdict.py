@@ -438,3 +438,12 @@ def test_a_status_of_every_kind_is_counted():
     made = session(40)
     add_frame(made.frames, unanswered(50, Status.TOO_FEW))
     assert statistics(made).statuses["TOO_FEW"] == 1
+
+
+def test_a_pass_of_what_is_left_of_a_session_says_so():
+    made = session()
+    made.truncated = True
+    assert judge(made).word == "PASS, damaged session"
+    made = aligned(STATION.mount)
+    made.truncated = True
+    assert judge(made).word == "PASS, relative, damaged session"
