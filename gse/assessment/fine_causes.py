@@ -71,10 +71,12 @@ def fine_causes(model: SessionModel) -> tuple[Named, ...]:
 
 
 def _is_seen(model: SessionModel, observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bool:
-    """Whether what a cause does to the stars is more than their places on the pixels do."""
+    """Whether what a cause does to the stars is more than their places on the pixels do, and than is stated."""
     if model.field is None or not one.columns.field.any():
         return True
     coefficients = fitted_to(observed, [*named, one]).coefficients[-one.columns.count :]
+    if abs(float(coefficients[0])) < one.known:
+        return False
     moved_px = model.field.moved_px @ (one.columns.field @ coefficients)
     return bool((moved_px**2).sum(axis=1).mean() >= model.field.least_px**2)
 
