@@ -24,6 +24,9 @@ _LEAST_COS_LATITUDE = 0.01
 """Within 64 km of a pole azimuth is counted from a meridian that is chosen, not found."""
 
 
+_NEWER = "pip install -U astropy-iers-data, or --earth-orientation with {} of the IERS"
+
+
 def model_terms(at: ChangedTruth) -> list[Term]:
     """Corrections that are rigorous, with their size in this direction."""
     frame = [(name, at.without(name)) for name in ("precession", "nutation")]
@@ -51,7 +54,6 @@ def earth_terms(orientation: EarthOrientation, utc_ns: int, at: ChangedTruth) ->
     here = orientation.at(utc_ns)
     past = here.kind == "past the end"
     ut1_s = here.ut1_error_s / math.sqrt(3) if past else here.ut1_error_s
-    update = "pip install -U astropy-iers-data, or --earth-orientation with newer files of the IERS"
     pole = here.pole_error_arcsec / math.sqrt(3) if past else here.pole_error_arcsec
     x, y = orientation.x_pole_arcsec, orientation.y_pole_arcsec
     moved = [
@@ -67,7 +69,7 @@ def earth_terms(orientation: EarthOrientation, utc_ns: int, at: ChangedTruth) ->
             *at.about_the_pole(ut1_s),
             evidence=f"B: {orientation.source}: {here.kind}",
             explanation="how far the Earth has turned; past the end of the predictions it goes wrong by 1 ms a day",
-            remedy=update,
+            remedy=_NEWER.format("newer files"),
             distribution=kind,
             size_arcsec=at.without("UT1"),
         ),
@@ -78,7 +80,7 @@ def earth_terms(orientation: EarthOrientation, utc_ns: int, at: ChangedTruth) ->
             *together(moved),
             evidence=f"B: {orientation.source}: {here.kind}",
             explanation="where the Earth's axis goes through its crust; held past the end of the predictions",
-            remedy=update,
+            remedy=_NEWER.format("newer files"),
             distribution=kind,
             size_arcsec=at.without("polar motion"),
         ),
@@ -93,7 +95,7 @@ def earth_terms(orientation: EarthOrientation, utc_ns: int, at: ChangedTruth) ->
                 *at.about_the_pole(leap_s),
                 evidence="B: the session is later than the list of leap seconds announces",
                 explanation="UTC may have been given a leap second that is not in the list",
-                remedy=update.replace("newer files", "a newer Leap_Second.dat"),
+                remedy=_NEWER.format("a newer Leap_Second.dat"),
                 distribution=Distribution.RECTANGULAR,
             )
         )

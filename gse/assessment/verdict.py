@@ -202,28 +202,16 @@ def _settles(budget: TruthUncertaintyBudget, axis: str) -> bool:
 
 
 def _shares(subject: SubjectStatistics, limits: Limits, *, lost: int) -> Iterator[Row]:
-    who, decision = subject.subject, limits.decision
     never_came = f", {lost} of which never came" if lost else ""
-    yield judge_share(
-        who,
-        "availability",
-        subject.available,
-        limit=limits.availability,
-        at_least=True,
-        decision=decision,
-        beside=never_came,
-    )
     count = subject.star_fields
     fields = f" in {count} star field{'' if count == 1 else 's'}" if count else ""
-    yield judge_share(
-        who,
-        "false answers",
-        subject.false_answers,
-        limit=limits.false_share,
-        at_least=False,
-        decision=decision,
-        beside=fields,
-    )
+    for name, share, limit, at_least, beside in (
+        ("availability", subject.available, limits.availability, True, never_came),
+        ("false answers", subject.false_answers, limits.false_share, False, fields),
+    ):
+        yield judge_share(
+            subject.subject, name, share, limit=limit, at_least=at_least, decision=limits.decision, beside=beside
+        )
 
 
 def _time(subject: SubjectStatistics, limits: Limits) -> Row:
