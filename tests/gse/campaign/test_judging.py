@@ -12,6 +12,7 @@ from dataclasses import asdict
 import pandas as pd
 import polars as pl
 import pyarrow.dataset as pads
+import pyarrow.parquet as pq
 import pytest
 from fsspec.implementations.local import LocalFileSystem
 from numpy.testing import assert_equal
@@ -70,6 +71,8 @@ def test_pandas_polars_and_pyarrow_read_the_tables_as_they_lie(judged):
         }
         assert len(counts) == 1
         assert counts.pop() >= least
+        schema = pq.read_schema(next((judged / table).glob("sensor=LAPAN-like/*/*.parquet")))
+        assert [of.name for of in schema if of.metadata is None or b"unit" not in of.metadata] == []
     frames = pd.read_parquet(judged / "frames")
     assert set(frames["sensor"]) == {"LAPAN-like"}
     assert frames["onboard_d_de_arcsec"].abs().median() < 60
