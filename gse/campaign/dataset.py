@@ -26,7 +26,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from gse.campaign.storage import StorageError, explained, open_storage, put_file_whole, put_whole, read_whole
+from gse.campaign.storage import (
+    StorageError,
+    explained,
+    find_files,
+    open_storage,
+    put_file_whole,
+    put_whole,
+    read_whole,
+)
 from gse.errors import UsageError
 from gse.tables import SCHEMA_VERSION
 from gse.tables.parquet import write_parquet
@@ -97,7 +105,7 @@ class DataSet:
     def committed(self) -> list[Committed]:
         """What is in the data set, in the order of sensor, night and key."""
         try:
-            names = self.fs.find(f"{self.root}/{SESSIONS}")
+            names = list(find_files(self.fs, f"{self.root}/{SESSIONS}"))
         except FileNotFoundError:
             names = []
         except Exception as error:
@@ -108,7 +116,9 @@ class DataSet:
     def has_files(self, table: str) -> bool:
         """Whether a table has any file."""
         try:
-            return bool(self.fs.glob(f"{self.root}/{table}/*", detail=False))
+            return bool(self.fs.ls(f"{self.root}/{table}", detail=False))
+        except FileNotFoundError:
+            return False
         except Exception as error:
             raise explained(error, self.url) from error
 
