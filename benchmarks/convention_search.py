@@ -35,7 +35,7 @@ def random_convention(random: np.random.Generator) -> AttitudeConvention:
         conjugate=bool(random.integers(2)),
         body_axes=pick(axes),
         reference_axes=pick(axes),
-        frame=pick(("ICRS", "J2000", "date")),
+        frame=pick(("ICRS", "J2000", "date", "B1950")),
         ra_unit=pick(("deg", "h")),
         roll_through=pick(("east", "west")),
         roll_zero_deg=pick((0, 90, 180, 270)),

@@ -49,6 +49,7 @@ def main() -> None:
     parser.add_argument("--night", action="store_true", help="also replay 8 hours")
     parser.add_argument("--first-run", action="store_true", help="also the first run on a computer")
     options = parser.parse_args()
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # what pip installs has its bytecode: a seventh of a start
     print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.2f}")
     yardstick_s = _additions_s()
     print(f"20 million additions in a Python loop: {yardstick_s:.2f} s of CPU")

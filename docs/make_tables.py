@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from gse.campaign.atlas_table import atlas_schema
 from gse.tables import SCHEMA_VERSION, frames_schema, sessions_schema, stars_schema
 
 HEAD = f"""\
@@ -22,6 +23,7 @@ files that pandas, polars and DuckDB read as they lie. This page is made by `doc
 | sessions | session: verdict, every figure with its interval, conditions, hashes | `gse.sessions/{SCHEMA_VERSION}` |
 | frames | panorama: time, answers of each subject, errors, sky | `gse.frames/{SCHEMA_VERSION}` |
 | stars | matched star and frame: residual, pixel phase, field position, temperature | `gse.stars/{SCHEMA_VERSION}` |
+| atlas (of a campaign alone) | session with enough stars: its part of the error atlas | `gse.atlas/{SCHEMA_VERSION}` |
 
 * `key` joins the tables: the SHA-256 of what the results follow from, which are the session's bytes
   (`session_sha256`), the station file in force (`station_sha256`) and the software (`software_sha256`: its source and
@@ -40,6 +42,10 @@ files that pandas, polars and DuckDB read as they lie. This page is made by `doc
   angles from the boresight along columns and rows.
 * `night` is the date of the evening on which the session's night began, in the mean time of the site's longitude.
 * A session that could not be judged has a row in sessions: `source`, `error`, and nulls.
+* Atlas: `phase` has the pixel phase error along columns and rows: the first harmonic (sine, cosine), its covariance
+  by rows, and the mean residual with its standard error over 20 parts of a pixel; `field_*` are of 8 x 8 cells of the
+  detector, row by row; `scale` is the relative error of the focal length; `offsets` are those of the stars from their
+  catalogue places.
 """
 AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y", "half_cone_95")
 _SUBJECT = re.compile(r"^(onboard|sensor)_")
@@ -50,9 +56,10 @@ _AXIS = re.compile(rf"_({'|'.join(AXES)})_(?!star_)")
 def page() -> str:
     """The whole page."""
     parts = [HEAD]
-    for name, schema in (("sessions", sessions_schema()), ("frames", frames_schema()), ("stars", stars_schema())):
+    schemas = {"sessions": sessions_schema, "frames": frames_schema, "stars": stars_schema, "atlas": atlas_schema}
+    for name, schema in schemas.items():
         parts.append(f"\n## {name}\n\n| column | type | unit |\n|---|---|---|\n")
-        parts += dict.fromkeys(_lines(schema, is_figures=name == "sessions"))
+        parts += dict.fromkeys(_lines(schema(), is_figures=name == "sessions"))
         if name == "sessions":
             parts.append(
                 f"\nSUBJECT is `onboard` or `sensor`, AXIS one of {', '.join(f'`{axis}`' for axis in AXES)}.\n"

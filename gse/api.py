@@ -46,6 +46,9 @@ class Results:
     def __init__(self, read: Callable[[str], pa.Table]) -> None:
         self._read = read
 
+    def __repr__(self) -> str:
+        return "<gse results: .sessions, .frames and .stars are pyarrow tables>"
+
     @cached_property
     def sessions(self) -> pa.Table:
         """One row per session: verdict, every figure with its interval, conditions, hashes."""
@@ -127,6 +130,8 @@ def _pixels(panorama: tuple[ArrayLike, ArrayLike]) -> tuple[NDArray[np.float64],
         raise UsageError(f"pixels {xy_px.shape} and brightness {brightness.shape} came; {expected}")
     if not (np.isfinite(xy_px).all() and np.isfinite(brightness).all()):
         raise UsageError("pixels or brightness are not finite; leave out what was not measured")
+    if np.any(brightness < 0):
+        raise UsageError("the brightness is negative; expected that of light, not magnitudes")
     if np.any(np.diff(brightness) > 0):
         raise UsageError("the brightness increases; expected the brightest object first, and brightness, not magnitude")
     return xy_px, brightness

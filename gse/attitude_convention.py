@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-ReferenceFrame = Literal["ICRS", "J2000", "date"]
-"""Axes of RA and DE: ICRS, mean equator and equinox of J2000.0, or true equator and equinox of date."""
+ReferenceFrame = Literal["ICRS", "J2000", "date", "B1950"]
+"""Axes of RA and DE: ICRS, mean equator and equinox of J2000.0, true ones of date, or mean ones of B1950.0 (FK4)."""
 
 
 ROLL_ZEROS_DEG = (0, 90, 180, 270)

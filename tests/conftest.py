@@ -3,6 +3,7 @@
 astropy reads the installed tables whatever the date, and signals are not ignored.
 """
 
+import gc
 import os
 import signal
 from pathlib import Path
@@ -42,6 +43,13 @@ def _turn(item: pytest.Item) -> int:
     if item.path.relative_to(TESTS).parts[0] in WITHOUT_MACHINE_CODE:
         return 1
     return 2 if item.path.name in LONG else 3
+
+
+def pytest_collection_finish() -> None:
+    """Look for garbage as seldom as the program does (gse.__main__), and not in all that the tests imported."""
+    gc.set_threshold(50_000)
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_xdist_auto_num_workers() -> int:

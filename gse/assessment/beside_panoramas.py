@@ -6,6 +6,7 @@ of each.
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,9 @@ from gse.station.session_data import SessionData
 
 _SIGMAS = 5.0
 _PIXEL_SIGMAS = 4.0
-"""Stars that stay on their rows keep the error of whole pixels there for the whole session."""
+"""Stars that stay on their rows keep the error of their pixels there for the whole session."""
+_WHOLE_PIXELS_PX, _CENTROIDS_PX = 1 / math.sqrt(12), 0.05
+"""Root mean square of that error: of a rounded place, and of a centroid that is pulled to the middle of its pixel."""
 _BLOCKS = 20
 _FEWEST = 40
 _NOISY = 3.0
@@ -36,13 +39,22 @@ _MEDIAN_OF_STEPS = math.sqrt(2) * 0.6745
 """Median of the difference of two normal numbers, in their standard deviations."""
 
 
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """What is no fault of a sensor: shifts, turns and scatter up to these have their causes, as aberration or stars."""
+
+    shift_arcsec: float
+    roll_arcsec: float
+    scatter_arcsec: float
+
+
 def beside_panoramas(
-    session: SessionData, own: SensorAnswers, alike: OnboardEquivalence | None, explained_arcsec: float
+    session: SessionData, own: SensorAnswers, alike: OnboardEquivalence | None, explained: Explained
 ) -> Iterator[Finding]:
-    """A finding for each way in which the answers differ; a shift up to ``explained_arcsec`` has its cause already."""
-    yield from _offset(session, own, explained_arcsec)
-    yield from _turned(session, own)
-    yield from _noisy(session, own)
+    """A finding for each way in which the answers differ by more than is explained."""
+    yield from _offset(session, own, explained.shift_arcsec)
+    yield from _turned(session, own, explained.roll_arcsec)
+    yield from _noisy(session, own, explained.scatter_arcsec)
     yield from _one_sided(alike)
 
 
@@ -79,9 +91,12 @@ def _compared(of_sensor: NDArray[np.float64], of_station: NDArray[np.float64]) -
 
 
 def _of_pixels_arcsec(session: SessionData, rows: NDArray[np.int64]) -> float:
-    """What whole pixels leave of the boresight, whatever the number of frames."""
-    pixels_arcsec = session.station.sensor.camera().pixel_rad * ARCSEC_PER_RAD / math.sqrt(12)
-    return pixels_arcsec / math.sqrt(max(float(np.median(session.frames.columns["matched"][rows])), 1.0))
+    """What pixels leave of the boresight, whatever the number of frames."""
+    matches = session.frames.matches
+    is_whole = all(bool((matches[name] == np.rint(matches[name])).all()) for name in ("x_px", "y_px"))
+    of_star_px = _WHOLE_PIXELS_PX if is_whole else _CENTROIDS_PX
+    stars = max(float(np.median(session.frames.columns["matched"][rows])), 1.0)
+    return of_star_px * session.station.sensor.camera().pixel_rad * ARCSEC_PER_RAD / math.sqrt(stars)
 
 
 def _is_whole_frames(utc_ns: NDArray[np.int64], late_s: float) -> bool:
@@ -90,7 +105,7 @@ def _is_whole_frames(utc_ns: NDArray[np.int64], late_s: float) -> bool:
     return round(frames) >= 1 and abs(frames - round(frames)) <= _WHOLE_FRAME * round(frames)
 
 
-def _turned(session: SessionData, own: SensorAnswers) -> Iterator[Finding]:
+def _turned(session: SessionData, own: SensorAnswers, explained_arcsec: float) -> Iterator[Finding]:
     """How the sensor's answers are turned about the boresight: a field shows roll ten times worse than direction."""
     frames = session.frames.columns
     both = _compared(own.d_roll_arcsec, frames["d_roll_arcsec"])
@@ -98,7 +113,8 @@ def _turned(session: SessionData, own: SensorAnswers) -> Iterator[Finding]:
         return
     apart = (own.d_roll_arcsec[both] - frames["d_roll_arcsec"][both] + _TURN_ARCSEC / 2) % _TURN_ARCSEC
     roll, error = _typical(frames, both, apart - _TURN_ARCSEC / 2)
-    if abs(roll) <= max(_ROLL_IS_WORSE * _PIXEL_SIGMAS * _of_pixels_arcsec(session, both), _SIGMAS * error):
+    least_arcsec = _ROLL_IS_WORSE * _PIXEL_SIGMAS * _of_pixels_arcsec(session, both)
+    if abs(roll) <= max(least_arcsec, _SIGMAS * error, explained_arcsec):
         return
     yield Finding(
         "sensor roll",
@@ -108,8 +124,11 @@ def _turned(session: SessionData, own: SensorAnswers) -> Iterator[Finding]:
     )
 
 
-def _noisy(session: SessionData, own: SensorAnswers) -> Iterator[Finding]:
-    """Answers, the false ones aside, that scatter by far more than those that follow here from the same panoramas."""
+def _noisy(session: SessionData, own: SensorAnswers, explained_arcsec: float) -> Iterator[Finding]:
+    """Answers, the false ones aside, that scatter by far more than those that follow here from the same panoramas.
+
+    ``explained_arcsec`` is what other stars from frame to frame make of it.
+    """
     frames = session.frames.columns
     apart_arcsec = answers_apart(own, frames)
     both = np.flatnonzero(np.isfinite(apart_arcsec[:, 0]) & np.isfinite(own.cross_x_arcsec))
@@ -123,7 +142,8 @@ def _noisy(session: SessionData, own: SensorAnswers) -> Iterator[Finding]:
     of_sensor = math.hypot(*(_scatter(frames, both, getattr(own, name)[both]) for name in names))
     here = math.hypot(*(_scatter(frames, both, frames[name][both].astype(np.float64)) for name in names))
     limits = session.station.limits
-    if of_sensor > max(_NOISY * here, _OF_LIMIT * min(limits.d_ra_cosde_arcsec, limits.d_de_arcsec)):
+    least_arcsec = _OF_LIMIT * min(limits.d_ra_cosde_arcsec, limits.d_de_arcsec)
+    if of_sensor > max(_NOISY * here, least_arcsec, explained_arcsec):
         yield Finding(
             "sensor noise",
             f"its answers scatter by {of_sensor:.1f} arcsec from frame to frame, those that follow from its own "

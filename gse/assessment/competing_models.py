@@ -79,7 +79,7 @@ class Fitted:
 
 def fitted(observed: Observed, columns: Columns) -> Fitted:
     """Fit columns to what was observed, from slow and from white noise on: there may be a maximum on either side."""
-    slow = _state(observed, columns, np.zeros(columns.count))
+    slow = _unexplained(observed)
     if not columns.count:
         return Fitted(np.zeros(0), np.zeros((0, 0)), slow.log, slow.precision)
     white = replace(slow, precision=white_precision(observed.cosines))
@@ -120,6 +120,13 @@ class _State:
     log: float
 
 
+@functools.lru_cache(maxsize=2)
+def _unexplained(observed: Observed) -> _State:
+    """The state without any column, from which each fit begins."""
+    none = Columns(*(np.zeros((*of.shape, 0)) for of in (observed.mean, observed.cosines, observed.right)))
+    return _state(observed, none, np.zeros(0))
+
+
 def _state(observed: Observed, columns: Columns, coefficients: NDArray[np.float64]) -> _State:
     precision, mean_variance, log = _spectra(observed.cosines - columns.cosines @ coefficients, observed.frames)
     left = observed.mean - columns.mean @ coefficients
@@ -141,11 +148,18 @@ def _state(observed: Observed, columns: Columns, coefficients: NDArray[np.float6
 
 def _field_square(observed: Observed, at: NDArray[np.float64]) -> float:
     """By how much the parameters of the field differ from what the residuals say, in their own scatter, squared."""
+    scale, normal, best = _field_alone(observed)
+    off = best - at * scale
+    return max(float(off @ normal @ off), 0.0)
+
+
+@functools.lru_cache(maxsize=2)
+def _field_alone(observed: Observed) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Scales (F,), the normal equations (F, F) in them, and what these say of the parameters (F,) without a model."""
     scale = np.sqrt(np.diag(observed.normal))
     normal = observed.normal / scale[:, None] / scale
     best = np.linalg.lstsq(normal, observed.right / scale, rcond=1e-9)[0]
-    off = best - at * scale
-    return max(float(off @ normal @ off), 0.0)
+    return scale, normal, np.asarray(best, dtype=np.float64)
 
 
 def _equations(observed: Observed, columns: Columns, state: _State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -160,25 +174,25 @@ def _equations(observed: Observed, columns: Columns, state: _State) -> tuple[NDA
 
 def _spectra(left: NDArray[np.float64], frames: int) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Expected inverse variances (K, 3) of the ordinates, variances (3,) of the mean, twice the log likelihood."""
-    spectra, log_spectra, prior = _shapes(len(left))
+    first, inverse, log_spectra, prior = _shapes(len(left))
     count = len(left)
-    sums = (1 / spectra[:, 1:]) @ (left**2 + 1e-9 * left.var(axis=0) + 1e-12)  # (G, 3)
+    sums = inverse @ (left**2 + 1e-9 * left.var(axis=0) + 1e-12)  # (G, 3)
     log_weight = prior[:, None] - 0.5 * log_spectra[:, None] - 0.5 * count * np.log(sums)
     greatest = log_weight.max(axis=0)
     weight = np.exp(log_weight - greatest)
     total = weight.sum(axis=0)
     weight /= total
-    precision = (1 / spectra[:, 1:]).T @ (weight * count / sums)
-    mean_variance = (weight * sums / count * spectra[:, :1]).sum(axis=0) / frames
+    precision = inverse.T @ (weight * count / sums)
+    mean_variance = (weight * sums / count * first).sum(axis=0) / frames
     return precision, mean_variance, 2 * float((greatest + np.log(total)).sum())
 
 
 @functools.lru_cache(maxsize=8)
-def _shapes(ordinates: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Spectra (G, K + 1), the sum (G,) of their logarithms without the first, and the logarithm of the prior (G,)."""
+def _shapes(ordinates: int) -> tuple[NDArray[np.float64], ...]:
+    """Spectra at zero (G, 1), inverses of the others (G, K), the sums (G,) of their logarithms, the log prior (G,)."""
     places = np.arange(ordinates + 1)
     correlated = [1 + much * exponential_spectrum(time, places) for time in _TIMES for much in _STRENGTHS]
     spectra = np.vstack([np.ones(ordinates + 1), np.array(correlated)])
     prior = np.full(len(spectra), (1 - _WHITE_PRIOR) / len(correlated))
     prior[0] = _WHITE_PRIOR
-    return spectra, np.log(spectra[:, 1:]).sum(axis=1), np.log(prior)
+    return spectra[:, :1], 1 / spectra[:, 1:], np.log(spectra[:, 1:]).sum(axis=1), np.log(prior)

@@ -123,9 +123,8 @@ def judge_figure(
         reason += f" (U {amount(below, unit)})" if math.isfinite(below) else ""
     elif outcome is Outcome.INCONCLUSIVE:
         uncertainty = above if figure.value <= limit else below
-        reason = _why_undecided(label, figure, uncertainty, unit, limit, truth_uncertainty)
-        if settles:
-            reason = reason.replace(_NO_LENGTH, _BY_DRIFT)
+        left = _BY_DRIFT if settles else _NO_LENGTH
+        reason = f"{label}{_why_undecided(figure, uncertainty, unit, limit, truth_uncertainty, left)}"
     else:
         reason = ""
     return Row(
@@ -159,19 +158,20 @@ def _risk(value: float, above: float, limit: float) -> float:
 
 
 def _why_undecided(
-    label: str, figure: Figure, uncertainty: float, unit: str, limit: float, truth_uncertainty: float
+    figure: Figure, uncertainty: float, unit: str, limit: float, truth_uncertainty: float, left: str
 ) -> str:
+    """What follows the name of the row; ``left`` says what a longer session does to what truth leaves open."""
     if math.isnan(figure.bounds.upper):
         number = f" (n_eff {figure.n_eff:.0f})" if math.isfinite(figure.n_eff) else ""
-        return f"{label}: the session is too short to tell{number}"
+        return f": the session is too short to tell{number}"
     if math.isinf(truth_uncertainty):
-        return f"{label}: truth is not known well enough to compare with"
+        return ": truth is not known well enough to compare with"
     value, u, most = (amount(size, unit) for size in (figure.value, uncertainty, limit))
-    text = f"{label} is {value} with U {u}, the limit is {most}"
+    text = f" is {value} with U {u}, the limit is {most}"
     more_min = minutes_more(figure, limit, truth_uncertainty)
     if math.isfinite(more_min):
         return f"{text}: {_minutes(more_min)} would have decided"
-    return f"{text}: truth leaves {amount(COVERAGE_FACTOR * truth_uncertainty, unit)}, {_NO_LENGTH}"
+    return f"{text}: truth leaves {amount(COVERAGE_FACTOR * truth_uncertainty, unit)}, {left}"
 
 
 def minutes_more(figure: Figure, limit: float, truth_uncertainty: float) -> float:

@@ -66,16 +66,16 @@ def causes_so_far(session: SessionData) -> tuple[Finding, ...]:
         *causes,
         *event_findings(session, {finding.cause for finding in causes}),
         *nothing_identified(session),
-        *_of_sensor(session, is_gross=gross is not None),
+        *_of_sensor(session, causes, is_gross=gross is not None),
     )
 
 
-def _of_sensor(session: SessionData, *, is_gross: bool) -> tuple[Finding, ...]:
+def _of_sensor(session: SessionData, named: tuple[Finding, ...], *, is_gross: bool) -> tuple[Finding, ...]:
     """What the sensor's own answers look like so far; under a gross mistake they are compared with nothing."""
     if not len(session.sensor_attitudes):
         return ()
     own = None if is_gross or session.subject is Subject.SENSOR else sensor_answers(session)
-    return sensor_findings(session, own, session_convention(session))
+    return sensor_findings(session, own, session_convention(session), named=named)
 
 
 def _facts(session: SessionData, stats: Statistics, named: set[str]) -> Iterator[Finding]:

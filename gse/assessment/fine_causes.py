@@ -5,6 +5,7 @@ The one with the best score is named, then the best beside it, as long as each i
 Causes that explain the same nearly as well are its equals.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -70,10 +71,12 @@ def fine_causes(model: SessionModel) -> tuple[Named, ...]:
 
 
 def _is_seen(model: SessionModel, observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bool:
-    """Whether what a cause does to the stars is more than their places on the pixels do."""
+    """Whether what a cause does to the stars is more than their places on the pixels do, and than is stated."""
     if model.field is None or not one.columns.field.any():
         return True
     coefficients = fitted_to(observed, [*named, one]).coefficients[-one.columns.count :]
+    if abs(float(coefficients[0])) < one.known:
+        return False
     moved_px = model.field.moved_px @ (one.columns.field @ coefficients)
     return bool((moved_px**2).sum(axis=1).mean() >= model.field.least_px**2)
 
@@ -108,6 +111,12 @@ def _is_rest(observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bo
 
 
 def fitted_to(observed: Observed, causes: Sequence[Hypothesis]) -> Fitted:
+    """The fit of causes together; most are asked for twice, to compete and as equals of the best."""
+    return _fitted_to(observed, tuple(causes))
+
+
+@functools.lru_cache(maxsize=256)
+def _fitted_to(observed: Observed, causes: tuple[Hypothesis, ...]) -> Fitted:
     return fitted(observed, together(observed, causes))
 
 

@@ -11,8 +11,10 @@ from scipy.special import chdtri
 from gse.assessment.competing_models import PENALTY, Columns
 from gse.assessment.field_patterns import PARAMETERS
 from gse.assessment.session_model import SessionModel
+from gse.assessment.sky_terms import AIR_MODEL
 from gse.assessment.turns import EAST, all_turns, pole
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.site import Site
 
 FALSE_ALARM, FALSE_DRIFT = 3e-5, 2e-4
 """Chance that noise explains a cause as well, over all places that were searched; of some twenty causes that compete.
@@ -30,7 +32,8 @@ TANGENTIAL = "tangential"
 class Hypothesis:
     """A cause with its columns; ``searched`` places were tried for ``at_s``, an instant or a period.
 
-    ``weights`` (M,) give the size of a change over time; ``bounds`` are what nature allows the first coefficient.
+    ``weights`` (M,) give the size of a change over time; ``bounds`` are what nature allows the first coefficient, and
+    ``known`` is how well it is stated (95 %): what is smaller is no mistake.
     ``moved`` gives it at another ``place`` than those that were tried, ``spacing`` apart.
     """
 
@@ -41,6 +44,7 @@ class Hypothesis:
     searched: int = 1
     at_s: float = math.nan
     bounds: tuple[float, float] = (-math.inf, math.inf)
+    known: float = 0.0
     place: float = math.nan
     spacing: float = 0.0
     moved: "Callable[[float], Hypothesis] | None" = None
@@ -99,7 +103,15 @@ def causes_of_field(model: SessionModel) -> Iterator[Hypothesis]:
     if not model.is_fitted:
         stated_hpa = model.site.air_pressure_hpa
         densest_hpa = MOST_HPA * (model.site.air_temperature_c + ZERO_C_K) / _COLDEST_K
-        yield replace(of("refraction", "pressure"), bounds=(-stated_hpa, densest_hpa - stated_hpa))
+        yield replace(
+            of("refraction", "pressure"), bounds=(-stated_hpa, densest_hpa - stated_hpa), known=_known_hpa(model.site)
+        )
+
+
+def _known_hpa(site: Site) -> float:
+    """How well the site states its air (95 %): pressure, temperature as a pressure, and the colour of the stars."""
+    by_temperature = site.temperature_uncertainty_c / (site.air_temperature_c + ZERO_C_K)
+    return math.hypot(site.pressure_uncertainty_hpa, site.air_pressure_hpa * math.hypot(by_temperature, AIR_MODEL))
 
 
 def drifts(model: SessionModel) -> Iterator[Hypothesis]:

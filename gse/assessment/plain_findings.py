@@ -4,13 +4,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gse.assessment.low_field import air_in_field, only_reference_answers
 from gse.assessment.out_of_place import FALLEN_OUT_SHARE
 from gse.assessment.statistics import Statistics
 from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
-from gse.station.results import AnswerCheck, Status
+from gse.station.frame_table import STATUSES
+from gse.station.results import Status
 from gse.station.session_data import SessionData
 from gse.station.sky_condition import FEWEST_UNMATCHED
 
@@ -74,12 +75,13 @@ def nothing_identified(session: SessionData) -> Iterator[Finding]:
     is_day = StationKind.DAYLIGHT in kinds and StationKind.DARK_NIGHT not in kinds
     if is_day or StationKind.WRONG_CAMERA in kinds:
         return
-    if (status == STATUSES.index(Status.IDENTIFIED)).any():
-        return
-    unanswered = no_match + int((status == STATUSES.index(Status.TOO_FEW)).sum())
-    if 2 * (session.frames.columns["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.ABSENT)).sum() > unanswered:
-        yield _only_reference_answers(session, unanswered)
-    elif no_match:
+    identified = bool((status == STATUSES.index(Status.IDENTIFIED)).any())
+    failed = int((status == STATUSES.index(Status.IDENTIFIER_FAULT)).sum())
+    if 2 * failed > len(status) and not identified:
+        yield _only_failures(failed, len(status))
+    elif only_reference_answers(session):
+        yield _without_answer(session)
+    elif no_match and not identified:
         yield Finding(
             "nothing identified",
             f"not one of {no_match} panoramas with enough objects was identified, with no focal length within 25 % of "
@@ -89,8 +91,28 @@ def nothing_identified(session: SessionData) -> Iterator[Finding]:
         )
 
 
-def _only_reference_answers(session: SessionData, unanswered: int) -> Finding:
+def _only_failures(failed: int, panoramas: int) -> Finding:
+    """An external identifier that never answers: nothing follows on the sky or the sensor."""
+    return Finding(
+        "identifier fails",
+        f"the external identifier failed on {failed} of {panoramas} panoramas, and identified none",
+        (),
+        "see what the external identifier wrote to stderr: gse session export SESSION --format stderr",
+    )
+
+
+def _without_answer(session: SessionData) -> Finding:
     """The sky is there: the identifier under test knows too few of its stars, or these do not lie as it is told."""
+    status = session.frames.columns["status"]
+    answered = int((status == STATUSES.index(Status.IDENTIFIED)).sum())
+    size = f"the identifier under test answers {answered or 'none'} of {len(status)} panoramas; the reference "
+    if air := air_in_field(session):
+        return Finding(
+            "identifier without an answer",
+            f"{size}identifier does: {air}, and it knows no air",
+            ("a fault of the identifier",),
+            "point the sensor higher, or let it allow more (identifier.tolerance_px)",
+        )
     seen, expected, objects = (
         float(np.median(session.frames.columns[name])) for name in ("stars_seen", "stars_expected", "objects")
     )
@@ -99,12 +121,13 @@ def _only_reference_answers(session: SessionData, unanswered: int) -> Finding:
     equals = ["a fault of the identifier"]
     if objects - seen >= max(FEWEST_UNMATCHED, FALLEN_OUT_SHARE * seen):
         equals.append("a distortion of the lens, or a principal point that is not as stated: gse calibrate SESSION")
+    is_external = session.station.identifier.algorithm == "external"
+    more_stars = "a catalogue of its own with more stars" if is_external else "more stars (identifier.catalog_stars)"
     return Finding(
         "identifier without an answer",
-        f"the identifier under test answers none of {unanswered} panoramas; the reference identifier does, and "
-        f"{seen:.0f} stars of the sky are in each{known}",
+        f"{size}identifier does, and {seen:.0f} stars of the sky are in each{known}",
         tuple(equals),
-        "let it know more stars (identifier.catalog_stars), and try: gse report SESSION --station FILE",
+        f"let it know {more_stars}, and try: gse report SESSION --station FILE",
     )
 
 

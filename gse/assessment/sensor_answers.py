@@ -1,5 +1,6 @@
 """The sensor's own answers (ATTITUDE frames) as a subject: their errors against sidereal truth, frame by frame."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,6 +112,26 @@ def own_truth(session: SessionData) -> OwnAnswerTruth | None:
         return None
     corrected = station.sensor.attitude.aberration == "corrected"
     return OwnAnswerTruth(truth, mount, corrected, field_of(station.sensor.camera()))
+
+
+def by_other_stars_arcsec(session: SessionData) -> float:
+    """What another choice of as many stars makes of the sensor's boresight (standard deviation, along each axis).
+
+    Air and aberration part the stars of a field unevenly; which of them a sensor took, it does not say.
+    """
+    truth, frames = own_truth(session), session.frames.columns
+    if truth is None or truth.mount.inertial is not None or not len(frames):
+        return 0.0
+    return truth.uneven_arcsec(int(frames["utc_ns"][len(frames) // 2])) / math.sqrt(_stars_of_a_fix(session))
+
+
+def _stars_of_a_fix(session: SessionData) -> float:
+    """As the sensor says, or as the station identifies where it says nothing."""
+    answers = session.sensor_attitudes.columns
+    for matched in (answers["matched"][answers["acquired"]], session.frames.columns["matched"]):
+        if (matched > 0).any():
+            return float(np.median(matched[matched > 0]))
+    return 1.0
 
 
 def _measure(

@@ -25,6 +25,12 @@ _FEWEST_PANORAMAS = 10
 _BY_PANORAMAS_ARCSEC = 1.0
 """The same stars on the same pixels: what the camera's errors do to the one they do to the other."""
 _TO_STANDARD = 0.5
+_FRAME_WORDS = {
+    "ICRS": "in ICRS or J2000",
+    "J2000": "in ICRS or J2000",
+    "date": "of date",
+    "B1950": "of B1950 (FK4)",
+}
 
 
 def session_convention(session: SessionData, seconds: float = SEARCHED_S) -> ConventionSearch | None:
@@ -131,7 +137,7 @@ def words_of(search: ConventionSearch) -> str:
 
 def in_words(convention: AttitudeConvention, search: ConventionSearch) -> str:
     """A convention in words."""
-    frame = "of date" if convention.frame == "date" else "in ICRS or J2000"
+    frame = _FRAME_WORDS[convention.frame]
     if search.quaternions:
         axes = [
             f"{name} axes {words}"

@@ -6,17 +6,19 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.assessment.beside_panoramas import beside_panoramas
+from gse.assessment.beside_panoramas import Explained, beside_panoramas
 from gse.assessment.convention_search import ConventionSearch
 from gse.assessment.onboard_equivalence import OnboardEquivalence
-from gse.assessment.sensor_answers import SensorAnswers, own_truth
+from gse.assessment.out_of_place import STARS_FALL_OUT
+from gse.assessment.sensor_answers import SensorAnswers, by_other_stars_arcsec
 from gse.assessment.sensor_convention import convention_finding, is_wrong
+from gse.assessment.star_terms import roll_of_a_fix
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.finding import Finding
 from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.session_data import SessionData
 
-_AIR_SIGMAS = 3.0
+_STAR_SIGMAS = 4.0
 _STANDSTILL_S = 2.0
 _FEWEST_ALIKE = 5
 """So many answers in a row that are the same to the last digit, for so long: the sky has turned by 30 arcsec."""
@@ -29,25 +31,30 @@ def sensor_findings(
     own: SensorAnswers | None,
     search: ConventionSearch | None,
     alike: OnboardEquivalence | None = None,
+    *,
+    named: tuple[Finding, ...] = (),
 ) -> tuple[Finding, ...]:
-    """A finding for each thing that the sensor's own answers look like; ``own`` are those beside panoramas."""
+    """A finding for each thing that the sensor's own answers look like; ``own`` are those beside panoramas.
+
+    A camera or air that is ``named`` puts the answers here off, not the sensor's.
+    """
     stated = session.station.sensor.attitude
     of_convention = tuple(convention_finding(search, stated))
     found = [*of_convention, *_zeros(session), *_standstill(session)]
     if own is not None and not is_wrong(search, stated):
         explained_arcsec = _OF_ABERRATION * search.aberration_arcsec if search and of_convention else 0.0
-        explained_arcsec = max(explained_arcsec, _by_air_arcsec(session))
-        found += beside_panoramas(session, own, alike, explained_arcsec)
+        if {finding.cause for finding in named} & {*STARS_FALL_OUT, "refraction"}:
+            explained_arcsec = math.inf
+        found += beside_panoramas(session, own, alike, _explained(session, explained_arcsec))
     return tuple(found)
 
 
-def _by_air_arcsec(session: SessionData) -> float:
-    """What another choice of stars makes of the boresight where air bends the field unevenly."""
-    truth, frames = own_truth(session), session.frames.columns
-    if truth is None or truth.mount.inertial is not None or not len(frames):
-        return 0.0
-    count = max(float(np.median(frames["matched"])), 1.0)
-    return _AIR_SIGMAS * truth.uneven_arcsec(int(frames["utc_ns"][len(frames) // 2])) / math.sqrt(count)
+def _explained(session: SessionData, shift_arcsec: float) -> Explained:
+    """With what another choice of stars makes of the answers."""
+    by_stars_arcsec = by_other_stars_arcsec(session)
+    shift_arcsec = max(shift_arcsec, _STAR_SIGMAS * by_stars_arcsec)
+    width_rad = math.sqrt(session.station.sensor.camera().solid_angle_sr)
+    return Explained(shift_arcsec, roll_of_a_fix(shift_arcsec, width_rad), by_stars_arcsec)
 
 
 def _zeros(session: SessionData) -> Iterator[Finding]:

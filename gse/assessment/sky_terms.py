@@ -17,11 +17,14 @@ from gse.truth import EarthOrientation
 
 _MODEL_ARCSEC = 0.0005
 """What a rigorous correction leaves: the celestial pole offsets (0.0005) and the cells of 300 s (0.0006)."""
-_AIR_MODEL = 0.005
+AIR_MODEL = 0.005
 """Half-width, as a share of the refraction: stars from 0.5 to 0.7 um differ by 0.5 of 57 arcsec at 45 deg."""
 _EARTH_M = 6_371_000.0
 _LEAST_COS_LATITUDE = 0.01
 """Within 64 km of a pole azimuth is counted from a meridian that is chosen, not found."""
+
+
+_NEWER = "pip install -U astropy-iers-data, or --earth-orientation with {} of the IERS"
 
 
 def model_terms(at: ChangedTruth) -> list[Term]:
@@ -51,7 +54,6 @@ def earth_terms(orientation: EarthOrientation, utc_ns: int, at: ChangedTruth) ->
     here = orientation.at(utc_ns)
     past = here.kind == "past the end"
     ut1_s = here.ut1_error_s / math.sqrt(3) if past else here.ut1_error_s
-    update = "pip install -U astropy-iers-data, or --earth-orientation with newer files of the IERS"
     pole = here.pole_error_arcsec / math.sqrt(3) if past else here.pole_error_arcsec
     x, y = orientation.x_pole_arcsec, orientation.y_pole_arcsec
     moved = [
@@ -67,7 +69,7 @@ def earth_terms(orientation: EarthOrientation, utc_ns: int, at: ChangedTruth) ->
             *at.about_the_pole(ut1_s),
             evidence=f"B: {orientation.source}: {here.kind}",
             explanation="how far the Earth has turned; past the end of the predictions it goes wrong by 1 ms a day",
-            remedy=update,
+            remedy=_NEWER.format("newer files"),
             distribution=kind,
             size_arcsec=at.without("UT1"),
         ),
@@ -78,7 +80,7 @@ def earth_terms(orientation: EarthOrientation, utc_ns: int, at: ChangedTruth) ->
             *together(moved),
             evidence=f"B: {orientation.source}: {here.kind}",
             explanation="where the Earth's axis goes through its crust; held past the end of the predictions",
-            remedy=update,
+            remedy=_NEWER.format("newer files"),
             distribution=kind,
             size_arcsec=at.without("polar motion"),
         ),
@@ -93,7 +95,7 @@ def earth_terms(orientation: EarthOrientation, utc_ns: int, at: ChangedTruth) ->
                 *at.about_the_pole(leap_s),
                 evidence="B: the session is later than the list of leap seconds announces",
                 explanation="UTC may have been given a leap second that is not in the list",
-                remedy=update.replace("newer files", "a newer Leap_Second.dat"),
+                remedy=_NEWER.format("a newer Leap_Second.dat"),
                 distribution=Distribution.RECTANGULAR,
             )
         )
@@ -177,13 +179,13 @@ def air_terms(site: Site, mount: Mount, at: ChangedTruth) -> list[Term]:
         )
         for name, (standard, unit, changed, how) in air.items()
     ]
-    left = _AIR_MODEL / math.sqrt(3) * at.refraction_arcsec
+    left = AIR_MODEL / math.sqrt(3) * at.refraction_arcsec
     lowered = at.changed(mount=replace(mount, altitude_deg=mount.altitude_deg - left / 3600))
     shift = absolute(lowered) if left else (0.0, 0.0, 0.0)
     terms.append(
         Term(
             "refraction: model",
-            _AIR_MODEL / math.sqrt(3),
+            AIR_MODEL / math.sqrt(3),
             "of it",
             *shift,
             evidence="B: ERFA's A tan z + B tan^3 z at 0.6 um; stars of 0.5 to 0.7 um",

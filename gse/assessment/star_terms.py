@@ -28,6 +28,8 @@ _COUNTS_PER_MAGNITUDE, _FLUX_PER_MAGNITUDE = 0.45, 0.4
 _TYPICAL_ABOVE_LIMIT = 1.0
 """Stars of a fix are by the median this many magnitudes brighter than the faintest that is searched for companions."""
 _SKY_SR = 4 * math.pi
+OWN_STARS = "own choice of stars"
+"""The name of the term that the sensor's own answers have beside the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +67,12 @@ class FieldOfStars:
     def of_a_fix(self, star_arcsec: float) -> tuple[float, float, float]:
         """dRA*, dDE and roll of a fix, from a standard uncertainty along each axis of each star."""
         across = star_arcsec / math.sqrt(max(self.stars, 1.0))
-        return across, across, across / (self.width_rad / math.sqrt(6))
+        return across, across, roll_of_a_fix(across, self.width_rad)
+
+
+def roll_of_a_fix(across_arcsec: float, width_rad: float) -> float:
+    """The turn about the boresight of stars all over a field that shift it by so much across."""
+    return across_arcsec / (width_rad / math.sqrt(6))
 
 
 def star_terms(field: FieldOfStars, utc_ns: int, duration_s: float) -> list[Term]:
@@ -112,6 +119,21 @@ def star_terms(field: FieldOfStars, utc_ns: int, duration_s: float) -> list[Term
             common=common,
         ),
     ]
+
+
+def own_stars(across_arcsec: float, width_rad: float) -> Term:
+    """Of the truth of the sensor's own answers alone: air and aberration part the stars of a wide or low field."""
+    return Term(
+        OWN_STARS,
+        across_arcsec,
+        "arcsec",
+        across_arcsec,
+        across_arcsec,
+        roll_of_a_fix(across_arcsec, width_rad),
+        evidence="B: how far air and aberration part the stars over the field, over the root of their number in a fix",
+        explanation="in the rows of the sensor alone: its answer has the air of its own stars, truth that of the field",
+        remedy="point the sensor higher",
+    )
 
 
 def _blend_arcsec(field: FieldOfStars) -> float:

@@ -21,8 +21,9 @@ import numpy as np
 from gse.assessment.changed_truth import ChangedTruth
 from gse.assessment.inertial_terms import inertial_terms
 from gse.assessment.mount_terms import clock, fitted_mount, stability, stated_mount, time_stamp
+from gse.assessment.sensor_answers import by_other_stars_arcsec
 from gse.assessment.sky_terms import air_terms, earth_terms, model_terms, site_terms
-from gse.assessment.star_terms import FieldOfStars, star_terms
+from gse.assessment.star_terms import OWN_STARS, FieldOfStars, own_stars, star_terms
 from gse.assessment.uncertainty import AXES, AxisUncertainty, Term, combined
 from gse.mount import Mount
 from gse.site import Site
@@ -40,6 +41,7 @@ class SessionFacts:
 
     ``alignment`` is the mount where it was fitted on other frames of the session. ``drift_arcsec_per_h`` is the
     greatest drift that the aligned residuals allow, by axis: the larger end of its 95 % interval, without sign.
+    ``own_stars_arcsec`` is what its choice of stars makes of the sensor's own answers (0: it sent none).
     """
 
     site: Site
@@ -52,14 +54,19 @@ class SessionFacts:
     duration_s: float = 0.0
     alignment: Alignment | None = None
     drift_arcsec_per_h: Mapping[str, float] | None = None
+    own_stars_arcsec: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class TruthUncertaintyBudget:
-    """All terms of a session, and what they leave open together, by axis."""
+    """All terms of a session, and what they leave open together, by axis.
+
+    ``own_axes`` are those of the sensor's own answers, which have a term more.
+    """
 
     terms: tuple[Term, ...]
     axes: dict[str, AxisUncertainty]
+    own_axes: dict[str, AxisUncertainty]
 
     @property
     def ra_arcsec(self) -> float:
@@ -76,7 +83,8 @@ class TruthUncertaintyBudget:
         total = self.axes[_NAMES[axis]].expanded_arcsec
         if total * share <= limit_arcsec:
             return None
-        alone = {term: combined([term], _NAMES[axis]).expanded_arcsec for term in self.terms}
+        terms = [term for term in self.terms if term.name != OWN_STARS]
+        alone = {term: combined([term], _NAMES[axis]).expanded_arcsec for term in terms}
         large = sorted((term for term in alone if alone[term] >= total / 2), key=alone.__getitem__, reverse=True)
         parts = " and ".join(f"{term.name} leaves {_amount(alone[term])}" for term in large) or "all terms together"
         whole = f" of {total:.1f} arcsec" if math.isfinite(total) else ""
@@ -106,6 +114,7 @@ def session_facts(
         duration_s=float(np.ptp(utc_ns)) / 1e9 if len(frames) else 0.0,
         alignment=session.alignment,
         drift_arcsec_per_h=drift_arcsec_per_h,
+        own_stars_arcsec=by_other_stars_arcsec(session) if len(session.sensor_attitudes) else 0.0,
     )
 
 
@@ -119,7 +128,9 @@ def truth_budget(facts: SessionFacts) -> TruthUncertaintyBudget:
         terms = (_no_truth(),)
     else:
         terms = tuple(_terms(facts, facts.earth_orientation))
-    return TruthUncertaintyBudget(terms, {axis: combined(terms, axis) for axis in AXES})
+    common = [term for term in terms if term.name != OWN_STARS]
+    axes, own_axes = ({axis: combined(some, axis) for axis in AXES} for some in (common, terms))
+    return TruthUncertaintyBudget(terms, axes, own_axes)
 
 
 def _no_truth() -> Term:
@@ -152,6 +163,8 @@ def _terms(facts: SessionFacts, orientation: EarthOrientation) -> list[Term]:
     if facts.drift_arcsec_per_h is not None:
         mount.append(stability(facts.drift_arcsec_per_h, facts.duration_s, fitted=facts.alignment is not None))
     stars = star_terms(facts.stars, facts.utc_ns, facts.duration_s)
+    if facts.own_stars_arcsec:
+        stars.append(own_stars(facts.own_stars_arcsec, facts.stars.width_rad))
     return [*model_terms(at), *constant, *mount, clock(facts.clock_error_s, at), *stars]
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from gse.assessment.decision import Outcome, Row, judge_figure, judge_share
 from gse.assessment.diagnosis import findings
 from gse.assessment.guard_band import COVERAGE_FACTOR
+from gse.assessment.low_field import under_air
 from gse.assessment.mount_terms import STABILITY
 from gse.assessment.no_sky import under_cloud
 from gse.assessment.obstacles import obstacles
@@ -25,6 +26,7 @@ from gse.assessment.set_up_mistake import excused, lost_station, set_up_mistake
 from gse.assessment.statistics import Statistics, statistics
 from gse.assessment.subject_statistics import SubjectStatistics, figure_of
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
+from gse.assessment.uncertainty import AxisUncertainty
 from gse.finding import Finding
 from gse.limits import Limits
 from gse.percent import percent
@@ -85,13 +87,13 @@ def judge(session: SessionData) -> Assessment:
         mistake = set_up_mistake(session, stats.counted, found)
     if mistake:
         rows = tuple(excused(row, mistake) for row in rows)
-    rows = tuple(under_cloud(row, session.frames.columns) for row in rows)
+    rows = tuple(under_air(under_cloud(row, session.frames.columns), session) for row in rows)
     in_the_way = tuple(obstacles(session, stats, rows))
     if mistake:
         in_the_way = (f"set-up: {mistake}", *in_the_way)
     verdict = _verdict(rows, in_the_way)
     compared = None if any(finding.is_gross for finding in found) else stats.own
-    found += sensor_findings(session, compared, stats.convention, stats.equivalence)
+    found += sensor_findings(session, compared, stats.convention, stats.equivalence, named=found)
     health = sensor_health(session)
     found += tuple(health_findings(session, health))
     # What decides comes first: screens with one line show the first reason.
@@ -162,6 +164,7 @@ def _rows(
         ("dDE", "d_de", limits.d_de_arcsec),
         ("roll", "d_roll", limits.d_roll_arcsec),
     )
+    truth = budget.own_axes if subject.subject is Subject.SENSOR else budget.axes
     for label, axis, limit in axes:
         for name, which in ((f"mean |{label}|", "mean_abs"), (f"95 % of |{label}|", "p95_abs")):
             yield judge_figure(
@@ -170,7 +173,7 @@ def _rows(
                 figure_of(subject.axes[axis], which, stats.duration_s),
                 unit="arcsec",
                 limit=limit,
-                truth_uncertainty=_truth_uncertainty(budget, axis),
+                truth_uncertainty=_standard(truth[axis]),
                 decision=limits.decision,
                 relative=relative,
                 settles=_settles(budget, axis),
@@ -181,7 +184,7 @@ def _rows(
         figure_of(subject.half_cone_95, "p95_abs", stats.duration_s),
         unit="arcsec",
         limit=math.nan if limits.boresight_arcsec is None else limits.boresight_arcsec,
-        truth_uncertainty=math.hypot(*(_truth_uncertainty(budget, axis) for axis in ("d_ra_cosde", "d_de"))),
+        truth_uncertainty=math.hypot(*(_standard(truth[axis]) for axis in ("d_ra_cosde", "d_de"))),
         decision=limits.decision,
         relative=relative,
     )
@@ -189,9 +192,9 @@ def _rows(
     yield _time(subject, limits)
 
 
-def _truth_uncertainty(budget: TruthUncertaintyBudget, axis: str) -> float:
+def _standard(truth: AxisUncertainty) -> float:
     """The standard uncertainty whose 1.645-fold is the one-sided 95 % bound of truth, whatever its distribution."""
-    return budget.axes[axis].one_sided_arcsec / COVERAGE_FACTOR
+    return truth.one_sided_arcsec / COVERAGE_FACTOR
 
 
 def _settles(budget: TruthUncertaintyBudget, axis: str) -> bool:
@@ -201,28 +204,16 @@ def _settles(budget: TruthUncertaintyBudget, axis: str) -> bool:
 
 
 def _shares(subject: SubjectStatistics, limits: Limits, *, lost: int) -> Iterator[Row]:
-    who, decision = subject.subject, limits.decision
     never_came = f", {lost} of which never came" if lost else ""
-    yield judge_share(
-        who,
-        "availability",
-        subject.available,
-        limit=limits.availability,
-        at_least=True,
-        decision=decision,
-        beside=never_came,
-    )
     count = subject.star_fields
     fields = f" in {count} star field{'' if count == 1 else 's'}" if count else ""
-    yield judge_share(
-        who,
-        "false answers",
-        subject.false_answers,
-        limit=limits.false_share,
-        at_least=False,
-        decision=decision,
-        beside=fields,
-    )
+    for name, share, limit, at_least, beside in (
+        ("availability", subject.available, limits.availability, True, never_came),
+        ("false answers", subject.false_answers, limits.false_share, False, fields),
+    ):
+        yield judge_share(
+            subject.subject, name, share, limit=limit, at_least=at_least, decision=limits.decision, beside=beside
+        )
 
 
 def _time(subject: SubjectStatistics, limits: Limits) -> Row:

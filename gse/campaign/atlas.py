@@ -48,8 +48,7 @@ class SessionAtlas:
 
     ``field_error_arcsec`` (CELLS, CELLS) is its standard error, stars as the sample, ``field_stars`` of them;
     ``field_sigmas`` says how significant the polynomial of the field is, the focal length left out. ``scale`` is the
-    relative error of the focal length and its standard error: a positive one asks for a longer one. ``fitted_arcsec``
-    (N, 2) is what was fitted to the residuals.
+    relative error of the focal length and its standard error: a positive one asks for a longer one.
     """
 
     residuals: int
@@ -61,7 +60,6 @@ class SessionAtlas:
     field_sigmas: float
     scale: float
     scale_error: float
-    fitted_arcsec: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +107,11 @@ class Residuals:
         )
 
 
-def session_atlas(of: Residuals) -> SessionAtlas | None:
-    """The atlas of a session, of residuals without their own share; None of too few stars."""
+def session_atlas(of: Residuals) -> tuple[SessionAtlas, NDArray[np.float64]] | None:
+    """The atlas of a session, of residuals without their own share, and what it fits to them (N, 2), arcsec.
+
+    None of too few stars.
+    """
     _, star = np.unique(of.star, return_inverse=True)
     stars = int(star.max()) + 1 if len(star) else 0
     if stars < MIN_STARS or len(star) < MIN_RESIDUALS:
@@ -125,7 +126,7 @@ def session_atlas(of: Residuals) -> SessionAtlas | None:
     phases = [_phase_error(fit, phase, of, per_frame) for fit, phase in zip(fits, of.phase_px.T, strict=True)]
     scale, scale_error = _scale(fits, of)
     cells, errors, cell_stars = _map(x, y, fits, star, stars)
-    return SessionAtlas(
+    atlas = SessionAtlas(
         len(star),
         stars,
         (phases[0], phases[1]),
@@ -135,8 +136,8 @@ def session_atlas(of: Residuals) -> SessionAtlas | None:
         _field_sigmas(fits),
         scale,
         scale_error,
-        of.residuals_arcsec - np.column_stack([fit.left for fit in fits]),
     )
+    return atlas, of.residuals_arcsec - np.column_stack([fit.left for fit in fits])
 
 
 def sigmas_of(chi2: float, freedom: int) -> float:

@@ -13,14 +13,17 @@ from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 
 import dask
-from distributed import Client, LocalCluster
+from distributed import Client, Future, LocalCluster
+from distributed.scheduler import KilledWorker
 
 from gse.campaign.keys import software_sha256
 from gse.errors import CampaignError, UsageError
 
 LOOPBACK = "127.0.0.1"
 RETRIES = 2
-"""Of a session whose judgement was cut off, after the three workers that Dask lets it take with it."""
+"""Of a session whose judgement was cut off, after the workers that Dask lets it take with it."""
+MORE_WORKERS = 8
+"""That a task may take with it after those, before it is held to be what ends them."""
 _NO_PAGES: dict[str, object] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 _NO_PROFILE = {"distributed.worker.profile.enabled": False}
 """Dask samples the stack of each worker all the time and keeps what it saw: 0.2 MB a session, which nobody reads."""
@@ -39,6 +42,18 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Client]:
             return
         with _own(workers) as client:
             yield client
+
+
+def past_lost_workers(future: Future) -> Future:
+    """The future of a task when it has ended, whoever else ended the workers that it was given to.
+
+    Dask gives up a task on its fourth lost worker, also one that only waited there.
+    """
+    for _ in range(MORE_WORKERS):
+        if not isinstance(future.exception(), KilledWorker):
+            break
+        future.retry()
+    return future
 
 
 @contextmanager
@@ -108,9 +123,10 @@ def _connected(scheduler: str) -> Iterator[Client]:
         raise UsageError(f"--scheduler {scheduler} is not an address; expected for example tcp://127.0.0.1:8786")
     try:
         client = Client(scheduler, set_as_default=False)
-    except (OSError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError, RuntimeError, TypeError) as error:  # TypeError: TLS without certificates
         raise UsageError(
-            f"no Dask scheduler answers at {scheduler} ({error}); start one with 'dask scheduler'"
+            f"no Dask scheduler answers at {scheduler} ({error}); start one with 'dask scheduler', and state its "
+            "certificates here if it uses TLS (docs/campaigns.md)"
         ) from error
     with client:
         yield client
@@ -121,16 +137,15 @@ def _check_software(client: Client, scheduler: str) -> None:
     own = software_sha256()
     try:
         client.wait_for_workers(1, timeout=dask.config.get("distributed.comm.timeouts.connect", "30s"))
-        found = client.run(software_sha256)
+        found = client.run(software_sha256, on_error="return")
     except TimeoutError as error:
         raise CampaignError(
             f"the scheduler at {scheduler} has no workers; start some with 'dask worker {scheduler} --nthreads 1'"
         ) from error
-    except Exception as error:
-        raise UsageError(
-            f"the workers of {scheduler} cannot run this program ({error}); install the same gse there"
-        ) from error
-    others = sorted(worker for worker, software in found.items() if software != own)
+    answers = {worker: answer for worker, answer in found.items() if not isinstance(answer, OSError)}  # lost ones
+    if fault := next((answer for answer in answers.values() if isinstance(answer, Exception)), None):
+        raise UsageError(f"the workers of {scheduler} cannot run this program ({fault}); install the same gse there")
+    others = sorted(worker for worker, software in answers.items() if software != own)
     if others:
         raise UsageError(
             f"{', '.join(others[:3])} of {scheduler} run another gse, or other packages; install the same everywhere"

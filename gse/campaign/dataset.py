@@ -4,10 +4,11 @@
     sessions/sensor=NAME/night=2026-03-20/KEY.parquet    one row: verdict, figures, conditions, hashes, report.json
     frames/sensor=NAME/night=2026-03-20/KEY.parquet      one row per panorama
     stars/sensor=NAME/night=2026-03-20/KEY.parquet       one row per matched star and frame
+    atlas/sensor=NAME/night=2026-03-20/KEY.parquet       one row, or none of too few stars: its part of the error atlas
     index/sessions.parquet                               the rows of all sessions but report.json, for fast questions
     index/sources.parquet                                which source has which key, by size and time of change
 
-A result is a file that never changes, named by its key. stars and frames of a session come first and its row in
+A result is a file that never changes, named by its key. The other tables of a session come first and its row in
 sessions last: a session is in the data set where its row is, and then it is whole. Two campaigns that judge one session
 at once write the same file twice. Files in index follow from the others and from the sources: they may be deleted.
 """
@@ -26,14 +27,22 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from gse.campaign.sources import MOST_SESSIONS
-from gse.campaign.storage import StorageError, explained, open_storage, put_file_whole, put_whole, read_whole
+from gse.campaign.storage import (
+    StorageError,
+    explained,
+    find_files,
+    open_storage,
+    put_file_whole,
+    put_whole,
+    read_whole,
+)
 from gse.errors import UsageError
 from gse.tables import SCHEMA_VERSION
 from gse.tables.parquet import FOOTER_LIMITS, MOST_BYTES_PER_ROW, MOST_ROWS, check_size, write_parquet
 
 SCHEMA = f"gse.dataset/{SCHEMA_VERSION}"
 MARK = "dataset.json"
-SESSIONS, FRAMES, STARS = TABLES = ("sessions", "frames", "stars")
+SESSIONS, FRAMES, STARS, ATLAS = "sessions", "frames", "stars", "atlas"
 REPORT_COLUMN = "report_json"
 UNKNOWN = "unknown"
 """Sensor and night of a session that could not be read: pandas does not read Hive's own name for null."""
@@ -101,7 +110,7 @@ class DataSet:
     def committed(self) -> list[Committed]:
         """What is in the data set, in the order of sensor, night and key."""
         try:
-            names = self.fs.find(f"{self.root}/{SESSIONS}")
+            names = list(find_files(self.fs, f"{self.root}/{SESSIONS}"))
         except FileNotFoundError:
             names = []
         except Exception as error:
@@ -112,7 +121,9 @@ class DataSet:
     def has_files(self, table: str) -> bool:
         """Whether a table has any file."""
         try:
-            return bool(self.fs.glob(f"{self.root}/{table}/*", detail=False))
+            return bool(self.fs.ls(f"{self.root}/{table}", detail=False))
+        except FileNotFoundError:
+            return False
         except Exception as error:
             raise explained(error, self.url) from error
 

@@ -14,9 +14,9 @@ from typing import Any
 from distributed import Client, as_completed
 from distributed.scheduler import KilledWorker
 
-from gse.campaign.cluster import RETRIES
+from gse.campaign.cluster import RETRIES, past_lost_workers
 from gse.campaign.dataset import DataSet
-from gse.campaign.judging import Job, Judged, judge_source
+from gse.campaign.judging import LIMIT_S, Job, Judged, judge_source
 from gse.campaign.keys import OWN_STATION, software_sha256
 from gse.campaign.sources import Source
 from gse.campaign.storage import StorageError, with_patience
@@ -41,9 +41,10 @@ def plan_campaign(
     station: StationText | None = None,
     station_sha256: str = OWN_STATION,
     rehash: bool = False,
+    limit_s: float = LIMIT_S,
 ) -> Campaign:
     """Find out which sources are new to a data set; with ``rehash`` all are read."""
-    job = Job(uuid.uuid4().hex, dataset.url, station, station_sha256)
+    job = Job(uuid.uuid4().hex, dataset.url, station, station_sha256, limit_s)
     committed = {place.key: place for place in dataset.committed()}
     known = {} if rehash else _known(dataset, station_sha256)
     todo, unchanged = [], []
@@ -94,7 +95,7 @@ def _run(campaign: Campaign, client: Client) -> Iterator[Judged]:
         try:
             future = next(waiting)
             source = futures.pop(future)
-            yield _outcome(future, source)
+            yield _outcome(past_lost_workers(future), source)
         except (CancelledError, OSError, StopIteration) as error:
             left = len(campaign.todo) - number
             raise CampaignError(

@@ -14,15 +14,19 @@ import stat
 import tempfile
 import traceback
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from drivers.errors import DriverError
 from drivers.outside_text import plain_lines
 from gse.assessment.verdict import judge
+from gse.camera import Camera
+from gse.campaign.atlas_table import BORESIGHT_COLUMNS, STARS_COLUMNS, atlas_table, session_errors
 from gse.campaign.dataset import (
+    ATLAS,
     FRAMES,
     REPORT_COLUMN,
     SESSIONS,
@@ -36,6 +40,7 @@ from gse.campaign.hot_pixels import COLUMN, HotPixelCounter
 from gse.campaign.keys import OWN_STATION, session_sha256, software_sha256
 from gse.campaign.sources import Source
 from gse.campaign.storage import StorageError, copy_here, explained, protocol_of, with_patience
+from gse.campaign.time_limit import time_limit, was_too_long
 from gse.errors import GseError
 from gse.release_memory import give_back
 from gse.report import summarise
@@ -43,19 +48,26 @@ from gse.sessions.replay import StationText, replay_session
 from gse.station.setup import keep_one_sky
 from gse.tables import ResultKey, failed_session, frames_parts, sessions_table, stars_parts
 from gse.tables.parquet import write_parquet
+from gse.without_pandas import spare_pandas
 from protocols import ProtocolError
 
+LIMIT_S = 3600.0
+"""A night of 8 h at 10 Hz takes 46 s of one core."""
 _MOST_ERROR = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What the sessions of a campaign are judged with; ``name`` is one run's own."""
+    """What the sessions of a campaign are judged with; ``name`` is one run's own.
+
+    A worker that takes longer than ``limit_s`` for one session ends.
+    """
 
     name: str
     dataset_url: str
     station: StationText | None
     station_sha256: str = OWN_STATION
+    limit_s: float = LIMIT_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +91,7 @@ class Judged:
 
 def judge_source(source: Source, job: Job) -> Judged:
     """Judge a session and put its results into the data set; what is there already is not judged again."""
+    spare_pandas()
     try:
         with tempfile.TemporaryDirectory(prefix="session-", dir=_scratch()) as name:
             folder = Path(name)
@@ -88,7 +101,12 @@ def judge_source(source: Source, job: Job) -> Judged:
             known = _committed(job).get(key.text)
             if known is not None:
                 return Judged(source, key.text, found, sensor=known.sensor, night=known.night)
-            result = _judged(first, key, job, source, folder)
+            mark = f"too-long-{job.name}-{key.text}"
+            if was_too_long(job.dataset_url, mark):
+                limit = f"{source.url} takes more than {job.limit_s / 60:g} minutes"
+                return Judged(source, error=f"{limit}; --session-limit gives it more")
+            with time_limit(job.limit_s, job.dataset_url, mark):
+                result = _judged(first, key, job, source, folder)
             if session_sha256(segments) != found or read_before != _state_here(source):
                 return Judged(source, error=f"{source.url} changed while it was read; is its session still running?")
             with_patience(job.dataset_url, lambda fs, root: _put(DataSet(job.dataset_url, fs, root), result))
@@ -148,18 +166,12 @@ def _scratch() -> str | None:
 
 
 def _judged(path: Path, key: ResultKey, job: Job, source: Source, folder: Path) -> _Result:
-    given, hot_pixels = job.station, HotPixelCounter()
     try:
-        replay = replay_session(
-            path,
-            station=lambda recorded: given or recorded,
-            make_listeners=lambda loop, folder: [hot_pixels],
-            threads=1,
-        )
-        session = replay.session
-        assessment = judge(session)
-        row = sessions_table(session, assessment, key, source=source.url)
-        report = json.dumps(summarise(session, assessment), indent=2, allow_nan=False) + "\n"
+        result, camera = _results(path, key, job, source, folder)
+        give_back()  # the session is gone: its atlas comes from its tables
+        return replace(result, files=_with_atlas(result.files, camera, key, folder))
+    except StorageError:
+        raise
     except (GseError, DriverError, ProtocolError) as error:
         return _failed(key, source, str(error), folder)
     except (MemoryError, OSError):
@@ -170,13 +182,36 @@ def _judged(path: Path, key: ResultKey, job: Job, source: Source, folder: Path) 
         return _failed(
             key, source, f"internal error: {type(error).__name__}: {error} at {where}; please report it", folder
         )
+
+
+def _results(path: Path, key: ResultKey, job: Job, source: Source, folder: Path) -> tuple[_Result, Camera]:
+    given, hot_pixels = job.station, HotPixelCounter()
+    replay = replay_session(
+        path,
+        station=lambda recorded: given or recorded,
+        make_listeners=lambda loop, folder: [hot_pixels],
+        threads=1,
+    )
+    session = replay.session
+    assessment = judge(session)
+    row = sessions_table(session, assessment, key, source=source.url)
+    report = json.dumps(summarise(session, assessment), indent=2, allow_nan=False) + "\n"
     tables = {
         STARS: stars_parts(session, key.text),
         FRAMES: frames_parts(session, assessment.statistics, key.text),
         SESSIONS: [_completed(row, hot_pixels.column(), report)],
     }
     committed = Committed(session.station.sensor.name, _night(row), key.text)
-    return _Result(committed, _written(tables, folder), assessment.verdict.value, "")
+    return _Result(committed, _written(tables, folder), assessment.verdict.value, ""), session.station.sensor.camera()
+
+
+def _with_atlas(files: dict[str, Path], camera: Camera, key: ResultKey, folder: Path) -> dict[str, Path]:
+    """The atlas before the other files: the row in sessions stays the last."""
+    stars, frames = (
+        pq.ParquetFile(files[table]).read(list(columns), use_threads=False)
+        for table, columns in ((STARS, STARS_COLUMNS), (FRAMES, BORESIGHT_COLUMNS))
+    )
+    return _written({ATLAS: [atlas_table(session_errors(stars, frames, camera), key.text)]}, folder) | files
 
 
 def _failed(key: ResultKey, source: Source, text: str, folder: Path) -> _Result:

@@ -9,7 +9,7 @@ from concurrent.futures import CancelledError
 
 from distributed.scheduler import KilledWorker
 
-from gse.campaign.cluster import RETRIES, cluster
+from gse.campaign.cluster import RETRIES, cluster, past_lost_workers
 from gse.errors import CampaignError
 from gse.evaluation.monte_carlo import Evaluator, tasks
 from gse.evaluation.plan import Outcome, Plan
@@ -36,7 +36,7 @@ def outcomes_on(scheduler: str, plan: Plan) -> Iterator[list[Outcome]]:
         queued = deque(itertools.islice(waiting, most))
         try:
             while queued:
-                yield queued.popleft().result()
+                yield past_lost_workers(queued.popleft()).result()
                 queued.extend(itertools.islice(waiting, 1))
         except (CancelledError, OSError) as error:
             raise CampaignError("the scheduler is gone: the evaluation has no result; start it again") from error

@@ -8,18 +8,19 @@ from typing import Any, TextIO
 import duckdb
 
 from drivers.outside_text import long_table_cell, plain_line, plain_lines
-from gse.campaign.dataset import AGAIN, FRAMES, REPORT_COLUMN, SESSIONS, STARS, DataSet
+from gse.campaign.atlas_table import atlas_schema
+from gse.campaign.dataset import AGAIN, ATLAS, FRAMES, REPORT_COLUMN, SESSIONS, STARS, DataSet
 from gse.campaign.storage import protocol_of
 from gse.errors import UsageError
 from gse.tables import frames_schema, stars_schema
 
-_SCHEMAS = {FRAMES: frames_schema, STARS: stars_schema}
+_SCHEMAS = {FRAMES: frames_schema, STARS: stars_schema, ATLAS: atlas_schema}
 _ROWS_AT_ONCE = 10_000
 _DAMAGED = ("No magic bytes", "too small to be a Parquet file", "TProtocolException", "corrupt", "ZSTD")
 
 
 def ask(dataset: DataSet, sql: str, form: str, file: TextIO) -> None:
-    """Write the answer to a question to sessions, frames, stars and reports; UsageError where DuckDB refuses it.
+    """Write the answer to a question to sessions, frames, stars, atlas and reports; UsageError where DuckDB refuses it.
 
     ``form`` is text (DuckDB's own table of the first rows), csv with a head, or json with one object per line.
     """
@@ -53,7 +54,7 @@ def connect(dataset: DataSet) -> duckdb.DuckDBPyConnection:
         connection.execute(f"create view {SESSIONS} as select * from read_parquet('{_quoted(dataset, index)}')")
     files = _quoted(dataset, f"{SESSIONS}/*/*/*.parquet")
     connection.execute(f"create view reports as select key, {REPORT_COLUMN} from read_parquet('{files}')")
-    for table in (FRAMES, STARS):
+    for table in _SCHEMAS:
         _add(connection, dataset, table)
     return connection
 

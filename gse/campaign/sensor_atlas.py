@@ -4,25 +4,21 @@ Sessions are read one after the other, so that memory does not grow with their n
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.campaign.atlas import CELLS, Residuals, SessionAtlas, session_atlas, sigmas_of, sigmas_of_place
-from gse.campaign.dataset import FRAMES, STARS, Committed, DataSet
+from gse.campaign.atlas import CELLS, SessionAtlas, sigmas_of, sigmas_of_place
+from gse.campaign.atlas_table import SessionErrors, atlas_schema, errors_of
+from gse.campaign.dataset import AGAIN, ATLAS, Committed, DataSet
 from gse.campaign.nights import Session
-from gse.campaign.star_places import NamedStar, StarOffsets, named_stars, star_offsets, to_sky
-from gse.constants import ARCSEC_PER_RAD
+from gse.campaign.star_places import NamedStar, StarOffsets, named_stars
+from gse.campaign.storage import StorageError
 
 MIN_NIGHTS = 10
 """From so many sessions on the scatter between them is the error of a mean, below it the errors of each."""
-_STARS_COLUMNS = (
-    *("frame", "utc", "star", "star_id", "x_px", "y_px", "residual_x_arcsec", "residual_y_arcsec"),
-    *("phase_x_px", "phase_y_px", "field_x_deg", "field_y_deg"),
-)
-_BORESIGHT = ("onboard_ra_deg", "onboard_de_deg", "onboard_roll_deg")
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +62,12 @@ def sensor_atlas(
     scale: dict[str, float] = {}
     for session in sessions:
         each()
-        for night, atlas, of_stars, named in _of_session(dataset, session):
-            atlases.append(atlas)
-            offsets.append(of_stars)
-            names |= named
-            scale[night] = atlas.scale
+        errors = _errors(dataset, session)
+        if errors is not None:
+            atlases.append(errors.atlas)
+            offsets.append(errors.offsets)
+            names |= zip(errors.offsets.star.tolist(), errors.names, strict=True)
+            scale[session.night] = errors.atlas.scale
     if not atlases:
         return None
     curves, curve_errors = _mean_of(
@@ -92,46 +89,12 @@ def sensor_atlas(
     )
 
 
-def _of_session(dataset: DataSet, session: Session) -> Iterator[tuple[str, SessionAtlas, StarOffsets, dict[int, str]]]:
-    """Nothing, or the atlas of a session with the offsets and names of its stars."""
-    place = Committed(str(session.row["sensor"]), session.night, str(session.row["key"]))
-    stars = dataset.read(place.path(STARS), _STARS_COLUMNS)
-    frames = dataset.read(place.path(FRAMES), _BORESIGHT)
-    if stars is None or frames is None or not len(stars):
-        return
-    columns = {name: stars[name].to_numpy() for name in _STARS_COLUMNS if name not in ("star", "utc")}
-    of = Residuals(
-        _pair(columns, "residual_x_arcsec", "residual_y_arcsec"),
-        _pair(columns, "x_px", "y_px"),
-        _pair(columns, "phase_x_px", "phase_y_px"),
-        _pair(columns, "field_x_deg", "field_y_deg"),
-        columns["star_id"].astype(np.int64),
-        columns["frame"].astype(np.int64),
-        (int(session.row["camera_columns"]), int(session.row["camera_rows"])),
-        ARCSEC_PER_RAD / float(session.row["camera_focal_length_px"]),
-    )
-    freed, useful = of.without_own_share()
-    atlas = session_atlas(freed)
-    if atlas is None:
-        return
-    utc_ns = stars["utc"].cast("int64").to_numpy()[useful]
-    boresight_deg = np.column_stack([frames[name].to_numpy() for name in _BORESIGHT])[freed.frame]
-    known = np.isfinite(boresight_deg).all(axis=1)
-    # Those of the fitted attitude: star_offsets frees them of the shares of other stars itself.
-    left_arcsec = of.residuals_arcsec[useful] - atlas.fitted_arcsec
-    sky = to_sky(left_arcsec[known], freed.field_deg[known], boresight_deg[known])
-    rows, first = np.unique(of.star, return_index=True)
-    texts = stars["star"].take(first).to_pylist()
-    yield (
-        session.night,
-        replace(atlas, fitted_arcsec=np.empty((0, 2))),  # 1 MB in 20 min, which nobody asks for again
-        star_offsets(sky, freed.star[known], freed.frame[known], utc_ns[known]),
-        {int(row): str(text) for row, text in zip(rows, texts, strict=True)},
-    )
-
-
-def _pair(columns: dict[str, NDArray[np.float32]], x: str, y: str) -> NDArray[np.float64]:
-    return np.column_stack([columns[x], columns[y]]).astype(np.float64)
+def _errors(dataset: DataSet, session: Session) -> SessionErrors | None:
+    path = Committed(str(session.row["sensor"]), session.night, str(session.row["key"])).path(ATLAS)
+    table = dataset.read(path)
+    if table is None or not table.schema.equals(atlas_schema()):
+        raise StorageError(f"{dataset.url}/{path} is missing or damaged; {AGAIN}", dataset.url)
+    return errors_of(table)
 
 
 def _harmonic(axis: str, atlases: list[SessionAtlas], place: int) -> Harmonic:

@@ -47,6 +47,7 @@ class _Lines:
 
     source: str
     remarks: dict[str, str]
+    head_line: int
     names: list[str]
     rows: list[tuple[int, list[str]]]
 
@@ -102,9 +103,8 @@ def read_flight_catalog(content: bytes, source: str) -> StarCatalog:
         return _plain_list(lines)
     if tuple(name for name in lines.names if name != "magnitude") == ("id", "x", "y", "z", "n", "neighbours"):
         return _table(lines)
-    raise lines.error(
-        1, f"columns are {', '.join(lines.names):.80}: expected {','.join(LIST_COLUMNS)}, or {','.join(TABLE_COLUMNS)}"
-    )
+    came, forms = ", ".join(lines.names), f"{','.join(LIST_COLUMNS)}, or {','.join(TABLE_COLUMNS)}"
+    raise lines.error(lines.head_line, f"columns are {came:.80}: expected {forms}")
 
 
 def _lines(content: bytes, source: str) -> _Lines:
@@ -129,7 +129,8 @@ def _lines(content: bytes, source: str) -> _Lines:
             rows.append((number, [field.strip() for field in line.split(",")]))
     if len(rows) < 2:
         raise CatalogError(f"{source} holds no star")
-    return _Lines(source, remarks, [name.lower() for name in rows[0][1]], rows[1:])
+    head_line, names = rows[0]
+    return _Lines(source, remarks, head_line, [name.lower() for name in names], rows[1:])
 
 
 def _plain_list(lines: _Lines) -> StarCatalog:
@@ -137,7 +138,7 @@ def _plain_list(lines: _Lines) -> StarCatalog:
         if len(row) != len(lines.names):
             raise lines.error(line, f"{len(row)} fields: expected {len(lines.names)}")
     if lines.names[0] != "id":
-        raise lines.error(1, "the first column is to be id")
+        raise lines.error(lines.head_line, "the first column is to be id")
     ids, ra, de = lines.ids(), lines.column("ra_deg"), lines.column("de_deg")
     for (line, _), ra_deg, de_deg in zip(lines.rows, ra.tolist(), de.tolist(), strict=True):
         if not (0 <= ra_deg <= 360 and -90 <= de_deg <= 90):

@@ -64,6 +64,14 @@ def command() -> None:
     type=click.Path(path_type=Path),
     help="Station file for all sessions, instead of their own.",
 )
+@click.option(
+    "--session-limit",
+    "limit_min",
+    type=click.IntRange(1, 10_000),
+    default=60,
+    show_default=True,
+    help="Minutes that a worker may take for one session.",
+)
 @click.option("--rehash", is_flag=True, help="Read sources whose size and time of change are as before, too.")
 @click.option("--json", "as_json", is_flag=True, help="The outcome as one JSON object on stdout.")
 @click.pass_context
@@ -75,6 +83,7 @@ def judge_command(
     scheduler: str | None,
     workers: int | None,
     station_path: Path | None,
+    limit_min: int,
     rehash: bool,
     as_json: bool,
 ) -> None:
@@ -103,6 +112,7 @@ def judge_command(
         station=station,
         station_sha256=station_sha256(*station) if station else OWN_STATION,
         rehash=rehash,
+        limit_s=60 * limit_min,
     )
     outcomes = list(campaign.unchanged)
     if campaign.todo:
@@ -178,7 +188,7 @@ def report_command(
     help="Form of the answer; json has one object per line.",
 )
 def query_command(*, dataset_url: str, sql: str, form: str) -> None:
-    """Ask DATASET a question in SQL, by DuckDB. Tables: sessions, frames, stars, and reports (report_json).
+    """Ask DATASET a question in SQL, by DuckDB. Tables: sessions, frames, stars, atlas, and reports (report_json).
 
     For example: gse campaign query DATASET "select sensor, verdict, count(*) from sessions group by all"
     """
@@ -208,6 +218,8 @@ def _verdict_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _atlas_lines(atlas: dict[str, Any] | None) -> list[str]:
+    from gse.campaign.decision import counted
+
     if atlas is None:
         return []
     lines = [
@@ -217,20 +229,24 @@ def _atlas_lines(atlas: dict[str, Any] | None) -> list[str]:
     ]
     if atlas["stars_found"]:
         names = ", ".join(f"{star['name']} ({star['sigmas']:.1f} sigma)" for star in atlas["stars"][:5])
-        lines.append(f"{atlas['stars_found']} stars away from their catalogue places: {names}")
+        lines.append(f"{counted(atlas['stars_found'], 'star')} away from the catalogue's place: {names}")
     return lines
 
 
 def _document(dataset: "DataSet", outcomes: list["Judged"]) -> dict[str, Any]:
     """What became of the sources of this run, whether they were judged now or before."""
-    from gse.campaign.dataset import UNKNOWN
+    from gse.campaign.dataset import UNKNOWN, DataSet
+    from gse.campaign.storage import with_patience
 
     keys: dict[str, list[str]] = {}
     for one in outcomes:
         if one.key:
             keys.setdefault(one.key, []).append(one.source.url)
-    rows = dataset.sessions(("key", "sensor", "verdict", "truncated", "error")).to_pylist() if keys else []
-    rows = [row for row in rows if row["key"] in keys]
+    columns = ("key", "sensor", "verdict", "truncated", "error")
+    rows = []
+    if keys:  # with a connection that may be newer than that of the run's beginning
+        table = with_patience(dataset.url, lambda fs, root: DataSet(dataset.url, fs, root).sessions(columns))
+        rows = [row for row in table.to_pylist() if row["key"] in keys]
     return {
         "schema": SCHEMA,
         "dataset": dataset.url,

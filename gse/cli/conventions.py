@@ -43,9 +43,9 @@ def command(
 ) -> None:
     """Name the convention of the sensor's own answers (ATTITUDE frames) in a SESSION.
 
-    All discrete conventions are tried: the order and direction of a quaternion, its axes, RA and DE of date or J2000 or
-    ICRS, hours or degrees, the sense of the roll, aberration corrected or not. The exit code is 0 if the station file
-    states one that fits, 1 if it does not or if none fits.
+    All discrete conventions are tried: the order and direction of a quaternion, its axes, RA and DE of date, of B1950,
+    of J2000 or ICRS, hours or degrees, the sense of the roll, aberration corrected or not. The exit code is 0 if the
+    station file states one that fits, 1 if it does not or if none fits.
     """
     from gse.assessment.sensor_convention import is_wrong, session_convention
 
@@ -139,7 +139,7 @@ def _lines(search: "ConventionSearch", stated: "AttitudeConvention") -> list[str
 def _not_told_apart(search: "ConventionSearch") -> list[str]:
     if not search.fits:
         return []
-    found = [] if search.fits[0].convention.frame == "date" else ["ICRS and J2000, which lie 0.02 arcsec apart"]
+    found = ["ICRS and J2000, which lie 0.02 arcsec apart"] if search.fits[0].convention.frame == "ICRS" else []
     apart = f"a body frame turned by {search.aberration_arcsec:.1f} arcsec"
     if search.aberration == "not told":
         return [*found, f"aberration corrected, aberration not corrected, and {apart}"]

@@ -10,8 +10,10 @@ built-in identifier, and an external one's own where it states them.
 """
 
 import functools
+import itertools
 import json
 import math
+import operator
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -160,16 +162,21 @@ def benchmark(
 
 
 def table(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """The rows for a person; shares in %."""
-    head = f"{'set':28}{'identifier':18}{'n':>6}" + "".join(f"{kind + ' %':>10}" for kind in KINDS)
-    lines = [f"{head}{'error/arcsec':>14}{'max':>8}{'median ms':>11}{'p95 ms':>9}"]
-    for one in rows:
-        line = f"{one['set']:28.27}{one['identifier']:18.17}{one['panoramas']:6d}"
-        line += "".join(f"{100 * (one['rates'][kind]['share'] or 0):10.2f}" for kind in KINDS)
-        error, times = one["boresight_arcsec"], one["time_ms"]
-        line += f"{_text(error['median'], 1):>14}{_text(error['max'], 1):>8}"
-        lines.append(f"{line}{_text(times['median'], 3):>11}{_text(times['p95'], 3):>9}")
-    return lines + failure_lines(rows)
+    """The rows for a person, within 80 columns, below the name of their set."""
+    head = f"{'identifier':11}{'n':>7}" + "".join(f"{kind + ' %':>9}" for kind in KINDS)
+    lines: list[str] = []
+    for name, of_set in itertools.groupby(rows, key=operator.itemgetter("set")):
+        lines += [name, f"{head}{'error':>7}{'max':>6}{'median':>7}{'p95':>6}", *map(_line, of_set), ""]
+    words = "error, max: boresight, median and largest, arcsec; median, p95: time, ms"
+    return [*lines, words, *failure_lines(rows)]
+
+
+def _line(one: dict[str, Any]) -> str:
+    error, times = one["boresight_arcsec"], one["time_ms"]
+    shares = "".join(f"{100 * (one['rates'][kind]['share'] or 0):9.2f}" for kind in KINDS)
+    errors = f"{_text(error['median'], 1):>7}{_text(error['max'], 1):>6}"
+    spent = f"{_text(times['median'], 3):>7}{_text(times['p95'], 2):>6}"
+    return f"{one['identifier']:11.11}{one['panoramas']:7d}{shares}{errors}{spent}"
 
 
 def _cases(path: Path) -> Iterator[Case]:

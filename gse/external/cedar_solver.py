@@ -1,4 +1,4 @@
-"""cedar-solve, a plate solver after ESA's tetra3, as an entry point: pip install cedar-solve.
+"""cedar-solve, a plate solver after ESA's tetra3, as an entry point: pip install --no-deps cedar-solve.
 
 With a config, that is a database of cedar-solve; without one its default database, for fields of 10 to 30 deg.
 """

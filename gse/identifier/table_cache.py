@@ -1,6 +1,6 @@
 """Tables of the identifiers on disk, mapped into memory by every run that needs them.
 
-A file is a line ``gse tables 1 CRC-32`` of what follows, and the columns as numpy writes them, each from a multiple of
+A file is a line ``gse tables 2 XXH3`` of what follows, and the columns as numpy writes them, each from a multiple of
 64 bytes on. Columns are mapped copy-on-write: processes share their memory, and compiled code finds the same types as
 in tables that were made anew.
 """
@@ -9,19 +9,19 @@ import hashlib
 import mmap
 import os
 import tempfile
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xxhash
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 from platformdirs import user_cache_dir
 
 Columns = tuple[NDArray[Any], ...]
 
-_HEAD = b"gse tables 1 "
+_HEAD = b"gse tables 2 "
 _HEAD_BYTES = 64
 _ALIGNED = 64
 _KEPT_OF_A_KIND = 8
@@ -54,7 +54,7 @@ def _read(path: Path, count: int) -> Columns | None:
     try:
         with path.open("rb") as file:
             mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
-            if file.read(_HEAD_BYTES) != _head(zlib.crc32(memoryview(mapped)[_HEAD_BYTES:])):
+            if file.read(_HEAD_BYTES) != _head(xxhash.xxh3_64_hexdigest(memoryview(mapped)[_HEAD_BYTES:])):
                 return None
             return tuple(_column(file, mapped) for _ in range(count))
     except _DAMAGE:
@@ -77,12 +77,12 @@ def _write(path: Path, columns: Columns) -> None:
         handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
         try:
             with os.fdopen(handle, "w+b") as file:
-                file.write(_head(0))
+                file.write(_head(""))
                 for column in columns:
                     npy.write_array(file, column, (1, 0), allow_pickle=False)
                     file.write(bytes(_aligned(file.tell()) - file.tell()))
                 file.seek(_HEAD_BYTES)
-                checksum = zlib.crc32(file.read())
+                checksum = xxhash.xxh3_64_hexdigest(file.read())
                 file.seek(0)
                 file.write(_head(checksum))
             os.replace(name, path)
@@ -94,8 +94,8 @@ def _write(path: Path, columns: Columns) -> None:
         return
 
 
-def _head(checksum: int) -> bytes:
-    return (_HEAD + b"%08x" % checksum).ljust(_HEAD_BYTES - 1) + b"\n"
+def _head(checksum: str) -> bytes:
+    return (_HEAD + checksum.encode()).ljust(_HEAD_BYTES - 1) + b"\n"
 
 
 def _aligned(offset: int) -> int:

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import LogLocator, PercentFormatter
 from numpy.typing import NDArray
 
 from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
@@ -109,6 +109,7 @@ def draw_identification_time(figure: Figure, drawn: PlotData) -> None:
     line(left, drawn, values, GREEN, "identification")
     left.set_yscale("log")
     left.yaxis.set_major_formatter("{x:g}")
+    left.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
     left.set_ylim(float(finite.min()) / 1.5, 4 * max(limit, float(finite.max())))
     left.text(0.01, limit, f"limit {limit:g} ms", transform=left.get_yaxis_transform(), va="bottom", fontsize=7)
     bins = np.geomspace(finite.min() / 1.01, finite.max() * 1.01, 60)

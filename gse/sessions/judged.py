@@ -1,5 +1,6 @@
 """Judged sessions: from kept results where session, station file and software are the same, else derived and kept."""
 
+import contextlib
 import hashlib
 from array import array
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from drivers.mock.playback import is_session
 from drivers.session_file.reader import find_segments, session_file
 from gse.assessment.verdict import Assessment, judge
 from gse.catalog.readers import GAIA
+from gse.errors import UsageError
 from gse.recording.session_format import read_attachments
 from gse.sessions.kept_results import KeptResultsError, keep, kept, results_folder
 from gse.sessions.replay import Replay, StationInForce, StationText, station_in_force
@@ -85,7 +87,9 @@ def _keep(session: SessionData, assessment: Assessment, place: _Place, tell: Cal
 
 def keep_live(session: SessionData, assessment: Assessment, path: Path, tell: Callable[[str], None]) -> None:
     """Keep the results of the session file at ``path``, which was closed just now."""
-    place = _place_of(path, lambda recorded: recorded)
+    place = None
+    with contextlib.suppress(UsageError):  # a session alone names no file of this host, and nothing is kept of such
+        place = _place_of(path, lambda recorded: recorded)
     if place:
         _keep(session, assessment, place, tell)
 

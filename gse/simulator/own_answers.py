@@ -8,7 +8,7 @@ from collections import deque
 
 import erfa
 import numpy as np
-from astropy.coordinates import GCRS, SkyCoord
+from astropy.coordinates import GCRS, FK4NoETerms, SkyCoord
 from numpy.typing import NDArray
 
 from gse.attitude_convention import AttitudeConvention, ReferenceFrame, state_angles, state_quaternions
@@ -140,6 +140,9 @@ def _icrs_to(frame: ReferenceFrame, utc_ns: int) -> NDArray[np.float64]:
         return np.eye(3)
     if frame == "J2000":
         return np.asarray(erfa.bp06(*_J2000_TT)[0])
+    if frame == "B1950":
+        axes = SkyCoord(*np.eye(3), representation_type="cartesian", frame="icrs")
+        return np.asarray(axes.transform_to(FK4NoETerms(equinox="B1950")).cartesian.xyz.value)
     return np.asarray(erfa.pnm06a(*to_julian_date(utc_ns)))
 
 

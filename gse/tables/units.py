@@ -14,6 +14,7 @@ _UNITS = {
     "arcsec2": "arcsec²",
     "arcsec": "arcsec",
     "deg": "deg",
+    "px2": "px²",
     "px": "px",
     "ns": "ns",
     "us": "us",

@@ -304,13 +304,9 @@ class Glance:
         turn = mount_turn(latest.result, latest.mount, stated)
         if turn is None:
             return None
-        values = {"across_deg": turn.across_deg, "up_deg": turn.up_deg, "roll_deg": turn.roll_deg}
-        return {
-            **{name: round(value, 4) for name, value in values.items()},
-            "across": turn.across,
-            "up": turn.up,
-            "text": str(turn),
-        }
+        turns = (("across_deg", turn.across), ("up_deg", turn.up), ("roll_deg", turn.roll))
+        degrees = {name: round(one.angle_deg, 4) for name, one in turns}
+        return {**degrees, "across": turn.across.positive, "up": turn.up.positive, "text": str(turn)}
 
 
 def _latest_known(values: NDArray[np.float64]) -> float:

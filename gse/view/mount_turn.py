@@ -17,30 +17,31 @@ _WINDS = ("north", "north-east", "east", "south-east", "south", "south-west", "w
 
 
 @dataclass(frozen=True, slots=True)
+class Turn:
+    """A turn in one direction; ``positive`` and ``negative`` name the directions of its two signs."""
+
+    angle_deg: float
+    positive: str
+    negative: str
+
+    def __str__(self) -> str:
+        return f"{_degrees(self.angle_deg)} {self.positive if self.angle_deg >= 0 else self.negative}"
+
+
+@dataclass(frozen=True, slots=True)
 class MountTurn:
     """The turn that brings the boresight to the stated direction, as seen by one who looks along the sensor.
 
-    ``across_deg`` is along the horizon and ``up_deg`` at right angles to it; ``across`` and ``up`` name the directions
-    of positive values: right (towards a wind) and up, or east and north near the zenith. ``roll_deg`` is clockwise.
+    ``across`` is along the horizon, to the right where positive, and ``up`` at right angles to it; near the zenith they
+    are to the east and to the north. ``roll`` is clockwise where positive.
     """
 
-    across_deg: float
-    up_deg: float
-    roll_deg: float
-    across: str
-    up: str
+    across: Turn
+    up: Turn
+    roll: Turn
 
     def __str__(self) -> str:
-        opposite = {"up": "down", "north": "south", "east": "west"}
-        up = self.up if self.up_deg >= 0 else opposite[self.up]
-        across = self.across
-        if self.across_deg < 0:
-            across = opposite.get(across) or f"left (to the {_opposite_wind(across)})"
-        roll = "clockwise" if self.roll_deg >= 0 else "counter-clockwise"
-        return (
-            f"{_degrees(self.across_deg)} {across}, {_degrees(self.up_deg)} {up}; "
-            f"then roll {_degrees(self.roll_deg)} {roll}"
-        )
+        return f"{self.across}, {self.up}; then roll {self.roll}"
 
 
 def mount_turn(result: FrameResult, used: Mount, stated: Mount) -> MountTurn | None:
@@ -51,36 +52,36 @@ def mount_turn(result: FrameResult, used: Mount, stated: Mount) -> MountTurn | N
     measured = result.attitude_geometric.icrs_to_sensor @ icrs_to_horizon.T
     wanted = horizon_to_sensor(stated)
     here, there = measured[2], wanted[2]
-    across, up, across_name, up_name = _axes(here)
+    across, up, across_names, up_names = _axes(here)
     angle_deg = math.degrees(math.atan2(float(np.linalg.norm(np.cross(here, there))), float(here @ there)))
     x, y = float(there @ across), float(there @ up)
     scale = angle_deg / math.hypot(x, y) if math.hypot(x, y) else 0.0
-    return MountTurn(x * scale, y * scale, _roll_deg(measured, wanted), across_name, up_name)
+    roll = Turn(_roll_deg(measured, wanted), "clockwise", "counter-clockwise")
+    return MountTurn(Turn(x * scale, *across_names), Turn(y * scale, *up_names), roll)
 
 
-def _axes(boresight: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], str, str]:
-    """Two directions across a boresight in the horizon frame (x east, y north, z up), and their names."""
+_Direction = NDArray[np.float64]
+_Names = tuple[str, str]
+
+
+def _axes(boresight: _Direction) -> tuple[_Direction, _Direction, _Names, _Names]:
+    """Two directions across a boresight in the horizon frame (x east, y north, z up), and the names of their signs."""
     east, north, up = boresight.tolist()
     level = math.hypot(east, north)
     if math.degrees(math.atan2(up, level)) > NEAR_ZENITH_DEG:
         northwards = np.array([0.0, 1.0, 0.0]) - north * boresight
         northwards /= np.linalg.norm(northwards)
-        return np.cross(northwards, boresight), northwards, "east", "north"
+        return np.cross(northwards, boresight), northwards, ("east", "west"), ("north", "south")
     right = np.array([north, -east, 0.0]) / (level or 1.0)
-    azimuth_right_deg = math.degrees(math.atan2(right[0], right[1]))
-    wind = _WINDS[round(azimuth_right_deg / 45) % 8]
-    return right, np.cross(right, boresight), f"right (to the {wind})", "up"
+    wind = round(math.degrees(math.atan2(right[0], right[1])) / 45)
+    names = (f"right (to the {_WINDS[wind % 8]})", f"left (to the {_WINDS[(wind + 4) % 8]})")
+    return right, np.cross(right, boresight), names, ("up", "down")
 
 
 def _roll_deg(measured: NDArray[np.float64], wanted: NDArray[np.float64]) -> float:
     """The turn about the boresight, clockwise for one who looks along it: from columns towards rows."""
     change = wanted @ measured.T
     return math.degrees(math.atan2(change[0, 1] - change[1, 0], change[0, 0] + change[1, 1]))
-
-
-def _opposite_wind(across: str) -> str:
-    wind = across.partition("to the ")[2].rstrip(")")
-    return _WINDS[(_WINDS.index(wind) + 4) % 8]
 
 
 def _degrees(value: float) -> str:

@@ -64,7 +64,7 @@ class Sky:
         night = AstropyNight(self.setup.identifier.catalog.icrs)
         made = list(night.panoramas(instants, noise_px=0.05, seed=5))
         self.frames = [((panorama.utc_ns - START_NS) / NS_PER_S, panorama.xy_px) for panorama in made]
-        self.elsewhere_px = np.random.default_rng(3).uniform(20, 1000, (25, 2))
+        self.elsewhere_px = np.random.default_rng(3).uniform(20, 1000, (10, 2))
         """Objects that no sky shows."""
 
     def session(

@@ -3,7 +3,7 @@
 import erfa
 import numpy as np
 import pytest
-from astropy.coordinates import FK5, SkyCoord
+from astropy.coordinates import FK5, FK4NoETerms, SkyCoord
 from scipy.spatial.transform import Rotation
 from skies.one_by_one import add_frame
 
@@ -59,9 +59,9 @@ def of_date(rotations):
     return rotations * Rotation.from_matrix(erfa.pnm06a(jd, 0.0)).inv()
 
 
-def of_j2000(rotations):
-    """From the mean equator and equinox of J2000, by astropy's FK5 frame."""
-    basis = SkyCoord(*np.eye(3), representation_type="cartesian", frame="icrs").transform_to(FK5(equinox="J2000"))
+def of_mean_equinox(rotations, frame):
+    """From the mean equator and equinox of an astropy frame."""
+    basis = SkyCoord(*np.eye(3), representation_type="cartesian", frame="icrs").transform_to(frame)
     return rotations * Rotation.from_matrix(basis.cartesian.xyz.value).inv()
 
 
@@ -76,10 +76,12 @@ SENSORS = {
     "body turned by 90 deg": lambda r: quaternions(body(r, TURNED), scalar_first=True),
     "boresight along body x": lambda r: quaternions(body(r, np.roll(np.eye(3), 1, axis=1).T)),
     "canonical sign, of date": lambda r: quaternions(of_date(r), canonical=True),
-    "J2000": lambda r: quaternions(of_j2000(r)),
+    "J2000": lambda r: quaternions(of_mean_equinox(r, FK5(equinox="J2000"))),
     "angles": angles,
     "angles in hours, roll through west": lambda r: angles(r, hours=True, west=True),
     "angles of date": lambda r: angles(of_date(r)),
+    "angles of B1950": lambda r: angles(of_mean_equinox(r, FK4NoETerms(equinox="B1950"))),
+    "B1950": lambda r: quaternions(of_mean_equinox(r, FK4NoETerms(equinox="B1950"))),
 }
 
 

@@ -101,7 +101,30 @@ def test_where_the_reference_finds_stars_in_most_panoramas_it_is_the_identifier(
     (finding,) = causes_so_far(made)
     assert finding.cause == cause
     frames["status"][7] = STATUSES.index(Status.IDENTIFIED)
-    assert causes_so_far(made) == ()
+    frames["answer_check"][7] = ANSWER_CHECKS.index(AnswerCheck.CORRECT)
+    assert causes_so_far(made) == ()  # no more than half are left to the reference
+
+
+def test_an_identifier_that_answers_few_panoramas_is_named_too():
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(50):
+        add_frame(made.frames, unanswered(number))
+    made.frames.columns["status"][::10] = STATUSES.index(Status.IDENTIFIED)
+    made.frames.columns["answer_check"][::10] = ANSWER_CHECKS.index(AnswerCheck.CORRECT)
+    (finding,) = causes_so_far(made)
+    assert "answers 5 of 50 panoramas" in finding.size
+
+
+def test_a_program_that_failed_on_most_panoramas_says_nothing_of_the_stars():
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(50):
+        add_frame(made.frames, unanswered(number))
+    made.frames.columns["status"][:26] = STATUSES.index(Status.IDENTIFIER_FAULT)
+    (finding,) = causes_so_far(made)
+    assert finding.cause == "identifier fails"
+    assert "failed on 26 of 50 panoramas" in finding.size
+    made.frames.columns["status"][25] = STATUSES.index(Status.NO_MATCH)
+    assert causes_so_far(made)[0].cause != "identifier fails"
 
 
 @pytest.mark.parametrize(("expected", "words"), [(4.0, "which its catalogue holds 4"), (-1.0, ""), (12.0, "")])

@@ -19,9 +19,10 @@ def found_in(**options):
         made.residual, made.xy_px, made.phase_px, made.field_deg, made.star, made.frame, made.size_px, made.pixel_arcsec
     )
     freed, useful = of.without_own_share()
-    atlas = session_atlas(freed)
-    assert atlas is not None
-    sky = to_sky(of.residuals_arcsec[useful] - atlas.fitted_arcsec, freed.field_deg, made.boresight_deg[useful])
+    found = session_atlas(freed)
+    assert found is not None
+    atlas, fitted_arcsec = found
+    sky = to_sky(of.residuals_arcsec[useful] - fitted_arcsec, freed.field_deg, made.boresight_deg[useful])
     stars = named_stars([star_offsets(sky, freed.star, freed.frame, made.utc_ns[useful])])
     phases = [
         sigmas_of(float(one.harmonic_px @ np.linalg.solve(one.covariance_px2, one.harmonic_px)), 2)

@@ -19,6 +19,7 @@ import pytest
 from devices.cluster import BUCKET, Started, cluster, start
 
 from gse.campaign.cluster import cluster as connected
+from gse.campaign.cluster import past_lost_workers
 from gse.campaign.dataset import DataSet
 from gse.campaign.engine import plan_campaign, run_campaign
 from gse.campaign.sources import find_sources
@@ -100,22 +101,26 @@ def listeners() -> set:
 
 
 def test_workers_of_its_own_listen_on_loopback_alone_and_one_that_is_killed_loses_nothing(nights, tmp_path):
-    before, listening = listeners(), set()
+    before, listening, profiled = listeners(), set(), []
 
     def attack(client) -> None:
         if not listening:
             listening.update(listeners() - before)
+            profiled.extend(client.run(dask.config.get, "distributed.worker.profile.enabled").values())
             os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
 
     outcomes = judge(None, nights, tmp_path / "dataset", attack)
     assert {address.ip for address in listening} == {"127.0.0.1"}
+    assert set(profiled) == {False}, "samples of a profiler"
     assert [one.error for one in outcomes] == [""] * 4
     assert len(whole(tmp_path / "dataset")) == 4
 
 
-def test_workers_of_its_own_keep_no_samples_of_a_profiler():
-    with connected(None, 1) as client:
-        assert list(client.run(dask.config.get, "distributed.worker.profile.enabled").values()) == [False]
+def test_a_task_outlives_the_workers_that_others_kill_where_dask_gives_it_up(tmp_path):
+    mark = tmp_path / "one worker is lost"
+    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), connected(None, 1) as client:
+        task = client.submit(lambda: mark.exists() or (mark.touch(), os._exit(1)), pure=False)
+        assert past_lost_workers(task).result() is True
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
@@ -156,6 +161,7 @@ def test_storage_that_fails_for_a_while_is_asked_again(running, sftp, nights, tm
     assert [one.error for one in outcomes] == [""] * 4
     assert len(whole(dataset)) == 4
     assert not [path for path in (dataset / ".parts").iterdir() if path.stat().st_size == 0]
+    assert DataSet.at(str(dataset)).index_path() is not None
 
 
 def test_two_campaigns_into_one_data_set_give_what_one_gives(running, nights, tmp_path):
@@ -196,6 +202,11 @@ def test_wrong_credentials_and_unknown_hosts_are_named(running, sftp, gse, night
     assert "no-such-key'; docs/campaigns.md says where keys" in " ".join(gse(*arguments).err.split())
     fsspec.config.conf["sftp"] = sftp.options() | {"known_hosts": os.devnull}
     assert "not found in known_hosts" in gse(*arguments).err
+
+
+def test_a_scheduler_with_tls_asks_for_certificates(gse, nights, tmp_path):
+    done = gse("campaign", "judge", nights, "--to", tmp_path / "dataset", "--scheduler", "tls://127.0.0.1:8786")
+    assert (done.code, "state its certificates here" in " ".join(done.err.split())) == (2, True)
 
 
 def test_an_evaluation_gives_the_same_on_the_cluster_as_here(running, gse):

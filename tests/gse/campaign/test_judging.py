@@ -7,6 +7,7 @@ import shutil
 import sys
 import threading
 from contextlib import contextmanager
+from dataclasses import asdict
 
 import pandas as pd
 import polars as pl
@@ -15,14 +16,17 @@ import pyarrow.dataset as pads
 import pyarrow.parquet as papq
 import pytest
 from fsspec.implementations.local import LocalFileSystem
+from numpy.testing import assert_equal
 from skies.short_nights import make_session
 
 import gse as gse_api
 from drivers.outside_text import is_plain
-from gse.campaign.dataset import SCHEMA, UNKNOWN, DataSet
+from gse.campaign.atlas_table import errors_of, session_errors
+from gse.campaign.dataset import ATLAS, FRAMES, SCHEMA, STARS, UNKNOWN, DataSet
 from gse.campaign.engine import plan_campaign
 from gse.campaign.judging import Job, judge_source
 from gse.campaign.sources import find_sources
+from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError
 
 
@@ -93,17 +97,38 @@ def test_frames_of_a_session_that_is_not_whole_are_not_seen(judged, gse, tmp_pat
     assert "2026-03-02" in answer
 
 
+def test_the_atlas_of_a_session_is_that_of_its_stars_to_the_last_bit(judged):
+    dataset = DataSet.at(str(judged))
+    places = [place for place in dataset.committed() if place.sensor != UNKNOWN]
+    found = [errors_of(dataset.read(place.path(ATLAS))) for place in places]
+    camera = parse_station(BUILT_IN_TEXT).sensor.camera()
+    for place, errors in zip(places, found, strict=True):
+        made = session_errors(dataset.read(place.path(STARS)), dataset.read(place.path(FRAMES)), camera)
+        assert_equal(*(None if one is None else asdict(one) for one in (errors, made)))
+    assert any(found)
+
+
+def test_a_session_without_its_atlas_is_named_by_the_report(judged, gse, tmp_path):
+    copy = shutil.copytree(judged, tmp_path / "copy")
+    sorted((copy / "atlas").glob("*/*/*.parquet"))[0].unlink()
+    done = gse("campaign", "report", copy, "--out", tmp_path / "report")
+    assert (done.code, "is missing or damaged; delete the file" in " ".join(done.err.split())) == (3, True)
+
+
 @pytest.mark.parametrize(
     "damage", [lambda data: data[: len(data) // 2], lambda data: b"", lambda data: bytes(len(data))]
 )
 def test_a_damaged_table_is_named_with_what_to_do(judged, gse, tmp_path, damage):
     copy = shutil.copytree(judged, tmp_path / "copy")
-    frames = sorted((copy / "frames").glob("*/*/*.parquet"))[0]
-    frames.write_bytes(damage(frames.read_bytes()))
-    for command in (("query", copy, "select count(*) from frames"), ("report", copy, "--out", tmp_path / "report")):
+    for table, command in (
+        ("frames", ("query", copy, "select count(*) from frames")),
+        ("atlas", ("report", copy, "--out", tmp_path / "report")),
+    ):
+        file = sorted((copy / table).glob("*/*/*.parquet"))[0]
+        file.write_bytes(damage(file.read_bytes()))
         done = gse("campaign", *command)
         assert done.code in (2, 3)
-        assert frames.name in done.err.replace("\n", "")
+        assert file.name in done.err.replace("\n", "")
         assert "delete the file of the same name below sessions/" in " ".join(done.err.split())
     with pytest.raises(UsageError, match="delete the file of the same name"):
         _ = gse_api.load(copy).frames
@@ -192,6 +217,20 @@ def test_a_worker_without_room_of_its_own_names_its_folder_and_ends_the_run(made
     assert re.match(r"no room is left under .*session-.* of ", outcome.error)
     assert dataset.committed() == []
     assert judge_source(source, job).error == ""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a process that may end")
+def test_a_worker_that_is_too_long_at_a_session_ends_and_leaves_nothing(made, tmp_path):
+    dataset = DataSet.at(str(tmp_path / "dataset"), create=True)
+    source = find_sources([str(made / "night-1.mcap")])[0]
+    short = Job("one", dataset.url, None, limit_s=0.02)
+    if not (worker := os.fork()):
+        judge_source(source, short)
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(worker, 0)[1]) == 1
+    assert "minutes; --session-limit gives it more" in judge_source(source, short).error
+    assert dataset.committed() == []
+    assert judge_source(source, Job("next run", dataset.url, None)).error == ""
 
 
 def test_a_data_set_that_cannot_be_written_ends_the_run(made, tmp_path):

@@ -87,6 +87,7 @@ def test_the_distances_are_those_of_the_table(tmp_path):
         ("7,1,0", "7,nan,0", 2, "x is 'nan': expected a number"),
         ("7,1,0", "seven,1,0", 2, "id is 'seven': expected a whole number"),
         ("neighbours", "others", 1, "columns are id, x, y, z, n, others"),
+        ("id,x,y", "# a remark\nid,x,why", 2, "columns are id, x, why"),
     ],
 )
 def test_a_damaged_table_is_named_with_file_and_line(tmp_path, old, new, line, text):
@@ -129,7 +130,7 @@ def test_config_check_reads_the_catalogue_as_identify_does(tmp_path, capsys):
     assert (done.code, "flight.csv, line 2: the distance to 9" in done.err) == (2, True)
 
 
-def test_export_writes_both_forms_of_the_mission_catalogue(tmp_path, capsys):
+def test_export_writes_both_forms_of_the_mission_catalogue_and_a_session_uses_one(tmp_path, capsys):
     gse = runner(capsys)
     station = tmp_path / "station.yaml"
     station.write_text(f"{BUILT_IN_TEXT}identifier: {{catalog_stars: 200}}\n")
@@ -141,3 +142,7 @@ def test_export_writes_both_forms_of_the_mission_catalogue(tmp_path, capsys):
     again = gse("catalog", "export", "--station", station, "--flight", table)
     assert (again.code, "exists already" in again.err) == (2, True)
     assert gse("catalog", "export").code == 2
+
+    station.write_text(f"{BUILT_IN_TEXT}catalog: list.csv\n")
+    ended = gse("run", "--port", "sim://?frames=3", "--station", station, "--out", tmp_path / "run")
+    assert ended.err.splitlines()[-1].startswith("exit code 1: FAIL"), "the verdict of a session on a flight catalogue"

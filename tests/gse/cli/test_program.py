@@ -12,6 +12,7 @@ from pathlib import Path
 
 import click
 import pytest
+from devices.command_line import Gse
 
 from gse.cli import cli, main
 from gse.cli.durations import duration_option
@@ -101,8 +102,8 @@ NO_START_FILE = {"bash": ["--norc"], "zsh": ["-f"], "fish": ["--no-config"]}
 
 
 @pytest.mark.parametrize("shell", NO_START_FILE)
-def test_a_shell_that_sources_the_script_completes_commands(shell: str) -> None:
-    script = subprocess.run([GSE, "completion", shell], capture_output=True, text=True, check=True).stdout
+def test_a_shell_that_sources_the_script_completes_commands(gse: Gse, shell: str) -> None:
+    script = gse("completion", shell).out
     assert f"_GSE_COMPLETE={shell}_complete" in script
     if shutil.which(shell):
         bare = subprocess.run([shell, *NO_START_FILE[shell]], input=script, capture_output=True, text=True, check=True)

@@ -20,24 +20,24 @@ BEFORE_THE_FIRST_FRAME = (
 )
 
 
-def imported(code: str) -> set[str]:
-    """Which of the late packages a program has imported at its end."""
+def imported(*codes: str) -> list[set[str]]:
+    """Which of the late packages a program has imported after each of its parts."""
     names = (*LATE, TABLES_NEED)
-    report = f"\nimport sys\nprint(*[name for name in {names!r} if name in sys.modules], file=sys.stderr)"
-    done = subprocess.run([sys.executable, "-c", code + report], capture_output=True, text=True, check=True)
-    return set(done.stderr.split())
+    report = f"\nimport sys\nprint(*[name for name in {names!r} if name in sys.modules], file=sys.stderr)\n"
+    program = "".join(code + report for code in codes)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    return [set(line.split()) for line in done.stderr.splitlines()]
 
 
 def test_a_panorama_is_identified_before_anything_that_draws_or_judges_is_imported() -> None:
     arguments = [str(part) for part in IDENTIFY]
     run = f"from gse.cli import cli\ncli.main({arguments!r}, standalone_mode=False)"
 
-    assert imported(run) <= {TABLES_NEED}
+    (late,) = imported(run)
+    assert late <= {TABLES_NEED}
 
 
-def test_a_session_begins_before_anything_that_draws_or_judges_is_imported() -> None:
-    assert imported("import " + ", ".join(BEFORE_THE_FIRST_FRAME)) == set()
-
-
-def test_the_simulator_needs_astropy_and_nothing_that_draws() -> None:
-    assert imported("import gse.simulator") - {TABLES_NEED} == {"astropy.coordinates"}
+def test_a_session_begins_before_anything_that_draws_or_judges_is_imported_and_a_simulated_one_needs_astropy() -> None:
+    begun, simulated = imported("import " + ", ".join(BEFORE_THE_FIRST_FRAME), "import gse.simulator")
+    assert begun == set()
+    assert simulated - {TABLES_NEED} == {"astropy.coordinates"}

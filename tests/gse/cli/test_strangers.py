@@ -233,10 +233,12 @@ def test_expected_answers_of_a_stranger_are_refused(name: str, pipe: Path, tmp_p
         ExpectedAnswers(path)
 
 
-def test_expected_answers_that_hold_more_than_angles_are_read_without_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("wrong", ['"ra_deg": [[1e999]]', '"de_deg": NaN', '"roll_deg": {"a": 1}', '"ra_deg": 1e999'])
+def test_expected_angles_that_are_no_numbers_are_refused_in_words(tmp_path: Path, wrong: str) -> None:
     path = tmp_path / "expected.jsonl"
-    path.write_text('{"frame_no": 1, "ra_deg": [[1e999]], "de_deg": NaN, "roll_deg": {"a": 1}}\n')
-    assert ExpectedAnswers(path).unused == 1
+    path.write_text(f'{{"frame_no": 1, "detail": [1], {wrong}}}\n')
+    with pytest.raises(TableError, match=r"line 1: \w+ is .*: expected numbers, or no answer"):
+        ExpectedAnswers(path)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """``gse view`` and ``gse report`` on a recorded session."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -114,12 +113,14 @@ def test_the_report_is_printed_where_there_is_a_browser(gse: Gse, session: Path,
     assert max(count for count, colour in colours if colour == (0, 107, 79)) > 10_000, "the green of PASS"
 
 
-def test_without_a_browser_it_is_said_before_any_work(session: Path, tmp_path: Path) -> None:
+def test_without_a_browser_it_is_said_before_any_work(
+    gse: Gse, session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
     out = tmp_path / "printed"
-    command = [*GSE, "report", str(session / "session.mcap"), "--out", str(out), "--pdf"]
-    done = subprocess.run(command, env={**os.environ, "PATH": str(tmp_path)}, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert "no browser to print with" in done.stderr
+    done = gse("report", session / "session.mcap", "--out", out, "--pdf")
+    assert done.code == 2
+    assert "no browser to print with" in done.err
     assert not out.exists()
 
 

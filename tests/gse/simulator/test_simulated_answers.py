@@ -39,7 +39,13 @@ def answers(keys, convention="{}", stated=None):
 
 @pytest.mark.parametrize(
     "convention",
-    ["{}", "{frame: date, ra_unit: h}", "{frame: J2000, roll_through: west}", "{aberration: corrected}"],
+    [
+        "{}",
+        "{frame: date, ra_unit: h}",
+        "{frame: J2000, roll_through: west}",
+        "{frame: B1950}",
+        "{aberration: corrected}",
+    ],
 )
 def test_without_faults_an_answer_is_what_truth_expects(convention):
     errors, _ = answers("", convention)

@@ -80,7 +80,7 @@ def test_each_column_of_the_frame_table_is_a_column_with_its_values(session, tab
             np.testing.assert_array_equal(column.to_numpy()[~unknown], frames[name][~unknown])
 
 
-@pytest.mark.parametrize("rows_at_once", [7, 99, 100, 700, 701])
+@pytest.mark.parametrize("rows_at_once", [60, 99, 100, 700, 701])
 def test_a_long_table_is_made_and_written_in_parts(session, assessment, tables, tmp_path, rows_at_once) -> None:
     of_frames = frames_parts(session, assessment.statistics, KEY.text, rows_at_once=rows_at_once)
     of_stars = stars_parts(session, KEY.text, rows_at_once=rows_at_once)

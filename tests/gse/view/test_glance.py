@@ -160,9 +160,9 @@ def test_a_mount_that_follows_the_arrow_looks_where_the_station_file_says(
     turn = mount_turn(result_of(looks, stated), stated, stated)
     assert turn is not None
     bends_deg = 0.35 + abs(right * math.tan(math.radians(altitude)))  # a parallel of altitude is no great circle
-    assert turn.across_deg == pytest.approx(right, abs=0.35)
-    assert turn.up_deg == pytest.approx(up, abs=bends_deg)
-    assert turn.roll_deg == pytest.approx(clockwise, abs=1.0 + bends_deg)
+    assert turn.across.angle_deg == pytest.approx(right, abs=0.35)
+    assert turn.up.angle_deg == pytest.approx(up, abs=bends_deg)
+    assert turn.roll.angle_deg == pytest.approx(clockwise, abs=1.0 + bends_deg)
 
 
 def result_of(looks: Mount, true: Mount) -> FrameResult:
