@@ -113,7 +113,7 @@ def judge(session: SessionData) -> Assessment:
         stats,
         budget,
         found,
-        tuple(_not_tested(stats, rows, relative)),
+        tuple(_not_tested(stats, rows, relative, len(session.sensor_attitudes))),
         relative,
         is_simulated(session),
         session.truncated,
@@ -238,17 +238,29 @@ def _relative_to(session: SessionData) -> str:
     return f"relative to a mount fitted on the first {align_s:g} s: absolute pointing, site and clock not tested"
 
 
-def _not_tested(stats: Statistics, rows: tuple[Row, ...], relative: bool) -> Iterator[str]:
+def _not_tested(stats: Statistics, rows: tuple[Row, ...], relative: bool, own_answers: int) -> Iterator[str]:
     yield from (row.reason for row in rows if row.outcome is Outcome.NOT_TESTED)
     if Subject.SENSOR not in stats.subjects:
-        yield "sensor: it sent no answers of its own (no ATTITUDE frames)"
+        yield _without_sensor(own_answers)
     if Subject.ONBOARD not in stats.subjects:
         yield "onboard: no panoramas came, so there was nothing to identify and nothing to check the answers by"
     if relative:
         yield "absolute pointing, site and clock: the mount was fitted on the same sky"
 
 
+def _without_sensor(own_answers: int) -> str:
+    if not own_answers:
+        return "sensor: it sent no answers of its own (no ATTITUDE frames)"
+    return (
+        f"sensor: {own_answers} answers of its own came, and no panorama that they are of; if it sends none, leave "
+        "PANORAMA out of the protocol description, and they are judged alone"
+    )
+
+
 def _complaints(session: SessionData, budget: TruthUncertaintyBudget) -> list[str]:
     limits = session.station.limits
     rows = (("dRA*", limits.d_ra_cosde_arcsec), ("dDE", limits.d_de_arcsec))
-    return [line for axis, limit in rows if (line := budget.complaint(axis, limit, TRUTH_SHARE))]
+    lines = [line for axis, limit in rows if (line := budget.complaint(axis, limit, TRUTH_SHARE))]
+    if lines or not len(session.sensor_attitudes):
+        return lines
+    return [line for axis, limit in rows if (line := budget.complaint(axis, limit, TRUTH_SHARE, own=True))]

@@ -13,7 +13,7 @@ import pandas as pd
 import polars as pl
 import pyarrow as pa
 import pyarrow.dataset as pads
-import pyarrow.parquet as papq
+import pyarrow.parquet as pq
 import pytest
 from fsspec.implementations.local import LocalFileSystem
 from numpy.testing import assert_equal
@@ -73,6 +73,8 @@ def test_pandas_polars_and_pyarrow_read_the_tables_as_they_lie(judged):
         }
         assert len(counts) == 1
         assert counts.pop() >= least
+        schema = pq.read_schema(next((judged / table).glob("sensor=LAPAN-like/*/*.parquet")))
+        assert [of.name for of in schema if of.metadata is None or b"unit" not in of.metadata] == []
     frames = pd.read_parquet(judged / "frames")
     assert set(frames["sensor"]) == {"LAPAN-like"}
     assert frames["onboard_d_de_arcsec"].abs().median() < 60
@@ -147,7 +149,7 @@ def test_a_row_of_a_session_that_somebody_forged_is_refused(judged, gse, tmp_pat
     copy = shutil.copytree(judged, tmp_path / "copy")
     shutil.rmtree(copy / "index")
     session = sorted((copy / "sessions").glob("*/*/*.parquet"))[0]
-    papq.write_table(FORGED[name](papq.ParquetFile(session).read()), session)
+    pq.write_table(FORGED[name](pq.ParquetFile(session).read()), session)
     done = gse("campaign", "report", copy, "--out", tmp_path / "report")
     assert (done.code, session.name in done.err.replace("\n", ""), "is damaged" in done.err) == (3, True, True)
 
@@ -155,8 +157,8 @@ def test_a_row_of_a_session_that_somebody_forged_is_refused(judged, gse, tmp_pat
 def test_an_index_with_a_session_twice_is_not_used(judged, tmp_path):
     copy = shutil.copytree(judged, tmp_path / "copy")
     index = copy / "index" / "sessions.parquet"
-    rows = papq.ParquetFile(index).read()
-    papq.write_table(pa.concat_tables([rows, rows]), index)
+    rows = pq.ParquetFile(index).read()
+    pq.write_table(pa.concat_tables([rows, rows]), index)
     assert len(DataSet.at(str(copy)).sessions(("verdict",))) == len(rows)
 
 
