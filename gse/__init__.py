@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 __all__ = ["identify", "judge", "load"]
 
 
+def __dir__() -> list[str]:
+    """What a notebook offers when somebody types ``gse.`` and the tabulator."""
+    return __all__
+
+
 def __getattr__(name: str) -> Any:
     """The functions of gse.api: the command line does without them, and without the time that they take to import."""
     if name not in __all__:

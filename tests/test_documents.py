@@ -1,11 +1,14 @@
 """The texts for people name files that exist."""
 
 import re
+import shlex
 from pathlib import Path
 
+import click
 import pytest
 
 from drivers.chunk import LinkKind
+from gse.cli import cli
 from gse.recording.event_kinds import RecorderKind
 from gse.station.event_kinds import StationKind
 
@@ -17,6 +20,7 @@ TEXTS = sorted(
 _LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
 _HEADING_LINK = re.compile(r"\]\(([^)#: ]*)#([^)]+)\)")
 _OUR_FILE = re.compile(r"`((?:gse|drivers|protocols|tests|benchmarks|replays|docs)/[\w./-]*)`")
+_COMMAND_LINE = re.compile(r"(?:(?<=`)|^(?: {4})?(?:\$ )?)(gse(?: [^`\n]+(?:\n[^`\n]+(?=`))?)?)(?=`|$)", re.MULTILINE)
 
 _PLACE = re.compile(r"`([\w/]+\.py)` \(`(\w+)`\)")
 
@@ -73,3 +77,21 @@ def test_the_formats_page_lists_every_kind_of_event() -> None:
     page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `([A-Z_]+)` \| \S", page, re.MULTILINE)
     assert sorted(listed) == sorted([*LinkKind, *RecorderKind, *StationKind])
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_every_command_line_in_a_text_has_commands_and_options_that_exist(text: Path) -> None:
+    lines = _COMMAND_LINE.findall(text.read_text(encoding="utf-8"))
+    assert [line for line in lines if not is_understood(line)] == []
+
+
+def is_understood(line: str) -> bool:
+    """Whether the program has the command, and each option that is written with a word."""
+    command: click.Command | None = cli
+    words = shlex.split(re.split(r" +#| \|| &| >", line)[0])[1:]
+    while isinstance(command, click.Group) and words and not words[0].startswith("-"):
+        command = command.get_command(click.Context(command), words.pop(0))
+    if command is None:
+        return False
+    known = {option for parameter in command.get_params(click.Context(command)) for option in parameter.opts}
+    return {word.partition("=")[0] for word in words if word.startswith("-")} <= {"-h", "--help", *known}

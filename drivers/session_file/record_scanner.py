@@ -9,18 +9,26 @@ import re
 import struct
 import zlib
 from collections.abc import Container, Generator, Iterator
-from io import BytesIO
 
 import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment as McapAttachment
-from mcap.records import Channel, DataEnd, Footer, Header
 from mcap.records import Chunk as McapChunk
+from mcap.records import DataEnd, Footer
 
 from drivers.errors import CaptureError
 from drivers.session_file.file_window import BlockWindow, FileWindow, Window
+from drivers.session_file.record_content import (
+    MAX_CHUNK_BYTES,
+    NotBelievedError,
+    attachment_of,
+    channel_of,
+    header_of,
+    is_index,
+    reason_of,
+    stream_of,
+    unpacked,
+)
 from drivers.session_file.records import (
     CLOCK,
     CONTINUED,
@@ -28,7 +36,6 @@ from drivers.session_file.records import (
     PROFILE,
     RX,
     TX,
-    Attachment,
     Damage,
     Message,
     Record,
@@ -40,8 +47,6 @@ from drivers.session_file.work_limit import STEP_BYTES, WorkLimit
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 16 << 20
 """No record is longer: chunks are cut at 256 KiB, attachments are pages of text, messages are reads of a port."""
-MAX_CHUNK_BYTES = 4 << 20
-"""Unpacked: a few hundred bytes can unpack to very much more."""
 SCAN_BYTES = 1 << 20
 MAX_SCAN_WORK = 64
 """Bytes checked per byte scanned before long candidates are passed over: damage must not cost hours."""
@@ -52,7 +57,6 @@ MOST_TOPICS_TRIED = 16
 """For a message whose channel is unknown; this station writes fewer."""
 FOREIGN_AFTER = 1 << 20
 
-_TOPIC = re.compile("/[!-~]{0,199}")
 _ALWAYS = (RX, TX, EVENTS, CLOCK, CONTINUED)
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
@@ -70,10 +74,6 @@ _BROKEN = (
     MemoryError,
     zstandard.ZstdError,
 )
-
-
-class _NotBelievedError(Exception):
-    """Not an intact record."""
 
 
 class RecordScanner:
@@ -113,9 +113,9 @@ class RecordScanner:
         if self._window.get(0, len(MAGIC)) == MAGIC:
             try:
                 opcode, content, _ = self._content(len(MAGIC))
-                if opcode == Opcode.HEADER and _header(content).profile == PROFILE:
+                if opcode == Opcode.HEADER and header_of(content).profile == PROFILE:
                     return
-            except (_NotBelievedError, *_BROKEN):
+            except (NotBelievedError, *_BROKEN):
                 pass
         # The head may be damaged: one message that proves true makes it ours.
         if not self._has_message(min(FOREIGN_AFTER, self._window.size)):
@@ -129,7 +129,7 @@ class RecordScanner:
         while (start := self._scan(offset, end)) is not None:
             try:
                 records, offset = self._try(start)
-            except (_NotBelievedError, *_BROKEN):
+            except (NotBelievedError, *_BROKEN):
                 # A footer is proven by its place, and may have no magic after it all the same.
                 records, offset = [], start + 1
             if any(isinstance(record, Message) for record in records):
@@ -152,8 +152,8 @@ class RecordScanner:
                 break
             try:
                 found, following = self._try(offset)
-            except (_NotBelievedError, *_BROKEN) as error:
-                offset = yield from self._pass_damage(offset, _reason(error))
+            except (NotBelievedError, *_BROKEN) as error:
+                offset = yield from self._pass_damage(offset, reason_of(error))
             else:
                 yield from found
                 offset = following
@@ -187,14 +187,14 @@ class RecordScanner:
         try:
             opcode, content, _ = self._content(offset)
             if opcode == Opcode.CHANNEL:
-                _channel(content)
+                channel_of(content)
             elif opcode == Opcode.DATA_END:
                 return len(content) == 4
             elif opcode == Opcode.FOOTER:
                 return len(content) == 20 and self._window.size == offset + 9 + 20 + len(MAGIC)
             else:
                 self._parse(opcode, content, offset)
-        except (_NotBelievedError, *_BROKEN):
+        except (NotBelievedError, *_BROKEN):
             return False
         return True
 
@@ -205,15 +205,15 @@ class RecordScanner:
     def _content(self, offset: int) -> tuple[int, bytes, int]:
         head = self._window.get(offset, 9)
         if len(head) < 9:
-            raise _NotBelievedError("cut off")
+            raise NotBelievedError("cut off")
         opcode, size = _HEAD.unpack(head)
         if not Opcode.HEADER <= opcode <= Opcode.DATA_END:
-            raise _NotBelievedError("no MCAP record")
+            raise NotBelievedError("no MCAP record")
         if self._is_chunk and opcode not in (Opcode.MESSAGE, Opcode.CHANNEL):
             # MCAP specification, section Chunk: schemas, channels and messages; this station writes no schemas.
-            raise _NotBelievedError("no record of a chunk")
+            raise NotBelievedError("no record of a chunk")
         if size > MAX_RECORD_BYTES or offset + 9 + size > self._window.size:
-            raise _NotBelievedError("impossible length")
+            raise NotBelievedError("impossible length")
         return opcode, self._window.get(offset + 9, size), offset + 9 + size
 
     def _parse(self, opcode: int, content: bytes, offset: int) -> list[Record]:
@@ -222,23 +222,23 @@ class RecordScanner:
         if opcode == Opcode.CHUNK:
             return self._chunk(content, offset)
         if opcode == Opcode.ATTACHMENT:
-            return [_attachment(content)]
+            return [attachment_of(content)]
         if opcode == Opcode.CHANNEL:
-            channel = _channel(content)
+            channel = channel_of(content)
             if len(self._topics) >= MAX_CHANNELS and channel.id not in self._topics:
-                raise _NotBelievedError("too many channels")
+                raise NotBelievedError("too many channels")
             self._topics[channel.id] = channel.topic
         elif opcode == Opcode.DATA_END and len(content) == 4:
-            self.data_end = (offset, DataEnd.read(_stream(content)).data_section_crc)
+            self.data_end = (offset, DataEnd.read(stream_of(content)).data_section_crc)
         elif opcode == Opcode.FOOTER and self._window.get(offset + 9 + len(content), len(MAGIC)) == MAGIC:
-            footer = Footer.read(_stream(content))
+            footer = Footer.read(stream_of(content))
             self.footer = (offset, footer.summary_start, footer.summary_crc)
             self.ended = True
         elif opcode == Opcode.HEADER and offset == len(MAGIC):
-            _header(content)
-        elif self.data_end is None and not _is_index(opcode, content):
+            header_of(content)
+        elif self.data_end is None and not is_index(opcode, content):
             # Nothing else stands in a session: this was a message before its opcode was damaged.
-            raise _NotBelievedError("no record of a session")
+            raise NotBelievedError("no record of a session")
         return []
 
     def _messages(self, offset: int) -> tuple[list[Message], int]:
@@ -278,74 +278,20 @@ class RecordScanner:
                 self._limit.spend(len(data))
             if checksum(topic, utc_ns, mono_ns, data) == crc:
                 return Message(topic, utc_ns, mono_ns, data)
-        raise _NotBelievedError("message with a wrong checksum")
+        raise NotBelievedError("message with a wrong checksum")
 
     def _chunk(self, content: bytes, offset: int) -> list[Record]:
-        chunk = McapChunk.read(_stream(content))
+        chunk = McapChunk.read(stream_of(content))
         if chunk.message_start_time <= chunk.message_end_time < self._from_utc_ns:
             return []
         if chunk.uncompressed_size > MAX_CHUNK_BYTES:
-            raise _NotBelievedError("impossible length")
-        block = _unpack(chunk)
+            raise NotBelievedError("impossible length")
+        block = unpacked(chunk)
         self._limit.spend(len(block))
         whole = len(block) == chunk.uncompressed_size and zlib.crc32(block) == chunk.uncompressed_crc
         records = list(self._inside(block, offset, self._only if whole else None).inner_records())
         if not whole:
             if not any(isinstance(record, Message) for record in records):
-                raise _NotBelievedError("chunk with a wrong checksum")
+                raise NotBelievedError("chunk with a wrong checksum")
             records.append(Damage(self._file, offset, len(content) + 9, "chunk with a wrong checksum, read in part"))
         return records
-
-
-def _header(content: bytes) -> Header:
-    stream = _stream(content)
-    header = Header.read(stream)
-    if stream.count != len(content):
-        raise _NotBelievedError("no header of a session")
-    return header
-
-
-def _channel(content: bytes) -> Channel:
-    stream = _stream(content)
-    channel = Channel.read(stream)
-    if stream.count != len(content) or channel.schema_id != 0 or not _TOPIC.fullmatch(channel.topic):
-        raise _NotBelievedError("no channel of a session")
-    return channel
-
-
-def _is_index(opcode: int, content: bytes) -> bool:
-    """Whether this is the message index that follows a chunk: channel u16, size u32, entries of 16 bytes."""
-    return opcode == Opcode.MESSAGE_INDEX and content[2:6] == struct.pack("<I", len(content) - 6)
-
-
-def _attachment(content: bytes) -> Attachment:
-    if len(content) < 4 or zlib.crc32(content[:-4]) != struct.unpack("<I", content[-4:])[0]:
-        raise _NotBelievedError("attachment with a wrong checksum")
-    attachment = McapAttachment.read(_stream(content))
-    return Attachment(attachment.name, attachment.media_type, attachment.data)
-
-
-def _unpack(chunk: McapChunk) -> bytes:
-    """The content of a chunk, as far as it can be unpacked."""
-    if chunk.compression == "":
-        return bytes(chunk.data)
-    if chunk.compression != "zstd":
-        raise _NotBelievedError(f"chunk with unknown compression {chunk.compression[:20]!r}")
-    unpacker = zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK_BYTES).decompressobj()
-    block = bytearray()
-    try:
-        for start in range(0, len(chunk.data), 1024):
-            block += unpacker.decompress(chunk.data[start : start + 1024])
-            if unpacker.eof or len(block) > MAX_CHUNK_BYTES:
-                break
-    except zstandard.ZstdError:
-        pass
-    return bytes(block[:MAX_CHUNK_BYTES])
-
-
-def _stream(content: bytes) -> ReadDataStream:
-    return ReadDataStream(BytesIO(content))
-
-
-def _reason(error: BaseException) -> str:
-    return str(error) if isinstance(error, _NotBelievedError) else "no whole record"

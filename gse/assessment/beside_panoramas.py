@@ -33,6 +33,9 @@ _OF_LIMIT = 0.1
 """Less noise than this share of its limit does no harm."""
 _ONE_SIDED_SHARE = 0.01
 _WHOLE_FRAME = 0.1
+_DELAY = "sensor delay"
+_MORE_THAN_DELAY = 1.2
+"""Times the turn that a delay makes: other stars in the sensor's fix move either."""
 _ROLL_IS_WORSE = 10.0
 _TURN_ARCSEC = 360 * 3600.0
 _MEDIAN_OF_STEPS = math.sqrt(2) * 0.6745
@@ -52,8 +55,10 @@ def beside_panoramas(
     session: SessionData, own: SensorAnswers, alike: OnboardEquivalence | None, explained: Explained
 ) -> Iterator[Finding]:
     """A finding for each way in which the answers differ by more than is explained."""
-    yield from _offset(session, own, explained.shift_arcsec)
-    yield from _turned(session, own, explained.roll_arcsec)
+    offset = tuple(_offset(session, own, explained.shift_arcsec))
+    yield from offset
+    by_delay_arcsec = _roll_of_delay_arcsec(session, own) if any(one.cause == _DELAY for one in offset) else 0.0
+    yield from _turned(session, own, explained.roll_arcsec + by_delay_arcsec)
     yield from _noisy(session, own, explained.scatter_arcsec)
     yield from _one_sided(alike)
 
@@ -79,11 +84,18 @@ def _offset(session: SessionData, own: SensorAnswers, explained_arcsec: float) -
         return
     side = "before" if late_s > 0 else "after"
     yield Finding(
-        "sensor delay",
+        _DELAY,
         f"its answers lie {where}, as those of {abs(late_s):.2f} s {side} the exposure that they are marked with",
         equals=("a bias of its own in RA",),
         next_step="look which exposure its firmware names in ATTITUDE",
     )
+
+
+def _roll_of_delay_arcsec(session: SessionData, own: SensorAnswers) -> float:
+    """By how much the sky turns about the boresight while it moves past as far as the answers are late."""
+    frames = session.frames.columns
+    late_arcsec = abs(float(np.nanmedian(own.d_ra_cosde_arcsec - frames["d_ra_cosde_arcsec"])))
+    return _MORE_THAN_DELAY * late_arcsec * abs(math.tan(math.radians(float(np.nanmedian(frames["de_true_deg"])))))
 
 
 def _compared(of_sensor: NDArray[np.float64], of_station: NDArray[np.float64]) -> NDArray[np.int64]:

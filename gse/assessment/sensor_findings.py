@@ -39,12 +39,14 @@ def sensor_findings(
     A camera or air that is ``named`` puts the answers here off, not the sensor's.
     """
     stated = session.station.sensor.attitude
+    puts_off = bool({finding.cause for finding in named} & {*STARS_FALL_OUT, "refraction"})
     of_convention = tuple(convention_finding(search, stated))
+    if puts_off and not is_wrong(search, stated):
+        of_convention = ()  # 20 arcsec of aberration are not to be told beside it
     found = [*of_convention, *_zeros(session), *_standstill(session)]
     if own is not None and not is_wrong(search, stated):
         explained_arcsec = _OF_ABERRATION * search.aberration_arcsec if search and of_convention else 0.0
-        if {finding.cause for finding in named} & {*STARS_FALL_OUT, "refraction"}:
-            explained_arcsec = math.inf
+        explained_arcsec = math.inf if puts_off else explained_arcsec
         found += beside_panoramas(session, own, alike, _explained(session, explained_arcsec))
     return tuple(found)
 

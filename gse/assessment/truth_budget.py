@@ -78,19 +78,23 @@ class TruthUncertaintyBudget:
         """The expanded uncertainty (95 %) in dDE."""
         return self.axes["d_de"].expanded_arcsec
 
-    def complaint(self, axis: str, limit_arcsec: float, share: float) -> str | None:
-        """One line where the expanded uncertainty of dRA*, dDE or roll is above a limit / ``share``, else None."""
-        total = self.axes[_NAMES[axis]].expanded_arcsec
+    def complaint(self, axis: str, limit_arcsec: float, share: float, *, own: bool = False) -> str | None:
+        """One line where the expanded uncertainty of dRA*, dDE or roll is above a limit / ``share``, else None.
+
+        ``own``: that of the sensor's own answers.
+        """
+        total = (self.own_axes if own else self.axes)[_NAMES[axis]].expanded_arcsec
         if total * share <= limit_arcsec:
             return None
-        terms = [term for term in self.terms if term.name != OWN_STARS]
+        terms = [term for term in self.terms if own or term.name != OWN_STARS]
         alone = {term: combined([term], _NAMES[axis]).expanded_arcsec for term in terms}
         large = sorted((term for term in alone if alone[term] >= total / 2), key=alone.__getitem__, reverse=True)
         parts = " and ".join(f"{term.name} leaves {_amount(alone[term])}" for term in large) or "all terms together"
         whole = f" of {total:.1f} arcsec" if math.isfinite(total) else ""
         remark = f"; {large[0].remedy}" if large and large[0].remedy else ""
         allowed = f"a third of the limit is {limit_arcsec / share:.3g} arcsec"
-        return f"truth is not good enough for {axis}: {parts}{whole}, and {allowed}{remark}"
+        whose = "the sensor's " if own else ""
+        return f"truth is not good enough for {whose}{axis}: {parts}{whole}, and {allowed}{remark}"
 
 
 def _amount(arcsec: float) -> str:

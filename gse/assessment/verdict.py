@@ -22,7 +22,7 @@ from gse.assessment.no_sky import under_cloud
 from gse.assessment.obstacles import obstacles
 from gse.assessment.sensor_findings import sensor_findings
 from gse.assessment.sensor_health import SensorHealth, health_findings, sensor_health
-from gse.assessment.set_up_mistake import excused, set_up_mistake
+from gse.assessment.set_up_mistake import excused, lost_station, set_up_mistake
 from gse.assessment.statistics import Statistics, statistics
 from gse.assessment.subject_statistics import SubjectStatistics, figure_of
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
@@ -82,7 +82,9 @@ def judge(session: SessionData) -> Assessment:
         for row in _rows(subject, stats, budget, session.station.limits, relative)
     )
     found = _causes(session, stats)
-    mistake = set_up_mistake(session, stats.counted, found) if Outcome.FAIL in {row.outcome for row in rows} else None
+    mistake = lost_station(session)
+    if mistake is None and Outcome.FAIL in {row.outcome for row in rows}:
+        mistake = set_up_mistake(session, stats.counted, found)
     if mistake:
         rows = tuple(excused(row, mistake) for row in rows)
     rows = tuple(under_air(under_cloud(row, session.frames.columns), session) for row in rows)
@@ -111,7 +113,7 @@ def judge(session: SessionData) -> Assessment:
         stats,
         budget,
         found,
-        tuple(_not_tested(stats, rows, relative)),
+        tuple(_not_tested(stats, rows, relative, len(session.sensor_attitudes))),
         relative,
         is_simulated(session),
         session.truncated,
@@ -202,28 +204,16 @@ def _settles(budget: TruthUncertaintyBudget, axis: str) -> bool:
 
 
 def _shares(subject: SubjectStatistics, limits: Limits, *, lost: int) -> Iterator[Row]:
-    who, decision = subject.subject, limits.decision
     never_came = f", {lost} of which never came" if lost else ""
-    yield judge_share(
-        who,
-        "availability",
-        subject.available,
-        limit=limits.availability,
-        at_least=True,
-        decision=decision,
-        beside=never_came,
-    )
     count = subject.star_fields
     fields = f" in {count} star field{'' if count == 1 else 's'}" if count else ""
-    yield judge_share(
-        who,
-        "false answers",
-        subject.false_answers,
-        limit=limits.false_share,
-        at_least=False,
-        decision=decision,
-        beside=fields,
-    )
+    for name, share, limit, at_least, beside in (
+        ("availability", subject.available, limits.availability, True, never_came),
+        ("false answers", subject.false_answers, limits.false_share, False, fields),
+    ):
+        yield judge_share(
+            subject.subject, name, share, limit=limit, at_least=at_least, decision=limits.decision, beside=beside
+        )
 
 
 def _time(subject: SubjectStatistics, limits: Limits) -> Row:
@@ -248,17 +238,29 @@ def _relative_to(session: SessionData) -> str:
     return f"relative to a mount fitted on the first {align_s:g} s: absolute pointing, site and clock not tested"
 
 
-def _not_tested(stats: Statistics, rows: tuple[Row, ...], relative: bool) -> Iterator[str]:
+def _not_tested(stats: Statistics, rows: tuple[Row, ...], relative: bool, own_answers: int) -> Iterator[str]:
     yield from (row.reason for row in rows if row.outcome is Outcome.NOT_TESTED)
     if Subject.SENSOR not in stats.subjects:
-        yield "sensor: it sent no answers of its own (no ATTITUDE frames)"
+        yield _without_sensor(own_answers)
     if Subject.ONBOARD not in stats.subjects:
         yield "onboard: no panoramas came, so there was nothing to identify and nothing to check the answers by"
     if relative:
         yield "absolute pointing, site and clock: the mount was fitted on the same sky"
 
 
+def _without_sensor(own_answers: int) -> str:
+    if not own_answers:
+        return "sensor: it sent no answers of its own (no ATTITUDE frames)"
+    return (
+        f"sensor: {own_answers} answers of its own came, and no panorama that they are of; if it sends none, leave "
+        "PANORAMA out of the protocol description, and they are judged alone"
+    )
+
+
 def _complaints(session: SessionData, budget: TruthUncertaintyBudget) -> list[str]:
     limits = session.station.limits
     rows = (("dRA*", limits.d_ra_cosde_arcsec), ("dDE", limits.d_de_arcsec))
-    return [line for axis, limit in rows if (line := budget.complaint(axis, limit, TRUTH_SHARE))]
+    lines = [line for axis, limit in rows if (line := budget.complaint(axis, limit, TRUTH_SHARE))]
+    if lines or not len(session.sensor_attitudes):
+        return lines
+    return [line for axis, limit in rows if (line := budget.complaint(axis, limit, TRUTH_SHARE, own=True))]

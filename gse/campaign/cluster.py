@@ -123,9 +123,10 @@ def _connected(scheduler: str) -> Iterator[Client]:
         raise UsageError(f"--scheduler {scheduler} is not an address; expected for example tcp://127.0.0.1:8786")
     try:
         client = Client(scheduler, set_as_default=False)
-    except (OSError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError, RuntimeError, TypeError) as error:  # TypeError: TLS without certificates
         raise UsageError(
-            f"no Dask scheduler answers at {scheduler} ({error}); start one with 'dask scheduler'"
+            f"no Dask scheduler answers at {scheduler} ({error}); start one with 'dask scheduler', and state its "
+            "certificates here if it uses TLS (docs/campaigns.md)"
         ) from error
     with client:
         yield client

@@ -10,8 +10,9 @@ import jinja2
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from gse.campaign.decision import counted
+from gse.campaign.decision import SHARES, counted
 from gse.campaign.plots import draw_field, draw_phase, draw_rows, draw_sky, draw_trends, trends_height_in
+from gse.percent import percent
 from gse.report.page import numbered, quantity_text
 from gse.report.svg import svg_of
 
@@ -21,7 +22,7 @@ def campaign_html(report: dict[str, Any]) -> str:
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters.update(number=_number, quantity=quantity_text, with_digits_of=with_digits_of, counted=counted)
+    environment.filters.update(number=_number, of_row=_of_row, with_digits_of=with_digits_of, counted=counted)
     template = environment.from_string(
         resources.files("gse.campaign").joinpath("campaign.html.jinja").read_text("utf-8")
     )
@@ -60,6 +61,11 @@ def _laid_out(figure: Figure, draw: Callable[[Figure, dict[str, Any]], None], se
 def _number(value: float | None, digits: int = 3) -> str:
     """A number with significant digits, a dash where it is unknown."""
     return "–" if value is None else f"{value:.{digits}g}"
+
+
+def _of_row(value: float | None, row: dict[str, Any]) -> str:
+    """A value of a row of the verdict with its unit: shares in per cent."""
+    return quantity_text(value, row["unit"]) if value is None or row["name"] not in SHARES else percent(value, 2)
 
 
 def with_digits_of(value: float | None, scatter: float | None) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.outside_text import is_plain, plain_line
-from gse.campaign.storage import explained, open_storage, protocol_of
+from gse.campaign.storage import explained, find_files, open_storage, protocol_of
 from gse.errors import UsageError
 
 MOST_SESSIONS = 1_000_000
@@ -72,7 +72,7 @@ def _files(fs: Any, path: str, *, is_glob: bool) -> dict[str, dict[str, Any]]:
     files: dict[str, dict[str, Any]] = {}
     for name, info in matched.items():
         if info["type"] == "directory":
-            below = fs.find(name, detail=True)
+            below = find_files(fs, name)
             files |= {path: info for path, info in below.items() if path.endswith(".mcap")}
         else:
             files[name] = info

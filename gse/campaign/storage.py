@@ -111,6 +111,17 @@ def with_patience(url: str, act: Callable[[Any, str], _T]) -> _T:
     return done
 
 
+def find_files(fs: Any, folder: str) -> dict[str, dict[str, Any]]:
+    """All files below a folder, with what the storage tells of each; FileNotFoundError where there is no such folder.
+
+    By itself fsspec leaves out what it cannot list, also where the connection is gone.
+    """
+    found: dict[str, dict[str, Any]] = fs.find(
+        folder, detail=True, **({"on_error": "raise"} if _can_rename(fs) else {})
+    )
+    return found
+
+
 def put_whole(fs: Any, root: str, name: str, data: bytes) -> None:
     """Write a file below a folder: whole, in one step, over an older one of the same name."""
     path = f"{root}/{name}"

@@ -218,6 +218,8 @@ def _verdict_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _atlas_lines(atlas: dict[str, Any] | None) -> list[str]:
+    from gse.campaign.decision import counted
+
     if atlas is None:
         return []
     lines = [
@@ -227,20 +229,24 @@ def _atlas_lines(atlas: dict[str, Any] | None) -> list[str]:
     ]
     if atlas["stars_found"]:
         names = ", ".join(f"{star['name']} ({star['sigmas']:.1f} sigma)" for star in atlas["stars"][:5])
-        lines.append(f"{atlas['stars_found']} stars away from their catalogue places: {names}")
+        lines.append(f"{counted(atlas['stars_found'], 'star')} away from the catalogue's place: {names}")
     return lines
 
 
 def _document(dataset: "DataSet", outcomes: list["Judged"]) -> dict[str, Any]:
     """What became of the sources of this run, whether they were judged now or before."""
-    from gse.campaign.dataset import UNKNOWN
+    from gse.campaign.dataset import UNKNOWN, DataSet
+    from gse.campaign.storage import with_patience
 
     keys: dict[str, list[str]] = {}
     for one in outcomes:
         if one.key:
             keys.setdefault(one.key, []).append(one.source.url)
-    rows = dataset.sessions(("key", "sensor", "verdict", "truncated", "error")).to_pylist() if keys else []
-    rows = [row for row in rows if row["key"] in keys]
+    columns = ("key", "sensor", "verdict", "truncated", "error")
+    rows = []
+    if keys:  # with a connection that may be newer than that of the run's beginning
+        table = with_patience(dataset.url, lambda fs, root: DataSet(dataset.url, fs, root).sessions(columns))
+        rows = [row for row in table.to_pylist() if row["key"] in keys]
     return {
         "schema": SCHEMA,
         "dataset": dataset.url,

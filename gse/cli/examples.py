@@ -52,7 +52,7 @@ EXAMPLES = {
         "gse session trim session.mcap --to 2026-03-20T19:00:00Z",
     ),
     "session export": (
-        "gse session export session.mcap --format parquet --out frames.parquet",
+        "gse session export session.mcap --format parquet --out tables",
         "gse session export session.mcap --format mcap --out results.mcap",
     ),
     "config init": ("gse config init roof.yaml", "gse config init roof.yaml --yes --port /dev/ttyUSB0"),

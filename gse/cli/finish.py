@@ -42,11 +42,11 @@ def conclude(
 ) -> dict[str, Any]:
     """Write the report of a judged session and this host's own times into a folder; returns the report."""
     from drivers.whole_file import write_whole
-    from gse.cli.without_pandas import spare_pandas
     from gse.release_memory import give_back
     from gse.report import summarise
     from gse.report.files import write_report
     from gse.report.provenance import provenance
+    from gse.without_pandas import spare_pandas
 
     report = summarise(session, assessment)
     spare_pandas()

@@ -64,8 +64,8 @@ def judged_with_progress(
     With options the session is another one: then results are neither used nor kept.
     """
     from gse.assessment.verdict import judge
-    from gse.cli.without_pandas import spare_pandas
     from gse.sessions.judged import Judged, judged_session
+    from gse.without_pandas import spare_pandas
 
     spare_pandas()
 

@@ -1,6 +1,7 @@
 """Plans of ``gse evaluate``: the settings of both papers, and their results as rates with intervals."""
 
 import math
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -170,7 +171,8 @@ def failure_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
     for name, failures in found.items():
         if failures:
             kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(failures.items()))
-            lines += [f"{name} failed: {kinds}; counted as none", f"  the first: {first[name]}"]
+            lines.append(f"{name} failed: {kinds}; counted as none")
+            lines += textwrap.wrap(f"the first: {first[name]}", 80, initial_indent="  ", subsequent_indent="  ")
     return lines
 
 

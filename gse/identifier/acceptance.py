@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import davenport
 from gse.catalog import StarCatalog
 from gse.constants import ARCSEC_RAD
+from gse.davenport import davenport
 from gse.identifier.result import Identification, Reason, Unidentified
 from gse.jit import compiled
 

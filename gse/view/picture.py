@@ -30,6 +30,9 @@ _RADIUS_SHARE = (0.004, 0.012)
 LEGEND_ENDS = 1.2
 """Where the legend below the detector ends, as a share of its rows."""
 
+_BELOW_STARS = 10.0
+"""Order of drawing of the arrows; points have 30: the mouse over a star finds the star, not the foot of its arrow."""
+
 _ANONYMOUS = ("Gaia", "HIP", "HR", "HD", "BSC")
 """Prefix of stars with a name on hover only: 30 catalogue numbers would cover the picture."""
 
@@ -57,7 +60,7 @@ class Picture:
         for kind, colour in _KINDS.items():
             style = rr.Points2D.from_fields(colors=[colour], show_labels=kind in _LABELLED)
             stream.log(f"/panorama/{kind}", style, static=True)
-        arrows = rr.Arrows2D.from_fields(colors=[YELLOW], radii=[rr.Radius.ui_points(0.8)])
+        arrows = rr.Arrows2D.from_fields(colors=[YELLOW], radii=[rr.Radius.ui_points(0.8)], draw_order=_BELOW_STARS)
         stream.log("/panorama/residuals", arrows, static=True)
         stream.log("/panorama/legend", self._legend(), static=True)
 
@@ -88,12 +91,15 @@ class Picture:
         labels = [label for _, labels, _ in objects for label in labels]
         facts = [fact for _, _, facts in objects for fact in facts]
         for kind in _KINDS:
-            # A named star is drawn as a star with its facts on hover; its name alone is the label that always shows.
+            # A named star is drawn as a star with its facts on hover; its name alone is the label that always shows, of
+            # a point without size: rerun shows no facts of an entity with a single point, and none of six components.
             is_star = (kinds == "named") | (kinds == "stars")
             chosen = np.flatnonzero(is_star if kind == "stars" else kinds == kind)
             shown = facts if kind == "stars" else labels
             columns = rr.Points2D.columns(
-                positions=xy_px[chosen], radii=radii[chosen], labels=[shown[place] for place in chosen]
+                positions=xy_px[chosen],
+                radii=radii[chosen] * (kind != "named"),
+                labels=[shown[place] for place in chosen],
             )
             lengths = np.bincount(row[chosen], minlength=len(frames))
             stream.send_columns(f"/panorama/{kind}", [at], columns.partition(lengths))

@@ -87,6 +87,7 @@ def test_what_is_no_session_or_panorama_is_refused_in_a_sentence(tmp_path: Path)
         ((np.zeros(6), np.ones(3)), "expected pixels"),
         ((np.full((2, 2), np.nan), np.ones(2)), "not finite"),
         ((np.zeros((2, 2)), [1.0, 2.0]), "brightest object first"),
+        ((np.zeros((2, 2)), [-3.0, -4.0]), "is negative"),
         (([[1.0, 2.0], [3.0]], [1.0, 1.0]), "this is no panorama"),
         (None, "this is no panorama"),
     ],
@@ -102,3 +103,4 @@ def test_gse_alone_imports_nothing_heavy() -> None:
     assert done.stdout.strip() == "[]"
     with pytest.raises(AttributeError, match="no attribute 'jugde'"):
         _ = gse.jugde  # type: ignore[attr-defined]
+    assert dir(gse) == ["identify", "judge", "load"]

@@ -1,5 +1,6 @@
 """What is said of a sensor's own answers: zeros, a standstill, a delay, a bias, and where nothing is said."""
 
+import copy
 import math
 import re
 
@@ -10,6 +11,7 @@ from skies.known_nights import START_NS, STATION, session
 from gse.assessment.sensor_answers import SensorAnswers, sensor_answers
 from gse.assessment.sensor_findings import sensor_findings
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.mount import InertialDirection, Mount
 from protocols import AttitudeMessage
@@ -109,6 +111,24 @@ def test_a_frame_that_is_late_is_a_delay_though_it_lies_across_too(night):
 @pytest.mark.parametrize(("roll", "is_said"), [(100.0, False), (648_000.0, True), (-900.0, True)])
 def test_a_turn_about_the_boresight_is_named(night, roll, is_said):
     assert [text.split(":")[0] for text in said(night, roll=roll)] == ["sensor roll"] * is_said
+
+
+@pytest.mark.parametrize("cause", ["distortion", "refraction", "clock offset"])
+def test_a_camera_or_air_that_is_wrong_puts_off_the_answers_here(night, cause):
+    named = (Finding(cause, "as it is"),)
+    found = sensor_findings(night, beside(night, 20.0, 3000.0, roll=4000.0), None, named=named)
+    assert len(found) == (2 if cause == "clock offset" else 0)
+
+
+def test_the_turn_of_the_sky_within_a_delay_is_no_error_of_its_own(night):
+    """At a declination of 60 deg a minute turns the sky about the boresight by 781 arcsec."""
+    made = copy.deepcopy(night)
+    made.frames.columns["de_true_deg"] = 60.0
+    sky_arcsec = -60 * EARTH_RATE_ARCSEC_PER_S
+    along, about = sky_arcsec * math.cos(math.radians(60)), sky_arcsec * math.sin(math.radians(60))
+    (text,) = said(made, along, roll=about)
+    assert "sensor delay" in text
+    assert len(said(made, along, roll=2 * about)) == 2
 
 
 def test_answers_that_scatter_by_more_than_those_here_are_named(night):

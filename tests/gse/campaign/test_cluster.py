@@ -161,6 +161,7 @@ def test_storage_that_fails_for_a_while_is_asked_again(running, sftp, nights, tm
     assert [one.error for one in outcomes] == [""] * 4
     assert len(whole(dataset)) == 4
     assert not [path for path in (dataset / ".parts").iterdir() if path.stat().st_size == 0]
+    assert DataSet.at(str(dataset)).index_path() is not None
 
 
 def test_two_campaigns_into_one_data_set_give_what_one_gives(running, nights, tmp_path):
@@ -201,6 +202,11 @@ def test_wrong_credentials_and_unknown_hosts_are_named(running, sftp, gse, night
     assert "no-such-key'; docs/campaigns.md says where keys" in " ".join(gse(*arguments).err.split())
     fsspec.config.conf["sftp"] = sftp.options() | {"known_hosts": os.devnull}
     assert "not found in known_hosts" in gse(*arguments).err
+
+
+def test_a_scheduler_with_tls_asks_for_certificates(gse, nights, tmp_path):
+    done = gse("campaign", "judge", nights, "--to", tmp_path / "dataset", "--scheduler", "tls://127.0.0.1:8786")
+    assert (done.code, "state its certificates here" in " ".join(done.err.split())) == (2, True)
 
 
 def test_an_evaluation_gives_the_same_on_the_cluster_as_here(running, gse):

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from devices.programs import program
 
-from gse.cli.evaluate import table as evaluation_table
+from gse.cli.evaluation_table import table as evaluation_table
 from gse.errors import TableError, UsageError
 from gse.evaluation.panoramas import benchmark, read_set, table
 from gse.identifier_options import IdentifierOptions

@@ -105,6 +105,15 @@ def test_objects_of_a_panorama_are_told_apart_by_kind(rows, frames) -> None:
     assert len(kinds["unidentified"][49]["Points2D:positions"]) == len(frames[49].panorama.brightness)
 
 
+def test_the_mouse_over_a_star_finds_the_star_and_its_facts(rows) -> None:
+    """rerun shows what differs between the points of an entity, and nothing of one with more than 5 components."""
+    assert not np.any(moving(rows["/panorama/named"])[0]["Points2D:radii"])
+    of_stars = {name for row in rows["/panorama/stars"] for name in row if name.startswith("Points2D:")}
+    assert len(of_stars) <= 5
+    of_arrows = [row for row in rows["/panorama/residuals"] if "Arrows2D:draw_order" in row]
+    assert [row["Arrows2D:draw_order"] for row in of_arrows] == [[10.0]]  # points have 30: they lie above
+
+
 def test_brighter_objects_are_drawn_larger(rows, frames) -> None:
     radii = moving(rows["/panorama/stars"])[0]["Points2D:radii"]
     assert radii == sorted(radii, reverse=True)
