@@ -7,6 +7,7 @@ from typing import Any, TextIO
 
 import duckdb
 
+from drivers.outside_text import long_table_cell, plain_line, plain_lines
 from gse.campaign.atlas_table import atlas_schema
 from gse.campaign.dataset import AGAIN, ATLAS, FRAMES, REPORT_COLUMN, SESSIONS, STARS, DataSet
 from gse.campaign.storage import protocol_of
@@ -28,7 +29,7 @@ def ask(dataset: DataSet, sql: str, form: str, file: TextIO) -> None:
         connection = connect(dataset, sql)
         if form == "text":
             answer = connection.sql(sql)
-            file.write(f"{'done' if answer is None else answer}\n")
+            file.write(plain_lines(f"{'done' if answer is None else answer}\n"))
             return
         connection.execute(sql)
         names = [column[0] for column in connection.description or ()]
@@ -36,8 +37,8 @@ def ask(dataset: DataSet, sql: str, form: str, file: TextIO) -> None:
         write(names, _rows(connection), file)
     except duckdb.Error as error:
         if any(sign in str(error) for sign in _DAMAGED):
-            raise UsageError(f"a file is damaged: {AGAIN}\nDuckDB: {str(error).splitlines()[0]}") from error
-        raise UsageError(f"DuckDB: {error}") from error
+            raise UsageError(f"a file is damaged: {AGAIN}\nDuckDB: {plain_line(str(error).splitlines()[0])}") from error
+        raise UsageError(plain_lines(f"DuckDB: {error}")) from error
 
 
 def connect(dataset: DataSet, sql: str) -> duckdb.DuckDBPyConnection:
@@ -83,7 +84,7 @@ def _quoted(dataset: DataSet, path: str) -> str:
 def _write_csv(names: list[str], rows: Iterator[tuple[Any, ...]], file: TextIO) -> None:
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(names)
-    writer.writerows(rows)
+    writer.writerows([long_table_cell(value) if isinstance(value, str) else value for value in row] for row in rows)
 
 
 def _write_json(names: list[str], rows: Iterator[tuple[Any, ...]], file: TextIO) -> None:
