@@ -3,7 +3,7 @@
     python benchmarks/faults.py [PART ...]
 
 Parts: wire, recorder, files, ports, load, readers, signals, changed, strangers, network, silence, words, commands, web,
-floats, statuses, disks, streams.
+floats, statuses, disks, streams, damaged.
 
 Prints a table with the goal beside each figure; without arguments, all of it (some 20 minutes). The stalled and the
 full disk are real ones, and need root to mount them.
@@ -35,6 +35,7 @@ from gse.simulator import device_factory
 from protocols import Frame, FrameDecoder, Start, load_protocol
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from damaged import damaged
 from devices.hostile_sessions import FILES, write_file, write_flood, write_steering, write_times
 from devices.ser2net import PROGRAM, Ser2net
 from devices.terminal import Terminal
@@ -79,7 +80,7 @@ def main() -> None:
     parts |= {"readers": readers, "signals": signals}
     parts |= {"changed": changed, "strangers": strangers, "network": network, "silence": silence}
     parts |= {"words": words, "commands": commands, "web": web, "floats": floats, "statuses": statuses}
-    parts |= {"disks": disks, "streams": streams}
+    parts |= {"disks": disks, "streams": streams, "damaged": damaged}
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.2f}", flush=True)
     for name in sys.argv[1:] or parts:
         with tempfile.TemporaryDirectory() as folder:

@@ -30,7 +30,7 @@ from gse.station.notes import Notes
 from gse.station.reception import Reception
 from gse.station.results import Verdict
 from gse.view.server import Content, ViewServer
-from protocols import Ack, Frame, FrameDecoder, Start, load_protocol
+from protocols import Ack, Frame, FrameDecoder, PanoramaMessage, Start, load_protocol
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from devices import float_protocol, own_network
@@ -107,6 +107,18 @@ def _answer_all(terminal: Terminal, answer: Callable[[int], bytes], stop: thread
                     terminal.write(answer(item.sequence))
 
 
+def _panorama(number: int) -> PanoramaMessage:
+    return PanoramaMessage(
+        time_us=100_000 * number,
+        frame_no=number,
+        exposure_s=0.05,
+        flags=frozenset(),
+        temperature_c=20.0,
+        xy_px=np.array([[10.0, 20.0]]),
+        index=np.array([400.0]),
+    )
+
+
 def _chaos() -> list[Row]:
     rng = random.Random(1)
     worst, silent = 0, 0
@@ -114,7 +126,7 @@ def _chaos() -> list[Row]:
         reception = Reception(PROTOCOL, baudrate=115200)
         kinds = Counter[str]()
         for number in range(200):
-            data = PROTOCOL.encode(Start(0.1), rng.randrange(65536))
+            data = PROTOCOL.encode(_panorama(number), rng.randrange(65536))
             items = reception.receive(reception.stream.feed(Chunk(10**18 + number * 10**8, number * 10**8, data)))
             kinds.update(item.kind for item in items if isinstance(item, LinkEvent))
         worst = max(worst, reception.counters.frames_lost)

@@ -29,8 +29,16 @@ def is_plain(text: str) -> bool:
 
 def table_cell(text: str) -> str:
     """The text for a CSV field: a spreadsheet takes what begins with = + - or @ for a formula, and runs it."""
-    line = plain_line(text)
-    return f"'{line}" if line.lstrip().startswith(_FORMULA) else line
+    return _no_formula(plain_line(text))
+
+
+def long_table_cell(text: str) -> str:
+    """The same of any length and number of lines."""
+    return _no_formula(plain_lines(text))
+
+
+def _no_formula(text: str) -> str:
+    return f"'{text}" if text.lstrip().startswith(_FORMULA) else text
 
 
 def _escape(found: re.Match[str]) -> str:

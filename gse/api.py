@@ -28,6 +28,7 @@ from gse.station.loop import StationLoop
 from gse.station.results import FrameResult
 from gse.station.setup import set_up
 from gse.tables import SCHEMA_VERSION, SessionTables, frames_schema, session_tables, stars_schema
+from gse.tables.parquet import MOST_ROWS, check_size
 
 _DATASET_MARK, _MOST_MARK_BYTES = "dataset.json", 10_000
 _DATASET_SCHEMA = f"gse.dataset/{SCHEMA_VERSION}"
@@ -161,7 +162,7 @@ def _of_data_set(path: Path, table: str) -> pa.Table:
             return files.to_table()
         keys = _files(path, "sessions").to_table(columns=["key"])["key"].combine_chunks()
         return files.to_table(filter=ds.field("key").cast(pa.string()).isin(keys))
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, ValueError) as error:
         raise UsageError(
             f"{str(error).splitlines()[0]:.400}\nif a file is damaged: delete the file of the same name below "
             "sessions/, and judge into the data set again"
@@ -178,4 +179,7 @@ def _check_version(path: Path) -> None:
 
 
 def _files(path: Path, table: str) -> ds.Dataset:
-    return ds.dataset(path / table, format="parquet", partitioning=_PARTITIONS)
+    files = ds.dataset(path / table, format="parquet", partitioning=_PARTITIONS)
+    for file in files.get_fragments():
+        check_size(file.path, file.metadata, most_rows=1 if table == "sessions" else MOST_ROWS)
+    return files

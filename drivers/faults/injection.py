@@ -25,7 +25,7 @@ def inject(
     """
     outages = _Outages(faults)
     framed = _framed(_split(_reset(items, faults, device_resets), faults), faults)
-    items = (item for parts in framed for item in _joined(heard for part in parts for heard in outages.pass_on(part)))
+    items = (item for parts in framed for item in _joined(passed for part in parts for passed in outages.pass_on(part)))
     items = _stalled(items, faults)
     return items if faults.sensor_baud is None else _misread(items, faults.sensor_baud, listening_baud)
 
@@ -127,8 +127,8 @@ class _Outages:
 
     def _begin(self, outage: Outage, piece: Piece) -> Iterator[_Part]:
         chunk = piece.chunk
-        heard = int(self._random.integers(len(chunk.data) + 1))
-        yield replace(piece, chunk=Chunk(chunk.utc_ns, chunk.mono_ns, chunk.data[:heard]))
+        received = int(self._random.integers(len(chunk.data) + 1))
+        yield replace(piece, chunk=Chunk(chunk.utc_ns, chunk.mono_ns, chunk.data[:received]))
         yield _fault_event(chunk, f"{outage.kind}: for {outage.duration_ns / NS_PER_S:g} s, in frame {piece.frame}")
         yield LinkEvent(chunk.utc_ns, chunk.mono_ns, LinkKind.LOST, "the port is gone; waiting for it to come back")
         name = "the port, now under another name," if outage.kind == "rename" else "the port"
@@ -184,7 +184,7 @@ def _stalled(items: Iterator[Item], faults: Faults) -> Iterator[Item]:
 
 
 def _misread(items: Iterator[Item], sensor_baud: int, listening_baud: int) -> Iterator[Item]:
-    """Each chunk as the port hears it at its own rate."""
+    """Each chunk as a port at another baud rate receives it, after an event FAULT."""
     is_told = False
     for item in items:
         if isinstance(item, LinkEvent):

@@ -5,6 +5,9 @@ that are left without the mistake keep the limits, no row fails for it: the word
 first reason. A mirrored image or a focal length under which nothing can be identified is one too, a camera with which
 many stars lie too far off to be named, air that is not that of the height, and a host whose clock shows GPS time or
 TAI: no latency of a sensor is 18 or 37 s. What the sensor answers itself no camera of the station file excuses.
+
+A session that lost its station file is judged on the built-in one, whose limits are not its own: it neither passes nor
+fails.
 """
 
 from dataclasses import replace
@@ -25,9 +28,18 @@ from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
 
 _OF_CAMERA = {"mirrored image": StationKind.MIRRORED, "focal length": StationKind.WRONG_CAMERA}
+_NO_STATION = "station file"
 _KEPT_SHARE = 0.9
 """Of some 15 frames: one may lie outside."""
 _OF_IDENTIFICATION = ("availability", "false answers")
+
+
+def lost_station(session: SessionData) -> Finding | None:
+    """That the session has no station file, so that nothing is known of its limits, site and mount."""
+    for event in session.events:
+        if event.kind == StationKind.NO_STATION:
+            return Finding(_NO_STATION, event.text, (), "give the right one: gse report SESSION --station FILE")
+    return None
 
 
 def set_up_mistake(session: SessionData, counted: CountedFrames, found: tuple[Finding, ...]) -> Finding | None:
@@ -74,7 +86,9 @@ def excused(row: Row, mistake: Finding) -> Row:
     """A row that fails by the mistake: INCONCLUSIVE; another as it is."""
     is_identification = row.subject is Subject.ONBOARD and row.name in _OF_IDENTIFICATION
     is_accuracy = row.unit == "arcsec"
-    if mistake.cause in _OF_CAMERA or mistake.cause in STARS_FALL_OUT:
+    if mistake.cause == _NO_STATION:
+        by_it = True
+    elif mistake.cause in _OF_CAMERA or mistake.cause in STARS_FALL_OUT:
         by_it = is_identification or (is_accuracy and row.subject is Subject.ONBOARD)
     else:
         by_it = is_accuracy

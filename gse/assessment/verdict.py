@@ -22,7 +22,7 @@ from gse.assessment.no_sky import under_cloud
 from gse.assessment.obstacles import obstacles
 from gse.assessment.sensor_findings import sensor_findings
 from gse.assessment.sensor_health import SensorHealth, health_findings, sensor_health
-from gse.assessment.set_up_mistake import excused, set_up_mistake
+from gse.assessment.set_up_mistake import excused, lost_station, set_up_mistake
 from gse.assessment.statistics import Statistics, statistics
 from gse.assessment.subject_statistics import SubjectStatistics, figure_of
 from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
@@ -82,7 +82,9 @@ def judge(session: SessionData) -> Assessment:
         for row in _rows(subject, stats, budget, session.station.limits, relative)
     )
     found = _causes(session, stats)
-    mistake = set_up_mistake(session, stats.counted, found) if Outcome.FAIL in {row.outcome for row in rows} else None
+    mistake = lost_station(session)
+    if mistake is None and Outcome.FAIL in {row.outcome for row in rows}:
+        mistake = set_up_mistake(session, stats.counted, found)
     if mistake:
         rows = tuple(excused(row, mistake) for row in rows)
     rows = tuple(under_air(under_cloud(row, session.frames.columns), session) for row in rows)

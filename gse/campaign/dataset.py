@@ -26,6 +26,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from gse.campaign.sources import MOST_SESSIONS
 from gse.campaign.storage import (
     StorageError,
     explained,
@@ -37,7 +38,7 @@ from gse.campaign.storage import (
 )
 from gse.errors import UsageError
 from gse.tables import SCHEMA_VERSION
-from gse.tables.parquet import write_parquet
+from gse.tables.parquet import FOOTER_LIMITS, MOST_BYTES_PER_ROW, MOST_ROWS, check_size, write_parquet
 
 SCHEMA = f"gse.dataset/{SCHEMA_VERSION}"
 MARK = "dataset.json"
@@ -52,6 +53,10 @@ AGAIN = "delete the file of the same name below sessions/, and judge into the da
 INDEX = "index/sessions.parquet"
 _SOURCES = "index/sources.parquet"
 _MOST_MARK_BYTES = 10_000
+_MOST_BYTES_PER_SESSION = 1 << 20
+"""Of a row in sessions, beside those that each file may have; a usual one has 0.1 MB."""
+_MOST_GONE = 1000
+"""Rows of the index whose session was deleted: where there are more, the index is not used."""
 _PLACE = ("sensor", "night")
 _ORDER = (*_PLACE, "key")
 _NAME = re.compile(r"sensor=([^/]*)/night=([^/]*)/([0-9a-f]{64})\.parquet$")
@@ -126,12 +131,21 @@ class DataSet:
         """Write the file of one table of a session, from one of this host."""
         put_file_whole(self.fs, self.root, place.path(table), parquet)
 
-    def read(self, path: str, columns: Sequence[str] | None = None) -> pa.Table | None:
-        """A Parquet file below the data set's folder, None where there is none."""
+    def read(self, path: str, columns: Sequence[str] | None = None, *, most_rows: int = MOST_ROWS) -> pa.Table | None:
+        """A Parquet file below the data set's folder, None where there is none.
+
+        StorageError where it is damaged, or somebody made it: without a column that is wanted, or with too many rows.
+        """
         try:
             with self.fs.open(f"{self.root}/{path}", "rb") as file:
                 # A thread of Arrow's that still holds a file of Python's when the program ends aborts it (arrow#33975).
-                return pq.ParquetFile(file, pre_buffer=False).read(columns=columns, use_threads=False)
+                parquet = pq.ParquetFile(file, pre_buffer=False, **FOOTER_LIMITS)
+                most_bytes = _MOST_BYTES_PER_SESSION if path.startswith((SESSIONS, "index")) else MOST_BYTES_PER_ROW
+                check_size("the file", parquet.metadata, most_rows=most_rows, most_bytes_per_row=most_bytes)
+                lacking = set(columns or ()).difference(parquet.schema_arrow.names)
+                if lacking:
+                    raise ValueError(f"it has no column {min(lacking)}")
+                return parquet.read(columns=columns, use_threads=False)
         except FileNotFoundError:
             return None
         except Exception as error:
@@ -141,20 +155,21 @@ class DataSet:
 
     def sources(self) -> list[dict[str, Any]]:
         """What is known of sources: url, state, session_sha256, the hashes it was judged with, key."""
-        known = self._index_of(_SOURCES)
+        known = self._index_of(_SOURCES, most_rows=MOST_SESSIONS)
         return [] if known is None else known.to_pylist()
 
     def index_path(self) -> str | None:
         """The index of sessions below the data set's folder, None where it lacks some or has others."""
-        keys = self._index_of(INDEX, ["key"])
-        complete = keys is not None and set(keys["key"].to_pylist()) == {place.key for place in self.committed()}
+        places = self.committed()
+        keys = self._index_of(INDEX, ["key"], most_rows=len(places))
+        complete = keys is not None and set(keys["key"].to_pylist()) == {place.key for place in places}
         return INDEX if complete else None
 
     def sessions(self, columns: Sequence[str] | None = None) -> pa.Table:
         """The rows of all sessions, with sensor and night, without report.json; from the index where that has them."""
         wanted = None if columns is None else list(dict.fromkeys((*columns, "sensor", "night", "key")))
-        index = self._index_of(INDEX, wanted)
         places = self.committed()
+        index = self._index_of(INDEX, wanted, most_rows=2 * len(places) + _MOST_GONE)
         keys = {place.key for place in places}
         have = set() if index is None else set(index["key"].to_pylist())
         if index is not None and have - keys:
@@ -181,14 +196,20 @@ class DataSet:
 
     def _row(self, place: Committed, columns: Sequence[str] | None) -> pa.Table | None:
         in_file = None if columns is None else [name for name in columns if name not in _PLACE]
-        rows = self.read(place.path(SESSIONS), in_file)
+        rows = self.read(place.path(SESSIONS), in_file, most_rows=1)
+        if rows is not None and len(rows) != 1:
+            raise StorageError(
+                f"{self.url}/{place.path(SESSIONS)} is damaged ({len(rows)} rows, expected one); {AGAIN}"
+            )
         return None if rows is None else with_place(rows, place)
 
-    def _index_of(self, path: str, columns: Sequence[str] | None = None) -> pa.Table | None:
+    def _index_of(self, path: str, columns: Sequence[str] | None = None, *, most_rows: int) -> pa.Table | None:
         try:
-            return self.read(path, columns)
+            index = self.read(path, columns, most_rows=most_rows)
         except Exception:  # an index follows from the rest: one that cannot be read is as good as none
             return None
+        keys = index["key"] if path == INDEX and index is not None else []
+        return index if len(keys) == len(set(keys)) else None
 
 
 def with_place(rows: pa.Table, place: Committed) -> pa.Table:

@@ -11,10 +11,10 @@ from drivers.chunk import LinkEvent
 from gse.station.frame_results import NewResults
 from gse.station.non_stellar import HOT_PIXEL, MAX_HOT
 from gse.station.session_data import SessionData
+from gse.tables.units import field
 
-COLUMN = pa.field(
-    "hot_pixels_seen", pa.list_(pa.struct([("x_px", pa.int32()), ("y_px", pa.int32()), ("frames", pa.int64())]))
-)
+_PIXEL = pa.struct([field("x_px", pa.int32()), field("y_px", pa.int32()), field("frames", pa.int64())])
+COLUMN = field("hot_pixels_seen", pa.list_(_PIXEL))
 """Of the table of sessions: the pixels that were told to be hot, with the number of frames."""
 
 

@@ -48,6 +48,7 @@ from gse.sessions.replay import StationText, replay_session
 from gse.station.setup import keep_one_sky
 from gse.tables import ResultKey, failed_session, frames_parts, sessions_table, stars_parts
 from gse.tables.parquet import write_parquet
+from gse.tables.units import field
 from gse.without_pandas import spare_pandas
 from protocols import ProtocolError
 
@@ -235,7 +236,7 @@ def _completed(rows: pa.Table, hot_pixels: pa.Array, report: str | None) -> pa.T
     return (
         without_place(rows)
         .append_column(COLUMN, hot_pixels)
-        .append_column(pa.field(REPORT_COLUMN, pa.string()), pa.array([report], pa.string()))
+        .append_column(field(REPORT_COLUMN, pa.string()), pa.array([report], pa.string()))
     )
 
 

@@ -2,7 +2,7 @@
 
 Trial cameras go outwards from the stated one, in steps that an identifier tolerates. They are tried by the neighbour
 technique with few alpha stars, the quickest to refuse: all of them take half a second for one panorama. The first trial
-that is no matter of chance gives the focal length by the distances of its stars, and the stars are identified again
+that is not a matter of chance gives the focal length by the distances of its stars, and the stars are identified again
 with that.
 """
 

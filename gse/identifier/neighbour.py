@@ -91,7 +91,7 @@ class NeighbourIdentifier:
         return answers.but({k: self._unidentified(k, answers, found, directions[objects.parts.rows(k)]) for k in wrong})
 
     def _unidentified(self, k: int, answers: Answers, found: Found, directions: NDArray[np.float64]) -> Unidentified:
-        """Why what was found for panorama k is no answer."""
+        """Why what was found for panorama k is not an answer."""
         alphas, answer = int(found.alphas[k]), answers[k]
         if alphas < 0:
             return Unidentified(Reason.AMBIGUOUS, "two catalogue stars reach the greatest fit equally well")

@@ -110,7 +110,7 @@ class Arrivals:
         return found
 
     def new_panorama(self, frame_no: int) -> None:
-        """A panorama came that is no copy.
+        """A panorama came that is not a copy.
 
         Frames of all types share their sequence numbers, so a gap does not say what is lost. But each exposure has a
         number: between panoramas of consecutive ones no panorama is lost.

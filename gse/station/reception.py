@@ -141,7 +141,7 @@ class Reception:
         return Received(news, _columns(columns, made) if columns and made else Panoramas.of([]))
 
     def _panorama(self, at: FrameAt, columns: PanoramaColumns, row: int, made: list["_Made"]) -> Iterator[LinkEvent]:
-        """The events of a panorama, the row ``row`` of its block; one that is no copy is appended to ``made``."""
+        """The events of a panorama, the row ``row`` of its block; one that is not a copy is appended to ``made``."""
         time_us, host_utc_ns, mono_ns = columns.time_us[row], bounded(at.utc_ns), bounded(at.mono_ns)
         yield from self._steps(at, time_us)
         restarted = "clock reset" in columns.flags[row]

@@ -58,7 +58,7 @@ def _external(results: FrameResults, session: SessionData) -> Iterator[tuple[int
 
 
 def _failure_words(failure: Failure, panorama: Panorama) -> tuple[StationKind, str]:
-    """Kind and text of an event; that no more answers are to come is another kind, so that the operator is told it."""
+    """Kind and text of an event; a kind of its own where no more answers come, so that it is announced too."""
     if failure.kind is FailureKind.GIVEN_UP:
         return StationKind.IDENTIFIER_GIVEN_UP, f"no answer from frame {panorama.frame_no} on: {failure.detail}"
     return StationKind.IDENTIFIER_FAULT, f"{failure.kind} at frame {panorama.frame_no}: {failure.detail}"

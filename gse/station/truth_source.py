@@ -24,7 +24,7 @@ class TruthSource:
         self.orientation = frozen
 
     def at(self, utc_ns: int) -> tuple[SiderealTruth | InertialTruth | None, LinkEvent | None]:
-        """Truth, if there is one for the instant, and what must be told of it."""
+        """Truth for an instant, None where there is none, and the event that says what it lacks, if anything."""
         if self._inertial is not None:
             return InertialTruth(self._inertial), None
         try:

@@ -17,6 +17,8 @@ MOST_BYTES_PER_ROW = 4096
 MOST_BYTES_BESIDE = 1 << 22
 """Of dictionaries and heads, in a file with few rows."""
 _MOST_FOOTER = 1 << 24
+FOOTER_LIMITS = {"thrift_string_size_limit": _MOST_FOOTER, "thrift_container_size_limit": _MOST_FOOTER}
+"""Options of a reader."""
 _COMPRESSION = "zstd"
 
 
@@ -56,16 +58,18 @@ def read_parquet(path: Path, schema: pa.Schema) -> Iterator[ParquetColumns]:
     ValueError where it does not have those of the schema, or is far too large for its rows; ArrowException where it is
     damaged.
     """
-    limits = {"thrift_string_size_limit": _MOST_FOOTER, "thrift_container_size_limit": _MOST_FOOTER}
-    with pq.ParquetFile(path, **limits) as file:
+    with pq.ParquetFile(path, **FOOTER_LIMITS) as file:
         if not file.schema_arrow.equals(schema):
             raise ValueError(f"{path.name} has other columns than a table of this gse")
-        _check_size(path, file.metadata)
+        check_size(path.name, file.metadata)
         yield ParquetColumns(file)
 
 
-def _check_size(path: Path, metadata: pq.FileMetaData) -> None:
+def check_size(
+    name: str, metadata: pq.FileMetaData, *, most_rows: int = MOST_ROWS, most_bytes_per_row: int = MOST_BYTES_PER_ROW
+) -> None:
+    """ValueError where a file has more rows than it may, or unpacks to too much."""
     rows = metadata.num_rows
     size = sum(metadata.row_group(number).total_byte_size for number in range(metadata.num_row_groups))
-    if rows > MOST_ROWS or size > rows * MOST_BYTES_PER_ROW + MOST_BYTES_BESIDE:
-        raise ValueError(f"{path.name} says it has {rows} rows and {size} bytes, which is more than a session has")
+    if rows > most_rows or size > rows * most_bytes_per_row + MOST_BYTES_BESIDE:
+        raise ValueError(f"{name} says it has {rows} rows and {size} bytes, which is too much")

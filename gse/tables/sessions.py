@@ -97,5 +97,6 @@ def _serial(session: SessionData) -> str | None:
 
 
 def _verdict(assessment: Assessment | None) -> Iterator[Column]:
-    yield from columns_of(Assessment, assessment, without=("rows", "statistics", "budget"))
+    """``damaged`` is the column ``truncated`` of the conditions."""
+    yield from columns_of(Assessment, assessment, without=("rows", "statistics", "budget", "damaged"))
     yield records(Row, assessment.rows if assessment else None, "measurements")

@@ -8,6 +8,7 @@ SCHEMA_VERSION = 1
 """Of the three tables: one more where a column goes, or changes its name, type or meaning; not for a new column."""
 
 _UNITS = {
+    "mag_per_h": "mag/h",
     "arcsec_per_h": "arcsec/h",
     "arcsec_per_k": "arcsec/K",
     "arcsec_per_s": "arcsec/s",

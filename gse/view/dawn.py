@@ -10,6 +10,23 @@ _STEPS = 144
 _HALVINGS = 10
 
 
+class NextDawn:
+    """The next dawn at a site, looked for anew once the one before is over."""
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        self._from_ns, self._dawn_ns = 0, 0
+
+    def minutes(self, utc_ns: int) -> int | None:
+        """Whole minutes from an instant to dawn; None where none comes within a day."""
+        if not self._from_ns <= utc_ns < self._dawn_ns:
+            dawn_ns = next_dawn_ns(self._site, utc_ns)
+            if dawn_ns is None:
+                return None
+            self._from_ns, self._dawn_ns = utc_ns, dawn_ns
+        return (self._dawn_ns - utc_ns) // (60 * NS_PER_S)
+
+
 def next_dawn_ns(site: Site, utc_ns: int) -> int | None:
     """UTC of the next dawn within a day, good to a second; ``utc_ns`` where it is bright, None in polar night."""
     if is_bright(site, utc_ns):

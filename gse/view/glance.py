@@ -25,7 +25,7 @@ from gse.station.event_kinds import StationKind
 from gse.station.frame_results import NewResults
 from gse.station.results import FrameResult, Subject
 from gse.station.session_data import SessionData
-from gse.view.dawn import is_bright, next_dawn_ns
+from gse.view.dawn import NextDawn, is_bright
 from gse.view.event_lines import EventLines
 from gse.view.focus import focus_of
 from gse.view.glance_word import Facts, Phase, word_of
@@ -87,8 +87,7 @@ class Glance:
         self._latest_mono_ns = 0
         self._first_utc_ns = 0
         self._answered_utc_ns: int | None = None
-        self._dawn_ns: int | None = None
-        self._dawn_from_ns = 0
+        self._next_dawn = NextDawn(station.site)
         self._bright = False
         self._slow: dict[str, Any] = {}
         self._slow_due_ns = 0
@@ -269,7 +268,7 @@ class Glance:
             "link": self._link,
             "clock": latest.clock or None if latest else None,
             "disk_free_gb": self._disk_free_gb(),
-            "dawn_min": self._dawn_min(running.utc_ns or now.utc_ns),
+            "dawn_min": self._next_dawn.minutes(running.utc_ns or now.utc_ns),
             "turn": self._turn(),
             "focus": self._focus(),
             "events": [str(line) for line in self._events.latest(_EVENTS_SHOWN)],
@@ -286,12 +285,6 @@ class Glance:
         except OSError:
             return None
 
-    def _dawn_min(self, utc_ns: int) -> int | None:
-        """Minutes to dawn; None where none comes within a day."""
-        if not self._dawn_from_ns <= utc_ns < (self._dawn_ns or 0):
-            self._dawn_from_ns, self._dawn_ns = utc_ns, next_dawn_ns(self._station.site, utc_ns)
-        return None if self._dawn_ns is None else (self._dawn_ns - utc_ns) // (60 * NS_PER_S)
-
     def _fixed_mount(self) -> Mount | None:
         mount = self._station.mount
         return mount if mount.align is None else None
@@ -302,11 +295,7 @@ class Glance:
         if latest is None or latest.mount is None or not stated.stated:
             return None
         turn = mount_turn(latest.result, latest.mount, stated)
-        if turn is None:
-            return None
-        turns = (("across_deg", turn.across), ("up_deg", turn.up), ("roll_deg", turn.roll))
-        degrees = {name: round(one.angle_deg, 4) for name, one in turns}
-        return {**degrees, "across": turn.across.positive, "up": turn.up.positive, "text": str(turn)}
+        return turn.document() if turn else None
 
 
 def _latest_known(values: NDArray[np.float64]) -> float:

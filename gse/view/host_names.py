@@ -1,7 +1,7 @@
 """The names by which a web server of this machine may be asked.
 
-A request whose Host is no name of the server is refused: a page of somebody else's whose name was made to point here
-(DNS rebinding) reads nothing, and no foreign text enters a header.
+A request whose Host is not a name of the server is refused: a foreign page whose name was made to point here (DNS
+rebinding) reads nothing, and no foreign text enters a header.
 """
 
 import re

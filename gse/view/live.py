@@ -114,7 +114,7 @@ class LiveView:
             self._feed.conclude(verdict, reasons)
 
     def close(self) -> None:
-        """Show what waits, for at most some seconds, and end."""
+        """Show pending items, for some seconds at most, and end."""
         if not self._glance.has_ended:
             self._glance.conclude("", ())
         if self._server:

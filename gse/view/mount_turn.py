@@ -43,6 +43,12 @@ class MountTurn:
     def __str__(self) -> str:
         return f"{self.across}, {self.up}; then roll {self.roll}"
 
+    def document(self) -> dict[str, float | str]:
+        """Angles, directions of the positive ones and the text, for the glance page."""
+        turns = (("across_deg", self.across), ("up_deg", self.up), ("roll_deg", self.roll))
+        degrees = {name: round(one.angle_deg, 4) for name, one in turns}
+        return {**degrees, "across": self.across.positive, "up": self.up.positive, "text": str(self)}
+
 
 def mount_turn(result: FrameResult, used: Mount, stated: Mount) -> MountTurn | None:
     """The turn to the ``stated`` mount by a result that was compared with the mount ``used``; None without truth."""

@@ -32,9 +32,9 @@ _LOOPBACK = ("127.0.0.1", "::1")
 _MOST_MESSAGE_BYTES = 1 << 10
 _PIECE_BYTES = 1 << 20
 _BEHIND = re.compile(r"behind (\d{1,6}\.\d)")
-"""What a page with rerun's viewer tells: how many seconds it is behind."""
+"""Message of a page with rerun's viewer: how many seconds it is behind."""
 _WRONG_TOKEN_S = 1.0
-"""Between two wrong tokens, whoever sends them: nobody tries four thousand million of them."""
+"""The pause after a wrong token, for all senders together: four thousand million of them cannot be tried."""
 
 
 def application(server: "ViewServer") -> Application:

@@ -52,7 +52,7 @@ class SavedView:
         """Write the columns of the session, the clock and the verdict, and close the file.
 
         ``session`` has the same frames that were added; ``metrics`` is a table in Markdown. UsageError where the disk
-        did not take all of it: then there is no file.
+        did not take all of it: then no file is left.
         """
         try:
             self._finish(session, verdict, reasons, metrics)

@@ -112,7 +112,7 @@ class ViewServer:
         return True
 
     def ask(self, browser: WebSocketHandler) -> None:
-        """The browser has shown the document before, and wants the next one."""
+        """Take a browser's request for the next document; it has shown the one before."""
         (self._done if browser in self._told else self._waiting).add(browser)
 
     def leave(self, browser: WebSocketHandler) -> None:

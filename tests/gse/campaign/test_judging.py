@@ -11,13 +11,16 @@ from dataclasses import asdict
 
 import pandas as pd
 import polars as pl
+import pyarrow as pa
 import pyarrow.dataset as pads
+import pyarrow.parquet as pq
 import pytest
 from fsspec.implementations.local import LocalFileSystem
 from numpy.testing import assert_equal
 from skies.short_nights import make_session
 
 import gse as gse_api
+from drivers.outside_text import is_plain
 from gse.campaign.atlas_table import errors_of, session_errors
 from gse.campaign.dataset import ATLAS, FRAMES, SCHEMA, STARS, UNKNOWN, DataSet
 from gse.campaign.engine import plan_campaign
@@ -70,6 +73,8 @@ def test_pandas_polars_and_pyarrow_read_the_tables_as_they_lie(judged):
         }
         assert len(counts) == 1
         assert counts.pop() >= least
+        schema = pq.read_schema(next((judged / table).glob("sensor=LAPAN-like/*/*.parquet")))
+        assert [of.name for of in schema if of.metadata is None or b"unit" not in of.metadata] == []
     frames = pd.read_parquet(judged / "frames")
     assert set(frames["sensor"]) == {"LAPAN-like"}
     assert frames["onboard_d_de_arcsec"].abs().median() < 60
@@ -129,6 +134,41 @@ def test_a_damaged_table_is_named_with_what_to_do(judged, gse, tmp_path, damage)
         assert "delete the file of the same name below sessions/" in " ".join(done.err.split())
     with pytest.raises(UsageError, match="delete the file of the same name"):
         _ = gse_api.load(copy).frames
+
+
+FORGED = {
+    "many rows": lambda row: pa.concat_tables([row] * 1000),
+    "no row": lambda row: row.slice(0, 0),
+    "other columns": lambda row: row.select(["key", "verdict"]),
+    "a file that unpacks to gigabytes": lambda row: pa.table({"key": pa.nulls(20_000_000, pa.string())}),
+}
+
+
+@pytest.mark.parametrize("name", FORGED)
+def test_a_row_of_a_session_that_somebody_forged_is_refused(judged, gse, tmp_path, name):
+    copy = shutil.copytree(judged, tmp_path / "copy")
+    shutil.rmtree(copy / "index")
+    session = sorted((copy / "sessions").glob("*/*/*.parquet"))[0]
+    pq.write_table(FORGED[name](pq.ParquetFile(session).read()), session)
+    done = gse("campaign", "report", copy, "--out", tmp_path / "report")
+    assert (done.code, session.name in done.err.replace("\n", ""), "is damaged" in done.err) == (3, True, True)
+
+
+def test_an_index_with_a_session_twice_is_not_used(judged, tmp_path):
+    copy = shutil.copytree(judged, tmp_path / "copy")
+    index = copy / "index" / "sessions.parquet"
+    rows = pq.ParquetFile(index).read()
+    pq.write_table(pa.concat_tables([rows, rows]), index)
+    assert len(DataSet.at(str(copy)).sessions(("verdict",))) == len(rows)
+
+
+def test_texts_of_a_forged_data_set_steer_neither_terminal_nor_spreadsheet(judged, gse):
+    question = "select '=1+1' || chr(27) || '[2J' || chr(155) || chr(8238) as text, repeat('x', 2000) as long"
+    for form in ("text", "csv"):
+        out = gse("campaign", "query", judged, question, "--format", form).out
+        assert all(is_plain(line) for line in out.splitlines())
+    assert "'=1+1\\x1b[2J\\x9b\\u202e" in out
+    assert "x" * 2000 in out
 
 
 def test_a_wrong_question_is_answered_by_duckdb_in_words(judged, gse):

@@ -24,7 +24,7 @@ from gse.station.results import FrameResult, Status
 from gse.station.sky_condition import SUN_LIMIT_DEG
 from gse.truth import horizon_to_sensor
 from gse.view.blueprint import _reach
-from gse.view.dawn import next_dawn_ns
+from gse.view.dawn import NextDawn, next_dawn_ns
 from gse.view.event_lines import EventLines
 from gse.view.focus import focus_of
 from gse.view.glance import QUEUE_ITEMS, Glance
@@ -205,6 +205,28 @@ def test_there_is_no_dawn_in_polar_night() -> None:
     site = replace(synthetic_night(1).station.site, latitude_deg=85.0)
     winter_ns = START_NS - 90 * 86_400 * NS_PER_S
     assert next_dawn_ns(site, winter_ns) is None
+    assert NextDawn(site).minutes(winter_ns) is None
+
+
+def test_the_minutes_to_dawn_fall_and_are_those_to_the_next_one_after_it() -> None:
+    site = synthetic_night(1).station.site
+    dawn_ns, night_ns = next_dawn_ns(site, START_NS), 24 * 3600 * NS_PER_S
+    assert dawn_ns is not None
+    dawn = NextDawn(site)
+    at_start = dawn.minutes(START_NS)
+    assert at_start == (dawn_ns - START_NS) // (60 * NS_PER_S)
+    assert dawn.minutes(START_NS + 600 * NS_PER_S) == at_start - 10
+    assert dawn.minutes(dawn_ns + 60 * NS_PER_S) == 0  # it is bright
+    assert dawn.minutes(START_NS + night_ns) == pytest.approx(at_start, abs=3)
+
+
+def test_the_page_gets_angles_and_the_directions_of_positive_ones() -> None:
+    stated = Mount(altitude_deg=40.0)
+    turn = mount_turn(result_of(replace(stated, altitude_deg=39.0), stated), stated, stated)
+    assert turn is not None
+    document = turn.document()
+    assert (document["up_deg"], document["up"]) == (pytest.approx(1.0, abs=1e-4), "up")
+    assert document["text"] == str(turn)
 
 
 def test_ten_minutes_of_errors_keep_their_extremes_and_their_gaps() -> None:
