@@ -55,7 +55,7 @@ SHORTER = (
     ("--panoramas replays/night-sky", "--panoramas replays/night-sky --frames 50"),
     ("gse ci replays", "gse ci replays/golden"),
     ("gse config init roof.yaml", "rm -f another.yaml; gse config init another.yaml"),
-    ("campaign report campaign/ --out report/", "campaign report campaign/ --out page/"),
+    ("campaign report dataset --out campaign", "campaign report dataset --out page"),
     ("--out panorama.csv", "--out extracted.csv"),
 )
 """What makes an example long, or meets a file of another one, and its stand-in."""

@@ -21,8 +21,9 @@ settings.register_profile("any host", deadline=None)  # a busy one takes long, a
 settings.load_profile("any host")
 
 # A runner that was started in the background, or by nohup, hands ignored signals down to every process.
-for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
-    if signal.getsignal(number) is signal.SIG_IGN:
+for name, handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
+    number = getattr(signal, name, None)  # Windows has no SIGHUP
+    if number is not None and signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, handler)
 
 WITHOUT_MACHINE_CODE = ("protocols", "drivers")

@@ -17,6 +17,7 @@ TEXTS = sorted(
     [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "replays").rglob("*.md")],
     key=lambda path: path.relative_to(ROOT).as_posix(),
 )
+OF_TODAY = [text for text in TEXTS if text.name != "CHANGELOG.md"]  # which may name what there was
 _LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
 _HEADING_LINK = re.compile(r"\]\(([^)#: ]*)#([^)]+)\)")
 _OUR_FILE = re.compile(r"`((?:gse|drivers|protocols|tests|benchmarks|replays|docs)/[\w./-]*)`")
@@ -79,7 +80,7 @@ def test_the_formats_page_lists_every_kind_of_event() -> None:
     assert sorted(listed) == sorted([*LinkKind, *RecorderKind, *StationKind])
 
 
-@pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize("text", OF_TODAY, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_every_command_line_in_a_text_has_commands_and_options_that_exist(text: Path) -> None:
     lines = _COMMAND_LINE.findall(text.read_text(encoding="utf-8"))
     assert [line for line in lines if not is_understood(line)] == []
