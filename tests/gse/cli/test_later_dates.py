@@ -24,6 +24,13 @@ def at(offset: str, *words: object) -> list[str]:
     return ["faketime", "-f", offset, sys.executable, "-m", "gse", *map(str, words)]
 
 
+def preflight_at(offset: str, *words: object) -> dict[str, str]:
+    command = at(offset, "preflight", "--json", *words)
+    answer = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    found: dict[str, str] = next(item for item in json.loads(answer.stdout)["checks"] if item["name"] == "earth")
+    return found
+
+
 @pytest.fixture
 def midnight_station(tmp_path: Path) -> Path:
     """The built-in station where it is midnight now, so that the emulated sensor sees stars at any hour."""
@@ -47,12 +54,11 @@ def emulated(offset: str, station: Path) -> Iterator[str]:
             os.killpg(process.pid, signal.SIGTERM)  # faketime does not hand a signal on
 
 
-def test_preflight_warns_past_the_end_of_the_tables(tmp_path: Path) -> None:
-    command = at("+400d", "preflight", "--json", "--out", tmp_path)
-    answer = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
-    found = next(item for item in json.loads(answer.stdout)["checks"] if item["name"] == "earth")
+@pytest.mark.parametrize(("offset", "words"), [("+400d", "leap seconds"), ("+4y", "UT1 is only known to")])
+def test_preflight_warns_past_the_end_of_the_tables(tmp_path: Path, offset: str, words: str) -> None:
+    found = preflight_at(offset, "--out", tmp_path)
     assert found["outcome"] == "WARN"
-    assert "leap seconds" in found["text"]
+    assert words in found["text"]
     assert "--earth-orientation" in found["advice"]
 
 
