@@ -1,7 +1,7 @@
 """Frame processor: panoramas in, results out; every step works on columns of many panoramas."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,10 @@ CENTROID_SIGMA_PX = 0.3
 SAME_BORESIGHT_ARCSEC = 180.0
 _SAME_BORESIGHT_RAD = SAME_BORESIGHT_ARCSEC * ARCSEC_RAD
 """The answer under test is correct when its boresight is within this of the reference identifier's."""
+
+_MOST_BY_AIR_RAD = 1800.0 * ARCSEC_RAD
+_TIMES_PARTED = 3.0
+"""Standard deviations of the lift of the objects of a panorama: a few stars may all be high, or all low."""
 
 FAULT_FLAGS = frozenset({"detector fault", "memory fault"})
 
@@ -74,12 +78,14 @@ class FrameProcessor:
             took_us = (time.perf_counter_ns() - started_ns) / 1000
             elapsed_us = np.where(sound, round(took_us / max(len(panoramas) - len(faults), 1), 1), np.nan)
         true_stars = answered(objects, faults, self.reference.identify_many) if self.reference else None
+        checks, apart_rad = self._checks(attitudes, objects, true_stars)
         return Identified(
             objects.directions_sensor,
             sound,
             answers,
             attitudes,
-            self._checks(attitudes, objects, true_stars),
+            checks,
+            apart_rad,
             self._light(objects, answers, true_stars),
             elapsed_us,
             given,
@@ -90,6 +96,7 @@ class FrameProcessor:
 
         ``elapsed_us`` (K,) are the identification times of the results.
         """
+        identified = replace(identified, answer_check=self._checks_under_air(panoramas, identified))
         if isinstance(self.identifier, ExternalIdentifier):
             each = external_result.results_of(
                 self.identifier, panoramas, identified, elapsed_us.tolist(), self.truth, self.mount
@@ -227,18 +234,36 @@ class FrameProcessor:
             light.fill(unnamed, shown)
         return light
 
-    def _checks(self, attitudes: Attitudes, objects: ObjectColumns, true_stars: Answers | None) -> NDArray[np.uint8]:
-        """The check (K,) of each answer's attitude by the stars that the reference identifier found."""
-        checks = np.full(len(objects), _UNKNOWN, dtype=np.uint8)
+    def _checks(
+        self, attitudes: Attitudes, objects: ObjectColumns, true_stars: Answers | None
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+        """The check (K,) of each answer's attitude by the stars that the reference identifier found; how far apart."""
+        checks, all_apart_rad = np.full(len(objects), _UNKNOWN, dtype=np.uint8), np.full(len(objects), np.nan)
         if self.reference is None or true_stars is None:
-            return checks
+            return checks, all_apart_rad
         known = true_stars.named
         measured = objects.directions_sensor.take(rows_of(objects.parts, true_stars), axis=0)
         stars_icrs = self.reference.catalog.icrs.take(true_stars.stars, axis=0)
         looking = solve_attitudes(measured, stars_icrs, true_stars.parts.first[1:][known], 1e-4)
         apart_rad = np.linalg.norm(attitudes.boresights_icrs[known] - looking.boresights_icrs, axis=1)
         same = np.where(apart_rad < _SAME_BORESIGHT_RAD, _CORRECT, _FALSE)
-        checks[known] = np.where(np.isnan(apart_rad), _ABSENT, same)
+        checks[known], all_apart_rad[known] = np.where(np.isnan(apart_rad), _ABSENT, same), apart_rad
+        return checks, all_apart_rad
+
+    def _checks_under_air(self, panoramas: Panoramas, identified: Identified) -> NDArray[np.uint8]:
+        """The checks with what air makes of the boresights of other stars: in a low field it lifts each by another."""
+        checks = identified.answer_check
+        close = (checks == _FALSE) & (identified.apart_rad < _MOST_BY_AIR_RAD)
+        if self.truth is None or not close.any():
+            return checks
+        checks = checks.copy()
+        for k in np.flatnonzero(close).tolist():
+            stars = identified.directions_sensor[panoramas.parts.rows(k)]
+            up = self.truth.icrs_to_horizon_at(panoramas.utc_ns[k : k + 1])[0, 2]
+            lifted = stars - self.truth.unrefracted(stars, identified.attitudes.icrs_to_sensor[k] @ up)
+            by_air_rad = _TIMES_PARTED * float(np.sqrt(lifted.var(axis=0).sum()))
+            if identified.apart_rad[k] < _SAME_BORESIGHT_RAD + by_air_rad:
+                checks[k] = _CORRECT
         return checks
 
 

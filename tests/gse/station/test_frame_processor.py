@@ -15,6 +15,7 @@ from gse.panorama import Panorama, Panoramas
 from gse.station.frame_processor import FrameProcessor
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.results import AnswerCheck, Status
+from gse.truth import EarthOrientation, SiderealTruth
 
 BORESIGHT = Attitude.from_angles(83.0, 0.0, 20.0)
 ACROSS = np.cross(BORESIGHT.boresight_icrs, [0.0, 0.0, 1.0])
@@ -88,6 +89,25 @@ def test_an_answer_is_false_where_its_boresight_is_a_twentieth_of_a_degree_off(r
     found = result(Turned(reference, by_deg), reference, panorama)
     assert found.status is Status.IDENTIFIED
     assert found.answer_check is check
+
+
+@pytest.mark.parametrize(
+    ("altitude_deg", "by_deg", "check"),
+    [
+        (12.0, 0.07, AnswerCheck.CORRECT),
+        (12.0, 0.49, AnswerCheck.FALSE),
+        (12.0, 1.0, AnswerCheck.FALSE),
+        (60.0, 0.07, AnswerCheck.FALSE),
+    ],
+)
+def test_air_parts_the_boresights_of_other_stars_in_a_low_field(reference, panorama, altitude_deg, by_deg, check):
+    table = EarthOrientation.from_disk(panorama.utc_ns)
+    truths = [SiderealTruth(replace(SITE, longitude_deg=float(east)), table) for east in range(-180, 180, 2)]
+    heights = [(truth.icrs_to_horizon(panorama.utc_ns) @ BORESIGHT.boresight_icrs)[2] for truth in truths]
+    low = truths[int(np.abs(np.degrees(np.arcsin(heights)) - altitude_deg).argmin())]
+    made, panoramas = replace(processor(Turned(reference, by_deg), reference), truth=low), Panoramas.of([panorama])
+    identified = made.identify(panoramas)
+    assert made.conclude(panoramas, identified, identified.elapsed_us)[0].answer_check is check
 
 
 def test_no_answer_is_absent_where_the_reference_identifier_has_one(reference, panorama):
