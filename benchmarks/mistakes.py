@@ -127,7 +127,9 @@ def named(mistake: Mistake, folder: Path) -> tuple[float, str]:
         command = [*mistake.prefix, *GSE, "run", "--station", str(folder / "station.yaml"), "--clock-error", "0.1s"]
         command += ["--out", str(folder / "sessions")]
         began_s = time.monotonic()
-        run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        run = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
         assert run.stderr is not None
         timer_s = began_s + WITHIN_S
         lines = []
@@ -139,7 +141,7 @@ def named(mistake: Mistake, folder: Path) -> tuple[float, str]:
                 if time.monotonic() > timer_s + WITHIN_S:
                     break
         finally:
-            run.send_signal(signal.SIGKILL)
+            os.killpg(run.pid, signal.SIGKILL)  # faketime starts a process of its own
             run.wait()
     return float("inf"), " | ".join(line.strip() for line in lines[-4:])
 

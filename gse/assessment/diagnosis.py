@@ -15,6 +15,7 @@ from gse.assessment.field_patterns import field_of_errors, unexplained_residuals
 from gse.assessment.fine_findings import Setting, fine_findings
 from gse.assessment.focus import focus_finding, focus_loss
 from gse.assessment.known_steps import without_steps
+from gse.assessment.low_field import without_shaking
 from gse.assessment.out_of_place import STARS_FALL_OUT, most_unmatched, stars_fall_out
 from gse.assessment.plain_findings import (
     event_findings,
@@ -99,6 +100,7 @@ def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
     try:
         modelled = session_model(session, counted)
         found = fine_findings(modelled.model, modelled.series, modelled.setting) if modelled else ()
+        found = without_shaking(found, session)
     except np.linalg.LinAlgError:  # stars or errors that lie on one line: they tell no cause, and end no session
         return ()
     of_camera = [finding for finding in found if finding.cause in STARS_FALL_OUT]

@@ -7,12 +7,14 @@ from dataclasses import replace
 
 from gse.assessment.decision import Outcome, Row
 from gse.constants import ARCSEC_PER_RAD
+from gse.finding import Finding
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.own_answers import OwnAnswerTruth, field_of
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.truth import truth_of
 
+VIBRATION = "vibration"
 _OF_TOLERANCE = 0.5
 """Root mean square over the field: the distance of two stars is then off by up to three times as much."""
 
@@ -31,6 +33,16 @@ def air_in_field(session: SessionData) -> str:
     if px < _OF_TOLERANCE * station.identifier.tolerance_px:
         return ""
     return f"air parts the stars of this low field by {arcsec:.0f} arcsec ({px:.1f} px, rms)"
+
+
+def without_shaking(found: tuple[Finding, ...], session: SessionData) -> tuple[Finding, ...]:
+    """Findings without a vibration where air parts the stars.
+
+    An identifier then names those whose errors make up for the air, so that they scatter by less than all do.
+    """
+    if any(finding.cause == VIBRATION for finding in found) and air_in_field(session):
+        return tuple(finding for finding in found if finding.cause != VIBRATION)
+    return found
 
 
 def only_reference_answers(session: SessionData) -> bool:

@@ -7,11 +7,12 @@ import pytest
 from skies.known_nights import session
 
 from gse.assessment.decision import Outcome, Row
-from gse.assessment.low_field import air_in_field, under_air
+from gse.assessment.low_field import air_in_field, under_air, without_shaking
 from gse.assessment.sensor_answers import by_other_stars_arcsec
 from gse.assessment.truth_budget import session_facts, truth_budget
 from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.finding import Finding
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status, Subject
 from protocols import AttitudeMessage
@@ -47,6 +48,12 @@ def test_an_identifier_without_air_does_not_fail_for_it():
 )
 def test_nothing_else_is_excused(altitude_deg, answered, row):
     assert under_air(row, night(altitude_deg, answered)) is row
+
+
+def test_no_vibration_is_told_where_air_chooses_the_stars():
+    found = (Finding("mount", "it is off"), Finding("vibration", "the boresight shakes"))
+    assert without_shaking(found, night(16.0)) == found[:1]
+    assert without_shaking(found, night(50.0)) == found
 
 
 def test_without_a_truth_nothing_is_known_of_the_air():
