@@ -13,22 +13,26 @@ _MOST_STEPS = 8
 class FrameBudget:
     """Allows a loss only where time has passed in which the lost frames can have been sent.
 
-    The sum of all losses allowed never exceeds the time that has passed by the sensor's period, and SLACK.
+    The sum of all losses allowed never exceeds the time that has passed by the sensor's period, and SLACK. The period
+    is known from two frames that follow each other, or from two pairs that are a few numbers apart: one such pair may
+    be chance where numbers make no sense.
     """
 
     def __init__(self) -> None:
         self._periods: deque[float] = deque(maxlen=_SAMPLES)
+        self._is_known = False
         self._left = 0.0
 
     def pass_time(self, seconds: float) -> None:
         """So much time lies between the frame before and this one."""
-        if self._periods:
+        if self._is_known:
             self._left += max(seconds, 0.0) / median(self._periods)
 
     def learn(self, seconds: float, steps: int) -> None:
         """Two frames are so far apart by the sensor's own clock, and by so many sequence numbers."""
         if seconds > 0 and 1 <= steps <= _MOST_STEPS:
             self._periods.append(seconds / steps)
+            self._is_known = steps == 1 or len(self._periods) > 1
 
     def came(self) -> None:
         """One of the frames that can have been sent is here."""

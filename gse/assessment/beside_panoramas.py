@@ -33,7 +33,6 @@ _OF_LIMIT = 0.1
 """Less noise than this share of its limit does no harm."""
 _ONE_SIDED_SHARE = 0.01
 _WHOLE_FRAME = 0.1
-_DELAY = "sensor delay"
 _MORE_THAN_DELAY = 1.2
 """Times the turn that a delay makes: other stars in the sensor's fix move either."""
 _ROLL_IS_WORSE = 10.0
@@ -57,7 +56,7 @@ def beside_panoramas(
     """A finding for each way in which the answers differ by more than is explained."""
     offset = tuple(_offset(session, own, explained.shift_arcsec))
     yield from offset
-    by_delay_arcsec = _roll_of_delay_arcsec(session, own) if any(one.cause == _DELAY for one in offset) else 0.0
+    by_delay_arcsec = _roll_of_delay_arcsec(session, own) if any(one.cause == "sensor delay" for one in offset) else 0.0
     yield from _turned(session, own, explained.roll_arcsec + by_delay_arcsec)
     yield from _noisy(session, own, explained.scatter_arcsec)
     yield from _one_sided(alike)
@@ -84,7 +83,7 @@ def _offset(session: SessionData, own: SensorAnswers, explained_arcsec: float) -
         return
     side = "before" if late_s > 0 else "after"
     yield Finding(
-        _DELAY,
+        "sensor delay",
         f"its answers lie {where}, as those of {abs(late_s):.2f} s {side} the exposure that they are marked with",
         equals=("a bias of its own in RA",),
         next_step="look which exposure its firmware names in ATTITUDE",

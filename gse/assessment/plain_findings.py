@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from drivers.chunk import LinkEvent
 from gse.assessment.low_field import air_in_field, only_reference_answers
 from gse.assessment.out_of_place import FALLEN_OUT_SHARE
 from gse.assessment.statistics import Statistics
@@ -26,7 +27,10 @@ _EQUALS_OF_EVENT = {
 
 def event_findings(session: SessionData, named: set[str]) -> Iterator[Finding]:
     """What events say that no named cause says already."""
-    kinds = {event.kind: event for event in session.events}
+    kinds = {event.kind: event for event in session.events if not _kept_utc(event)}
+    if stood_still := next(filter(_kept_utc, session.events), None):
+        remedy = "keep this computer awake during a session, with its settings or systemd-inhibit"
+        yield Finding("monotonic clock", stood_still.text, (), remedy)
     if StationKind.MIRRORED in kinds:
         kinds.pop(StationKind.WRONG_CAMERA, None)
     if away_s := ran_away_s(session):
@@ -59,9 +63,14 @@ def event_findings(session: SessionData, named: set[str]) -> Iterator[Finding]:
             yield Finding(cause, kinds[kind].text, _EQUALS_OF_EVENT.get(kind, ()), following)
 
 
+def _kept_utc(event: LinkEvent) -> bool:
+    """Whether it is a step of the monotonic clock alone: the host was suspended, or that clock began anew."""
+    return isinstance(event, ClockStep) and event.utc_kept
+
+
 def ran_away_s(session: SessionData) -> float:
     """The sum of the steps of the host's clock, where most frames have one and all go one way; else 0."""
-    steps_ns = [event.step_ns for event in session.events if isinstance(event, ClockStep)]
+    steps_ns = [event.step_ns for event in session.events if isinstance(event, ClockStep) and not event.utc_kept]
     is_drift = len(steps_ns) > _FEWEST_DRIFTING + len(session.frames.columns) // 2
     same_way = len({step_ns > 0 for step_ns in steps_ns}) == 1
     return sum(steps_ns) / NS_PER_S if is_drift and same_way else 0.0

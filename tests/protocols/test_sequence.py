@@ -37,6 +37,16 @@ def test_a_gap_of_more_than_half_a_turn_is_believed_when_the_clock_goes_on() -> 
     assert tracker.lost == 49_999
 
 
+def test_one_pair_of_numbers_a_few_apart_tells_no_period_and_a_second_does() -> None:
+    tracker = SequenceTracker()
+    tracker.accept(100, time_us=0)
+    tracker.accept(104, time_us=100_000)
+    assert tracker.accept(500, time_us=60_100_000) is Arrival.CHAOS
+    tracker.accept(504, time_us=60_200_000)
+    assert tracker.accept(904, time_us=70_200_000) is Arrival.GAP
+    assert tracker.lost == 3 + 3 + 399
+
+
 def test_a_number_that_goes_back_without_a_clock_is_a_restart_not_sixty_thousand_lost_frames() -> None:
     tracker = SequenceTracker()
     assert arrivals(500, 0, 1, tracker=tracker) == [Arrival.NEXT, Arrival.RESET, Arrival.NEXT]

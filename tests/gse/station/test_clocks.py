@@ -169,6 +169,9 @@ def test_a_host_that_was_suspended_is_told_as_such_and_its_utc_is_right(sky):
     assert text.startswith("the host was suspended: its monotonic clock stood still for 15.000 s")
     assessment = judge(session)
     assert assessment.verdict is Verdict.PASS
+    assert [(found.cause, found.next_step.partition(" during")[0]) for found in assessment.findings] == [
+        ("monotonic clock", "keep this computer awake")
+    ]
     assert assessment.statistics.clock.error_bound_s == pytest.approx(0.001)
     counted_s = counted_and_right(sky, session)
     assert (counted_s < 19.9).sum() == 100
