@@ -76,9 +76,16 @@ def test_a_wide_lens_that_leaves_few_right_answers_is_the_cameras():
 
 def test_a_wide_field_that_reaches_to_the_horizon_is_told_before_the_camera():
     low = replace(LENS, altitude_deg=30.0)
-    told = judge(session(low, replace(low, k1=-0.01), replace(PLAN, seconds=12.0)))
+    told = judge(session(low, replace(low, k1=-0.03), replace(PLAN, seconds=12.0)))
     assert told.findings[0].cause == "field near the horizon"
     assert "down to an altitude of" in told.findings[0].size
+
+
+def test_a_distortion_is_told_in_a_field_that_reaches_to_the_horizon():
+    low = replace(LENS, altitude_deg=30.0)
+    told = judge(session(low, replace(low, k1=-0.01), replace(PLAN, seconds=12.0)))
+    assert [finding.cause for finding in told.findings] == ["distortion"]
+    assert "radial_distortion: [-0.01" in told.findings[0].size
 
 
 def test_air_that_is_not_that_of_the_height_fails_no_sensor():
