@@ -15,7 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from itertools import takewhile
@@ -46,6 +46,7 @@ FAINTER = 0.9
 _INDEX_MAX = 4096
 _CHUNK_FRAMES = 25
 _QUEUED_PER_WORKER = 4
+_LOOK_EVERY_S = 0.2
 """Chunks handed over ahead, so that no worker waits."""
 
 _WARM_UP_FRAMES = 3
@@ -203,13 +204,14 @@ def outcomes(plan: Plan, workers: int = 1) -> Iterator[list[Outcome]]:
     executor = ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(plan,))
     queued: deque[Future[list[Outcome]]] = deque()
     try:
-        for task in tasks(plan):
-            with _interrupts_held():
-                queued.append(executor.submit(_work, *task))
-            if len(queued) == _QUEUED_PER_WORKER * workers:
-                yield queued.popleft().result()
-        while queued:
-            yield queued.popleft().result()
+        with _interrupt_noted() as interrupted:
+            for task in tasks(plan):
+                with _interrupts_held():
+                    queued.append(executor.submit(_work, *task))
+                if len(queued) == _QUEUED_PER_WORKER * workers:
+                    yield _result(queued.popleft(), interrupted)
+            while queued:
+                yield _result(queued.popleft(), interrupted)
     except BrokenProcessPool as error:
         raise GseError("a worker process ended by itself, perhaps for want of memory; try fewer --workers") from error
     except (KeyboardInterrupt, GeneratorExit):
@@ -226,9 +228,20 @@ def tasks(plan: Plan) -> Iterator[tuple[int, range]]:
     return ((cell, range(c, plan.frames, chunks)) for c in range(chunks) for cell in range(len(plan.cells)))
 
 
+def _result(future: Future[list[Outcome]], interrupted: threading.Event) -> list[Outcome]:
+    """The result of a worker; KeyboardInterrupt soon after a Ctrl-C, wherever it came."""
+    while not interrupted.is_set():
+        if wait([future], _LOOK_EVERY_S).done:
+            return future.result()
+    raise KeyboardInterrupt
+
+
 @contextmanager
 def _interrupt_noted() -> Iterator[threading.Event]:
-    """The first Ctrl-C sets the event: an exception in the middle of compiled code may end the process (SIGSEGV)."""
+    """The first Ctrl-C sets the event.
+
+    As an exception it may end the process in compiled code (SIGSEGV), and is lost where Python ignores exceptions.
+    """
     noted = threading.Event()
 
     def note(number: int, frame: FrameType | None) -> None:
