@@ -33,10 +33,10 @@ def one(count: int) -> None:
     started = time.process_time()
     sys.path.insert(0, str(ROOT / "tests"))
     from gse.assessment.verdict import judge
-    from gse.cli.without_pandas import spare_pandas
     from gse.report.files import write_report
     from gse.sessions.kept_results import keep, kept
     from gse.tables import ResultKey
+    from gse.without_pandas import spare_pandas
 
     imports = time.process_time() - started
     spare_pandas()
