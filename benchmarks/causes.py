@@ -240,6 +240,8 @@ def fine_table(sessions: int, sigmas: float, names: list[str], seed: int) -> Non
             rng = np.random.default_rng([seed, number, list(CAUSES).index(name)])
             world, plan = setting(rng, number)
             world = replace(world, altitude_deg=float(rng.choice(CAUSES[name].altitudes_deg)))
+            if name == "thermal swing" and plan.seconds < 1.5 * world.wave_period_s:
+                plan = replace(plan, seconds=600.0, rate_hz=1.0)  # a minute holds no whole swing
             true = injected(name, world, plan, rng, sigmas)
             found = judge(session(world, true, plan)).findings
             word = word_of(name, found)

@@ -163,7 +163,7 @@ def cluster(folder: Path, workers: int = 2):
             }
         )
         address = f"tcp://127.0.0.1:{free_port()}"
-        common = ("--no-dashboard", "--protocol", "tcp")
+        common = ("--no-dashboard", "--dashboard-address", "127.0.0.1:0", "--protocol", "tcp")
         dask = (sys.executable, "-m", "dask")
         scheduler = start(*dask, "scheduler", "--host", address, *common, env=env, log=folder / "scheduler.log")
         stack.callback(scheduler.end)

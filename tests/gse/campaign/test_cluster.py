@@ -100,6 +100,15 @@ def listeners() -> set:
     }
 
 
+def test_a_scheduler_and_workers_started_as_the_documentation_says_listen_on_loopback_alone(running):
+    page = (Path(__file__).parents[3] / "docs" / "campaigns.md").read_text(encoding="utf-8")
+    commands = [line for line in page.splitlines() if line.startswith("    dask ")]
+    assert len(commands) == 2
+    assert all(" --dashboard-address 127.0.0.1:" in line and "127.0.0.1" in line for line in commands)
+    with connected(running.address, 1):  # which waits for a worker
+        assert {address.ip for address in listeners()} == {"127.0.0.1"}
+
+
 def test_workers_of_its_own_listen_on_loopback_alone_and_one_that_is_killed_loses_nothing(nights, tmp_path):
     before, listening, profiled = listeners(), set(), []
 
