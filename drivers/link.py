@@ -17,7 +17,7 @@ import serial
 from drivers.chunk import Chunk, LinkEvent, LinkKind
 from drivers.errors import PortError
 from drivers.mock.timestamped_port import Item, TimestampedPort, TimestampedSerial
-from drivers.ports import READ_TIMEOUT_S, PortInfo, is_awaitable, open_port, ports_here
+from drivers.ports import READ_TIMEOUT_S, PortInfo, is_awaitable, is_device, open_port, ports_here
 from drivers.reconnect import PortFinder
 from drivers.session_file.records import Message, MessageWriter
 
@@ -28,6 +28,8 @@ MOST_ITEMS = 500_000
 MOST_BACKLOG_BYTES = 128 << 20
 """Received and not yet fetched, more than an hour at 115200 baud: further bytes are only recorded."""
 SOCKET_BYTES = 65536
+_AT_ONCE_NS = 1_000_000_000
+"""A network port that closes sooner refuses: most servers give a serial line to one client."""
 
 # What pyserial raises on a port that goes away: close() from another thread gives TypeError, ioctls termios.error.
 try:
@@ -170,6 +172,7 @@ class _Receiver:
         self._received_bytes = self._fetched_bytes = 0
         self._backlog_reported = self._full_reported = False
         self._opened_before = port is not None
+        self._opened_ns = time.monotonic_ns()
         self._stop = threading.Event()
         self._report(
             *((LinkKind.OPENED, f"{url} is open") if port else (LinkKind.NO_PORT, f"waiting for the port: {absent}"))
@@ -271,7 +274,9 @@ class _Receiver:
         port, self._port = self._port, None
         if port is not None:
             _close(port)
-        self._report(LinkKind.LOST, f"{self._url} is gone ({_brief(error)}); waiting for it to come back")
+        is_refused = not is_device(self._url) and time.monotonic_ns() - self._opened_ns < _AT_ONCE_NS
+        why = f"{_brief(error)}{'; it closed at once: another client may have the line' if is_refused else ''}"
+        self._report(LinkKind.LOST, f"{self._url} is gone ({why}); waiting for it to come back")
 
     def _reopen(self) -> None:
         found = self._finder.open_again(self._stop)
@@ -282,6 +287,7 @@ class _Receiver:
         name = self._url if url == self._url else f"{self._url}, now named {url},"
         self._report(LinkKind.REOPENED if self._opened_before else LinkKind.OPENED, f"{name} is open")
         self._opened_before = True
+        self._opened_ns = time.monotonic_ns()
 
 
 def _read(port: serial.Serial) -> bytes:

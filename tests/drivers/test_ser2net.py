@@ -102,6 +102,22 @@ def test_a_second_client_is_refused_in_words_and_the_first_loses_nothing(server:
         assert receive(link, len(EVERY_BYTE)) == EVERY_BYTE
 
 
+@pytest.mark.parametrize("server", ["socket"], indirect=True)
+def test_a_second_client_of_a_raw_socket_is_told_why_it_is_hung_up_on(server: Ser2net, terminal: Terminal) -> None:
+    with SerialLink(server.url, 115200, wait_port=True) as link:
+        await_event(link, "OPENED")
+        server.await_open(terminal.path)
+        with SerialLink(server.url, 115200) as second:
+            told: list[str] = []
+            while not told:
+                told = [
+                    item.text for item in second.receive(20.0) if isinstance(item, LinkEvent) and item.kind == "LOST"
+                ]
+        assert "another client may have the line" in told[0]
+        terminal.write(EVERY_BYTE)
+        assert receive(link, len(EVERY_BYTE)) == EVERY_BYTE
+
+
 @pytest.mark.skipif(not own_network.can_be_made(), reason="this system gives no process a network of its own")
 @pytest.mark.parametrize("scheme", ["rfc2217", "socket"])
 def test_a_connection_without_any_packet_is_told_and_opened_again(scheme: str) -> None:
