@@ -84,7 +84,7 @@ class SerialLink:
 
     @property
     def is_live(self) -> bool:
-        """Whether the bytes come now, from a port, stamped by the host clock."""
+        """Whether the bytes come now, from a port, timestamped by the host clock."""
         return self._live is not None
 
     @property

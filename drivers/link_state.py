@@ -86,6 +86,8 @@ class LinkMonitor:
         self._now_ns = mono_ns
         changes: list[LinkEvent] = []
         due_ns = self._since_ns + self._patience_ns
+        if mono_ns <= due_ns and self.state is not LinkKind.SYNCING:
+            return changes
         if mono_ns > due_ns and not self._silence_reported:
             changes += self._silence_changes(due_ns)
         if self.state == LinkKind.SYNCING and mono_ns > self._bytes_ns + self._patience_ns:

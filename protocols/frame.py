@@ -1,7 +1,7 @@
 """Parts of a stream of bytes: frames, and discards with their reason."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 Reason = Literal["no sync", "unknown type", "bad length", "bad crc", "truncated"]
 
@@ -16,9 +16,8 @@ MAX_DISCARD_BYTES = 4096
 """A discard is reported when its end is known, or when it has this many bytes: 0.4 s of garbage at 115200 baud."""
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """A frame whose type, length and checksum are right.
+class Frame(NamedTuple):
+    """A frame whose type, length and checksum are right; a tuple, because a night has a million of them.
 
     ``start`` is its offset in the stream, ``size`` its bytes there; ``type`` the name of its message; ``sequence`` is
     -1 in a protocol without sequence numbers.

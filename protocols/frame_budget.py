@@ -20,18 +20,23 @@ class FrameBudget:
 
     def __init__(self) -> None:
         self._periods: deque[float] = deque(maxlen=_SAMPLES)
+        self._period = 0.0
         self._is_known = False
         self._left = 0.0
 
     def pass_time(self, seconds: float) -> None:
         """So much time lies between the frame before and this one."""
         if self._is_known:
-            self._left += max(seconds, 0.0) / median(self._periods)
+            self._left += max(seconds, 0.0) / self._period
 
     def learn(self, seconds: float, steps: int) -> None:
         """Two frames are so far apart by the sensor's own clock, and by so many sequence numbers."""
         if seconds > 0 and 1 <= steps <= _MOST_STEPS:
-            self._periods.append(seconds / steps)
+            period = seconds / steps
+            stays = len(self._periods) == _SAMPLES and self._periods[0] == period
+            self._periods.append(period)
+            if not stays:
+                self._period = median(self._periods)
             self._is_known = steps == 1 or len(self._periods) > 1
 
     def came(self) -> None:

@@ -9,7 +9,7 @@ from protocols.syncword import SyncWordScanner
 class FrameDecoder:
     """Finds the frames in a stream: those that the sensor sends, those that it is sent, or both (``from_sensor`` None).
 
-    A message that goes the other way is of an unknown type there: an echo is no frame, and its number is none of ours.
+    A message that goes the other way is of an unknown type there: an echo is not a frame, nor is its number counted.
     However the stream is cut into pieces, the same frames and the same discards come out, in the order of the stream.
     Always bytes_in == bytes_framed + bytes_discarded + pending.
     """
@@ -25,6 +25,11 @@ class FrameDecoder:
     def pending(self) -> int:
         """Bytes held back until it is known what they are; bounded by the largest frame and discard."""
         return self._scanner.pending
+
+    @property
+    def wanted(self) -> int:
+        """How many bytes must come before anything can be found: what comes until then may come at once."""
+        return self._scanner.wanted
 
     @property
     def refused(self) -> Discard | None:

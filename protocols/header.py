@@ -9,6 +9,9 @@ from protocols.placement import check_words, place, width
 from protocols.reading import Source
 from protocols.vocabulary import HEADER_FIELDS, SPARE
 
+_READ = ("type", "flags", "length", "sequence")
+_ABSENT = (None, 0, None, -1)
+"""What a header without one of these fields says."""
 _CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
 
 
@@ -16,11 +19,13 @@ _CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
 class HeaderLayout:
     """Layout of the header's numbers.
 
-    ``names`` are the fields in the order of ``packed``; the length field says payload bytes = factor * count + zero.
+    ``names`` are the fields in the order of ``packed``, ``places`` those of type, flags, length and sequence in it, or
+    beyond it in _ABSENT; the length field says payload bytes = factor * count + zero.
     """
 
     packed: struct.Struct
     names: tuple[str, ...]
+    places: tuple[int, int, int, int]
     widths: Mapping[str, int]
     length_factor: int
     length_zero: int
@@ -55,11 +60,12 @@ class HeaderLayout:
 
     def read(self, frame: bytes | bytearray, offset: int) -> tuple[int, int, int | None, int]:
         """Type, flags, payload length (None if the header does not say) and sequence number (-1 without one)."""
-        values = dict(zip(self.names, self.packed.unpack_from(frame, offset), strict=True))
-        length = values.get("length")
-        if length is not None:
-            length = self.length_factor * length + self.length_zero
-        return values["type"], values.get("flags", 0), length, values.get("sequence", -1)
+        values = (*self.packed.unpack_from(frame, offset), *_ABSENT)
+        code, flags, length, sequence = self.places
+        stated = values[length]
+        if stated is not None:
+            stated = self.length_factor * stated + self.length_zero
+        return values[code], values[flags], stated, values[sequence]
 
     def write(self, code: int, flags: int, size: int, sequence: int) -> bytes:
         """The bytes of a header; the sequence number wraps, the caller has checked that the others fit."""
@@ -92,14 +98,24 @@ def compile_header(fields: Sequence[FieldDescription], order: str, source: Sourc
         text += f"{item.offset - at}x{_CODES[item.size]}"
         at = item.end
     flags = by_name.get("flags")
+    names = tuple(item.name for item in ordered)
     return HeaderLayout(
         packed=struct.Struct(f"{text}{max(p.end for p in placed) - at}x"),
-        names=tuple(item.name for item in ordered),
+        names=names,
+        places=_places(names),
         widths={name: width(field) for name, field in by_name.items()},
         length_factor=int(length.scale or 1) if length else 1,
         length_zero=int(length.zero) if length else 0,
         flag_names=(flags.bits or {}) if flags else {},
     )
+
+
+def _places(names: tuple[str, ...]) -> tuple[int, int, int, int]:
+    """Where ``HeaderLayout.read`` finds its four numbers."""
+    code, flags, length, sequence = (
+        names.index(name) if name in names else len(names) + place for place, name in enumerate(_READ)
+    )
+    return code, flags, length, sequence
 
 
 def _check(

@@ -54,7 +54,7 @@ class SequenceTracker:
         self._last: int | None = None
         self._last_time_us: int | None = None
         self._timed: int | None = None
-        self._seen: deque[tuple[int, int | None]] = deque(maxlen=RECENT)
+        self._seen: dict[tuple[int, int | None], None] = {}
         self._missing: deque[int] = deque(maxlen=RECENT)
 
     @property
@@ -78,7 +78,7 @@ class SequenceTracker:
         host's time since the frame before, where it is known; else the sensor's clock bounds what can be lost. ``copy``
         is false where its bytes are known to be others than those of the frame that had its number before.
         """
-        arrival = self._judge(sequence, time_us, restarted)
+        arrival = self._classify(sequence, time_us, restarted)
         if arrival is Arrival.DUPLICATE and not copy:
             arrival = Arrival.CHAOS
         if arrival is Arrival.DUPLICATE:
@@ -104,7 +104,9 @@ class SequenceTracker:
         if arrival is not Arrival.LATE:
             self._last = sequence
             self._last_time_us = self._last_time_us if time_us is None else time_us
-        self._seen.append((sequence, time_us))
+        self._seen[sequence, time_us] = None
+        if len(self._seen) > RECENT:
+            del self._seen[next(iter(self._seen))]
         return arrival
 
     def _pass_time(self, sequence: int, time_us: int | None, elapsed_s: float | None) -> bool:
@@ -122,7 +124,7 @@ class SequenceTracker:
             self._timed = sequence
         return elapsed_s is not None
 
-    def _judge(self, sequence: int, time_us: int | None, restarted: bool) -> Arrival:
+    def _classify(self, sequence: int, time_us: int | None, restarted: bool) -> Arrival:
         clock_back = None not in (time_us, self._last_time_us) and time_us < self._last_time_us  # type: ignore[operator]
         if self._modulus == 0:
             return Arrival.RESET if restarted or clock_back else Arrival.NEXT

@@ -59,6 +59,11 @@ class SlipScanner:
         return len(self._buffer)
 
     @property
+    def wanted(self) -> int:
+        """Any byte may end a packet."""
+        return 1
+
+    @property
     def refused(self) -> None:
         """Nothing: a packet is complete before it is looked at."""
 

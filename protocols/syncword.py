@@ -40,6 +40,11 @@ class SyncWordScanner:
         return len(self._buffer)
 
     @property
+    def wanted(self) -> int:
+        """The bytes that are missing of a frame that has begun."""
+        return max(self._wanted - len(self._buffer), 1)
+
+    @property
     def refused(self) -> Discard | None:
         """What is held back, where it is known already that it begins with no frame, and why."""
         is_known = self._reason not in (NO_SYNC, TRUNCATED)

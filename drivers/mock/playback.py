@@ -1,4 +1,4 @@
-"""Recordings as items of a stamped port: sessions and raw captures, cut out, cut up, repeated."""
+"""Recordings as items of a timestamped port: sessions and raw captures, cut out, cut up, repeated."""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -27,15 +27,15 @@ def session_items(path: Path, from_utc_ns: int | None = None, to_utc_ns: int | N
 def _session_items(path: Path, capture: Capture, from_utc_ns: int, to_utc_ns: int | None) -> Iterator[Item]:
     stamp = (from_utc_ns, 0)
     for record in capture:
-        if isinstance(record, Damage):
-            if record.reason != "cut off":
-                text = f"{record.file}: {record.size} bytes from {record.offset} on are damaged: {record.reason}"
-                yield LinkEvent(*stamp, LinkKind.DAMAGED, text)
-        elif isinstance(record, Message) and record.topic in (RX, EVENTS):
-            if record.utc_ns < from_utc_ns or (to_utc_ns is not None and record.utc_ns >= to_utc_ns):
+        if isinstance(record, Message):
+            topic, utc_ns, mono_ns, data = record
+            if topic not in (RX, EVENTS) or utc_ns < from_utc_ns or (to_utc_ns is not None and utc_ns >= to_utc_ns):
                 continue
-            stamp = (record.utc_ns, record.mono_ns)
-            yield record.chunk() if record.topic == RX else record.event()
+            stamp = (utc_ns, mono_ns)
+            yield Chunk(utc_ns, mono_ns, data) if topic == RX else record.event()
+        elif isinstance(record, Damage) and record.reason != "cut off":
+            text = f"{record.file}: {record.size} bytes from {record.offset} on are damaged: {record.reason}"
+            yield LinkEvent(*stamp, LinkKind.DAMAGED, text)
     if capture.missing:
         yield LinkEvent(*stamp, LinkKind.DAMAGED, f"missing: {', '.join(capture.missing)}")
     elif capture.truncated:

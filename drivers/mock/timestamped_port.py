@@ -71,7 +71,7 @@ class Pace:
 
 
 class TimestampedSerial(SerialBase):
-    """A pyserial port over an iterator of stamped chunks and events; subclasses open the iterator."""
+    """A pyserial port over an iterator of timestamped chunks and events; subclasses open the iterator."""
 
     def _open_items(self) -> tuple[Iterator[Item], float]:
         """The items and the speed to give them at; DriverError where the URL or what it names is wrong."""
@@ -114,7 +114,7 @@ class TimestampedSerial(SerialBase):
         if self._rest:
             rest, self._rest = self._rest, b""
             return Chunk(*self._stamp, rest)
-        item = self._peek()
+        item = self._next or self._peek()
         if item is None or not self._pace.wait(item.mono_ns, self.timeout):
             return None
         self._next = None

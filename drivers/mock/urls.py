@@ -52,7 +52,7 @@ def parse_mock_url(url: str) -> MockUrl:
 
 
 def replay_url(path: Path | str, **options: object) -> str:
-    """The URL that replays a recording; any path works, also with spaces, question marks or bytes that are no UTF-8.
+    """The URL that replays a recording; any path works, also with spaces, question marks or bytes that are not UTF-8.
 
     Options: speed, from and to (RFC 3339 UTC; write ``from_`` in Python), loop, cut, start_utc, faults, seed.
     """

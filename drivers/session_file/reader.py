@@ -12,7 +12,7 @@ from pathlib import Path
 from drivers.errors import CaptureError
 from drivers.session_file.file_window import FileWindow
 from drivers.session_file.record_scanner import RecordScanner
-from drivers.session_file.records import CONTINUED, Attachment, Damage, Message, Record
+from drivers.session_file.records import CONTINUED, Damage, Message, Record
 
 MOST_ATTACHMENTS = 1000
 """Names kept to give each file frozen into the segments once."""
@@ -66,19 +66,19 @@ class Capture:
             with FileWindow(segment) as window:
                 walk = RecordScanner(window, segment.name, from_utc_ns=self._from_utc_ns, only=self._only)
                 for record in walk.records():
-                    if isinstance(record, Attachment):
-                        if record.name in attached:
+                    if isinstance(record, Message):
+                        if record.topic == CONTINUED:
+                            continued = True
+                            if not self._alone:
+                                continue
+                        elif self._only is not None and record.topic not in self._only:
                             continue
-                        if len(attached) < MOST_ATTACHMENTS:
-                            attached.add(record.name)
                     elif isinstance(record, Damage):
                         self._count(record)
-                    elif record.topic == CONTINUED:
-                        continued = True
-                        if not self._alone:
-                            continue
-                    elif self._only is not None and record.topic not in self._only:
+                    elif record.name in attached:
                         continue
+                    elif len(attached) < MOST_ATTACHMENTS:
+                        attached.add(record.name)
                     yield record
             self.truncated |= not walk.ended
             if continued and segment == self.segments[-1] and not self._alone:

@@ -251,7 +251,7 @@ class RecordScanner:
         messages: list[Message] = []
         if isinstance(self._window, FileWindow):
             return messages, offset
-        block, size = self._window.block, self._window.size
+        block, size, count = self._window.block, self._window.size, 0
         while offset + _HEAD_AND_MESSAGE.size <= size:
             opcode, length, channel, crc, utc_ns, mono_ns = _HEAD_AND_MESSAGE.unpack_from(block, offset)
             following = offset + _HEAD.size + length
@@ -262,8 +262,9 @@ class RecordScanner:
                 break
             if self._only is None or topic in self._only:
                 messages.append(Message(topic, utc_ns, mono_ns, block[offset + _HEAD_AND_MESSAGE.size : following]))
-            self._limit.spend(STEP_BYTES)
+            count += 1
             offset = following
+        self._limit.spend(STEP_BYTES * count)
         return messages, offset
 
     def _message(self, content: bytes) -> Message:

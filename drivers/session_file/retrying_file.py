@@ -5,6 +5,7 @@ MCAP's own writer forgets a record when the write below it fails. So it writes i
 """
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from drivers.host_files import CREATE, read_at
@@ -47,6 +48,18 @@ class RetryingFile:
     def sync(self) -> None:
         """Have the kernel bring everything to the disk."""
         os.fsync(self._fd)
+
+    def syncing(self) -> Callable[[], None]:
+        """The same, to be called once, from any thread."""
+        fd = os.dup(self._fd)
+
+        def sync() -> None:
+            try:
+                os.fsync(fd)
+            finally:
+                os.close(fd)
+
+        return sync
 
     def vanished(self) -> bool:
         """Whether the file was deleted or replaced: writing still succeeds then, but without effect."""

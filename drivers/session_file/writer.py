@@ -5,6 +5,7 @@ Unchunked, and handed to the kernel after every message: what was written stays 
 """
 
 import contextlib
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
@@ -44,7 +45,7 @@ class CaptureWriter(MessageWriter):
         self._begin(Path(path))
 
     def _begin(self, path: Path) -> None:
-        """Write the head of the file; without it no file is left, since an empty one is no session."""
+        """Write the head of the file; without it no file is left, since an empty one is not a session."""
         try:
             self._writer.flush()
         except OSError:
@@ -82,9 +83,9 @@ class CaptureWriter(MessageWriter):
         """Hand everything to the kernel; OSError when the disk refuses."""
         self._spool.flush()
 
-    def sync(self) -> None:
-        """Bring everything to the disk; once a second is right."""
-        self._spool.sync()
+    def syncing(self) -> Callable[[], None]:
+        """What brings everything to the disk; it may be called once, from any thread, even after ``close``."""
+        return self._spool.syncing()
 
     @property
     def size(self) -> int:

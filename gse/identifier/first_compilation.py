@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gse.end_with_parent import end_with_parent
 from gse.identifier.hypotheses import search_many
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
@@ -29,7 +30,7 @@ def is_compiled() -> bool:
 
 
 class FirstCompilation:
-    """The other process, if there has to be one; it ends with the ``with`` block at the latest."""
+    """The other process, if there has to be one; it ends with the ``with`` block or this process at the latest."""
 
     def __init__(self) -> None:
         self.process = None if is_compiled() else _started()
@@ -45,8 +46,8 @@ class FirstCompilation:
 
     def __exit__(self, *_: object) -> None:
         if self.process is not None:
-            self.process.kill()
-            self.process.wait()
+            with self.process:
+                self.process.kill()
 
 
 def _started() -> "subprocess.Popen[bytes] | None":
@@ -54,7 +55,7 @@ def _started() -> "subprocess.Popen[bytes] | None":
     command = [sys.executable, "-P", "-m", "gse.identifier.first_compilation"]
     nowhere = subprocess.DEVNULL
     try:
-        return subprocess.Popen(command, stdin=nowhere, stdout=nowhere, stderr=nowhere)
+        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere)
     except OSError:
         return None
 
@@ -73,4 +74,5 @@ def compile_robust() -> None:
 
 
 if __name__ == "__main__":
+    end_with_parent()
     compile_robust()

@@ -1,6 +1,7 @@
 """Recorder of a session: writes every byte to the session file, counts those that it cannot write.
 
-A live port has a writing thread behind a queue: a stalled disk delays neither reading nor identification. Simulated
+A live port has a writing thread behind a queue: a stalled disk delays neither reading nor identification. Another
+thread syncs the file once a second, so that all that came is with the kernel while the disk is busy. Simulated
 sessions can wait, so everything is written at once. After a disk error writing is tried again until the end of the
 session; unwritten bytes wait in memory, up to a limit, and the operator sees one message.
 """
@@ -22,6 +23,7 @@ from drivers.session_file.reader import segment_path
 from drivers.session_file.records import RX, TX, Attachment, Message, MessageWriter
 from drivers.session_file.writer import CaptureWriter
 from drivers.session_file.written_bytes import WrittenBytes
+from gse.recording.disk_sync import DiskSync
 from gse.recording.event_kinds import RecorderKind
 
 SEGMENT_BYTES = 512 << 20
@@ -78,6 +80,7 @@ class Recorder(MessageWriter):
         self._items: queue.SimpleQueue[Message | Attachment | None] = queue.SimpleQueue()
         self._waiting_bytes = 0
         self._waiting_lock = threading.Lock()
+        self._sync = DiskSync() if live else None
         self._thread = threading.Thread(target=self._run, name="record", daemon=True) if live else None
         if self._thread:
             self._thread.start()
@@ -213,8 +216,10 @@ class Recorder(MessageWriter):
             if self._writer.restore_if_vanished():
                 text = f"{self._segments[-1]} was deleted and is written again in full"
                 self._announce(RecorderKind.FILE_RESTORED, text)
-            if self._flush():
-                self._writer.sync()
+            if self._flush() and self._sync:
+                self._sync.ask(self._writer.syncing)
+                if self._sync.error:
+                    raise self._sync.error
         except OSError as error:
             self._announce_once(
                 RecorderKind.UNSAFE, f"{self._segments[-1]}: {error.strerror}; the session is at risk: check the disk"
@@ -247,6 +252,8 @@ class Recorder(MessageWriter):
     def _finish(self) -> None:
         until_s = time.monotonic() + self._last_tries_s
         self._keep_safe()
+        if self._sync:
+            self._sync.end()
         self._writer.finish()
         while not self._flush() and time.monotonic() < until_s:
             time.sleep(0.1)

@@ -1,5 +1,12 @@
 """What another process compiles on the first run is what a session calls."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
 import numpy as np
 
 from gse.camera import Camera
@@ -24,3 +31,25 @@ def test_no_process_is_started_once_the_code_is_on_disk() -> None:
     assert is_compiled()
     with FirstCompilation() as nothing:
         assert nothing.process is None
+
+
+def test_the_other_process_ends_with_a_session_that_is_killed(tmp_path: Path) -> None:
+    starts = "import gse.identifier.first_compilation as c; f = c.FirstCompilation(); print(f.process.pid); f.finish()"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    session = subprocess.Popen([sys.executable, "-c", starts], stdout=subprocess.PIPE, env=environment)
+    assert session.stdout is not None
+    other = int(session.stdout.readline())
+    session.send_signal(signal.SIGKILL)
+    session.communicate()
+    end_s = time.monotonic() + 60
+    while is_running(other):
+        assert time.monotonic() < end_s, "it goes on"
+        time.sleep(0.1)
+    assert not [*tmp_path.rglob("*search_many*")], "it ended because it was done"
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False

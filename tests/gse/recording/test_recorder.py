@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -135,7 +136,7 @@ print(recorder.lost_bytes, *(event.kind for event in recorder.news()))
 
 
 def run(script: str, *arguments: str) -> list[str]:
-    done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-B", "-c", script, *arguments], capture_output=True, text=True, check=True)
     return done.stdout.split()
 
 
@@ -270,6 +271,34 @@ def test_a_disk_that_stalls_holds_up_nobody_and_loses_nothing(tmp_path: Path) ->
         go_on.set()
     assert received(path)[0] == b"".join(chunk.data for chunk in chunks(10) + many)
     assert recorder.lost_bytes == 0
+
+
+def test_what_comes_while_the_disk_syncs_is_in_the_file_at_once(tmp_path: Path) -> None:
+    syncing, go_on = threading.Event(), threading.Event()
+
+    class BusyDisk(CaptureWriter):
+        def syncing(self) -> Callable[[], None]:
+            sync = super().syncing()
+
+            def wait_and_sync() -> None:
+                syncing.set()
+                go_on.wait(10)
+                sync()
+
+            return wait_and_sync
+
+    path = tmp_path / "session.mcap"
+    some = chunks(10)
+    with Recorder(path, live=True, open_writer=BusyDisk) as recorder:
+        assert syncing.wait(10)
+        for chunk in some:
+            recorder.rx(chunk)
+        until_s = time.monotonic() + 10
+        while received(path)[0] != b"".join(chunk.data for chunk in some) and time.monotonic() < until_s:
+            time.sleep(0.01)
+        assert not go_on.is_set()
+        assert time.monotonic() < until_s
+        go_on.set()
 
 
 KILLED = """

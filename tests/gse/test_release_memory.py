@@ -1,0 +1,30 @@
+"""Memory that the program gives back."""
+
+import subprocess
+import sys
+
+import pytest
+
+_HOLES = """
+import resource
+from pathlib import Path
+import numpy as np
+from gse.release_memory import give_back
+
+def resident():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
+
+give_back()
+del_first = np.ones(31 << 17)
+del del_first
+arrays = [np.ones(200_000) for _ in range(60)]
+most = resident()
+arrays = arrays[::10] + arrays[-1:]
+print(most - resident())
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="resident memory is read from Linux's files")
+def test_a_large_array_is_given_back_once_it_is_freed_though_others_lie_behind_it():
+    freed_mib = float(subprocess.run([sys.executable, "-c", _HOLES], check=True, capture_output=True, text=True).stdout)
+    assert freed_mib > 70  # 53 arrays of 1.5 MiB
