@@ -77,7 +77,7 @@ class StarCatalog:
 
     @property
     def listed(self) -> "ListedStars":
-        """What results are told of the stars by: all but the places."""
+        """What results say of the stars: all but the places."""
         return ListedStars(self.designation, self.ids, self.magnitude)
 
     def name(self, row: int) -> str:

@@ -80,7 +80,7 @@ def distinct_magnitude(fields: float) -> float:
 
 
 def write_sky_figures(sky: PaperSky, directions: int, folder: Path) -> list[Path]:
-    """The figures as SVG, each named for what it shows; their paths."""
+    """The plots as SVG, each named for what it shows; their paths."""
     return [_written(draw(sky, directions), folder / name) for name, draw in FIGURES.items()]
 
 

@@ -19,21 +19,28 @@ MOST_CANDIDATES = 64
 _ROUNDING_RAD = 1e-6
 """A distance in whole microradians is within this of the exact one: only that near a limit is it worked out."""
 
+_STAR_BITS = 24
 _NONE = np.uint64(0)
 _ONE = np.uint64(1)
-
-
-class Candidates(NamedTuple):
-    """Objects and the stars they may be, row by row."""
-
-    object: NDArray[np.uint32]
-    star: NDArray[np.uint32]
+_Row = int | np.uint64
 
 
 @compiled
-def room_for_candidates() -> Candidates:
-    """Room for MOST_CANDIDATES, made once for all stars."""
-    return Candidates(np.empty(MOST_CANDIDATES, np.uint32), np.empty(MOST_CANDIDATES, np.uint32))
+def candidate_of(row: int, star: int) -> np.uint32:
+    """An object and the star that it may be in one word: a panorama has fewer objects than 256."""
+    return np.uint32(row << _STAR_BITS | star)
+
+
+@compiled
+def object_of(candidate: np.uint32) -> np.uint64:
+    """The object of a candidate."""
+    return np.uint64(candidate >> np.uint32(_STAR_BITS))
+
+
+@compiled
+def star_of(candidate: np.uint32) -> np.uint64:
+    """The star of a candidate."""
+    return np.uint64(candidate & np.uint32((1 << _STAR_BITS) - 1))
 
 
 class Separations(NamedTuple):
@@ -56,7 +63,7 @@ def separations(directions: NDArray[np.float64]) -> Separations:
 
 
 @compiled
-def _cosine_sine(vectors: NDArray[np.float64], a: int, b: int) -> tuple[float, float]:
+def _cosine_sine(vectors: NDArray[np.float64], a: _Row, b: _Row) -> tuple[float, float]:
     ax, ay, az = vectors[a, 0], vectors[a, 1], vectors[a, 2]
     bx, by, bz = vectors[b, 0], vectors[b, 1], vectors[b, 2]
     x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
@@ -105,50 +112,52 @@ def stars_fit(icrs: NDArray[np.float64], a: int, b: int, cosine: float, sine: fl
 
 
 @compiled
-def _dot(vectors: NDArray[np.float64], a: int, b: int) -> float:
+def _dot(vectors: NDArray[np.float64], a: _Row, b: _Row) -> float:
     ax, ay, az = vectors[a, 0], vectors[a, 1], vectors[a, 2]
     cosine: float = ax * vectors[b, 0] + ay * vectors[b, 1] + az * vectors[b, 2]
     return cosine
 
 
 @compiled
-def _fits_exactly(icrs: NDArray[np.float64], a: int, b: int, cosine: float, sine: float, tolerance_urad: float) -> bool:
+def _fits_exactly(
+    icrs: NDArray[np.float64], a: _Row, b: _Row, cosine: float, sine: float, tolerance_urad: float
+) -> bool:
     whole = np.rint(angle_urad(*_cosine_sine(icrs, a, b)))
     return bool(abs(whole - angle_urad(cosine, sine)) < tolerance_urad)
 
 
 @compiled
 def windows(angles: Separations, tolerance_urad: float) -> NDArray[np.float64]:
-    """The windows (N, N, 4) of each two of N objects."""
+    """The windows (4, N, N) of each two of N objects; nothing fits an object and itself."""
     count = len(angles.cosine)
-    of_pairs = np.empty((count, count, 4))
+    of_pairs = np.empty((4, count, count))
     for p in range(count):
-        for q in range(p + 1):
+        for q in range(p):
             gate = window(angles.cosine[p, q], angles.sine[p, q], tolerance_urad)
             for k in range(4):
-                of_pairs[p, q, k] = of_pairs[q, p, k] = gate[k]
+                of_pairs[k, p, q] = of_pairs[k, q, p] = gate[k]
+        of_pairs[:, p, p] = np.inf
     return of_pairs
 
 
 @compiled
 def agreements(
-    candidates: Candidates,
-    count: int,
+    candidates: NDArray[np.uint32],
     icrs: NDArray[np.float64],
     angles: Separations,
     gates: NDArray[np.float64],
     tolerance_urad: float,
 ) -> NDArray[np.uint64]:
-    """For each of the first ``count`` candidates the bits of those that it agrees with; ``gates`` are the windows."""
-    agrees = np.zeros(count, np.uint64)
-    for i in range(count):
-        p, a = candidates.object[i], candidates.star[i]
+    """For each of the candidates the bits of those that it agrees with; ``gates`` are the windows."""
+    agrees = np.zeros(len(candidates), np.uint64)
+    for i in range(len(candidates)):
+        p, a = object_of(candidates[i]), star_of(candidates[i])
         for j in range(i):
-            q, b = candidates.object[j], candidates.star[j]
+            q, b = object_of(candidates[j]), star_of(candidates[j])
             dot = _dot(icrs, a, b)
-            if dot < gates[p, q, 0] or dot > gates[p, q, 3] or p == q or a == b:
+            if dot < gates[0, p, q] or dot > gates[3, p, q] or a == b:
                 continue
-            if gates[p, q, 1] < dot < gates[p, q, 2] or _fits_exactly(
+            if gates[1, p, q] < dot < gates[2, p, q] or _fits_exactly(
                 icrs, a, b, angles.cosine[p, q], angles.sine[p, q], tolerance_urad
             ):
                 agrees[i] |= _ONE << np.uint64(j)
@@ -158,29 +167,28 @@ def agreements(
 
 @compiled
 def pigeonhole_bound(
-    objects: NDArray[np.uint32],
-    stars: NDArray[np.uint32],
+    candidates: NDArray[np.uint32],
+    row: np.uint64,
     count: int,
     icrs: NDArray[np.float64],
     gates: NDArray[np.float64],
     fewest: int,
 ) -> bool:
-    """Whether no ``fewest`` of the first ``count`` candidates can all agree, which a few of their pairs may show.
+    """Whether no ``fewest`` of the first ``count`` candidates of a row can agree, which a few of their pairs may show.
 
     The candidates are dealt round to ``fewest`` - 1 hands. Of any ``fewest``, two are in one hand: where no two in any
-    hand agree, there is no such group. A candidate of chance mostly ends here, after a tenth of its pairs.
+    hand agree, there is no such group. A candidate of chance mostly ends here, after a tenth of its pairs. No branch
+    on a pair, which no processor would predict.
     """
-    hands = max(fewest - 1, 1)
-    hand = 0
-    for i in range(hands, count):
-        j = hand
-        while j < i:
-            p, q = objects[i], objects[j]
-            dot = _dot(icrs, stars[i], stars[j])
-            if gates[p, q, 0] <= dot <= gates[p, q, 3] and p != q:
-                return False
-            j += hands
-        hand = hand + 1 if hand + 1 < hands else 0
+    hands, some = np.uint64(max(fewest - 1, 1)), False
+    for apart in range(hands, np.uint64(count), hands):
+        for i in range(apart, np.uint64(count)):
+            one, other = candidates[row, i], candidates[row, i - apart]
+            p, q, a, b = object_of(one), object_of(other), star_of(one), star_of(other)
+            dot = icrs[a, 0] * icrs[b, 0] + icrs[a, 1] * icrs[b, 1] + icrs[a, 2] * icrs[b, 2]
+            some |= (gates[0, p, q] <= dot) & (dot <= gates[3, p, q])
+        if some:
+            return False
     return True
 
 
@@ -204,6 +212,12 @@ def largest_group(agrees: NDArray[np.uint64], fewest: int) -> np.uint64:
             alive = _able(agrees, alive, size + 1)
             untried &= alive
     return best
+
+
+@compiled
+def no_group(agrees: NDArray[np.uint64], fewest: int) -> bool:
+    """Whether it is proven that no ``fewest`` candidates agree: ``largest_group`` may miss one."""
+    return bool(_able(agrees, _all(len(agrees)), fewest) == _NONE)
 
 
 @compiled

@@ -4,19 +4,19 @@ Magnitudes are -2.5 log10 of the index plus a zero point, which is a matter of c
 group is given the zero point that suits it best, which makes the gate a little wider than it is.
 """
 
-from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.identifier.pivot import PivotIdentifier
 from gse.identifier.pivot_search import PIVOT_MEMBERS
-from gse.identifier.tables import field_diameter_rad, tolerance_rad
-from gse.identifier_options import IdentifierOptions
 
 MAGNITUDE_GATE = 1.0
 """Of 0.5 to 1.5 mag, the nearest to the curve of the pivot paper, figure 14."""
 
 
 class MatchGroupIdentifier(PivotIdentifier):
-    """The Match Group Algorithm with its catalogue, pairs and cells, for fields of one diameter."""
+    """The Match Group Algorithm with its catalogue, pairs and cells, for fields of one diameter.
+
+    ``for_camera`` makes one whose zero point is unknown.
+    """
 
     name = "match-group"
 
@@ -33,16 +33,4 @@ class MatchGroupIdentifier(PivotIdentifier):
         super().__init__(catalog, field_rad, tolerance_rad, members=members, follows=follows)
         self._gates = self._gates._replace(
             magnitude=MAGNITUDE_GATE, zero_point=float("nan") if zero_point is None else zero_point
-        )
-
-    @classmethod
-    def for_camera(cls, catalog: StarCatalog, camera: Camera, options: IdentifierOptions) -> "MatchGroupIdentifier":
-        """The identifier for a camera, its zero point unknown."""
-        tolerance = tolerance_rad(camera, options.tolerance_px)
-        return cls(
-            catalog,
-            field_diameter_rad(camera),
-            tolerance,
-            members=options.pivot_members,
-            follows=options.a_priori == "cells",
         )

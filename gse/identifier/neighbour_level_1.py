@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.identifier.consistency import MOST_CANDIDATES, angle_urad
+from gse.identifier.consistency import MOST_CANDIDATES, Separations, angle_urad, candidate_of
 from gse.identifier.tables import PairTable
 from gse.jit import compiled
 
@@ -22,13 +22,13 @@ _ONE = np.uint64(1)
 class Blocks(NamedTuple):
     """The neighbours of BLOCK stars together, nearest first, for each block of the catalogue.
 
-    Entry e is a neighbour of star ``member[e]`` of its block, ``urad[e]`` microradians away, in ``row[e]`` of the
-    columns by star of the table. Those of block b that are at least 256 n microradians away begin at ``begin[b, n]``.
+    Entry e says that star ``neighbour[e]`` is ``urad[e]`` microradians away from star ``member[e]`` of its block.
+    Those of block b that are at least 256 n microradians away begin at ``begin[b, n]``.
     """
 
     begin: NDArray[np.uint64]
     urad: NDArray[np.int32]
-    row: NDArray[np.uint32]
+    neighbour: NDArray[np.uint32]
     member: NDArray[np.uint8]
 
 
@@ -38,21 +38,20 @@ def blocks_of(table: PairTable) -> Blocks:
     stars, size = len(table.first) - 1, len(table.neighbour)
     bins = 2 if len(table.distance_urad) == 0 else (table.distance_urad[-1] >> _BIN_BITS) + 2
     begin = np.zeros((-(-stars // BLOCK), bins), np.uint64)
-    urad, row, member = np.empty(size, np.int32), np.empty(size, np.uint32), np.empty(size, np.uint8)
-    row_of, entry_of = table.first[:-1].copy(), table.first[:-1:BLOCK].copy()
+    urad, neighbour, member = np.empty(size, np.int32), np.empty(size, np.uint32), np.empty(size, np.uint8)
+    entry_of = table.first[:-1:BLOCK].copy()
     for p in range(len(table.distance_urad)):
-        for star in (table.brighter[p], table.dimmer[p]):
+        for star, other in ((table.brighter[p], table.dimmer[p]), (table.dimmer[p], table.brighter[p])):
             block = star // BLOCK
             entry = entry_of[block]
-            urad[entry], row[entry], member[entry] = table.distance_urad[p], row_of[star], star % BLOCK
+            urad[entry], neighbour[entry], member[entry] = table.distance_urad[p], other, star % BLOCK
             begin[block, (table.distance_urad[p] >> _BIN_BITS) + 1] += _ONE
-            row_of[star] += 1
             entry_of[block] += 1
     for block in range(len(begin)):
         begin[block, 0] = table.first[block * BLOCK]
         for place in range(1, bins):
             begin[block, place] += begin[block, place - 1]
-    return Blocks(begin, urad, row, member)
+    return Blocks(begin, urad, neighbour, member)
 
 
 class Alpha(NamedTuple):
@@ -71,19 +70,21 @@ class Alpha(NamedTuple):
 
 
 @compiled
-def seen_from(alpha: int, cosine: NDArray[np.float64], sine: NDArray[np.float64], tolerance_urad: float) -> Alpha:
-    """The panorama as seen from an alpha star."""
-    distances = np.empty(len(cosine) - 1)
-    others = np.empty(len(cosine) - 1, np.int64)
-    for i in range(len(distances)):
-        other = i if i < alpha else i + 1
-        distance = angle_urad(cosine[alpha, other], sine[alpha, other])
-        place = i
+def seen_from(alpha: int, angles: Separations, tolerance_urad: float, among: NDArray[np.bool_]) -> Alpha:
+    """The panorama as seen from an alpha star: those of the other objects that are ``among`` (N,)."""
+    distances, others = np.empty(len(among)), np.empty(len(among), np.int64)
+    count = 0
+    for other in range(len(among)):
+        if other == alpha or not among[other]:
+            continue
+        distance = angle_urad(angles.cosine[alpha, other], angles.sine[alpha, other])
+        place = count
         while place > 0 and distances[place - 1] > distance:
             distances[place], others[place] = distances[place - 1], others[place - 1]
             place -= 1
         distances[place], others[place] = distance, other
-    return _stretches(others, distances, tolerance_urad)
+        count += 1
+    return _stretches(others[:count], distances[:count], tolerance_urad)
 
 
 @compiled
@@ -118,29 +119,33 @@ def _fitting(distance_urad: float, tolerance_urad: float) -> tuple[int, int]:
 
 
 class Fits(NamedTuple):
-    """Neighbours that fit, of each star of a block: ``number`` (BLOCK,) is Fn.
+    """What fits each star of a block.
 
-    The first of them are in the rows ``row`` of the table and in the stretches ``stretch`` of the alpha star's view.
+    ``number`` (BLOCK,) candidates do, ``again`` (BLOCK,) of them with a neighbour that fits another object before: the
+    difference is Fn. The first, nearest first, are in the rows of ``candidate``. ``crowded`` (1,) says whether a star
+    with enough of them had more than there is room for.
     """
 
     number: NDArray[np.int64]
-    row: NDArray[np.uint32]
-    stretch: NDArray[np.uint8]
+    again: NDArray[np.int64]
+    candidate: NDArray[np.uint32]
+    crowded: NDArray[np.bool_]
 
 
 @compiled
-def room_for_fits() -> Fits:
-    """Room for the fits of a block, made once for all blocks."""
-    shape = (BLOCK, MOST_CANDIDATES + 1)
-    return Fits(np.empty(BLOCK, np.int64), np.empty(shape, np.uint32), np.empty(shape, np.uint8))
+def room_for_fits(stars: int) -> Fits:
+    """Room for the fits of so many stars, made once for all blocks."""
+    candidate = np.empty((stars, MOST_CANDIDATES + 1), np.uint32)  # those beyond overwrite the last
+    return Fits(np.empty(stars, np.int64), np.empty(stars, np.int64), candidate, np.zeros(1, np.bool_))
 
 
 @compiled
 def put_fits(block: int, alpha: Alpha, blocks: Blocks, fits: Fits) -> None:
     """Level 1 of all stars of a block."""
     fits.number[:] = 0
-    begin, urad, row_of, member_of = blocks.begin[block], blocks.urad, blocks.row, blocks.member
-    counts, rows, stretches = fits.number, fits.row, fits.stretch
+    fits.again[:] = 0
+    begin, urad, neighbour_of, member_of = blocks.begin[block], blocks.urad, blocks.neighbour, blocks.member
+    counts, candidates = fits.number, fits.candidate
     last = begin[-1]
     for stretch in range(len(alpha.low)):
         low, high = alpha.low[stretch], alpha.high[stretch]
@@ -149,18 +154,32 @@ def put_fits(block: int, alpha: Alpha, blocks: Blocks, fits: Fits) -> None:
         entry = begin[low >> _BIN_BITS]
         while entry < last and urad[entry] < low:
             entry += _ONE
+        one, others = candidate_of(alpha.others[alpha.begin[stretch]], 0), alpha.end[stretch] - alpha.begin[stretch] - 1
         while entry < last and urad[entry] < high:
-            member = member_of[entry]
-            place = np.uint64(min(counts[member], MOST_CANDIDATES))
-            rows[member, place], stretches[member, place] = row_of[entry], stretch
-            counts[member] += 1
+            member, star = np.uint64(member_of[entry]), neighbour_of[entry]
+            count = counts[member]
+            candidates[member, np.uint64(min(count, MOST_CANDIDATES))] = one | star
+            counts[member] = count + 1
+            if others:
+                _put_others(int(member), int(star), stretch, alpha, fits)
             entry += _ONE
+
+
+@compiled
+def _put_others(member: int, star: int, stretch: int, alpha: Alpha, fits: Fits) -> None:
+    """The candidates of a neighbour that fits several objects, after the first."""
+    for i in range(alpha.begin[stretch] + 1, alpha.end[stretch]):
+        place = min(fits.number[member], MOST_CANDIDATES)
+        fits.candidate[member, place] = candidate_of(alpha.others[i], star)
+        fits.number[member] += 1
+        fits.again[member] += 1
 
 
 @compiled
 def put_fits_of_star(star: int, alpha: Alpha, table: PairTable, fits: Fits) -> None:
     """Level 1 of one star, which takes the place of the first of a block."""
-    fit, stretch = 0, 0
+    fits.number[0] = fits.again[0] = 0
+    stretch = 0
     for row in range(table.first[star], table.first[star + 1]):
         urad = table.neighbour_urad[row]
         while stretch < len(alpha.high) and alpha.high[stretch] <= urad:
@@ -168,7 +187,7 @@ def put_fits_of_star(star: int, alpha: Alpha, table: PairTable, fits: Fits) -> N
         if stretch == len(alpha.high):
             break
         if alpha.low[stretch] <= urad:
-            place = min(fit, MOST_CANDIDATES)
-            fits.row[0, place], fits.stretch[0, place] = row, stretch
-            fit += 1
-    fits.number[0] = fit
+            place = min(fits.number[0], MOST_CANDIDATES)
+            fits.candidate[0, place] = candidate_of(alpha.others[alpha.begin[stretch]], table.neighbour[row])
+            fits.number[0] += 1
+            _put_others(0, table.neighbour[row], stretch, alpha, fits)

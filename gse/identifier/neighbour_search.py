@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 
 from gse.identifier.consistency import (
     MOST_CANDIDATES,
-    Candidates,
     Separations,
     agreements,
     bits,
     largest_group,
+    no_group,
+    object_of,
     pigeonhole_bound,
-    room_for_candidates,
     separations,
+    star_of,
     windows,
 )
 from gse.identifier.neighbour_level_1 import (
@@ -41,6 +42,9 @@ Only tolerances of many pixels, or catalogues far denser than the field needs, c
 """
 
 
+_FEWEST_CLOSED = 4
+"""Fewer objects that are out of question save less than it costs to look at a star twice."""
+
 EVERYWHERE = -2.0
 """A cosine of no angle: all objects count as central."""
 
@@ -57,14 +61,14 @@ class Limits(NamedTuple):
 
 
 class View(NamedTuple):
-    """A panorama against the catalogue: its angles and their windows, and the room for what fits and for candidates."""
+    """A panorama against the catalogue: its angles and their windows, and the room for what fits a block or a star."""
 
     icrs: NDArray[np.float64]
     table: PairTable
     angles: Separations
     gates: NDArray[np.float64]
     fits: Fits
-    room: Candidates
+    fits_of_star: Fits
 
 
 @compiled
@@ -72,7 +76,7 @@ def view_of(directions: NDArray[np.float64], icrs: NDArray[np.float64], table: P
     """The view of a panorama, its objects given as directions (N, 3)."""
     angles = separations(directions)
     gates = windows(angles, limits.tolerance_urad)
-    return View(icrs, table, angles, gates, room_for_fits(), room_for_candidates())
+    return View(icrs, table, angles, gates, room_for_fits(BLOCK), room_for_fits(1))
 
 
 @compiled
@@ -91,84 +95,123 @@ def first_fit(
     view = view_of(directions, icrs, table, limits)
     tried = min(limits.alphas, len(directions))
     order = _alpha_order(directions, limits.central_cosine)
+    open_ = np.ones(len(directions), np.bool_)
     work = 0
     for rank in range(tried):
         alpha = order[rank]
-        seen = seen_from(alpha, view.angles.cosine, view.angles.sine, limits.tolerance_urad)
-        objects, stars = np.empty(0, np.int64), np.empty(0, np.int64)
-        fewest, tie = limits.min_fit_2, False
-        star = -1
-        while True:
-            after = star + 1
-            star, count = _next_possible(after, max(limits.min_fit, fewest), fewest, seen, blocks, view)
-            if star == len(icrs):
-                work += table.first[star] - table.first[after]
-                break
-            work += table.first[star + 1] - table.first[after] + count * count
-            if work > _MOST_WORK:
-                return np.empty(0, np.int64), np.empty(0, np.int64), rank + 1
-            group = _group(view, count, fewest, limits)
-            if group == 0:
-                continue
-            tie = len(objects) > 0 and bits(group) + 1 == len(objects)
-            if not tie:
-                objects, stars = _named(alpha, star, view.room, group)
-            fewest = len(objects) - 1
-            if not limits.all_stars:
-                break
+        objects, stars, tie, proven, more = _of_alpha(alpha, open_, blocks, view, limits, _MOST_WORK - work)
+        work += more
+        if work > _MOST_WORK:
+            return np.empty(0, np.int64), np.empty(0, np.int64), rank + 1
         if tie:
             return np.empty(0, np.int64), np.empty(0, np.int64), -(rank + 1)
         if len(objects) > 0:
             return objects, stars, rank + 1
+        open_[alpha] = not proven
     return np.empty(0, np.int64), np.empty(0, np.int64), tried
 
 
 @compiled
-def _next_possible(
-    star: int, fewest_fits: int, fewest: int, seen: Alpha, blocks: Blocks, view: View
-) -> tuple[int, int]:
-    """The first star from ``star`` on that can have a group, and how many candidates it has; past the last for none."""
+def _of_alpha(
+    alpha: int, open_: NDArray[np.bool_], blocks: Blocks, view: View, limits: Limits, most_work: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], bool, bool, int]:
+    """What an alpha star names: objects and stars (M,), whether two stars tie, whether there is none, and the work.
+
+    A group is one for each of its members as alpha star. So an object that was the alpha star, and of which it is
+    proven that no group has it, is not ``open_`` (N,) any more: with the others alone most stars are seen to have no
+    group. What they have is worked out with all objects.
+    """
+    count, table = len(view.icrs), view.table
+    whole = seen_from(alpha, view.angles, limits.tolerance_urad, np.ones(len(open_), np.bool_))
+    take_all = open_.sum() > len(open_) - _FEWEST_CLOSED
+    seen = whole if take_all else seen_from(alpha, view.angles, limits.tolerance_urad, open_)
+    objects, stars = np.empty(0, np.int64), np.empty(0, np.int64)
+    fewest, tie, work, view.fits.crowded[0] = limits.min_fit_2, False, 0, False
+    # A group of other members needs no more of level 1, and has all its distances in the table.
+    longest_urad = whole.distances[-1] + limits.tolerance_urad if len(whole.distances) else 0.0
+    proven = limits.min_fit <= limits.min_fit_2 and longest_urad < _longest_urad(table)
+    star = -1 if len(seen.others) >= fewest else count
+    while star < count and work <= most_work:
+        after = star + 1
+        star = _next_possible(after, max(limits.min_fit, fewest), fewest, seen, blocks, view)
+        work += table.first[min(star + 1, count)] - table.first[after]
+        if star == count:
+            break
+        if not take_all:
+            put_fits_of_star(star, whole, table, view.fits_of_star)
+        candidates = _candidates(star % BLOCK, view.fits) if take_all else _candidates(0, view.fits_of_star)
+        work += len(candidates) ** 2
+        agrees = agreements(candidates, view.icrs, view.angles, view.gates, limits.tolerance_urad)
+        group = largest_group(agrees, fewest)
+        if group == 0:
+            proven = proven and no_group(agrees, fewest)
+            continue
+        tie = len(objects) > 0 and bits(group) + 1 == len(objects)
+        if not tie:
+            objects, stars = _named(alpha, star, candidates, group)
+        fewest = len(objects) - 1
+        if not limits.all_stars:
+            break
+    return objects, stars, tie, proven and not view.fits.crowded[0], work
+
+
+@compiled
+def _longest_urad(table: PairTable) -> int:
+    """The longest distance of a table of pairs."""
+    return int(table.distance_urad[-1]) if len(table.distance_urad) else 0
+
+
+@compiled
+def _next_possible(star: int, fewest_fits: int, fewest: int, seen: Alpha, blocks: Blocks, view: View) -> int:
+    """The first star from ``star`` on that can have a group; past the last for none."""
     stars = len(view.icrs)
     while star < stars:
         block = star // BLOCK
         if star % BLOCK == 0:
             put_fits(block, seen, blocks, view.fits)
         end = min(BLOCK, stars - block * BLOCK)
-        member, count = first_possible(star % BLOCK, end, fewest_fits, fewest, seen, view)
+        member = first_possible(star % BLOCK, end, fewest_fits, fewest, view.fits, view)
         star = block * BLOCK + member
         if member < end:
-            return star, count
-    return stars, 0
+            return star
+    return stars
 
 
 @compiled
-def first_possible(member: int, end: int, fewest_fits: int, fewest: int, seen: Alpha, view: View) -> tuple[int, int]:
+def first_possible(member: int, end: int, fewest_fits: int, fewest: int, fits: Fits, view: View) -> int:
     """The first of a block's stars from ``member`` to before ``end`` that can have a group; ``end`` for none.
 
-    Its candidates (object, neighbour), nearest first, are put into the room of the view. Arrays have names of their own
-    here, since each access through a tuple counts references.
+    Arrays have names of their own here, since each access through a tuple counts references.
     """
-    counts, rows, stretches, neighbour = view.fits.number, view.fits.row, view.fits.stretch, view.table.neighbour
-    begins, ends, others, objects, stars = seen.begin, seen.end, seen.others, view.room.object, view.room.star
-    icrs, gates = view.icrs, view.gates
+    counts, again, candidates, icrs, gates = (
+        fits.number,
+        fits.again,
+        fits.candidate,
+        view.icrs,
+        view.gates,
+    )
+    able, number = np.empty(BLOCK, np.uint8), np.uint64(0)
     for k in range(np.uint64(member), np.uint64(end)):
-        if counts[k] < fewest_fits:
-            continue
-        count = 0
-        for place in range(np.uint64(min(counts[k], MOST_CANDIDATES))):
-            stretch, star = stretches[k, place], neighbour[rows[k, place]]
-            for i in range(begins[stretch], min(ends[stretch], begins[stretch] + MOST_CANDIDATES - count)):
-                objects[count], stars[count] = others[i], star
-                count += 1
-        if not pigeonhole_bound(objects, stars, count, icrs, gates, fewest):
-            return int(np.int64(k)), count
-    return end, 0
+        able[number] = k
+        number += np.uint64(counts[k] - again[k] >= fewest_fits)
+    for of_star in able[:number]:
+        row = np.uint64(of_star)
+        fits.crowded[0] |= counts[row] > MOST_CANDIDATES
+        if not pigeonhole_bound(candidates, row, min(counts[row], MOST_CANDIDATES), icrs, gates, fewest):
+            return int(of_star)
+    return end
 
 
 @compiled
-def _group(view: View, count: int, fewest: int, limits: Limits) -> np.uint64:
-    """Level 2: the largest group of the candidates in the room, 0 where it has fewer than ``fewest``."""
-    agrees = agreements(view.room, count, view.icrs, view.angles, view.gates, limits.tolerance_urad)
+def _candidates(member: int, fits: Fits) -> NDArray[np.uint32]:
+    """The candidates of one star."""
+    return fits.candidate[member, : min(fits.number[member], MOST_CANDIDATES)]
+
+
+@compiled
+def _group(candidates: NDArray[np.uint32], view: View, fewest: int, limits: Limits) -> np.uint64:
+    """Level 2: the largest group of the candidates, 0 where it has fewer than ``fewest``."""
+    agrees = agreements(candidates, view.icrs, view.angles, view.gates, limits.tolerance_urad)
     return largest_group(agrees, fewest)
 
 
@@ -186,15 +229,17 @@ def best_vote(
     order = _alpha_order(directions, limits.central_cosine)
     for rank in range(tried):
         alpha = order[rank]
-        seen = seen_from(alpha, view.angles.cosine, view.angles.sine, limits.tolerance_urad)
+        seen = seen_from(alpha, view.angles, limits.tolerance_urad, np.ones(len(directions), np.bool_))
         objects, stars = np.empty(0, np.int64), np.empty(0, np.int64)
         for star in most_voted(seen, table, limits.tolerance_urad):
-            put_fits_of_star(star, seen, table, view.fits)
+            put_fits_of_star(star, seen, table, view.fits_of_star)
             better = max(limits.min_fit_2, len(objects))
-            member, count = first_possible(0, 1, max(limits.min_fit, better), better, seen, view)
-            group = _group(view, count, better, limits) if member == 0 else np.uint64(0)
+            if first_possible(0, 1, max(limits.min_fit, better), better, view.fits_of_star, view) == 1:
+                continue
+            candidates = _candidates(0, view.fits_of_star)
+            group = _group(candidates, view, better, limits)
             if group != 0:
-                objects, stars = _named(alpha, star, view.room, group)
+                objects, stars = _named(alpha, star, candidates, group)
         if len(objects) > 0:
             return objects, stars, rank + 1
     return first_fit(directions, icrs, table, blocks, limits)
@@ -214,12 +259,14 @@ def _alpha_order(directions: NDArray[np.float64], central_cosine: float) -> NDAr
 
 
 @compiled
-def _named(alpha: int, star: int, room: Candidates, group: np.uint64) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _named(
+    alpha: int, star: int, candidates: NDArray[np.uint32], group: np.uint64
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The objects and stars of a group, after the alpha star and its own."""
     objects, stars = np.full(MOST_CANDIDATES + 1, alpha), np.full(MOST_CANDIDATES + 1, star)
     size = 1
-    for i in range(MOST_CANDIDATES):
+    for i in range(len(candidates)):
         if group >> np.uint64(i) & np.uint64(1):
-            objects[size], stars[size] = room.object[i], room.star[i]
+            objects[size], stars[size] = object_of(candidates[i]), star_of(candidates[i])
             size += 1
     return objects[:size], stars[:size]

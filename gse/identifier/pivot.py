@@ -17,6 +17,8 @@ The paper leaves open how far "best concurrence" reaches and which members a lat
 published success is met within a point.
 """
 
+from typing import Self
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -68,7 +70,7 @@ class PivotIdentifier:
         self._before: NDArray[np.int64] | None = None
 
     @classmethod
-    def for_camera(cls, catalog: StarCatalog, camera: Camera, options: IdentifierOptions) -> "PivotIdentifier":
+    def for_camera(cls, catalog: StarCatalog, camera: Camera, options: IdentifierOptions) -> Self:
         """The identifier for a camera; the tolerance is that of the LAPAN paper, eq 2-1."""
         tolerance = tolerance_rad(camera, options.tolerance_px)
         return cls(

@@ -42,7 +42,7 @@ saturation change it. Positions decide.
 **Tracking** (``track``) starts from a previous attitude instead of from votes. Verification and evidence are the same,
 so a wrong previous attitude can cost time, never an answer: without evidence the whole sky is searched.
 
-The compiled searches take plain arrays and let go of Python's lock; the same input gives the same answer on any
+The compiled searches take plain arrays and release Python's lock; the same input gives the same answer on any
 machine. The sources of the parts are in docs/references.md.
 """
 
@@ -191,7 +191,7 @@ class RobustIdentifier:
         best, second = evidence.T
         probability = np.array([_false_match_probability(value) for value in best.tolist()])
         answers = Answers(Parts(ends), found, stars, probability, {})
-        alone = np.where(best < LOG_ACCEPTED, math.inf, best)  # minus infinity less minus infinity is no number
+        alone = np.where(best < LOG_ACCEPTED, math.inf, best)  # minus infinity less minus infinity is not a number
         wrong = (mirrored | (best < LOG_ACCEPTED) | (alone - second < LOG_UNAMBIGUOUS)).nonzero()[0].tolist()
         counts = answers.parts.counts, objects.parts.counts
         return answers.but(

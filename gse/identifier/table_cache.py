@@ -10,6 +10,7 @@ import mmap
 import os
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,8 @@ Columns = tuple[NDArray[Any], ...]
 _HEAD = b"gse tables 2 "
 _HEAD_BYTES = 64
 _ALIGNED = 64
-_KEPT_OF_A_KIND = 8
+_KEPT_BYTES_OF_A_KIND = 256_000_000
+"""Sessions of two years with one sensor: the stars of each tenth of a year have their tables, 12 MB with 10,000."""
 _DAMAGE = (OSError, ValueError, EOFError)
 """All that reading a damaged or foreign file raises."""
 
@@ -38,6 +40,9 @@ def cached_columns(path: Path, make: Callable[[], Columns], fits: Callable[[Colu
     if columns is None or not fits(columns):
         columns = make()
         _write(path, columns)
+    else:
+        with suppress(OSError):
+            os.utime(path)
     return columns
 
 
@@ -89,7 +94,7 @@ def _write(path: Path, columns: Columns) -> None:
         except OSError:
             os.unlink(name)
             raise
-        _remove_oldest(path)
+        _remove_unused(path)
     except OSError:
         return
 
@@ -102,8 +107,12 @@ def _aligned(offset: int) -> int:
     return -(-offset // _ALIGNED) * _ALIGNED
 
 
-def _remove_oldest(path: Path) -> None:
+def _remove_unused(path: Path) -> None:
+    """Remove the files of the same kind beside a new one that were used longest ago, where all take too much."""
     kind = path.name.rpartition("-")[0]
-    files = sorted(path.parent.glob(f"{kind}-*"), key=lambda file: file.stat().st_mtime_ns)
-    for file in files[:-_KEPT_OF_A_KIND]:
-        file.unlink()
+    found = [(file, file.stat()) for file in path.parent.glob(f"{kind}-*") if file != path]
+    left_bytes = _KEPT_BYTES_OF_A_KIND - path.stat().st_size
+    for file, stat in sorted(found, key=lambda pair: pair[1].st_mtime_ns, reverse=True):
+        left_bytes -= stat.st_size
+        if left_bytes < 0:
+            file.unlink()

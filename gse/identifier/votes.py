@@ -24,19 +24,28 @@ _ROLL = np.uint64(0x7FFF_7FFF_7FFF_7FFF)
 """A star's last four votes are kept in one word, 16 bits each: that it is a vote, and a roll in 1/32,768 turn."""
 
 
+_Axis = tuple[float, float, float]
+_Triad = tuple[_Axis, _Axis, _Axis]
+
+
 @compiled
-def stars_near(tables: SkyTables, directions: NDArray[np.float64], r: NDArray[np.float64]) -> int:
-    """How many of directions (N, 3) have any star near them under a rotation."""
+def stars_near(near_star: NDArray[np.uint8], places: NDArray[np.float64], axes: _Triad) -> int:
+    """How many of the places (N, 3), along axes in the sky, have any star near them."""
+    (x0, y0, z0), (x1, y1, z1), (x2, y2, z2) = axes
     hits = 0
-    for i in range(len(directions)):
-        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
-        bit = near_bit(
-            r[0, 0] * x + r[1, 0] * y + r[2, 0] * z,
-            r[0, 1] * x + r[1, 1] * y + r[2, 1] * z,
-            r[0, 2] * x + r[1, 2] * y + r[2, 2] * z,
-        )
-        hits += (tables.near_star[bit >> 3] >> (bit & 7)) & 1
+    for i in range(len(places)):
+        u, v, w = places[i, 0], places[i, 1], places[i, 2]
+        bit = near_bit(x0 * u + x1 * v + x2 * w, y0 * u + y1 * v + y2 * w, z0 * u + z1 * v + z2 * w)
+        hits += (near_star[bit >> 3] >> (bit & 7)) & 1
     return hits
+
+
+@compiled
+def _put_places(directions: NDArray[np.float64], axes: _Triad, places: NDArray[np.float64]) -> None:
+    """Put directions (N, 3) along the axes of two objects into ``places``."""
+    for i in range(len(directions)):
+        for j, (x, y, z) in enumerate(axes):
+            places[i, j] = x * directions[i, 0] + y * directions[i, 1] + z * directions[i, 2]
 
 
 @compiled
@@ -59,8 +68,9 @@ def hypotheses_of(
     distance, azimuth = np.empty(bright), np.empty(bright, dtype=np.int64)
     partners = np.empty(bright, dtype=np.int64)
     found = _partners(directions[:bright], alpha, 8.0 * step.window_rad, distance, azimuth, partners)
-    rotation = np.empty((3, 3))
     looked_at = directions[: step.first_tried]
+    icrs, pairs, near_star = tables.icrs, tables.pairs, tables.near_star
+    places = np.empty((len(looked_at), 3))
     least, plenty, count = _least_hits(bright, len(looked_at)), max(6, (2 * len(looked_at)) // 3), 0
     votes[:faintest] = 0
     for p in range(min(found, step.partners)):
@@ -73,20 +83,20 @@ def hypotheses_of(
         roll_error = step.window_rad * (1.0 / distance[k] + 1.0 / distance[partners[0]])
         tolerance = np.uint64(int(roll_error * (0.8 * 32768.0 / (2.0 * math.pi))) + 1)
         turn = np.uint64(azimuth[k])
+        _put_places(looked_at, _triad(axis(directions, alpha), axis(directions, k)), places)
         for bucket in range(low, high):
             for q in range(np.uint64(tables.pair_start[bucket]), np.uint64(tables.pair_start[bucket + 1])):
-                if tables.pairs[q, 1] >= faintest:
+                if pairs[q, 1] >= faintest:
                     break
                 for end in range(2):
-                    s = np.uint64(tables.pairs[q, end])
-                    roll = ((np.uint64(tables.pairs[q, 2 + end]) - turn) >> np.uint64(1)) & np.uint64(0x7FFF)
+                    s = np.uint64(pairs[q, end])
+                    roll = ((np.uint64(pairs[q, 2 + end]) - turn) >> np.uint64(1)) & np.uint64(0x7FFF)
                     given = votes[s]
                     votes[s] = (given << np.uint64(16)) | np.uint64(0x8000) | roll
                     if not _agrees(given, roll, tolerance) or s >= alpha_faintest:
                         continue
-                    t = np.uint64(tables.pairs[q, 1 - end])
-                    pair_rotation(directions[alpha], directions[k], tables.icrs[s], tables.icrs[t], rotation)
-                    hits = stars_near(tables, looked_at, rotation)
+                    t = np.uint64(pairs[q, 1 - end])
+                    hits = stars_near(near_star, places, _triad(axis(icrs, s), axis(icrs, t)))
                     if hits >= least:
                         count = _insert(candidates, count, (hits, k, int(s), int(t)))
         if count > 0 and candidates[0, 0] >= plenty:
@@ -132,11 +142,14 @@ def _insert(candidates: NDArray[np.int64], count: int, new: tuple[int, int, int,
     return count
 
 
-_Axis = tuple[float, float, float]
+@compiled
+def axis(vectors: NDArray[np.float64], row: np.uint64 | int) -> _Axis:
+    """A row of vectors (N, 3), without an array for it, of which numba counts the references."""
+    return vectors[row, 0], vectors[row, 1], vectors[row, 2]
 
 
 @compiled
-def _triad(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[_Axis, _Axis, _Axis]:
+def _triad(x: _Axis, y: _Axis) -> _Triad:
     """Three axes at right angles: ``x``, the normal of ``x`` and ``y``, and the cross product of these two."""
     cx = x[1] * y[2] - x[2] * y[1]
     cy = x[2] * y[0] - x[0] * y[2]
@@ -144,7 +157,7 @@ def _triad(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[_Axis, _Axis
     norm = 1.0 / math.sqrt(cx * cx + cy * cy + cz * cz + 1e-300)
     cx, cy, cz = cx * norm, cy * norm, cz * norm
     across = (x[1] * cz - x[2] * cy, x[2] * cx - x[0] * cz, x[0] * cy - x[1] * cx)
-    return (x[0], x[1], x[2]), (cx, cy, cz), across
+    return x, (cx, cy, cz), across
 
 
 @compiled
@@ -156,7 +169,7 @@ def pair_rotation(
     rotation: NDArray[np.float64],
 ) -> None:
     """Put the rotation that takes star ``s`` onto direction ``a`` and ``t`` towards ``b`` into ``rotation``."""
-    left, right = _triad(a, b), _triad(s, t)
+    left, right = _triad((a[0], a[1], a[2]), (b[0], b[1], b[2])), _triad((s[0], s[1], s[2]), (t[0], t[1], t[2]))
     for j in range(3):
         for k in range(3):
             rotation[j, k] = left[0][j] * right[0][k] + left[1][j] * right[1][k] + left[2][j] * right[2][k]

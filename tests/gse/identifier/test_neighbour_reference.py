@@ -9,9 +9,9 @@ from skies.reference_neighbour import ReferenceNeighbour, angle_urad, onboard_ta
 
 from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
-from gse.identifier.consistency import MOST_CANDIDATES
+from gse.identifier.consistency import MOST_CANDIDATES, object_of, star_of
 from gse.identifier.neighbour_level_1 import BLOCK, blocks_of, put_fits, put_fits_of_star, seen_from
-from gse.identifier.neighbour_search import EVERYWHERE, Limits, best_vote, first_fit, first_possible, view_of
+from gse.identifier.neighbour_search import EVERYWHERE, Limits, best_vote, first_fit, view_of
 from gse.identifier.tables import build_pair_table, field_diameter_rad
 from gse.spiral import spiral_directions
 
@@ -70,6 +70,19 @@ def test_same_answers_over_the_sky(source, stars, table, plain_table, search, mi
     assert named >= 4
 
 
+@pytest.mark.parametrize("min_fit", [3, 6])
+def test_alpha_stars_that_are_no_stars_change_nothing_for_those_after_them(source, stars, table, plain_table, min_fit):
+    sky, rng = sky_of(source, CAMERA, 4.5), np.random.default_rng(12)
+    limits, named = Limits(TOLERANCE_URAD, min_fit, min_fit, 30, False, EVERYWHERE), 0
+    for boresight in spiral_directions(8)[:4]:
+        frame = made_frame(sky, CAMERA, boresight, NOISE, rng)
+        pixels = np.concatenate([rng.uniform(0, (1024, 768), (7, 2)), frame.xy_px])
+        fast, slow = compared(first_fit, CAMERA.directions(pixels), stars, table, plain_table, limits)
+        assert fast == slow
+        named += bool(fast)
+    assert named >= 2
+
+
 def test_level_1_counts_as_eq_2_5_for_every_star(source, stars, table, plain_table):
     frame = made_frame(sky_of(source, CAMERA, 4.5), CAMERA, spiral_directions(8)[3], NOISE, np.random.default_rng(1))
     directions = CAMERA.directions(frame.xy_px)
@@ -93,23 +106,22 @@ def test_level_1_keeps_the_nearest_candidates_where_more_fit_than_there_is_room_
 def each_star_as_plain(directions, stars, table, limits, plain):
     """Fn of each star, which is the plain one, with its candidates, for stars one by one and in blocks."""
     view, blocks = view_of(directions, stars.icrs, table, limits), blocks_of(table)
-    seen = seen_from(0, view.angles.cosine, view.angles.sine, limits.tolerance_urad)
+    seen = seen_from(0, view.angles, limits.tolerance_urad, np.ones(len(directions), np.bool_))
     fits = []
     for star in range(len(stars)):
         fit, candidates = plain.level_1(star, plain.from_alpha(directions.tolist(), 0))
-        put_fits_of_star(star, seen, table, view.fits)
-        assert (view.fits.number[0], candidates_of(0, seen, view)[: len(candidates)]) == (fit, candidates)
+        put_fits_of_star(star, seen, table, view.fits_of_star)
+        assert candidates_of(0, view.fits_of_star) == (fit, candidates)
         put_fits(star // BLOCK, seen, blocks, view.fits)
-        member = star % BLOCK
-        assert (view.fits.number[member], candidates_of(member, seen, view)[: len(candidates)]) == (fit, candidates)
+        assert candidates_of(star % BLOCK, view.fits) == (fit, candidates)
         fits.append(fit)
     return fits
 
 
-def candidates_of(member, seen, view):
-    """The room of candidates after a look at a star of a block."""
-    first_possible(member, member + 1, 1, 1, seen, view)
-    return list(zip(view.room.object.tolist(), view.room.star.tolist(), strict=True))
+def candidates_of(member, fits):
+    """Fn of a star of a block, and its candidates."""
+    kept = fits.candidate[member, : min(fits.number[member], MOST_CANDIDATES)]
+    return fits.number[member] - fits.again[member], [(object_of(each), star_of(each)) for each in kept]
 
 
 @pytest.mark.parametrize("search", [first_fit, best_vote])
