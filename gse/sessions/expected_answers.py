@@ -3,7 +3,7 @@
 The file has a line of JSON for each panorama, schema gse.answer/1 (what the flight computer answered) or gse.frame/1
 (what ``gse replay --json-frames`` printed). Compared are RA, DE, roll where a line has it, or the quaternion, and the
 status of gse.frame/1: to the last bit for gse.answer/1, to the printed decimals for gse.frame/1. Where no frame has an
-answer on either side, nothing was shown: that is no agreement.
+answer on either side, nothing was shown: that is not agreement.
 """
 
 import json
@@ -141,7 +141,7 @@ def _exact(result: FrameResult) -> dict[str, Any]:
 def _read(path: Path) -> dict[int, deque[dict[str, Any]]]:
     found: dict[int, deque[dict[str, Any]]] = defaultdict(deque)
     if path.exists() and not path.is_file():
-        raise TableError(f"{path} is no file; expected answers as lines of JSON")
+        raise TableError(f"{path} is not a file; expected answers as lines of JSON")
     try:
         if path.stat().st_size > MOST_BYTES:
             raise TableError(f"{path} is larger than {MOST_BYTES} bytes; expected answers as lines of JSON")

@@ -15,10 +15,8 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from drivers.chunk import LinkEvent
+from gse.station.frame_columns import FrameColumns
 from gse.station.frame_results import NewResults
 from gse.station.results import Verdict
 from gse.station.session_data import SessionData
@@ -44,7 +42,7 @@ class Forecast:
     ``fill_sky`` fills the sky columns of a snapshot's frames (rows of FRAME), which the loop itself does at the end.
     """
 
-    def __init__(self, fill_sky: Callable[[NDArray[np.void]], None] = lambda frames: None) -> None:
+    def __init__(self, fill_sky: Callable[[FrameColumns], None] = lambda frames: None) -> None:
         self._fill_sky = fill_sky
         self.text = self.metrics = ""
         self._begun = threading.Event()

@@ -156,7 +156,7 @@ def _sha256(path: Path) -> str:
 def _opened(path: Path) -> BufferedReader:
     """A file to read; ValueError where a pipe, a link or a device stands in its place, which may never end."""
     if path.is_symlink() or not path.is_file():
-        raise ValueError(f"{path.name} is no file")
+        raise ValueError(f"{path.name} is not a file")
     return path.open("rb")
 
 

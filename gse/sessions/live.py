@@ -155,6 +155,7 @@ def run_live(
         derived_data.close()
         status.enter("closing")
         operator.tell(_closing_words(recorder))
+        session.frames.use_disk()  # nothing is received any more, and judging takes memory
         give_back()  # the session file is compressed next
     for event in recorder.news():
         loop.on_event(event)

@@ -118,6 +118,7 @@ def replay_session(
         loop = _loop(path, recorded, options, station, first[0].utc_ns if first else None, tell)
         if threads > 1 and options.speed == "max" and loop.setup.external is None:
             loop.ahead = ahead
+        loop.session.frames.use_disk()
         loop.listeners = make_listeners(loop, None)
         session = loop.run(link, first, stop=stop, each=each)
     if recorded is not None:

@@ -34,6 +34,8 @@ class ByteStream:
         self._counters = counters
         self._decoder = FrameDecoder(protocol, from_sensor=True)
         self._stamps: deque[_Stamp] = deque()
+        self._held: list[bytes] = []
+        self._wanted = 1
         self._completed_utc_ns = 0
         self._sha256 = hashlib.sha256()
 
@@ -48,18 +50,27 @@ class ByteStream:
             self.latest_reasons.clear()
         self._stamps.append((self._counters.bytes_in, chunk.utc_ns, chunk.mono_ns))
         self._counters.bytes_in += len(chunk.data)
-        self._sha256.update(chunk.data)
-        self._completed_utc_ns = chunk.utc_ns
-        pieces = self._decoder.feed(chunk.data)
-        if not pieces:
+        self._held.append(chunk.data)
+        self._wanted -= len(chunk.data)
+        if self._wanted > 0:
             return []
-        frames = self._take(pieces)
+        self._completed_utc_ns = chunk.utc_ns
+        frames = self._take(self._decode_held())
         self._forget_before(self._counters.bytes_in - self._decoder.pending)
         return frames
 
     def finish(self) -> list[FrameAt]:
         """The frames in the bytes left at the end of the stream."""
-        return self._take(self._decoder.finish())
+        return self._take([*self._decode_held(), *self._decoder.finish()])
+
+    def _decode_held(self) -> list[Frame | Discard]:
+        """What the bytes held back complete: most chunks only bring a part of a frame, which need not be looked at."""
+        data = b"".join(self._held)
+        self._held.clear()
+        self._sha256.update(data)
+        pieces = self._decoder.feed(data)
+        self._wanted = self._decoder.wanted
+        return pieces
 
     def _take(self, pieces: Sequence[Frame | Discard]) -> list[FrameAt]:
         frames = []

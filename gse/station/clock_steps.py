@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from drivers.chunk import LinkEvent
 from gse.instant import LAST_NS, NS_PER_DAY, NS_PER_S
 from gse.station.event_kinds import ClockStep
+from gse.station.frame_columns import Columns
 
 WRONG_CLOCK_NS = 10 * NS_PER_S
 """A clock that was put right by more than this stamped nothing that can be judged."""
@@ -53,7 +54,7 @@ def clock_stretches(host_utc_ns: NDArray[np.int64], steps: Sequence[ClockStep]) 
     return [ClockStretch(a, b, offset) for (a, b), offset in zip(pairwise(edges), offsets, strict=True)]
 
 
-def instants_ns(frames: NDArray[np.void], events: Iterable[LinkEvent]) -> NDArray[np.int64]:
+def instants_ns(frames: Columns, events: Iterable[LinkEvent]) -> NDArray[np.int64]:
     """UTC (M,) of frames (rows of FRAME) that no wrong clock stamped; of all where there are no others."""
     stretches = clock_stretches(frames["host_utc_ns"], clock_steps(events))
     right = [frames["utc_ns"][stretch.first : stretch.until] for stretch in stretches if not stretch.is_wrong]

@@ -16,6 +16,7 @@ from gse.errors import UsageError
 from gse.instant import LAST_NS, NS_PER_S, from_text
 from gse.station.clock_steps import ClockStretch, clock_steps, clock_stretches, first_rows
 from gse.station.event_kinds import ClockStep
+from gse.station.frame_columns import Columns
 
 AROUND_STEP_NS = 5 * NS_PER_S
 """On either side of a step of the host clock."""
@@ -53,7 +54,7 @@ class Exclusion:
     time_error_s: float = 0.0
 
 
-def exclusions(events: Iterable[LinkEvent], frames: NDArray[np.void]) -> tuple[Exclusion, ...]:
+def exclusions(events: Iterable[LinkEvent], frames: Columns) -> tuple[Exclusion, ...]:
     """Frames around each step of the clock, as either clock stamps them, and frames that waited in a buffer.
 
     ``frames`` are rows of FRAME.
@@ -67,7 +68,7 @@ def exclusions(events: Iterable[LinkEvent], frames: NDArray[np.void]) -> tuple[E
     )
 
 
-def _wrong_clock(frames: NDArray[np.void], stretch: ClockStretch) -> Exclusion:
+def _wrong_clock(frames: Columns, stretch: ClockStretch) -> Exclusion:
     """All frames of a clock that was far from the one that was set last."""
     utc_ns = frames["utc_ns"][stretch.first : stretch.until]
     offset_s = stretch.offset_ns / NS_PER_S
@@ -75,7 +76,7 @@ def _wrong_clock(frames: NDArray[np.void], stretch: ClockStretch) -> Exclusion:
     return Exclusion(int(utc_ns.min()), int(utc_ns.max()) + 1, reason, Cause.CLOCK_STEP, abs(offset_s))
 
 
-def _late_starts(frames: NDArray[np.void], stepped: list[int]) -> Iterator[Exclusion]:
+def _late_starts(frames: Columns, stepped: list[int]) -> Iterator[Exclusion]:
     """Frames that had waited in a buffer when the port was opened: their bytes were read long after they came.
 
     Until a frame comes that is read at once, nothing shows how late they are; then the offset of the sensor's clock,

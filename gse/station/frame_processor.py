@@ -78,14 +78,14 @@ class FrameProcessor:
             took_us = (time.perf_counter_ns() - started_ns) / 1000
             elapsed_us = np.where(sound, round(took_us / max(len(panoramas) - len(faults), 1), 1), np.nan)
         true_stars = answered(objects, faults, self.reference.identify_many) if self.reference else None
-        checks, apart_rad = self._checks(attitudes, objects, true_stars)
+        checks, separation_rad = self._checks(attitudes, objects, true_stars)
         return Identified(
             objects.directions_sensor,
             sound,
             answers,
             attitudes,
             checks,
-            apart_rad,
+            separation_rad,
             self._light(objects, answers, true_stars),
             elapsed_us,
             given,
@@ -238,22 +238,22 @@ class FrameProcessor:
         self, attitudes: Attitudes, objects: ObjectColumns, true_stars: Answers | None
     ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
         """The check (K,) of each answer's attitude by the stars that the reference identifier found; how far apart."""
-        checks, all_apart_rad = np.full(len(objects), _UNKNOWN, dtype=np.uint8), np.full(len(objects), np.nan)
+        checks, all_separations_rad = np.full(len(objects), _UNKNOWN, dtype=np.uint8), np.full(len(objects), np.nan)
         if self.reference is None or true_stars is None:
-            return checks, all_apart_rad
+            return checks, all_separations_rad
         known = true_stars.named
         measured = objects.directions_sensor.take(rows_of(objects.parts, true_stars), axis=0)
         stars_icrs = self.reference.catalog.icrs.take(true_stars.stars, axis=0)
         looking = solve_attitudes(measured, stars_icrs, true_stars.parts.first[1:][known], 1e-4)
-        apart_rad = np.linalg.norm(attitudes.boresights_icrs[known] - looking.boresights_icrs, axis=1)
-        same = np.where(apart_rad < _SAME_BORESIGHT_RAD, _CORRECT, _FALSE)
-        checks[known], all_apart_rad[known] = np.where(np.isnan(apart_rad), _ABSENT, same), apart_rad
-        return checks, all_apart_rad
+        separation_rad = np.linalg.norm(attitudes.boresights_icrs[known] - looking.boresights_icrs, axis=1)
+        same = np.where(separation_rad < _SAME_BORESIGHT_RAD, _CORRECT, _FALSE)
+        checks[known], all_separations_rad[known] = np.where(np.isnan(separation_rad), _ABSENT, same), separation_rad
+        return checks, all_separations_rad
 
     def _checks_under_air(self, panoramas: Panoramas, identified: Identified) -> NDArray[np.uint8]:
         """The checks with what air makes of the boresights of other stars: in a low field it lifts each by another."""
         checks = identified.answer_check
-        close = (checks == _FALSE) & (identified.apart_rad < _MOST_BY_AIR_RAD)
+        close = (checks == _FALSE) & (identified.separation_rad < _MOST_BY_AIR_RAD)
         if self.truth is None or not close.any():
             return checks
         checks = checks.copy()
@@ -262,7 +262,7 @@ class FrameProcessor:
             up = self.truth.icrs_to_horizon_at(panoramas.utc_ns[k : k + 1])[0, 2]
             lifted = stars - self.truth.unrefracted(stars, identified.attitudes.icrs_to_sensor[k] @ up)
             by_air_rad = _TIMES_PARTED * float(np.sqrt(lifted.var(axis=0).sum()))
-            if identified.apart_rad[k] < _SAME_BORESIGHT_RAD + by_air_rad:
+            if identified.separation_rad[k] < _SAME_BORESIGHT_RAD + by_air_rad:
                 checks[k] = _CORRECT
         return checks
 

@@ -1,11 +1,13 @@
 """Table of results: the frames of a session as columns, 14 h in some 100 MB."""
 
 import copy
+import math
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.station.frame_columns import ColumnStore, FrameColumns
 from gse.station.results import AnswerCheck, SkyCondition, Status
 
 STATUSES = tuple(Status)
@@ -13,6 +15,8 @@ ANSWER_CHECKS = tuple(AnswerCheck)
 SKY_CONDITIONS = tuple(SkyCondition)
 _ROOM_ROWS = 1 << 19
 """14 h at 10 Hz; the capacity doubles when it is full."""
+MOST_IN_MEMORY = 1 << 16
+"""Frames of a replay: 12 MB, 1.8 h at 10 Hz; those of a longer one lie in a temporary file, 180 bytes each."""
 MOST_MATCHES = 250_000
 """In a longer session only every second, fourth, ... frame keeps its matches: 5 MB are enough for maps and fits."""
 
@@ -115,9 +119,6 @@ class _Rows:
         self._room[self._used : self._used + len(rows)] = rows
         self._used += len(rows)
 
-    def copied(self) -> "_Rows":
-        return _Rows(self.array().copy(), self._used)
-
     def _make_room(self, count: int) -> None:
         while self._used + count > len(self._room):
             self._room = np.concatenate([self._room, np.zeros(max(len(self._room), _ROOM_ROWS), self._room.dtype)])
@@ -131,29 +132,41 @@ class _Rows:
 
 
 class FrameTable:
-    """Frames of a session, in order; ``columns`` and ``matches`` are structured arrays of FRAME and MATCH."""
+    """Frames of a session, in order: ``columns`` of FRAME, and ``matches``, a structured array of MATCH."""
 
     def __init__(self) -> None:
-        self._frames = _Rows(np.zeros(_ROOM_ROWS, FRAME))
+        self._frames = ColumnStore(FRAME, _ROOM_ROWS)
+        self._most_in_memory: float = math.inf
         self._matches = _Rows(np.zeros(_ROOM_ROWS, MATCH))
         self._match_stride = 1
 
     @classmethod
     def of(cls, frames: NDArray[np.void], matches: NDArray[np.void]) -> Self:
-        """The table whose rows of FRAME and MATCH these are, without a copy."""
+        """The table whose rows of FRAME and MATCH these are; matches are not copied."""
+        table = cls.with_rows(len(frames), matches)
+        for name in FRAME.names or ():
+            table.columns[name] = frames[name]
+        return table
+
+    @classmethod
+    def with_rows(cls, count: int, matches: NDArray[np.void], most_in_memory: float = math.inf) -> Self:
+        """A table with so many rows of zeros, to be filled by column; of more than ``most_in_memory`` on the disk."""
         table = cls()
-        table._frames, table._matches = _Rows(frames, len(frames)), _Rows(matches, len(matches))
+        table._frames = ColumnStore(FRAME, 0).with_room(count, on_disk=count > most_in_memory)
+        table._frames.used = count
+        table._matches = _Rows(matches, len(matches))
         return table
 
     def __len__(self) -> int:
-        return len(self._frames)
+        return self._frames.used
 
     def extend(self, frames: NDArray[np.void], matches: NDArray[np.void]) -> None:
         """Add rows of FRAME and of MATCH, whose ``frame`` counts from the first of these.
 
         Drops every second frame's matches when there are too many.
         """
-        matches["frame"] += len(self._frames)
+        matches["frame"] += len(self)
+        self._make_room(len(frames))
         self._frames.extend(frames)
         self._matches.extend(matches[matches["frame"] % self._match_stride == 0])
         if len(self._matches) > MOST_MATCHES:
@@ -162,6 +175,22 @@ class FrameTable:
             self._matches = _Rows(np.zeros(_ROOM_ROWS, MATCH))
             self._matches.extend(stored[stored["frame"] % self._match_stride == 0])
 
+    def use_disk(self, most_in_memory: int = MOST_IN_MEMORY) -> None:
+        """From so many rows on, keep the frames in a temporary file.
+
+        Only where no sensor waits: a disk that stands still stops whoever writes to such a file.
+        """
+        self._most_in_memory = most_in_memory
+        self._make_room(0)
+
+    def _make_room(self, count: int) -> None:
+        needed, store = len(self) + count, self._frames
+        on_disk = needed > self._most_in_memory
+        if needed > store.rows or (on_disk and not store.is_on_disk):
+            self._frames = store.with_room(2 * needed, on_disk=on_disk)
+            if on_disk and not self._frames.is_on_disk:
+                self._most_in_memory = math.inf  # the disk has no room: it is asked once
+
     def snapshot(self) -> "FrameTable":
         """A table of the rows so far, for another thread: columns are copied, matches, which never change, shared."""
         taken = copy.copy(self)
@@ -169,9 +198,9 @@ class FrameTable:
         return taken
 
     @property
-    def columns(self) -> NDArray[np.void]:
-        """One row per panorama, dtype FRAME."""
-        return self._frames.array()
+    def columns(self) -> FrameColumns:
+        """One row per panorama, columns of FRAME."""
+        return FrameColumns(self._frames, 0, self._frames.used)
 
     @property
     def matches(self) -> NDArray[np.void]:

@@ -3,8 +3,8 @@
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gse.station.frame_columns import Columns
 from protocols import StatusMessage
 
 
@@ -19,7 +19,7 @@ class Mode(StrEnum):
 MODES = tuple(Mode)
 
 
-def fill_housekeeping(frames: NDArray[np.void], statuses: list[tuple[int, StatusMessage]]) -> None:
+def fill_housekeeping(frames: Columns, statuses: list[tuple[int, StatusMessage]]) -> None:
     """Give each row of FRAME supply voltage and mode of the latest STATUS before it; none before the first."""
     if not statuses:
         return

@@ -19,8 +19,8 @@ class Identified:
     ``directions_sensor`` (M, 3) are of all objects; a panorama that is not ``sound`` (K,) was shown to no identifier.
     ``elapsed_us`` (K,) is the time from objects to RA and DE: this host's (of panoramas that waited together, the
     mean), or an external identifier's own; NaN where nothing was asked. ``given`` is what an external identifier gave,
-    ``light`` what the named stars show of the sky. ``apart_rad`` (K,) is how far the boresight of an answer lies from
-    the reference identifier's, NaN where one of them is missing.
+    ``light`` what the named stars show of the sky. ``separation_rad`` (K,) is how far the boresight of an answer lies
+    from the reference identifier's, NaN where one of them is missing.
     """
 
     directions_sensor: NDArray[np.float64]
@@ -28,7 +28,7 @@ class Identified:
     answers: Answers
     attitudes: Attitudes
     answer_check: NDArray[np.uint8]
-    apart_rad: NDArray[np.float64]
+    separation_rad: NDArray[np.float64]
     light: Starlights
     elapsed_us: NDArray[np.float64]
     given: Mapping[int, Given] = field(default_factory=dict)

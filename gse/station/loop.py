@@ -164,7 +164,8 @@ class StationLoop:
         self._monitor = LinkMonitor(baudrate, explain=lambda sample: what_fits(sample, setup.protocol, baudrate))
         self._truth_sought = False
         self._event_log = EventLog()
-        self.sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount)
+        stated_mag = station.sensor.zero_point_mag
+        self.sky = SkyWatch(station.site, setup.camera, setup.identifier.catalog, mount, stated_mag=stated_mag)
         self._result_events = ResultEvents(self.sky, CameraWatch(setup.camera, setup.identifier.catalog))
 
     def run(

@@ -152,7 +152,7 @@ class AttitudeError:
     """Measured minus true attitude, all in arcsec.
 
     ``d_ra_cosde`` is towards east and ``d_de`` towards north, at the true boresight (on the tangent plane there, so
-    that the poles are no special case); ``d_roll`` about the boresight; ``cross_x`` and ``cross_y`` are the
+    that the poles are not special cases); ``d_roll`` about the boresight; ``cross_x`` and ``cross_y`` are the
     cross-boresight errors in the sensor frame: where the measured boresight lies along columns and rows.
     """
 

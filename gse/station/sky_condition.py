@@ -3,6 +3,9 @@
 What is expected comes from site, time, direction and catalogue; what is seen comes from the answers. Stars that are
 fainter than in the clear, or that are missing, show a cloud. Brightness is compared only under a dark sky: the index
 value of a star holds the light of the sky behind it, so a twilight sky makes stars look brighter.
+
+What the clear sky is, a session shows by its clearest part. A thin cloud that stays from the first frame to the last is
+in that, too: only the zero point of a clear night, where the station file states it, tells it from a clear sky.
 """
 
 import math
@@ -11,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.station.frame_columns import Columns
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, SkyCondition, Status
 
@@ -21,6 +25,8 @@ FADED_MAG = 0.75
 """A cloud dims the stars by more than the air, the temperature and the noise of a few frames do."""
 CLEARED_MAG = 0.5
 MISSING_SHARE, BACK_SHARE = 0.55, 0.7
+DOUBTFUL_SHARE = 0.8
+"""Of the stars expected: a cloud of 1 mag leaves two thirds to three quarters of them, and so may the sensor itself."""
 """Of the share of stars that is seen in the clear: below the first a cloud covers the field, above the second none."""
 FEW_SHARE = 1 / 3
 """Of the stars expected: fewer are no clear sky, whatever the session has shown so far."""
@@ -95,15 +101,16 @@ class SkyEvidence:
 
 @dataclass(frozen=True, slots=True)
 class ClearSky:
-    """The same of the clearest part of a session, as far as it is known."""
+    """The same of the clearest part of a session, as far as it is known; or a zero point that ``is_stated``."""
 
     zero_point_mag: float = math.nan
     seen_share: float = math.nan
     exposure_s: float = math.nan
     objects: float = math.nan
+    is_stated: bool = False
 
 
-def evidence_of(rows: NDArray[np.void], expected: float, lights: Lights, usual_objects: float) -> SkyEvidence:
+def evidence_of(rows: Columns, expected: float, lights: Lights, usual_objects: float) -> SkyEvidence:
     """The evidence of some rows of FRAME; ``usual_objects`` is the number of objects of the clear sky."""
     answered = rows["status"] == STATUSES.index(Status.IDENTIFIED)
     check = rows["answer_check"]
@@ -119,25 +126,30 @@ def evidence_of(rows: NDArray[np.void], expected: float, lights: Lights, usual_o
         min(share, 1.0),
         _median((rows["zero_point_mag"] - per_second)[shown]),
         _median(rows["limiting_mag"][shown]),
-        float(np.median(rows["objects"])),
+        _median(rows["objects"].astype(np.float64)),
         float(empty.mean()),
         bool((shown | false).any()),
         bool((rows["status"] == STATUSES.index(Status.SENSOR_FAULT)).mean() > 0.5),
         _median(exposure_s),
-        float(np.median(rows["false_objects"][shown])) if shown.any() else 0.0,
+        _median(rows["false_objects"][shown].astype(np.float64)) if shown.any() else 0.0,
     )
 
 
-def clear_sky(evidence: list[SkyEvidence]) -> ClearSky:
-    """The clear sky among the evidence of a session: its clearest twentieth, without twilight and the Moon's glare."""
+def clear_sky(evidence: list[SkyEvidence], stated_mag: float | None = None) -> ClearSky:
+    """The clear sky among the evidence of a session: its clearest twentieth, without twilight and the Moon's glare.
+
+    With the zero point of a clear night where it is stated.
+    """
     fit = [item for item in evidence if item.shows_stars and item.lights.is_dark and not item.moon_glares]
+    zero_point_mag = _highest([item.zero_point_mag for item in fit]) if stated_mag is None else stated_mag
     if not fit:
-        return ClearSky()
+        return ClearSky(zero_point_mag if stated_mag is not None else math.nan, is_stated=stated_mag is not None)
     return ClearSky(
-        _highest([item.zero_point_mag for item in fit]),
+        zero_point_mag,
         _highest([item.seen_share for item in fit if item.expected >= FEWEST_EXPECTED]),
         _highest([item.exposure_s for item in fit]),
         _highest([item.objects for item in fit]),
+        stated_mag is not None,
     )
 
 
@@ -196,16 +208,36 @@ def words_of(condition: SkyCondition, found: SkyEvidence, clear: ClearSky) -> st
     stars = stars if found.seen_share >= 0 else "stars are identified"
     if condition is SkyCondition.CLEAR:
         depth = f", to magnitude {found.limiting_mag:.1f}" if math.isfinite(found.limiting_mag) else ""
-        few = found.lights.is_dark and not found.moon_glares and found.misses_stars and found.seen_share < MISSING_SHARE
-        doubt = " (cloud that was always there, or a sensor that sees less than its catalogue)" if few else ""
-        return f"{stars}{depth}{doubt}; {found.lights}"
+        return f"{stars}{depth}{_against_stated(found, clear)}{_doubt(found, clear)}; {found.lights}"
     if condition is SkyCondition.CLOUDED:
         faded = faded_mag(found, clear)
-        dimmed = f"stars are {faded:.1f} mag fainter than in the clear, " if faded >= CLEARED_MAG else ""
+        than = "the stated zero point says" if clear.is_stated else "in the clear"
+        dimmed = f"stars are {faded:.1f} mag fainter than {than}, " if faded >= CLEARED_MAG else ""
         return f"{dimmed}{stars if found.shows_stars else 'no star is left'}: cloud, haze or dew"
     if condition is SkyCondition.NO_STARS:
         return _no_stars(found, clear)
     return str(found.lights)
+
+
+def _against_stated(found: SkyEvidence, clear: ClearSky) -> str:
+    faded = faded_mag(found, clear)
+    if not clear.is_stated or math.isnan(faded):
+        return ""
+    side = "brighter" if faded < 0 else "fainter"
+    doubt = ": it is not this sensor's" if faded <= -FADED_MAG else ""
+    return f", {abs(faded):.1f} mag {side} than the stated zero point says{doubt}"
+
+
+def _doubt(found: SkyEvidence, clear: ClearSky) -> str:
+    """What a sky that is called clear may be, where many stars are missing and no zero point tells why."""
+    known = clear.is_stated and not math.isnan(faded_mag(found, clear))
+    few = found.lights.is_dark and not found.moon_glares and found.misses_stars and found.seen_share < DOUBTFUL_SHARE
+    if known or not few:
+        return ""
+    return (
+        " (or thin cloud that was always there, or a sensor that sees less than its catalogue: the zero point of a "
+        "clear night, sensor.zero_point_mag, tells which)"
+    )
 
 
 def _no_stars(found: SkyEvidence, clear: ClearSky) -> str:
@@ -224,8 +256,9 @@ def _no_stars(found: SkyEvidence, clear: ClearSky) -> str:
 
 
 def _median(values: NDArray[np.float64]) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else math.nan
+    known = np.sort(values[np.isfinite(values)])
+    # As np.median, which takes ten times as long for so few.
+    return float((known[(len(known) - 1) // 2] + known[len(known) // 2]) / 2) if len(known) else math.nan
 
 
 def _highest(values: list[float]) -> float:

@@ -15,6 +15,7 @@ from gse.mount import Mount
 from gse.panorama import MAX_OBJECTS
 from gse.site import Site
 from gse.station.event_kinds import StationKind
+from gse.station.frame_columns import FrameColumns
 from gse.station.frame_table import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
 from gse.station.results import AnswerCheck, SkyCondition, Status
 from gse.station.sky_condition import (
@@ -53,21 +54,31 @@ class SkyWatch:
     The frames of WINDOW_NS are taken together, so that the events are the same however the bytes come. An event says
     what was known at its time. ``finish`` looks at the whole session again: only then is its clearest part known.
     A sensor that sends its own answers and no panoramas does not show the sky: ``sees_objects`` is then False.
+    ``stated_mag`` is the zero point of a clear night (index value 1, exposure of 1 s).
     """
 
-    def __init__(self, site: Site, camera: Camera, catalog: StarCatalog, mount: Mount | None) -> None:
+    def __init__(
+        self,
+        site: Site,
+        camera: Camera,
+        catalog: StarCatalog,
+        mount: Mount | None,
+        *,
+        stated_mag: float | None = None,
+    ) -> None:
         self._site, self._camera, self._catalog = site, camera, catalog
         self._field_radius_deg = math.degrees(camera.diagonal_rad) / 2
         self._horizon_to_sensor = None if mount is None else horizon_to_sensor(mount)
         self.sees_objects = True
         self._first, self._begun_ns = 0, -1
         self._windows: list[tuple[int, int, SkyEvidence]] = []
-        self._clear = ClearSky()
+        self._stated_mag = stated_mag
+        self._clear = clear_sky([], stated_mag)
         self._reference_due = 1
         self._condition = SkyCondition.UNKNOWN
         self._is_day: bool | None = None
 
-    def take(self, frames: NDArray[np.void], first: int) -> list[tuple[int, list[LinkEvent]]]:
+    def take(self, frames: FrameColumns, first: int) -> list[tuple[int, list[LinkEvent]]]:
         """Look at the frames (all rows of FRAME so far), new from row ``first`` on: the events, and at which row."""
         utc_ns = frames["utc_ns"]
         if self._begun_ns < 0:
@@ -79,35 +90,36 @@ class SkyWatch:
             self._begun_ns = int(utc_ns[first])
         return found
 
-    def finish(self, frames: NDArray[np.void]) -> list[LinkEvent]:
+    def finish(self, frames: FrameColumns) -> list[LinkEvent]:
         """Close the last window, and fill the columns that need the clearest part of the session."""
         events = list(self._close_window(frames, len(frames))) if len(frames) > self._first else []
         self.fill(frames)
         return events
 
-    def fill(self, frames: NDArray[np.void]) -> None:
+    def fill(self, frames: FrameColumns) -> None:
         """Fill the columns that need the clearest part of the session, as it is so far."""
-        clear, condition = clear_sky([found for _, _, found in self._windows]), SkyCondition.UNKNOWN
+        clear = clear_sky([found for _, _, found in self._windows], self._stated_mag)
+        condition = SkyCondition.UNKNOWN
         for first, until, found in self._windows:
             condition = self._judged(found, clear, condition)
             rows = frames[first:until]
             rows["sky_condition"] = SKY_CONDITIONS.index(condition)
             rows["transparency"] = 10 ** (-0.4 * min(max(faded_mag(found, clear), 0.0), 20.0))
 
-    def _close_window(self, frames: NDArray[np.void], until: int) -> Iterator[LinkEvent]:
+    def _close_window(self, frames: FrameColumns, until: int) -> Iterator[LinkEvent]:
         rows = frames[self._first : until]
         utc_ns = int(rows["utc_ns"][-1])
         lights, expected = self._expectation(rows)
         found = glared(evidence_of(rows, expected, lights, self._clear.objects), self._field_radius_deg)
-        self._fill(rows, lights, expected)
+        self._fill(rows, lights, expected if self.sees_objects else math.nan)
         self._windows.append((self._first, until, found))
         if len(self._windows) >= self._reference_due:
             self._reference_due = math.ceil(_REFERENCE_AFTER * len(self._windows))
-            self._clear = clear_sky([item for _, _, item in self._windows])
+            self._clear = clear_sky([item for _, _, item in self._windows], self._stated_mag)
         self._first = until
         yield from self._changes(utc_ns, found)
 
-    def _fill(self, rows: NDArray[np.void], lights: Lights, expected: float) -> None:
+    def _fill(self, rows: FrameColumns, lights: Lights, expected: float) -> None:
         rows["stars_expected"] = expected
         rows["sun_altitude_deg"], rows["moon_altitude_deg"] = lights.sun_altitude_deg, lights.moon_altitude_deg
         rows["sun_separation_deg"], rows["moon_separation_deg"] = lights.sun_separation_deg, lights.moon_separation_deg
@@ -126,10 +138,9 @@ class SkyWatch:
     def _judged(self, found: SkyEvidence, clear: ClearSky, before: SkyCondition) -> SkyCondition:
         return condition_of(found, clear, before) if self.sees_objects else SkyCondition.UNKNOWN
 
-    def _expectation(self, rows: NDArray[np.void]) -> tuple[Lights, float]:
+    def _expectation(self, rows: FrameColumns) -> tuple[Lights, float]:
         """Where Sun and Moon stand in the middle of a window, and how many catalogue stars are in the field."""
-        middle = rows[len(rows) // 2]
-        utc_ns = np.array([middle["utc_ns"]])
+        utc_ns = rows["utc_ns"][len(rows) // 2 :][:1]
         to_horizon = icrs_to_horizon(self._site, utc_ns)[0]
         self._look(rows)
         sun, moon = (vectors[0] for vectors in sun_and_moon_horizon(self._site, utc_ns))
@@ -141,16 +152,17 @@ class SkyWatch:
         expected = stars_in_field(self._catalog, self._camera, self._horizon_to_sensor @ to_horizon)
         return Lights(*altitudes, *separations), float(min(expected, MAX_OBJECTS))
 
-    def _look(self, rows: NDArray[np.void]) -> None:
+    def _look(self, rows: FrameColumns) -> None:
         """Take the direction from the stars where they are confirmed, rather than from the station file."""
         confirmed = np.flatnonzero(
             (rows["status"] == STATUSES.index(Status.IDENTIFIED)) & (rows["answer_check"] != _FALSE)
         )
         if not len(confirmed):
             return
-        row = rows[confirmed[len(confirmed) // 2]]
-        attitude = Attitude.from_angles(row["ra_deg"], row["de_deg"], np.nan_to_num(row["roll_deg"]))
-        at_row = icrs_to_horizon(self._site, np.array([row["utc_ns"]]))[0]
+        middle = confirmed[len(confirmed) // 2]
+        ra_deg, de_deg, roll_deg = (rows[f"{angle}_deg"][middle] for angle in ("ra", "de", "roll"))
+        attitude = Attitude.from_angles(ra_deg, de_deg, np.nan_to_num(roll_deg))
+        at_row = icrs_to_horizon(self._site, rows["utc_ns"][middle : middle + 1])[0]
         self._horizon_to_sensor = attitude.icrs_to_sensor @ at_row.T
 
 

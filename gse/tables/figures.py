@@ -15,7 +15,7 @@ from gse.station.results import Subject
 from gse.tables.records import COUNT, Column, column, columns_of, records
 
 _BY_KEY = ("statuses", "answer_checks", "subjects", "spatial", "exclusions", "counted", "own", "arrival_ms")
-"""Fields of Statistics that are no plain values: they have columns of their own."""
+"""Fields of Statistics that are not plain values: they have columns of their own."""
 _STAR_AXES = ("cross_x", "cross_y")
 
 

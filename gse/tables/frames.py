@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gse.assessment.sensor_answers import SensorAnswers
 from gse.assessment.statistics import Statistics
+from gse.station.frame_columns import Columns
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
 from gse.station.housekeeping import MODES
 from gse.station.results import Status, Subject
@@ -104,7 +105,7 @@ def same_key(key: str, count: int) -> pa.Array:
     return pa.DictionaryArray.from_arrays(pa.array(np.zeros(count, dtype=np.int32)), [key])
 
 
-def _own(frames: NDArray[np.void]) -> dict[str, NDArray[Any]]:
+def _own(frames: Columns) -> dict[str, NDArray[Any]]:
     """What SensorAnswers says beside panoramas, of a frame table that holds the sensor's answers themselves."""
     arrival_ms = (frames["host_utc_ns"] - frames["utc_ns"]) / 1e6
     return {

@@ -39,7 +39,7 @@ def column(name: str, kind: pa.DataType, value: Any) -> Column:
 def columns_of(kind: Any, value: Any, stem: str = "", *, without: Iterable[str] = ()) -> Iterator[Column]:
     """The columns of a record of type ``kind``, their names beginning with ``stem``; all null where ``value`` is None.
 
-    ``without`` names fields that are not taken, for example those that are no plain values.
+    ``without`` names fields that are not taken, for example those that are not plain values.
     """
     hints = _hints(kind)
     for item in fields(kind):

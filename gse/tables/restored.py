@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gse.catalog.names import Designation
 from gse.catalog.stars import ListedStars
-from gse.station.frame_table import FRAME, MATCH, ONBOARD_COLUMNS, FrameTable
+from gse.station.frame_table import FRAME, MATCH, MOST_IN_MEMORY, ONBOARD_COLUMNS, FrameTable
 from gse.station.results import Subject
 from gse.tables.frames import WORDS, plain_name
 from gse.tables.parquet import ParquetColumns
@@ -17,14 +17,14 @@ from gse.tables.parquet import ParquetColumns
 
 def restored_frames(frames: ParquetColumns, stars: ParquetColumns, subject: Subject) -> FrameTable:
     """The frame table that the tables were made of; ``subject`` is whose answers it holds."""
-    rows = np.zeros(frames.num_rows, dtype=FRAME)
-    for name in FRAME.names or ():
-        column = frames[f"{subject}_{name}" if name in ONBOARD_COLUMNS else plain_name(name)]
-        rows[name] = _places(name, column) if name in WORDS else _numbers(column)
     matches = np.zeros(stars.num_rows, dtype=MATCH)
     for name in MATCH.names or ():
         matches[name] = _numbers(stars["star_row" if name == "star" else name])
-    return FrameTable.of(rows, matches)
+    table = FrameTable.with_rows(frames.num_rows, matches, MOST_IN_MEMORY)
+    for name in FRAME.names or ():
+        column = frames[f"{subject}_{name}" if name in ONBOARD_COLUMNS else plain_name(name)]
+        table.columns[name] = _places(name, column) if name in WORDS else _numbers(column)
+    return table
 
 
 def restored_stars(stars: ParquetColumns, designation: Designation) -> ListedStars:

@@ -1,6 +1,6 @@
 """Direction of the mount from measured attitudes: a mean of rotations, with its residuals.
 
-Works with rotations, not angles: the zenith and the poles are no special cases.
+Works with rotations, not angles: the zenith and the poles are not special cases.
 """
 
 import math

@@ -1,6 +1,7 @@
 """Earth orientation: UT1 - UTC, the pole and leap seconds, frozen around a session.
 
-Past the end of the tables the last values are held; how wrong they may be grows by the day, and is told.
+Past the end of the tables the last values are held; how wrong they may be grows by the day, and is an event and a
+term of the uncertainty budget.
 """
 
 import json

@@ -15,14 +15,14 @@ from gse.station.frame_results import NewResults
 def test_a_snapshot_stays_as_it_is_while_the_session_grows() -> None:
     session = synthetic_night(200)
     taken = snapshot(session)
-    columns, matches = taken.frames.columns.copy(), taken.frames.matches.copy()
+    columns, matches = taken.frames.columns.rows(), taken.frames.matches.copy()
     for frame in synthetic_frames(200, seed=2):
         add_frame(session.frames, frame)
     session.link.frames += 200
     session.events.clear()
     assert len(session.frames) == 400
     assert len(session.frames.matches) > len(matches)
-    assert taken.frames.columns.tobytes() == columns.tobytes()
+    assert taken.frames.columns.rows().tobytes() == columns.tobytes()
     assert taken.frames.matches.tobytes() == matches.tobytes()
     assert taken.events
     assert taken.link.frames == session.link.frames - 200

@@ -32,13 +32,13 @@ def replayed(name: str) -> tuple[SessionData, MeasuredMounts]:
 
 
 def condition(name: str) -> SkyCondition:
-    (frame,) = replayed(name)[0].frames.columns
+    (frame,) = replayed(name)[0].frames.columns.rows()
     return SKY_CONDITIONS[frame["sky_condition"]]
 
 
 @pytest.mark.parametrize("name", WITHOUT_STARS)
 def test_no_star_is_named_behind_a_closed_cloud_or_at_dawn(name: str) -> None:
-    (frame,) = replayed(name)[0].frames.columns
+    (frame,) = replayed(name)[0].frames.columns.rows()
     assert STATUSES[frame["status"]] is not Status.IDENTIFIED
     assert frame["stars_seen"] == 0
     assert condition(name) is WITHOUT_STARS[name]
@@ -54,7 +54,7 @@ def test_a_haze_with_a_few_stars_about_the_moon_is_not_called_clear() -> None:
 
 
 def test_overcast_frames_show_fewer_of_the_expected_stars_than_all_others() -> None:
-    shares = {name: replayed(name)[0].frames.columns[0] for name in FRAMES if name != "002"}
+    shares = {name: replayed(name)[0].frames.columns.rows()[0] for name in FRAMES if name != "002"}
     shares = {name: frame["stars_seen"] / frame["stars_expected"] for name, frame in shares.items()}
     overcast = [share for name, share in shares.items() if FRAMES[name]["clouded_cells_of_33"] == 33]
     others = [share for name, share in shares.items() if FRAMES[name]["clouded_cells_of_33"] < 33]
@@ -69,5 +69,5 @@ def test_the_mount_of_one_night_holds_on_all_others_within_5_arcmin() -> None:
 
 
 def test_the_station_file_states_that_mount() -> None:
-    (frame,) = replayed("005")[0].frames.columns
+    (frame,) = replayed("005")[0].frames.columns.rows()
     assert np.hypot(frame["d_ra_cosde_arcsec"], frame["d_de_arcsec"]) < 10

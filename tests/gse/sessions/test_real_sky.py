@@ -25,7 +25,7 @@ def replayed(name: str, **options: Any) -> np.void:
     """The only frame of a session."""
     frames = replay_session(NIGHT_SKY / f"{name}.mcap", options=ReplayOptions(**options)).session.frames.columns
     assert len(frames) == 1
-    row: np.void = frames[0]
+    row: np.void = frames.rows()[0]
     return row
 
 
@@ -80,7 +80,7 @@ def test_no_answer_is_false_hot_pixels_or_not(kind: str) -> None:
 
 def test_a_clock_in_1970_gives_an_answer_but_no_comparison() -> None:
     replay = replay_session(NIGHT_SKY / f"{TRIPOD[0]}.mcap")
-    frame = replay.session.frames.columns[0]
+    frame = replay.session.frames.columns.rows()[0]
     assert status(frame) is Status.IDENTIFIED
     assert np.isnan(frame["d_de_arcsec"])
     assert "NO_TRUTH" in [event.kind for event in replay.session.events]

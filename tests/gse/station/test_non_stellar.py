@@ -1,4 +1,4 @@
-"""Objects that are no stars are named: hot pixels, planets, the Moon."""
+"""Objects that are not stars are named: hot pixels, planets, the Moon."""
 
 import numpy as np
 import pytest

@@ -97,7 +97,11 @@ def rows(frames: int = 40, *, stars: int, objects: int = 30, zero_point_mag: flo
 
 
 def watched(
-    *parts: np.ndarray, site: Site = STATION.site, mount: Mount = STATION.mount, begin_ns: int = NIGHT_NS
+    *parts: np.ndarray,
+    site: Site = STATION.site,
+    mount: Mount = STATION.mount,
+    begin_ns: int = NIGHT_NS,
+    stated_mag: float | None = None,
 ) -> tuple[list[str], list[SkyCondition]]:
     """Events of parts that follow each other at 2 Hz, and the condition at the end of each part."""
     frames = np.concatenate(parts)
@@ -105,7 +109,7 @@ def watched(
     for row, rotation in zip(frames, icrs_to_horizon(site, frames["utc_ns"]), strict=True):
         attitude = Attitude(horizon_to_sensor(mount) @ rotation, np.zeros((3, 3)))
         row["ra_deg"], row["de_deg"], row["roll_deg"] = attitude.ra_deg, attitude.de_deg, attitude.roll_deg
-    watch = SkyWatch(site, STATION.sensor.camera(), CATALOG, mount)
+    watch = SkyWatch(site, STATION.sensor.camera(), CATALOG, mount, stated_mag=stated_mag)
     events = [event for row in range(len(frames)) for _, found in watch.take(frames[: row + 1], row) for event in found]
     events += watch.finish(frames)
     ends = np.cumsum([len(part) for part in parts]) - 1
@@ -159,11 +163,42 @@ def test_stars_that_are_there_and_match_none_are_no_cloud(unmatched: float, cond
     assert condition_of(few, ClearSky(), SkyCondition.UNKNOWN) is condition
 
 
+def test_a_cloud_that_stays_is_told_by_the_zero_point_of_a_clear_night_alone() -> None:
+    """14 at an exposure of 0.05 s is 17.25 at 1 s."""
+    hazy = rows(stars=13, zero_point_mag=13.1)
+    assert watched(hazy)[0] == ["CLEAR"]
+    assert watched(hazy, stated_mag=17.25) == (["CLOUDED"], [SkyCondition.CLOUDED])
+    assert watched(rows(stars=13, zero_point_mag=13.4), stated_mag=17.25)[0] == ["CLEAR"]
+    assert watched(hazy, rows(stars=14), stated_mag=17.25)[0] == ["CLOUDED", "CLEAR"]
+
+
+DARK = Lights(-40.0, -30.0, 120.0, 90.0)
+
+
 def test_a_clear_sky_of_few_stars_says_what_else_it_may_be() -> None:
-    lights = Lights(-40.0, -30.0, 120.0, 90.0)
-    few = SkyEvidence(lights, 30.0, 0.4, math.nan, 4.0, 13.0, 0.0, True, False, 0.05)
-    assert "cloud that was always there" in words_of(SkyCondition.CLEAR, few, ClearSky())
-    assert "always there" not in words_of(SkyCondition.CLEAR, replace(few, seen_share=0.8), ClearSky())
+    few = SkyEvidence(DARK, 30.0, 0.75, math.nan, 4.0, 13.0, 0.0, True, False, 0.05)
+    assert "thin cloud that was always there" in words_of(SkyCondition.CLEAR, few, ClearSky())
+    assert "always there" not in words_of(SkyCondition.CLEAR, replace(few, seen_share=0.85), ClearSky())
+
+
+@pytest.mark.parametrize(
+    ("zero_point_mag", "words"),
+    [
+        (17.0, "0.2 mag fainter than the stated zero point says"),
+        (18.25, "1.0 mag brighter than the stated zero point says: it is not this sensor's"),
+    ],
+)
+def test_a_stated_zero_point_leaves_no_doubt(zero_point_mag: float, words: str) -> None:
+    few = SkyEvidence(DARK, 30.0, 0.4, zero_point_mag, 4.0, 13.0, 0.0, True, False, 0.05)
+    told = words_of(SkyCondition.CLEAR, few, ClearSky(17.25, 0.4, is_stated=True))
+    assert words in told
+    assert "always there" not in told
+
+
+def test_a_cloud_is_told_against_what_is_stated() -> None:
+    few = SkyEvidence(DARK, 30.0, 0.4, 16.0, 4.0, 13.0, 0.0, True, False, 0.05)
+    told = words_of(SkyCondition.CLOUDED, few, ClearSky(17.25, 0.4, is_stated=True))
+    assert told.startswith("stars are 1.2 mag fainter than the stated zero point says")
 
 
 def test_a_field_of_one_star_is_not_judged_by_its_share() -> None:
