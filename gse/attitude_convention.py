@@ -50,7 +50,7 @@ class AttitudeConvention:
 
 
 def axes_matrix(axes: str, key: str = "axes") -> NDArray[np.float64]:
-    """The matrix (3, 3) whose rows are three signed axes such as ``-y x z``; ValueError where they are no such axes."""
+    """The matrix (3, 3) whose rows are three signed axes such as ``-y x z``; ValueError for others."""
     words = axes.split()
     if sorted(word.removeprefix("-") for word in words) != ["x", "y", "z"]:
         raise ValueError(f"{key} is {axes!r:.60}: expected x, y and z in some order, each with - or without: -y x z")

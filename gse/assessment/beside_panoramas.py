@@ -17,6 +17,7 @@ from gse.assessment.sensor_answers import SensorAnswers
 from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.finding import Finding
 from gse.instant import NS_PER_S
+from gse.station.frame_columns import Columns
 from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
 from gse.station.session_data import SessionData
 
@@ -43,7 +44,7 @@ _MEDIAN_OF_STEPS = math.sqrt(2) * 0.6745
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """What is no fault of a sensor: shifts, turns and scatter up to these have their causes, as aberration or stars."""
+    """No fault of a sensor: shifts, turns and scatter up to these have their causes, as aberration or stars."""
 
     shift_arcsec: float
     roll_arcsec: float
@@ -141,11 +142,11 @@ def _noisy(session: SessionData, own: SensorAnswers, explained_arcsec: float) ->
     ``explained_arcsec`` is what other stars from frame to frame make of it.
     """
     frames = session.frames.columns
-    apart_arcsec = answers_apart(own, frames)
-    both = np.flatnonzero(np.isfinite(apart_arcsec[:, 0]) & np.isfinite(own.cross_x_arcsec))
+    offsets_arcsec = answers_apart(own, frames)
+    both = np.flatnonzero(np.isfinite(offsets_arcsec[:, 0]) & np.isfinite(own.cross_x_arcsec))
     if len(both) < _FEWEST:
         return
-    off = apart_arcsec[both] - np.median(apart_arcsec[both], axis=0)
+    off = offsets_arcsec[both] - np.median(offsets_arcsec[both], axis=0)
     both = both[np.hypot(*off.T) <= SAME_BORESIGHT_ARCSEC]
     if len(both) < _FEWEST:
         return
@@ -163,14 +164,14 @@ def _noisy(session: SessionData, own: SensorAnswers, explained_arcsec: float) ->
         )
 
 
-def _scatter(frames: NDArray[np.void], rows: NDArray[np.int64], values: NDArray[np.float64]) -> float:
+def _scatter(frames: Columns, rows: NDArray[np.int64], values: NDArray[np.float64]) -> float:
     """Standard deviation of values (K,) from one frame to the next, by the median, so that false answers count not."""
     steps = np.abs(np.diff(values[np.argsort(frames["utc_ns"][rows], kind="stable")]))
     return float(np.median(steps)) / _MEDIAN_OF_STEPS
 
 
 def _one_sided(alike: OnboardEquivalence | None) -> Iterator[Finding]:
-    """Panoramas that the sensor did not answer, though the station did; to answer more is no fault."""
+    """Panoramas that the sensor did not answer, though the station did; to answer more is not a fault."""
     if alike is None or alike.only_station <= _ONE_SIDED_SHARE * alike.answers:
         return
     yield Finding(
@@ -182,7 +183,7 @@ def _one_sided(alike: OnboardEquivalence | None) -> Iterator[Finding]:
     )
 
 
-def _typical(frames: NDArray[np.void], rows: NDArray[np.int64], values: NDArray[np.float64]) -> tuple[float, float]:
+def _typical(frames: Columns, rows: NDArray[np.int64], values: NDArray[np.float64]) -> tuple[float, float]:
     """Median of values (K,), and its error, by medians of blocks of time."""
     order = np.argsort(frames["utc_ns"][rows], kind="stable")
     medians = np.array([np.median(values[block]) for block in np.array_split(order, _BLOCKS)])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.competing_models import Columns, Fitted, Observed, white_precision
-from gse.assessment.fine_hypotheses import Hypothesis, weights_of
+from gse.assessment.fine_hypotheses import Hypothesis
 from gse.assessment.session_model import SessionModel
 from gse.assessment.turns import all_turns, pole
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
@@ -53,7 +53,7 @@ def _step(model: SessionModel, searched: int, cause: str, kind: str, is_before: 
         cause,
         kind,
         model.columns(*each),
-        weights_of(after),
+        True,
         searched,
         float(time_s[first]),
         place=first,
@@ -90,21 +90,13 @@ def _wave(model: SessionModel, searched: int, kind: str, cycles: float) -> Hypot
         "thermal sinusoid",
         kind,
         model.columns(*each),
-        weights_of(_course(model, waves)),
+        True,
         searched,
         period_s,
         place=cycles,
         spacing=_CYCLE_STEP,
         moved=functools.partial(_wave, model, searched, kind),
     )
-
-
-def _course(model: SessionModel, waves: tuple[NDArray[np.float64], NDArray[np.float64]]) -> NDArray[np.float64]:
-    """The wave with the phase of the axis that swings most."""
-    errors = model.series.errors_arcsec @ model.decorrelate.T
-    amplitude = np.array([errors.T @ (wave - wave.mean()) for wave in waves])
-    most = amplitude[:, int((amplitude**2).sum(axis=0).argmax())]
-    return np.asarray(most[0] * waves[0] + most[1] * waves[1])
 
 
 def _gains(

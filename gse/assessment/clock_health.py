@@ -16,6 +16,7 @@ from gse.errors import UsageError
 from gse.instant import NS_PER_S
 from gse.station.clock_steps import clock_steps, clock_stretches, first_rows
 from gse.station.event_kinds import ClockStep
+from gse.station.frame_columns import Columns
 
 _BLOCKS = 60
 _MIN_DRIFT_S = 30.0
@@ -50,7 +51,7 @@ class ClockHealth:
 def clock_health(
     readings: Sequence[ClockReading],
     events: Sequence[LinkEvent],
-    frames: NDArray[np.void],
+    frames: Columns,
     *,
     stated_error_s: float | None = None,
 ) -> ClockHealth:
@@ -74,14 +75,14 @@ def clock_health(
     )
 
 
-def _stepped_s(frames: NDArray[np.void], steps: Sequence[ClockStep]) -> float:
+def _stepped_s(frames: Columns, steps: Sequence[ClockStep]) -> float:
     """How far the clocks of frames that count were from the one that was set last."""
     stretches = clock_stretches(frames["host_utc_ns"], steps)
     judged = (item for item in stretches if item.until > item.first and not item.is_wrong)
     return max((abs(item.offset_ns) for item in judged), default=0) / NS_PER_S
 
 
-def _sensor_drift_ppm(frames: NDArray[np.void], steps: Sequence[ClockStep]) -> tuple[float, float]:
+def _sensor_drift_ppm(frames: Columns, steps: Sequence[ClockStep]) -> tuple[float, float]:
     """Slope of the least (host - sensor) difference in the longest stretch without a reset or a step of a clock."""
     timestamped = frames["host_utc_ns"] > 0
     host_ns, time_us = frames["host_utc_ns"][timestamped], frames["time_us"][timestamped]

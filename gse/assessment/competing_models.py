@@ -162,6 +162,12 @@ def _field_alone(observed: Observed) -> tuple[NDArray[np.float64], NDArray[np.fl
     return scale, normal, np.asarray(best, dtype=np.float64)
 
 
+def forget_observed() -> None:
+    """Drop the errors that were fitted last."""
+    _unexplained.cache_clear()
+    _field_alone.cache_clear()
+
+
 def _equations(observed: Observed, columns: Columns, state: _State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     weighted = columns.cosines * state.precision[:, :, None]
     normal = np.einsum("kap,kaq->pq", weighted, columns.cosines) + columns.mean.T @ state.of_mean @ columns.mean

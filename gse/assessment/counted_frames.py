@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gse.assessment.no_sky import no_sky
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.station.exclusions import Cause, Exclusion, excluded, exclusions
+from gse.station.frame_columns import Columns
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
@@ -59,7 +60,7 @@ def counted_frames(session: SessionData) -> CountedFrames:
     return CountedFrames(answered, false, mask, ~excluded(frames["utc_ns"], excused), used, stretches)
 
 
-def _no_sky(session: SessionData, frames: NDArray[np.void]) -> tuple[Exclusion, ...]:
+def _no_sky(session: SessionData, frames: Columns) -> tuple[Exclusion, ...]:
     """A sensor that sends no panoramas shows no objects either: then only the Sun tells that there was no sky.
 
     Before a star simulator there is no sky to fail.
@@ -73,7 +74,7 @@ def _no_sky(session: SessionData, frames: NDArray[np.void]) -> tuple[Exclusion, 
 
 
 def false_answers(
-    frames: NDArray[np.void], mask: NDArray[np.bool_] | None = None, stretches: tuple[Exclusion, ...] = ()
+    frames: Columns, mask: NDArray[np.bool_] | None = None, stretches: tuple[Exclusion, ...] = ()
 ) -> NDArray[np.bool_]:
     """Which frames (M,) were answered falsely.
 
@@ -91,7 +92,7 @@ def false_answers(
     return np.asarray(checked_false | (outlier & ~confirmed) | unexplained)
 
 
-def _from_median(frames: NDArray[np.void], among: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _from_median(frames: Columns, among: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Separation (M,) of each answer from the median one, in arcsec; 0 where there is nothing to compare.
 
     A wrong mount moves all answers alike, a false answer only itself.
@@ -104,7 +105,7 @@ def _from_median(frames: NDArray[np.void], among: NDArray[np.bool_]) -> NDArray[
     return np.nan_to_num(separation)
 
 
-def explained_arcsec(frames: NDArray[np.void], stretches: tuple[Exclusion, ...]) -> NDArray[np.float64]:
+def explained_arcsec(frames: Columns, stretches: tuple[Exclusion, ...]) -> NDArray[np.float64]:
     """How far (M,) from the median an answer may lie: half a degree, and what the uncertain time of a stretch makes."""
     time_error_s = np.zeros(len(frames))
     for item in stretches:

@@ -6,14 +6,14 @@ figure lies at its limit passes in at most 5 % of the sessions, and fails in at 
 the squares of the sampling uncertainty (gse.assessment.sampling) and of 1.645 times the standard uncertainty of truth.
 
 With ``simple`` acceptance, q <= L passes whatever U is; each row then states how often a sensor outside its limit would
-be seen like this.
+be seen like this. Where truth is not known at all, there is nothing to accept: such a row is inconclusive.
 """
 
 import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from scipy.special import betaincinv, ndtr
+from scipy.special import betainc, betaincinv, ndtr
 
 from gse.assessment.guard_band import COVERAGE_FACTOR, exceeds, further_share, guard, keeps
 from gse.assessment.sampling import MIN_FRAMES, Bounds
@@ -33,7 +33,8 @@ DECISION_TEXT = {
     ),
     Decision.SIMPLE: (
         "A figure q with the limit L is PASS where q <= L, else FAIL. Uncertainty does not count: the risk that a "
-        "sensor outside its limit is seen like this is stated beside each row."
+        "sensor outside its limit is seen like this is stated beside each row that is PASS. Where truth is not known "
+        "a row is INCONCLUSIVE."
     ),
 }
 
@@ -90,18 +91,30 @@ class Figure:
     frames: int
     duration_s: float
 
+    @property
+    def is_of_few_frames(self) -> bool:
+        """Whether it is of fewer frames than bounds can be had of."""
+        return self.frames < MIN_FRAMES
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """What is asked of a figure or share of one subject, and by which rule it is decided."""
+
+    subject: Subject
+    name: str
+    limit: float
+    decision: Decision
+    unit: str = ""
+
+    @property
+    def label(self) -> str:
+        """Subject and name, as a person reads them."""
+        return f"{self.subject} {self.name}"
+
 
 def judge_figure(
-    subject: Subject,
-    name: str,
-    figure: Figure,
-    *,
-    unit: str,
-    limit: float,
-    truth_uncertainty: float,
-    decision: Decision,
-    relative: bool = False,
-    settles: bool = False,
+    asked: Requirement, figure: Figure, *, truth_uncertainty: float, relative: bool = False, settles: bool = False
 ) -> Row:
     """The row of a figure that must not exceed its limit.
 
@@ -109,46 +122,43 @@ def judge_figure(
     """
     above = guard(figure.bounds.upper - figure.value, truth_uncertainty)
     below = guard(figure.value - figure.bounds.lower, truth_uncertainty)
-    outcome = _outcome(figure, limit, truth_uncertainty, decision)
-    risk = RISK if decision is Decision.GUARDED else _risk(figure.value, above, limit)
-    label = f"{subject} {name}"
-    if figure.frames == 0 or math.isnan(limit):
-        outcome = Outcome.NOT_TESTED
-        reason = f"{label}: " + ("no frame has it" if figure.frames == 0 else "no limit is stated")
-    elif figure.frames < MIN_FRAMES:
-        outcome = Outcome.INCONCLUSIVE
-        reason = f"{label}: {figure.frames} frames were compared with truth, {MIN_FRAMES} are needed"
+    outcome = _outcome(asked, figure, truth_uncertainty)
+    reason = ""
+    if outcome is Outcome.NOT_TESTED:
+        reason = f"{asked.label}: " + ("no frame has it" if figure.frames == 0 else "no limit is stated")
     elif outcome is Outcome.FAIL:
-        reason = f"{label} is {amount(figure.value, unit)}, the limit is {amount(limit, unit)}"
-        reason += f" (U {amount(below, unit)})" if math.isfinite(below) else ""
+        reason = f"{asked.label} is {amount(figure.value, asked.unit)}, the limit is {amount(asked.limit, asked.unit)}"
+        reason += f" (U {amount(below, asked.unit)})" if math.isfinite(below) else ""
     elif outcome is Outcome.INCONCLUSIVE:
-        uncertainty = above if figure.value <= limit else below
+        uncertainty = above if figure.value <= asked.limit else below
         left = _BY_DRIFT if settles else _NO_LENGTH
-        reason = f"{label}{_why_undecided(figure, uncertainty, unit, limit, truth_uncertainty, left)}"
-    else:
-        reason = ""
+        reason = f"{asked.label}{_why_undecided(asked, figure, uncertainty, truth_uncertainty, left)}"
     return Row(
-        subject,
-        name,
+        asked.subject,
+        asked.name,
         figure.value,
-        unit,
-        limit,
+        asked.unit,
+        asked.limit,
         outcome,
         reason,
         uncertainty=below if outcome is Outcome.FAIL else above,
         truth_uncertainty=truth_uncertainty,
         n_eff=figure.n_eff,
-        false_pass_risk=risk,
+        false_pass_risk=RISK if asked.decision is Decision.GUARDED else _risk(figure.value, above, asked.limit),
         relative=relative,
     )
 
 
-def _outcome(figure: Figure, limit: float, truth_uncertainty: float, decision: Decision) -> Outcome:
-    if decision is Decision.SIMPLE and math.isfinite(figure.value):
-        return Outcome.PASS if figure.value <= limit else Outcome.FAIL
-    if keeps(figure.value, figure.bounds.upper, limit, truth_uncertainty):
+def _outcome(asked: Requirement, figure: Figure, truth_uncertainty: float) -> Outcome:
+    if figure.frames == 0 or math.isnan(asked.limit):
+        return Outcome.NOT_TESTED
+    if figure.is_of_few_frames:
+        return Outcome.INCONCLUSIVE
+    if asked.decision is Decision.SIMPLE and math.isfinite(figure.value) and math.isfinite(truth_uncertainty):
+        return Outcome.PASS if figure.value <= asked.limit else Outcome.FAIL
+    if keeps(figure.value, figure.bounds.upper, asked.limit, truth_uncertainty):
         return Outcome.PASS
-    is_over = exceeds(figure.value, figure.bounds.lower, limit, truth_uncertainty)
+    is_over = exceeds(figure.value, figure.bounds.lower, asked.limit, truth_uncertainty)
     return Outcome.FAIL if is_over else Outcome.INCONCLUSIVE
 
 
@@ -157,21 +167,21 @@ def _risk(value: float, above: float, limit: float) -> float:
     return float(ndtr(-(limit - value) * COVERAGE_FACTOR / above)) if above > 0 else _NAN
 
 
-def _why_undecided(
-    figure: Figure, uncertainty: float, unit: str, limit: float, truth_uncertainty: float, left: str
-) -> str:
+def _why_undecided(asked: Requirement, figure: Figure, uncertainty: float, truth_uncertainty: float, left: str) -> str:
     """What follows the name of the row; ``left`` says what a longer session does to what truth leaves open."""
+    if figure.is_of_few_frames:
+        return f": {figure.frames} frames were compared with truth, {MIN_FRAMES} are needed"
     if math.isnan(figure.bounds.upper):
         number = f" (n_eff {figure.n_eff:.0f})" if math.isfinite(figure.n_eff) else ""
         return f": the session is too short to tell{number}"
     if math.isinf(truth_uncertainty):
         return ": truth is not known well enough to compare with"
-    value, u, most = (amount(size, unit) for size in (figure.value, uncertainty, limit))
+    value, u, most = (amount(size, asked.unit) for size in (figure.value, uncertainty, asked.limit))
     text = f" is {value} with U {u}, the limit is {most}"
-    more_min = minutes_more(figure, limit, truth_uncertainty)
+    more_min = minutes_more(figure, asked.limit, truth_uncertainty)
     if math.isfinite(more_min):
         return f"{text}: {_minutes(more_min)} would have decided"
-    return f"{text}: truth leaves {amount(COVERAGE_FACTOR * truth_uncertainty, unit)}, {left}"
+    return f"{text}: truth leaves {amount(COVERAGE_FACTOR * truth_uncertainty, asked.unit)}, {left}"
 
 
 def minutes_more(figure: Figure, limit: float, truth_uncertainty: float) -> float:
@@ -217,28 +227,49 @@ def share_of(count: int, of: int, n_eff: float | None = None) -> Share:
     return Share(count, of, count / of, number, lower, upper)
 
 
-def judge_share(
-    subject: Subject, name: str, share: Share, *, limit: float, at_least: bool, decision: Decision, beside: str = ""
-) -> Row:
+def judge_share(asked: Requirement, share: Share, *, at_least: bool, beside: str = "") -> Row:
     """The row of a share that must keep below its limit, or reach it (``at_least``); ``beside`` joins the reason."""
-    label = f"{subject} {name}"
     uncertainty = share.value - share.lower if at_least else share.upper - share.value
-    outcome = _share_outcome(share, limit, at_least=at_least, decision=decision)
-    seen = f"{label}: {share.count} of {share.of} frames{beside} ({percent(share.value, 2)})"
-    if share.of == 0:
-        outcome, reason = Outcome.NOT_TESTED, f"{label}: no frame has it"
+    outcome = share_outcome(share, asked.limit, at_least=at_least, decision=asked.decision)
+    limit = percent(asked.limit, 2)
+    seen = f"{asked.label}: {share.count} of {share.of} frames{beside} ({percent(share.value, 2)})"
+    reason = ""
+    if outcome is Outcome.NOT_TESTED:
+        reason = f"{asked.label}: no frame has it"
     elif outcome is Outcome.FAIL:
-        reason = f"{seen}, the limit is {percent(limit, 2)}"
+        reason = f"{seen}, the limit is {limit}"
     elif outcome is Outcome.INCONCLUSIVE:
         bound = f"at least {percent(share.lower, 2)}" if at_least else f"at most {percent(share.upper, 2)}"
-        reason = f"{seen} show {bound} with 95 % confidence, the limit is {percent(limit, 2)}: a longer session decides"
-    else:
-        reason = ""
-    return Row(subject, name, share.value, "", limit, outcome, reason, uncertainty, n_eff=share.n_eff)
+        reason = f"{seen} show {bound} with 95 % confidence, the limit is {limit}: a longer session decides"
+    return Row(
+        asked.subject,
+        asked.name,
+        share.value,
+        asked.unit,
+        asked.limit,
+        outcome,
+        reason,
+        uncertainty,
+        n_eff=share.n_eff,
+        false_pass_risk=RISK if asked.decision is Decision.GUARDED else _share_risk(share, asked.limit, at_least),
+    )
 
 
-def _share_outcome(share: Share, limit: float, *, at_least: bool, decision: Decision) -> Outcome:
-    good, bad = (share.lower >= limit, share.upper < limit) if at_least else (share.upper <= limit, share.lower > limit)
-    if decision is Decision.SIMPLE:
-        return Outcome.PASS if (share.value >= limit if at_least else share.value <= limit) else Outcome.FAIL
-    return Outcome.PASS if good else Outcome.FAIL if bad else Outcome.INCONCLUSIVE
+def _share_risk(share: Share, limit: float, at_least: bool) -> float:
+    """As _risk for a share, all true shares being as likely beforehand; NaN of nothing."""
+    if share.of == 0:
+        return _NAN
+    happened = share.n_eff * share.value
+    below = float(betainc(happened + 1, share.n_eff - happened + 1, limit))
+    return below if at_least else 1 - below
+
+
+def share_outcome(share: Share, limit: float, *, at_least: bool, decision: Decision) -> Outcome:
+    """Whether a share keeps its limit by its bounds, or under ``simple`` by its value."""
+    if share.of == 0:
+        return Outcome.NOT_TESTED
+    lower, upper = (share.value, share.value) if decision is Decision.SIMPLE else (share.lower, share.upper)
+    if lower >= limit if at_least else upper <= limit:
+        return Outcome.PASS
+    is_broken = upper < limit if at_least else lower > limit
+    return Outcome.FAIL if is_broken else Outcome.INCONCLUSIVE

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gse.assessment.counted_frames import CountedFrames, counted_frames
-from gse.assessment.error_series import ErrorSeries, error_series, with_left_out
+from gse.assessment.error_series import ErrorSeries, error_series, often_answered, with_left_out
 from gse.assessment.field_patterns import field_of_errors, unexplained_residuals
+from gse.assessment.fine_causes import forget_fits
 from gse.assessment.fine_findings import Setting, fine_findings
 from gse.assessment.focus import focus_finding, focus_loss
 from gse.assessment.known_steps import without_steps
@@ -32,6 +33,7 @@ from gse.assessment.session_gross_cause import gross_finding
 from gse.assessment.session_model import SessionModel
 from gse.assessment.star_changes import sampled_matches, without_star_changes
 from gse.assessment.statistics import Statistics
+from gse.assessment.still_panoramas import still_panoramas
 from gse.assessment.time_tags import time_tag_faults
 from gse.assessment.unexplained import unexplained
 from gse.finding import Finding
@@ -52,7 +54,7 @@ class ModelledSession:
 
 def findings(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
     """The causes of what a session shows, a gross one alone: under it all fine ones are guesses."""
-    gross = gross_finding(session, stats.counted)
+    gross = still_panoramas(session) or gross_finding(session, stats.counted)
     causes = (gross,) if gross else _fine(session, stats.counted)
     facts = tuple(_facts(session, stats, {finding.cause for finding in causes}))
     return (*causes, *facts) or tuple(unexplained(session, stats))
@@ -61,7 +63,7 @@ def findings(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
 def causes_so_far(session: SessionData) -> tuple[Finding, ...]:
     """The causes that a running session shows, without the statistics of a whole one."""
     counted = counted_frames(session)
-    gross = gross_finding(session, counted)
+    gross = still_panoramas(session) or gross_finding(session, counted)
     causes = (gross,) if gross else _fine(session, counted)
     return (
         *causes,
@@ -103,14 +105,16 @@ def _fine(session: SessionData, counted: CountedFrames) -> tuple[Finding, ...]:
         found = without_shaking(found, session)
     except np.linalg.LinAlgError:  # stars or errors that lie on one line: they tell no cause, and end no session
         return ()
+    finally:
+        forget_fits()
     of_camera = [finding for finding in found if finding.cause in STARS_FALL_OUT]
     return tuple(of_camera[:1]) if of_camera and stars_fall_out(session.frames.columns, counted.used) else found
 
 
 def session_model(session: SessionData, counted: CountedFrames) -> ModelledSession | None:
     """What fine causes compete for; None of too few frames, and where no sky turns over the mount."""
-    frames, station = session.frames.columns, session.station
-    series = error_series(frames, counted.used)
+    frames, station, used = session.frames.columns, session.station, often_answered(counted.used)
+    series = error_series(frames, used)
     if series is None or station.mount.inertial is not None:
         return None
     mount, camera = session.alignment.mount if session.alignment else station.mount, station.sensor.camera()
@@ -118,7 +122,7 @@ def session_model(session: SessionData, counted: CountedFrames) -> ModelledSessi
     series = with_left_out(series, session.frames.matches, camera)
     if (steps := clock_steps(session.events)) and not ran_away_s(session):
         series = without_steps(series, frames["host_utc_ns"], steps, station.site, mount)
-    field = field_of_errors(session.frames.matches, frames["utc_ns"], counted.used, camera, station.site, zenith_sensor)
+    field = field_of_errors(session.frames.matches, frames["utc_ns"], used, camera, station.site, zenith_sensor)
     if field is not None:
         matches = sampled_matches(session.frames.matches, series)
         residuals_arcsec = unexplained_residuals(field, matches, camera, station.site, zenith_sensor)

@@ -16,14 +16,18 @@ from scipy.spatial.transform import Rotation
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
 from gse.star_influence import attitude_operators, boresight_shifts
+from gse.station.frame_columns import Columns
 
 MOST_ORDINATES = 128
 """A step is known to a 250th of the session, a sinusoid of up to 60 cycles is seen."""
 FEWEST_FRAMES = 20
+_NEIGHBOURS, _LEAST_ANSWERED = 15, 0.5
 _BLOCKS = 1024
 MOST_INSTANTS = 8 * _BLOCKS
 """More than the transform can tell apart."""
 _OUTLIER = 5.0
+
+_ROWS_AT_ONCE = 1 << 14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,8 +60,26 @@ class ErrorSeries:
         edges, basis = _basis(len(self.time_s), self.ordinates)
         return np.asarray(math.sqrt(2 / len(self.time_s)) * np.tensordot(basis, np.add.reduceat(columns, edges), 1))
 
+    def against_cosines(self, ordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Weights (M, ...) of a sum over the series that is the sum of ordinates (K, ...) times its cosines."""
+        edges, basis = _basis(len(self.time_s), self.ordinates)
+        blocks = math.sqrt(2 / len(self.time_s)) * np.tensordot(basis.T, ordinates, 1)
+        return np.asarray(np.repeat(blocks, np.diff(edges, append=len(self.time_s)), axis=0))
 
-def error_series(frames: NDArray[np.void], used: NDArray[np.bool_]) -> ErrorSeries | None:
+
+def often_answered(used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The used (M,) frames among whose neighbours at least half are used; all of them where most would be left out.
+
+    An identifier that answers few frames answers those whose stars err alike, which looks like a drift as they get few.
+    """
+    total = np.concatenate([[0], np.cumsum(used)])
+    place = np.arange(len(used))
+    first, last = np.maximum(place - _NEIGHBOURS, 0), np.minimum(place + _NEIGHBOURS + 1, len(used))
+    kept = used & (total[last] - total[first] >= _LEAST_ANSWERED * (last - first))
+    return kept if 2 * kept.sum() >= used.sum() else used
+
+
+def error_series(frames: Columns, used: NDArray[np.bool_]) -> ErrorSeries | None:
     """Of the used (M,) rows of FRAME that have a roll, in the order of time; None of too few."""
     rows = np.flatnonzero(used & np.isfinite(frames["d_roll_arcsec"]))
     rows = rows[np.argsort(frames["utc_ns"][rows], kind="stable")]
@@ -93,9 +115,13 @@ def with_left_out(series: ErrorSeries, matches: NDArray[np.void], camera: Camera
 
 def _rotation_vectors(x: NDArray[np.float64], y: NDArray[np.float64], roll: NDArray[np.float64]) -> NDArray[np.float64]:
     """The rotations (M, 3) that gse.station.attitude_error describes: first the boresight, then about it."""
-    across = Rotation.from_rotvec(np.column_stack([y, -x, np.zeros_like(x)]))
-    about = Rotation.from_rotvec(np.column_stack([np.zeros_like(x), np.zeros_like(x), roll]))
-    vectors: NDArray[np.float64] = (about * across).as_rotvec()
+    vectors = np.empty((len(x), 3))
+    for first in range(0, len(x), _ROWS_AT_ONCE):  # rotations of all would take six times the memory of the vectors
+        part = slice(first, first + _ROWS_AT_ONCE)
+        none = np.zeros_like(x[part])
+        across = Rotation.from_rotvec(np.column_stack([y[part], -x[part], none]))
+        about = Rotation.from_rotvec(np.column_stack([none, none, roll[part]]))
+        vectors[part] = (about * across).as_rotvec()
     return vectors
 
 

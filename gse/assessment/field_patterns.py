@@ -36,7 +36,8 @@ class FieldOfErrors:
     """Residuals of stars against the patterns of PARAMETERS.
 
     ``normal`` (F, F) and ``right`` (F,) are the normal equations in units of the residuals' variance, for which
-    sums over one star count as one (as its errors depend on each other), with ``freedom``. ``shifts`` (L, 3, F) are
+    sums over one star count as one (as its errors depend on each other), with ``freedom``; ``by_star`` (S, F, F) and
+    ``right_by_star`` (S, F) are the parts of these that single stars give. ``shifts`` (L, 3, F) are
     what each pattern does to the attitude of the frames ``rows`` (L,), in arcsec per unit. ``moved_px`` (Q, 2, F)
     are displacements of some of the stars per unit; root mean squares below ``least_px`` may be the pixels'.
     """
@@ -44,11 +45,18 @@ class FieldOfErrors:
     normal: NDArray[np.float64]
     right: NDArray[np.float64]
     freedom: float
+    by_star: NDArray[np.float64]
+    right_by_star: NDArray[np.float64]
     rows: NDArray[np.int64]
     shifts: NDArray[np.float64]
     stars: "StarErrors"
     moved_px: NDArray[np.float64]
     least_px: float
+
+    def most_told_by(self, parts: NDArray[np.int64]) -> int:
+        """The star that tells most of some parameters together."""
+        inverse = np.linalg.pinv(self.normal[np.ix_(parts, parts)], rcond=1e-12, hermitian=True)
+        return int(np.einsum("spq,qp->s", self.by_star[:, parts[:, None], parts], inverse).argmax())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,26 +75,26 @@ class StarErrors:
     phases: NDArray[np.complex128]
     phase_arcsec: float
 
-    def of_phases_arcsec2(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Covariance (3, 3) of the weighted (N,) sum of attitude errors, by stars that err with their place on a pixel.
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of what single stars keep: two axes of each, less the attitude."""
+        return float(max(2 * len(np.unique(self.stars)) - 3, 1))
+
+    def covariance_arcsec2(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Covariance (P, P) of sums of the boresight's errors with weights (N, P, 3), by what single stars keep."""
+        operators = weights @ boresight_shifts(np.eye(3)).T @ self.operators
+        lasting = star_covariance(operators, self.errors, self.stars, time_blocks(self.utc_ns), within_blocks=False)
+        return lasting + self._of_phases(operators)
+
+    def _of_phases(self, operators: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The part of stars that err with their place on a pixel.
 
         What a star leaves that crosses many pixels is next to nothing; one that stays keeps its error.
         """
         _, star = np.unique(self.stars, return_inverse=True)
-        weighted = self.operators * (weights[:, None] * self.phases)[:, None, :]
-        sums = np.zeros((int(star.max()) + 1, 3, 2), dtype=np.complex128)
-        np.add.at(sums, star, weighted)
-        turn = np.einsum("sia,sja->ij", sums, sums.conj()).real * self.phase_arcsec**2
-        to_shifts = boresight_shifts(np.eye(3)).T
-        return np.asarray(to_shifts @ turn @ to_shifts.T)
-
-    def lasting_arcsec2(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Covariance (3, 3) of the weighted (N,) sum of attitude errors, by what single stars keep over 20 s."""
-        operators = self.operators * weights[:, None, None]
-        blocks = time_blocks(self.utc_ns)
-        turn = star_covariance(operators, self.errors, self.stars, blocks, within_blocks=False)
-        to_shifts = boresight_shifts(np.eye(3)).T
-        return np.asarray(to_shifts @ turn @ to_shifts.T)
+        sums = np.zeros((int(star.max()) + 1, *operators.shape[1:]), dtype=np.complex128)
+        np.add.at(sums, star, operators * self.phases[:, None, :])
+        return np.asarray(np.einsum("sia,sja->ij", sums, sums.conj()).real * self.phase_arcsec**2)
 
 
 def field_of_errors(
@@ -155,6 +163,9 @@ def _fitted(
         normal / variance,
         right / variance,
         freedom,
+        _of_each(np.einsum("nip,niq->npq", left, left).reshape(len(left), -1), star).reshape(-1, *normal.shape)
+        / variance,
+        _of_each(np.einsum("nip,ni->np", left, residuals), star) / variance,
         numbers.astype(np.int64),
         shifts,
         errors,
@@ -173,7 +184,12 @@ def _unabsorbed(
     numbers, place = np.unique(frames, return_inverse=True)
     turns = np.zeros((len(numbers), 3, patterns.shape[2]))
     np.add.at(turns, place, operators @ patterns)
-    return patterns - np.cross(turns[place], directions[:, :, None], axis=1)[:, :2], turns
+    x, y, z = directions.T[:, :, None]
+    turn_x, turn_y, turn_z = np.moveaxis(turns, 1, 0)
+    left = patterns.copy()
+    left[:, 0] -= turn_y[place] * z - turn_z[place] * y
+    left[:, 1] -= turn_z[place] * x - turn_x[place] * z
+    return left, turns
 
 
 def unexplained_residuals(
@@ -221,10 +237,14 @@ def _variance_of_pulls(
 
     A star at the edge of the field pulls more than its share, and keeps its error for as long as it stays on its pixel.
     """
-    each = np.einsum("nip,ni->np", left, rest)
-    pulls = np.column_stack([np.bincount(star, weights=part) for part in each.T])
+    pulls = _of_each(np.einsum("nip,ni->np", left, rest), star)
     count = len(pulls)
     return float(((pulls**2).sum(axis=0) / np.diag(normal)).max()) * count / max(count - len(PARAMETERS), 1)
+
+
+def _of_each(values: NDArray[np.float64], star: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Sums (S, P) of values (N, P) over each star."""
+    return np.column_stack([np.bincount(star, weights=part) for part in values.T])
 
 
 def _patterns(

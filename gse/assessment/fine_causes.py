@@ -8,15 +8,16 @@ Causes that explain the same nearly as well are its equals.
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.changes_in_time import sinusoids, steps
-from gse.assessment.competing_models import Columns, Fitted, Observed, fitted
+from gse.assessment.competing_models import Columns, Fitted, Observed, fitted, forget_observed
+from gse.assessment.field_patterns import FieldOfErrors
 from gse.assessment.fine_hypotheses import Hypothesis, causes_of_field, constant_causes, drifts
-from gse.assessment.session_model import FLOOR_ARCSEC, SessionModel
+from gse.assessment.session_model import SessionModel
 
 EQUAL_WITHIN = 9.0
 """Three standard errors."""
@@ -26,7 +27,8 @@ _EXCLUSIVE = (
     frozenset({"clock drift", "mount moves"}),
     frozenset({"focal length", "distortion", "refraction"}),
 )
-_LEAST_SIGMAS = 4.0
+_LEAST_WITHOUT_ONE = 0.5
+"""Of what a cause must be worth: in a field of few stars one at the edge may tell half of a distortion."""
 _REFINEMENTS = 6
 _REST_SHARE = 0.2
 """Of the size of an earlier change over time."""
@@ -98,8 +100,8 @@ def _refined(observed: Observed, named: list[Hypothesis], found: Hypothesis) -> 
 
 def _is_rest(observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bool:
     """Whether a change over time is small against an earlier one: no swing is quite a sinusoid."""
-    earlier = [other for other in named if other.weights is not None]
-    if one.weights is None or not earlier:
+    earlier = [other for other in named if other.is_change]
+    if not one.is_change or not earlier:
         return False
     causes = [*named, one]
     ends = np.cumsum([other.columns.count for other in causes])[:-1]
@@ -118,6 +120,12 @@ def fitted_to(observed: Observed, causes: Sequence[Hypothesis]) -> Fitted:
 @functools.lru_cache(maxsize=256)
 def _fitted_to(observed: Observed, causes: tuple[Hypothesis, ...]) -> Fitted:
     return fitted(observed, together(observed, causes))
+
+
+def forget_fits() -> None:
+    """Drop the fits of a session: with its errors and hypotheses some 8 MB."""
+    _fitted_to.cache_clear()
+    forget_observed()
 
 
 def together(observed: Observed, causes: Sequence[Hypothesis]) -> Columns:
@@ -164,22 +172,37 @@ def _without_idle(observed: Observed, named: list[Hypothesis], best: Hypothesis)
 
 
 def _outlasts_stars(model: SessionModel, observed: Observed, named: list[Hypothesis], best: Hypothesis) -> bool:
-    """Whether a change over time is more than stars make that keep their errors while they cross their pixels."""
-    if best.weights is None:
+    """Whether a cause is more than single stars make: a change over time by those that keep their errors.
+
+    What moves stars over the field must be seen without the one that tells most of it.
+    """
+    if not best.is_change:
+        return model.field is None or _without_one(model.field, observed, named, best)
+    size, by_frames, by_stars = _change(model, observed, [*named, best])
+    inverse = np.linalg.pinv(by_frames + by_stars, hermitian=True)
+    of_stars = float(np.trace(inverse @ by_stars)) / len(size)
+    freedom = 1 / ((1 - of_stars) ** 2 / observed.cosines.size + of_stars**2 / model.stars_freedom)
+    return float(size @ inverse @ size) > best.is_sure(freedom)
+
+
+def _without_one(field: FieldOfErrors, observed: Observed, named: list[Hypothesis], best: Hypothesis) -> bool:
+    parts = np.flatnonzero(best.columns.field.any(axis=1))
+    if not len(parts):
         return True
-    own, by_stars = _significances(model, fitted_to(observed, [*named, best]), best, best.weights)
-    return own * by_stars / max(own + by_stars, 1e-300) > _LEAST_SIGMAS**2
+    star = field.most_told_by(parts)
+    normal, right = field.normal - field.by_star[star], field.right - field.right_by_star[star]
+    others = replace(observed, normal=normal, right=right)
+    gain = fitted_to(others, [*named, best]).twice_log_likelihood - fitted_to(others, named).twice_log_likelihood
+    return gain >= _LEAST_WITHOUT_ONE * best.is_worth
 
 
-def _significances(
-    model: SessionModel, fit: Fitted, change: Hypothesis, weights: NDArray[np.float64]
-) -> tuple[float, float]:
-    """The size squared of a change, the last cause of the fit: in the variance of the fit, in that of lasting stars."""
-    part = slice(-change.columns.count, None)
-    size = model.series.errors_arcsec.T @ weights
-    by_stars = model.lasting_arcsec2(weights) + np.diag(FLOOR_ARCSEC**2) * 0.01
-    own = float(fit.coefficients[part] @ np.linalg.pinv(fit.covariance[part, part]) @ fit.coefficients[part])
-    return own, float(size @ np.linalg.inv(by_stars) @ size)
+def _change(
+    model: SessionModel, observed: Observed, causes: Sequence[Hypothesis]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The last cause, a change over time: coefficients (P,), covariances (P, P) by frames and by what stars keep."""
+    fit, count = fitted_to(observed, causes), causes[-1].columns.count
+    by_stars = model.left_open(together(observed, causes), fit, count)
+    return fit.coefficients[-count:], fit.covariance[-count:, -count:], by_stars
 
 
 def told(
@@ -188,10 +211,10 @@ def told(
     others = [other for other in named if other is not one]
     fit = fitted_to(observed, [*others, one])
     count = one.columns.count
-    least = _explains(observed, [*others, one]) - EQUAL_WITHIN
+    covariance = fit.covariance[-count:, -count:]
+    if one.is_change:
+        covariance = covariance + model.left_open(together(observed, [*others, one]), fit, count)
+    least = score(observed, [*others, one]) - EQUAL_WITHIN  # a place that was searched for is better by chance alone
     equals = [rival for rival in rivals if rival.cause != one.cause and _explains(observed, [*others, rival]) > least]
-    errors = np.sqrt(np.maximum(np.diag(fit.covariance)[-count:], 0.0))
-    if one.weights is not None:
-        own, by_stars = _significances(model, fit, one, one.weights)
-        errors *= math.sqrt(1 + own / max(by_stars, 1e-300))
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return Named(one, fit.coefficients[-count:], errors, tuple(equals))

@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import chdtri
+from scipy.special import betaincinv, chdtri
 
 from gse.assessment.competing_models import PENALTY, Columns
 from gse.assessment.field_patterns import PARAMETERS
@@ -16,12 +15,10 @@ from gse.assessment.turns import EAST, all_turns, pole
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.site import Site
 
-FALSE_ALARM, FALSE_DRIFT = 3e-5, 2e-4
-"""Chance that noise explains a cause as well, over all places that were searched; of some twenty causes that compete.
-
-A drift must also be better than slow noise, whose likelihood takes most of the false ones away; a step or a sinusoid is
-what such noise most looks like.
-"""
+FALSE_ALARM = 2e-3
+"""Chance that a session in which nothing is wrong has a finding by noise."""
+_HYPOTHESES = 25
+"""That compete, each with an equal share of it, of which the places that it is searched at have equal shares."""
 MOST_HPA, _COLDEST_K = 1085.0, 180.0
 """The highest pressure and the lowest temperature on record: air that is colder than stated bends light as denser."""
 ZERO_C_K = 273.15
@@ -32,15 +29,15 @@ TANGENTIAL = "tangential"
 class Hypothesis:
     """A cause with its columns; ``searched`` places were tried for ``at_s``, an instant or a period.
 
-    ``weights`` (M,) give the size of a change over time; ``bounds`` are what nature allows the first coefficient, and
-    ``known`` is how well it is stated (95 %): what is smaller is no mistake.
+    ``is_change`` over time; ``bounds`` are what nature allows the first coefficient, and ``known`` is how well it is
+    stated (95 %): what is smaller is not a mistake.
     ``moved`` gives it at another ``place`` than those that were tried, ``spacing`` apart.
     """
 
     cause: str
     kind: str
     columns: Columns
-    weights: NDArray[np.float64] | None = None
+    is_change: bool = False
     searched: int = 1
     at_s: float = math.nan
     bounds: tuple[float, float] = (-math.inf, math.inf)
@@ -55,15 +52,19 @@ class Hypothesis:
         return PENALTY * self.columns.count + 2 * math.log(self.searched)
 
     @property
-    def is_drift(self) -> bool:
-        """Whether it is a change over time whose place is not searched."""
-        return self.weights is not None and self.searched == 1
-
-    @property
     def is_worth(self) -> float:
         """By how much twice the log likelihood must grow: what noise does with so small a chance."""
-        chance = FALSE_DRIFT if self.is_drift else FALSE_ALARM
-        return float(chdtri(self.columns.count, chance / self.searched))
+        return float(chdtri(self.columns.count, self._chance))
+
+    def is_sure(self, freedom: float) -> float:
+        """What the size squared, in its own covariance, must reach, where that is known with so much ``freedom``."""
+        count = self.columns.count
+        rest = float(betaincinv(freedom / 2, count / 2, self._chance))
+        return freedom * (1 - rest) / rest
+
+    @property
+    def _chance(self) -> float:
+        return FALSE_ALARM / _HYPOTHESES / self.searched
 
 
 def constant_causes(model: SessionModel) -> Iterator[Hypothesis]:
@@ -119,17 +120,9 @@ def drifts(model: SessionModel) -> Iterator[Hypothesis]:
     time_s = model.series.time_s
     for since_s in (0.0, model.series.duration_s / 2, model.series.duration_s):
         ramp = time_s - since_s
-        weights = weights_of(ramp)
         about_pole = model.columns(model.along(pole(model.site), EARTH_RATE_ARCSEC_PER_S * 1e-6 * ramp))
-        yield Hypothesis("clock drift", "clock drift", about_pole, weights)
+        yield Hypothesis("clock drift", "clock drift", about_pole, is_change=True)
         for name, axis in model.axes().items():
-            yield Hypothesis("mount moves", name, model.columns(model.along(axis, ramp / 3600)), weights)
+            yield Hypothesis("mount moves", name, model.columns(model.along(axis, ramp / 3600)), is_change=True)
         each = (model.along(axis, ramp / 3600) for axis in all_turns(model.mount))
-        yield Hypothesis("mount moves", "mount moves", model.columns(*each), weights)
-
-
-def weights_of(over_time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of the least-squares coefficient of a course (M,) beside a mean, times its standard deviation."""
-    off = over_time - over_time.mean()
-    scale = float(off.std()) * len(off)
-    return np.asarray(off / scale if scale > 0 else off)
+        yield Hypothesis("mount moves", "mount moves", model.columns(*each), is_change=True)

@@ -33,7 +33,7 @@ def focus_loss(session: SessionData, counted: CountedFrames) -> FocusLoss | None
     """None where the scatter does not grow, or the stars fade; from the same stars, so that fainter ones do no harm."""
     frames, matches = session.frames.columns, session.frames.matches
     matches = matches[counted.used[matches["frame"]]]
-    if len(matches) < _FEWEST_ROWS or _fades(frames[counted.used]):
+    if len(matches) < _FEWEST_ROWS or _fades(frames["transparency"][counted.used]):
         return None
     pixel_arcsec = session.station.sensor.camera().pixel_rad * ARCSEC_PER_RAD
     residuals = np.array([matches["residual_x_arcsec"], matches["residual_y_arcsec"]], dtype=np.float64) / pixel_arcsec
@@ -59,8 +59,8 @@ def focus_finding(loss: FocusLoss) -> Finding:
     )
 
 
-def _fades(frames: NDArray[np.void]) -> bool:
-    transparency = frames["transparency"][np.isfinite(frames["transparency"])]
+def _fades(transparency: NDArray[np.float32]) -> bool:
+    transparency = transparency[np.isfinite(transparency)]
     part = max(len(transparency) // 4, 1)
     return bool(len(transparency)) and bool(
         np.median(transparency[-part:]) < _AS_BRIGHT * np.median(transparency[:part])

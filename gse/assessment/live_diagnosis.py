@@ -47,4 +47,4 @@ class LiveDiagnosis:
                 self.announce(FindingEvent(utc_ns, 0, StationKind.FINDING, str(finding), finding))
 
     def on_event(self, event: LinkEvent) -> None:
-        """Events are no frames."""
+        """Events are not frames."""

@@ -16,6 +16,7 @@ from gse.assessment.decision import Outcome, Row
 from gse.instant import NS_PER_S
 from gse.site import Site
 from gse.station.exclusions import Cause, Exclusion
+from gse.station.frame_columns import Columns, InOrder
 from gse.station.frame_table import ANSWER_CHECKS, SKY_CONDITIONS, STATUSES
 from gse.station.results import AnswerCheck, SkyCondition, Status
 from gse.station.sky_condition import FEWEST_EXPECTED, FEWEST_OBJECTS, SUN_LIMIT_DEG
@@ -35,14 +36,14 @@ MISSING_SHARE = 0.5
 _CLEAR_PERCENTILE = 90.0
 
 
-def no_sky(frames: NDArray[np.void], site: Site) -> tuple[Exclusion, ...]:
+def no_sky(frames: Columns, site: Site) -> tuple[Exclusion, ...]:
     """The stretches of frames (rows of FRAME, any order) without a sky; each with its reason in words."""
-    if (np.diff(frames["utc_ns"]) < 0).any():  # a step of the clock; a copy of a long session is 40 MB
-        frames = frames[np.argsort(frames["utc_ns"], kind="stable")]
+    if (np.diff(frames["utc_ns"]) < 0).any():  # a step of the clock
+        frames = InOrder(frames, np.argsort(frames["utc_ns"], kind="stable"))
     return tuple(_explained(frames, site))
 
 
-def under_cloud(row: Row, frames: NDArray[np.void]) -> Row:
+def under_cloud(row: Row, frames: Columns) -> Row:
     """An availability that fails under a sky of which most frames (rows of FRAME) show a cloud: INCONCLUSIVE."""
     clouded = int((frames["sky_condition"] == SKY_CONDITIONS.index(SkyCondition.CLOUDED)).sum())
     if row.name != "availability" or row.outcome is not Outcome.FAIL or 2 * clouded <= len(frames):
@@ -53,7 +54,7 @@ def under_cloud(row: Row, frames: NDArray[np.void]) -> Row:
     return replace(row, outcome=Outcome.INCONCLUSIVE, reason=reason)
 
 
-def _explained(frames: NDArray[np.void], site: Site) -> Iterator[Exclusion]:
+def _explained(frames: Columns, site: Site) -> Iterator[Exclusion]:
     utc_ns = frames["utc_ns"]
     for first, last in _blind_stretches(frames):
         found = _reason(frames, first, last, site)
@@ -61,7 +62,7 @@ def _explained(frames: NDArray[np.void], site: Site) -> Iterator[Exclusion]:
             yield Exclusion(int(utc_ns[first]), int(utc_ns[last]) + 1, found[1], found[0])
 
 
-def _blind_stretches(frames: NDArray[np.void]) -> Iterator[tuple[int, int]]:
+def _blind_stretches(frames: Columns) -> Iterator[tuple[int, int]]:
     """First and last row of each long stretch without an answer of either identifier."""
     seen = (frames["status"] == STATUSES.index(Status.IDENTIFIED)) | (
         frames["answer_check"] != ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
@@ -73,30 +74,30 @@ def _blind_stretches(frames: NDArray[np.void]) -> Iterator[tuple[int, int]]:
     for part in np.split(blind, np.flatnonzero(np.diff(utc_ns[blind]) > bridged_ns) + 1):
         if not len(part):
             continue
-        long = utc_ns[part[-1]] - utc_ns[part[0]] + _exposure_ns(frames[part[-1]]) >= MIN_STRETCH_NS
+        long = utc_ns[part[-1]] - utc_ns[part[0]] + _exposure_ns(frames, part[-1]) >= MIN_STRETCH_NS
         if long or len(part) == len(frames):
             yield int(part[0]), int(part[-1])
 
 
-def _reason(frames: NDArray[np.void], first: int, last: int, site: Site) -> tuple[Cause, str] | None:
+def _reason(frames: Columns, first: int, last: int, site: Site) -> tuple[Cause, str] | None:
     """Why there was no sky from one row to another; None where no evidence shows it."""
-    part = frames[first : last + 1]
-    middle_ns = int(part["utc_ns"][len(part) // 2])
-    duration_s = float(part["utc_ns"][-1] - part["utc_ns"][0] + _exposure_ns(part[-1])) / NS_PER_S
+    part, utc_ns = slice(first, last + 1), frames["utc_ns"]
+    middle_ns = int(utc_ns[first + (last + 1 - first) // 2])
+    duration_s = float(utc_ns[last] - utc_ns[first] + _exposure_ns(frames, last)) / NS_PER_S
     sun_deg = sun_altitude_deg(site, middle_ns)
     if sun_deg > SUN_LIMIT_DEG:
         side = "above" if sun_deg >= 0 else "below"
         return Cause.NO_SKY, f"Sun {abs(sun_deg):.0f} deg {side} the horizon: no dark sky for {duration_s:.0f} s"
-    if (part["status"] == STATUSES.index(Status.SENSOR_FAULT)).any():
+    if (frames["status"][part] == STATUSES.index(Status.SENSOR_FAULT)).any():
         return None  # only daylight explains an overexposed detector
     faded_mag = _faded_mag(frames, first, last)
     if faded_mag >= FADED_MAG:
         return Cause.NO_SKY, f"stars {faded_mag:.1f} mag too faint: cloud for {duration_s:.0f} s"
     if _missing(frames, first, last):
         return Cause.NO_SKY, f"less than half of the stars just before or after: cloud for {duration_s:.0f} s"
-    most = int(np.percentile(part["objects"], _CLEAR_PERCENTILE))
+    most = int(np.percentile(frames["objects"][part], _CLEAR_PERCENTILE))
     if most < FEWEST_OBJECTS:
-        return Cause.NO_OBJECTS, _few_objects(most, duration_s, float(np.median(part["stars_expected"])))
+        return Cause.NO_OBJECTS, _few_objects(most, duration_s, float(np.median(frames["stars_expected"][part])))
     return None
 
 
@@ -110,19 +111,19 @@ def _few_objects(most: int, duration_s: float, expected: float) -> str:
     return f"{objects} for {duration_s:.0f} s{stars}: {reason}"
 
 
-def _exposure_ns(frame: np.void) -> int:
+def _exposure_ns(frames: Columns, row: int) -> int:
     """A frame of 60 s shows the sky of a minute."""
-    exposure_s = float(frame["exposure_s"])
+    exposure_s = float(frames["exposure_s"][row])
     return round(exposure_s * NS_PER_S) if exposure_s > 0 else 0
 
 
-def _beside(frames: NDArray[np.void], first: int, last: int) -> NDArray[np.bool_]:
+def _beside(frames: Columns, first: int, last: int) -> NDArray[np.bool_]:
     """Which frames are in a stretch or near it."""
     utc_ns = frames["utc_ns"]
     return np.asarray((utc_ns >= utc_ns[first] - _BESIDE_NS) & (utc_ns <= utc_ns[last] + _BESIDE_NS))
 
 
-def _faded_mag(frames: NDArray[np.void], first: int, last: int) -> float:
+def _faded_mag(frames: Columns, first: int, last: int) -> float:
     """How much fainter than in the clear the stars were just before or after a stretch; 0 where none were seen.
 
     Brightness is that of an exposure of 1 s, under a dark sky: the light of twilight is added to that of the stars.
@@ -137,7 +138,7 @@ def _faded_mag(frames: NDArray[np.void], first: int, last: int) -> float:
     return float(clear - zero_point[beside].min())
 
 
-def _missing(frames: NDArray[np.void], first: int, last: int) -> bool:
+def _missing(frames: Columns, first: int, last: int) -> bool:
     """Whether most of the stars were missing just before or after a stretch, with a dark sky and enough of them."""
     expected = frames["stars_expected"]
     known = (frames["stars_seen"] > 0) & (expected >= FEWEST_EXPECTED) & ~(frames["sun_altitude_deg"] > SUN_LIMIT_DEG)

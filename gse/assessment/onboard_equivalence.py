@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gse.assessment.percentiles import Percentiles, percentiles
 from gse.assessment.sensor_answers import SensorAnswers
 from gse.constants import ARCSEC_PER_RAD
+from gse.station.frame_columns import Columns
 from gse.station.frame_table import STATUSES
 from gse.station.results import Status
 
@@ -46,7 +47,7 @@ class OnboardEquivalence:
 
 
 def equivalence(
-    frames: NDArray[np.void], excluded: NDArray[np.bool_], matched: NDArray[np.int64], own: SensorAnswers
+    frames: Columns, excluded: NDArray[np.bool_], matched: NDArray[np.uint16], own: SensorAnswers
 ) -> OnboardEquivalence | None:
     """Compare the sensor's answers with those here, without ``excluded`` frames (M,); None where there are none.
 
@@ -69,7 +70,7 @@ def equivalence(
     )
 
 
-def _separation_arcsec(frames: NDArray[np.void], rows: NDArray[np.int64], own: SensorAnswers) -> NDArray[np.float64]:
+def _separation_arcsec(frames: Columns, rows: NDArray[np.int64], own: SensorAnswers) -> NDArray[np.float64]:
     """How far the two boresights lie from each other in some rows (R,)."""
     separation_arcsec = np.empty(len(rows))
     for first in range(0, len(rows), _ROWS_AT_ONCE):

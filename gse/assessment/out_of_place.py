@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import CountedFrames
 from gse.finding import Finding
+from gse.station.frame_columns import Columns
 from gse.station.session_data import SessionData
 from gse.station.sky_condition import FEWEST_UNMATCHED
 
@@ -21,7 +22,7 @@ FALLEN_OUT_SHARE = 0.3
 """Of those that are matched: more than satellites, noise or a few hot pixels."""
 
 
-def stars_fall_out(frames: NDArray[np.void], used: NDArray[np.bool_]) -> bool:
+def stars_fall_out(frames: Columns, used: NDArray[np.bool_]) -> bool:
     """Whether many stars of the used frames (rows of FRAME) lie too far off to be matched.
 
     As these change, so do the errors.

@@ -111,7 +111,7 @@ def _only_failures(failed: int, panoramas: int) -> Finding:
 
 
 def _without_answer(session: SessionData) -> Finding:
-    """The sky is there: the identifier under test knows too few of its stars, or these do not lie as it is told."""
+    """The sky is there: the identifier under test knows too few of its stars, or they lie elsewhere."""
     status = session.frames.columns["status"]
     answered = int((status == STATUSES.index(Status.IDENTIFIED)).sum())
     size = f"the identifier under test answers {answered or 'none'} of {len(status)} panoramas; the reference "
@@ -147,8 +147,9 @@ def faulty_panoramas(session: SessionData) -> Iterator[Finding]:
     if 2 * faulty > len(status):
         yield Finding(
             "faulty panoramas",
-            f"{faulty} of {len(status)} panoramas cannot be: the sensor reports a fault, or an index value is too "
-            "great, negative, no number, or the same for all objects, so that no object is the brightest",
+            f"{faulty} of {len(status)} panoramas cannot be: the sensor reports a fault, a value is not a number (a "
+            "place, an index value, the temperature), or an index value is too great, negative, or the same for all "
+            "objects, so that no object is the brightest",
             ("a protocol description that reads index or x and y from the wrong bytes",),
             "read what was sent: gse decode SESSION --explain",
         )

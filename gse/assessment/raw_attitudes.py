@@ -13,6 +13,7 @@ from gse.constants import ARCSEC_PER_RAD
 from gse.instant import NS_PER_S
 from gse.mount import Mount
 from gse.star_influence import boresight_shifts
+from gse.station.frame_columns import Columns
 from gse.truth import EarthOrientation, SiderealTruth, horizon_to_sensor, small_rotations
 
 _FRAMES = 15
@@ -38,9 +39,9 @@ class RawAttitudes:
         return RawAttitudes(self.utc_ns[rows], self.icrs_to_sensor[rows], self.field_sensor)
 
     @classmethod
-    def of(cls, frames: NDArray[np.void], camera: Camera) -> "RawAttitudes":
-        """From answered frames (rows of FRAME), evenly spaced over them."""
-        rows = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), _FRAMES)).astype(np.int64))
+    def of(cls, frames: Columns, answered: NDArray[np.int64], camera: Camera) -> "RawAttitudes":
+        """From frames (rows of FRAME) of which these rows are answered, evenly spaced over them."""
+        rows = answered[np.unique(np.linspace(0, len(answered) - 1, min(len(answered), _FRAMES)).astype(np.int64))]
         angles = np.column_stack([frames[name][rows] for name in ("ra_deg", "de_deg", "roll_deg")]).tolist()
         rotations = np.array([Attitude.from_angles(*of_one).icrs_to_sensor for of_one in angles])
         x, y = 0.7 * np.array([camera.columns, camera.rows]) / (2 * camera.focal_length_px)

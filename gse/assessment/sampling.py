@@ -138,7 +138,7 @@ def effective_number(happened: NDArray[np.bool_]) -> float:
 
 
 def _tells(values: NDArray[np.float64]) -> bool:
-    """Whether there is anything to tell a scatter from: equal values are no evidence of a scatter of zero."""
+    """Whether there is anything to tell a scatter from: equal values are not evidence of a scatter of zero."""
     return len(values) >= MIN_FRAMES and float(np.ptp(values)) > 0
 
 

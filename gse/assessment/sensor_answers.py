@@ -46,7 +46,7 @@ class SensorAnswers:
     cross_y_arcsec: NDArray[np.float64]
     latency_ms: NDArray[np.float64]
     arrival_ms: NDArray[np.float64]
-    matched: NDArray[np.int64]
+    matched: NDArray[np.uint16]
 
 
 def sensor_answers(session: SessionData) -> SensorAnswers | None:
@@ -62,7 +62,7 @@ def sensor_answers(session: SessionData) -> SensorAnswers | None:
     columns["latency_ms"][rows] = answers["latency_ms"][places]
     host_utc_ns = answers["host_utc_ns"][places]
     columns["arrival_ms"][rows] = np.where(host_utc_ns > 0, (host_utc_ns - frames["utc_ns"][rows]) / 1e6, np.nan)
-    matched = np.zeros(len(frames), dtype=np.int64)
+    matched = np.zeros(len(frames), dtype=np.uint16)
     matched[rows] = answers["matched"][places]
     good = answers["acquired"][places]
     _measure(session, rows[good], places[good], columns)

@@ -12,6 +12,7 @@ from gse.attitude_convention import AttitudeConvention, from_angles
 from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.station.attitude_table import ANGLES, QUATERNION
+from gse.station.frame_columns import Columns
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.own_answers import OwnAnswerTruth
 from gse.station.results import AnswerCheck, Status, Subject
@@ -63,7 +64,7 @@ def evidence_of(session: SessionData, seconds: float = SEARCHED_S) -> Evidence |
     return Evidence(utc_ns, sent, left_in, taken_out, _mount_arcsec(session))
 
 
-def _confirmed(frames: NDArray[np.void]) -> NDArray[np.bool_]:
+def _confirmed(frames: Columns) -> NDArray[np.bool_]:
     identified = (frames["status"] == STATUSES.index(Status.IDENTIFIED)) & np.isfinite(frames["roll_deg"])
     return np.asarray(identified & (frames["answer_check"] != ANSWER_CHECKS.index(AnswerCheck.FALSE)))
 
@@ -81,7 +82,7 @@ def _sent(answers: NDArray[np.void]) -> NDArray[np.float64]:
 
 
 def _by_stars(session: SessionData, rows: NDArray[np.int64], answers: NDArray[np.void]) -> Evidence:
-    frames = session.frames.columns[rows]
+    frames = session.frames.columns.rows(rows)
     utc_ns = frames["utc_ns"]
     left_in = from_angles(frames["ra_deg"], frames["de_deg"], frames["roll_deg"])
     taken_out = left_in

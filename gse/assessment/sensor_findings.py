@@ -22,6 +22,8 @@ _STAR_SIGMAS = 4.0
 _STANDSTILL_S = 2.0
 _FEWEST_ALIKE = 5
 """So many answers in a row that are the same to the last digit, for so long: the sky has turned by 30 arcsec."""
+_MOST_ALIKE = 0.5
+"""Of the answers: the median of all is then one that stood still."""
 _OF_ABERRATION = 1.5
 """Times its size: what the noise of a fit adds to it."""
 
@@ -43,8 +45,10 @@ def sensor_findings(
     of_convention = tuple(convention_finding(search, stated))
     if puts_off and not is_wrong(search, stated):
         of_convention = ()  # 20 arcsec of aberration are not to be told beside it
-    found = [*of_convention, *_zeros(session), *_standstill(session)]
-    if own is not None and not is_wrong(search, stated):
+    still = tuple(_standstill(session))
+    found = [*of_convention, *_zeros(session), *(finding for finding, _ in still)]
+    says_all = any(share > _MOST_ALIKE for _, share in still)  # its bias, roll and noise are those of standing still
+    if own is not None and not is_wrong(search, stated) and not says_all:
         explained_arcsec = _OF_ABERRATION * search.aberration_arcsec if search and of_convention else 0.0
         explained_arcsec = math.inf if puts_off else explained_arcsec
         found += beside_panoramas(session, own, alike, _explained(session, explained_arcsec))
@@ -70,8 +74,11 @@ def _zeros(session: SessionData) -> Iterator[Finding]:
         yield Finding("sensor answers of zeros", size, next_step="look where its firmware answers without an attitude")
 
 
-def _standstill(session: SessionData) -> Iterator[Finding]:
-    """Answers that stay while the sky turns; a sensor that looks at a fixed star field has a mount that says so."""
+def _standstill(session: SessionData) -> Iterator[tuple[Finding, float]]:
+    """Answers that stay while the sky turns, and their share.
+
+    A sensor that looks at a fixed star field has a mount that says so.
+    """
     answers = session.sensor_attitudes.columns
     acquired = np.flatnonzero(answers["acquired"])
     if len(acquired) < _FEWEST_ALIKE or session.station.mount.inertial is not None:
@@ -86,12 +93,13 @@ def _standstill(session: SessionData) -> Iterator[Finding]:
     long = (seconds >= _STANDSTILL_S) & (last - first + 1 >= _FEWEST_ALIKE)
     if long.any():
         count, most_s = int((last - first + 1)[long].sum()), float(seconds[long].max())
-        yield Finding(
+        found = Finding(
             "sensor answers stand still",
             f"{count} of {len(acquired)} repeat the one before to the last digit, for up to {most_s:.1f} s, while the "
             f"sky turned by {most_s * EARTH_RATE_ARCSEC_PER_S:.0f} arcsec",
             next_step="look whether its firmware still ran",
         )
+        yield found, count / len(acquired)
 
 
 def _names(ra_deg: NDArray[np.float64]) -> tuple[str, ...]:

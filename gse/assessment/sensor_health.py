@@ -112,7 +112,7 @@ def health_findings(session: SessionData, health: SensorHealth) -> Iterator[Find
             "brightness scale",
             f"the same stars become {how} by {abs(drift.slope):.2f} mag/h under a clear sky",
             equals=("dew", "thin cloud"),
-            next_step="look at the lens; compare with the next night: gse compare",
+            next_step="look at the lens; compare with the next session: gse compare",
         )
     noise = health.centroid_noise
     if noise is not None and noise.noisy_stars > noise.stars / 2:

@@ -47,4 +47,4 @@ def _raw_attitudes(session: SessionData, counted: CountedFrames) -> RawAttitudes
     rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded & has_roll)
     if not mount.stated or mount.inertial is not None or not len(rows):
         return None
-    return RawAttitudes.of(frames[rows], session.station.sensor.camera())
+    return RawAttitudes.of(frames, rows, session.station.sensor.camera())

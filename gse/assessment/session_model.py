@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.assessment.competing_models import Columns, Observed
+from gse.assessment.competing_models import Columns, Fitted, Observed
 from gse.assessment.error_series import ErrorSeries
 from gse.assessment.field_patterns import PARAMETERS, FieldOfErrors
 from gse.assessment.turns import VERTICAL, level_axis
@@ -16,6 +16,8 @@ from gse.truth import horizon_to_sensor
 
 FLOOR_ARCSEC = np.array([0.3, 0.3, 1.0])
 """What the models of air and stars leave open, along columns, rows and about the boresight."""
+_OF_CHANGES = 1 / 6
+"""As much of it changes in a session: 23 clean ones of half an hour to two hours, by centroids, show 0.05 arcsec."""
 _UNTESTED_ARCSEC2 = 1e12
 
 
@@ -49,8 +51,7 @@ class SessionModel:
         """What the models compete for."""
         errors = self.series.errors_arcsec @ self.decorrelate.T
         lasting = np.diag(FLOOR_ARCSEC**2)
-        if self.field is not None:
-            lasting = lasting + self.lasting_arcsec2(np.full(len(errors), 1 / len(errors)))
+        lasting += self._by_stars(np.broadcast_to(np.eye(3) / len(errors), (len(errors), 3, 3)))
         if self.is_fitted:
             lasting = np.eye(3) * _UNTESTED_ARCSEC2
         field = self.field
@@ -64,19 +65,32 @@ class SessionModel:
             field.freedom if field else 0.0,
         )
 
-    def lasting_arcsec2(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Covariance (3, 3) of the weighted (M,) sum of the errors, by what single stars keep; zero without stars."""
-        if self.field is None:
-            return np.zeros((3, 3))
-        stars, of_frames = self.field.stars, self._of_frames(weights)
-        return stars.lasting_arcsec2(of_frames) + stars.of_phases_arcsec2(of_frames)
+    @property
+    def stars_freedom(self) -> float:
+        """Degrees of freedom of what single stars keep."""
+        return self.field.stars.freedom if self.field else 1.0
 
-    def _of_frames(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Weights of the series as those of the rows of the field's stars, with the same sum over frames."""
-        assert self.field is not None
-        stars = self.field.stars
-        at = np.interp(stars.frames, self.series.rows, weights)
-        return at * (len(self.series.rows) / len(np.unique(stars.frames)))
+    def left_open(self, columns: Columns, fit: Fitted, count: int) -> NDArray[np.float64]:
+        """Covariance of the last coefficients, of changes over time, by what single stars keep and models leave open.
+
+        Neither is in the covariance of the fit, which knows how the errors scatter from one frame to the next.
+        """
+        pulls = np.einsum("kap,ka,pq->kaq", columns.cosines, fit.precision, fit.covariance[:, -count:])
+        weights = np.einsum("map,ai->mpi", self.series.against_cosines(pulls), self.decorrelate)
+        course = np.einsum("ij,kjp->kip", np.linalg.inv(self.decorrelate), columns.cosines[:, :, -count:])
+        floor = np.einsum("kip,kiq,i->pq", course, course, (_OF_CHANGES * FLOOR_ARCSEC) ** -2.0)
+        open_arcsec2 = len(self.series.time_s) * np.linalg.pinv(floor, hermitian=True)
+        return np.asarray(self._by_stars(weights) + open_arcsec2)
+
+    def _by_stars(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Covariance (P, P) of sums of the errors with weights (M, P, 3), by what single stars keep; zero without."""
+        if self.field is None:
+            return np.zeros((weights.shape[1], weights.shape[1]))
+        stars, series = self.field.stars, self.series
+        flat = weights.reshape(len(weights), -1)
+        at = np.column_stack([np.interp(stars.frames, series.rows, part) for part in flat.T])
+        scale = len(series.rows) / len(np.unique(stars.frames))
+        return stars.covariance_arcsec2(scale * at.reshape(len(at), *weights.shape[1:]))
 
     def columns(self, *series_arcsec: NDArray[np.float64], field: NDArray[np.float64] | None = None) -> Columns:
         """Columns of errors (M, 3) each, with the parameters (F, P) of the field."""

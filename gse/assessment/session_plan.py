@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from gse.assessment.decision import Outcome, Row, Share, judge_share, share_of
+from gse.assessment.decision import Outcome, Row, Share, share_of, share_outcome
 from gse.assessment.guard_band import COVERAGE_FACTOR, further_share
 from gse.assessment.planning import (
     Expected,
@@ -158,10 +158,10 @@ def _times_left(row: Row, subject: SubjectStatistics) -> float:
     if row.unit == "arcsec":
         return _figure_times(row)
     if row.name == "availability":
-        return _share_times(row, subject.available, row.limit, at_least=True)
+        return _share_times(subject.available, row.limit, at_least=True)
     if row.name == "false answers":
-        return _share_times(row, subject.false_answers, row.limit, at_least=False)
-    return _share_times(row, subject.slow, SLOW_SHARE, at_least=False)
+        return _share_times(subject.false_answers, row.limit, at_least=False)
+    return _share_times(subject.slow, SLOW_SHARE, at_least=False)
 
 
 def _figure_times(row: Row) -> float:
@@ -171,13 +171,13 @@ def _figure_times(row: Row) -> float:
     return further_share(row.limit - row.value, sampling, row.truth_uncertainty, row.n_eff)
 
 
-def _share_times(row: Row, share: Share, limit: float, *, at_least: bool) -> float:
+def _share_times(share: Share, limit: float, *, at_least: bool) -> float:
     """By bisection: the bounds of a share come closer to it with every frame."""
 
     def is_decided(times: float) -> bool:
         longer = share_of(share.count * _MOST_TIMES, share.of * _MOST_TIMES, share.n_eff * times)
-        judged = judge_share(row.subject, row.name, longer, limit=limit, at_least=at_least, decision=Decision.GUARDED)
-        return judged.outcome is not Outcome.INCONCLUSIVE
+        outcome = share_outcome(longer, limit, at_least=at_least, decision=Decision.GUARDED)
+        return outcome is not Outcome.INCONCLUSIVE
 
     return _first(is_decided) - 1 if is_decided(_MOST_TIMES) else NEVER
 

@@ -3,12 +3,15 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.station.frame_columns import Columns
 from gse.station.frame_table import SKY_CONDITIONS
 from gse.station.results import SkyCondition
+from gse.station.sky_condition import SUN_LIMIT_DEG
 
 MOST_STRETCHES = 200
 """Broken cloud makes thousands; the first ones and the shares tell the story."""
@@ -47,7 +50,7 @@ class SkySummary:
     moon_separation_deg: tuple[float, float]
 
 
-def sky_summary(frames: NDArray[np.void]) -> SkySummary | None:
+def sky_summary(frames: Columns) -> SkySummary | None:
     """The summary of rows of FRAME; None of none."""
     if not len(frames):
         return None
@@ -69,23 +72,34 @@ def sky_summary(frames: NDArray[np.void]) -> SkySummary | None:
     )
 
 
-def seen_share(frames: NDArray[np.void]) -> NDArray[np.float64]:
+def seen_share(frames: Columns) -> NDArray[np.float64]:
     """The share (M,) of the expected stars that was seen, at most 1; NaN where none is expected."""
     expected = frames["stars_expected"].astype(np.float64)
     return np.minimum(frames["stars_seen"] / np.where(expected > 0, expected, np.nan), 1.0)
 
 
-def _stretches(frames: NDArray[np.void]) -> Iterator[SkyStretch]:
+def zero_point_mag(frames: Columns) -> float:
+    """Magnitude of a star with index value 1 in an exposure of 1 s, median of the clear frames in the dark; or NaN.
+
+    That of a night that is known to be clear is what a station file states as ``sensor.zero_point_mag``.
+    """
+    clear = frames["sky_condition"] == SKY_CONDITIONS.index(SkyCondition.CLEAR)
+    clear &= (frames["sun_altitude_deg"] <= SUN_LIMIT_DEG) & (frames["exposure_s"] > 0)
+    return _median(frames["zero_point_mag"][clear] - 2.5 * np.log10(frames["exposure_s"][clear]))
+
+
+def _stretches(frames: Columns) -> Iterator[SkyStretch]:
     changes = np.flatnonzero(np.diff(frames["sky_condition"])) + 1
-    for part in np.split(frames, changes):
+    utc_ns, condition, seen = frames["utc_ns"], frames["sky_condition"], seen_share(frames)
+    for first, until in pairwise([0, *changes.tolist(), len(utc_ns)]):
         yield SkyStretch(
-            int(part["utc_ns"].min()),
-            int(part["utc_ns"].max()),
-            SKY_CONDITIONS[int(part["sky_condition"][0])],
-            len(part),
-            _median(seen_share(part)),
-            _median(part["transparency"]),
-            _median(part["limiting_mag"]),
+            int(utc_ns[first:until].min()),
+            int(utc_ns[first:until].max()),
+            SKY_CONDITIONS[int(condition[first])],
+            until - first,
+            _median(seen[first:until]),
+            _median(frames["transparency"][first:until]),
+            _median(frames["limiting_mag"][first:until]),
         )
 
 

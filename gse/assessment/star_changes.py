@@ -1,17 +1,22 @@
 """What stars with lasting errors do to the attitude as they come into the field and leave it.
 
 A double star, a bad place in the catalogue or a star in the blur of the lens keeps its error; the day it leaves the
-field the boresight steps. Each star's error is the mean of its residuals and of what the fits of its frames took of it.
+field the boresight steps. Each star's error is the mean of its residuals and of what the fits of its frames took of it,
+as far as it is more than chance: the means of all stars together tell how great lasting errors are, and each mean is
+made smaller by its own part of chance (James & Stein 1961). Whole means would hand the noise of one star on to the next
+as stars come and go, which looks like a drift.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.error_series import ErrorSeries
 from gse.camera import Camera
+from gse.instant import NS_PER_S
 from gse.star_influence import attitude_operators, boresight_shifts
+from gse.truth import time_blocks
 
 _MOST_ROWS = 40_000
 _ROUNDS = 5
@@ -36,13 +41,47 @@ def without_star_changes(
     directions = camera.directions(xy_px)
     operators = attitude_operators(directions, matches["frame"])
     numbers, place = np.unique(matches["frame"], return_inverse=True)
-    _, star, sightings = np.unique(matches["star"], return_inverse=True, return_counts=True)
+    at_s = np.interp(matches["frame"], series.rows, series.time_s)
+    cells = _Cells.of(matches["star"], time_blocks(np.asarray(at_s * NS_PER_S, dtype=np.int64)))
     turns = np.zeros((len(numbers), 3))
     for _ in range(_ROUNDS):
-        errors = residuals_arcsec + np.cross(turns[place], directions)[:, :2]
-        kept = np.column_stack([np.bincount(star, weights=part) / sightings for part in errors.T])
+        kept = cells.lasting(residuals_arcsec + np.cross(turns[place], directions)[:, :2])
         turns = np.zeros((len(numbers), 3))
-        np.add.at(turns, place, np.einsum("nij,nj->ni", operators, kept[star]))
+        np.add.at(turns, place, np.einsum("nij,nj->ni", operators, kept))
     shifts = boresight_shifts(turns)
     made = np.column_stack([np.interp(series.rows, numbers, shift) for shift in shifts.T])
     return replace(series, errors_arcsec=series.errors_arcsec - (made - made.mean(axis=0)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cells:
+    """Cells of one star in one stretch of time: ``cell`` (N,) of each sighting, ``star`` (C,) of each cell."""
+
+    cell: NDArray[np.int64]
+    star: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, stars: NDArray[np.integer], blocks: NDArray[np.int64]) -> "_Cells":
+        cells, cell = np.unique(np.column_stack([stars, blocks]), axis=0, return_inverse=True)
+        return cls(cell.ravel(), np.unique(cells[:, 0], return_inverse=True)[1])
+
+    def lasting(self, errors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What each sighting (N, 2) has of the lasting error of its star, by errors (N, 2); zero where none shows it.
+
+        The variance of a cell's mean is what the cells of one star scatter by, that of lasting errors what the means of
+        stars scatter by beyond it.
+        """
+        means, cells = _means(errors, self.cell), np.bincount(self.star)
+        stars = _means(means, self.star)
+        freedom = len(self.star) - len(cells)
+        if not freedom:
+            return np.zeros_like(errors)
+        chance = float(((means - stars[self.star]) ** 2).sum()) / (2 * freedom)
+        lasting = max(float((cells[:, None] * stars**2).sum()) / 2 - len(cells) * chance, 0.0) / len(self.star)
+        sure = lasting / np.maximum(lasting + chance / cells, 1e-300)
+        return np.asarray((sure[:, None] * stars)[self.star[self.cell]])
+
+
+def _means(values: NDArray[np.float64], group: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Of values (N, 2) over each group (N,)."""
+    return np.column_stack([np.bincount(group, weights=part) for part in values.T]) / np.bincount(group)[:, None]

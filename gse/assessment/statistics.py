@@ -17,6 +17,7 @@ from gse.assessment.spatial_errors import SpatialErrors, spatial_errors
 from gse.assessment.subject_statistics import AXES, NO_EARTH_RATE, Answers, SubjectStatistics, subject_statistics
 from gse.station.clock_steps import instants_ns
 from gse.station.exclusions import Exclusion, excluded
+from gse.station.frame_columns import Columns
 from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status, Subject
@@ -122,7 +123,7 @@ def _of_frames(session: SessionData, counted: CountedFrames) -> Answers:
     )
 
 
-def _sensor(own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames) -> Answers:
+def _sensor(own: SensorAnswers, frames: Columns, counted: CountedFrames) -> Answers:
     columns = {f"{axis}_arcsec": getattr(own, f"{axis}_arcsec") for axis in AXES}
     columns |= {"ra_deg": own.ra_deg, "de_deg": own.de_deg}
     false, used = sensor_masks(own, frames, counted)
@@ -131,7 +132,7 @@ def _sensor(own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames
 
 
 def sensor_masks(
-    own: SensorAnswers, frames: NDArray[np.void], counted: CountedFrames
+    own: SensorAnswers, frames: Columns, counted: CountedFrames
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which answers (M,) of the sensor beside panoramas are false, and which enter its accuracy.
 
@@ -144,10 +145,11 @@ def sensor_masks(
         x, y = own.cross_x_arcsec, own.cross_y_arcsec
         separation_arcsec = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
         false = own.acquired & (separation_arcsec > explained_arcsec(frames, counted.exclusions))
-    apart_arcsec = answers_apart(own, frames)
-    confirmed = np.isfinite(apart_arcsec[:, 0]) & (frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.CORRECT))
+    offsets_arcsec = answers_apart(own, frames)
+    correct = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.CORRECT)
+    confirmed = np.isfinite(offsets_arcsec[:, 0]) & correct
     if confirmed.any():
-        off = apart_arcsec - np.median(apart_arcsec[confirmed], axis=0)
+        off = offsets_arcsec - np.median(offsets_arcsec[confirmed], axis=0)
         false |= confirmed & (np.hypot(*off.T) > SAME_BORESIGHT_ARCSEC)
     return false, known & ~false
 

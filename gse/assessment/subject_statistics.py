@@ -5,6 +5,7 @@ Accuracy is taken over the frames that were answered, not falsely, and that are 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from gse.assessment.percentiles import Percentiles, percentiles
 from gse.assessment.sampling import effective_number
 from gse.assessment.thermal import ThermalError, thermal_error
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.station.frame_columns import Columns
 from gse.station.results import Subject
 
 AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y")
@@ -24,6 +26,8 @@ _THERMAL_AXES = ("cross_x", "cross_y", "d_roll")
 _TURN_ARCSEC = 360 * 3600.0
 _MAX_DE_FOR_RA_DEG = 89.9
 _NAN = float("nan")
+_ROWS_AT_ONCE = 1 << 14
+"""Cells of more answers than these are large: those of a day at 10 Hz have 100 MB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +104,7 @@ class Answers:
 
 def subject_statistics(
     subject: Subject,
-    frames: NDArray[np.void],
+    frames: Columns,
     answers: Answers,
     frames_lost: int,
     limit_ms: float,
@@ -110,14 +114,15 @@ def subject_statistics(
     used = np.flatnonzero(answers.used)
     used = used[np.argsort(frames["utc_ns"][used], kind="stable")]  # a step of the clock may turn the order
     used_ns = frames["utc_ns"][used]
-    errors = {axis: answers.columns[f"{axis}_arcsec"][used] for axis in AXES}
-    errors["d_roll"] = about_circular_mean(errors["d_roll"])
-    axes = {axis: _axis(used_ns, errors[axis]) for axis in AXES}
+
+    def errors(axis: str) -> NDArray[np.float64]:
+        selected: NDArray[np.float64] = answers.columns[f"{axis}_arcsec"][used]
+        return about_circular_mean(selected) if axis == "d_roll" else selected
+
+    axes = {axis: _axis(used_ns, errors(axis)) for axis in AXES}
     good = answers.answered & ~answers.false
     counts = answers.expected | answers.false
     kept_ns = frames["utc_ns"][answers.timed]
-    de_true_deg, de_deg = frames["de_true_deg"][used], answers.columns["de_deg"][used]
-    de_true_deg = np.where(np.isnan(de_true_deg), de_deg, de_true_deg)  # a frame that only the sensor answered
     timed = answers.time_ms[np.isfinite(answers.time_ms)]
     return SubjectStatistics(
         subject=subject,
@@ -125,10 +130,10 @@ def subject_statistics(
         false_answers=_share(answers.false[counts & answers.answered]),
         star_fields=_star_fields(answers.columns["ra_deg"][used], answers.columns["de_deg"][used], field_rad),
         axes=axes,
-        half_cone_95=axis_statistics(used_ns, np.hypot(errors["cross_x"], errors["cross_y"])),
-        mean_abs_d_ra_deg=_mean_abs_d_ra_deg(errors["d_ra_cosde"], de_true_deg),
+        half_cone_95=axis_statistics(used_ns, np.hypot(errors("cross_x"), errors("cross_y"))),
+        mean_abs_d_ra_deg=_mean_abs_d_ra_deg(errors("d_ra_cosde"), _true_de_deg(frames, answers, used)),
         mean_abs_d_de_deg=axes["d_de"].mean_abs_arcsec / 3600,
-        earth_rate=_earth_rate(de_true_deg, axes["d_ra_cosde"]),
+        earth_rate=_earth_rate(_true_de_deg(frames, answers, used), axes["d_ra_cosde"]),
         time_ms=percentiles(timed),
         time_is_stated=answers.time_is_stated,
         slow=_share(timed > limit_ms),
@@ -138,6 +143,12 @@ def subject_statistics(
         thermal=_thermal(used_ns, errors, frames["temperature_c"][used]),
         first_fixes_s=first_fixes_s(kept_ns, frames["frame_no"][answers.timed], good[answers.timed]),
     )
+
+
+def _true_de_deg(frames: Columns, answers: Answers, used: NDArray[np.int64]) -> NDArray[np.float64]:
+    """True declination of the used frames (K,); that of the answer where only the sensor answered."""
+    true_deg = frames["de_true_deg"][used]
+    return np.where(np.isnan(true_deg), answers.columns["de_deg"][used], true_deg)
 
 
 def _axis(used_ns: NDArray[np.int64], errors_arcsec: NDArray[np.float64]) -> AxisStatistics:
@@ -151,13 +162,15 @@ def _axis(used_ns: NDArray[np.int64], errors_arcsec: NDArray[np.float64]) -> Axi
 
 
 def _thermal(
-    used_ns: NDArray[np.int64], errors: dict[str, NDArray[np.float64]], temperature_c: NDArray[np.float32]
+    used_ns: NDArray[np.int64], errors: Callable[[str], NDArray[np.float64]], temperature_c: NDArray[np.float32]
 ) -> dict[str, ThermalError | None]:
-    known = {axis: np.isfinite(errors[axis]) for axis in _THERMAL_AXES}
-    return {
-        axis: thermal_error(used_ns[rows], errors[axis][rows], temperature_c[rows].astype(np.float64))
-        for axis, rows in known.items()
-    }
+    found: dict[str, ThermalError | None] = {}
+    for axis in _THERMAL_AXES:
+        error_arcsec = errors(axis)
+        known = np.isfinite(error_arcsec)
+        rows = slice(None) if known.all() else known
+        found[axis] = thermal_error(used_ns[rows], error_arcsec[rows], temperature_c[rows])
+    return found
 
 
 def available_share(good: NDArray[np.bool_], *, missing: int) -> Share:
@@ -197,11 +210,13 @@ def figure_of(axis: AxisStatistics, name: str, duration_s: float) -> Figure:
 
 def _star_fields(ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64], field_rad: float) -> int:
     """How many fields of stars the boresights were in, one next to the other: cells of half a field's width."""
-    if not len(ra_deg):
-        return 0
-    ra, de = np.radians(ra_deg), np.radians(de_deg)
-    vectors = np.column_stack([np.cos(de) * np.cos(ra), np.cos(de) * np.sin(ra), np.sin(de)])
-    return len(np.unique(np.floor(vectors / field_rad).astype(np.int64), axis=0))
+    cells = np.empty((0, 3), dtype=np.int64)
+    for first in range(0, len(ra_deg), _ROWS_AT_ONCE):
+        rows = slice(first, first + _ROWS_AT_ONCE)
+        ra, de = np.radians(ra_deg[rows]), np.radians(de_deg[rows])
+        vectors = np.column_stack([np.cos(de) * np.cos(ra), np.cos(de) * np.sin(ra), np.sin(de)])
+        cells = np.unique(np.concatenate([cells, np.floor(vectors / field_rad).astype(np.int64)]), axis=0)
+    return len(cells)
 
 
 def _mean_abs_d_ra_deg(d_ra_cosde_arcsec: NDArray[np.float64], de_true_deg: NDArray[np.float64]) -> float:

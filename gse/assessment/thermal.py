@@ -33,7 +33,7 @@ class ThermalError:
 def thermal_error(
     utc_ns: NDArray[np.int64],
     error_arcsec: NDArray[np.float64],
-    temperature_c: NDArray[np.float64],
+    temperature_c: NDArray[np.floating],
     *,
     resolution_k: float = RESOLUTION_K,
 ) -> ThermalError | None:
@@ -42,10 +42,9 @@ def thermal_error(
     if known.sum() < MIN_FRAMES:
         return None
     parts = np.array_split(np.flatnonzero(known), min(BLOCKS, int(known.sum()) // 5))
-    error, temperature, time_s = (
-        np.array([float(np.mean(values[rows])) for rows in parts])
-        for values in (error_arcsec, temperature_c.astype(np.float64), (utc_ns - utc_ns[0]) / 1e9)
-    )
+    error = np.array([float(np.mean(error_arcsec[rows])) for rows in parts])
+    temperature = np.array([float(np.mean(temperature_c[rows].astype(np.float64))) for rows in parts])
+    time_s = np.array([float(np.mean((utc_ns[rows] - utc_ns[0]) / 1e9)) for rows in parts])
     if np.ptp(temperature) < _STEPS * resolution_k or np.ptp(time_s) == 0:
         return None
     time = (time_s - time_s.mean()) / np.ptp(time_s)

@@ -10,6 +10,7 @@ from drivers.chunk import LinkEvent
 from gse.instant import to_text
 from gse.percent import percent
 from gse.station.clock_steps import clock_steps, first_rows
+from gse.station.frame_columns import Columns
 
 LEAP_S = 0.5
 """A tag that is ahead of the host by this much more than in the frame before, though no frame is missing, has leapt."""
@@ -23,14 +24,14 @@ _MAD, _OF_MEDIAN = 1.4826, 1.2533
 """Standard deviation of normal numbers in their median deviation, and error of their median in that of their mean."""
 
 
-def time_tag_faults(frames: NDArray[np.void], events: Sequence[LinkEvent]) -> tuple[str, ...]:
+def time_tag_faults(frames: Columns, events: Sequence[LinkEvent]) -> tuple[str, ...]:
     """A line for each kind of fault in frames (rows of FRAME, in order of arrival); nothing without host times."""
     if len(frames) < 3 or not (frames["host_utc_ns"] > 0).all():
         return ()
     return (*_stuck(frames), *_leaps(frames, events), *_rate(frames))
 
 
-def _stuck(frames: NDArray[np.void]) -> Iterator[str]:
+def _stuck(frames: Columns) -> Iterator[str]:
     tags_us = frames["time_us"].astype(np.int64)
     host_ns = np.diff(frames["host_utc_ns"])
     still = (np.diff(tags_us) == 0) & (host_ns > np.median(host_ns) / 2)
@@ -38,7 +39,7 @@ def _stuck(frames: NDArray[np.void]) -> Iterator[str]:
         yield f"sensor time tag: it stood still in {int(still.sum())} frames while the host's clock went on"
 
 
-def _leaps(frames: NDArray[np.void], events: Sequence[LinkEvent]) -> Iterator[str]:
+def _leaps(frames: Columns, events: Sequence[LinkEvent]) -> Iterator[str]:
     tags_s: NDArray[np.float64] = np.diff(frames["time_us"].astype(np.float64)) / 1e6
     host_s: NDArray[np.float64] = np.diff(frames["host_utc_ns"] - frames["host_utc_ns"][0]).astype(np.float64) / 1e9
     numbers = np.maximum(np.diff(frames["frame_no"].astype(np.int64)), 1)
@@ -54,7 +55,7 @@ def _leaps(frames: NDArray[np.void], events: Sequence[LinkEvent]) -> Iterator[st
         yield f"sensor time tag: it leapt by {ahead_s[first]:+.2f} s at {when}{more}"
 
 
-def _rate(frames: NDArray[np.void]) -> Iterator[str]:
+def _rate(frames: Columns) -> Iterator[str]:
     """The stretch of frames in which tags were fastest or slowest against the host's clock, if by far too much."""
     tags_s: NDArray[np.float64] = np.diff(frames["time_us"].astype(np.float64)) / 1e6
     host_s: NDArray[np.float64] = np.diff(frames["host_utc_ns"] - frames["host_utc_ns"][0]).astype(np.float64) / 1e9

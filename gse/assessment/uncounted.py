@@ -17,6 +17,7 @@ from gse.assessment.statistics import Statistics
 from gse.instant import NS_PER_S
 from gse.station.clock_steps import clock_steps, first_rows
 from gse.station.exclusions import Cause, excluded
+from gse.station.frame_columns import Columns
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 
@@ -25,7 +26,7 @@ _WINDOW = 15
 LONGEST_S = 60.0
 """A longer time without a frame is a pause of the session, which its events and plots show."""
 FEW_RESTARTS = 2
-"""A sensor that is switched on again, or loses its power for a moment, is told by its event; one that starts anew again
+"""A sensor that is switched on again, or loses its power for a moment, has an event; one that starts anew again
 and again was away."""
 
 
@@ -57,7 +58,7 @@ def _after_suspensions(session: SessionData) -> list[int]:
     return [row for row, step in zip(rows, steps, strict=True) if step.utc_kept and row < len(session.frames)]
 
 
-def missing_by_time(frames: NDArray[np.void], excused: NDArray[np.bool_] | None = None) -> int:
+def missing_by_time(frames: Columns, excused: NDArray[np.bool_] | None = None) -> int:
     """How many frames are missing between those of a table (rows of FRAME, in order of arrival), at their usual rate.
 
     None is missing beside frames that are ``excused`` (M,), at few restarts, and in pauses longer than LONGEST_S. Where

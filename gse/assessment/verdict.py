@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from gse.assessment.decision import Outcome, Row, judge_figure, judge_share
+from gse.assessment.decision import Outcome, Requirement, Row, judge_figure, judge_share
 from gse.assessment.diagnosis import findings
 from gse.assessment.guard_band import COVERAGE_FACTOR
 from gse.assessment.low_field import under_air
@@ -168,24 +168,18 @@ def _rows(
     for label, axis, limit in axes:
         for name, which in ((f"mean |{label}|", "mean_abs"), (f"95 % of |{label}|", "p95_abs")):
             yield judge_figure(
-                subject.subject,
-                name,
+                Requirement(subject.subject, name, limit, limits.decision, "arcsec"),
                 figure_of(subject.axes[axis], which, stats.duration_s),
-                unit="arcsec",
-                limit=limit,
                 truth_uncertainty=_standard(truth[axis]),
-                decision=limits.decision,
                 relative=relative,
                 settles=_settles(budget, axis),
             )
+    cone_arcsec = math.nan if limits.boresight_arcsec is None else limits.boresight_arcsec
+    name = "half-cone of 95 % of the boresights"
     yield judge_figure(
-        subject.subject,
-        "half-cone of 95 % of the boresights",
+        Requirement(subject.subject, name, cone_arcsec, limits.decision, "arcsec"),
         figure_of(subject.half_cone_95, "p95_abs", stats.duration_s),
-        unit="arcsec",
-        limit=math.nan if limits.boresight_arcsec is None else limits.boresight_arcsec,
         truth_uncertainty=math.hypot(*(_standard(truth[axis]) for axis in ("d_ra_cosde", "d_de"))),
-        decision=limits.decision,
         relative=relative,
     )
     yield from _shares(subject, limits, lost=stats.frames_expected - int(stats.counted.expected.sum()))
@@ -211,15 +205,15 @@ def _shares(subject: SubjectStatistics, limits: Limits, *, lost: int) -> Iterato
         ("availability", subject.available, limits.availability, True, never_came),
         ("false answers", subject.false_answers, limits.false_share, False, fields),
     ):
-        yield judge_share(
-            subject.subject, name, share, limit=limit, at_least=at_least, decision=limits.decision, beside=beside
-        )
+        asked = Requirement(subject.subject, name, limit, limits.decision)
+        yield judge_share(asked, share, at_least=at_least, beside=beside)
 
 
 def _time(subject: SubjectStatistics, limits: Limits) -> Row:
     """The 99th percentile of the time; the share of the slow frames decides, by its exact bounds."""
     name = "processing time as it states, 99 %" if subject.time_is_stated else "identification time on this host, 99 %"
-    row = judge_share(subject.subject, name, subject.slow, limit=SLOW_SHARE, at_least=False, decision=limits.decision)
+    asked = Requirement(subject.subject, name, SLOW_SHARE, limits.decision)
+    row = judge_share(asked, subject.slow, at_least=False)
     reason = row.reason
     undecided = row.outcome is Outcome.INCONCLUSIVE
     if row.outcome is Outcome.FAIL or undecided:

@@ -58,7 +58,7 @@ def vibration(series: ErrorSeries, field: FieldOfErrors) -> Vibration | None:
     if len(np.unique(blocks)) < _MIN_BLOCKS // 2:
         return None
     quick = _without_means(series.errors_arcsec[:, :2], blocks)
-    predicted = _predicted(field, dict(zip(series.rows.tolist(), blocks.tolist(), strict=True)))
+    predicted = _predicted(field, series.rows, blocks)
     ratio = np.array([_usual_variance(axis, blocks) for axis in quick.T]) / predicted
     sigma = np.sqrt(2 / np.array([_independent(axis) for axis in quick.T]))
     if not ((ratio > LEAST_RATIO) & (ratio - 1 > _LEAST_SIGMAS * sigma)).any():
@@ -86,10 +86,12 @@ def _without_means(values: NDArray[np.float64], blocks: NDArray[np.int64]) -> ND
     return np.asarray((values - means[place]) / np.sqrt(kept)[place, None])
 
 
-def _predicted(field: FieldOfErrors, block_of_row: dict[int, int]) -> NDArray[np.float64]:
+def _predicted(field: FieldOfErrors, rows: NDArray[np.int64], block_of_row: NDArray[np.int64]) -> NDArray[np.float64]:
     """Variances (2,) along columns and rows of one frame's boresight, by the residuals of its stars."""
     stars = field.stars
-    blocks = np.array([block_of_row.get(frame, -1) for frame in stars.frames.tolist()])
+    block_of_frame = np.full(max(int(rows.max()), int(stars.frames.max())) + 1, -1)
+    block_of_frame[rows] = block_of_row
+    blocks = block_of_frame[stars.frames]
     cells = stars.stars * (int(blocks.max()) + 2) + blocks
     quick = _without_means(stars.errors, cells)
     variance = float((quick**2).mean())

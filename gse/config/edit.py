@@ -12,7 +12,7 @@ def with_values(text: str, section: str, values: Mapping[str, object], *, drop: 
     """The text with other values in one section; keys not in ``values`` stay but for those to ``drop``.
 
     The section is written anew, without comments inside it; all else stays as it was. The result is checked:
-    ConfigError where it is no station file.
+    ConfigError where it is not a station file.
     """
     _, document = load_document(text)
     kept = {key: value for key, value in (document.get(section) or {}).items() if key not in drop}

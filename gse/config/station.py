@@ -70,6 +70,8 @@ class Sensor(_Section):
     tangential_distortion: tuple[_Distortion, _Distortion] = (0.0, 0.0)
     mirrored: bool = False
     index_max: Annotated[int, Field(ge=1, le=65535)] = 4096
+    zero_point_mag: Annotated[float, Field(ge=-10, le=40)] | None = None
+    """Magnitude of a star with index value 1 in an exposure of 1 s under a clear sky; None: not known."""
     hot_pixels: tuple[tuple[int, int], ...] = ()
     """Known hot pixels (x, y)."""
     attitude: AttitudeConvention = AttitudeConvention()

@@ -25,6 +25,9 @@ def main() -> int:
     os.dup2(2, 1)
     try:
         make, about = _loaded(target)
+    except ModuleNotFoundError as error:
+        os.write(out, _line({"error": f"the package {error.name} is not installed; install it beside gse"}))
+        return 1
     except Exception as error:  # whatever a foreign module raises while it is imported
         os.write(out, _line({"error": f"{type(error).__name__}: {error}"}))
         return 1

@@ -30,7 +30,7 @@ class WireUnit:
 
 @dataclass(frozen=True, slots=True)
 class SensorDescription:
-    """What an external identifier is told of the sensor, once, at its start."""
+    """The sensor as an external identifier gets it, once, at its start."""
 
     name: str
     camera: Camera

@@ -54,7 +54,7 @@ class AstropySky:
         """ICRS directions (M, 3) of sensors' axes (M, 3, 3), which are right, up and out.
 
         Up is taken close to the boresight: aberration keeps angles there, and 90 deg away it does not. It is the mean
-        of what up and right show: refraction shears the field, and a shear is no turn.
+        of what up and right show: refraction shears the field, and a shear is not a turn.
         """
         right, up, out = np.moveaxis(axes, 1, 0)
         near = np.stack([out, out + _NEAR * up, out + _NEAR * right], axis=1)

@@ -150,7 +150,7 @@ def _own(sky: MadeSky, watched: _Watched) -> Iterator[_Compared]:
         yield f"{Subject.ONBOARD} drift of dDE", "arcsec/h", error.poleward_arcsec_per_h, drift, _DRIFT_ARCSEC_PER_H
     if error.false_objects:
         injected = POINTINGS * error.frames * error.false_objects
-        yield "objects that are no stars", "", injected, watched.unknown_objects, 0.0
+        yield "objects that are not stars", "", injected, watched.unknown_objects, 0.0
     if error.noise_px:
         yield from _noise(sky, watched)
     if error.focal_share:

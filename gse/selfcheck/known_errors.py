@@ -11,7 +11,7 @@ class KnownError:
     towards the celestial pole, growing by ``poleward_arcsec_per_h`` through the middle of the session; ``roll_arcsec``
     turns image up counter-clockwise as seen in the sky; ``clock_s`` is how fast the host's clock is. ``focal_share`` is
     the error of the focal length, ``noise_px`` the standard deviation of a position on each axis, ``false_objects`` how
-    many objects of each frame are no stars. The first ``blank`` of the ``frames`` of each stretch show no object.
+    many objects of each frame are not stars. The first ``blank`` of the ``frames`` of each stretch show no object.
     ``own_east_arcsec`` is how far the sensor's own answers lie to the east, None where it sends none, and the first
     ``own_false`` of each stretch are false.
     """

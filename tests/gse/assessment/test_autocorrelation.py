@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from gse.assessment.autocorrelation import ORDINATES, _changes, _shapes, _sinusoid, exponential_spectrum
+from gse.assessment.autocorrelation import (
+    _CYCLES,
+    _PEAKS,
+    ORDINATES,
+    _changes,
+    _response,
+    _shapes,
+    _sinusoid,
+    exponential_spectrum,
+)
 
 PLACES = np.arange(ORDINATES + 1)
 S = (np.arange(4000) + 0.5) / 4000
@@ -43,6 +52,13 @@ def test_the_spectrum_of_a_sinusoid_is_the_mean_over_its_phases(cycles):
     waves = [math.sqrt(2) * np.sin(2 * math.pi * cycles * S + phase) for phase in phases]
     mean = np.mean([[np.mean(wave) ** 2, *squares(wave)] for wave in waves], axis=0)
     assert _sinusoid(cycles, PLACES) == pytest.approx(mean, abs=1e-3)
+
+
+def test_a_weighted_sum_answers_a_sinusoid_by_its_mean_square_over_the_phases():
+    weights, s = np.random.default_rng(4).normal(size=300), (np.arange(300) + 0.5) / 300
+    phases = np.arange(24)[:, None, None] * math.pi / 12
+    sums = math.sqrt(2) * np.sin(2 * math.pi * _CYCLES[:, None] * s + phases) @ weights
+    assert _response(weights) == pytest.approx(np.repeat((sums**2).mean(axis=0), len(_PEAKS)))
 
 
 @pytest.mark.parametrize("time", [0.5, 5.0, 50.0])

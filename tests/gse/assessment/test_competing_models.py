@@ -76,6 +76,19 @@ def test_one_column_in_white_noise_is_fitted_as_least_squares_do():
     assert np.sqrt(found.covariance[0, 0]) == pytest.approx(NOISE.std() / np.sqrt(design @ design), rel=0.2)
 
 
+@pytest.mark.parametrize("mean", [200.0, 900.0])
+def test_a_column_that_the_mean_and_the_course_see_differently_is_fitted_where_both_together_are_likeliest(mean):
+    of_course = np.random.default_rng(5).normal(scale=0.1, size=(K, 3, 1))
+    column = Columns(np.array([[100.0], [0.0], [0.0]]), of_course, np.zeros((2, 1)))
+
+    def left(size):
+        return twice_log(mean=(mean - 100 * size, 0.0, 0.0), cosines=NOISE - size * of_course[:, :, 0])
+
+    found = float(fitted(observed(mean=(mean, 0.0, 0.0)), column).coefficients[0])
+    sizes = np.linspace(-2, 10, 601)
+    assert found == pytest.approx(sizes[np.argmax([left(size) for size in sizes])], abs=0.03)
+
+
 def test_a_parameter_of_the_field_alone_is_what_the_stars_say():
     column = Columns(np.zeros((3, 2)), np.zeros((K, 3, 2)), np.eye(2))
     found = fitted(observed(parameters=(0.7, -2.0), freedom=1e6), column)

@@ -171,7 +171,7 @@ def with_answers(convention, count=600, **stated):
     ):
         frames[name] = values
     angles = state_angles(true @ icrs_to_frame(convention.frame, utc_ns).transpose(0, 2, 1), convention)
-    for row, (ra_deg, de_deg, roll_deg) in zip(frames, angles.tolist(), strict=True):
+    for row, (ra_deg, de_deg, roll_deg) in zip(frames.rows(), angles.tolist(), strict=True):
         message = AttitudeMessage(
             int(row["time_us"]), ra_deg, de_deg, roll_deg, int(row["frame_no"]), 12, "acquired", 0.08
         )

@@ -209,7 +209,7 @@ def test_frames_that_no_sequence_number_tells_as_missing_make_no_pass(sky, is_mi
 
 def test_the_frames_that_are_missing_by_time_are_counted():
     made = session(600)
-    frames = made.frames.columns
+    frames = made.frames.columns.rows()
     assert missing_by_time(frames) == 0
     assert missing_by_time(np.delete(frames, np.s_[100:140])) == 40
     assert missing_by_time(np.delete(frames, np.s_[5:600:5])) == 119
@@ -235,7 +235,7 @@ def test_bursts_with_hours_between_them_and_a_restart_are_not_missing_frames():
 
 
 def test_a_pause_that_the_operator_leaves_out_is_not_missing():
-    frames = np.delete(session(600).frames.columns, np.s_[100:140])
+    frames = np.delete(session(600).frames.columns.rows(), np.s_[100:140])
     assert missing_by_time(frames, excluded(frames["utc_ns"], [pause(9.0, 15.0)])) == 0
 
 
@@ -302,6 +302,24 @@ def test_much_excluded_for_the_clock_decides_nothing():
     assessment = judge(made)
     assert assessment.verdict is Verdict.INCONCLUSIVE
     assert any("left out for steps of the host's clock" in reason for reason in assessment.reasons)
+
+
+def test_little_excluded_for_the_clock_is_no_obstacle_to_a_verdict():
+    """A sixth of the frames, but ten seconds."""
+    made = stepped(0.006, error_arcsec=0.0)
+    assert not any("too many to say" in reason for reason in judge(made).reasons)
+
+
+def test_a_figure_that_fails_is_named_before_what_else_forbids_a_pass():
+    made = session(600, step_s=1.0, bias=(200.0, 0.0, 0.0))
+    for second in range(0, 600, 60):
+        event = ClockStep(START_NS + second * NS_PER_S, 0, StationKind.CLOCK_STEP, "stepped by +0.100 s", 10**8)
+        made.events.append(event)
+    assessment = judge(made)
+    assert assessment.verdict is Verdict.FAIL
+    failed = next(row.reason for row in assessment.rows if row.outcome == "FAIL")
+    obstacle = next(reason for reason in assessment.reasons if "too many to say" in reason)
+    assert assessment.reasons.index(failed) < assessment.reasons.index(obstacle)
 
 
 # Sky

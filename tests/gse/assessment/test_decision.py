@@ -5,7 +5,17 @@ import math
 import pytest
 import scipy.stats
 
-from gse.assessment.decision import Figure, Outcome, Share, judge_figure, judge_share, minutes_more, share_of
+from gse.assessment.decision import (
+    Figure,
+    Outcome,
+    Requirement,
+    Share,
+    judge_figure,
+    judge_share,
+    minutes_more,
+    share_of,
+    share_outcome,
+)
 from gse.assessment.sampling import NO_BOUNDS, Bounds
 from gse.limits import Decision
 from gse.station.results import Subject
@@ -16,15 +26,8 @@ LIMIT = 60.0
 def row(value, half_width, *, truth=0.0, limit=LIMIT, decision=Decision.GUARDED, frames=600, duration_s=600.0):
     bounds = Bounds(value - 2, value + 2, value - half_width, value + half_width) if half_width else NO_BOUNDS
     figure = Figure(value, bounds, 100.0, frames, duration_s)
-    return judge_figure(
-        Subject.ONBOARD,
-        "mean |dDE|",
-        figure,
-        unit="arcsec",
-        limit=limit,
-        truth_uncertainty=truth,
-        decision=decision,
-    )
+    asked = Requirement(Subject.ONBOARD, "mean |dDE|", limit, decision, "arcsec")
+    return judge_figure(asked, figure, truth_uncertainty=truth)
 
 
 @pytest.mark.parametrize(
@@ -129,16 +132,15 @@ def test_the_bounds_of_a_share_are_those_of_the_binomial_test(count, of):
 )
 def test_a_share_says_why_it_does_not_pass(count, limit, at_least, reason):
     share = share_of(count, 600)
-    found = judge_share(
-        Subject.ONBOARD, "false answers", share, limit=limit, at_least=at_least, decision=Decision.GUARDED
-    ).reason
+    asked = Requirement(Subject.ONBOARD, "false answers", limit, Decision.GUARDED)
+    found = judge_share(asked, share, at_least=at_least).reason
     assert reason in found
     assert bool(found) == bool(reason)
 
 
 def false_answers(count, of, decision=Decision.GUARDED):
     share = share_of(count, of)
-    return judge_share(Subject.ONBOARD, "false answers", share, limit=0.01, at_least=False, decision=decision).outcome
+    return judge_share(Requirement(Subject.ONBOARD, "false answers", 0.01, decision), share, at_least=False).outcome
 
 
 @pytest.mark.parametrize(
@@ -166,7 +168,7 @@ def test_simple_acceptance_of_a_share_takes_the_limit_itself(count, expected):
 
 def available(count, of, n_eff=None, decision=Decision.GUARDED, limit=0.95):
     share = share_of(count, of, n_eff)
-    return judge_share(Subject.ONBOARD, "availability", share, limit=limit, at_least=True, decision=decision).outcome
+    return judge_share(Requirement(Subject.ONBOARD, "availability", limit, decision), share, at_least=True).outcome
 
 
 @pytest.mark.parametrize(
@@ -190,6 +192,21 @@ def test_simple_acceptance_of_availability_takes_the_limit_itself():
     assert available(94, 100, decision=Decision.SIMPLE) == "FAIL"
 
 
+def test_simple_acceptance_of_a_share_states_the_risk_that_the_true_one_is_beyond_the_limit():
+    """After 0 of 30 with nothing known before: 0.99 to the power of 31 are above 1 %."""
+    asked = Requirement(Subject.ONBOARD, "false answers", 0.01, Decision.SIMPLE)
+    assert judge_share(asked, share_of(0, 30), at_least=False).false_pass_risk == pytest.approx(0.99**31)
+    assert math.isnan(judge_share(asked, share_of(0, 0), at_least=False).false_pass_risk)
+    asked = Requirement(Subject.ONBOARD, "availability", 0.95, Decision.SIMPLE)
+    assert judge_share(asked, share_of(30, 30), at_least=True).false_pass_risk == pytest.approx(0.95**31)
+
+
+def test_simple_acceptance_needs_a_truth_to_compare_with():
+    decided = row(5.0, 1.0, truth=math.inf, decision=Decision.SIMPLE)
+    assert decided.outcome == "INCONCLUSIVE"
+    assert "truth is not known well enough" in decided.reason
+
+
 JUST = 1e-9
 
 
@@ -208,5 +225,4 @@ JUST = 1e-9
 )
 def test_a_share_is_decided_by_its_bounds_and_the_limit_itself_keeps_it(at_least, lower, upper, expected):
     share = Share(85, 100, 0.85, 100.0, lower, upper)
-    found = judge_share(Subject.ONBOARD, "availability", share, limit=0.9, at_least=at_least, decision=Decision.GUARDED)
-    assert found.outcome == expected
+    assert share_outcome(share, 0.9, at_least=at_least, decision=Decision.GUARDED) == expected

@@ -9,8 +9,9 @@ from skies.known_nights import START_NS, STATION, TRUTH, session, unanswered
 from skies.one_by_one import add_frame
 
 from drivers.chunk import LinkEvent
+from gse.assessment.counted_frames import counted_frames
 from gse.assessment.diagnosis import causes_so_far
-from gse.assessment.out_of_place import stars_fall_out
+from gse.assessment.out_of_place import most_unmatched, stars_fall_out
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
 from gse.station.event_kinds import ClockStep, StationKind
@@ -200,3 +201,13 @@ def test_stars_that_all_stand_on_the_boresight_tell_no_cause_and_end_no_session(
 
 def test_a_session_without_frames_has_no_findings():
     assert found(SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")) == ""
+
+
+@pytest.mark.parametrize("left_out", [False, True])
+def test_stars_are_out_of_place_in_the_frames_that_count(left_out):
+    made, unlike = session(200), np.arange(200) < 120
+    counted = replace(counted_frames(made), excluded=unlike & left_out, false=np.ones(200, dtype=bool))
+    frames = made.frames.columns
+    frames["matched"], frames["false_objects"] = np.where(unlike, 5, 16), np.where(unlike, 12, 1)
+    frames["stars_expected"] = 17
+    assert bool(list(most_unmatched(made, counted))) is not left_out

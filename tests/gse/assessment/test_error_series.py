@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gse.assessment.error_series import MOST_INSTANTS, ErrorSeries
+from gse.assessment.error_series import MOST_INSTANTS, ErrorSeries, often_answered
 
 
 def series_of(count: int, errors_arcsec: np.ndarray, *, frame_s: float = 0.1) -> ErrorSeries:
@@ -43,3 +43,24 @@ def test_a_slow_cause_stands_out_of_the_noise_as_before():
         cosines = one.cosines(one.errors_arcsec)
         noise = cosines[64:].std(axis=0)
         np.testing.assert_allclose(cosines[3] / noise, 3.0 / 10 * np.sqrt(count / 2), rtol=0.25)
+
+
+def test_frames_that_are_answered_now_and_then_are_left_out_after_a_stretch_of_answers():
+    used = np.concatenate([np.ones(200, dtype=bool), np.arange(100) % 5 == 0])
+    kept = often_answered(used)
+    assert kept[:190].all()
+    assert not kept[215:].any()
+
+
+@pytest.mark.parametrize("used", [np.arange(300) % 5 == 0, np.zeros(0, dtype=bool), np.ones(8, dtype=bool)])
+def test_a_session_that_is_answered_now_and_then_throughout_keeps_what_it_has(used):
+    assert often_answered(used).tolist() == used.tolist()
+
+
+def test_weights_against_cosines_are_their_transpose():
+    rng = np.random.default_rng(5)
+    series = series_of(700, rng.normal(0, 5, (700, 3)))
+    ordinates = rng.normal(0, 1, (series.ordinates, 2))
+    expected = np.einsum("kp,ka->pa", ordinates, series.cosines(series.errors_arcsec))
+    weights = series.against_cosines(ordinates)
+    assert np.einsum("mp,ma->pa", weights, series.errors_arcsec) == pytest.approx(expected, abs=1e-9)

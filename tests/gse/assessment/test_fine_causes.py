@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from skies.star_errors import CAMERA, SETTINGS, Truth, findings_of
+from skies.star_errors import CAMERA, SETTINGS, Truth, findings_of, made, model_of
 
+from gse.assessment.fine_causes import fine_causes
 from gse.mount import Mount
 
 SITE, MOUNT = SETTINGS[0]
@@ -92,6 +93,19 @@ def test_distortion_is_named_and_no_moving_mount():
     finding = only(replace(TRUE, camera=replace(CAMERA, radial_distortion=(0.002, 0.0))), 7200.0)
     assert finding.cause == "distortion"
     assert number(r"radial_distortion: \[([\d.]+)", finding.size) == pytest.approx(0.002, rel=0.05)
+
+
+def test_one_star_in_a_corner_that_errs_is_no_distortion():
+    """A fit of two terms follows it, so that its residual does not show it."""
+    frames, matches = made(TRUE, SITE, MOUNT, 60.0, np.random.default_rng(1))
+    off_px = np.column_stack([matches["x_px"], matches["y_px"]]) - CAMERA.principal_point_px
+    radius_px = np.hypot(*off_px.T)
+    corner = matches["star"] == matches["star"][radius_px.argmax()]
+    for name, off in zip(("x", "y"), off_px.T, strict=True):
+        matches[f"residual_{name}_arcsec"][corner] += 5 * (off / radius_px)[corner]
+    model = model_of(frames, matches[(radius_px < 500) | corner], SITE, MOUNT)
+    assert model.field is not None
+    assert fine_causes(model) == ()
 
 
 def test_a_principal_point_is_named_with_the_mount_beside_it():

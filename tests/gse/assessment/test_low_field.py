@@ -67,7 +67,7 @@ def test_the_stars_that_a_sensor_takes_in_a_low_field_are_a_term_of_its_own_rows
     made = night(16.0)
     bare = truth_budget(session_facts(made, clock_error_s=0.01))
     assert bare.own_axes == bare.axes
-    for row in made.frames.columns[:9]:
+    for row in made.frames.columns.rows()[:9]:
         made.sensor_attitudes.append(0, AttitudeMessage(int(row["time_us"]), 1.0, 2.0, 3.0, 0, 9, "acquired", 0.05))
     each_arcsec = by_other_stars_arcsec(made)
     budget = truth_budget(session_facts(made, clock_error_s=0.01))

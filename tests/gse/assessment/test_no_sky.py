@@ -1,14 +1,17 @@
 """Stretches without a sky, on frames made by hand: which have a reason, and which are the sensor's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from skies.known_nights import STATION
 
-from gse.assessment.no_sky import no_sky
+from gse.assessment.decision import Outcome, Row
+from gse.assessment.no_sky import no_sky, under_cloud
 from gse.instant import NS_PER_S, from_text
 from gse.station.exclusions import Cause
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
-from gse.station.results import AnswerCheck, Status
+from gse.station.frame_table import ANSWER_CHECKS, FRAME, SKY_CONDITIONS, STATUSES
+from gse.station.results import AnswerCheck, SkyCondition, Status, Subject
 
 START_NS = from_text("2026-03-20T18:30:00Z")
 BLIND = slice(400, 520)
@@ -130,3 +133,15 @@ def test_the_sun_explains_a_stretch_until_nautical_twilight(text, side):
 def test_frames_out_of_order_are_the_same_night():
     made = beside(frames(), stars_seen=5)
     assert no_sky(made[::-1], STATION.site) == no_sky(made, STATION.site)
+
+
+@pytest.mark.parametrize(("clouded", "excused"), [(601, True), (600, False)])
+def test_only_an_availability_that_fails_under_a_sky_mostly_clouded_is_undecided(clouded, excused):
+    made = frames()
+    made["sky_condition"][:clouded] = SKY_CONDITIONS.index(SkyCondition.CLOUDED)
+    row = Row(Subject.ONBOARD, "availability", 0.5, "", 0.95, Outcome.FAIL, "onboard availability: 50 %")
+    judged = under_cloud(row, made)
+    assert judged.outcome is (Outcome.INCONCLUSIVE if excused else Outcome.FAIL)
+    assert (f"the sky was clouded, or the sensor sees too few stars, in {clouded} of 1200" in judged.reason) == excused
+    for other in (replace(row, name="false answers"), replace(row, outcome=Outcome.PASS)):
+        assert under_cloud(other, made) is other

@@ -10,7 +10,7 @@ from protocols import AttitudeMessage
 
 
 def answer(made, first=0, until=None, *, off_arcsec=0.0, state="acquired"):
-    rows = made.frames.columns
+    rows = made.frames.columns.rows()
     for row in rows[first:until]:
         made.sensor_attitudes.append(
             int(row["utc_ns"]),

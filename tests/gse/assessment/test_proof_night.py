@@ -104,8 +104,8 @@ def expected_noise_arcsec(setup, astropy_night):
 )
 def test_each_effect_left_out_of_the_truth_shows_its_own_size(setup, astropy_night, name, least_arcsec, most_arcsec):
     few = POINTINGS[5::9]
-    full = watched(setup, burst(astropy_night, count=2, pointings=few)).frames.columns
-    without = watched(setup, burst(astropy_night, count=2, pointings=few), omit={name}).frames.columns
+    full = watched(setup, burst(astropy_night, count=2, pointings=few)).frames.columns.rows()
+    without = watched(setup, burst(astropy_night, count=2, pointings=few), omit={name}).frames.columns.rows()
     assert np.abs(full["d_ra_cosde_arcsec"]).max() < 0.02
     assert np.abs(full["d_de_arcsec"]).max() < 0.02
     left = without[1::2]  # the first of each loop still had its whole truth

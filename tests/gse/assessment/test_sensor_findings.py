@@ -14,6 +14,7 @@ from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.mount import InertialDirection, Mount
+from gse.truth import Alignment
 from protocols import AttitudeMessage
 
 FRAMES = 400
@@ -46,7 +47,7 @@ def said(night, *place, **options):
 def test_when_an_answer_arrives_is_counted_from_the_middle_of_its_exposure_in_ms():
     """7 ms and half a second, an answer of a file, which came at no time, and none."""
     made = session(4)
-    for row, late_ns in zip(made.frames.columns[:3], (7_000_000, 500_000_000, None), strict=True):
+    for row, late_ns in zip(made.frames.columns.rows()[:3], (7_000_000, 500_000_000, None), strict=True):
         message = AttitudeMessage(int(row["time_us"]), 10.0, 20.0, 30.0, int(row["frame_no"]), 12, "acquired", 0.08)
         made.sensor_attitudes.append(0 if late_ns is None else int(row["utc_ns"]) + late_ns, message)
     found = sensor_answers(made)
@@ -55,6 +56,29 @@ def test_when_an_answer_arrives_is_counted_from_the_middle_of_its_exposure_in_ms
     assert (found.sent.tolist(), found.acquired.tolist()) == ([True] * 3 + [False],) * 2
     assert found.matched.tolist() == [12, 12, 12, 0]
     assert sensor_answers(session(4)) is None
+
+
+def test_answers_are_compared_from_the_first_frame_after_those_that_the_mount_was_fitted_on():
+    made = session(10, noise=0.0)
+    rows = made.frames.columns
+    rows["ra_true_deg"][:4] = np.nan
+    made.alignment = Alignment(STATION.mount, ((0.0,) * 3,) * 3, (0.0,) * 3, 4, 0, START_NS, START_NS + NS_PER_S)
+    for row in rows.rows():
+        message = AttitudeMessage(int(row["time_us"]), 10.0, 20.0, 30.0, int(row["frame_no"]), 12, "acquired", 0.08)
+        made.sensor_attitudes.append(int(row["utc_ns"]), message)
+    assert np.isfinite(sensor_answers(made).d_de_arcsec).tolist() == [False] * 4 + [True] * 6
+    rows["ra_true_deg"] = np.nan
+    assert not np.isfinite(sensor_answers(made).d_de_arcsec).any()
+
+
+@pytest.mark.parametrize(("late_frames", "cause"), [(1.0, "sensor delay"), (1.5, "sensor bias")])
+def test_a_shift_of_whole_frames_is_a_delay_though_it_lies_a_little_north_too(late_frames, cause):
+    """Within what pixels leave of a boresight."""
+    made = session(FRAMES, step_s=2.0, noise=0.5)
+    made.frames.columns["matched"] = 4
+    cos_de = math.cos(math.radians(float(np.median(made.frames.columns["de_true_deg"]))))
+    (text,) = said(made, -2.0 * late_frames * EARTH_RATE_ARCSEC_PER_S * cos_de, 8.0, noise=0.5)
+    assert cause in text
 
 
 def test_answers_that_agree_are_no_finding(night):
@@ -178,6 +202,20 @@ def test_before_a_star_simulator_answers_may_stand_still():
     shown = Mount(inertial=InertialDirection(ra_deg=10.0, de_deg=20.0, roll_deg=0.0))
     assert answering(np.arange(10.0), [5.0] * 10) != []
     assert answering(np.arange(10.0), [5.0] * 10, mount=shown) == []
+
+
+@pytest.mark.parametrize(("alike", "is_bias_said"), [(FRAMES, False), (60, True)])
+def test_answers_most_of_which_stand_still_have_no_bias_and_no_noise_beside(night, alike, is_bias_said):
+    made = copy.copy(night)
+    made.sensor_attitudes = type(night.sensor_attitudes)()
+    for number, row in enumerate(night.frames.columns.rows()):
+        ra_deg = 10.0 if number < alike else 10.0 + 0.01 * number
+        message = AttitudeMessage(int(row["time_us"]), ra_deg, 20.0, 30.0, int(row["frame_no"]), 12, "acquired", 0.08)
+        made.sensor_attitudes.append(int(row["utc_ns"]), message)
+    texts = said(made, 4000.0, 4000.0, roll=9000.0)
+    assert "sensor answers stand still" in texts[0]
+    assert any("sensor bias" in text for text in texts) == is_bias_said
+    assert is_bias_said or len(texts) == 1
 
 
 def test_zeros_that_are_called_good_are_counted():

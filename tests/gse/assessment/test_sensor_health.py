@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.stats
 from skies.known_nights import START_NS, session
 
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
-from gse.assessment.sensor_health import CentroidNoise, Trend, health_findings, sensor_health
+from gse.assessment.sensor_health import CentroidNoise, Trend, _slope_within, health_findings, sensor_health
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S
 from gse.recording.session_format import RecordedTimings
@@ -124,6 +125,21 @@ def test_hot_pixels_per_kelvin_are_those_that_were_put_in() -> None:
     assert found is not None
     assert found.slope == pytest.approx(1.5, rel=0.05)
     assert found.low < 1.5 < found.high
+
+
+def test_the_slope_of_light_has_the_interval_of_a_regression_clustered_by_star() -> None:
+    random = np.random.default_rng(3)
+    stars, at = np.repeat(np.arange(6), 40), np.tile(np.linspace(0, 2, 40), 6)
+    values = 0.3 * at + random.normal(size=6)[stars] * (1 + at) + random.normal(scale=0.1, size=240)
+    design = np.column_stack([at, *(stars == star for star in range(6))]).astype(float)
+    inverse = np.linalg.inv(design.T @ design)
+    fit = inverse @ design.T @ values
+    scores = [design[stars == star].T @ (values - design @ fit)[stars == star] for star in range(6)]
+    sigma = math.sqrt((inverse @ np.transpose(scores) @ scores @ inverse)[0, 0])
+    half = float(scipy.stats.t(5).ppf(0.975)) * sigma
+    found = _slope_within(at, values, stars.astype(np.int32))
+    assert found is not None
+    assert (found.slope, found.low, found.high) == pytest.approx((fit[0], fit[0] - half, fit[0] + half))
 
 
 def test_sound_telemetry_is_no_finding() -> None:

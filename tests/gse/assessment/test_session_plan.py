@@ -7,7 +7,7 @@ import pytest
 from devices.command_line import runner
 from skies.synthetic_night import synthetic_night
 
-from gse.assessment.decision import Figure, Outcome, judge_figure, minutes_more
+from gse.assessment.decision import Figure, Outcome, Requirement, judge_figure, minutes_more
 from gse.assessment.sampling import Bounds
 from gse.assessment.session_plan import NEVER, RowPlan, SessionPlan, minutes_left, plan_like, rows_left
 from gse.assessment.verdict import Assessment, judge
@@ -34,15 +34,8 @@ def test_a_row_is_decided_after_the_minutes_that_were_said(few) -> None:
 
 def test_a_figure_is_decided_after_the_minutes_that_its_reason_says(few) -> None:
     figure = Figure(50.0, Bounds(0.0, 0.0, 30.0, 70.0), 100.0, 240, few.statistics.duration_s)
-    row = judge_figure(
-        Subject.ONBOARD,
-        "mean |dDE|",
-        figure,
-        unit="arcsec",
-        limit=60.0,
-        truth_uncertainty=2.0,
-        decision=Decision.GUARDED,
-    )
+    asked = Requirement(Subject.ONBOARD, "mean |dDE|", 60.0, Decision.GUARDED, "arcsec")
+    row = judge_figure(asked, figure, truth_uncertainty=2.0)
     (left,) = rows_left(replace(few, rows=(row,)))
     assert left.minutes == pytest.approx(minutes_more(figure, 60.0, 2.0))
     assert 1 < left.minutes < 3

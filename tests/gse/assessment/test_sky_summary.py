@@ -7,7 +7,8 @@ import pytest
 from skies.known_nights import session
 
 from gse.assessment.percentiles import percentiles
-from gse.assessment.sky_summary import MOST_STRETCHES, seen_share, sky_summary
+from gse.assessment.sky_summary import MOST_STRETCHES, seen_share, sky_summary, zero_point_mag
+from gse.report.terminal import sky_lines
 from gse.station.frame_table import SKY_CONDITIONS
 from gse.station.results import SkyCondition
 
@@ -64,3 +65,22 @@ def test_percentiles_leave_out_what_is_not_known():
     assert (found.n, found.p50, found.p95, found.p99, found.max) == (101, 50.0, 95.0, 99.0, 100.0)
     assert percentiles(np.array([np.nan])).n == 0
     assert percentiles(np.array([np.nan])).max == pytest.approx(math.nan, nan_ok=True)
+
+
+def test_the_zero_point_to_state_is_that_of_the_clear_frames_in_the_dark_for_one_second():
+    frames = frames_of([CLEAR, CLEAR, CLOUDED, CLEAR])
+    frames["zero_point_mag"] = [10.0, 10.5, 8.0, 14.0]
+    frames["exposure_s"] = [0.1, 0.1, 0.1, 0.1]
+    frames["sun_altitude_deg"] = [-30.0, -30.0, -30.0, -6.0]
+    assert zero_point_mag(frames) == pytest.approx(12.75)
+    assert math.isnan(zero_point_mag(frames[2:]))
+
+
+@pytest.mark.parametrize(("stated", "is_told"), [({}, True), ({"stated_zero_point_mag": 12.7}, False)])
+def test_a_sky_that_is_clear_against_itself_is_said_to_be_so(stated, is_told):
+    sky = {"shares": {"clear": 1.0}, "limiting_mag": 5.3, "seen_share": 1.0} | stated
+    (line,) = sky_lines(sky)
+    assert line.startswith("sky: clear 100 %; stars to magnitude 5.3, 100 % of the expected ones")
+    assert ("thin cloud that stays is not told" in line) == is_told
+    (clouded,) = sky_lines(sky | {"shares": {"clouded": 1.0}})
+    assert "thin cloud" not in clouded

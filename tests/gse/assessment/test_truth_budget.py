@@ -121,6 +121,8 @@ def test_pressure_that_follows_from_the_height_is_known_to_20_hpa_instead_of_3()
     entered = replace(high, pressure_hpa=728.0)
     known, unknown = (terms(replace(FACTS, site=site))["refraction: pressure"] for site in (entered, high))
     assert unknown.de_arcsec == pytest.approx(known.de_arcsec * 20 / 3, rel=0.01)
+    assert known.evidence.startswith("B: as entered")
+    assert unknown.evidence.startswith("B: not entered: the standard atmosphere's")
     shift = math.hypot(known.ra_arcsec, known.de_arcsec)
     assert shift == pytest.approx(57.0 * 1.53 / 1013, rel=0.1)  # refraction at 45 deg goes with the pressure
     assert "site height" in terms(FACTS)

@@ -249,7 +249,7 @@ def test_a_session_without_recorded_times_does_not_test_the_time():
 
 def with_own_answers(made, *, turned_deg=0.0, latency_s=0.08):
     """ATTITUDE frames that follow the truth of the frames, with aberration left in, as a simple sensor has it."""
-    for row in made.frames.columns:
+    for row in made.frames.columns.rows():
         true = TRUTH.attitude_true(int(row["utc_ns"]), STATION.mount)
         seen = true.boresight_icrs
         star = 2 * seen - TRUTH.apparent(seen[None], int(row["utc_ns"]))[0]
@@ -277,7 +277,7 @@ def test_answers_to_no_panorama_and_answers_that_were_taken_back_are_counted():
     made.sensor_attitudes.append(0, AttitudeMessage(time_us=10**12, ra_deg=1.0, de_deg=2.0, roll_deg=0.0))
     made.sensor_attitudes.append(0, AttitudeMessage(time_us=1, ra_deg=1.0, de_deg=2.0, roll_deg=0.0))
     assert not_compared(made) == 2
-    last = made.frames.columns[-1]
+    last = made.frames.columns.rows()[-1]
     for ra_deg in (1.0, 5.0):
         made.sensor_attitudes.append(
             0, AttitudeMessage(int(last["time_us"]), ra_deg=ra_deg, de_deg=2.0, frame_no=int(last["frame_no"]))
@@ -418,7 +418,7 @@ def test_the_sensor_clock_drifts_by_so_many_ppm():
 
 
 def test_a_reset_of_the_sensor_clock_does_not_spoil_its_drift():
-    whole = session(5000, sensor_ppm=40.0).frames.columns.copy()
+    whole = session(5000, sensor_ppm=40.0).frames.columns.rows()
     whole["time_us"][4000:] -= whole["time_us"][4000]
     assert clock_health([], [], whole).sensor_drift_ppm == pytest.approx(40.0, abs=4)
 

@@ -28,6 +28,13 @@ def test_an_offset_that_is_no_time_scale_may_be_the_sensors():
     assert judged.verdict is Verdict.FAIL
 
 
+def test_a_sensor_whose_picture_stands_still_is_frozen_and_no_moving_mount():
+    """Its time tags go on; clean whole pixels of the same night are seldom those of the frame before."""
+    (finding,) = judge(session(WORLD, replace(WORLD, frozen_from_s=20.0), PLAN)).findings
+    assert finding.cause == "frozen sensor"
+    assert finding.size.startswith("81 panoramas in a row show the same objects on the same pixels, for 40 s")
+
+
 def test_a_sensor_that_sends_no_brightness_fails_with_the_reason():
     judged = judge(session(WORLD, replace(WORLD, brightness=False), PLAN))
     assert judged.verdict is Verdict.FAIL

@@ -56,7 +56,7 @@ def installed(tmp_path):
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: made-solver\nVersion: 3.2\n")
     points = "mine = made_solver:make\nbroken = made_solver:broken\ngone = made_solver:gone\n"
-    points += "forgets = made_solver:forgets\nconstant = made_solver:constant\n"
+    points += "forgets = made_solver:forgets\nconstant = made_solver:constant\nabsent = absent_solver:make\n"
     (info / "entry_points.txt").write_text(f"[gse.identifiers]\n{points}")
     sys.path.insert(0, str(tmp_path))
     yield tmp_path
@@ -82,10 +82,12 @@ def test_an_installed_entry_point_answers_with_its_config(installed):
 def test_an_entry_point_that_cannot_be_loaded_is_refused_before_a_session(installed):
     with pytest.raises(UsageError, match="AttributeError: module 'made_solver' has no attribute 'gone'"):
         running("gone")
+    with pytest.raises(UsageError, match="absent: the package absent_solver is not installed; install it beside gse"):
+        running("absent")
     with pytest.raises(UsageError, match="made_solver:constant is int; expected a function of the sensor"):
         running("constant")
     with pytest.raises(
-        UsageError, match=r"none is not installed; known in gse\.identifiers: broken, cedar-solve, constant"
+        UsageError, match=r"none is not installed; known in gse\.identifiers: absent, broken, cedar-solve, constant"
     ):
         running("none")
 

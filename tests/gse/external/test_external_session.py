@@ -57,7 +57,7 @@ def sessions(folder):
 
     def run(out, *options):
         with pytest.raises(SystemExit):
-            main(["run", "--port", SCENARIO, "--out", str(folder / out), *options])
+            main(["run", "--port", SCENARIO, "--no-plots", "--out", str(folder / out), *options])
         (path,) = (folder / out).iterdir()
         return path
 
