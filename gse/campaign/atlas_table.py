@@ -63,7 +63,7 @@ def atlas_schema() -> pa.Schema:
 
 
 def session_errors(stars: pa.Table, frames: pa.Table, camera: Camera) -> SessionErrors | None:
-    """The errors of a session from its tables of stars and frames; None of too few stars."""
+    """The errors of a session from its tables of stars and frames, at least those with stars; None of too few."""
     if not len(stars):
         return None
     columns = {name: stars[name].to_numpy() for name in STARS_COLUMNS if name not in ("star", "utc")}
@@ -83,7 +83,8 @@ def session_errors(stars: pa.Table, frames: pa.Table, camera: Camera) -> Session
         return None
     atlas, fitted_arcsec = found
     utc_ns = stars["utc"].cast("int64").to_numpy()[useful]
-    boresight_deg = np.column_stack([frames[name].to_numpy() for name in BORESIGHT_COLUMNS])[freed.frame]
+    row = np.searchsorted(frames["frame"].to_numpy(), freed.frame)
+    boresight_deg = np.column_stack([frames[name].to_numpy()[row] for name in BORESIGHT_COLUMNS])
     known = np.isfinite(boresight_deg).all(axis=1)
     # Those of the fitted attitude: star_offsets frees them of the shares of other stars itself.
     left_arcsec = of.residuals_arcsec[useful] - fitted_arcsec

@@ -14,11 +14,13 @@ at once write the same file twice. Files in index follow from the others and fro
 """
 
 import io
+import itertools
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from urllib.parse import quote, unquote
 
@@ -26,6 +28,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from gse.campaign.packed_row import unpacked
 from gse.campaign.sources import MOST_SESSIONS
 from gse.campaign.storage import (
     StorageError,
@@ -57,6 +60,8 @@ _MOST_BYTES_PER_SESSION = 1 << 20
 """Of a row in sessions, beside those that each file may have; a usual one has 0.1 MB."""
 _MOST_GONE = 1000
 """Rows of the index whose session was deleted: where there are more, the index is not used."""
+_ROWS_TOGETHER = 200
+_NONE: Mapping[str, bytes] = MappingProxyType({})
 _PLACE = ("sensor", "night")
 _ORDER = (*_PLACE, "key")
 _NAME = re.compile(r"sensor=([^/]*)/night=([^/]*)/([0-9a-f]{64})\.parquet$")
@@ -165,8 +170,11 @@ class DataSet:
         complete = keys is not None and set(keys["key"].to_pylist()) == {place.key for place in places}
         return INDEX if complete else None
 
-    def sessions(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """The rows of all sessions, with sensor and night, without report.json; from the index where that has them."""
+    def sessions(self, columns: Sequence[str] | None = None, packed_rows: Mapping[str, bytes] = _NONE) -> pa.Table:
+        """The rows of all sessions, with sensor and night, without report.json; from the index where that has them.
+
+        ``packed_rows`` by key are not read from files either (gse.campaign.packed_row); they have all columns.
+        """
         wanted = None if columns is None else list(dict.fromkeys((*columns, "sensor", "night", "key")))
         places = self.committed()
         index = self._index_of(INDEX, wanted, most_rows=2 * len(places) + _MOST_GONE)
@@ -174,19 +182,23 @@ class DataSet:
         have = set() if index is None else set(index["key"].to_pylist())
         if index is not None and have - keys:
             index = index.filter(pc.is_in(index["key"], pa.array(sorted(keys))))
-        rows = [self._row(place, columns) for place in places if place.key not in have]
-        parts = [part for part in (index, *rows) if part is not None]
+        rows = (
+            unpacked(packed_rows[place.key]) if place.key in packed_rows else self._row(place, columns)
+            for place in places
+            if place.key not in have
+        )
+        parts = [part for part in (index, *_gathered(row for row in rows if row is not None)) if part is not None]
         if not parts:
             raise UsageError(f"there is no session in {self.url} yet")
         return pa.concat_tables(parts, promote_options="default").sort_by([(name, "ascending") for name in _ORDER])
 
-    def renew_index(self, sources: Iterable[dict[str, Any]]) -> None:
+    def renew_index(self, sources: Iterable[dict[str, Any]], packed_rows: Mapping[str, bytes] = _NONE) -> None:
         """Write the index anew, with what is known of ``sources`` beside what was known before."""
         known = {(row["url"], row["key"]): row for row in (*self.sources(), *sources)}
         if known:
             self._put_index(_SOURCES, pa.Table.from_pylist([known[each] for each in sorted(known)]))
         if self.committed():
-            self._put_index(INDEX, self.sessions())
+            self._put_index(INDEX, self.sessions(packed_rows=packed_rows))
 
     def _put_index(self, path: str, rows: pa.Table) -> None:
         try:
@@ -210,6 +222,13 @@ class DataSet:
             return None
         keys = index["key"] if path == INDEX and index is not None else []
         return index if len(keys) == len(set(keys)) else None
+
+
+def _gathered(rows: Iterable[pa.Table]) -> Iterator[pa.Table]:
+    """The rows in tables of many: one by one each of their 900 columns would take memory for its padding."""
+    source = iter(rows)
+    while some := list(itertools.islice(source, _ROWS_TOGETHER)):
+        yield pa.concat_tables(some, promote_options="default").combine_chunks()
 
 
 def with_place(rows: pa.Table, place: Committed) -> pa.Table:

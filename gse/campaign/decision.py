@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from gse.assessment.decision import Outcome, Share, share_of
+from gse.assessment.decision import Outcome, Share, share_of, share_outcome
 from gse.assessment.guard_band import exceeds, further_share, guard, keeps
 from gse.campaign.nights import Session, weighted
 from gse.limits import Decision
@@ -26,6 +26,9 @@ from gse.station.results import Verdict
 ONE_SIDED = 0.95
 SHARES = {"availability": "available", "false answers": "false_answers"}
 """Rows that are shares, and the names of their columns."""
+_AGAINST = (Outcome.FAIL, Outcome.INCONCLUSIVE)
+ONE_NIGHT = "figures of one night say nothing of how nights differ; 2 nights are needed"
+"""The reason of each row that is not a share."""
 _NAN = float("nan")
 
 
@@ -63,6 +66,15 @@ def campaign_rows(nights: dict[str, list[Session]]) -> list[CampaignRow]:
             for item in session.row["measurements"] or ():
                 names.setdefault((item["subject"], item["name"]))
     return [_row(nights, subject, name) for subject, name in names]
+
+
+def reasons_of(rows: Iterable[CampaignRow]) -> list[str]:
+    """Why it is not PASS: what fails first, each reason once."""
+    by_weight = sorted(
+        (row for row in rows if row.outcome in _AGAINST),
+        key=lambda row: (_AGAINST.index(row.outcome), row.reason == ONE_NIGHT),
+    )
+    return list(dict.fromkeys(f"{row.outcome.value}: {row.reason}" for row in by_weight))
 
 
 def verdict_of(rows: Iterable[CampaignRow]) -> Verdict:
@@ -159,7 +171,7 @@ def _figure(label: str, values: list[float], limit: float, truth: float, unit: s
         reason = "" if kept else f"{label} is {mean:.4g} {unit} over {n} nights, the limit is {limit:g} {unit}"
         return (Outcome.PASS if kept else Outcome.FAIL), mean, _NAN, reason
     if n < 2:
-        return Outcome.INCONCLUSIVE, mean, _NAN, f"{label}: one night says nothing of how nights differ; 2 are needed"
+        return Outcome.INCONCLUSIVE, mean, _NAN, ONE_NIGHT
     half = float(stdtrit(n - 1, ONE_SIDED)) * float(np.std(values, ddof=1)) / math.sqrt(n)
     above = guard(half, truth)
     text = f"{label} is {mean:.4g} {unit} over {n} nights with U {above:.3g}, the limit is {limit:g} {unit}"
@@ -179,30 +191,23 @@ def counted(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
+def length_text(hours: float) -> str:
+    """A length of time for a person: 12.5 h, 4.0 min."""
+    return f"{hours:.1f} h" if hours >= 1 else f"{hours * 60:.1f} min"
+
+
 def _share(nights: dict[str, list[Session]], subject: str, name: str, limit: float, decision: Decision) -> _Decided:
     share, at_least = campaign_share(nights, subject, name), name == "availability"
-    label = f"{subject} {name}"
-    above = share.value - share.lower if at_least else share.upper - share.value
-    text = f"{label}: {percent(share.value, 3)} of {share.of} frames in {counted(len(nights), 'night')}"
-    if decision is Decision.SIMPLE:
-        kept, broken = (
-            (share.value >= limit, share.value < limit) if at_least else (share.value <= limit, share.value > limit)
-        )
-    elif at_least:
-        kept, broken = share.lower >= limit, share.upper < limit
-    else:
-        kept, broken = share.upper <= limit, share.lower > limit
-    if kept:
-        return Outcome.PASS, share.value, above, ""
-    if broken:
-        return Outcome.FAIL, share.value, above, f"{text}, the limit is {percent(limit, 2)}"
-    bound = f"at least {percent(share.lower, 2)}" if at_least else f"at most {percent(share.upper, 2)}"
-    return (
-        Outcome.INCONCLUSIVE,
-        share.value,
-        above,
-        f"{text} show {bound} (95 %), the limit is {percent(limit, 2)}: more nights decide",
-    )
+    towards_limit = share.value - share.lower if share.value >= limit else share.upper - share.value
+    outcome = share_outcome(share, limit, at_least=at_least, decision=decision)
+    text = f"{subject} {name}: {percent(share.value, 3)} of {share.of} frames in {counted(len(nights), 'night')}"
+    reason = ""
+    if outcome is Outcome.FAIL:
+        reason = f"{text}, the limit is {percent(limit, 2)}"
+    elif outcome is Outcome.INCONCLUSIVE:
+        bound = f"at least {percent(share.lower, 2)}" if at_least else f"at most {percent(share.upper, 2)}"
+        reason = f"{text} show {bound} (95 %), the limit is {percent(limit, 2)}: more nights decide"
+    return outcome, share.value, towards_limit, reason
 
 
 def campaign_share(nights: dict[str, list[Session]], subject: str, name: str) -> Share:
@@ -221,7 +226,7 @@ def campaign_share(nights: dict[str, list[Session]], subject: str, name: str) ->
     variance = n / (n - 1) * float(((count - share * of) ** 2).sum()) / total**2
     widened = variance * (float(stdtrit(n - 1, ONE_SIDED)) / 1.645) ** 2
     effective = share * (1 - share) / widened if widened > 0 else total
-    # Equal nights are no evidence of independent frames: never more than what the nights say of themselves.
+    # Equal nights are not evidence of independent frames: never more than what the nights say of themselves.
     return share_of(int(count.sum()), int(total), max(min(effective, float(n_eff.sum())), 1.0))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from gse.assessment.decision import DECISION_TEXT, Outcome
 from gse.campaign.dataset import UNKNOWN, DataSet
-from gse.campaign.decision import CampaignRow, campaign_rows, verdict_of
+from gse.campaign.decision import CampaignRow, campaign_rows, counted, reasons_of, verdict_of
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
 from gse.campaign.keys import OWN_STATION, software_sha256
 from gse.campaign.nights import Session, by_night, nightly, sessions_of
@@ -63,7 +63,7 @@ def _sensor(dataset: DataSet, name: str, sessions: list[Session], each: Callable
     subjects = list(dict.fromkeys(row.subject for row in rows))
     subject = Subject(subjects[0]) if subjects else Subject.ONBOARD
     atlas = sensor_atlas(dataset, counted, each)
-    undecided = [row.reason for row in rows if row.outcome in (Outcome.FAIL, Outcome.INCONCLUSIVE)]
+    with_answers = by_night(sessions, too_short=True)
     return {
         "name": name,
         "serials": sorted({str(one.row["sensor_serial"]) for one in sessions if one.row["sensor_serial"]}),
@@ -71,7 +71,7 @@ def _sensor(dataset: DataSet, name: str, sessions: list[Session], each: Callable
         "verdict": verdict_of(rows),
         "relative": any(one.row["relative"] for one in counted),
         "simulated": any(one.row["simulated"] for one in counted),
-        "reasons": undecided,
+        "reasons": reasons_of(rows),
         "not_tested": [row.reason for row in rows if row.outcome is Outcome.NOT_TESTED],
         "nights": len(nights),
         "first_night": min(nights, default=None),
@@ -81,9 +81,11 @@ def _sensor(dataset: DataSet, name: str, sessions: list[Session], each: Callable
         "hours": sum(float(one.row["duration_s"] or 0) for one in counted) / 3600,
         "frames": sum(int(one.row["frames"] or 0) for one in counted),
         "rows": [asdict(row) for row in rows],
+        "trends_subject": subject.value,
+        "nights_with_answers": len(with_answers),
         "trends": [
             {**asdict(one), "significant": one.significant}
-            for one in trends(nights, subject, atlas.scale if atlas else {})
+            for one in trends(with_answers, subject, atlas.scale if atlas else {})
         ],
         "thermal": [asdict(one) for one in thermal(nights, subject)],
         "hot_pixels": [asdict(one) for one in hot_pixels(_pixels(nights))],
@@ -147,7 +149,7 @@ def _table_row(name: str, nights: dict[str, list[Session]], subject: str, rows: 
     d_ra, d_de = (float(np.mean(values)) if values else math.nan for values in means)
     time_ms = next((row.value for row in rows if row.subject == subject and row.unit == "ms"), math.nan)
     return {
-        "name": f"{name}, {subject}, {len(nights)} nights",
+        "name": f"{name}, {subject}, {counted(len(nights), 'night')}",
         "own": True,
         "mean_d_ra_deg": d_ra,
         "mean_d_de_deg": d_de,

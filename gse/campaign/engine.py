@@ -75,10 +75,10 @@ def run_campaign(
                 raise CampaignError(f"{judged.error}; {_done(campaign, outcomes)}")
     except BaseException:
         with suppress(StorageError):
-            campaign.dataset.renew_index(_source_rows(campaign, outcomes))
+            campaign.dataset.renew_index(_source_rows(campaign, outcomes), _rows(outcomes))
         raise
-    url, rows = campaign.dataset.url, _source_rows(campaign, outcomes)
-    with_patience(url, lambda fs, root: DataSet(url, fs, root).renew_index(rows))
+    url, sources, rows = campaign.dataset.url, _source_rows(campaign, outcomes), _rows(outcomes)
+    with_patience(url, lambda fs, root: DataSet(url, fs, root).renew_index(sources, rows))
     return outcomes
 
 
@@ -125,6 +125,11 @@ def _known(dataset: DataSet, station_sha256: str) -> dict[tuple[str, str], dict[
         for row in dataset.sources()
         if row["station_sha256"] == station_sha256 and row["software_sha256"] == software
     }
+
+
+def _rows(outcomes: Iterable[Judged]) -> dict[str, bytes]:
+    """The packed rows of the index, by key."""
+    return {one.key: one.row for one in outcomes if one.row}
 
 
 def _source_rows(campaign: Campaign, outcomes: Iterable[Judged]) -> list[dict[str, Any]]:

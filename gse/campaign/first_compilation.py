@@ -13,6 +13,7 @@ from pathlib import Path
 
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.end_with_parent import end_with_parent
 from gse.identifier.first_compilation import is_compiled
 from gse.sessions.replay import replay_session
 from gse.simulator.recording import record_simulation
@@ -30,8 +31,11 @@ def compile_first(tell: Callable[[str], None]) -> None:
     # -P: a folder named gse where the user stands is not this package.
     command = [sys.executable, "-P", "-m", "gse.campaign.first_compilation"]
     nowhere = subprocess.DEVNULL
-    with suppress(OSError, subprocess.TimeoutExpired):
-        subprocess.run(command, stdin=nowhere, stdout=nowhere, stderr=nowhere, timeout=_LONGEST_S, check=False)
+    with (
+        suppress(OSError, subprocess.TimeoutExpired),
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere) as process,
+    ):
+        process.wait(_LONGEST_S)
 
 
 def judge_made_session() -> None:
@@ -46,4 +50,5 @@ def judge_made_session() -> None:
 
 
 if __name__ == "__main__":
+    end_with_parent()
     judge_made_session()

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from drivers.errors import DriverError
@@ -34,10 +35,12 @@ from gse.campaign.dataset import (
     UNKNOWN,
     Committed,
     DataSet,
+    with_place,
     without_place,
 )
 from gse.campaign.hot_pixels import COLUMN, HotPixelCounter
 from gse.campaign.keys import OWN_STATION, session_sha256, software_sha256
+from gse.campaign.packed_row import packed
 from gse.campaign.sources import Source
 from gse.campaign.storage import StorageError, copy_here, explained, protocol_of, with_patience
 from gse.campaign.time_limit import time_limit, was_too_long
@@ -76,7 +79,8 @@ class Judged:
     """Outcome of one source; ``is_new`` where this run wrote its results, ``error`` says why it has no verdict.
 
     ``key`` is empty where nothing could be kept: its storage failed, or it ended its workers. ``ends_run`` where the
-    results of no other session could be kept either: the data set's storage is gone or full.
+    results of no other session could be kept either: the data set's storage is gone or full. ``row`` is the packed row
+    of a new session in the index.
     """
 
     source: Source
@@ -88,6 +92,7 @@ class Judged:
     error: str = ""
     is_new: bool = False
     ends_run: bool = False
+    row: bytes = b""
 
 
 def judge_source(source: Source, job: Job) -> Judged:
@@ -118,19 +123,21 @@ def judge_source(source: Source, job: Job) -> Judged:
     finally:
         keep_one_sky()
         give_back()
+    place = result.place
     return Judged(
-        source, key.text, found, result.verdict, result.place.sensor, result.place.night, result.error, is_new=True
+        source, key.text, found, result.verdict, place.sensor, place.night, result.error, is_new=True, row=result.row
     )
 
 
 @dataclass(frozen=True, slots=True)
 class _Result:
-    """What is to go into the data set: a Parquet file of this host for each table."""
+    """What is to go into the data set: a Parquet file of this host for each table, and the packed row of the index."""
 
     place: Committed
     files: dict[str, Path]
     verdict: str | None
     error: str
+    row: bytes
 
 
 def _here(source: Source, folder: Path) -> tuple[Path, list[Path], str]:
@@ -153,7 +160,7 @@ def _state_here(source: Source) -> str:
     except OSError as error:
         raise StorageError(f"{source.url} cannot be read: {error.strerror}") from error
     if not all(stat.S_ISREG(one.st_mode) for one in found):
-        raise StorageError(f"{source.url} is no file of bytes, but a pipe or a device")
+        raise StorageError(f"{source.url} is not a file of bytes, but a pipe or a device")
     return ";".join(f"{one.st_size} {one.st_mtime_ns}" for one in found)
 
 
@@ -194,31 +201,42 @@ def _results(path: Path, key: ResultKey, job: Job, source: Source, folder: Path)
         threads=1,
     )
     session = replay.session
+    give_back()  # what receiving and identifying took
     assessment = judge(session)
     row = sessions_table(session, assessment, key, source=source.url)
     report = json.dumps(summarise(session, assessment), indent=2, allow_nan=False) + "\n"
+    rows = _completed(row, hot_pixels.column(), report)
     tables = {
         STARS: stars_parts(session, key.text),
         FRAMES: frames_parts(session, assessment.statistics, key.text),
-        SESSIONS: [_completed(row, hot_pixels.column(), report)],
+        SESSIONS: [rows],
     }
-    committed = Committed(session.station.sensor.name, _night(row), key.text)
-    return _Result(committed, _written(tables, folder), assessment.verdict.value, ""), session.station.sensor.camera()
+    place, camera = Committed(session.station.sensor.name, _night(row), key.text), session.station.sensor.camera()
+    packed_row = packed(with_place(rows, place))
+    return _Result(place, _written(tables, folder), assessment.verdict.value, "", packed_row), camera
 
 
 def _with_atlas(files: dict[str, Path], camera: Camera, key: ResultKey, folder: Path) -> dict[str, Path]:
     """The atlas before the other files: the row in sessions stays the last."""
-    stars, frames = (
-        pq.ParquetFile(files[table]).read(list(columns), use_threads=False)
-        for table, columns in ((STARS, STARS_COLUMNS), (FRAMES, BORESIGHT_COLUMNS))
-    )
+    with pq.ParquetFile(files[STARS]) as file:
+        stars = file.read(list(STARS_COLUMNS), use_threads=False)
+    frames = _with_stars(files[FRAMES], stars["frame"].unique())
     return _written({ATLAS: [atlas_table(session_errors(stars, frames, camera), key.text)]}, folder) | files
+
+
+def _with_stars(path: Path, wanted: pa.Array) -> pa.Table:
+    """The boresights of the frames with such numbers: of a long session stars stand for every eighth frame or so."""
+    columns = ["frame", *BORESIGHT_COLUMNS]
+    with pq.ParquetFile(path) as file:
+        parts = (file.read_row_group(number, columns, use_threads=False) for number in range(file.num_row_groups))
+        return pa.concat_tables([part.filter(pc.is_in(part["frame"], wanted)) for part in parts])
 
 
 def _failed(key: ResultKey, source: Source, text: str, folder: Path) -> _Result:
     error = plain_lines(text)[:_MOST_ERROR]
     rows = _completed(failed_session(source.url, error, key), pa.nulls(1, COLUMN.type), None)
-    return _Result(Committed(UNKNOWN, UNKNOWN, key.text), _written({SESSIONS: [rows]}, folder), None, error)
+    place = Committed(UNKNOWN, UNKNOWN, key.text)
+    return _Result(place, _written({SESSIONS: [rows]}, folder), None, error, packed(with_place(rows, place)))
 
 
 def _written(tables: dict[str, Iterable[pa.Table]], folder: Path) -> dict[str, Path]:

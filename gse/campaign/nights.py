@@ -2,12 +2,15 @@
 
 A session is left out where it could not be judged, where no answer of it was compared with truth, where more than half
 of its panoramas had no sky, or where it is INCONCLUSIVE though its rows are decided: steps of the clock, a mount that
-was fitted far from the stated one. It is never left out for what it found.
+was fitted far from the stated one. So is the damaged copy of another session, whose frames would count twice. None is
+ever left out for what it found.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+import pyarrow as pa
 
 from gse.assessment.decision import Outcome
 from gse.assessment.sampling import MIN_FRAMES
@@ -20,6 +23,7 @@ from gse.station.results import Subject, Verdict
 
 AXES = ("d_ra_cosde", "d_de", "d_roll")
 MOST_WITHOUT_SKY = 0.5
+_INSTANTS = ("first_utc", "last_utc")
 _OF_AXIS = ("bias_arcsec", "bias_error_arcsec", "nea_arcsec", "std_arcsec", "thermal_arcsec_per_k")
 _OF_SUBJECT = (
     *(f"{share}_{part}" for share in ("available", "false_answers") for part in ("count", "of", "n_eff")),
@@ -39,7 +43,8 @@ COLUMNS = (
         "error",
         "sensor_serial",
     ),
-    *("first_utc", "verdict", "relative", "simulated", "truncated", "reasons", "measurements", "frames", "duration_s"),
+    *_INSTANTS,
+    *("verdict", "relative", "simulated", "truncated", "reasons", "measurements", "frames", "duration_s"),
     *("exclusions", "site_name", "temperature_median_c", "zero_point_median_mag", "camera_focal_length_px"),
     *("camera_rows", "camera_columns", "mount_azimuth_deg", "mount_altitude_deg", "mount_roll_deg", "mount_fit_frames"),
     *("limit_decision", COLUMN.name),
@@ -50,10 +55,14 @@ COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """The row of a session, of which ``left_out`` says why it does not count, empty where it does."""
+    """The row of a session, instants in UTC nanoseconds.
+
+    ``left_out`` says why it does not count, or is empty. One that is only ``too_short`` still shows trends.
+    """
 
     row: dict[str, Any]
     left_out: str
+    too_short: bool = False
 
     @property
     def night(self) -> str:
@@ -67,7 +76,7 @@ def sessions_of(dataset: DataSet, station_sha256: str = OWN_STATION, software: s
     ``software`` is that of the judgement that counts; without it, or where it judged nothing, the only one there is.
     UsageError where that is not clear.
     """
-    rows = dataset.sessions(COLUMNS).to_pylist()
+    rows = _rows(dataset.sessions(COLUMNS))
     rows = [row for row in rows if row["station_sha256"] == station_sha256]
     if not rows:
         given = "their own station files" if station_sha256 == OWN_STATION else "this station file"
@@ -80,15 +89,31 @@ def sessions_of(dataset: DataSet, station_sha256: str = OWN_STATION, software: s
             )
         software = versions[0]
     rows = [row for row in rows if row["software_sha256"] == software]
-    rows.sort(key=lambda row: (row["sensor"], row["night"], str(row["first_utc"]), row["key"]))
-    return [Session(row, _left_out(row)) for row in rows]
+    rows.sort(key=lambda row: (row["sensor"], row["night"], row["first_utc"] or 0, row["key"]))
+    return without_copies([_session(row) for row in rows])
 
 
-def by_night(sessions: Iterable[Session]) -> dict[str, list[Session]]:
-    """The sessions that count, by night, in order."""
+def without_copies(sessions: Sequence[Session]) -> list[Session]:
+    """The sessions, those left out that are damaged and lie within the times of another one of their sensor.
+
+    A copy that was cut off or hit has other bytes than the whole file, so its key does not show that it is one.
+    """
+    found = list(sessions)
+    for number, session in enumerate(found):
+        if session.left_out or not session.row["truncated"]:
+            continue
+        others = (other for other in found if other is not session and not other.left_out)
+        whole = next((other for other in others if _covers(other.row, session.row)), None)
+        if whole is not None:
+            found[number] = replace(session, left_out=f"damaged, and {whole.row['source']} has the same times")
+    return found
+
+
+def by_night(sessions: Iterable[Session], *, too_short: bool = False) -> dict[str, list[Session]]:
+    """The sessions that count, by night, in order; with ``too_short`` also those that are only that."""
     nights: dict[str, list[Session]] = {}
     for session in sessions:
-        if not session.left_out:
+        if not session.left_out or (too_short and session.too_short):
             nights.setdefault(session.night, []).append(session)
     return dict(sorted(nights.items()))
 
@@ -109,8 +134,28 @@ def weighted(values: Sequence[tuple[float, float]]) -> float:
     return sum(value * weight for value, weight in values) / total if total else float("nan")
 
 
-def _left_out(row: dict[str, Any]) -> str:
-    return next(_reasons(row), "")
+def _rows(sessions: pa.Table) -> list[dict[str, Any]]:
+    """Rows as dictionaries; instants as numbers, for Python's own have no nanoseconds."""
+    for name in _INSTANTS:
+        place = sessions.schema.get_field_index(name)
+        sessions = sessions.set_column(place, name, sessions[name].cast(pa.int64()))
+    rows: list[dict[str, Any]] = sessions.to_pylist()
+    return rows
+
+
+def _covers(whole: dict[str, Any], part: dict[str, Any]) -> bool:
+    same = whole["sensor"] == part["sensor"] and part["sensor_serial"] in (None, whole["sensor_serial"])
+    return bool(same and whole["first_utc"] <= part["first_utc"] and part["last_utc"] <= whole["last_utc"])
+
+
+def _session(row: dict[str, Any]) -> Session:
+    reasons = list(_reasons(row))
+    compared = _compared(row)
+    return Session(row, reasons[0] if reasons else "", len(reasons) == 1 and 0 < compared < MIN_FRAMES)
+
+
+def _compared(row: dict[str, Any]) -> int:
+    return max((row[f"{subject.value}_d_de_n"] or 0 for subject in Subject), default=0)
 
 
 def _reasons(row: dict[str, Any]) -> Iterator[str]:
@@ -122,10 +167,11 @@ def _reasons(row: dict[str, Any]) -> Iterator[str]:
     without_sky = sum(item["frames"] for item in stretches)
     if frames and without_sky > MOST_WITHOUT_SKY * frames:
         yield f"no sky in {without_sky} of {frames} panoramas: {stretches[0]['reason']}"
-    compared = max((row[f"{subject.value}_d_de_n"] or 0 for subject in Subject), default=0)
+    compared = _compared(row)
     if compared < MIN_FRAMES:
-        why = f": {row['reasons'][0]}" if row["reasons"] else ""
-        yield f"{compared} answers were compared with truth, {MIN_FRAMES} are needed{why}"
+        why = f": {row['reasons'][0]}" if row["reasons"] and not compared else ""
+        were = "answer was" if compared == 1 else "answers were"
+        yield f"{compared} {were} compared with truth, {MIN_FRAMES} are needed{why}"
     outcomes = {item["outcome"] for item in row["measurements"] or ()}
     if row["verdict"] == Verdict.INCONCLUSIVE and not outcomes & {Outcome.INCONCLUSIVE, Outcome.FAIL}:
         yield f"{Verdict.INCONCLUSIVE} though every row is decided: {'; '.join(row['reasons'] or ())}"

@@ -10,8 +10,16 @@ import jinja2
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from gse.campaign.decision import SHARES, counted
-from gse.campaign.plots import draw_field, draw_phase, draw_rows, draw_sky, draw_trends, trends_height_in
+from gse.campaign.decision import SHARES, counted, length_text
+from gse.campaign.plots import (
+    draw_field,
+    draw_phase,
+    draw_rows,
+    draw_sky,
+    draw_trends,
+    rows_with_upper_limit,
+    trends_height_in,
+)
 from gse.percent import percent
 from gse.report.page import numbered, quantity_text
 from gse.report.svg import svg_of
@@ -22,7 +30,8 @@ def campaign_html(report: dict[str, Any]) -> str:
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters.update(number=_number, of_row=_of_row, with_digits_of=with_digits_of, counted=counted)
+    environment.filters.update(number=_number, of_row=_of_row, with_digits_of=with_digits_of)
+    environment.filters.update(counted=counted, length_text=length_text)
     template = environment.from_string(
         resources.files("gse.campaign").joinpath("campaign.html.jinja").read_text("utf-8")
     )
@@ -38,8 +47,8 @@ def campaign_html(report: dict[str, Any]) -> str:
 
 def _plots(place: int, sensor: dict[str, Any]) -> dict[str, str]:
     wanted = {}
-    if sensor["rows"]:
-        wanted["rows"] = (0.2 * len(sensor["rows"]) + 0.7, draw_rows)
+    if shown := rows_with_upper_limit(sensor):
+        wanted["rows"] = (0.2 * len(shown) + 0.7, draw_rows)
     if sensor["trends"]:
         wanted["trends"] = (trends_height_in(sensor), draw_trends)
     if sensor["atlas"]:
@@ -53,7 +62,7 @@ def _plots(place: int, sensor: dict[str, Any]) -> dict[str, str]:
 
 
 def _laid_out(figure: Figure, draw: Callable[[Figure, dict[str, Any]], None], sensor: dict[str, Any]) -> None:
-    """A figure whose panels make room for all their labels, which the margins of a session's report do not know."""
+    """A plot whose panels make room for all their labels, which the margins of a session's report do not know."""
     figure.set_layout_engine("constrained")
     draw(figure, sensor)
 

@@ -1,4 +1,4 @@
-"""The figures of a campaign report: trends over nights, the error atlas, the sky."""
+"""The plots of a campaign report: trends over nights, the error atlas, the sky."""
 
 import math
 from datetime import date
@@ -122,9 +122,9 @@ def draw_sky(figure: Figure, sensor: dict[str, Any]) -> None:
 
 
 def draw_rows(figure: Figure, sensor: dict[str, Any]) -> None:
-    """Each row of the verdict in units of its limit: the mean of the nights with U, and the worst night."""
+    """Each row that has an upper limit in units of it: the mean of the nights with U, and the worst night."""
     axes = figure.subplots()
-    shown = [row for row in sensor["rows"] if row["limit"] and row["value"] is not None and row["unit"]]
+    shown = rows_with_upper_limit(sensor)
     for place, row in enumerate(reversed(shown)):
         share, error = row["value"] / row["limit"], (row["uncertainty"] or 0) / row["limit"]
         axes.errorbar(share, place, xerr=error, marker="o", markersize=4, capsize=3, color=hex_of(BLUE))
@@ -133,7 +133,14 @@ def draw_rows(figure: Figure, sensor: dict[str, Any]) -> None:
     axes.axvline(1, color=hex_of(VERMILLION), linewidth=1)
     axes.set_yticks(range(len(shown)), [f"{row['subject']} {row['name']}" for row in reversed(shown)])
     axes.set_xlim(left=0)
-    axes.set_xlabel("value in units of its limit (line: the limit; dot: mean of the nights with U; cross: worst night)")
+    axes.set_xlabel("value / limit")
+
+
+def rows_with_upper_limit(sensor: dict[str, Any]) -> list[dict[str, Any]]:
+    """The rows that draw_rows draws: those with a value and a limit, but availability, whose limit is a lower one."""
+    return [
+        row for row in sensor["rows"] if row["limit"] and row["value"] is not None and row["name"] != "availability"
+    ]
 
 
 def _date_axis(axes: Axes, days: Any) -> None:

@@ -23,18 +23,17 @@ _DAMAGED = ("No magic bytes", "too small to be a Parquet file", "TProtocolExcept
 def ask(dataset: DataSet, sql: str, form: str, file: TextIO) -> None:
     """Write the answer to a question to sessions, frames, stars, atlas and reports; UsageError where DuckDB refuses it.
 
-    ``form`` is text (DuckDB's own table of the first rows), csv with a head, or json with one object per line.
+    ``form`` is text (DuckDB's own table of the first rows), csv with a head, or json with one object per line. Instants
+    are UTC, to the nanosecond.
     """
     try:
         connection = connect(dataset, sql)
+        answer = connection.sql(sql)
         if form == "text":
-            answer = connection.sql(sql)
             file.write(plain_lines(f"{'done' if answer is None else answer}\n"))
-            return
-        connection.execute(sql)
-        names = [column[0] for column in connection.description or ()]
-        write = _write_csv if form == "csv" else _write_json
-        write(names, _rows(connection), file)
+        elif answer is not None:
+            write = _write_csv if form == "csv" else _write_json
+            write(answer.columns, _rows(connection, answer), file)
     except duckdb.Error as error:
         if any(sign in str(error) for sign in _DAMAGED):
             raise UsageError(f"a file is damaged: {AGAIN}\nDuckDB: {plain_line(str(error).splitlines()[0])}") from error
@@ -50,6 +49,7 @@ def connect(dataset: DataSet, sql: str) -> duckdb.DuckDBPyConnection:
     connection = duckdb.connect()
     connection.execute("set autoinstall_known_extensions = false")  # nothing is fetched unasked
     connection.execute("set enable_progress_bar = false")
+    connection.execute("set TimeZone = 'UTC'")
     if protocol_of(dataset.url) != "file":
         connection.register_filesystem(dataset.fs)
     index = dataset.index_path()
@@ -92,6 +92,12 @@ def _write_json(names: list[str], rows: Iterator[tuple[Any, ...]], file: TextIO)
         file.write(json.dumps(dict(zip(names, row, strict=True)), default=str) + "\n")
 
 
-def _rows(connection: duckdb.DuckDBPyConnection) -> Iterator[tuple[Any, ...]]:
+def _rows(connection: duckdb.DuckDBPyConnection, answer: duckdb.DuckDBPyRelation) -> Iterator[tuple[Any, ...]]:
+    """The rows of an answer, instants as text: Python's own have no nanoseconds, and DuckDB makes them by pytz."""
+    columns = [
+        f"#{number}::varchar" if "TIMESTAMP" in str(kind) else f"#{number}"
+        for number, kind in enumerate(answer.types, 1)
+    ]
+    connection.execute(f"select {', '.join(columns)} from ({answer.sql_query()})")
     while rows := connection.fetchmany(_ROWS_AT_ONCE):
         yield from rows

@@ -2,7 +2,7 @@
 
 A file is written whole or not at all: under another name and then renamed where the storage can rename (a folder, an
 SFTP server), by one PUT where it cannot (S3). Storage that fails for a while is asked again by tenacity, up to
-PATIENCE_S; a wrong name, refused credentials and a full disk are told at once.
+PATIENCE_S; a wrong name, refused credentials and a full disk are errors at once.
 
 Credentials come from where fsspec, boto and ssh look for them (docs/campaigns.md); none is ever written to a data set.
 """

@@ -54,7 +54,9 @@ class Thermal:
 
 
 def trends(nights: dict[str, list[Session]], subject: Subject, scale: dict[str, float]) -> list[Trend]:
-    """The trends of a sensor; ``scale`` is the relative error of the focal length of each night."""
+    """The trends of a sensor, none of one night; ``scale`` is the relative error of the focal length of each night."""
+    if len(nights) < 2:
+        return []
     who = subject.value
     wanted: list[tuple[str, str, dict[str, float]]] = [
         (f"{label} {what}", "arcsec", nightly(nights, f"{who}_{axis}_{column}"))
@@ -124,9 +126,9 @@ def _slope(at: NDArray[np.float64], values: NDArray[np.float64]) -> _Interval:
 
 
 def _mean(values: NDArray[np.float64]) -> _Interval:
-    """With the 95 % interval of Student's t, nights as the sample."""
+    """With the 95 % interval of Student's t, nights as the sample; NaN of one night, which bounds nothing."""
     if len(values) < 2:
-        return (float(values[0]) if len(values) else _NAN), _NAN, _NAN
+        return _NAN, _NAN, _NAN
     mean = float(values.mean())
     half = float(stdtrit(len(values) - 1, 0.975)) * float(values.std(ddof=1)) / math.sqrt(len(values))
     return mean, mean - half, mean + half

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from skies.drifting_stars import drifting_stars
 
+from gse.campaign import own_share
 from gse.campaign.atlas import Residuals, session_atlas, sigmas_of
+from gse.campaign.own_share import left_out
 from gse.campaign.star_places import SIGMAS, named_stars, star_offsets, to_sky
 from gse.catalog import load_catalog
 
@@ -74,3 +76,14 @@ def test_east_and_north_are_those_of_the_sky():
     assert (east, north) == pytest.approx((3.0, 5.0))
     east, north = to_sky(np.array([[0.0, -5.0]]), np.zeros((1, 2)), np.array([[10.0, 40.0, 90.0]]))[0]
     assert (east, north) == pytest.approx((5.0, 0.0), abs=1e-9)
+
+
+def test_stars_are_freed_of_their_own_share_in_parts_as_all_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    frame = np.repeat([2, 3, 7, 8, 40, 41], [9, 1, 12, 5, 30, 8])
+    stars = rng.normal(0, 5, (len(frame), 2)), rng.uniform(-6, 6, (len(frame), 2)), frame
+    together = left_out(*stars)
+    for most in (1, 10, 31):
+        monkeypatch.setattr(own_share, "_ROWS_AT_ONCE", most)
+        for one, other in zip(left_out(*stars), together, strict=True):
+            np.testing.assert_array_equal(one, other)

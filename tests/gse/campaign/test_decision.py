@@ -5,9 +5,9 @@ import pytest
 from scipy import stats
 
 from gse.assessment.decision import Outcome
-from gse.campaign.decision import campaign_rows, campaign_share, verdict_of
+from gse.campaign.decision import ONE_NIGHT, campaign_rows, campaign_share, reasons_of, verdict_of
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
-from gse.campaign.nights import COLUMNS, Session, _reasons, by_night
+from gse.campaign.nights import COLUMNS, Session, _reasons, by_night, without_copies
 from gse.campaign.page import with_digits_of
 from gse.campaign.trends import trend
 from gse.station.results import Verdict
@@ -47,7 +47,54 @@ def test_nights_that_differ_decide_less_than_each_of_them_says():
 
 
 def test_one_night_says_nothing_of_how_nights_differ():
-    assert "one night" in one_row([night(1, 1.0)]).reason
+    assert one_row([night(1, 1.0)]).reason == ONE_NIGHT
+
+
+def test_what_fails_is_named_first_and_one_reason_once():
+    single = one_row([night(1, 1.0)])
+    failed = one_row(night(number, 99.0 + number % 2) for number in range(1, 9))
+    passed = one_row(night(number, 9.0 + number % 2) for number in range(1, 9))
+    first, second = reasons_of([single, passed, single, failed])
+    assert first.startswith("FAIL: onboard mean |dDE| is 99.5 arcsec")
+    assert second == f"INCONCLUSIVE: {ONE_NIGHT}"
+
+
+@pytest.mark.parametrize(("count", "outcome"), [(900, Outcome.FAIL), (1000, Outcome.PASS)])
+def test_the_uncertainty_of_a_share_reaches_towards_its_limit(count, outcome):
+    nights = [night(number, 0.0, name="availability", limit=0.95, count=count) for number in range(1, 9)]
+    row, share = one_row(nights), campaign_share(by_night(nights), "onboard", "availability")
+    assert row.outcome is outcome
+    bound = share.upper if outcome is Outcome.FAIL else share.lower
+    assert row.uncertainty == pytest.approx(abs(share.value - bound), rel=1e-9)
+
+
+WHOLE = {
+    "sensor": "A", "sensor_serial": 7, "source": "whole.mcap", "truncated": False, "first_utc": 100, "last_utc": 900,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("other", "counts"),
+    [
+        ({"truncated": True, "last_utc": 500}, False),
+        ({"truncated": True, "first_utc": 300, "sensor_serial": None}, False),
+        ({"truncated": True, "last_utc": 901}, True),
+        ({"truncated": True, "first_utc": 99}, True),
+        ({"truncated": True, "sensor_serial": 8}, True),
+        ({"truncated": True, "sensor": "B"}, True),
+        ({}, True),
+    ],
+)
+def test_only_a_damaged_session_at_the_times_of_another_of_its_sensor_is_a_copy(other, counts):
+    _, copy = without_copies([Session(WHOLE, ""), Session(WHOLE | other, "")])
+    assert bool(copy.left_out) != counts
+    assert counts or copy.left_out == "damaged, and whole.mcap has the same times"
+
+
+def test_of_two_damaged_copies_one_counts_and_what_is_left_out_covers_nothing():
+    first, second = (Session(WHOLE | {"truncated": True}, "") for _ in range(2))
+    assert [bool(one.left_out) for one in without_copies([first, second])] == [True, False]
+    assert [bool(one.left_out) for one in without_copies([Session(WHOLE, "no sky"), second])] == [True, False]
 
 
 def test_truth_that_all_nights_share_does_not_average_out():

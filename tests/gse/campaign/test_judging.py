@@ -6,12 +6,12 @@ import re
 import shutil
 import sys
 import threading
-from contextlib import contextmanager
 from dataclasses import asdict
 
 import pandas as pd
 import polars as pl
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.dataset as pads
 import pyarrow.parquet as pq
 import pytest
@@ -22,9 +22,10 @@ from skies.short_nights import make_session
 import gse as gse_api
 from drivers.outside_text import is_plain
 from gse.campaign.atlas_table import errors_of, session_errors
-from gse.campaign.dataset import ATLAS, FRAMES, SCHEMA, STARS, UNKNOWN, DataSet
+from gse.campaign.dataset import ATLAS, FRAMES, SCHEMA, SESSIONS, STARS, UNKNOWN, Committed, DataSet
 from gse.campaign.engine import plan_campaign
 from gse.campaign.judging import Job, judge_source
+from gse.campaign.nights import sessions_of
 from gse.campaign.sources import find_sources
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import UsageError
@@ -40,7 +41,7 @@ def judge_all(sources, dataset):
 
 @pytest.fixture(scope="module")
 def judged(made, tmp_path_factory):
-    """A data set of two nights, a damaged session, and a file that is no session."""
+    """A data set of two nights, a damaged session, and a file that is not a session."""
     folder = tmp_path_factory.mktemp("judged")
     for name in ("night-1.mcap", "night-2.mcap"):
         shutil.copy(made / name, folder / name)
@@ -58,10 +59,46 @@ def test_a_file_that_is_no_session_is_a_row_with_its_error(judged):
     assert sum(row["verdict"] is not None for row in rows) == 3
 
 
+def test_instants_keep_their_nanoseconds_in_utc_wherever_the_question_is_asked(judged, gse, monkeypatch):
+    monkeypatch.setenv("TZ", "Asia/Jakarta")
+    sql = "select min(utc) first, [max(utc)] last from frames where night = '2026-03-01'"
+    utc = pads.dataset(judged / "frames" / "sensor=LAPAN-like" / "night=2026-03-01").to_table()["utc"].cast(pa.int64())
+    first, last = min(utc.to_pylist()), max(utc.to_pylist())
+    assert first % 1000
+    text = [f"2026-03-01 15:{ns // 60 % 60:02d}:{ns % 60:02d}" for ns in (first // 10**9, last // 10**9)]
+    wanted = [f"{head}.{ns % 10**9:09d}".rstrip("0") + "+00" for head, ns in zip(text, (first, last), strict=True)]
+    done = gse("campaign", "query", judged, sql, "--format", "csv").out
+    assert done.splitlines()[1] == f"{wanted[0]},['{wanted[1]}']"
+    assert json.loads(gse("campaign", "query", judged, sql, "--format", "json").out)["first"] == wanted[0]
+    assert wanted[0][:19] in gse("campaign", "query", judged, sql).out
+
+
+def test_a_report_reads_instants_as_numbers_for_pyarrow_alone_cannot_make_pythons_of_nanoseconds(judged):
+    starts = [one.row["first_utc"] for one in sessions_of(DataSet.at(str(judged))) if not one.left_out]
+    assert len(starts) == 3
+    assert all(type(start) is int and start % 1000 for start in starts)
+
+
+def test_sessions_too_short_for_a_verdict_show_trends_and_make_a_page(made, gse, tmp_path):
+    (tmp_path / "short").mkdir()
+    for day in (1, 2):
+        make_session(tmp_path / "short" / f"{day}.mcap", day, seed=day, frames=3)
+    judge_all(tmp_path / "short", tmp_path / "dataset")
+    done = gse("campaign", "report", tmp_path / "dataset", "--out", tmp_path / "report", "--json")
+    (sensor,) = json.loads(done.out)["sensors"]
+    assert (done.code, sensor["verdict"], sensor["nights"], sensor["rows"]) == (5, "INCONCLUSIVE", 0, [])
+    assert {len(trend["nights"]) for trend in sensor["trends"] if "bias" in trend["name"]} == {2}
+    page = (tmp_path / "report" / "campaign.html").read_text()
+    assert "LAPAN-like: INCONCLUSIVE, 0 nights: no session counts" in page
+
+
 def test_a_pipe_among_the_sources_is_named_and_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe.mcap")
     (outcome,) = judge_all(tmp_path, tmp_path / "dataset")
-    assert (outcome.key, outcome.error) == ("", f"{tmp_path / 'pipe.mcap'} is no file of bytes, but a pipe or a device")
+    assert (outcome.key, outcome.error) == (
+        "",
+        f"{tmp_path / 'pipe.mcap'} is not a file of bytes, but a pipe or a device",
+    )
 
 
 def test_pandas_polars_and_pyarrow_read_the_tables_as_they_lie(judged):
@@ -89,6 +126,27 @@ def test_a_query_sees_the_same_rows_with_and_without_the_index(judged, gse, tmp_
     assert answers[0] == answers[1]
     assert all(night in answers[0] for night in ("2026-03-01", "2026-03-02"))
     assert "unknown" in answers[0]
+
+
+def test_an_index_of_rows_that_workers_sent_is_that_of_the_files(made, tmp_path):
+    (tmp_path / "bad.mcap").write_bytes(b"no session at all")
+    shutil.copy(made / "night-1.mcap", tmp_path / "night.mcap")
+    outcomes = judge_all(tmp_path, tmp_path / "dataset")
+    dataset = DataSet.at(str(tmp_path / "dataset"))
+    index = tmp_path / "dataset" / "index" / "sessions.parquet"
+    of_files = pq.ParquetFile(index).read()
+    assert len(of_files) == len(outcomes) == 2
+    for sent in (outcomes, outcomes[:1]):  # all of them, and one beside one that the index has
+        have = of_files.filter(
+            pc.is_in(of_files["key"], pa.array([one.key for one in outcomes if one not in sent], pa.string()))
+        )
+        index.unlink()
+        if len(have):
+            pq.write_table(have, index)
+        for one in sent:
+            (tmp_path / "dataset" / Committed(one.sensor, one.night, one.key).path(SESSIONS)).write_bytes(b"not read")
+        dataset.renew_index([], {one.key: one.row for one in sent})
+        assert pq.ParquetFile(index).read().equals(of_files)
 
 
 def test_frames_of_a_session_that_is_not_whole_are_not_seen(judged, gse, tmp_path):
@@ -187,22 +245,16 @@ def test_a_data_set_of_another_version_is_refused_and_a_foreign_folder_too(gse, 
     assert "there is no data set" in gse("campaign", "query", tmp_path / "nowhere", "select 1").err
 
 
-@contextmanager
+@pytest.fixture
 def full_disk():
-    """A file beyond some bytes fails as on a full disk."""
-    resource = pytest.importorskip("resource")
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    pytest.importorskip("resource")
+    return pytest.importorskip("devices.full_disk").full_disk
 
 
-def test_a_full_disk_leaves_nothing_half_written(judged, tmp_path):
+def test_a_full_disk_leaves_nothing_half_written(judged, full_disk, tmp_path):
     dataset = DataSet.at(str(tmp_path / "dataset"), create=True)
     place = DataSet.at(str(judged)).committed()[0]
-    with full_disk(), pytest.raises(OSError, match="large"):
+    with full_disk(20_000), pytest.raises(OSError, match="large"):
         dataset.put(place, "sessions", judged / place.path("frames"))
     assert dataset.committed() == []
     assert not list((tmp_path / "dataset" / ".parts").iterdir())
@@ -210,10 +262,10 @@ def test_a_full_disk_leaves_nothing_half_written(judged, tmp_path):
     assert dataset.committed() == [place]
 
 
-def test_a_worker_without_room_of_its_own_names_its_folder_and_ends_the_run(made, tmp_path):
+def test_a_worker_without_room_of_its_own_names_its_folder_and_ends_the_run(made, full_disk, tmp_path):
     dataset = DataSet.at(str(tmp_path / "dataset"), create=True)
     source, job = find_sources([str(made / "night-1.mcap")])[0], Job("one", dataset.url, None)
-    with full_disk():
+    with full_disk(20_000):
         outcome = judge_source(source, job)
     assert outcome.ends_run
     assert re.match(r"no room is left under .*session-.* of ", outcome.error)
