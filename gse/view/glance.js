@@ -71,13 +71,17 @@ function duration(minutes) {
 }
 
 function show(state) {
+  document.body.classList.remove("empty");
   putWord(state.word.text, state.word.level, state.word.detail);
   const isLong = state.since_answer_s >= LONG_S;
   put("since", isLong ? String(Math.floor(state.since_answer_s / 60)) : number(state.since_answer_s, 1));
-  put("since-unit", isLong ? "minutes ago" : "seconds ago");
+  const unit = isLong ? "minutes" : "seconds";
+  put("since-unit", state.since_answer_s === null ? "none so far" : `${unit} ${state.ended ? "before the last frame" : "ago"}`);
   const stars = state.stars;
-  put("stars", stars.seen === null ? "-" : `${stars.seen}/${stars.expected ?? stars.objects}`);
-  put("stars-of", stars.seen === null ? "no panoramas" : stars.expected === null ? "of objects" : "of those expected");
+  // Far more than are expected: the stars of another camera or another sky than stated.
+  const ofExpected = stars.expected !== null && stars.seen <= 1.5 * stars.expected + 1;
+  put("stars", stars.seen === null ? "-" : `${stars.seen}/${ofExpected ? stars.expected : stars.objects}`);
+  put("stars-of", stars.seen === null ? "no panoramas" : ofExpected ? "of those expected" : "of objects");
   put("magnitude", number(stars.limiting_mag, 1));
   put("magnitude-note", state.sky ? `sky ${state.sky}` : "faintest star seen");
   put("forecast", state.forecast.replace(/^verdict: /, "") || "-");
@@ -156,7 +160,8 @@ function showTurn(turn) {
 function showFocus(focus) {
   if (!focus) return;
   const fwhm = focus.fwhm_px === null ? "width of the stars not sent" : `FWHM ${focus.fwhm_px.toFixed(1)} px`;
-  put("focus", `${focus.objects} objects, brightest ${focus.brightest} of ${focus.index_max}; ${fwhm}`);
+  const brightest = focus.objects ? `, brightest ${focus.brightest} of ${focus.index_max}; ${fwhm}` : "";
+  put("focus", `${focus.objects} object${focus.objects === 1 ? "" : "s"}${brightest}`);
   put("index-max", String(focus.index_max));
   const most = Math.max(1, ...focus.histogram), step = 120 / focus.histogram.length;
   at("histogram").replaceChildren(...focus.histogram.map((count, place) => svg("rect", {
@@ -203,7 +208,6 @@ function applyThemes() {
     document.documentElement.classList.toggle(theme, on);
     at(`${theme}-theme`).setAttribute("aria-pressed", String(on));
   }
-  fitWord();
 }
 const fragment = location.hash.slice(1).split(",").filter(Boolean);
 const token = fragment.find((part) => part.startsWith("token="));
@@ -216,6 +220,7 @@ function turn(theme) {
   try { localStorage.setItem("gse-themes", [...themes].join(",")); } catch { /* a private window */ }
   history.replaceState(null, "", `#${[...themes].join(",")}`);
   applyThemes();
+  fitWord();
 }
 at("red-theme").onclick = () => turn("red");
 at("large-theme").onclick = () => turn("large");

@@ -181,7 +181,7 @@ class Glance:
             "ended": self.has_ended,
             "utc": instant.to_text(now.utc_ns, 1),
             "data_utc": instant.to_text(running.utc_ns, 3) if latest else None,
-            "since_answer_s": round(facts.since_answer_s, 1) if latest else None,
+            "since_answer_s": round(facts.since_answer_s, 1) if facts.answered else None,
             "frames": latest.frames if latest else 0,
             "frames_lost": latest.lost if latest else 0,
             "frames_per_s": _number(running.frames_per_s, 1),
@@ -238,7 +238,8 @@ class Glance:
         silent_s = (now.mono_ns - self._latest_mono_ns) / NS_PER_S if latest else 0.0
         answered_ns = self._answered_utc_ns if self._answered_utc_ns is not None else self._first_utc_ns
         # Data may run faster than the host's clock: time without an answer is the data's, then the host's.
-        since_answer_s = (running.utc_ns - answered_ns) / NS_PER_S + silent_s
+        waited_s = silent_s if self._phase is Phase.RUNNING else 0.0
+        since_answer_s = (running.utc_ns - answered_ns) / NS_PER_S + waited_s
         align_s = self._station.mount.align_s or 0.0
         aligning_s = align_s - (running.utc_ns - self._first_utc_ns) / NS_PER_S if running.last is None else 0.0
         return Facts(
@@ -251,7 +252,7 @@ class Glance:
             frames=running.frames,
             objects=None if self._subject == Subject.SENSOR else running.objects,
             answered=self._answered_utc_ns is not None,
-            since_answer_s=since_answer_s if self._phase is Phase.RUNNING else 0.0,
+            since_answer_s=since_answer_s,
             sky="DAYLIGHT" if self._bright else _SKY_WORDS.get(running.sky, ""),
             aligning_s=aligning_s,
             outside=running.outside(latest.lost if latest else 0),

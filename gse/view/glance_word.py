@@ -7,7 +7,7 @@ from enum import StrEnum
 NO_ANSWER_S = 2.0
 """Time without an answer after which the word says so."""
 ACQUIRING_S = 10.0
-"""Time from the first panorama in which no answer is no alarm yet."""
+"""Time from the first panorama in which no answer is not an alarm yet."""
 
 
 class Level(StrEnum):

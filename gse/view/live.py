@@ -59,11 +59,6 @@ class LiveView:
             self._serve(bind, port, notes)
 
     @property
-    def grpc_port(self) -> int:
-        """The port of rerun's data, 0 without it."""
-        return self._feed.grpc_port if self._feed else 0
-
-    @property
     def dropped(self) -> int:
         """Frames that are not in rerun because it was too slow."""
         return self._feed.dropped if self._feed else 0
@@ -72,9 +67,7 @@ class LiveView:
         content = Content(
             glance=self._glance,
             notes=notes,
-            grpc_port=self.grpc_port,
-            on_behind=self._on_behind,
-            on_viewer=self._on_viewer,
+            piece_after=self._feed.piece_after if self._feed else None,
         )
         try:
             self._server = ViewServer(bind, port, content, usual_port=USUAL_PORT)
@@ -82,14 +75,6 @@ class LiveView:
             _LOG.warning("no live view: %s; the session goes on", error)
             return
         self.url, self.token = self._server.url, self._server.token
-
-    def _on_behind(self, seconds: float) -> None:
-        if self._feed:
-            self._feed.pace(seconds)
-
-    def _on_viewer(self) -> None:
-        if self._feed:
-            self._feed.viewer_came()
 
     def on_results(self, results: NewResults, session: SessionData) -> None:
         """Show results; dropped where the view is too slow."""
@@ -106,6 +91,8 @@ class LiveView:
     def enter_judging(self) -> None:
         """Show that the session is closed and judged."""
         self._glance.enter_judging()
+        if self._feed:
+            self._feed.hurry()
 
     def conclude(self, verdict: str, reasons: Sequence[str]) -> None:
         """Show the verdict, as a report prints it, at the end."""
@@ -144,7 +131,15 @@ def _feed(
         from gse.view.rerun_feed import RerunFeed
         from gse.view.viewer import open_native_viewer
 
-        feed = RerunFeed(station, serve=mode != "none", save_rrd=save_rrd, catalog=catalog, bind=bind, metrics=metrics)
+        feed = RerunFeed(
+            station,
+            serve=mode == "native",
+            pages=mode == "web",
+            save_rrd=save_rrd,
+            catalog=catalog,
+            bind=bind,
+            metrics=metrics,
+        )
     except (GseError, ImportError) as error:
         _LOG.warning("no view in rerun: %s; the session goes on", error)
         return None

@@ -31,8 +31,7 @@ _FILES = {
 _LOOPBACK = ("127.0.0.1", "::1")
 _MOST_MESSAGE_BYTES = 1 << 10
 _PIECE_BYTES = 1 << 20
-_BEHIND = re.compile(r"behind (\d{1,6}\.\d)")
-"""Message of a page with rerun's viewer: how many seconds it is behind."""
+_PLACE = re.compile(r"([\w-]{1,64}\.\d{1,9})?", re.ASCII)
 _WRONG_TOKEN_S = 1.0
 """The pause after a wrong token, for all senders together: four thousand million of them cannot be tried."""
 
@@ -47,6 +46,7 @@ def application(server: "ViewServer") -> Application:
             *((path, _OwnFile, {**to_server, "name": name}) for path, name in files.items()),
             *((path, _ViewerFile, to_server) for path in MEDIA_TYPES),
             ("/session.rrd", _Recording, to_server),
+            ("/piece.rrd", _Piece, to_server),
             ("/live", _Live, to_server),
             ("/note", _Note, {**to_server, "wrong_token": asyncio.Lock()}),
             ("/.*", _Nothing, to_server),
@@ -77,12 +77,11 @@ class _Page(RequestHandler):
             return
         content = self.server.content
         live = f" ws://{host}:{self.server.port}" if content.glance else ""
-        grpc = f" http://{host}:{content.grpc_port}" if content.grpc_port else ""
         self.set_header(
             "Content-Security-Policy",
             f"default-src 'none'; script-src 'self' '{_glance_script_hash()}' 'wasm-unsafe-eval'; "
             "style-src 'self' 'unsafe-inline'; "
-            f"img-src 'self' data: blob:; worker-src 'self' blob:; connect-src 'self'{grpc}{live}; "
+            f"img-src 'self' data: blob:; worker-src 'self' blob:; connect-src 'self'{live}; "
             "base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
         )
 
@@ -114,7 +113,7 @@ class _OwnFile(_Page):
                 # In the page itself: a phone waits for one answer of the server instead of three.
                 style=_own_text("glance.css"),
                 script=_own_text("glance.js"),
-                grpc_port=self.server.content.grpc_port,
+                fed=json.dumps(self.server.content.piece_after is not None),
                 live=json.dumps(self.server.content.glance is not None),
                 verdict=json.dumps(self.server.content.verdict),
                 version=metadata.version("rerun-sdk"),
@@ -160,6 +159,23 @@ class _Recording(_Page):
                 await self.flush()
 
 
+class _Piece(_Page):
+    """What a page with rerun's viewer does not have yet of a running session."""
+
+    async def get(self) -> None:
+        place = self.get_query_argument("after", "")
+        piece_after = self.server.content.piece_after
+        if piece_after is None or not _PLACE.fullmatch(place):
+            self.send_error(HTTPStatus.NOT_FOUND)
+            return
+        last = bool(self.get_query_argument("last", ""))
+        piece = await asyncio.to_thread(piece_after, place, last=last)
+        self.set_header("Content-Type", "application/octet-stream")
+        self.set_header("X-Place", piece.place)
+        self.set_header("X-Utc-Ns", str(piece.utc_ns))
+        self.finish(piece.rrd)
+
+
 class _Live(_Page, WebSocketHandler):
     """The documents of a running session: one for each time that the browser asks."""
 
@@ -171,13 +187,7 @@ class _Live(_Page, WebSocketHandler):
         self.server.ask(self)
 
     def on_message(self, message: str | bytes) -> None:
-        if message == "viewer":
-            self.server.content.on_viewer()
-        elif isinstance(message, str) and (found := _BEHIND.fullmatch(message)):
-            self.server.content.on_behind(float(found[1]))
-            self.server.ask(self)
-        else:
-            self.server.ask(self)
+        self.server.ask(self)
 
     def on_close(self) -> None:
         self.server.leave(self)

@@ -1,10 +1,11 @@
 """Running session in rerun, fed by a separate thread behind a bounded queue.
 
-The feed cannot delay the measurement: ``on_results`` puts a frame on a bounded queue or counts it as dropped. rerun's
-data go to a server in this process, bound to 127.0.0.1, from which viewers fetch them; an absent, frozen or killed
-viewer delays nothing. (A client connection to a viewer does block, after some 36,000 frames.)
+The feed cannot delay the measurement: ``on_results`` puts a frame on a bounded queue or counts it as dropped.
 
-A viewer that connects late gets the newest data first, and no more of the past than MEMORY_LIMIT.
+A page asks for a piece (``piece_after``) when its viewer has shown the one before. So a slow viewer gets longer
+pieces, each up to the newest data, and a late one begins with the last ten minutes in one piece. A window of rerun's
+own fetches its data from a server in this process; an absent, frozen or killed one delays nothing. (A client connection
+to a viewer does block, after some 36,000 frames.)
 """
 
 import logging
@@ -30,6 +31,7 @@ from gse.station.session_data import SessionData
 from gse.view.glance_word import bare_verdict
 from gse.view.own_answers import OwnAnswerErrors
 from gse.view.ports import free_port
+from gse.view.recent import Piece
 from gse.view.saved_view import rrd_file_sink
 from gse.view.scene import Scene
 from gse.view.verdict_text import standing, verdict_at_end, verdict_so_far
@@ -42,15 +44,13 @@ QUEUE_FRAMES = 2000
 
 BATCH_FRAMES = 250
 BATCH_EVERY_S = 1.0
-MOST_BATCH_S = 8.0
-"""Frames go to rerun in batches, because a viewer takes its time for each batch, not for each frame: one without a
-graphics card never caught up with ten batches a second."""
+"""Frames go to rerun in batches, because a viewer takes its time for each batch, not for each frame."""
 
-_BEHIND_S = 4.0
-"""A page that is further behind gets fewer batches."""
+_VERDICT_WITHIN_S = 3.0
+"""How long the last piece waits for the verdict."""
 
 MEMORY_LIMIT = "1MB"
-"""Data that rerun's server keeps for later viewers, some seconds; the past comes in one piece (``send_again``)."""
+"""Data that rerun's server keeps for a window of rerun's own that opens late, some seconds."""
 
 _CLOSE_WITHIN_S = 9.0
 
@@ -76,8 +76,8 @@ _Item = _Shown | LinkEvent | _Concluded
 class RerunFeed:
     """rerun's recording of a running session; a context manager.
 
-    With ``serve`` viewers get the data from rerun's server on ``grpc_port`` of ``bind``. UsageError where it cannot
-    listen there, or ``save_rrd`` cannot be written.
+    With ``serve`` a window of rerun's own gets the data from rerun's server on ``grpc_port`` of ``bind``; with
+    ``pages`` somebody asks for pieces. UsageError where it cannot listen there, or ``save_rrd`` cannot be written.
     """
 
     def __init__(
@@ -90,16 +90,21 @@ class RerunFeed:
         bind: str = "127.0.0.1",
         queue_frames: int = QUEUE_FRAMES,
         metrics: Callable[[], str] = lambda: "",
+        pages: bool = False,
     ) -> None:
         self._metrics = metrics
         self.grpc_port = free_port(bind) if serve else 0
-        self.dropped = 0
-        self.batch_s = BATCH_EVERY_S
+        self._given = 0
+        self._taken = 0
         self._readings = 0
+        self._concluded = threading.Event()
         self._own = OwnAnswerErrors(station)
         self._queue: deque[_Item] = deque(maxlen=queue_frames)
         self._closing = threading.Event()
-        self._came = threading.Event()
+        self._lock = threading.Lock()
+        self._scene: Scene | None = None
+        self._every_picture = not (serve or pages)
+        self._awake = threading.Event()
         self._stream = rr.RecordingStream("gse", send_properties=False)
         sinks: list[object] = [] if save_rrd is None else [rrd_file_sink(save_rrd)]
         if serve:
@@ -122,27 +127,39 @@ class RerunFeed:
         """Show an event of the link."""
         self._put(event)
 
-    def pace(self, behind_s: float) -> None:
-        """Send longer batches to a viewer that is behind by so many seconds, and shorter ones when it has caught up."""
-        longer = self.batch_s * 1.1 if behind_s > _BEHIND_S + self.batch_s else self.batch_s / 1.1
-        self.batch_s = min(max(longer, BATCH_EVERY_S), MOST_BATCH_S)
+    def hurry(self) -> None:
+        """Show what waits for its batch: there is no more to come."""
+        self._awake.set()
 
-    def viewer_came(self) -> None:
-        """Send the last ten minutes again, to a viewer that has just come."""
-        self._came.set()
+    def piece_after(self, place: str, *, last: bool = False) -> Piece:
+        """What a page does not have yet, after the place that its last piece stated (none: empty).
+
+        The ``last`` piece has the verdict, unless that does not come within seconds.
+        """
+        if last:
+            self._concluded.wait(_VERDICT_WITHIN_S)
+        with self._lock:
+            return self._scene.piece_after(place) if self._scene else Piece()
 
     def conclude(self, verdict: str, reasons: Sequence[str]) -> None:
         """Show the verdict, as a report prints it, at the end."""
         self._put(_Concluded(verdict, tuple(reasons)))
+        self.hurry()
 
     def _put(self, item: _Item) -> None:
         # A deque drops its oldest item by itself, and has no lock that the loop could wait for.
-        self.dropped += len(self._queue) == self._queue.maxlen
         self._queue.append(item)
+        self._given += 1
+
+    @property
+    def dropped(self) -> int:
+        """Items that the queue had no room for: neither taken nor waiting. Exact while no other thread is at work."""
+        return max(0, self._given - self._taken - len(self._queue))
 
     def close(self) -> None:
         """Show the queued items, for at most some seconds, and end."""
         self._closing.set()
+        self._awake.set()
         self._thread.join(_CLOSE_WITHIN_S)
 
     def __enter__(self) -> Self:
@@ -162,19 +179,22 @@ class RerunFeed:
 
     def _feed(self, station: Station, catalog: StarCatalog | None) -> None:
         scene = Scene(self._stream, station, catalog, live=True)
-        feed = _SceneFeed(scene, every_picture=not self.grpc_port, metrics=self._metrics)
+        self._scene = scene
+        feed = _SceneFeed(scene, every_picture=self._every_picture, metrics=self._metrics)
         while True:
             last = self._closing.is_set()
             while batch := self._take():
-                scene.add_own_answers(self._own.errors())
-                feed.add(batch, self.dropped)
-            if self._came.is_set():
-                self._came.clear()
-                feed.send_again()
+                with self._lock:
+                    scene.add_own_answers(self._own.errors())
+                    feed.add(batch, self.dropped)
+                if any(isinstance(item, _Concluded) for item in batch):
+                    self._concluded.set()
             if last:
                 break
-            self._closing.wait(self.batch_s)
-        feed.finish()
+            self._awake.wait(BATCH_EVERY_S)
+            self._awake.clear()
+        with self._lock:
+            feed.finish()
         self._stream.flush()
         self._stream.disconnect()
 
@@ -182,6 +202,7 @@ class RerunFeed:
         batch: list[_Item] = []
         while self._queue and len(batch) < BATCH_FRAMES:
             batch.append(self._queue.popleft())
+            self._taken += 1
         return batch
 
 
@@ -233,9 +254,6 @@ class _SceneFeed:
             self._panel_utc_ns = running.utc_ns
             self._scene.words(running.utc_ns, self._so_far(), self._metrics())
             self._scene.stands(running.utc_ns, standing(running, self._link.frames_lost))
-
-    def send_again(self) -> None:
-        self._scene.send_again()
 
     def _so_far(self) -> str:
         return verdict_so_far(

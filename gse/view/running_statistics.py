@@ -40,6 +40,10 @@ SKY_WORDS: dict[str, str] = {
 }
 """The sky after each kind of event that changes it."""
 
+NO_SKY = ("clouded", "no stars", "daylight")
+"""Skies in which frames without an answer do not count, as in the verdict: there too only many seconds of them."""
+_NO_SKY_NS = 10 * NS_PER_S
+
 SKY_COLOURS = {
     "clear": GREEN,
     "clouded": ORANGE,
@@ -79,7 +83,7 @@ _IDENTIFIED = STATUSES.index(Status.IDENTIFIED)
 
 @dataclass(slots=True)
 class Moments:
-    """Mean and standard deviation by Welford's recurrence, mean of the absolute; ``nea`` from successive differences.
+    """Mean and standard deviation of all values so far, mean of the absolute; ``nea`` from successive differences.
 
     The differences of neighbours know nothing of bias and drift: std(differences) / sqrt(2).
     """
@@ -92,17 +96,20 @@ class Moments:
     _steps: int = 0
     _steps_squared: float = 0.0
 
-    def add(self, value: float) -> None:
-        """Add a value."""
-        self.n += 1
-        step = value - self.mean
-        self.mean += step / self.n
-        self.mean_abs += (abs(value) - self.mean_abs) / self.n
-        self._m2 += step * (value - self.mean)
-        if not math.isnan(self.last):
-            self._steps += 1
-            self._steps_squared += (value - self.last) ** 2
-        self.last = value
+    def add(self, values: NDArray[np.float64]) -> None:
+        """Add values (N,), of which there may be none."""
+        if not len(values):
+            return
+        mean = float(values.mean())
+        steps = np.diff(values, prepend=[] if math.isnan(self.last) else [self.last])
+        self.n += len(values)
+        share, step = len(values) / self.n, mean - self.mean
+        self._m2 += float(((values - mean) ** 2).sum()) + step * step * (1 - share) * len(values)
+        self.mean += share * step
+        self.mean_abs += share * (float(np.abs(values).mean()) - self.mean_abs)
+        self._steps += len(steps)
+        self._steps_squared += float((steps**2).sum())
+        self.last = float(values[-1])
 
     @property
     def std(self) -> float:
@@ -134,6 +141,11 @@ class Running:
     sky: str = ""
     sky_text: str = ""
     housekeeping: str = ""
+    _without_sky: int = 0
+    _silent_frames: int = 0
+    """Those since the last answer: the event that says why comes some seconds after the sky has gone."""
+    _silent_from_ns: int = 0
+    _silent_until_ns: int = 0
     _answered_utc_ns: int | None = None
     _recent_utc_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_RATE_WINDOW))
 
@@ -146,44 +158,56 @@ class Running:
         self.by_status.update(STATUSES[code].value for code in rows["status"].tolist())
         self.false_answers += int(np.count_nonzero(rows["answer_check"] == _FALSE))
         self.utc_ns, self.objects = utc_ns[-1], int(rows["objects"][-1])
-        answered = rows["utc_ns"][rows["status"] == _IDENTIFIED]
+        is_answered = rows["status"] == _IDENTIFIED
+        for at_ns, has_answer in zip(utc_ns, is_answered.tolist(), strict=True):
+            self._count_silent(at_ns, has_answer)
+        answered = rows["utc_ns"][is_answered]
         if len(answered):
             self._answered_utc_ns = int(answered[-1])
         elif self._answered_utc_ns is None:
             self._answered_utc_ns = utc_ns[0]
         self._recent_utc_ns.extend(utc_ns)
-        for error in zip(*(rows[name][~np.isnan(rows[ERRORS[0]])].tolist() for name in ERRORS), strict=True):
-            self._compare(AttitudeError(*error))
+        compared = rows[list(ERRORS)][~np.isnan(rows[ERRORS[0]])]
+        if len(compared):
+            self.last = AttitudeError(*compared[-1].tolist())
+        d_ra, d_de = _axes_arcsec(compared)
+        self.d_ra.add(d_ra)
+        self.d_de.add(d_de)
+        limits = self.limits
+        inside = (np.abs(d_ra) <= limits.d_ra_cosde_arcsec) & (np.abs(d_de) <= limits.d_de_arcsec)
+        self.inside += int(np.count_nonzero(inside))
 
-    def _compare(self, found: AttitudeError) -> None:
-        self.last = found
-        self.d_ra.add(found.d_ra_cosde_arcsec)
-        self.d_de.add(found.d_de_arcsec)
-        self.inside += self.is_inside(found)
+    def _count_silent(self, utc_ns: int, has_answer: bool) -> None:
+        if has_answer:
+            self._without_sky, self._silent_frames = self.without_sky, 0
+            return
+        if not self._silent_frames:
+            self._silent_from_ns = utc_ns
+        self._silent_until_ns = utc_ns
+        self._silent_frames += 1
+
+    @property
+    def without_sky(self) -> int:
+        """Frames that do not count, since there was no sky to see."""
+        is_long = self._silent_until_ns - self._silent_from_ns >= _NO_SKY_NS
+        return self._without_sky + (self._silent_frames if is_long and self.sky in NO_SKY else 0)
 
     def add_own(self, errors: NDArray[np.void]) -> None:
         """Add errors of the sensor's own answers, rows of OWN_ERROR."""
-        for d_ra_arcsec, d_de_arcsec in errors[["d_ra_cosde_arcsec", "d_de_arcsec"]].tolist():
-            if not math.isnan(d_ra_arcsec):
-                self.own_d_ra.add(d_ra_arcsec)
-                self.own_d_de.add(d_de_arcsec)
+        d_ra, d_de = _axes_arcsec(errors[~np.isnan(errors["d_ra_cosde_arcsec"])])
+        self.own_d_ra.add(d_ra)
+        self.own_d_de.add(d_de)
 
     def add_event(self, event: LinkEvent) -> None:
         """Note what an event says of the sky."""
         if event.kind in SKY_WORDS:
             self.sky, self.sky_text = SKY_WORDS[event.kind], event.text
 
-    def is_inside(self, found: AttitudeError) -> bool:
-        """Whether an attitude error is inside both limits."""
-        return (
-            abs(found.d_ra_cosde_arcsec) <= self.limits.d_ra_cosde_arcsec
-            and abs(found.d_de_arcsec) <= self.limits.d_de_arcsec
-        )
-
     @property
     def identified(self) -> float:
-        """Share of frames that were identified, 0..1; NaN of none."""
-        return self.by_status[Status.IDENTIFIED.value] / self.frames if self.frames else math.nan
+        """Share of the frames with sky that were identified, 0..1; NaN of none."""
+        counted = self.frames - self.without_sky
+        return self.by_status[Status.IDENTIFIED.value] / counted if counted else math.nan
 
     def outside(self, lost: int) -> tuple[str, ...]:
         """The limits that the session does not keep so far, with the values; ``lost`` counts frames that never came."""
@@ -201,7 +225,7 @@ class Running:
             if axis.mean_abs > limit:
                 yield f"mean |{name}| {axis.mean_abs:.1f} arcsec (limit {limit:g})"
         answers = self.by_status[Status.IDENTIFIED.value]
-        expected = self.frames + lost
+        expected = self.frames - self.without_sky + lost
         if expected < _FEWEST_FOR_SHARES:
             return
         if answers < limits.availability * expected:
@@ -222,3 +246,8 @@ class Running:
         recent = self._recent_utc_ns
         span_ns = recent[-1] - recent[0] if len(recent) > 1 else 0
         return (len(recent) - 1) * NS_PER_S / span_ns if span_ns > 0 else math.nan
+
+
+def _axes_arcsec(errors: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The errors in right ascension and declination of rows that have them."""
+    return errors["d_ra_cosde_arcsec"].astype(np.float64), errors["d_de_arcsec"].astype(np.float64)

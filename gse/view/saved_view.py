@@ -63,8 +63,9 @@ class SavedView:
     def _finish(self, session: SessionData, verdict: str, reasons: Sequence[str], metrics: str) -> None:
         self._send_objects()
         if len(session.frames):
-            self._scene.add_columns(session.frames.columns)
-            self._scene.add_residuals(session.frames.columns, session.frames.matches)
+            rows = session.frames.columns.rows()
+            self._scene.add_columns(rows)
+            self._scene.add_residuals(rows, session.frames.matches)
         self._scene.flush()
         self._scene.clock(session.clock)
         clock = session.clock[-1] if session.clock else None

@@ -1,11 +1,13 @@
 """Scene of a session in rerun, for the live view and the saved view."""
 
+import math
 import re
 from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent, LinkKind
@@ -21,6 +23,7 @@ from gse.station.results import FrameResult, Status
 from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.event_lines import EventLines
 from gse.view.picture import Picture
+from gse.view.recent import Piece, Recent
 from gse.view.running_statistics import (
     LINK_COLOURS,
     LINK_WORDS,
@@ -81,26 +84,36 @@ class Scene:
         self._live = live
         self._began_ns = 0
         self._latest_ns: np.int64 | None = None
+        self._latest = Recent[FrameResult](1, math.inf)
         self._boresight_icrs: NDArray[np.float64] | None = None
         self._window_s: float | None = None
         self._picture = Picture(station.sensor.camera(), station.sensor.index_max, catalog)
         self._track: list[NDArray[np.void]] = []
         self._status: Status | None = None
         self._events = EventLines(frozenset({StationKind.NOTE}))
-        self._recent: deque[NDArray[np.void]] = deque()
-        self._own_recent: deque[NDArray[np.void]] = deque()
+        self._number = 0
+        self._laid_out = 0
+        self._frames = Recent[NDArray[np.void]](_MOST_RECENT, LIVE_WINDOW_S)
+        self._own = Recent[NDArray[np.void]](_MOST_RECENT, LIVE_WINDOW_S)
+        self._outages = Recent[NDArray[np.int64]](_MOST_RECENT, LIVE_WINDOW_S)
+        self._clock = Recent[ClockReading](_MOST_RECENT, LIVE_WINDOW_S)
+        self._states = Recent[tuple[str, int, str]](_STATES_AGAIN, math.inf)
         self._logged: deque[tuple[int, str]] = deque(maxlen=_MOST_LINES)
         self._log_is_shown = True
-        self._states: deque[tuple[str, int, str]] = deque(maxlen=_STATES_AGAIN)
-        self._words: tuple[int, str, str] | None = None
+        self._words = Recent[tuple[int, str, str]](1, math.inf)
+        self._log_number = 0
         self._standing = ""
         self._shows_own = False
         self.running = Running(station.limits)
-        stream.send_blueprint(layout(station))
+        stream.send_blueprint(self._layout())
+        self._begin(stream)
+
+    def _begin(self, stream: rr.RecordingStream) -> None:
+        """Names and styles of all that is shown."""
         begin_series(stream)
         self._picture.begin(stream)
-        begin_sky(stream, catalog)
-        begin_scatter(stream, station.limits)
+        begin_sky(stream, self._picture.catalog)
+        begin_scatter(stream, self._station.limits)
         lanes = (("/state/link", LINK_COLOURS), ("/state/sky", SKY_COLOURS), ("/state/verdict", VERDICT_COLOURS))
         for path, colours in lanes:
             words = list(colours)
@@ -113,6 +126,12 @@ class Scene:
         self.add_columns(FrameResults.of(frames).rows())
         shown = FrameResults.of(frames[-pictures:])
         self.add_residuals(shown.rows(), shown.match_rows())
+        self._latest.add(self._next(), frames[-1].panorama.utc_ns, frames[-1])
+
+    def _send_pictures(self, stream: rr.RecordingStream, frames: Sequence[FrameResult]) -> None:
+        self._picture.send(stream, frames)
+        shown = FrameResults.of(frames)
+        self._picture.send_residuals(stream, shown.rows(), shown.match_rows())
 
     def add_objects(self, frames: Sequence[FrameResult], *, pictures: int) -> None:
         """Show the objects of the last ``pictures`` of some frames, log what changes, and count."""
@@ -127,34 +146,54 @@ class Scene:
             return
         self.running.add_own(errors)
         if self._live:
-            self._remember_in(self._own_recent, errors)
+            self._own.add(self._next(), int(errors["utc_ns"][-1]), errors.copy())
         send_own_answers(self._stream, errors)
 
-    def send_again(self) -> None:
-        """Send the last ten minutes once more, each series in one piece: for a viewer that has just come.
+    def piece_after(self, place: str) -> Piece:
+        """What came after a place, of the last ten minutes at most: all of it for a place of no such recording.
 
-        What is read comes first, since a viewer without a graphics card takes its time for the rest.
+        What is read comes first, since a viewer without a graphics card takes its time for the rest. Nothing comes
+        twice: for a star that did, the viewer states no name.
         """
-        if self._words is not None:
-            self.words(*self._words)
-        self._log_is_shown = not self._logged
-        self.show_log()
-        for path, utc_ns, word in self._states:
-            self._stream.send_columns(path, [times([utc_ns])], rr.StateChange.columns(state=[word]))
-        if self._recent:
-            columns = np.concatenate(self._recent)
-            send_series(self._stream, columns, self._station.limits)
-            send_sky(self._stream, columns, self._picture.camera)
-            send_scatter(self._stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
-        if self._own_recent:
-            send_own_answers(self._stream, np.concatenate(self._own_recent))
+        recording, _, number = place.rpartition(".")
+        own = self._stream.get_recording_id()
+        after = int(number) if recording == own else -1
+        until = f"{own}.{self._number}", int(self._latest_ns or 0)
+        if after == self._number:
+            return Piece(b"", *until)
+        stream = rr.RecordingStream("gse", recording_id=own, send_properties=False)
+        file = stream.binary_stream()
+        if after < 0:
+            self._begin(stream)
+        if after < self._laid_out:
+            stream.send_blueprint(self._layout())
+        for words in self._words.after(after)[-1:]:
+            _send_words(stream, *words)
+        if self._log_number > after and self._logged:
+            self._send_log(stream)
+        for path, utc_ns, word in self._states.after(after):
+            stream.send_columns(path, [times([utc_ns])], rr.StateChange.columns(state=[word]))
+        if latest := self._latest.after(after):
+            self._send_pictures(stream, latest)
+        self._send_series_after(stream, after)
+        return Piece(file.read() or b"", *until)
 
-    @staticmethod
-    def _remember_in(recent: deque[NDArray[np.void]], columns: NDArray[np.void]) -> None:
-        recent.append(columns.copy())
-        oldest_ns = columns["utc_ns"][-1] - round(LIVE_WINDOW_S * NS_PER_S)
-        while recent[0]["utc_ns"][-1] < oldest_ns or len(recent) > _MOST_RECENT:
-            recent.popleft()
+    def _send_series_after(self, stream: rr.RecordingStream, after: int) -> None:
+        if frames := self._frames.after(after):
+            columns = np.concatenate(frames)
+            send_series(stream, columns, self._station.limits)
+            send_sky(stream, columns, self._picture.camera)
+            send_scatter(stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
+        if outages := self._outages.after(after):
+            send_outages(stream, np.concatenate(outages), self._station.limits)
+        if own := self._own.after(after):
+            send_own_answers(stream, np.concatenate(own))
+        if readings := self._clock.after(after):
+            send_clock(stream, readings)
+
+    def _next(self) -> int:
+        self._number += 1
+        return self._number
 
     def add_residuals(self, columns: NDArray[np.void], matches: NDArray[np.void]) -> None:
         """Show the residuals of some frames: rows of FRAME, and their rows of MATCH."""
@@ -164,7 +203,7 @@ class Scene:
         """Show all but the objects of some frames, rows of FRAME."""
         self._break_lines(columns["utc_ns"])
         if self._live:
-            self._remember_in(self._recent, columns)
+            self._frames.add(self._next(), int(columns["utc_ns"][-1]), columns.copy())
         send_series(self._stream, columns, self._station.limits)
         self._track.append(columns)
         if columns["utc_ns"][-1] - self._track[0]["utc_ns"][0] >= TRACK_ROW_NS:
@@ -176,6 +215,7 @@ class Scene:
         self._latest_ns = utc_ns[-1]
         outages = np.flatnonzero(np.diff(frames_ns) > OUTAGE_NS)
         if len(outages):
+            self._outages.add(self._next(), int(frames_ns[outages][-1]), frames_ns[outages])
             send_outages(self._stream, frames_ns[outages], self._station.limits)
 
     def flush(self) -> None:
@@ -214,10 +254,11 @@ class Scene:
         begins_own = self.running.own_d_ra.n > 0 and not self._shows_own
         self._shows_own |= begins_own
         if aims or narrows or begins_own:
-            wanted = layout(
-                self._station, window_s=self._window_s, boresight_icrs=self._boresight_icrs, own=self._shows_own
-            )
-            self._stream.send_blueprint(wanted)
+            self._laid_out = self._next()
+            self._stream.send_blueprint(self._layout())
+
+    def _layout(self) -> rrb.Blueprint:
+        return layout(self._station, window_s=self._window_s, boresight_icrs=self._boresight_icrs, own=self._shows_own)
 
     def event(self, event: LinkEvent) -> None:
         """Show an event of the link in its state bar and in the log."""
@@ -238,10 +279,12 @@ class Scene:
 
     def _state(self, path: str, utc_ns: int, word: str) -> None:
         self._stream.send_columns(path, [times([utc_ns])], rr.StateChange.columns(state=[word]))
-        self._states.append((path, utc_ns, word))
+        self._states.add(self._next(), utc_ns, (path, utc_ns, word))
 
     def clock(self, readings: Sequence[ClockReading]) -> None:
         """Show the health of the host clock."""
+        for reading in readings:
+            self._clock.add(self._next(), reading.utc_ns, reading)
         if readings:
             send_clock(self._stream, readings)
 
@@ -251,28 +294,38 @@ class Scene:
         line = f"{instant.to_text(utc_ns, 0)[11:]} {plain}"
         self._logged.appendleft((utc_ns, f"**{line}**" if level == "WARN" else line))
         self._log_is_shown = False
+        self._log_number = self._next()
 
     def show_log(self) -> None:
         """Show the log as one text, the newest line first: sent again it stays the same, where lines would double."""
         if not self._log_is_shown:
             self._log_is_shown = True
-            # Frames and events come one kind after the other; of the same instant the later one stands above.
-            newest_first = sorted(self._logged, key=lambda logged: -logged[0])
-            lines = "\n".join(f"- {line}" for _, line in newest_first)
-            columns = rr.TextDocument.columns(text=[lines], media_type=["text/markdown"])
-            self._stream.send_columns("/log", [times([newest_first[0][0]])], columns)
+            self._send_log(self._stream)
+
+    def _send_log(self, stream: rr.RecordingStream) -> None:
+        # Frames and events come one kind after the other; of the same instant the later one stands above.
+        newest_first = sorted(self._logged, key=lambda logged: -logged[0])
+        lines = "\n".join(f"- {line}" for _, line in newest_first)
+        _send_text(stream, "/log", newest_first[0][0], lines)
 
     def words(self, utc_ns: int, markdown: str, metrics: str = "") -> None:
         """Show a text in the panel of the verdict, and a table in that of the metrics."""
-        self._words = utc_ns, markdown, metrics
-        for path, text in (("/verdict", markdown), ("/metrics", _headed(metrics))):
-            columns = rr.TextDocument.columns(text=[text], media_type=["text/markdown"])
-            self._stream.send_columns(path, [times([utc_ns])], columns)
+        self._words.add(self._next(), utc_ns, (utc_ns, markdown, metrics))
+        _send_words(self._stream, utc_ns, markdown, metrics)
 
     def words_for_all_times(self, markdown: str, metrics: str) -> None:
         """The same, wherever the time cursor stands."""
         for path, text in (("/verdict", markdown), ("/metrics", _headed(metrics))):
             self._stream.log(path, rr.TextDocument(text, media_type="text/markdown"), static=True)
+
+
+def _send_words(stream: rr.RecordingStream, utc_ns: int, markdown: str, metrics: str) -> None:
+    _send_text(stream, "/verdict", utc_ns, markdown)
+    _send_text(stream, "/metrics", utc_ns, _headed(metrics))
+
+
+def _send_text(stream: rr.RecordingStream, path: str, utc_ns: int, markdown: str) -> None:
+    stream.send_columns(path, [times([utc_ns])], rr.TextDocument.columns(text=[markdown], media_type=["text/markdown"]))
 
 
 def _headed(metrics: str) -> str:

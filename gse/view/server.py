@@ -15,12 +15,12 @@ import os
 import secrets
 import socket
 import threading
-from collections.abc import Callable
+import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 from tornado.httpserver import HTTPServer
 from tornado.iostream import IOStream, StreamClosedError
@@ -31,6 +31,7 @@ from gse.errors import GseError
 from gse.station.notes import Notes
 from gse.view.glance import Glance
 from gse.view.host_names import reachable_name
+from gse.view.recent import Piece
 from gse.view.viewer_files import ViewerFiles
 
 _LOG = logging.getLogger(__name__)
@@ -48,41 +49,46 @@ MOST_BROWSERS = 32
 _IDLE_S = 60.0
 _HEADER_BYTES = 16 << 10
 _BODY_BYTES = 4 << 10
-_SHOW_VERDICT_S = 4.0
-"""Time for open pages to fetch the verdict, which they show from then on."""
+_SHOW_VERDICT_S = 15.0
+"""Time for open pages to fetch the verdict, which they show from then on: one that draws rerun's view may be busy."""
+ASLEEP_S = 8.0
+"""Silence of a page that is not waited for: a phone in a pocket."""
 _CLOSE_WITHIN_S = 2.0
+
+
+class PieceAfter(Protocol):
+    """As ``RerunFeed.piece_after``."""
+
+    def __call__(self, place: str, *, last: bool) -> Piece: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Content:
-    """What is served: a running session (``glance``), a ``recording`` (.rrd), rerun's data of ``grpc_port``.
+    """What is served: a running session (``glance``), or a ``recording`` (.rrd).
 
-    ``verdict`` is that of a recording: what the bar over it says, and its level.
-    ``on_viewer`` is called when a page has connected rerun's viewer, ``on_behind`` with the seconds that it is behind.
+    ``verdict`` is that of a recording: what the bar over it says, and its level. ``piece_after`` gives pages with
+    rerun's viewer what they do not have yet of a running session (``RerunFeed.piece_after``); None without rerun.
     """
 
     glance: Glance | None = None
     notes: Notes | None = None
-    grpc_port: int = 0
     recording: Path | None = None
     verdict: tuple[str, str] = ("", "")
-    on_behind: Callable[[float], None] = lambda seconds: None
-    on_viewer: Callable[[], None] = lambda: None
+    piece_after: PieceAfter | None = None
     files: ViewerFiles = field(default_factory=ViewerFiles)
-
-    @property
-    def has_rerun(self) -> bool:
-        """Whether there is something for rerun's viewer."""
-        return bool(self.grpc_port) or self.recording is not None
 
 
 class ViewServer:
     """The server; ``url`` is what a person opens, ``token`` what a note from another machine needs.
 
     A context manager. GseError where it cannot listen; ``usual_port`` is tried first where ``port`` is 0.
+    A page that was silent for ``asleep_s`` at the end of the session is not waited for.
     """
 
-    def __init__(self, bind: str, port: int, content: Content, *, usual_port: int = 0) -> None:
+    def __init__(
+        self, bind: str, port: int, content: Content, *, usual_port: int = 0, asleep_s: float = ASLEEP_S
+    ) -> None:
+        self._asleep_s = asleep_s
         self.bind, self.content = bind, content
         self.token = secrets.token_hex(4)
         self.opened = False
@@ -90,7 +96,8 @@ class ViewServer:
         self.port: int = self._sockets[0].getsockname()[1]
         self.url = f"http://{reachable_name(bind)}:{self.port}/"
         self._waiting: set[WebSocketHandler] = set()
-        self._browsers: set[WebSocketHandler] = set()
+        self._browsers: dict[WebSocketHandler, float] = {}
+        """With the time (monotonic) at which each was last heard."""
         self._told: set[WebSocketHandler] = set()
         """Browsers that were sent the end."""
         self._done: set[WebSocketHandler] = set()
@@ -108,16 +115,18 @@ class ViewServer:
         """Serve a browser; False where there are too many."""
         if len(self._browsers) >= MOST_BROWSERS:
             return False
-        self._browsers.add(browser)
+        self._browsers[browser] = time.monotonic()
         return True
 
     def ask(self, browser: WebSocketHandler) -> None:
         """Take a browser's request for the next document; it has shown the one before."""
+        self._browsers[browser] = time.monotonic()
         (self._done if browser in self._told else self._waiting).add(browser)
 
     def leave(self, browser: WebSocketHandler) -> None:
         """The browser has gone."""
-        for browsers in (self._browsers, self._waiting, self._told, self._done):
+        self._browsers.pop(browser, None)
+        for browsers in (self._waiting, self._told, self._done):
             browsers.discard(browser)
 
     def close(self) -> None:
@@ -185,8 +194,13 @@ class ViewServer:
             if ended:
                 self._told |= self._waiting
             self._waiting.clear()
-        if ended and self._browsers <= self._done:
+        if ended and not self._show_it_soon():
             self._shown.set()
+
+    def _show_it_soon(self) -> bool:
+        """Whether a browser that is awake has not shown the end."""
+        awake_s = time.monotonic() - self._asleep_s
+        return any(heard_s > awake_s and browser not in self._done for browser, heard_s in self._browsers.items())
 
     def _send(self, browser: WebSocketHandler, text: str) -> None:
         task = asyncio.create_task(_sent(browser, text))

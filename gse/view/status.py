@@ -35,7 +35,7 @@ class StatusLine:
     """A listener and context manager: one line, renewed twice a second; plain lines if stderr is not a terminal.
 
     It is written to stderr. ``folder`` is the session folder: the free space of its disk is shown. ``forecast`` gives
-    the line on the time to a verdict.
+    the line on the time to a verdict, ``progress`` how far a replay is.
     """
 
     def __init__(
@@ -45,10 +45,12 @@ class StatusLine:
         console: Console | None = None,
         *,
         forecast: Callable[[], str] = lambda: "",
+        progress: Callable[[], str] = lambda: "",
     ) -> None:
-        self._forecast = forecast
+        self._forecast, self._progress = forecast, progress
         self._console = console or Console(stderr=True, highlight=False)
         self._is_terminal = self._console.is_terminal
+        self._width = self._console.width
         self._folder = folder
         self._running = Running(station.limits)
         self._session: SessionData | None = None
@@ -68,7 +70,7 @@ class StatusLine:
             self._running.add(results.rows[begin:end])
             begin = end
             # Without rich, which needs a millisecond: a replay of a long session writes thousands of lines.
-            print(self.line().plain, file=self._console.file, flush=True)
+            print("".join(part.text for part in self._shown(self._width)), file=self._console.file, flush=True)
         self._running.add(results.rows[begin:])
 
     def _due(self, utc_ns: Sequence[int]) -> Iterator[int]:
@@ -86,19 +88,26 @@ class StatusLine:
 
     def line(self) -> Text:
         """The line as it is now, no longer than the terminal is wide: what matters least is left out."""
-        parts = list(self._parts())
-        shown, room = set(), self._console.width
+        return Text.assemble(*((part.text, part.style) for part in self._shown(self._console.width)))
+
+    def _shown(self, room: int) -> list["_Part"]:
+        """The parts of the line that have room."""
+        parts = [part for part in self._parts() if part.text]
+        shown = set()
         for place, part in sorted(enumerate(parts), key=lambda item: item[1].rank):
-            if cell_len(part.text) <= room:
+            cells = cell_len(part.text)
+            if cells <= room:
                 shown.add(place)
-                room -= cell_len(part.text)
-        return Text.assemble(*((part.text, part.style) for place, part in enumerate(parts) if place in shown))
+                room -= cells
+        return [part for place, part in enumerate(parts) if place in shown]
 
     def _parts(self) -> Iterator["_Part"]:
         running = self._running
         yield _Part(f"{instant.to_text(running.utc_ns, 0)[11:]} " if running.frames else "", 0)
         link = f"link {self._link}" if self._link != _NO_LINK else self._link
-        yield _Part(link, 0, _LINK_STYLES.get(self._link, ""))
+        progress = self._progress()
+        yield _Part(link, 5 if progress and self._link == "streaming" else 0, _LINK_STYLES.get(self._link, ""))
+        yield _Part(f"  {progress}" if progress else "", 1)
         yield _Part(f"  {running.frames} frames{_rate(running)}", 5)
         yield _Part(self._lost(), 2, _BAD)
         yield _warned(f"  sky {running.sky}" if running.sky else "", 4, running.sky in ("clouded", "no stars"))

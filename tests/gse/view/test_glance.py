@@ -109,6 +109,7 @@ def test_a_session_at_a_glance_from_the_first_byte_to_the_verdict() -> None:
         return glance.document(clock_at(seconds))["word"]["text"]
 
     assert word(0) == "WAITING"
+    assert glance.document(clock_at(0))["since_answer_s"] is None
     glance.on_event(LinkEvent(START_NS, 0, LinkKind.STREAMING, "valid frames come"))
     for frame in synthetic_frames(40, trouble=False):
         glance.on_results(NewResults.of([frame]), session)
@@ -129,6 +130,28 @@ def test_a_session_at_a_glance_from_the_first_byte_to_the_verdict() -> None:
     assert word(13) == "DONE: PASS"
     assert glance.document(clock_at(13))["forecast"] == "PASS"
     assert glance.document(clock_at(13))["ended"]
+
+
+def test_a_session_without_an_answer_has_no_last_one_to_its_end() -> None:
+    session = synthetic_night(20)
+    glance = Glance(session.station)
+    for frame in synthetic_frames(40, trouble=False):
+        glance.on_results(NewResults.of([replace(frame, status=Status.TOO_FEW, attitude=None)]), session)
+    glance.absorb(clock_at(4))
+    assert glance.document(clock_at(4))["since_answer_s"] is None
+    glance.conclude("INCONCLUSIVE", ())
+    assert glance.document(clock_at(5))["since_answer_s"] is None
+
+
+def test_the_last_page_has_the_time_from_the_last_answer_to_the_last_frame() -> None:
+    session = synthetic_night(20)
+    glance = Glance(session.station)
+    for number, frame in enumerate(synthetic_frames(40, trouble=False)):
+        lacks = {} if number <= 30 else {"status": Status.TOO_FEW, "attitude": None}
+        glance.on_results(NewResults.of([replace(frame, **lacks)]), session)
+    glance.absorb(clock_at(4))
+    glance.conclude("INCONCLUSIVE", ())
+    assert glance.document(clock_at(60))["since_answer_s"] == 0.9
 
 
 def test_what_nobody_takes_is_dropped_oldest_first_and_the_newest_is_shown() -> None:

@@ -5,6 +5,7 @@ import http.client
 import json
 import re
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +17,7 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 from gse.station.frame_results import NewResults
 from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, Notes
 from gse.view.glance import Glance
-from gse.view.server import MOST_BROWSERS, Content, ViewServer
+from gse.view.server import _SHOW_VERDICT_S, MOST_BROWSERS, Content, ViewServer
 
 MOST_PAGE_BYTES = 100_000
 
@@ -139,6 +140,21 @@ def test_every_open_page_has_the_verdict_before_the_server_ends(glance: Glance) 
     server.close()
     pages.join(20)
     assert words == ["DONE: PASS"] * 3
+
+
+def test_the_end_does_not_wait_for_a_page_that_is_asleep(glance: Glance) -> None:
+    async def fall_asleep() -> float:
+        socket = await browser(server)
+        await socket.read_message()
+        glance.conclude("PASS", ())
+        await asyncio.sleep(0.3)
+        began_s = time.monotonic()
+        await asyncio.to_thread(server.close)
+        await leave(socket)
+        return time.monotonic() - began_s
+
+    server = ViewServer("127.0.0.1", 0, Content(glance=glance), asleep_s=0.2)
+    assert asyncio.run(fall_asleep()) < _SHOW_VERDICT_S / 2
 
 
 def test_no_more_browsers_than_the_station_can_serve(server: ViewServer) -> None:

@@ -5,7 +5,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from skies.synthetic_night import synthetic_night
 
+from gse.view.glance import Glance
 from gse.view.server import Content, ViewServer
 
 
@@ -13,7 +15,7 @@ from gse.view.server import Content, ViewServer
 def page(tmp_path: Path) -> Iterator[ViewServer]:
     recording = tmp_path / "session.rrd"
     recording.write_bytes(b"the session")
-    with ViewServer("127.0.0.1", 0, Content(recording=recording, grpc_port=9876)) as page:
+    with ViewServer("127.0.0.1", 0, Content(recording=recording)) as page:
         yield page
 
 
@@ -65,14 +67,15 @@ def test_two_hosts_or_none_are_refused(page: ViewServer) -> None:
 
 
 @pytest.mark.parametrize("name", ["127.0.0.1", "localhost"])
-def test_its_own_names_are_answered_with_the_policy_of_that_name(page: ViewServer, name: str) -> None:
-    status, headers, _ = ask(page, f"{name}:{port_of(page)}", path="/")
+def test_its_own_names_are_answered_with_the_policy_of_that_name(name: str) -> None:
+    with ViewServer("127.0.0.1", 0, Content(glance=Glance(synthetic_night(1).station))) as page:
+        status, headers, _ = ask(page, f"{name}:{port_of(page)}", path="/")
     assert status == 200
-    assert f"connect-src 'self' http://{name}:9876" in headers
+    assert f"connect-src 'self' ws://{name}:{page.port};" in headers
 
 
 def test_bound_to_all_addresses_it_answers_to_an_address_and_to_no_foreign_name(tmp_path: Path) -> None:
-    with ViewServer("0.0.0.0", 0, Content(grpc_port=9876)) as page:
+    with ViewServer("0.0.0.0", 0, Content()) as page:
         port = port_of(page)
         assert ask(page, f"192.0.2.7:{port}", path="/")[0] == 200
         assert ask(page, f"attacker.example:{port}", path="/")[0] == 421

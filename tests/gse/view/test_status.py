@@ -9,8 +9,9 @@ import pytest
 from rich.console import Console
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
-from drivers.chunk import LinkEvent
+from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading
+from gse.station.event_kinds import StationKind
 from gse.station.frame_results import NewResults
 from gse.station.results import AnswerCheck, LinkCounters, Status
 from gse.view.running_statistics import Moments, Running
@@ -92,6 +93,19 @@ def test_lost_frames_stand_beside_those_that_came(session) -> None:
     assert "1 frames  7 lost  " in told(session, synthetic_frames(1))
 
 
+def test_a_replay_says_how_far_it_is_beside_what_it_shows(session) -> None:
+    console = Console(file=io.StringIO(), width=80)
+    status = StatusLine(session.station, None, console, progress=lambda: "43 % done, 12 s left")
+    for event in session.events:
+        status.on_event(event)
+    status.on_event(LinkEvent(0, 0, LinkKind.STREAMING, "valid frames come"))
+    status.on_results(NewResults.of(list(synthetic_frames(301, trouble=False))), session)
+    line = status.line().plain
+    assert len(line) <= 80
+    for words in ("43 % done, 12 s left", "100.0 % identified", "dRA*", "dDE"):
+        assert words in line
+
+
 def test_an_unsynchronised_clock_is_shouted(session) -> None:
     session.clock = [ClockReading(0, 0, "unsynchronised", False, 0.0, 16.0)]
     assert "clock NOT synchronised" in told(session, synthetic_frames(1))
@@ -125,8 +139,8 @@ def test_before_the_first_frame_nothing_is_claimed(session) -> None:
 def test_moments_are_those_of_numpy() -> None:
     values = [1.0, 4.0, -2.0, 7.5]
     moments = Moments()
-    for value in values:
-        moments.add(value)
+    moments.add(np.array(values[:1]))
+    moments.add(np.array(values[1:]))
     assert moments.mean == pytest.approx(2.625)
     assert moments.std == pytest.approx(np.std(values, ddof=1))
     assert moments.nea == pytest.approx(((9 + 36 + 90.25) / 6) ** 0.5)
@@ -142,6 +156,34 @@ def test_running_figures_count_answers_limits_and_false_ones(session) -> None:
     assert running.d_ra.n - running.inside == 2
     assert running.false_answers == sum(frame.answer_check is AnswerCheck.FALSE for frame in frames) == 0
     assert running.frames_per_s == pytest.approx(10)
+
+
+@pytest.mark.parametrize("batch", [1, 30])
+def test_frames_without_sky_do_not_count_as_missing_answers(session, batch: int) -> None:
+    running = Running(session.station.limits)
+    frames = [
+        replace(frame, status=Status.TOO_FEW, attitude_error=None) if 60 <= number < 360 else frame
+        for number, frame in enumerate(synthetic_frames(600, trouble=False))
+    ]
+    for first in range(0, len(frames), batch):
+        if first == 120:  # the sky is found out seconds after it has gone, and after it has come back
+            running.add_event(LinkEvent(0, 0, StationKind.NO_STARS, "lens cap"))
+            assert running.outside(0) == ("availability 50.0 % (limit 95 %)",), "six seconds are no stretch yet"
+        if first == 390:
+            running.add_event(LinkEvent(0, 0, StationKind.CLEAR, "stars are seen"))
+        running.add(NewResults.of(frames[first : first + batch]).rows)
+    assert running.without_sky == 300
+    assert running.identified == 1
+    assert running.outside(0) == ()
+
+
+def test_frames_without_an_answer_below_a_clear_sky_count(session) -> None:
+    running = Running(session.station.limits)
+    frames = list(synthetic_frames(200, trouble=False))
+    failing = [replace(frame, status=Status.TOO_FEW, attitude_error=None) for frame in frames[100:]]
+    running.add_event(LinkEvent(0, 0, StationKind.CLEAR, "stars are seen"))
+    running.add(NewResults.of([*frames[:100], *failing]).rows)
+    assert running.outside(0) == ("availability 50.0 % (limit 95 %)",)
 
 
 def test_lost_frames_make_the_verdict_panel_bad_though_all_that_came_were_identified(session) -> None:
