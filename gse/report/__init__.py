@@ -1,7 +1,7 @@
 """The report of a session: report.json, report.html, frames.csv, junit.xml, and the verdict on the terminal.
 
 Shows what ``assessment`` decided and decides nothing. May not import sessions or cli. What draws is in
-``gse.report.files``: who needs the figures alone does not wait for matplotlib.
+``gse.report.session_plots``: code that needs the numbers alone does not wait for matplotlib.
 """
 
 from gse.report.summary import summarise

@@ -24,27 +24,27 @@ _MOST_STRETCHES = 500
 _ALPHA = 0.25
 
 
-def draw_sky_condition(figure: Figure, drawn: PlotData) -> None:
+def draw_sky_condition(figure: Figure, data: PlotData) -> None:
     """Shares above, the magnitude of the faintest star below; coloured where the sky was not clear."""
     set_margins(figure, bottom_in=0.75, top_in=0.1)
     top, bottom = figure.subplots(2, 1, sharex=True)
-    line(top, drawn, seen_share(drawn.frames), GREEN, "stars seen of those expected")
-    line(top, drawn, drawn.frames["transparency"].astype(np.float64), BLUE, "transparency")
+    line(top, data, seen_share(data.frames), GREEN, "stars seen of those expected")
+    line(top, data, data.frames["transparency"].astype(np.float64), BLUE, "transparency")
     top.set_ylim(-0.03, 1.08)
     top.yaxis.set_major_formatter(PercentFormatter(1.0))
-    line(bottom, drawn, drawn.frames["limiting_mag"].astype(np.float64), ORANGE, "faintest star")
+    line(bottom, data, data.frames["limiting_mag"].astype(np.float64), ORANGE, "faintest star")
     bottom.set_ylabel("magnitude")
     bottom.invert_yaxis()
-    shown = _shade((top, bottom), drawn)
+    shown = _shade((top, bottom), data)
     handles, labels = top.get_legend_handles_labels()
     handles += [Patch(color=hex_of(_COLOURS[name]), alpha=_ALPHA) for name in shown]
     figure.legend(handles, [*labels, *(name.value for name in shown)], loc="lower center", ncols=6)
     time_axis(bottom)
 
 
-def _shade(panels: tuple[Axes, ...], drawn: PlotData) -> list[SkyCondition]:
+def _shade(panels: tuple[Axes, ...], data: PlotData) -> list[SkyCondition]:
     """Colour the stretches that are not clear; which conditions they have."""
-    codes, utc = drawn.frames["sky_condition"], drawn.utc
+    codes, utc = data.frames["sky_condition"], data.utc
     if not len(codes):
         return []
     begins = np.concatenate([[0], np.flatnonzero(np.diff(codes)) + 1])

@@ -1,4 +1,4 @@
-"""Fewer points that look the same: figures of a long night must stay small."""
+"""Fewer points that look the same: plots of a long session must stay small."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +16,13 @@ def extremes(values: NDArray[np.float64], bins: int = BINS) -> NDArray[np.int64]
     if n <= 4 * bins:
         return np.arange(n)
     edges = np.linspace(0, n, bins + 1).astype(np.int64)
-    low = np.where(np.isnan(values), np.inf, values)
-    high = np.where(np.isnan(values), -np.inf, values)
     kept = [edges[:-1], edges[1:] - 1]
-    kept += [_places(low, edges, np.minimum), _places(high, edges, np.maximum)]
+    kept += [_places(values, edges, extreme) for extreme in (np.fmin, np.fmax)]
     return np.unique(np.concatenate(kept))
 
 
 def _places(values: NDArray[np.float64], edges: NDArray[np.int64], extreme: np.ufunc) -> NDArray[np.int64]:
-    """The first row of each bin that holds its extreme value."""
+    """The first row of each bin that holds its extreme value; none of a bin of NaN alone."""
     best = np.repeat(extreme.reduceat(values, edges[:-1]), np.diff(edges))
     rows = np.flatnonzero(values == best)
     bin_of_row = np.searchsorted(edges, rows, side="right") - 1

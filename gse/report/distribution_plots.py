@@ -22,11 +22,11 @@ _POINT = 1.0
 _AXES = (("d_ra_cosde_arcsec", "dRA*", SKY_BLUE), ("d_de_arcsec", "dDE", ORANGE))
 
 
-def draw_scatter(figure: Figure, drawn: PlotData) -> None:
+def draw_scatter(figure: Figure, data: PlotData) -> None:
     """dRA* and dDE of the frames, as they lie within the limits, and close up with the 1 and 3 sigma rings."""
     wide, close = figure.subplots(1, 2)
-    limits = drawn.session.station.limits
-    x, y = drawn.used("d_ra_cosde_arcsec"), drawn.used("d_de_arcsec")
+    limits = data.session.station.limits
+    x, y = data.used("d_ra_cosde_arcsec"), data.used("d_de_arcsec")
     box = (limits.d_ra_cosde_arcsec, limits.d_de_arcsec)
     scale, unit = unit_of(max(edge_of(x, box[0]), edge_of(y, box[1])))
     x, y, box = x * scale, y * scale, (box[0] * scale, box[1] * scale)
@@ -36,7 +36,7 @@ def draw_scatter(figure: Figure, drawn: PlotData) -> None:
     edge = max(edge_of(x, box[0]), edge_of(y, box[1]))
     wide.set_xlim(-edge, edge)
     wide.set_ylim(-edge, edge)
-    wide.set_title(f"{drawn.subject}: within the limits (box)")
+    wide.set_title(f"{data.subject}: within the limits (box)")
     _points(close, x, y)
     if len(x) > 2:
         _rings(close, x, y)
@@ -67,10 +67,10 @@ def _rings(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
     axes.set_ylim(mean[1] - half, mean[1] + half)
 
 
-def draw_histogram(figure: Figure, drawn: PlotData) -> None:
+def draw_histogram(figure: Figure, data: PlotData) -> None:
     """Histograms of both errors with the normal curve of the same mean and standard deviation."""
     for axes, (name, label, colour) in zip(figure.subplots(1, 2), _AXES, strict=True):
-        values = drawn.used(name)
+        values = data.used(name)
         scale, unit = unit_of(abs(float(values.mean())) if len(values) else 0.0)
         values = values * scale
         axes.set_xlabel(f"{label} ({unit})")
@@ -92,17 +92,15 @@ def draw_histogram(figure: Figure, drawn: PlotData) -> None:
         axes.set_ylim(0, 1.15 * float(np.max(counts)))
 
 
-def draw_spectrum(figure: Figure, drawn: PlotData) -> None:
+def draw_spectrum(figure: Figure, data: PlotData) -> None:
     """Power spectral density of both errors."""
     axes = figure.subplots()
-    utc_ns = drawn.used("utc_ns")
-    time_s = (utc_ns - utc_ns[0]) / 1e9 if len(utc_ns) else np.empty(0)
-    time_s, first = np.unique(time_s, return_index=True)
+    time_s, first = _instants(data)
     for (name, label, _), colour in zip(_AXES, (BLUE, ORANGE), strict=True):
-        frequency, density = power_density(time_s, drawn.used(name)[first])
+        frequency, density = power_density(time_s, data.used(name)[first])
         if len(frequency):
             axes.loglog(frequency, density, color=hex_of(colour), label=label)
-    axes.set_title(f"{drawn.subject}: spectrum of the errors less their mean")
+    axes.set_title(f"{data.subject}: spectrum of the errors less their mean")
     axes.set_xlabel("frequency (Hz)")
     axes.set_ylabel("arcsec² / Hz")
     if axes.lines:
@@ -110,3 +108,11 @@ def draw_spectrum(figure: Figure, drawn: PlotData) -> None:
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_formatter("{x:g}")
             axis.set_minor_locator(LogLocator(subs=(2, 5)))
+
+
+def _instants(data: PlotData) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Times of the good frames since the first, each once, and which of the frames (M,) are the first of their time."""
+    utc_ns = data.used("utc_ns")
+    time_s = (utc_ns - utc_ns[0]) / 1e9 if len(utc_ns) else np.empty(0)
+    first = np.diff(time_s, prepend=-1.0) > 0
+    return time_s[first], first

@@ -21,13 +21,18 @@ _FILES = ("report.html", "frames.csv", "junit.xml", "provenance.json", "report.j
 
 
 def write_report(
-    session: SessionData, assessment: Assessment, folder: Path, made_by: Provenance | None = None
+    session: SessionData,
+    assessment: Assessment,
+    folder: Path,
+    made_by: Provenance | None = None,
+    *,
+    plots: bool = True,
 ) -> dict[str, Path]:
     """Write report.json, report.html, frames.csv, junit.xml and provenance.json; their paths by name.
 
     All but provenance.json and the last page of report.html, which say what the report is ``made_by``, follow from the
     session, its station file and the version alone. An earlier report in the folder is replaced, each file whole or
-    not at all. report.json comes last: where it stands, the report is whole.
+    not at all. report.json comes last: where it stands, the report is whole. ``plots`` are most of the time it takes.
     """
     if not folder.is_dir():
         raise UsageError(f"cannot write the report into {folder}: there is no such folder")
@@ -36,9 +41,9 @@ def write_report(
     rows = frames_csv(session.frames.columns, assessment.statistics.own, session.subject)
     paths = {name: folder / name for name in _FILES}
     try:
-        with ThreadPoolExecutor(1) as beside:  # most of frames.csv is Arrow's work, which lets the figures be drawn
+        with ThreadPoolExecutor(1) as beside:  # most of frames.csv is Arrow's work, which lets the plots be drawn
             csv = beside.submit(write_whole, paths["frames.csv"], rows)
-            write_whole(paths["report.html"], [report_html(session, assessment, report, made_by)])
+            write_whole(paths["report.html"], [report_html(session, assessment, report, made_by, plots=plots)])
         csv.result()
         write_whole(paths["junit.xml"], [junit_xml(report)])
         write_whole(paths["provenance.json"], [_json(made_by | {"report_sha256": report_sha256(report)})])

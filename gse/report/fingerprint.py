@@ -1,4 +1,4 @@
-"""The fingerprint that report.html carries: of which session, station file and figures it is."""
+"""The fingerprint that report.html carries: of which session, station file and statistics it is."""
 
 import hashlib
 import html

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pyarrow.csv import WriteOptions, write_csv
 
 from gse.assessment.sensor_answers import SensorAnswers
+from gse.station.frame_columns import Columns
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
 from gse.station.housekeeping import MODES
 from gse.station.results import Subject
@@ -43,9 +44,7 @@ _WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS, "sky_condition": SK
 _SENSOR = tuple(field.name for field in fields(SensorAnswers))
 
 
-def frames_csv(
-    frames: NDArray[np.void], own: SensorAnswers | None = None, subject: Subject = Subject.ONBOARD
-) -> Iterator[str]:
+def frames_csv(frames: Columns, own: SensorAnswers | None = None, subject: Subject = Subject.ONBOARD) -> Iterator[str]:
     """Rows of FRAME as text, UTC first; cells of unknown values are empty. It comes in parts: a session has 60 MB.
 
     Columns of answers begin with their ``subject``; those that came beside panoramas with ``sensor_``.

@@ -3,6 +3,8 @@
 import xml.etree.ElementTree as ET
 from typing import Any
 
+from gse.report.terminal import is_simple, risk_text
+
 
 def junit_xml(report: dict[str, Any]) -> str:
     """One test case per row of a report and one for the verdict.
@@ -44,6 +46,8 @@ def _case(measurement: dict[str, Any], report: dict[str, Any]) -> ET.Element:
     text += "no limit stated" if measurement["limit"] is None else f"limit {limit}"
     if measurement["relative"]:
         text += "; relative to a mount fitted on the same sky: absolute pointing, site and clock not tested"
+    if is_simple(report) and "false_pass_risk" in measurement:
+        text += f"; decided by the value alone, risk of a false PASS {risk_text(measurement)}"
     if measurement["outcome"] == "FAIL":
         ET.SubElement(case, "failure", message=text).text = measurement["reason"]
     elif measurement["outcome"] == "INCONCLUSIVE":

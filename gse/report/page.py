@@ -4,7 +4,6 @@ import functools
 import itertools
 import json
 from collections.abc import Callable
-from functools import partial
 from importlib import resources
 from typing import Any
 
@@ -14,36 +13,14 @@ from markupsafe import Markup, escape
 
 from drivers.outside_text import plain_lines
 from gse import instant
-from gse.assessment.sensor_convention import is_wrong
-from gse.assessment.statistics import Statistics, sensor_masks
+from gse.assessment.sky_summary import zero_point_mag
 from gse.assessment.verdict import Assessment
-from gse.report.condition_plots import draw_sky_condition
-from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_spectrum
 from gse.report.fingerprint import canonical, fingerprint
 from gse.report.metric_table import metric_table
-from gse.report.plot_data import PlotData
 from gse.report.provenance import Provenance
-from gse.report.sky_plots import draw_residual_map, draw_sky
-from gse.report.svg import svgs_of
-from gse.report.terminal import quantity
-from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_timelines
+from gse.report.terminal import is_simple, quantity, risk_text
+from gse.station.results import Subject
 from gse.station.session_data import SessionData
-
-_PLOTS_OF_SUBJECT = (
-    ("errors", 4.0, draw_errors),
-    ("paper", 3.6, draw_paper),
-    ("scatter", 3.6, draw_scatter),
-    ("histogram", 2.4, draw_histogram),
-    ("spectrum", 2.6, draw_spectrum),
-)
-_PLOTS = (
-    ("sky", 3.2, draw_sky),
-    ("sky_condition", 3.2, draw_sky_condition),
-    ("residuals", 4.6, draw_residual_map),
-    ("identification", 2.4, draw_identification_time),
-    ("timelines", 4.4, draw_timelines),
-)
-"""Name, height in inches, and what draws it."""
 
 _AXIS_NAMES = {
     "d_ra_cosde": "dRA*",
@@ -66,33 +43,34 @@ _AXIS_COLUMNS = (
     ("nea_arcsec", "NEA"),
 )
 _MAX_EVENTS = 200
+NO_PLOTS = '<meta name="gse-plots" content="none">'
+"""In the head of a page without plots."""
 _ARCSEC_PER_DEG = 3600.0
 
 
 def report_html(
-    session: SessionData, assessment: Assessment, report: dict[str, Any], made_by: Provenance | None = None
+    session: SessionData,
+    assessment: Assessment,
+    report: dict[str, Any],
+    made_by: Provenance | None = None,
+    *,
+    plots: bool = True,
 ) -> str:
     """The page of a session; all but its last section, which says what it is ``made_by``, follows from the session."""
-    drawn = plot_data(session, assessment.statistics)
     times_recorded = bool((np.nan_to_num(session.frames.columns["elapsed_us"]) > 0).any())
-    wanted = [
-        (name, height_in, partial(draw, drawn=drawn[0]))
-        for name, height_in, draw in _PLOTS
-        if name != "identification" or times_recorded
-    ]
-    for of_subject in drawn:
-        wanted += [
-            (f"{of_subject.subject}-{name}", height_in, partial(draw, drawn=of_subject))
-            for name, height_in, draw in _PLOTS_OF_SUBJECT
-        ]
-    plots = svgs_of(wanted)
+    sends_panoramas = session.subject is not Subject.SENSOR
+    drawn = _drawn(session, assessment, times_recorded=times_recorded) if plots else None
     return _template().render(
         report=report,
+        simple=is_simple(report),
         fingerprint=canonical(fingerprint(report)),
         style=_resource("report.css"),
         caption=numbered("Table", "caption"),
-        plot=_plot(plots),
+        without_plots=NO_PLOTS if drawn is None else "",
+        plot=_plot(drawn),
         times_recorded=times_recorded,
+        sends_panoramas=sends_panoramas,
+        zero_point_mag=zero_point_mag(session.frames.columns),
         axis_names=_AXIS_NAMES,
         axis_columns=_AXIS_COLUMNS,
         metric_tables={subject: metric_table(report["metrics"], subject) for subject in report["accuracy"]},
@@ -104,23 +82,19 @@ def report_html(
     )
 
 
+def _drawn(session: SessionData, assessment: Assessment, *, times_recorded: bool) -> dict[str, str]:
+    from gse.report.session_plots import session_plots  # a page without plots does not wait for matplotlib
+
+    return session_plots(session, assessment.statistics, times_recorded=times_recorded)
+
+
 @functools.cache
 def _template() -> jinja2.Template:
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters.update(quantity=quantity_text, number=_number, angle=_angle, given=_given)
+    environment.filters.update(quantity=quantity_text, number=_number, angle=_angle, given=_given, risk=risk_text)
     return environment.from_string(_resource("report.html.jinja"))
-
-
-def plot_data(session: SessionData, stats: Statistics) -> list[PlotData]:
-    """What each subject's plots are drawn from, that of the frame table first."""
-    drawn = [PlotData.of(session, stats.counted)]
-    if stats.own is not None:
-        _, used = sensor_masks(stats.own, session.frames.columns, stats.counted)
-        used &= not is_wrong(stats.convention, session.station.sensor.attitude)
-        drawn.append(PlotData.of_sensor(session, stats.own, used, stats.counted))
-    return drawn
 
 
 def numbered(word: str, element: str) -> Callable[[str], Markup]:
@@ -129,9 +103,12 @@ def numbered(word: str, element: str) -> Callable[[str], Markup]:
     return lambda text: Markup(f"<{element}>{word} {next(numbers)}. {escape(text)}</{element}>")
 
 
-def _plot(plots: dict[str, str]) -> Callable[[str, str], Markup]:
+def _plot(svgs: dict[str, str] | None) -> Callable[[str, str], Markup]:
+    """A function that gives the plot of a name with its numbered caption; nothing where none is drawn."""
+    if svgs is None:
+        return lambda name, text: Markup("")
     caption = numbered("Figure", "figcaption")
-    return lambda name, text: Markup(f"<figure>{plots[name]}{caption(text)}</figure>")
+    return lambda name, text: Markup(f"<figure>{svgs[name]}{caption(text)}</figure>")
 
 
 def _in_words(key: str, value: Any) -> str:

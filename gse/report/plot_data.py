@@ -1,4 +1,4 @@
-"""What the figures of a report are drawn from."""
+"""What the plots of a report are drawn from."""
 
 from dataclasses import dataclass
 from typing import Any, Self
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from gse.assessment.counted_frames import CountedFrames
 from gse.assessment.sensor_answers import SensorAnswers
 from gse.station.exclusions import Exclusion
+from gse.station.frame_columns import Columns, InOrder
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 
@@ -20,14 +21,15 @@ _ARCSEC_PER_DEG = 3600.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlotData:
-    """Frames of a night in order of time, and which of them the accuracy figures are taken over.
+    """Frames of a session in order of time, and which of them the accuracy is taken over.
 
-    ``frames`` are rows of FRAME, ``utc`` (N,) their instants, ``good`` (N,) marks identified frames that are neither
-    false nor left out; ``unidentified`` (N,) those without an answer. All is of one ``subject``.
+    ``frames`` are columns (N,) with the names of FRAME, ``utc`` (N,) their instants, ``good`` (N,) marks identified
+    frames that are neither false nor left out; ``unidentified`` (N,) those without an answer. All is of one
+    ``subject``. Columns in order are those of the session, without a copy.
     """
 
     session: SessionData
-    frames: NDArray[np.void]
+    frames: Columns
     utc: NDArray[np.datetime64]
     good: NDArray[np.bool_]
     unidentified: NDArray[np.bool_]
@@ -35,15 +37,10 @@ class PlotData:
     subject: Subject = Subject.ONBOARD
 
     @classmethod
-    def of(cls, session: SessionData, counted: CountedFrames) -> "PlotData":
-        """The frames of a session; ``counted`` decides which of them the accuracy is drawn of."""
-        frames = session.frames.columns
-        used, answered = counted.used, counted.answered
-        if (np.diff(frames["utc_ns"]) < 0).any():  # a step of the clock; a copy of a long session is 40 MB
-            order = np.argsort(frames["utc_ns"], kind="stable")
-            frames, used, answered = frames[order], used[order], answered[order]
-        utc = frames["utc_ns"].astype("datetime64[ns]")
-        return cls(session, frames, utc, used, ~answered, counted.exclusions, session.subject)
+    def of(cls, session: SessionData, counted: CountedFrames) -> Self:
+        """The frames of a session; ``counted`` decides which of them the accuracy is taken over."""
+        table = session.frames.columns
+        return cls._in_order(session, table, (counted.used, ~counted.answered), counted.exclusions, session.subject)
 
     @classmethod
     def of_sensor(
@@ -51,15 +48,24 @@ class PlotData:
     ) -> Self:
         """The sensor's own answers beside panoramas, in columns of the same names."""
         table = session.frames.columns
-        frames = np.empty(len(table), dtype=[(name, table.dtype[name]) for name in _OF_ANSWERS])
-        for name in _OF_ANSWERS:
-            frames[name] = getattr(own, name) if hasattr(own, name) else table[name]
-        acquired = own.acquired
-        if (np.diff(frames["utc_ns"]) < 0).any():
-            order = np.argsort(frames["utc_ns"], kind="stable")
-            frames, used, acquired = frames[order], used[order], acquired[order]
-        utc = frames["utc_ns"].astype("datetime64[ns]")
-        return cls(session, frames, utc, used, ~acquired, counted.exclusions, Subject.SENSOR)
+        columns = {name: getattr(own, name) if hasattr(own, name) else table[name] for name in _OF_ANSWERS}
+        return cls._in_order(session, columns, (used, ~own.acquired), counted.exclusions, Subject.SENSOR)
+
+    @classmethod
+    def _in_order(
+        cls,
+        session: SessionData,
+        columns: Columns,
+        masks: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+        exclusions: tuple[Exclusion, ...],
+        subject: Subject,
+    ) -> Self:
+        good, unidentified = masks
+        if (np.diff(columns["utc_ns"]) < 0).any():  # a step of the clock
+            order = np.argsort(columns["utc_ns"], kind="stable")
+            columns = InOrder(columns, order)
+            good, unidentified = good[order], unidentified[order]
+        return cls(session, columns, columns["utc_ns"].view("datetime64[ns]"), good, unidentified, exclusions, subject)
 
     def used(self, name: str) -> NDArray[Any]:
         """A column of the good frames."""
@@ -73,7 +79,7 @@ def unit_of(edge_arcsec: float) -> tuple[float, str]:
 
 
 def edge_of(values: NDArray[np.float64], limit: float) -> float:
-    """The range that a figure needs: 1.3 limits, or more where most of the values lie further out."""
+    """The range that a plot needs: 1.3 limits, or more where most of the values lie further out."""
     finite = np.abs(values[np.isfinite(values)])
     most = float(np.percentile(finite, _EDGE_PERCENTILE)) if len(finite) else 0.0
     return max(1.3 * limit, 1.2 * most)

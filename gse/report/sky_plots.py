@@ -21,22 +21,24 @@ _CELLS = 12
 _FEWEST = 3
 _MATCHES_AT_ONCE = 1 << 16
 _NEAR_POLE_DEG = 75.0
+_ANGLES = ("ra_deg", "de_deg", "roll_deg", "ra_true_deg", "de_true_deg")
 
 
-def draw_sky(figure: Figure, drawn: PlotData) -> None:
+def draw_sky(figure: Figure, data: PlotData) -> None:
     """Measured and true boresight on the sky, and the field of view at the beginning and the end."""
-    answered = np.flatnonzero(~drawn.unidentified)
-    measured = drawn.frames[answered[sample(len(answered), _MAX_POINTS)]]
+    answered = np.flatnonzero(~data.unidentified)
+    rows = answered[sample(len(answered), _MAX_POINTS)]
+    measured = {name: data.frames[name][rows] for name in _ANGLES}
     set_margins(figure, right_in=1.4)
-    near_pole = len(measured) > 0 and bool(np.abs(measured["de_deg"]).max() > _NEAR_POLE_DEG)
+    near_pole = len(rows) > 0 and bool(np.abs(measured["de_deg"]).max() > _NEAR_POLE_DEG)
     axes = figure.subplots(subplot_kw={"projection": "polar"} if near_pole else {})
-    place = _Places(axes, measured, polar=near_pole)
+    place = _Places(axes, measured["ra_deg"], measured["de_deg"], polar=near_pole)
     place.draw(measured["ra_true_deg"], measured["de_true_deg"], color=hex_of(VERMILLION), linewidth=4, label="true")
     place.draw(measured["ra_deg"], measured["de_deg"], color=hex_of(BLUE), linewidth=1, label="measured")
-    camera = drawn.session.station.sensor.camera()
-    for frame, style in ((measured[:1], ":"), (measured[-1:], "-")):
-        if len(frame):
-            place.draw(*_outline(frame[0], camera), color=hex_of(GREEN), linestyle=style)
+    camera = data.session.station.sensor.camera()
+    for row, style in ((0, ":"), (-1, "-")) if len(rows) else ():
+        ra_deg, de_deg, roll_deg = (float(measured[name][row]) for name in ("ra_deg", "de_deg", "roll_deg"))
+        place.draw(*_outline(ra_deg, de_deg, roll_deg, camera), color=hex_of(GREEN), linestyle=style)
     axes.plot([], [], color=hex_of(GREEN), linestyle=":", label="field, first frame")
     axes.plot([], [], color=hex_of(GREEN), label="field, last frame")
     axes.set_title("Boresight on the sky (ICRS)")
@@ -46,14 +48,14 @@ def draw_sky(figure: Figure, drawn: PlotData) -> None:
 class _Places:
     """Right ascension to the left and declination up; about the pole, right ascension around and its distance out."""
 
-    def __init__(self, axes: Axes, frames: NDArray[np.void], *, polar: bool) -> None:
+    def __init__(self, axes: Axes, ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64], *, polar: bool) -> None:
         self._axes, self._polar = axes, polar
-        self._sign = 1.0 if not len(frames) or frames["de_deg"].mean() >= 0 else -1.0
-        self._zero_deg = float(frames["ra_deg"][0]) if len(frames) else 0.0
+        self._sign = 1.0 if not len(de_deg) or de_deg.mean() >= 0 else -1.0
+        self._zero_deg = float(ra_deg[0]) if len(ra_deg) else 0.0
         if polar:
             return
-        de_deg = float(np.median(frames["de_deg"])) if len(frames) else 0.0
-        axes.set_aspect(1 / max(np.cos(np.radians(de_deg)), 0.1), adjustable="datalim")
+        middle_deg = float(np.median(de_deg)) if len(de_deg) else 0.0
+        axes.set_aspect(1 / max(np.cos(np.radians(middle_deg)), 0.1), adjustable="datalim")
         axes.xaxis.set_inverted(True)
         axes.set_xlabel("RA (deg)")
         axes.set_ylabel("DE (deg)")
@@ -67,20 +69,23 @@ class _Places:
         self._axes.plot(turned, de_deg, **style)
 
 
-def _outline(frame: np.void, camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    attitude = Attitude.from_angles(frame["ra_deg"], frame["de_deg"], np.nan_to_num(frame["roll_deg"]))
+def _outline(
+    ra_deg: float, de_deg: float, roll_deg: float, camera: Camera
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """RA and DE (M,) of the edge of the field; an answer of RA and DE alone has no roll."""
+    attitude = Attitude.from_angles(ra_deg, de_deg, np.nan_to_num(roll_deg))
     x, y, z = field_outline_icrs(attitude, camera).T
-    ra_deg = np.degrees(np.arctan2(y, x))
+    edge_ra_deg = np.degrees(np.arctan2(y, x))
     # The outline begins near the boresight's own right ascension, not a turn away.
-    ra_deg += 360 * np.round((frame["ra_deg"] - ra_deg[0]) / 360)
-    return ra_deg, np.degrees(np.arctan2(z, np.hypot(x, y)))
+    edge_ra_deg += 360 * np.round((ra_deg - edge_ra_deg[0]) / 360)
+    return edge_ra_deg, np.degrees(np.arctan2(z, np.hypot(x, y)))
 
 
-def draw_residual_map(figure: Figure, drawn: PlotData) -> None:
+def draw_residual_map(figure: Figure, data: PlotData) -> None:
     """Mean residual of the stars in each cell of the detector, as an arrow, and its rms as a colour."""
     set_margins(figure, top_in=0.45)
     axes = figure.subplots()
-    camera, matches = drawn.session.station.sensor.camera(), drawn.session.frames.matches
+    camera, matches = data.session.station.sensor.camera(), data.session.frames.matches
     pixel_arcsec = camera.pixel_rad * ARCSEC_PER_RAD
     axes.set_title("Residuals of the stars over the detector")
     axes.set_xlabel("column (px)")

@@ -43,9 +43,9 @@ def _on_slots(
 ) -> tuple[NDArray[np.float64], int]:
     """The errors less their mean, one for each step of time, and how many there are."""
     slot = np.rint((time_s - time_s[0]) / step_s).astype(np.int64)
-    drawn = slot < _MAX_SLOTS
-    errors = np.bincount(slot[drawn], error_arcsec[drawn] - error_arcsec[drawn].mean())
-    return np.asarray(errors, dtype=np.float64), int(drawn.sum())
+    drawn = int(np.searchsorted(slot, _MAX_SLOTS))
+    errors = np.bincount(slot[:drawn], error_arcsec[:drawn] - error_arcsec[:drawn].mean())
+    return np.asarray(errors, dtype=np.float64), drawn
 
 
 def _averaged(

@@ -163,7 +163,9 @@ def _sky(session: SessionData) -> dict[str, Any] | None:
     if summary is None:
         return None
     values = {field.name: getattr(summary, field.name) for field in dataclasses.fields(summary)}
-    return values | {"stretches": [_stretch(item) for item in summary.stretches]}
+    stated_mag = session.station.sensor.zero_point_mag
+    stated = {} if stated_mag is None else {"stated_zero_point_mag": stated_mag}
+    return values | {"stretches": [_stretch(item) for item in summary.stretches]} | stated
 
 
 def _stretch(item: SkyStretch) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The figures of a report, as SVG text."""
+"""The plots of a report, as SVG text."""
 
 import io
 import re
@@ -9,12 +9,16 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from gse.drawing.palette import GREY, hex_of
+from gse.release_memory import give_back_garbage
 
 WIDTH_IN = 7.2
 """The printed width of A4 less its margins."""
 
 _LEFT_IN = 0.75
 """Room for a label of two lines and for numbers of six characters."""
+
+_RIGHT_IN = 0.32
+"""Room for half of a time to the second, whose mark may be at the end of the axis."""
 
 _STYLE = {
     "svg.fonttype": "path",
@@ -46,14 +50,18 @@ Draw = Callable[[Figure], None]
 
 def svgs_of(plots: Iterable[tuple[str, float, Draw]]) -> dict[str, str]:
     """SVG elements by name, of each plot's name, height in inches and what draws it."""
+    elements = {}
     with mpl.rc_context({**mpl.rcParamsDefault, **_STYLE, "backend": "svg"}):
-        return {name: _svg_of(name, height_in, draw) for name, height_in, draw in plots}
+        for name, height_in, draw in plots:
+            elements[name] = _svg_of(name, height_in, draw)
+            give_back_garbage()
+    return elements
 
 
 def set_margins(
     figure: Figure,
     *,
-    right_in: float = 0.12,
+    right_in: float = _RIGHT_IN,
     bottom_in: float = 0.5,
     top_in: float = 0.3,
     between: tuple[float, float] = (0.25, 0.12),
@@ -79,7 +87,7 @@ def svg_of(name: str, height_in: float, draw: Draw) -> str:
 
 
 def _svg_of(name: str, height_in: float, draw: Draw) -> str:
-    """The SVG element that ``draw`` makes; ``name`` keeps its ids apart from those of other figures on the page."""
+    """The SVG element that ``draw`` makes; ``name`` keeps its ids apart from those of other plots on the page."""
     figure = Figure(figsize=(WIDTH_IN, height_in))
     set_margins(figure)
     draw(figure)
@@ -90,6 +98,6 @@ def _svg_of(name: str, height_in: float, draw: Draw) -> str:
 
 
 def _renumbered(svg: str, name: str) -> str:
-    """The figure with its ids numbered in their order: some of matplotlib's are addresses in memory."""
+    """The plot with its ids numbered in their order: some of matplotlib's are addresses in memory."""
     numbers: dict[str, str] = {}
     return _IDS.sub(lambda found: numbers.setdefault(found[0], f"{name}-{len(numbers)}"), svg)

@@ -9,12 +9,16 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from gse.assessment.decision import Outcome
+from gse.limits import Decision
+
 _COLOURS = {"PASS": "green", "FAIL": "red", "INCONCLUSIVE": "yellow"}
+_LEAST_RISK = 1e-3
 _HEAD = ("subject", "row", "value", "U 95 %", "limit", "outcome")
 
 
 def print_verdict(report: dict[str, Any], console: Console | None = None) -> None:
-    """Print a report (as ``summarise`` gives it) to stdout; without boxes and colours where that is no terminal."""
+    """Print a report (as ``summarise`` gives it) to stdout; without boxes and colours where that is not a terminal."""
     console = console or Console(highlight=False)
     if not console.is_terminal:
         console.print("\n".join(plain_lines(report)), markup=False, soft_wrap=True)
@@ -24,7 +28,7 @@ def print_verdict(report: dict[str, Any], console: Console | None = None) -> Non
     head = Text(headline(report["word"], simulated=report["simulated"]), style=f"bold {colour}")
     console.print(Panel(Text("\n").join([head, *reasons]), border_style=colour, expand=False))
     console.print()
-    console.print(_table(_HEAD[1:], _below_subjects(measurement_rows(report))))
+    console.print(_table(_head(report)[1:], _below_subjects(measurement_rows(report))))
     console.print()
     console.print(_table(TABLE_4_1_HEAD, table_4_1_rows(report)))
     console.print()
@@ -37,7 +41,7 @@ def plain_lines(report: dict[str, Any]) -> list[str]:
         headline(report["word"], simulated=report["simulated"]),
         *(f"  {reason}" for reason in report["reasons"]),
         "",
-        *aligned(_HEAD, measurement_rows(report)),
+        *aligned(_head(report), measurement_rows(report)),
         "",
         *aligned(TABLE_4_1_HEAD, table_4_1_rows(report)),
         "",
@@ -49,16 +53,37 @@ TABLE_4_1_HEAD = ("as table 4-1 of the LAPAN paper", "|dRA| deg", "arcmin", "|dD
 
 
 def measurement_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Subject, name, value, uncertainty, limit and outcome of each row."""
+    """Subject, name, value, uncertainty, limit and outcome of each row, by simple acceptance with its risk."""
+    simple = is_simple(report)
     return [
         (
             item["subject"],
             item["name"] + (" (relative)" if item["relative"] else ""),
             *(quantity(item[key], item["unit"]) for key in ("value", "uncertainty", "limit")),
             item["outcome"],
+            *([risk_text(item)] if simple else []),
         )
         for item in report["measurements"]
     ]
+
+
+def _head(report: dict[str, Any]) -> tuple[str, ...]:
+    return (*_HEAD, "risk of a false PASS") if is_simple(report) else _HEAD
+
+
+def is_simple(report: dict[str, Any]) -> bool:
+    """Whether values alone decide."""
+    return bool(report["decision"]["rule"] == Decision.SIMPLE)
+
+
+def risk_text(row: dict[str, Any]) -> str:
+    """How often a sensor outside its limit is seen as a row that is PASS by its value alone."""
+    if row["outcome"] != Outcome.PASS:
+        return "-"
+    risk = row["false_pass_risk"]
+    if risk is None:
+        return "not known"
+    return f"{100 * risk:.1f} %" if risk >= _LEAST_RISK else f"below {100 * _LEAST_RISK:g} %"
 
 
 def headline(word: str, *, simulated: bool) -> str:
@@ -86,6 +111,8 @@ def facts(report: dict[str, Any]) -> list[str]:
         f"truth: known to {_amount(budget['ra_arcsec'])} in dRA* and {_amount(budget['de_arcsec'])} in dDE (95 %)",
     ]
     lines += external_lines(report.get("external_identifier"))
+    if is_simple(report):
+        lines.insert(0, "decision: simple: the value alone decides, uncertainty does not count")
     lines += sky_lines(report["sky"])
     lines += [f"excluded: {item['frames']} frames, {item['cause']}: {item['reason']}" for item in report["exclusions"]]
     lines += [f"not tested: {line}" for line in report["not_tested"]]
@@ -111,7 +138,9 @@ def sky_lines(sky: dict[str, Any] | None) -> list[str]:
     shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in sky["shares"].items())
     depth = "" if sky["limiting_mag"] is None else f"; stars to magnitude {sky['limiting_mag']:.1f}"
     seen = "" if sky["seen_share"] is None else f", {100 * sky['seen_share']:.0f} % of the expected ones"
-    return [f"sky: {shares}{depth}{seen}"]
+    is_own = "clear" in sky["shares"] and "stated_zero_point_mag" not in sky
+    against = " (against the clearest part of the session: thin cloud that stays is not told)" if is_own else ""
+    return [f"sky: {shares}{depth}{seen}{against}"]
 
 
 def quantity(value: float | None, unit: str) -> str:

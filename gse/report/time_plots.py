@@ -1,4 +1,4 @@
-"""Figures against time: the errors, as in figures 3-1 to 3-6 of [S], and what surrounds them."""
+"""Plots against time: the errors, as in figures 3-1 to 3-6 of [S], and what surrounds them."""
 
 from typing import Any
 
@@ -16,32 +16,33 @@ from gse.report.paper import LIMIT_DEG
 from gse.report.plot_data import PlotData, edge_of, unit_of
 from gse.report.svg import set_margins
 from gse.station.event_kinds import StationKind
+from gse.station.results import Subject
 from gse.view.running_statistics import LINK_COLOURS, LINK_WORDS
 
 _MAX_MARKS = 400
 _SHARE_BINS = 120
 _WITH_LEGEND_IN = 0.75
-"""The margin below a figure with its legend there."""
+"""The margin below a plot with its legend there."""
 
 _GAP_STEPS = 3
 """A line is broken where frames are this many median steps apart."""
 
 
-def draw_errors(figure: Figure, drawn: PlotData) -> None:
+def draw_errors(figure: Figure, data: PlotData) -> None:
     """dRA* and dDE with their limits, frames outside, frames without an answer, and stretches left out."""
-    limits = drawn.session.station.limits
+    limits = data.session.station.limits
     set_margins(figure, bottom_in=_WITH_LEGEND_IN)
     top, bottom = figure.subplots(2, 1, sharex=True)
-    _error_panel(top, drawn, "d_ra_cosde_arcsec", "dRA*", limits.d_ra_cosde_arcsec)
-    _error_panel(bottom, drawn, "d_de_arcsec", "dDE", limits.d_de_arcsec)
-    top.set_title(f"{drawn.subject}: dRA* = dRA cos DE, and dDE, against their limits")
+    _error_panel(top, data, "d_ra_cosde_arcsec", "dRA*", limits.d_ra_cosde_arcsec)
+    _error_panel(bottom, data, "d_de_arcsec", "dDE", limits.d_de_arcsec)
+    top.set_title(f"{data.subject}: dRA* = dRA cos DE, and dDE, against their limits")
     handles, labels = top.get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=5)
     time_axis(bottom)
 
 
-def _error_panel(axes: Axes, drawn: PlotData, name: str, label: str, limit: float) -> None:
-    values = np.where(drawn.good, drawn.frames[name], np.nan)
+def _error_panel(axes: Axes, data: PlotData, name: str, label: str, limit: float) -> None:
+    values = np.where(data.good, data.frames[name], np.nan)
     scale, unit = unit_of(edge_of(values, limit))
     text: str | None = f"limit {limit:g} arcsec"
     values, limit = values * scale, limit * scale
@@ -49,25 +50,25 @@ def _error_panel(axes: Axes, drawn: PlotData, name: str, label: str, limit: floa
     for sign in (1, -1):
         axes.axhline(sign * limit, color=hex_of(VERMILLION), linewidth=1, label=text)
         text = None
-    line(axes, drawn, values, SKY_BLUE, "measured - true")
+    line(axes, data, values, SKY_BLUE, "measured - true")
     outside = np.flatnonzero(np.abs(values) > limit)
     shown = outside[sample(len(outside), _MAX_MARKS)]
     clipped = np.clip(values[shown], -edge, edge)
     style: dict[str, Any] = {"linestyle": "", "markersize": 4}
-    axes.plot(drawn.utc[shown], clipped, marker="x", color=hex_of(VERMILLION), label="outside", **style)
-    missing = np.flatnonzero(drawn.unidentified)
+    axes.plot(data.utc[shown], clipped, marker="x", color=hex_of(VERMILLION), label="outside", **style)
+    missing = np.flatnonzero(data.unidentified)
     missing = missing[sample(len(missing), _MAX_MARKS)]
     ground = np.full(len(missing), -edge)
-    axes.plot(drawn.utc[missing], ground, marker="|", color=hex_of(ORANGE), label="no answer", **style)
-    _shade(axes, drawn)
+    axes.plot(data.utc[missing], ground, marker="|", color=hex_of(ORANGE), label="no answer", **style)
+    _shade(axes, data)
     axes.set_ylim(-1.05 * edge, 1.05 * edge)
     axes.set_ylabel(f"{label} ({unit})")
 
 
-def _shade(axes: Axes, drawn: PlotData) -> None:
-    for number, item in enumerate(drawn.exclusions):
+def _shade(axes: Axes, data: PlotData) -> None:
+    for number, item in enumerate(data.exclusions):
         axes.axvspan(_day(item.from_ns), _day(item.until_ns), color="#dddddd", label=None if number else "left out")
-    notes = [event for event in drawn.session.events if event.kind == StationKind.NOTE]
+    notes = [event for event in data.session.events if event.kind == StationKind.NOTE]
     for number, event in enumerate(notes):
         axes.axvline(
             _day(event.utc_ns), color=hex_of(GREY), linewidth=1, linestyle=":", label=None if number else "note"
@@ -79,83 +80,89 @@ def _day(utc_ns: int) -> float:
     return float(date2num(np.datetime64(utc_ns, "ns")))
 
 
-def draw_paper(figure: Figure, drawn: PlotData) -> None:
+def draw_paper(figure: Figure, data: PlotData) -> None:
     """dRA (not times cos DE) and dDE in degrees, as [S] draws them for each of its sensors."""
     top, bottom = figure.subplots(2, 1, sharex=True)
-    cos_de = np.cos(np.radians(drawn.frames["de_true_deg"]))
-    d_ra_deg = np.where(drawn.good, drawn.frames["d_ra_cosde_arcsec"], np.nan) / cos_de / 3600
-    d_de_deg = np.where(drawn.good, drawn.frames["d_de_arcsec"], np.nan) / 3600
+    cos_de = np.cos(np.radians(data.frames["de_true_deg"]))
+    d_ra_deg = np.where(data.good, data.frames["d_ra_cosde_arcsec"], np.nan) / cos_de / 3600
+    d_de_deg = np.where(data.good, data.frames["d_de_arcsec"], np.nan) / 3600
     for axes, values, label in ((top, d_ra_deg, "dRA (deg)"), (bottom, d_de_deg, "dDE (deg)")):
         for sign in (1, -1):
             axes.axhline(sign * LIMIT_DEG, color=hex_of(VERMILLION), linewidth=1, linestyle="--")
-        line(axes, drawn, values, BLUE, label)
+        line(axes, data, values, BLUE, label)
         edge = edge_of(values, LIMIT_DEG)
         axes.set_ylim(-1.05 * edge, 1.05 * edge)
         axes.set_ylabel(label)
-    top.set_title(f"{drawn.subject}: dRA and dDE, as figures 3-1 to 3-6 of the LAPAN paper; dashed: its limit")
+    top.set_title(f"{data.subject}: dRA and dDE, as figures 3-1 to 3-6 of the LAPAN paper; dashed: its limit")
     time_axis(bottom)
 
 
-def draw_identification_time(figure: Figure, drawn: PlotData) -> None:
+_IDENTIFICATION_TIME = "Identification time (as recorded in the session)"
+_ALIKE = 1.1
+
+
+def draw_identification_time(figure: Figure, data: PlotData) -> None:
     """Time of the identification against time, and its distribution."""
     set_margins(figure, between=(0.06, 0))
     left, right = figure.subplots(1, 2, width_ratios=[3, 1], sharey=True)
-    values = drawn.frames["elapsed_us"].astype(np.float64) / 1000
-    limit = drawn.session.station.limits.identification_ms
-    left.set_title("Identification time (as recorded in the session)")
+    values = data.frames["elapsed_us"].astype(np.float64) / 1000
+    limit = data.session.station.limits.identification_ms
+    stated = data.subject is Subject.SENSOR
+    left.set_title("Processing time (as the sensor states it)" if stated else _IDENTIFICATION_TIME)
     left.set_ylabel("ms")
     finite = values[np.isfinite(values) & (values > 0)]
     left.axhline(limit, color=hex_of(VERMILLION), linewidth=1)
-    line(left, drawn, values, GREEN, "identification")
+    line(left, data, values, GREEN, "time")
     left.set_yscale("log")
     left.yaxis.set_major_formatter("{x:g}")
     left.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
     left.set_ylim(float(finite.min()) / 1.5, 4 * max(limit, float(finite.max())))
     left.text(0.01, limit, f"limit {limit:g} ms", transform=left.get_yaxis_transform(), va="bottom", fontsize=7)
-    bins = np.geomspace(finite.min() / 1.01, finite.max() * 1.01, 60)
+    few = finite.max() < _ALIKE * finite.min()  # bins of one time would be too narrow to be seen
+    bins = np.geomspace(finite.min() / 1.05, finite.max() * 1.05, 2 if few else 60)
     right.stairs(*np.histogram(finite, bins), orientation="horizontal", fill=True, color=hex_of(GREEN))
     right.set_xlabel("frames")
     time_axis(left)
 
 
-def draw_timelines(figure: Figure, drawn: PlotData) -> None:
+def draw_timelines(figure: Figure, data: PlotData) -> None:
     """Share of frames identified, link state, host clock, detector temperature."""
     set_margins(figure, between=(0, 0.36))
     share, link, clock, temperature = figure.subplots(4, 1, sharex=True, height_ratios=[2, 0.7, 1.6, 1.6])
-    _share(share, drawn)
-    _link(link, drawn)
-    _clock(clock, drawn)
-    line(temperature, drawn, drawn.frames["temperature_c"].astype(np.float64), ORANGE, "detector")
+    _share(share, data)
+    _link(link, data)
+    _clock(clock, data)
+    line(temperature, data, data.frames["temperature_c"].astype(np.float64), ORANGE, "detector")
     temperature.set_ylabel("detector\n(degC)")
     time_axis(temperature)
 
 
-def _share(axes: Axes, drawn: PlotData) -> None:
+def _share(axes: Axes, data: PlotData) -> None:
     axes.set_ylabel("identified")
     axes.set_ylim(-0.03, 1.05)
     axes.yaxis.set_major_formatter(PercentFormatter(1.0))
-    availability = drawn.session.station.limits.availability
+    availability = data.session.station.limits.availability
     axes.axhline(availability, color=hex_of(VERMILLION), linewidth=1)
-    if not len(drawn.frames):
+    utc_ns = data.frames["utc_ns"]
+    if not len(utc_ns):
         return
-    utc_ns = drawn.frames["utc_ns"]
     edges = np.linspace(utc_ns[0], utc_ns[-1] + 1, min(_SHARE_BINS, len(utc_ns)) + 1)
     place = np.clip(np.searchsorted(edges, utc_ns, side="right") - 1, 0, len(edges) - 2)
     total = np.bincount(place, minlength=len(edges) - 1)
-    good = np.bincount(place, ~drawn.unidentified, len(edges) - 1)
+    good = np.bincount(place, ~data.unidentified, len(edges) - 1)
     with np.errstate(invalid="ignore"):
         values = good / total
     axes.stairs(values, edges.astype(np.int64).astype("datetime64[ns]"), color=hex_of(BLUE), baseline=None)
 
 
-def _link(axes: Axes, drawn: PlotData) -> None:
+def _link(axes: Axes, data: PlotData) -> None:
     """Coloured stretches, each from an event to the next."""
     axes.set_ylabel("link")
     axes.set_yticks([])
     axes.set_ylim(0, 1)
-    states = [event for event in drawn.session.events if event.kind in LINK_WORDS]
+    states = [event for event in data.session.events if event.kind in LINK_WORDS]
     ends = [event.utc_ns for event in states[1:]]
-    ends.append(max(int(drawn.frames["utc_ns"][-1]) if len(drawn.frames) else 0, states[-1].utc_ns if states else 0))
+    ends.append(max(int(data.frames["utc_ns"][-1]) if len(data.utc) else 0, states[-1].utc_ns if states else 0))
     for event, end in zip(states, ends, strict=False):
         axes.axvspan(_day(event.utc_ns), _day(end), color=hex_of(LINK_COLOURS[LINK_WORDS[event.kind]]), linewidth=0)
     for word in dict.fromkeys(LINK_WORDS[event.kind] for event in states):
@@ -164,9 +171,9 @@ def _link(axes: Axes, drawn: PlotData) -> None:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, frameon=False, borderpad=0)
 
 
-def _clock(axes: Axes, drawn: PlotData) -> None:
+def _clock(axes: Axes, data: PlotData) -> None:
     axes.set_ylabel("host clock\n(ms)")
-    readings = drawn.session.clock
+    readings = data.session.clock
     if not readings:
         _nothing(axes, "the clock was not read")
         return
@@ -182,12 +189,12 @@ def _nothing(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=hex_of(GREY))
 
 
-def line(axes: Axes, drawn: PlotData, values: NDArray[np.float64], colour: tuple[int, int, int], label: str) -> None:
+def line(axes: Axes, data: PlotData, values: NDArray[np.float64], colour: tuple[int, int, int], label: str) -> None:
     """A line over the frames, broken where frames are missing; thinned to its extremes."""
     rows = extremes(values)
-    utc_ns, shown = drawn.frames["utc_ns"][rows], values[rows].copy()
-    if len(drawn.frames) > 2:
-        gaps = _after_gaps(drawn.frames["utc_ns"])
+    utc_ns, shown = data.frames["utc_ns"][rows], values[rows].copy()
+    if len(values) > 2:
+        gaps = _after_gaps(data.frames["utc_ns"])
         broken = np.searchsorted(rows, gaps)
         broken = broken[broken < len(rows)]
         utc_ns = np.insert(utc_ns, broken, utc_ns[broken] - 1)

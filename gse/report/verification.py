@@ -13,7 +13,7 @@ from drivers.host_files import only_a_file
 from gse.assessment.verdict import Assessment
 from gse.errors import UsageError
 from gse.report.fingerprint import fingerprint, fingerprint_in, provenance_in
-from gse.report.page import report_html
+from gse.report.page import NO_PLOTS, report_html
 from gse.report.summary import summarise
 from gse.station.session_data import SessionData
 
@@ -63,7 +63,8 @@ def verify(page: str, session: SessionData, assessment: Assessment) -> Verificat
     if stated["version"] != found["version"]:
         line = f"made by gse {stated['version']}, this is {found['version']}: verify it with that version"
         return Verification(Answer.ANOTHER_VERSION, line)
-    return compare_pages(page, report_html(session, assessment, report, provenance_in(page)), stated, found)
+    again = report_html(session, assessment, report, provenance_in(page), plots=NO_PLOTS not in page)
+    return compare_pages(page, again, stated, found)
 
 
 def compare_pages(page: str, again: str, stated: dict[str, Any], found: dict[str, Any]) -> Verification:

@@ -9,7 +9,9 @@ from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.errors import ConfigError
 from gse.report import summarise
+from gse.report.junit import junit_xml
 from gse.report.page import report_html
+from gse.report.terminal import plain_lines
 from protocols import StatusMessage
 
 BLOCK = """test:
@@ -36,7 +38,7 @@ def session_of(block: str = BLOCK, *, simulated: bool = False):
 def texts_of(session):
     assessment = judge(session)
     report = summarise(session, assessment)
-    return report, re.sub(r"\s+", " ", report_html(session, assessment, report))
+    return report, re.sub(r"\s+", " ", report_html(session, assessment, report, plots=False))
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +70,30 @@ def test_missing_fields_are_printed_as_missing(stated) -> None:
     assert "<th>procedure</th><td>missing</td>" in page
     assert "A. Tester, missing" in page
     assert "barometer, serial missing, calibrated missing" in page
+
+
+def test_a_value_that_decides_alone_is_said_to_do_so_with_its_risk() -> None:
+    report, page = texts_of(session_of(BLOCK + "limits: {decision: simple, d_de_arcsec: 15}\n", simulated=True))
+    assert "with 95 % confidence" not in page
+    assert "rows are decided by their values alone" in page
+    assert "uncertainty does not count (decision: simple)" in page
+    risks = {row["name"]: row["false_pass_risk"] for row in report["measurements"] if row["outcome"] == "PASS"}
+    assert f'<td class="PASS">PASS</td><td class="n">{100 * risks["availability"]:.1f} %</td>' in page
+    assert '<td class="PASS">PASS</td><td class="n">not known</td>' in page  # of errors that are too short to tell
+    lines = plain_lines(report)
+    assert "decision: simple: the value alone decides, uncertainty does not count" in lines
+    assert next(line for line in lines if "mean |dRA*|" in line).endswith("not known")
+    assert "decided by the value alone, risk of a false PASS" in junit_xml(report)
+
+
+def test_a_guarded_report_says_nothing_of_such_a_risk(stated) -> None:
+    report, page = stated
+    assert "risk of a false PASS" not in page + "".join(plain_lines(report)) + junit_xml(report)
+
+
+def test_each_deviation_has_a_line_of_its_own() -> None:
+    _, page = texts_of(session_of("test: {deviations: [A door stood open., The witness left.]}\n"))
+    assert "A door stood open.<br>The witness left.</td>" in page
 
 
 def test_serial_and_firmware_come_from_the_sensor_where_it_sends_them() -> None:

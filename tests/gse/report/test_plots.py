@@ -4,11 +4,13 @@ import itertools
 import math
 from dataclasses import replace
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from astropy.timeseries import LombScargle
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
@@ -19,8 +21,9 @@ from gse.report.decimation import extremes, sample
 from gse.report.plot_data import PlotData, edge_of
 from gse.report.sky_plots import draw_sky
 from gse.report.spectrum import power_density
-from gse.report.svg import svg_of
+from gse.report.svg import WIDTH_IN, svg_of
 from gse.report.time_plots import draw_errors
+from gse.station.frame_table import FRAME
 from gse.station.results import AnswerCheck, AttitudeError
 
 
@@ -125,17 +128,30 @@ def test_a_track_is_drawn_at_the_poles_and_across_ra_zero(de_deg: float) -> None
     assert svg.startswith("<svg")
 
 
+@pytest.mark.parametrize("frames", [151, 201, 301])
+def test_a_time_at_the_end_of_the_axis_is_whole(frames: int) -> None:
+    session = synthetic_night(frames)
+    figure = Figure(figsize=(WIDTH_IN, 4.0))
+    with mpl.rc_context({"font.size": 8}):  # as in a report
+        draw_errors(figure, PlotData.of(session, counted_frames(session)))
+        last = figure.axes[1]
+        last.set_xlim(*last.dataLim.intervalx)  # the last mark is at the very end
+        figure.draw_without_rendering()
+    texts = [label for label in last.get_xticklabels() if label.get_text()]
+    assert max(label.get_window_extent().x1 for label in texts) <= figure.bbox.x1
+
+
 def test_a_hundred_thousand_points_make_a_small_figure() -> None:
     session = synthetic_night(300)
     drawn = PlotData.of(session, counted_frames(session))
     big = PlotData(
         session,
-        np.tile(drawn.frames, 330),
+        {name: np.tile(drawn.frames[name], 330) for name in FRAME.names},
         np.tile(drawn.utc, 330),
         np.tile(drawn.good, 330),
         np.tile(drawn.unidentified, 330),
         drawn.exclusions,
     )
-    big.frames["utc_ns"] = drawn.frames["utc_ns"][0] + np.arange(len(big.frames)) * 100_000_000
+    big.frames["utc_ns"][:] = drawn.frames["utc_ns"][0] + np.arange(len(big.utc)) * 100_000_000
     svg = svg_of("errors", 4.0, lambda figure: draw_errors(figure, big))
     assert len(svg) < 600_000

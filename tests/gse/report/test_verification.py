@@ -25,7 +25,7 @@ def judged():
 
 @pytest.fixture(scope="module")
 def files(judged, tmp_path_factory):
-    return write_report(*judged, tmp_path_factory.mktemp("report"))
+    return write_report(*judged, tmp_path_factory.mktemp("report"), plots=False)
 
 
 @pytest.fixture(scope="module")
@@ -39,10 +39,22 @@ def test_an_unchanged_report_belongs_to_its_session(page, judged) -> None:
 
 def test_a_report_of_another_host_is_unchanged_too(files, judged, tmp_path) -> None:
     other = provenance({"gse-star-sensor": "0.1.0"}, {"outcome": "agrees", "sha256": "ab"}) | {"host": '<"&elsewhere'}
-    page = read_page(write_report(*judged, tmp_path, other)["report.html"])
+    page = read_page(write_report(*judged, tmp_path, other, plots=False)["report.html"])
     assert page != read_page(files["report.html"])
     assert verify(page, *judged).answer is Answer.UNCHANGED
     assert (tmp_path / "report.json").read_bytes() == files["report.json"].read_bytes()
+
+
+def test_the_plots_of_a_page_belong_to_it(page, files, judged, tmp_path) -> None:
+    paths = write_report(*judged, tmp_path)
+    drawn = read_page(paths["report.html"])
+    assert drawn.count("</svg>") > 5
+    assert "</svg>" not in page
+    assert "--no-plots" in page
+    assert "--no-plots" not in drawn
+    assert verify(drawn, *judged).answer is Answer.UNCHANGED
+    assert verify(drawn.replace("<svg", "<svg hidden", 1), *judged).answer is Answer.CHANGED
+    assert paths["report.json"].read_bytes() == files["report.json"].read_bytes()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,58 @@
+"""The plots of a session's report, by name; whoever imports this waits for matplotlib."""
+
+from functools import partial
+
+from gse.assessment.sensor_convention import is_wrong
+from gse.assessment.statistics import Statistics, sensor_masks
+from gse.report.condition_plots import draw_sky_condition
+from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_spectrum
+from gse.report.plot_data import PlotData
+from gse.report.sky_plots import draw_residual_map, draw_sky
+from gse.report.svg import Draw, svgs_of
+from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_timelines
+from gse.station.results import Subject
+from gse.station.session_data import SessionData
+
+_PLOTS_OF_SUBJECT = (
+    ("errors", 4.0, draw_errors),
+    ("paper", 3.6, draw_paper),
+    ("scatter", 3.6, draw_scatter),
+    ("histogram", 2.4, draw_histogram),
+    ("spectrum", 2.6, draw_spectrum),
+)
+_PLOTS = (
+    ("sky", 3.2, draw_sky),
+    ("sky_condition", 3.2, draw_sky_condition),
+    ("residuals", 4.6, draw_residual_map),
+    ("identification", 2.4, draw_identification_time),
+    ("timelines", 4.4, draw_timelines),
+)
+"""Name, height in inches, and what draws it."""
+_OF_STARS = ("sky_condition", "residuals")
+"""A sensor that sends its own answers alone shows no stars."""
+
+
+def session_plots(session: SessionData, stats: Statistics, *, times_recorded: bool) -> dict[str, str]:
+    """SVG elements by name; those of a subject have its name before theirs."""
+    plotted = _plot_data(session, stats)
+    of_stars = _OF_STARS if session.subject is Subject.SENSOR else ()
+    without = {*(() if times_recorded else ("identification",)), *of_stars}
+    wanted: list[tuple[str, float, Draw]] = [
+        (name, height_in, partial(draw, data=plotted[0])) for name, height_in, draw in _PLOTS if name not in without
+    ]
+    for of_subject in plotted:
+        wanted += [
+            (f"{of_subject.subject}-{name}", height_in, partial(draw, data=of_subject))
+            for name, height_in, draw in _PLOTS_OF_SUBJECT
+        ]
+    return svgs_of(wanted)
+
+
+def _plot_data(session: SessionData, stats: Statistics) -> list[PlotData]:
+    """What each subject's plots are drawn from, that of the frame table first."""
+    found = [PlotData.of(session, stats.counted)]
+    if stats.own is not None:
+        _, used = sensor_masks(stats.own, session.frames.columns, stats.counted)
+        used &= not is_wrong(stats.convention, session.station.sensor.attitude)
+        found.append(PlotData.of_sensor(session, stats.own, used, stats.counted))
+    return found
