@@ -24,6 +24,7 @@ def main() -> None:
     """Run the command line; Ctrl-C while its packages are still being imported ends it without a word."""
     gc.set_threshold(_NEW_OBJECTS)
     _compute_as_on_any_processor()
+    _share_one_allocator()
     atexit.register(_leave_garbage)
     _fill_standard_descriptors()
     sys.stdin = sys.stdin or os.fdopen(0, closefd=False)
@@ -51,6 +52,11 @@ def _compute_as_on_any_processor() -> None:
         os.environ.setdefault("OPENBLAS_CORETYPE", "Nehalem")
 
 
+def _share_one_allocator() -> None:
+    """Let Arrow take memory as all else does: its own allocator keeps what was used once."""
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+
+
 def _leave_garbage() -> None:
     """Do without a last search for garbage in all that was imported: a tenth of a second.
 
@@ -73,7 +79,7 @@ class _Talk(io.FileIO):
     """A descriptor for messages: a full disk or a terminal that is gone changes no result and no exit code."""
 
     def write(self, data: Any) -> int:
-        """Hand the bytes to whoever reads; what nobody takes is dropped."""
+        """Hand the bytes to the reader; if nobody reads, they are dropped."""
         try:
             return super().write(data) or len(data)
         except OSError:

@@ -123,7 +123,7 @@ def _pixels(panorama: tuple[ArrayLike, ArrayLike]) -> tuple[NDArray[np.float64],
     try:
         xy_px, brightness = (np.asarray(part, dtype=np.float64) for part in panorama)
     except (TypeError, ValueError) as error:
-        raise UsageError(f"this is no panorama ({error}); {expected}") from error
+        raise UsageError(f"this is not a panorama ({error}); {expected}") from error
     if not xy_px.size and not brightness.size:
         return np.empty((0, 2)), np.empty(0)
     if xy_px.ndim != 2 or xy_px.shape[1] != 2 or brightness.shape != xy_px.shape[:1]:

@@ -115,7 +115,7 @@ _SIGN: SignOfLife | None = None
 
 
 def start(words: str) -> None:
-    """Watch stdout and stderr of this process; does nothing where one of them is no terminal, or a dumb one."""
+    """Watch stdout and stderr of this process; does nothing where one of them is not a terminal, or a dumb one."""
     global _SIGN
     if not (sys.stdout and sys.stderr and sys.stdout.isatty() and sys.stderr.isatty()) or _is_dumb():
         return

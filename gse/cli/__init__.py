@@ -34,7 +34,7 @@ _NOT_TAKEN = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """Of a full, broken or locked disk, and of a terminal that is gone."""
 
 _NOT_OPEN = (errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR)
-"""Of a path that is closed to this user, that is no path at all, or that is something else than expected."""
+"""Of a path that is closed to this user, that is not a path at all, or that is something else than expected."""
 
 _COMMANDS = {
     "run": "test a sensor: receive, record, identify, compare, judge",
@@ -132,7 +132,7 @@ def cli() -> None:
 
 
 def _check_showable(words: Sequence[str]) -> None:
-    """Refuse names that steer a terminal or are no text: a shell's ``*`` finds them in a foreign folder."""
+    """Refuse names that steer a terminal or are not text: a shell's ``*`` finds them in a foreign folder."""
     for word in words if words[:1] != ["note"] else ():
         if not is_plain(word):
             raise click.UsageError(f"'{plain_line(word):.200}' has characters that cannot be shown; rename the file")

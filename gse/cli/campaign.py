@@ -160,7 +160,9 @@ def report_command(
     from gse.campaign.files import write_campaign_report
     from gse.campaign.keys import OWN_STATION, station_sha256
     from gse.report.printing import find_browser, print_to_pdf
+    from gse.without_pandas import spare_pandas
 
+    spare_pandas()
     if out.exists():
         raise UsageError(f"{out} exists already; choose another --out")
     browser = find_browser() if pdf else None
@@ -201,13 +203,17 @@ def query_command(*, dataset_url: str, sql: str, form: str) -> None:
 
 def _verdict_lines(report: dict[str, Any]) -> list[str]:
     """The verdict of each sensor for a person."""
-    from gse.campaign.decision import counted
+    from gse.campaign.decision import counted, length_text
 
     lines = []
     for sensor in report["sensors"]:
         marks = [word for word in ("relative", "simulated") if sensor[word]]
         mark = f" ({', '.join(marks)})" if marks else ""
-        length = f"{counted(sensor['nights'], 'night')}, {sensor['hours']:.1f} h"
+        length = (
+            f"{counted(sensor['nights'], 'night')}, {length_text(sensor['hours'])}"
+            if sensor["nights"]
+            else "no session counts"
+        )
         lines.append(f"{sensor['name']}: {sensor['verdict']}{mark}, {length}")
         lines += [f"  {reason}" for reason in sensor["reasons"]]
         lines += [f"  {line}" for line in _atlas_lines(sensor["atlas"])]
@@ -263,10 +269,10 @@ def _document(dataset: "DataSet", outcomes: list["Judged"]) -> dict[str, Any]:
 
 
 def _lines(document: dict[str, Any]) -> list[str]:
-    known = document["sessions"] - document["judged"]
-    lines = [
-        f"{document['sessions']} sessions in {document['dataset']}: {document['judged']} judged now, {known} before"
-    ]
+    from gse.campaign.decision import counted
+
+    known, sessions = document["sessions"] - document["judged"], counted(document["sessions"], "session")
+    lines = [f"{sessions} in {document['dataset']}: {document['judged']} judged now, {known} before"]
     if document["verdicts"]:
         lines.append("verdicts: " + ", ".join(f"{count} {word}" for word, count in document["verdicts"].items()))
     if len(document["sensors"]) > 1:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gse.assessment.session_comparison import Row, SessionComparison, session_comparison
+from gse.assessment.compared_axis import Row
+from gse.assessment.session_comparison import SessionComparison, session_comparison
 from gse.cli import EXIT_FAIL
 from gse.cli.damage import damage_code
 from gse.cli.options import IDENTIFIER, PLUG_HELP, anew_option, change_to, start_utc_option
@@ -128,7 +129,7 @@ def _session(
 
 
 def _damage_code(paths: Sequence[Path], sessions: Sequence["SessionData"]) -> int:
-    """The exit code of sessions of which a part is missing, each of which is told once, or 0."""
+    """The exit code of sessions of which a part is missing, each printed once, or 0."""
     damaged = {path: session.truncated for path, session in zip(paths, sessions, strict=True)}
     return max(damage_code(path, damaged=truncated) for path, truncated in damaged.items())
 

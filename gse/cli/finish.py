@@ -28,9 +28,11 @@ def judge_as_stated(
 ) -> "Assessment":
     """Judge a session with the clock error and the excluded times that the operator states."""
     from gse.assessment.verdict import judge
+    from gse.release_memory import give_back
     from gse.station.setup import clear_caches
 
     clear_caches()
+    give_back()  # what receiving and identifying took
     if clock_error_s is not None:
         session.clock_error_s = clock_error_s
     session.excluded = excluded
@@ -38,11 +40,18 @@ def judge_as_stated(
 
 
 def conclude(
-    session: SessionData, assessment: "Assessment", folder: Path, own_elapsed_us: "array[float]"
+    session: SessionData,
+    assessment: "Assessment",
+    folder: Path,
+    own_elapsed_us: "array[float]",
+    *,
+    plots: bool,
 ) -> dict[str, Any]:
     """Write the report of a judged session and this host's own times into a folder; returns the report."""
     from drivers.whole_file import write_whole
     from gse.release_memory import give_back
+
+    give_back()  # what judging took, before that which draws is imported
     from gse.report import summarise
     from gse.report.files import write_report
     from gse.report.provenance import provenance
@@ -52,11 +61,12 @@ def conclude(
     spare_pandas()
     give_back()
     try:
-        write_report(session, assessment, folder, provenance(session.versions, _self_check()))
+        write_report(session, assessment, folder, provenance(session.versions, _self_check()), plots=plots)
         write_whole(folder / "timing.json", [json.dumps(_timing(own_elapsed_us), indent=2) + "\n"])
     except (UsageError, OSError) as error:
         # The verdict is shown even if its file cannot be written.
         click.echo(f"gse: {error}; make room, then: gse report {folder}", err=True)
+    give_back()  # before the program's end, for which libraries come back
     return report
 
 

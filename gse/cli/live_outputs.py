@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -12,6 +12,7 @@ import click
 
 from drivers.chunk import LinkEvent
 from gse.cli.options import (
+    LOOPBACK,
     bind_option,
     gathered,
     http_port_option,
@@ -19,6 +20,7 @@ from gse.cli.options import (
     save_rrd_option,
     view_option,
 )
+from gse.errors import UsageError
 from gse.instant import to_text
 from gse.station.frame_json import frame_json
 from gse.station.frame_results import NewResults
@@ -45,6 +47,10 @@ class LiveOptions:
     http_port: int
     save_rrd: Path | None
     json_frames: bool
+
+    def __post_init__(self) -> None:
+        if self.view != "web" and (self.http_port or self.bind != LOOPBACK):
+            raise UsageError("--http-port and --bind are of the web pages, which nobody asked for: add --view web")
 
 
 live_options = gathered(
@@ -85,12 +91,20 @@ class Steps:
 class LiveOutputs:
     """The listeners of a session, opened after the setup and closed with the session.
 
-    ``diagnose`` announces findings while the session runs, and when its verdict is to be expected.
+    ``diagnose`` announces findings while the session runs, and when its verdict is to be expected. ``progress`` gives
+    the words on a replay of which so many bytes were replayed.
     """
 
     def __init__(
-        self, options: LiveOptions, *, step: bool = False, diagnose: bool = True, notes: Notes | None = None
+        self,
+        options: LiveOptions,
+        *,
+        step: bool = False,
+        diagnose: bool = True,
+        notes: Notes | None = None,
+        progress: Callable[[int], str] = lambda replayed_bytes: "",
     ) -> None:
+        self._progress = progress
         self._options = options
         self._notes = notes
         self._step, self._diagnose = step, diagnose
@@ -159,7 +173,10 @@ class LiveOutputs:
     def _open_status(self, loop: StationLoop, folder: Path | None) -> Listener:
         if self._options.view == "none":
             click.echo("to see it live: --view web", err=True)
-        status = StatusLine(loop.setup.station, folder, forecast=self.forecast)
+        link = loop.session.link
+        status = StatusLine(
+            loop.setup.station, folder, forecast=self.forecast, progress=lambda: self._progress(link.bytes_in)
+        )
         status.__enter__()
         self._status = status
         return status

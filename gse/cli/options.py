@@ -74,7 +74,7 @@ threads_option: Callable[[Any], Any] = click.option(
 
 
 def _instant(ctx: click.Context, param: click.Parameter, text: str | None) -> int | None:
-    """UTC nanoseconds of an option; a usage error where the text is no instant."""
+    """UTC nanoseconds of an option; a usage error where the text is not an instant."""
     try:
         return None if text is None else instant.from_text(text)
     except ValueError as error:
@@ -84,6 +84,7 @@ def _instant(ctx: click.Context, param: click.Parameter, text: str | None) -> in
 at_option: Callable[[Any], Any] = click.option(
     "--at", "begins_ns", callback=_instant, help="When the session begins, e.g. 2026-03-20T15:00:00Z; default: now."
 )
+LOOPBACK = "127.0.0.1"
 view_option: Callable[[Any], Any] = click.option(
     "--view",
     type=click.Choice(("web", "native", "none")),
@@ -92,7 +93,7 @@ view_option: Callable[[Any], Any] = click.option(
     help="Live view: web pages (at a glance, and rerun), rerun's window, or none.",
 )
 bind_option: Callable[[Any], Any] = click.option(
-    "--bind", default="127.0.0.1", show_default=True, help="Address of the web pages; 0.0.0.0: this network."
+    "--bind", default=LOOPBACK, show_default=True, help="Address of the web pages; 0.0.0.0: this network."
 )
 http_port_option: Callable[[Any], Any] = click.option(
     "--http-port", type=click.IntRange(0, 65535), default=0, help="Port of the web pages; default: 8420, or a free one."
@@ -136,6 +137,13 @@ out_option: Callable[[Any], Any] = click.option(
     default=Path("sessions"),
     show_default=True,
     help="Folder in which the new session folder is made.",
+)
+
+
+plots_option: Callable[[Any], Any] = click.option(
+    "--plots/--no-plots",
+    default=True,
+    help="Draw the plots of report.html, the slowest part of a report, or leave them out.",
 )
 
 

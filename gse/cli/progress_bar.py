@@ -35,5 +35,10 @@ class ProgressBar:
         done, total = int(task.completed), int(task.total or 0)
         if not self._console.is_terminal and done * 10 // total > (done - count) * 10 // total:
             left_s = task.time_remaining
-            left = f", about {max(left_s / 60, 1):.0f} min left" if left_s and done < total else ""
+            left = f", {time_left(left_s)} left" if left_s and done < total else ""
             click.echo(f"{described}: {done} of {total}{left}", err=True)
+
+
+def time_left(seconds: float) -> str:
+    """A time for a person: about 8 s, about 3 min."""
+    return f"about {seconds:.0f} s" if seconds < 90 else f"about {seconds / 60:.0f} min"

@@ -27,6 +27,7 @@ from gse.cli.options import (
     json_option,
     leave_out_option,
     out_option,
+    plots_option,
     say,
     start_utc_option,
     station_option,
@@ -79,6 +80,7 @@ _replayed = gathered(
 @clock_error_option
 @leave_out_option
 @threads_option
+@plots_option
 @json_option
 @out_option
 @click.pass_context
@@ -95,6 +97,7 @@ def command(
     clock_error_s: float | None,
     excluded: tuple[Exclusion, ...],
     threads: int,
+    plots: bool,
     as_json: bool,
     out: Path,
 ) -> None:
@@ -103,6 +106,7 @@ def command(
     The station file of the session is used, unless --station gives another one. A raw capture needs --start-utc. The
     report is written to a new folder in --out.
     """
+    from gse.cli.progress import ReplayedShare
     from gse.sessions.replay import replay_session
 
     compare = _comparison(expected)
@@ -112,7 +116,8 @@ def command(
         comparisons.extend(compare(loop))
         return [*live_outputs.listeners(loop, folder), *comparisons]
 
-    with LiveOutputs(live, step=step, diagnose=options.speed != "max") as live_outputs:
+    progress = ReplayedShare(path).text
+    with LiveOutputs(live, step=step, diagnose=options.speed != "max", progress=progress) as live_outputs:
         replay = replay_session(
             path,
             options=options,
@@ -124,7 +129,7 @@ def command(
         live_outputs.enter_judging()
         folder = _new_folder(out, replay)
         assessment = judge_as_stated(replay.session, clock_error_s, excluded)
-        report = conclude(replay.session, assessment, folder, replay.own_elapsed_us)
+        report = conclude(replay.session, assessment, folder, replay.own_elapsed_us, plots=plots)
         live_outputs.conclude(report)
     show_report(report, as_json=as_json, json_frames=live.json_frames)
     show_paths(folder)
@@ -165,7 +170,7 @@ def _with_sensor(loop: "StationLoop") -> "list[Comparison]":
 
 
 def _differing(comparisons: "list[Comparison]", replay: "Replay") -> list[Applied]:
-    """The exit codes of answers that differ from expected ones, or of none to compare, which are told."""
+    """The exit codes of answers that differ from expected ones, or of none to compare; both are printed."""
     found: list[Applied] = []
     for answers in comparisons:
         answers.finish(replay.session)

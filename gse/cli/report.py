@@ -25,6 +25,7 @@ from gse.cli.options import (
     earth_orientation_option,
     gathered,
     leave_out_option,
+    plots_option,
     start_utc_option,
     threads_option,
 )
@@ -76,6 +77,7 @@ class _Output:
     pdf: bool
     screenshot: Path | None
     verified: Path | None
+    plots: bool
     as_json: bool
 
     def check(self, sessions: int) -> None:
@@ -127,6 +129,7 @@ _output = gathered(
         help="Write nothing: tell whether this report.html belongs to the session and was changed since; "
         "exit code 0 or 1.",
     ),
+    plots_option,
     click.option("--json", "as_json", is_flag=True, help="The report as one JSON object on stdout."),
 )
 
@@ -162,7 +165,7 @@ def _report_one(path: Path, judging: _Judging, output: _Output) -> int:
     judged = judging.judged(path)
     folder = _new_folder(output.out, path)
     with working("drawing the report"):
-        report = conclude(judged.session, judged.assessment, folder, judged.own_elapsed_us)
+        report = conclude(judged.session, judged.assessment, folder, judged.own_elapsed_us, plots=output.plots)
     if browser and output.pdf:
         click.echo(f"PDF: {print_to_pdf(browser, folder / 'report.html')}", err=True)
     if browser and output.screenshot:

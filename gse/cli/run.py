@@ -19,6 +19,7 @@ from gse.cli.options import (
     identifier_option,
     json_option,
     out_option,
+    plots_option,
     station_of,
     station_option,
     with_identifier,
@@ -59,6 +60,7 @@ _MOST_LISTED = 3
 @click.option("--detach", "detached", is_flag=True, help="Run without this terminal; 'gse status' shows the state.")
 @clock_error_option
 @earth_orientation_option
+@plots_option
 @json_option
 @out_option
 @click.pass_context
@@ -74,6 +76,7 @@ def command(
     detached: bool,
     clock_error_s: float | None,
     given_orientation: GivenTables | None,
+    plots: bool,
     as_json: bool,
     out: Path,
 ) -> None:
@@ -110,7 +113,7 @@ def command(
             return received
 
         with live_outputs:
-            report, found = session.run(receive, ending, clock_error_s)
+            report, found = session.run(receive, ending, clock_error_s, plots=plots)
             if report:
                 live_outputs.conclude(report)
         outputs.settle()
@@ -150,7 +153,7 @@ class _Session:
         return found
 
     def run(
-        self, receive: Callable[[], "LiveSession"], ending: Ending, clock_error_s: float | None
+        self, receive: Callable[[], "LiveSession"], ending: Ending, clock_error_s: float | None, *, plots: bool
     ) -> tuple[dict[str, Any] | None, list[Applied]]:
         """Receive and judge; returns the report, None without one, and the exit codes that apply."""
         found: list[Applied] = []
@@ -161,7 +164,7 @@ class _Session:
             lost = f"{live.lost_bytes} received bytes are not in the session" if live.lost_bytes else ""
             lost = "; ".join(part for part in (lost, live.damage) if part)
             found = [(EXIT_DATA_LOST, lost)] if lost else []
-            report = self._judge(live, ending, clock_error_s)
+            report = self._judged(live, ending, clock_error_s, plots=plots)
             return report, applied(report, live.folder, data_lost=lost)
         except (GseError, DriverError, ProtocolError) as error:
             if self._status is not None:
@@ -173,13 +176,16 @@ class _Session:
             code = unexpected(error)
             return None, [*found, (code, f"no verdict; make the report with: gse report {self._folder}")]
 
-    def _judge(self, live: "LiveSession", ending: Ending, clock_error_s: float | None) -> dict[str, Any]:
+    def _judged(
+        self, live: "LiveSession", ending: Ending, clock_error_s: float | None, *, plots: bool
+    ) -> dict[str, Any]:
+        """The written report of the session."""
         if self._status is not None:
             self._status.enter("reporting")
         _say(f"judging and reporting in {live.folder}")
         with ending.interruptible():
             assessment = judge_as_stated(live.session, clock_error_s)
-            report = conclude(live.session, assessment, live.folder, live.own_elapsed_us)
+            report = conclude(live.session, assessment, live.folder, live.own_elapsed_us, plots=plots)
         from gse.sessions.judged import keep_live
 
         keep_live(live.session, assessment, live.folder, _say)

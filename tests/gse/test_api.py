@@ -88,8 +88,8 @@ def test_what_is_no_session_or_panorama_is_refused_in_a_sentence(tmp_path: Path)
         ((np.full((2, 2), np.nan), np.ones(2)), "not finite"),
         ((np.zeros((2, 2)), [1.0, 2.0]), "brightest object first"),
         ((np.zeros((2, 2)), [-3.0, -4.0]), "is negative"),
-        (([[1.0, 2.0], [3.0]], [1.0, 1.0]), "this is no panorama"),
-        (None, "this is no panorama"),
+        (([[1.0, 2.0], [3.0]], [1.0, 1.0]), "this is not a panorama"),
+        (None, "this is not a panorama"),
     ],
 )
 def test_arrays_that_are_no_panorama_are_refused_and_not_reshaped(panorama, word) -> None:

@@ -125,7 +125,7 @@ def test_a_missing_session_is_one_line_and_no_traceback(gse, tmp_path, command):
 @pytest.mark.parametrize("command", ["align", "calibrate"])
 def test_a_foreign_file_is_refused(gse, tmp_path, command):
     foreign = tmp_path / "foreign.mcap"
-    foreign.write_bytes(b"this is no session" * 10)
+    foreign.write_bytes(b"this is not a session" * 10)
     done = gse(command, foreign)
     assert done.code == 2
     assert len(done.err.strip().splitlines()) <= 2

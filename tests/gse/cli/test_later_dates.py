@@ -67,7 +67,7 @@ def test_a_session_in_four_years_is_recorded_and_its_truth_is_as_wide_as_it_is_u
 ) -> None:
     with emulated("+4y", midnight_station) as port:
         words = ("--station", midnight_station, "--port", port, "--duration", 4, "--clock-error", "1ms", "--json")
-        command = at("+4y", "run", *words, "--out", tmp_path)
+        command = at("+4y", "run", *words, "--no-plots", "--out", tmp_path)
         answer = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
     report = json.loads(answer.stdout)
     assert report["identification"]["statuses"]["IDENTIFIED"] > 10

@@ -63,3 +63,15 @@ def test_the_glance_page_has_its_errors_and_no_stars(session):
     assert (document["stars"]["seen"], document["stars"]["expected"], document["focus"]) == (None, None, None)
     silent = pages[0].document(replace(now, mono_ns=now.mono_ns + 12 * 10**9))["word"]
     assert (silent["text"], silent["detail"]) == ("NO ANSWER 12 s", "no ATTITUDE frame for 12 s")
+
+
+def test_its_report_claims_nothing_of_stars_that_nobody_saw(gse, session, tmp_path):
+    done = gse("replay", session, "--plots", "--out", tmp_path)
+    (page,) = (path.read_text() for path in tmp_path.glob("*/report.html"))
+    assert "Not seen: the sensor sends answers of its own and no panoramas" in page
+    assert "Processing time, as the sensor states it" in page
+    assert "Residuals of the stars" not in page
+    assert "stars seen of those expected" not in page
+    (report,) = (json.loads(path.read_text()) for path in tmp_path.glob("*/report.json"))
+    assert report["sky"]["stretches"][0]["seen_share"] is None
+    assert "sky: unknown 100 %" in done.out

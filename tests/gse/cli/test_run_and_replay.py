@@ -53,18 +53,22 @@ def test_a_scenario_changes_the_station_that_it_is_run_on_as_well(gse: Gse, tmp_
     url = "sim://?scenario=inclined&rate_hz=2&frames=60"
     assert gse("run", "--station", patient_station(tmp_path), "--port", url, "--out", out).code == 0
     folder = only_folder(out)
-    assert gse("replay", folder / "session.mcap", "--out", tmp_path / "again").code == 0
+    assert gse("replay", folder / "session.mcap", "--no-plots", "--out", tmp_path / "again").code == 0
+    assert "</svg>" not in (only_folder(tmp_path / "again") / "report.html").read_text()
 
 
 def test_a_run_ends_with_the_verdict_and_the_paths(gse: Gse, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done = gse("run", "--station", patient_station(tmp_path), "--port", "sim://?frames=60", "--out", out)
+    options = ("--port", "sim://?frames=60", "--no-plots", "--out", out)
+    done = gse("run", "--station", patient_station(tmp_path), *options)
     folder = only_folder(out)
     assert done.code == 0
     assert done.out.split()[0] == "PASS"
     assert str(folder / "session.mcap") in done.err
     assert str(folder / "report.html") in done.err
-    assert "sim://?frames=60" in (folder / "report.html").read_text()
+    page = (folder / "report.html").read_text()
+    assert "sim://?frames=60" in page
+    assert "</svg>" not in page
 
 
 def test_a_replay_keeps_the_identifier_that_the_run_was_told_to_use(gse: Gse, tmp_path: Path) -> None:
@@ -83,9 +87,10 @@ def test_replays_give_the_report_of_the_run_to_the_byte_each_in_a_folder_of_its_
 ) -> None:
     copy = Path(shutil.copy(session / "session.mcap", tmp_path))
     for speed in ("max", "60"):
-        assert gse("replay", copy, "--speed", speed, "--out", tmp_path / "out").code == 0
+        assert gse("replay", copy, "--speed", speed, "--plots", "--out", tmp_path / "out").code == 0
     folders = list((tmp_path / "out").iterdir())
     assert len(folders) == 2
+    assert "</svg>" in (session / "report.html").read_text()
     for folder, name in itertools.product(folders, REPORTS):
         assert (folder / name).read_bytes() == (session / name).read_bytes(), name
     assert copy.read_bytes() == (session / "session.mcap").read_bytes()
@@ -103,7 +108,7 @@ def test_a_session_whose_chunks_are_cut_to_single_bytes_gives_the_same_report(
                     writer.rx(Chunk(record.utc_ns, record.mono_ns, bytes([byte])))
             elif isinstance(record, Message):
                 writer.write(record)
-    assert gse("replay", tmp_path / "cut.mcap", "--out", tmp_path / "out").code == 0
+    assert gse("replay", tmp_path / "cut.mcap", "--plots", "--out", tmp_path / "out").code == 0
     again = only_folder(tmp_path / "out")
     for name in REPORTS:
         assert (again / name).read_bytes() == (session / name).read_bytes(), name
@@ -123,7 +128,7 @@ def test_a_session_without_its_station_file_neither_passes_nor_fails(gse: Gse, s
 def test_a_replay_in_steps_waits_for_enter_after_each_panorama_until_it_is_told_to_go_on(
     session: Path, tmp_path: Path
 ) -> None:
-    command = [sys.executable, "-m", "gse", "replay", session, "--step", "--out", tmp_path]
+    command = [sys.executable, "-m", "gse", "replay", session, "--step", "--no-plots", "--out", tmp_path]
     with subprocess.Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=PIPE, text=True) as replay:
         assert replay.stdin is not None
         assert replay.stderr is not None
@@ -226,6 +231,8 @@ def test_an_index_over_the_maximum_is_a_sensor_fault(gse: Gse, tmp_path: Path) -
         (["run", "--port", "sim://?frames=none"], 2, "frames"),
         (["run", "--port", "replay://absent.mcap"], 2, "absent.mcap"),
         (["run", "--station", "absent.yaml"], 2, "gse config init"),
+        (["run", "--http-port", "8420"], 2, "add --view web"),
+        (["replay", "absent.mcap", "--bind", "0.0.0.0", "--view", "native"], 2, "add --view web"),
         (["replay", "absent.mcap"], 2, "absent.mcap"),
         (["replay", __file__], 2, "--start-utc"),
         (["identify", "absent.csv"], 2, "absent.csv"),

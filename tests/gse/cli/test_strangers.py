@@ -59,7 +59,7 @@ def test_chunks_that_unpack_to_too_much_are_refused_with_the_budget(tmp_path: Pa
 
 def test_a_flood_of_events_is_counted_and_not_printed(tmp_path: Path, gse: Gse) -> None:
     path = write_flood(tmp_path / "session.mcap")
-    done = gse("report", path, "--out", tmp_path / "report")
+    done = gse("report", path, "--plots", "--out", tmp_path / "report")
     assert done.code == 5
     assert len(done.err.splitlines()) < 150
     assert json.loads((tmp_path / "report" / "report.json").read_text())["session"]["events"] == 30_000
@@ -71,7 +71,7 @@ def test_absurd_times_and_steering_texts_give_a_report_like_any_other(
     tmp_path: Path, gse: Gse, write: Callable[[Path], Path]
 ) -> None:
     path = write(tmp_path / "session.mcap")
-    done = gse("report", path, "--out", tmp_path / "report")
+    done = gse("report", path, "--plots", "--out", tmp_path / "report")
     assert done.code in (1, 5)
     assert STEERS.search(shown(done, tmp_path)) is None
     for command in (("info",), ("verify",), ("export", "--format", "csv", "-o", tmp_path / "panoramas.csv")):
@@ -213,7 +213,7 @@ def test_a_name_that_no_file_can_have_is_answered_as_one(command: str, words: st
 
 
 HOSTILE_ANSWERS = {
-    "a pipe": (None, "is no file"),
+    "a pipe": (None, "is not a file"),
     "a line without end": ('{"frame_no": 1, "ra_deg": "' + "x" * 200_000, "longer than"),
     "deep": ("[" * 50_000, "expected an answer"),
     "no number": ('{"frame_no": NaN}', "expected an answer"),

@@ -88,7 +88,7 @@ def test_the_web_view_serves_the_session_until_it_is_interrupted(session: Path) 
 
 
 def test_the_report_command_gives_the_report_of_the_run_beside_the_session(gse: Gse, session: Path) -> None:
-    done = gse("report", session / "session.mcap")
+    done = gse("report", session / "session.mcap", "--plots")
     assert done.code == 0
     for name in ("report.json", "report.html", "frames.csv", "junit.xml"):
         assert (session / "report" / name).read_bytes() == (session / name).read_bytes(), name

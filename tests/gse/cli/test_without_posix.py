@@ -1,6 +1,7 @@
 """The way from port to report on a system without POSIX, as far as one can be had here: see without_posix.py."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -46,16 +47,24 @@ def test_the_way_from_port_to_report_needs_no_posix_and_what_is_lacking_is_told_
     commands = (
         ["identify", str(table), "--station", str(station)],
         ["config", "check", str(station)],
-        ["run", "--station", str(quick), "--port", "sim://?frames=100", "--out", "sessions"],
+        ["run", "--station", str(quick), "--port", "sim://?frames=100", "--no-plots", "--out", "sessions"],
         ["status", "sessions"],
-        ["replay", session, "--out", "again"],
+        ["replay", session, "--no-plots", "--out", "again"],
         ["report", "sessions/*"],
         ["view", session, "--save", "view.rrd"],
         ["session", "verify", session],
         ["calibrate", session],
     )
     lacking = (["run", "--detach"], ["emulate", "--pty"])
-    found, messages = answers(tmp_path, *commands, *lacking)
+    sensor, port = os.openpty()
+    ports = (["run", "--port", os.ttyname(port), "--duration", "1", "--out", "silent"], ["run", "--port", "COM3"])
+    found, messages = answers(tmp_path, *commands, *lacking, *ports)
+    os.close(sensor)
+    os.close(port)
+    *found, silent, absent = found
+    assert (silent[0], absent[0]) == (5, 4)
+    assert f"OPENED: {os.path.realpath('/dev/pts')}" in messages
+    assert "there is no port COM3; ports here:" in messages
     assert [code for code, _ in found] == [0] * len(commands) + [2] * len(lacking)
     assert "RA" in found[0][1]
     assert all(word in found[3][1] for word in ("ended", "PASS"))

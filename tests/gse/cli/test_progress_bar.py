@@ -1,0 +1,42 @@
+"""Progress of a long command where stderr is not a terminal."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gse.cli.progress_bar import ProgressBar, time_left
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(1, "about 1 s"), (89, "about 89 s"), (90, "about 2 min"), (7200, "about 120 min")]
+)
+def test_a_few_seconds_are_not_called_a_minute(seconds: float, text: str) -> None:
+    assert time_left(seconds) == text
+
+
+def test_there_is_a_line_at_each_tenth_and_errors_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressBar("judging", 20) as bar:
+        for number in range(20):
+            bar.advance(is_error=number == 7)
+    lines = [line.split(", ")[0] for line in capsys.readouterr().err.splitlines()]
+    assert lines[:3] == ["judging: 2 of 20", "judging: 4 of 20", "judging: 6 of 20"]
+    assert lines[3:] == [f"judging (1 with errors): {done} of 20" for done in range(8, 21, 2)]
+
+
+def test_a_replay_on_a_terminal_says_how_far_it_is() -> None:
+    """In a process of its own: whether stderr is a terminal is what decides."""
+    ours, theirs = os.openpty()
+    session = Path(__file__).parents[3] / "replays" / "golden" / "clear.mcap"
+    show = f"""from pathlib import Path; from gse.cli.progress import ReplayedShare, _bytes_of
+path = Path({str(session)!r}); progress = ReplayedShare(path)
+print(repr(progress.text(0)), repr(progress.text(_bytes_of(path) // 4)))"""
+    for stderr, share in ((theirs, "25 % done"), (subprocess.DEVNULL, "")):
+        shown = subprocess.run(
+            [sys.executable, "-c", show], stdout=subprocess.PIPE, stderr=stderr, text=True, check=True
+        )
+        assert shown.stdout.split("\n")[0] == f"'' {share!r}"
+    os.close(theirs)
+    os.close(ours)
