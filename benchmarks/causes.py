@@ -131,7 +131,7 @@ CAUSES = {
     "clock offset": Cause("clock offset", ("clock offset",), lambda w, s: replace(w, clock_s=s), lambda r, _: 20.0),
     "clock drift": Cause(
         "clock drift",
-        ("clock drift",),
+        ("clock drift", "a host's clock that"),
         lambda w, ppm: replace(w, clock_ppm=ppm),
         lambda r, seconds: 1e7 / seconds,
     ),

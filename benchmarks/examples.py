@@ -57,6 +57,9 @@ SHORTER = (
     ("gse config init roof.yaml", "rm -f another.yaml; gse config init another.yaml"),
     ("campaign report dataset --out campaign", "campaign report dataset --out page"),
     ("--out panorama.csv", "--out extracted.csv"),
+    ("gse catalog export --list stars.csv", "gse catalog export --list more-stars.csv"),
+    ("clear.mcap -o ", "clear.mcap -o clear-"),
+    ("sensor exposure 0.2", "sensor exposure 0.05"),  # longer than the period of `sensor start`, which is refused then
 )
 """What makes an example long, or meets a file of another one, and its stand-in."""
 

@@ -3,7 +3,7 @@
     python benchmarks/faults.py [PART ...]
 
 Parts: wire, recorder, files, ports, load, readers, signals, changed, strangers, network, silence, words, commands, web,
-floats, statuses, disks, streams, damaged.
+floats, hopeless, statuses, disks, streams, damaged.
 
 Prints a table with the goal beside each figure; without arguments, all of it (some 20 minutes). The stalled and the
 full disk are real ones, and need root to mount them.
@@ -40,7 +40,7 @@ from devices.hostile_sessions import FILES, write_file, write_flood, write_steer
 from devices.ser2net import PROGRAM, Ser2net
 from devices.terminal import Terminal
 from endings import readers, signals
-from hostile import commands, floats, silence, statuses, web, words
+from hostile import commands, floats, hopeless, silence, statuses, web, words
 from refused import disks, streams
 
 PROTOCOL = load_protocol("panorama-v1")
@@ -79,7 +79,14 @@ def main() -> None:
     parts = {"wire": wire, "recorder": recorder, "files": files, "ports": ports, "load": load}
     parts |= {"readers": readers, "signals": signals}
     parts |= {"changed": changed, "strangers": strangers, "network": network, "silence": silence}
-    parts |= {"words": words, "commands": commands, "web": web, "floats": floats, "statuses": statuses}
+    parts |= {
+        "words": words,
+        "commands": commands,
+        "web": web,
+        "floats": floats,
+        "hopeless": hopeless,
+        "statuses": statuses,
+    }
     parts |= {"disks": disks, "streams": streams, "damaged": damaged}
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.2f}", flush=True)
     for name in sys.argv[1:] or parts:

@@ -107,16 +107,39 @@ def _answer_all(terminal: Terminal, answer: Callable[[int], bytes], stop: thread
                     terminal.write(answer(item.sequence))
 
 
-def _panorama(number: int) -> PanoramaMessage:
+def _panorama(number: int, *objects: tuple[float, float, float]) -> PanoramaMessage:
+    """A panorama of objects, each a column, a row and an index."""
+    columns = np.array(objects or [(10.0, 20.0, 400.0)])
     return PanoramaMessage(
         time_us=100_000 * number,
         frame_no=number,
         exposure_s=0.05,
         flags=frozenset(),
         temperature_c=20.0,
-        xy_px=np.array([[10.0, 20.0]]),
-        index=np.array([400.0]),
+        xy_px=columns[:, :2],
+        index=columns[:, 2],
     )
+
+
+def hopeless(folder: Path) -> list[Row]:
+    """Valid panoramas without any star, which both identifiers search to the end."""
+    rng, rows = np.random.default_rng(5), []
+    for objects in (30, 12):
+        cpu_s = []
+        for frames in (20, 220):
+            found = rng.integers((0, 0, 100), (1024, 1024, 4000), (frames, objects, 3)).astype(float)
+            data = b"".join(PROTOCOL.encode(_panorama(k, *found[k]), k) for k in range(frames))
+            raw = folder / f"{objects}-{frames}.raw"
+            raw.write_bytes(data)
+            before = os.times()
+            command = ["replay", str(raw), "--start-utc", "2026-03-20T18:30:00Z", "--out", str(raw) + ".out"]
+            subprocess.run([*GSE, *command], check=False, capture_output=True, cwd=folder)
+            after = os.times()
+            cpu_s.append(sum(after[2:4]) - sum(before[2:4]))
+        each_s = (cpu_s[1] - cpu_s[0]) / 200
+        value = f"{1000 * each_s:.1f} ms a panorama, {each_s * 1e6 * frames / len(data):.0f} s per MB"
+        rows.append((f"panoramas of {objects} random objects, CPU of a replay", value, "10 s per MB"))
+    return rows
 
 
 def _chaos() -> list[Row]:

@@ -33,7 +33,7 @@ from gse.identifier.robust import _field
 from gse.identifier.robust_tables import SkyTables, sky_tables
 from gse.identifier.tangent_plane import Attempt, Noise, Objects, objects_of, place
 from gse.identifier.verify import grow
-from gse.identifier.votes import pair_rotation, stars_near
+from gse.identifier.votes import axis, pair_rotation, stars_near
 from gse.jit import compiled
 
 FALSE_MAGNITUDES = 4.0
@@ -126,7 +126,8 @@ def explored(
                     if abs(sky.magnitude[s] - magnitude[i]) > fainter or abs(sky.magnitude[t] - magnitude[j]) > fainter:
                         continue
                     pair_rotation(directions[i], directions[j], sky.icrs[s], sky.icrs[t], rotation)
-                    if stars_near(sky, directions, rotation) < min(4, stars_seen):
+                    axes = axis(rotation, 0), axis(rotation, 1), axis(rotation, 2)
+                    if stars_near(sky.near_star, directions, axes) < min(4, stars_seen):
                         continue
                     pair[i], pair[j] = s, t
                     attempt, started = _attempt_with(sky, rotation.copy(), pair)

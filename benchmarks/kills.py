@@ -8,10 +8,12 @@ while tables are loaded, and while frames are judged. The others are link and re
 Prints markdown.
 
 The age of a lost frame is that from before it was sent until after the kill: the pauses of this program count as the
-station's.
+station's. A computer that is busy with other work does not run the station for a while either: beside each age stands
+by how much a process that only sleeps, a millisecond at a time, was late in the same time.
 """
 
 import argparse
+import itertools
 import random
 import subprocess
 import sys
@@ -40,12 +42,21 @@ RATES_HZ = (10, 25, 100, 400)
 MOST_BURNERS = 8
 OLD_S = 0.050
 WHOLE_WITHIN_S, RECORDER_WITHIN_S = 10.0, 1.5
+SLEEP = """
+import sys, time
+while True:
+    time.sleep(0.001)
+    print(time.monotonic(), flush=True)
+"""
 FRAMES = frames(4100, np.random.default_rng(1))
 
 
 @dataclass(frozen=True)
 class Loss:
-    """What one kill cost: frames, seconds since the oldest of them was sent, and what is wrong with the file."""
+    """What one kill cost: frames, seconds since the oldest of them was sent, and what is wrong with the file.
+
+    ``late_s`` is how late a process that only sleeps was since then.
+    """
 
     whole: bool
     rate_hz: int
@@ -53,6 +64,7 @@ class Loss:
     sent: int
     lost: int
     oldest_s: float
+    late_s: float
     corrupt: str
 
 
@@ -76,22 +88,26 @@ def kill(folder: Path, rng: random.Random, *, whole: bool) -> Loss:
     """One session that is killed at a random moment."""
     rate_hz, burners = rng.choice(RATES_HZ), rng.randint(0, MOST_BURNERS)
     terminal = Terminal(folder / "tty")
-    with _station(folder, terminal, whole=whole) as process, _burning(burners):
+    with _station(folder, terminal, whole=whole) as process, _burning(burners), _sleeping(folder / "woke") as woke:
         sent_s = _feed(terminal, rate_hz, rng.uniform(0.02, WHOLE_WITHIN_S if whole else RECORDER_WITHIN_S))
         process.kill()
         killed_s = time.monotonic()
         process.wait()
+        while not (woke_s := _times(woke)) or woke_s[-1] < killed_s:
+            time.sleep(0.001)
     terminal.unplug()
     (path,) = folder.glob("**/session.mcap")
     received = b"".join(r.data for r in read_capture(path) if isinstance(r, Message) and r.topic == RX)
     complete = _complete(received)
+    oldest_sent_s = sent_s[complete] if complete < len(sent_s) else killed_s
     return Loss(
         whole=whole,
         rate_hz=rate_hz,
         burners=burners,
         sent=len(sent_s),
         lost=len(sent_s) - complete,
-        oldest_s=killed_s - sent_s[complete] if complete < len(sent_s) else 0.0,
+        oldest_s=killed_s - oldest_sent_s,
+        late_s=_late_s(woke_s, oldest_sent_s, killed_s),
         corrupt=_corrupt(path, received),
     )
 
@@ -120,6 +136,31 @@ def _burning(count: int) -> Iterator[None]:
         for burner in burners:
             burner.kill()
             burner.wait()
+
+
+@contextmanager
+def _sleeping(path: Path) -> Iterator[Path]:
+    """A process that sleeps a millisecond at a time, and the file of when it woke."""
+    with path.open("wb") as file, subprocess.Popen([sys.executable, "-c", SLEEP], stdout=file) as sleeper:
+        try:
+            yield path
+        finally:
+            sleeper.kill()
+
+
+def _times(path: Path) -> list[float]:
+    """The whole lines of a file of times."""
+    return [float(line) for line in path.read_text().split("\n")[:-1]]
+
+
+def _late_s(woke_s: list[float], begin_s: float, end_s: float) -> float:
+    """How much longer than its millisecond the longest sleep between two times was."""
+    inside = [
+        min(later, end_s) - max(sooner, begin_s)
+        for sooner, later in itertools.pairwise([0.0, *woke_s])
+        if later > begin_s and sooner < end_s
+    ]
+    return max(0.0, max(inside) - 0.001)
 
 
 def _feed(terminal: Terminal, rate_hz: int, seconds: float) -> list[float]:
@@ -157,8 +198,9 @@ def _corrupt(path: Path, received: bytes) -> str:
 def markdown(losses: list[Loss]) -> str:
     """A table by what was killed and the load beside it."""
     lines = [
-        "| killed | computing beside it | kills | frames sent | lost, oldest | lost older than 50 ms | corrupt |",
-        "|---|---|---|---|---|---|---|",
+        "| killed | computing beside it | kills | frames sent | lost, oldest, a sleeper late by | older than 50 ms"
+        " | and than 50 ms and the sleeper's lateness | corrupt |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for whole, name in ((True, "`gse run`"), (False, "link and recorder")):
         for least, most in ((0, 2), (3, 5), (6, 8)):
@@ -170,10 +212,12 @@ def markdown(losses: list[Loss]) -> str:
 
 def _cells(losses: list[Loss]) -> str:
     old = sum(loss.lost for loss in losses if loss.oldest_s > OLD_S)
-    oldest_ms = 1e3 * max(loss.oldest_s for loss in losses)
+    beyond = sum(loss.lost for loss in losses if loss.oldest_s - loss.late_s > OLD_S)
+    oldest = max(losses, key=lambda loss: loss.oldest_s)
     lost = sum(loss.lost for loss in losses)
     corrupt = sum(bool(loss.corrupt) for loss in losses)
-    return f"{len(losses)} | {sum(loss.sent for loss in losses)} | {lost}, {oldest_ms:.1f} ms | {old} | {corrupt}"
+    cost = f"{lost}, {1e3 * oldest.oldest_s:.1f} ms, {1e3 * oldest.late_s:.1f} ms"
+    return f"{len(losses)} | {sum(loss.sent for loss in losses)} | {cost} | {old} | {beyond} | {corrupt}"
 
 
 if __name__ == "__main__":

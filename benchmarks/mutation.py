@@ -23,8 +23,9 @@ texts, ``strict=`` of zip, memory layout (``order=``) and cache sizes (``maxsize
 
 import argparse
 import ast
+import contextlib
 import functools
-import importlib
+import importlib.util
 import json
 import os
 import random
@@ -493,7 +494,8 @@ def serve(tree: Path, *, whole: bool) -> None:
         for path in (*sorted((tree / "gse").rglob("*.py")), *sorted((tree / "tests" / "skies").glob("*.py"))):
             if path.stem not in ("__main__", "__init__"):
                 base = tree / "tests" if "skies" in path.parts else tree
-                importlib.import_module(".".join(path.relative_to(base).with_suffix("").parts))
+                with contextlib.suppress(ModuleNotFoundError):  # of a solver that is not installed
+                    importlib.import_module(".".join(path.relative_to(base).with_suffix("").parts))
     for line in sys.stdin:
         print(json.dumps(_forked(*json.loads(line))), flush=True)
 
@@ -595,6 +597,7 @@ def in_tree(tester: Tester, mutant: Mutant, parts: list[list[str]], most_cpu_s: 
         return next((word for word in said if word != "survived"), "survived")
     finally:
         sound.replace(path)
+        Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
         for code in _machine_code(tree, modules):
             code.unlink()
         for code, content in machine_code.items():

@@ -39,14 +39,12 @@ _TO_CLOCK = "tests/gse/assessment/test_clock_health.py"
 _TO_STATISTICS = "tests/gse/assessment/test_statistics.py"
 _TO_HOT = "tests/gse/calibration/test_hot_pixels.py"
 _TO_ALIGNMENT = "tests/gse/truth/test_alignment.py"
-_SHARE_LIMITS = (
-    "(share.lower >= limit, share.upper < limit) if at_least else (share.upper <= limit, share.lower > limit)"
-)
+_OF_VALUE = "(share.value, share.value)"
 
 NAMED = (
     Named("never FALSE", _FRAMES, "_RAD, _CORRECT, _FALSE)", "_RAD, _CORRECT, _CORRECT)", _TO_FRAMES),
-    Named("FALSE from 5 deg on", _FRAMES, "math.radians(0.05)", "math.radians(5)", _TO_FRAMES),
-    Named("time never fails", "gse/assessment/verdict.py", "limit=SLOW_SHARE", "limit=1.0", _TO_VERDICT),
+    Named("FALSE from 5 deg on", _FRAMES, "= SAME_BORESIGHT_ARCSEC *", "= 100 * SAME_BORESIGHT_ARCSEC *", _TO_FRAMES),
+    Named("time never fails", "gse/assessment/verdict.py", "name, SLOW_SHARE,", "name, 1.0,", _TO_VERDICT),
     Named(
         "FAIL though truth may be it", _GUARD, "guard(value - lower, truth_standard)", "(value - lower)", _TO_DECISION
     ),
@@ -87,16 +85,20 @@ NAMED = (
     ),
     Named("limit: keeps <", _GUARD, "truth_standard) <= limit", "truth_standard) < limit", _TO_DECISION),
     Named("limit: exceeds >=", _GUARD, "truth_standard) > limit", "truth_standard) >= limit", _TO_DECISION),
-    Named("limit: simple <", _DECISION, "PASS if figure.value <= limit", "PASS if figure.value < limit", _TO_DECISION),
-    Named("share: lower >", _DECISION, _SHARE_LIMITS, _SHARE_LIMITS.replace("lower >=", "lower >"), _TO_DECISION),
-    Named("share: upper <=", _DECISION, _SHARE_LIMITS, _SHARE_LIMITS.replace("upper < ", "upper <= "), _TO_DECISION),
-    Named("share: upper <", _DECISION, _SHARE_LIMITS, _SHARE_LIMITS.replace("upper <=", "upper <"), _TO_DECISION),
-    Named("share: lower >=", _DECISION, _SHARE_LIMITS, _SHARE_LIMITS.replace("lower > ", "lower >= "), _TO_DECISION),
-    Named("share: simple >", _DECISION, "share.value >= limit", "share.value > limit", _TO_DECISION),
-    Named("share: simple <", _DECISION, "share.value <= limit", "share.value < limit", _TO_DECISION),
     Named(
-        "30 frames are too few", _DECISION, "figure.frames < MIN_FRAMES", "figure.frames <= MIN_FRAMES", _TO_DECISION
+        "limit: simple <",
+        _DECISION,
+        "PASS if figure.value <= asked.limit",
+        "PASS if figure.value < asked.limit",
+        _TO_DECISION,
     ),
+    Named("share: lower >", _DECISION, "lower >= limit if at_least", "lower > limit if at_least", _TO_DECISION),
+    Named("share: upper <=", _DECISION, "upper < limit if at_least", "upper <= limit if at_least", _TO_DECISION),
+    Named("share: upper <", _DECISION, "else upper <= limit", "else upper < limit", _TO_DECISION),
+    Named("share: lower >=", _DECISION, "else lower > limit", "else lower >= limit", _TO_DECISION),
+    Named("share: simple by its lower bound", _DECISION, _OF_VALUE, "(share.lower, share.value)", _TO_DECISION),
+    Named("share: simple by its upper bound", _DECISION, _OF_VALUE, "(share.value, share.upper)", _TO_DECISION),
+    Named("30 frames are too few", _DECISION, "self.frames < MIN_FRAMES", "self.frames <= MIN_FRAMES", _TO_DECISION),
     Named("29 frames suffice", "gse/assessment/sampling.py", "MIN_FRAMES = 30", "MIN_FRAMES = 29", _TO_DECISION),
     Named(
         "|dRA| times cos DE",

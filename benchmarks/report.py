@@ -65,7 +65,7 @@ def made(count: int):  # type: ignore[no-untyped-def]
 
     session = synthetic_night(_NIGHT)
     session.stars = small_catalog().listed
-    frames, matches = np.tile(session.frames.columns, count // _NIGHT), session.frames.matches
+    frames, matches = np.tile(session.frames.columns.rows(), count // _NIGHT), session.frames.matches
     place = np.arange(len(frames))
     frames["utc_ns"] = frames["utc_ns"][0] + place * _STEP_NS
     frames["host_utc_ns"], frames["time_us"], frames["frame_no"] = frames["utc_ns"], place * _STEP_NS // 1000, place

@@ -58,7 +58,7 @@ def main() -> None:
     print(f"{'all':16}{'':12}{sum(map(len, labels)):8}{auc(np.concatenate(scores), np.concatenate(labels)):8.3f}")
     print("\nten real frames: label (cells of 33 with cloud), condition, stars seen of those expected")
     for frame, facts in json.loads((LOWELL / "frames.json").read_text()).items():
-        (row,) = replay_session(LOWELL / f"{frame}.mcap").session.frames.columns
+        (row,) = replay_session(LOWELL / f"{frame}.mcap").session.frames.columns.rows()
         condition, label = SKY_CONDITIONS[row["sky_condition"]], facts["clouded_cells_of_33"]
         print(f"{frame}  {label:3}  {condition:10} {row['stars_seen']:3} of {row['stars_expected']:.0f}")
 
@@ -102,7 +102,7 @@ def _run(scenario: Scenario, path: Path) -> NDArray[np.void]:
     register(device_factory(parse_station(BUILT_IN_TEXT)))
     with SerialLink(f"sim://?scenario={path}") as link:
         session = StationLoop(set_up(station, text), recorded=RecordedTimings()).run(link)
-    return session.frames.columns
+    return session.frames.columns.rows()
 
 
 def _extinction(scenario: Scenario, utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -114,7 +114,7 @@ def replay(folder: Path, yardstick_s: float) -> list[Row]:
         (
             "identification of a 30-object panorama in a replay",
             f"{one.identification_us['p50']:.0f} us",
-            "< 200 ms [S]",
+            "< 200 ms (LAPAN paper)",
         ),
         ("start, tables and report of 100 frames", f"{few_1.cpu_s:.2f} s CPU", ""),
         ("each further frame", f"{each_us:.0f} us CPU", "<= 100 us"),

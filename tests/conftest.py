@@ -6,6 +6,7 @@ astropy reads the installed tables whatever the date, and signals are not ignore
 import gc
 import os
 import signal
+import sys
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as gse does, where it comes before numpy
@@ -17,7 +18,13 @@ from hypothesis import settings
 
 TESTS = Path(__file__).parent
 
-settings.register_profile("any host", deadline=None)  # a busy one takes long, and the first example compiles
+# A container often has Python keep no byte code: then each process that a test starts compiles all of gse, for 1.2 s.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
+# A busy host takes long, and the first example compiles. The same examples in each run: a test that fails was broken by
+# a change. ``--hypothesis-profile default`` draws others.
+settings.register_profile("any host", deadline=None, derandomize=True)
 settings.load_profile("any host")
 
 # A runner that was started in the background, or by nohup, hands ignored signals down to every process.

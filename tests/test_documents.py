@@ -56,6 +56,17 @@ def test_the_plan_names_functions_that_are_where_it_says() -> None:
         assert re.search(rf"^\s*(?:def|class) {name}\b", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE), name
 
 
+def test_a_module_that_the_plan_names_without_its_room_is_in_the_room_of_the_path_before_it() -> None:
+    rooms, missing = Path(), []
+    for line in (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").splitlines():
+        for name in re.findall(r"`(\w[\w./]*(?:/|\.py))`", line):
+            if "/" in name:
+                rooms = ROOT / name if name.endswith("/") else (ROOT / name).parent
+            elif not (rooms / name).exists():
+                missing.append(f"{name} in {rooms}")
+    assert missing == []
+
+
 def test_the_index_of_the_documentation_lists_every_page() -> None:
     listed = set(_LINK.findall((ROOT / "docs" / "index.md").read_text(encoding="utf-8")))
     assert {path.name for path in (ROOT / "docs").glob("*.md")} - listed == {"index.md"}

@@ -1,4 +1,4 @@
-"""A protocol of floats, with frames whose fields hold what is no number of theirs."""
+"""A protocol of floats, with frames whose fields hold what is not a number of theirs."""
 
 import math
 import struct

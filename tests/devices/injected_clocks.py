@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from skies.astropy_night import STATION_TEXT, AstropyNight
@@ -10,6 +10,7 @@ from skies.astropy_night import STATION_TEXT, AstropyNight
 from drivers.chunk import Chunk
 from drivers.clock import ClockReading
 from gse.config.station import parse_station
+from gse.identifier import Answers, Identification, Identifier, ObjectColumns, Unidentified
 from gse.instant import NS_PER_S, from_text
 from gse.station.loop import StationLoop
 from gse.station.session_data import SessionData
@@ -55,11 +56,32 @@ class InjectedClocks:
     sequence: Callable[[int], int] = field(default=lambda number: number)
 
 
+class Remembering:
+    """An identifier that searches the sky for each panorama once: many sessions show it the same objects."""
+
+    def __init__(self, identifier: Identifier) -> None:
+        self.name, self.catalog = identifier.name, identifier.catalog
+        self._identifier = identifier
+        self._answers: dict[bytes, Identification | Unidentified] = {}
+
+    def identify(self, directions_sensor: np.ndarray, brightness: np.ndarray) -> Identification | Unidentified:
+        """As the identifier does."""
+        key = directions_sensor.tobytes() + brightness.tobytes()
+        if key not in self._answers:
+            self._answers[key] = self._identifier.identify(directions_sensor, brightness)
+        return self._answers[key]
+
+    def identify_many(self, objects: ObjectColumns) -> Answers:
+        """As the identifier does."""
+        return Answers.of([self.identify(*panorama) for panorama in objects])
+
+
 class Sky:
     """The frames of a minute or some more, made once for all sessions: true seconds and objects."""
 
     def __init__(self, duration_s: float = 80.0, rate_hz: float = 5.0) -> None:
-        self.setup = set_up(parse_station(TEXT), TEXT, utc_ns=START_NS)
+        made = set_up(parse_station(TEXT), TEXT, utc_ns=START_NS)
+        self.setup = replace(made, identifier=Remembering(made.identifier), reference=Remembering(made.reference))
         instants = START_NS + np.arange(round(duration_s * rate_hz)) * round(NS_PER_S / rate_hz)
         night = AstropyNight(self.setup.identifier.catalog.icrs)
         made = list(night.panoramas(instants, noise_px=0.05, seed=5))

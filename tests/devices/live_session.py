@@ -17,10 +17,14 @@ PATIENCE_S = 120.0
 
 
 def run_command(out: Path, *options: str) -> list[str]:
-    """The command line of a session on a silent port, which begins with its session folder below ``out``."""
+    """The command line of a session on a silent port, which begins with its session folder below ``out``.
+
+    Its report has no plots: they take longer than the rest of such a session.
+    """
     out.mkdir(parents=True)
     terminal = Terminal(out.with_name(f"{out.name}-tty"))
-    return [sys.executable, "-m", "gse", "run", "--port", str(terminal.path), "--out", str(out), *options]
+    command = [sys.executable, "-m", "gse", "run", "--port", str(terminal.path), "--out", str(out), "--no-plots"]
+    return [*command, *options]
 
 
 class LiveSession:

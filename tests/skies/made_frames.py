@@ -25,7 +25,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class MadeFrame:
-    """One panorama, brightest first, with its truth; ``ids`` is 0 where an object is no star."""
+    """One panorama, brightest first, with its truth; ``ids`` is 0 where an object is not a star."""
 
     xy_px: np.ndarray
     brightness: np.ndarray

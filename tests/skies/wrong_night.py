@@ -46,7 +46,7 @@ class World:
 
     ``moves_arcsec_per_h`` and ``slip_arcsec`` turn the sensor along columns, rows and about the boresight, waves and
     vibration across it. ``wander`` is a correlated error across the boresight: arcsec, and its time constant in s.
-    ``clouds`` are (from s, to s, magnitudes).
+    ``clouds`` are (from s, to s, magnitudes). From ``frozen_from_s`` on the sensor sends one picture again and again.
     """
 
     site: Site
@@ -76,6 +76,7 @@ class World:
     vibration_hz: float = 3.3
     wander: tuple[float, float] = (0.0, 1.0)
     clouds: tuple[tuple[float, float, float], ...] = ()
+    frozen_from_s: float = math.inf
 
     def at(self, **changes: float) -> "World":
         """With another site: latitude_deg, longitude_deg, height_m, pressure_hpa, temperature_c."""
@@ -134,7 +135,10 @@ def _set_up(text: str, start: str) -> Setup:
 def _chunks(true: World, plan: Plan, setup: Setup) -> Iterator[Chunk]:
     rng = np.random.default_rng(plan.seed)
     start_ns, sequence = from_text(plan.start), itertools.count()
+    kept = None
     for number, (time_s, xy_px, index) in enumerate(_frames(true, plan, start_ns, rng)):
+        xy_px, index = kept if kept and time_s >= true.frozen_from_s else (xy_px, index)
+        kept = xy_px, index
         message = PanoramaMessage(
             time_us=round(time_s * 1e6) + 1_000_000,
             frame_no=number,
