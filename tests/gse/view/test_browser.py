@@ -19,7 +19,7 @@ from gse.view.live import LiveView
 from gse.view.saved_view import SavedView
 from gse.view.server import Content, ViewServer
 
-DRAWN_WITHIN_MS = 60_000
+DRAWN_WITHIN_MS = 180_000
 FRAMES = 299
 """The 300th would have no answer, and so no stars to see."""
 
