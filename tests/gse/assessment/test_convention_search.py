@@ -1,6 +1,7 @@
 """Conventions of a sensor's own answers, found from a minute of sky."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from gse.assessment.verdict import judge
 from gse.attitude_convention import (
     AttitudeConvention,
     from_quaternions,
+    proper_axes,
+    read_quaternions,
     state_angles,
     state_quaternions,
     to_quaternions,
@@ -232,6 +235,31 @@ def test_noise_of_a_minute_is_an_uncertainty_and_no_change():
     found = search_convention(turned(noise, state_angles))
     assert 10 < found.nearest.uncertainty_arcsec < 100 / np.sqrt(20)
     assert found.nearest.size_arcsec < 3 * found.nearest.uncertainty_arcsec
+
+
+@pytest.mark.parametrize(("over_a_minute_arcsec", "counts"), [(60.0, False), (100.0, True)])
+def test_a_change_counts_beyond_five_times_its_own_error(over_a_minute_arcsec, counts):
+    """Twenty blocks that lie 20 arcsec to either side: a slope over all is known to 20 * 1.054 / 1.357 arcsec."""
+    course = np.linspace(-0.5, 0.5, 60) * over_a_minute_arcsec + np.where(np.arange(60) // 3 % 2, 20.0, -20.0)
+    found = search_convention(turned(np.outer(course, [1, 0, 0]), state_angles))
+    assert (found.nearest.size_arcsec > 50) is counts
+
+
+def test_a_stated_convention_of_quaternions_is_among_those_that_fit_where_it_reads_them_alike():
+    """Each reading has a twin with the scalar at the other end."""
+    found = search_convention(sent(AttitudeConvention(), state_quaternions))
+    quaternions = Rotation.random(4, rng=np.random.default_rng(2)).as_quat()
+    right = read_quaternions(quaternions, AttitudeConvention())
+    alike = 0
+    for body_axes, reference_axes, conjugate in itertools.product(proper_axes(), proper_axes(), (False, True)):
+        stated = AttitudeConvention(
+            scalar="first", conjugate=conjugate, body_axes=body_axes, reference_axes=reference_axes
+        )
+        is_alike = np.abs(read_quaternions(quaternions, stated) - right).max() < 1e-6
+        assert found.includes(stated) is bool(is_alike)
+        assert not found.includes(dataclasses.replace(stated, frame="date"))
+        alike += is_alike
+    assert alike > 0
 
 
 def test_a_turn_about_the_boresight_counts_a_tenth():
