@@ -72,7 +72,7 @@ DRAWN = {
 def missing_in_the_end(page) -> list[str]:
     """What is not drawn when all should be; a software renderer needs its time."""
     page.wait_for_selector("canvas.visible")
-    until_s = time.monotonic() + PATIENCE_S
+    until_s = time.monotonic() + 2 * PATIENCE_S
     missing = list(DRAWN)
     while missing and time.monotonic() < until_s:
         page.wait_for_timeout(1000)

@@ -249,6 +249,12 @@ def piece_of(view: LiveView, place: str, path: Path, *, last: str = "") -> tuple
         return rows_of(path) if body else {}, answer.headers["X-Place"], int(answer.headers["X-Utc-Ns"])
 
 
+def printed(path: Path) -> str:
+    """What rerun itself says of a recording, a line for each part of it in its order."""
+    command = [str(rerun_program()), "rrd", "print", str(path)]
+    return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=quiet_environment()).stdout
+
+
 def wait_for_frames(view: LiveView, frames: list, path: Path) -> tuple[dict[str, list], str]:
     """The first piece of a page with so many frames, and its place."""
     for _ in range(round(10 * PATIENCE_S)):
@@ -283,6 +289,19 @@ def test_a_page_that_comes_late_gets_the_past_in_one_piece_and_then_only_what_is
     assert "/sky/catalogue" not in last
     assert nothing == {}, "a star that came twice has no name in the viewer"
     assert len(moving(last["/panorama/stars"])) == 1
+
+
+def test_the_layout_comes_before_all_data_or_else_the_viewer_shows_its_own_and_tells_no_time(
+    frames, session, tmp_path: Path
+) -> None:
+    with LiveView(session.station, mode="web", port=free_port("127.0.0.1")) as view:
+        view.on_results(NewResults.of(frames[:20]), session)
+        rows, _ = wait_for_frames(view, frames[:20], tmp_path / "first.rrd")
+        for _ in range(12):  # what rerun sends beside it came first in one of five
+            piece_of(view, "", tmp_path / "piece.rrd")
+            parts = printed(tmp_path / "piece.rrd")
+            layout_at = parts.index("BlueprintActivationCommand")
+            assert all(parts.index(f" - {path} - ") > layout_at for path in rows)
 
 
 @pytest.mark.parametrize("place", ["7", "../x.1", "a.b", "a." + "9" * 20])
