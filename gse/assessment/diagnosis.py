@@ -16,6 +16,7 @@ from gse.assessment.fine_causes import forget_fits
 from gse.assessment.fine_findings import Setting, fine_findings
 from gse.assessment.focus import focus_finding, focus_loss
 from gse.assessment.known_steps import without_steps
+from gse.assessment.late_frames import LateFrames
 from gse.assessment.low_field import without_shaking
 from gse.assessment.out_of_place import STARS_FALL_OUT, most_unmatched, stars_fall_out
 from gse.assessment.plain_findings import (
@@ -131,4 +132,5 @@ def session_model(session: SessionData, counted: CountedFrames) -> ModelledSessi
     first_ns = int(frames["utc_ns"][series.rows[0]])
     model = SessionModel.of(series.shortened(), field, station.site, mount, is_fitted=session.alignment is not None)
     frame_hz = 1 / max(float(np.median(np.diff(series.time_s))), 1e-9)
-    return ModelledSession(model, series, Setting(camera, station.site, mount, first_ns, exposure_s, frame_hz))
+    late = LateFrames.of(frames, session.events)
+    return ModelledSession(model, series, Setting(camera, station.site, mount, first_ns, exposure_s, frame_hz, late))

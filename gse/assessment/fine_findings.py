@@ -11,6 +11,7 @@ from gse.assessment.error_series import ErrorSeries
 from gse.assessment.fine_causes import Named, fine_causes
 from gse.assessment.fine_hypotheses import MOST_HPA, TANGENTIAL, ZERO_C_K, Hypothesis
 from gse.assessment.gross_turns import wrong_dates
+from gse.assessment.late_frames import LateFrames
 from gse.assessment.session_model import SessionModel
 from gse.assessment.turns import all_turns
 from gse.assessment.vibration import Vibration, vibration, without_waves
@@ -33,6 +34,10 @@ _SURE_S = 0.2
 """An offset that is known worse is near to a whole second by chance."""
 CLOCK_SCALES = {"clock set to GPS time": 18.0, "clock set to TAI": 37.0}
 """How fast a host's clock is that was set to another time scale than UTC, in s, since 2017."""
+_SAME_DELAY_S = 0.02
+"""The latency that a USB adapter may have."""
+_DOUBTFUL = 2.0
+"""Times the turn that a delay makes: a slip is known so badly where it is told beside a step of time."""
 _MOST_PRESSURE_SHARE = 0.3
 _MOST_BEAT_FRAMES = 200
 """One vibration of a hundred beats with the frames as slowly as this, or slower."""
@@ -40,7 +45,10 @@ _MOST_BEAT_FRAMES = 200
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What findings are worded with: the stated values, the first instant, the exposure, and frames per second."""
+    """What findings are worded with: the stated values, the first instant, the exposure, and frames per second.
+
+    ``late`` is None where host stamps do not tell how late frames are read.
+    """
 
     camera: Camera
     site: Site
@@ -48,6 +56,7 @@ class Setting:
     first_ns: int
     exposure_s: float
     frame_hz: float
+    late: LateFrames | None = None
 
 
 def fine_findings(model: SessionModel, series: ErrorSeries, setting: Setting) -> tuple[Finding, ...]:
@@ -69,6 +78,8 @@ def _equals(one: Named, *more: str) -> tuple[str, ...]:
 def _rival(rival: Hypothesis) -> str:
     if rival.cause == "clock offset":
         return "clock offset or longitude"
+    if rival.cause == "clock step":
+        return "clock step or link delay"
     return rival.cause if rival.kind in (rival.cause, "k1 and k2") else f"{rival.cause} ({rival.kind})"
 
 
@@ -212,11 +223,54 @@ def _mount_moves(one: Named, setting: Setting) -> Finding:
 
 
 def _clock_step(one: Named, setting: Setting) -> Finding:
-    size = f"the host's clock stepped by {one.coefficients[0]:+.3f} s at {_when(one.hypothesis, setting)}"
-    return Finding("clock step", size, _equals(one, "a slip of the mount about the pole"), _SYNC)
+    """Time that steps under the stars: of the host's clock, or of frames that come later from then on.
+
+    A step of UTC shows against the host's monotonic clock, a delay against the sensor's tags; without either it is
+    the mount, or the sensor's own marks.
+    """
+    step_s, when = float(one.coefficients[0]), _when(one.hypothesis, setting)
+    arcsec = step_s * EARTH_RATE_ARCSEC_PER_S
+    slip = f"a slip of the mount about the pole by {arcsec:+.1f} arcsec"
+    later = "later" if step_s > 0 else "earlier"
+    if setting.late is None:
+        delay = f"a link or a proxy by which frames come {abs(step_s):.3f} s {later} from then on"
+        return Finding(
+            "clock step", f"the host's clock stepped by {step_s:+.3f} s at {when}", _equals(one, delay, slip), _SYNC
+        )
+    _, delay_s = _delay(one, setting)
+    if abs(delay_s - step_s) <= max(_SAME_DELAY_S, _SIGMAS * float(one.errors[0])) < abs(delay_s):
+        return _link_delay(one, setting, f"{step_s:+.3f} s")
+    marks = f"a sensor whose exposures are {abs(step_s):.3f} s {later} than its time tags from then on"
+    size = f"at {when} by {arcsec:+.1f} arcsec about the pole"
+    return Finding("slip of the mount", size, _equals(one, marks), _LEAVE_OUT)
+
+
+def _delay(one: Named, setting: Setting) -> tuple[int, float]:
+    """From which instant on frames come later, and by how much, near the change that was found."""
+    near_ns = setting.first_ns + round(one.hypothesis.at_s * NS_PER_S)
+    return setting.late.step(near_ns) if setting.late else (near_ns, 0.0)
+
+
+def _link_delay(one: Named, setting: Setting, by_stars: str) -> Finding:
+    from_ns, delay_s = _delay(one, setting)
+    arcsec = delay_s * EARTH_RATE_ARCSEC_PER_S
+    size = f"frames come {abs(delay_s):.3f} s {'later' if delay_s > 0 else 'earlier'} from {to_text(from_ns, 0)} on, "
+    size += f"by the host's stamps against the sensor's time tags and by the stars ({by_stars})"
+    equals = (
+        "a host whose clocks were all set by as much",
+        f"a slip of the mount about the pole by {arcsec:+.1f} arcsec",
+    )
+    return Finding(
+        "link delay", size, equals, "look what lies between sensor and host (proxy, adapter); then repeat the session"
+    )
 
 
 def _slip(one: Named, setting: Setting) -> Finding:
+    delay_s = abs(_delay(one, setting)[1])
+    turned_arcsec = math.hypot(*one.coefficients[:2])
+    explains = turned_arcsec < _DOUBTFUL * EARTH_RATE_ARCSEC_PER_S * delay_s
+    if delay_s > _SAME_DELAY_S and explains and any(rival.cause == "clock step" for rival in one.equals):
+        return _link_delay(one, setting, _three(one))
     return Finding("slip of the mount", f"at {_when(one.hypothesis, setting)} by {_three(one)}", _equals(one),
                    _LEAVE_OUT)  # fmt: skip
 

@@ -82,7 +82,7 @@ def nothing_identified(session: SessionData) -> Iterator[Finding]:
     no_match = int((status == STATUSES.index(Status.NO_MATCH)).sum())
     kinds = {event.kind for event in session.events}
     is_day = StationKind.DAYLIGHT in kinds and StationKind.DARK_NIGHT not in kinds
-    if is_day or StationKind.WRONG_CAMERA in kinds:
+    if is_day or kinds & {StationKind.WRONG_CAMERA, StationKind.MIRRORED}:
         return
     identified = bool((status == STATUSES.index(Status.IDENTIFIED)).any())
     failed = int((status == STATUSES.index(Status.IDENTIFIER_FAULT)).sum())

@@ -21,8 +21,9 @@ from gse.panorama import Panorama
 
 REACH = 0.25
 """Largest error of a focal length that is searched for: more is another lens."""
-_STEP = 0.004
-"""An identifier tolerates a focal length that is wrong by 0.2 % on either side."""
+TOLERATED = 0.002
+"""Error of a focal length, to either side, with which panoramas are identified."""
+_STEP = 2 * TOLERATED
 _ALPHA_RETRIES = 3
 _A_HIT = 1e-5
 """False match probability of a trial that is looked at more closely."""

@@ -1,14 +1,21 @@
-"""Watch for a camera that the station file states wrongly: looked for while nothing is identified."""
+"""Watch for a camera that the station file states wrongly: looked for while nothing is identified.
+
+A mirrored image is told as that alone, unless its focal length is wrong by more than an identifier tolerates too.
+"""
 
 from collections.abc import Iterable
 
 from gse.camera import Camera
 from gse.catalog import StarCatalog, mission_catalog
-from gse.identifier.camera_search import find_camera
+from gse.identifier.camera_search import TOLERATED, find_camera
 from gse.instant import NS_PER_S
 from gse.panorama import Panorama
+from gse.percent import percent
+from gse.station.event_kinds import StationKind
 from gse.station.results import FrameResult, Status
 
+Said = tuple[StationKind, str]
+"""Kind and text of an event."""
 _FIRST_AFTER_S = 5.0
 """Of the data's time, from the first panorama without an answer; then after ten times that, and so on: a search that
 finds nothing takes a second."""
@@ -26,41 +33,47 @@ class CameraWatch:
         self._after_s = _FIRST_AFTER_S
         self._is_over = False
 
-    def look(self, results: Iterable[FrameResult]) -> list[tuple[int, str]]:
+    def look(self, results: Iterable[FrameResult]) -> list[tuple[int, Said]]:
         """What the stars say of the stated camera, each with the place of its result; mostly nothing."""
-        said = []
+        found = []
         for k, result in enumerate(() if self._is_over else results):
-            if text := self._look(result.status, result.panorama):
-                said.append((k, text))
+            if said := self._look(result.status, result.panorama):
+                found.append((k, said))
             if self._is_over:
                 break
-        return said
+        return found
 
-    def _look(self, status: Status, panorama: Panorama) -> str:
+    def _look(self, status: Status, panorama: Panorama) -> Said | None:
         if status is Status.IDENTIFIED:
             self._is_over = True
         if self._is_over or status is not Status.NO_MATCH or len(panorama.brightness) < _FEWEST_OBJECTS:
-            return ""
+            return None
         self._first, self._latest = self._first or panorama, panorama
         if panorama.utc_ns - self._first.utc_ns < self._after_s * NS_PER_S:
-            return ""
+            return None
         self._after_s *= _LATER
         return self.finish()
 
-    def finish(self) -> str:
+    def finish(self) -> Said | None:
         """The same at the end of the session, where the latest panoramas were not searched yet."""
         if self._is_over or self._first is None or self._latest is None:
-            return ""
+            return None
         panoramas, self._latest = (self._first, self._latest), None
         found = find_camera(panoramas, self._camera, mission_catalog(self._catalog, self._camera, "auto"))
         self._is_over = found is not None
-        return _in_words(self._camera, found.camera) if found else ""
+        return _in_words(self._camera, found.camera) if found else None
 
 
-def _in_words(stated: Camera, fitted: Camera) -> str:
+def _in_words(stated: Camera, fitted: Camera) -> Said:
     excess = stated.focal_length_px / fitted.focal_length_px - 1
-    mirror = f" and sensor.mirrored: {str(fitted.mirrored).lower()}" if fitted.mirrored != stated.mirrored else ""
+    length = (
+        f"sensor.focal_length_px: {fitted.focal_length_px:.1f}; stated is {stated.focal_length_px:g}, "
+        f"{percent(abs(excess), 1)} too {'long' if excess > 0 else 'short'}"
+    )
+    if fitted.mirrored == stated.mirrored:
+        return StationKind.WRONG_CAMERA, f"the stars fit {length}"
+    beside = f" and {length}" if abs(excess) > TOLERATED else ""
     return (
-        f"the stars fit sensor.focal_length_px: {fitted.focal_length_px:.1f}{mirror}; stated is "
-        f"{stated.focal_length_px:g}, {100 * abs(excess):.1f} % too {'long' if excess > 0 else 'short'}"
+        StationKind.MIRRORED,
+        f"the image is mirrored: the stars fit sensor.mirrored: {str(fitted.mirrored).lower()}{beside}",
     )

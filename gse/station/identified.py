@@ -17,10 +17,10 @@ class Identified:
     """What follows from K panoramas alone: answers under test, their attitudes, the reference identifier's checks.
 
     ``directions_sensor`` (M, 3) are of all objects; a panorama that is not ``sound`` (K,) was shown to no identifier.
-    ``elapsed_us`` (K,) is the time from objects to RA and DE: this host's (of panoramas that waited together, the
-    mean), or an external identifier's own; NaN where nothing was asked. ``given`` is what an external identifier gave,
-    ``light`` what the named stars show of the sky. ``separation_rad`` (K,) is how far the boresight of an answer lies
-    from the reference identifier's, NaN where one of them is missing.
+    ``elapsed_us`` (K,) is the time from objects to RA and DE: this host's processor time (of panoramas that waited
+    together, the mean), or what an external identifier took; NaN where nothing was asked. ``given`` is what an
+    external identifier gave, ``light`` what the named stars show of the sky. ``separation_rad`` (K,) is how far the
+    boresight of an answer lies from the reference identifier's, NaN where one of them is missing.
     """
 
     directions_sensor: NDArray[np.float64]

@@ -32,15 +32,15 @@ class ResultEvents:
         for k, answer in results.answers.unidentified.items():
             if answer.reason is Reason.MIRRORED:
                 events.append((k, _event(results, k, StationKind.MIRRORED, answer.detail)))
-        events += [(k, _event(results, k, StationKind.WRONG_CAMERA, text)) for k, text in self.camera.look(results)]
+        events += [(k, _event(results, k, *said)) for k, said in self.camera.look(results)]
         return sorted(events, key=itemgetter(0))
 
     def finish(self, session: SessionData) -> list[LinkEvent]:
         """The events that the end of a session brings."""
         frames = session.frames.columns
         events: list[LinkEvent] = []
-        if text := self.camera.finish():
-            events.append(LinkEvent(int(frames["utc_ns"][-1]), 0, StationKind.WRONG_CAMERA, text))
+        if said := self.camera.finish():
+            events.append(LinkEvent(int(frames["utc_ns"][-1]), 0, *said))
         if session.station.mount.inertial is None:
             events += self.sky.finish(frames)
         return events

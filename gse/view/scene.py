@@ -152,8 +152,9 @@ class Scene:
     def piece_after(self, place: str) -> Piece:
         """What came after a place, of the last ten minutes at most: all of it for a place of no such recording.
 
-        What is read comes first, since a viewer without a graphics card takes its time for the rest. Nothing comes
-        twice: for a star that did, the viewer states no name.
+        The layout comes first: a viewer that has data without it lays them out as it likes. Then comes what is read,
+        since a viewer without a graphics card takes its time for the rest. Nothing comes twice: for a star that did,
+        the viewer states no name.
         """
         recording, _, number = place.rpartition(".")
         own = self._stream.get_recording_id()
@@ -163,10 +164,11 @@ class Scene:
             return Piece(b"", *until)
         stream = rr.RecordingStream("gse", recording_id=own, send_properties=False)
         file = stream.binary_stream()
-        if after < 0:
-            self._begin(stream)
         if after < self._laid_out:
             stream.send_blueprint(self._layout())
+            stream.flush()
+        if after < 0:
+            self._begin(stream)
         for words in self._words.after(after)[-1:]:
             _send_words(stream, *words)
         if self._log_number > after and self._logged:

@@ -46,6 +46,7 @@ class World:
 
     ``moves_arcsec_per_h`` and ``slip_arcsec`` turn the sensor along columns, rows and about the boresight, waves and
     vibration across it. ``wander`` is a correlated error across the boresight: arcsec, and its time constant in s.
+    From ``at_s`` on frames are read ``late_s`` later.
     ``clouds`` are (from s, to s, magnitudes). From ``frozen_from_s`` on the sensor sends one picture again and again.
     """
 
@@ -67,6 +68,7 @@ class World:
     clock_s: float = 0.0
     clock_ppm: float = 0.0
     clock_step_s: float = 0.0
+    late_s: float = 0.0
     at_s: float = 0.0
     slip_arcsec: tuple[float, ...] = (0.0, 0.0, 0.0)
     moves_arcsec_per_h: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -148,7 +150,7 @@ def _chunks(true: World, plan: Plan, setup: Setup) -> Iterator[Chunk]:
             xy_px=xy_px,
             index=index,
         )
-        since_s = time_s + _LATENCY_S + _BYTE_S + rng.exponential(3e-4)
+        since_s = time_s + _LATENCY_S + _BYTE_S + rng.exponential(3e-4) + (true.late_s if time_s >= true.at_s else 0)
         read_ns = start_ns + round((since_s + true.fast_s(time_s)) * NS_PER_S)
         mono_ns = round((since_s + 3600) * NS_PER_S)
         yield Chunk(read_ns, mono_ns, setup.protocol.encode(message, sequence=next(sequence)))

@@ -148,6 +148,7 @@ def test_a_night_without_one_answer_says_where_to_look():
     text = found(made)
     assert "gse calibrate" in text
     assert "mirrored image: the image is mirrored" in text
+    assert "nothing identified" not in text  # that is one effect of one cause
 
 
 @pytest.mark.parametrize(("unmatched", "fall_out"), [(3, False), (7, True)])

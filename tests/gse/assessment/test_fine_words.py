@@ -1,6 +1,7 @@
 """Findings of fine causes in words: numbers by hand, from coefficients that are given."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ from gse.assessment.competing_models import Columns
 from gse.assessment.fine_causes import Named
 from gse.assessment.fine_findings import _WORDS, Setting
 from gse.assessment.fine_hypotheses import Hypothesis
+from gse.assessment.late_frames import LateFrames
 from gse.camera import Camera
-from gse.instant import from_text
+from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount
 from gse.site import Site
 
@@ -25,10 +27,11 @@ SETTING = Setting(
 )
 
 
-def said(cause, *coefficients, kind="", at_s=math.nan, error=0.0):
+def said(cause, *coefficients, kind="", at_s=math.nan, error=0.0, rivals=(), late=None):
     columns = Columns(*(np.zeros((1, 1, 1)) for _ in range(3)))
-    one = Named(Hypothesis(cause, kind, columns, at_s=at_s), np.array(coefficients), np.full(9, error), ())
-    finding = _WORDS[cause](one, SETTING)
+    equals = tuple(Hypothesis(rival, rival, columns) for rival in rivals)
+    one = Named(Hypothesis(cause, kind, columns, at_s=at_s), np.array(coefficients), np.full(9, error), equals)
+    finding = _WORDS[cause](one, replace(SETTING, late=late))
     return f"{finding.cause}: {finding.size}; {', '.join(finding.equals)}"
 
 
@@ -100,3 +103,46 @@ def test_what_happens_at_an_instant_is_told_with_it(at_s, words):
 def test_a_period_is_told_in_seconds_or_minutes(at_s, words):
     assert words in said("thermal sinusoid", 3.0, 4.0, kind="columns", at_s=at_s)
     assert "+-5.0 arcsec along columns" in said("thermal sinusoid", 3.0, 4.0, kind="columns", at_s=at_s)
+
+
+def read_late(by_s, since_s=60.0):
+    """Frames of five minutes that are read later from an instant on."""
+    time_s = np.arange(0.0, 300.0)
+    return LateFrames(SETTING.first_ns + (time_s * NS_PER_S).astype(np.int64), by_s * (time_s >= since_s))
+
+
+def test_a_step_of_time_that_no_stamp_shows_may_be_the_link_and_says_so():
+    text = said("clock step", -0.27, at_s=90.0)
+    assert text.startswith("clock step: the host's clock stepped by -0.270 s")
+    assert "a link or a proxy by which frames come 0.270 s earlier" in text
+    assert "a slip of the mount about the pole by -4.1 arcsec" in text
+
+
+@pytest.mark.parametrize(("delay_s", "side"), [(0.3, "later"), (-0.3, "earlier")])
+def test_a_step_of_time_is_the_links_where_frames_come_as_much_later_against_the_sensors_tags(delay_s, side):
+    text = said("clock step", delay_s + 0.01, at_s=90.0, late=read_late(delay_s))
+    assert text.startswith(f"link delay: frames come 0.300 s {side} from 2026-03-20T15:01:00Z on")
+    assert "a host whose clocks were all set by as much" in text
+    assert f"about the pole by {15.04 * delay_s:+.1f} arcsec" in text
+
+
+@pytest.mark.parametrize("delay_s", [0.0, -0.3, 0.2])
+def test_a_step_of_time_that_neither_the_hosts_clocks_nor_the_sensors_tags_show_is_the_mounts(delay_s):
+    text = said("clock step", 0.3, at_s=90.0, late=read_late(delay_s))
+    assert text.startswith("slip of the mount: at 2026-03-20T15:01:30Z by +4.5 arcsec about the pole")
+    assert "exposures are 0.300 s later than its time tags" in text
+
+
+@pytest.mark.parametrize(
+    ("arcsec", "rivals", "delay_s", "cause"),
+    [
+        (4.0, ["clock step"], 0.3, "link delay"),
+        (4.0, [], 0.3, "slip of the mount"),
+        (40.0, ["clock step"], 0.3, "slip of the mount"),
+        (4.0, ["clock step"], 0.0, "slip of the mount"),
+    ],
+)
+def test_a_slip_that_may_be_a_step_of_time_is_the_links_where_its_stamps_step(arcsec, rivals, delay_s, cause):
+    text = said("slip of the mount", arcsec, kind="azimuth", at_s=90.0, rivals=rivals, late=read_late(delay_s))
+    assert text.startswith(f"{cause}: ")
+    assert ("clock step or link delay" in text) == (cause != "link delay" and bool(rivals))

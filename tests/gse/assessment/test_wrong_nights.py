@@ -101,3 +101,10 @@ def test_air_that_is_not_that_of_the_height_fails_no_sensor():
     assert told.findings[0].cause == "refraction"
     assert told.verdict is Verdict.INCONCLUSIVE
     assert any("by the set-up (refraction)" in reason for reason in told.reasons)
+
+
+def test_a_proxy_that_delays_each_frame_is_no_step_of_the_clock():
+    world = replace(WORLD, whole_pixels=False, noise_px=0.1, at_s=30.0)
+    (finding,) = judge(session(world, replace(world, late_s=0.6), replace(PLAN, seconds=120.0))).findings
+    assert finding.cause == "link delay"
+    assert finding.size.startswith("frames come 0.600 s later from 2026-03-20T21:30:30Z on")

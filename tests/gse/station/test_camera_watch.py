@@ -11,6 +11,7 @@ from gse.catalog import load_catalog, mission_catalog
 from gse.instant import NS_PER_S
 from gse.panorama import Panorama
 from gse.station.camera_watch import CameraWatch
+from gse.station.event_kinds import StationKind
 from gse.station.results import FrameResult, Status
 
 TRUE = Camera(1024, 1024, 4300.0, (511.5, 511.5))
@@ -34,7 +35,7 @@ def seen(stars_px, at_s, status=Status.NO_MATCH):
 
 
 def look(watch, result):
-    return "".join(text for _, text in watch.look([result]))
+    return "".join(text for _, (_, text) in watch.look([result]))
 
 
 def test_it_is_named_with_value_and_size_five_seconds_after_the_first_panorama(catalog, stars_px):
@@ -48,15 +49,17 @@ def test_it_is_named_with_value_and_size_five_seconds_after_the_first_panorama(c
 def test_a_short_session_is_looked_at_when_it_ends(catalog, stars_px):
     watch = CameraWatch(STATED, catalog)
     assert look(watch, seen(stars_px, 0)) == ""
-    assert "3.0 % too long" in watch.finish()
-    assert watch.finish() == ""
+    kind, text = watch.finish()
+    assert (kind, "3.0 % too long" in text) == (StationKind.WRONG_CAMERA, True)
+    assert watch.finish() is None
 
 
 def test_an_answer_ends_the_watch(catalog, stars_px):
     watch = CameraWatch(STATED, catalog)
     look(watch, seen(stars_px, 0, Status.IDENTIFIED))
     look(watch, seen(stars_px, 1))
-    assert look(watch, seen(stars_px, 100)) == watch.finish() == ""
+    assert look(watch, seen(stars_px, 100)) == ""
+    assert watch.finish() is None
 
 
 def test_a_search_that_finds_nothing_is_repeated_after_ten_times_as_long(catalog, stars_px):
@@ -70,3 +73,21 @@ def test_six_objects_are_too_few_to_begin_the_watch(catalog, stars_px):
     watch = CameraWatch(STATED, catalog)
     assert look(watch, seen(stars_px[:6], 0)) == look(watch, seen(stars_px, 6)) == ""
     assert "3.0 % too long" in look(watch, seen(stars_px, 11.1))
+
+
+@pytest.mark.parametrize(
+    ("scale", "text"),
+    [
+        (1.0, "the image is mirrored: the stars fit sensor.mirrored: true"),
+        (1.0015, "the image is mirrored: the stars fit sensor.mirrored: true"),
+        (1.02, "the image is mirrored: the stars fit sensor.mirrored: true and sensor.focal_length_px: 43"),
+    ],
+)
+def test_a_mirrored_image_is_no_focal_length_as_well_unless_that_is_wrong_too(catalog, stars_px, scale, text):
+    stated = replace(TRUE, focal_length_px=scale * TRUE.focal_length_px)
+    watch = CameraWatch(stated, catalog)
+    assert watch.look([seen(stars_px * (-1, 1) + (TRUE.columns - 1, 0), 0)]) == []
+    kind, said = watch.finish()
+    assert kind is StationKind.MIRRORED
+    assert said.startswith(text)
+    assert ("focal" in said) == (scale > 1.01)

@@ -29,10 +29,10 @@ class Camera:
         self._at, self._end = at, end
 
     def look(self, results):
-        return [] if self._at is None else [(self._at, "the focal length is another one")]
+        return [] if self._at is None else [(self._at, ("WRONG_CAMERA", "the focal length is another one"))]
 
     def finish(self):
-        return self._end
+        return ("WRONG_CAMERA", self._end) if self._end else None
 
 
 class Sky:

@@ -1,0 +1,59 @@
+"""How late frames are read against the sensor's time tags: a link that delays them from some moment on.
+
+UTC of a frame comes from the least lateness of the last half minute (gse.station.sensor_clock), so a delay that begins
+moves the frames half a minute afterwards, and one that ends at once.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.chunk import LinkEvent
+from gse.instant import NS_PER_S
+from gse.station.clock_steps import clock_steps
+from gse.station.frame_columns import Columns
+
+_BEFORE_S, _AFTER_S = 90.0, 60.0
+"""Around a step that the stars show: their noise leaves its place open."""
+_FEWEST = 8
+"""Frames on either side: of so many one is read at once."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LateFrames:
+    """Host stamps less time tags (M,) in s of frames at instants (M,), in order of arrival; the host's zero is any."""
+
+    utc_ns: NDArray[np.int64]
+    late_s: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, frames: Columns, events: Sequence[LinkEvent]) -> "LateFrames | None":
+        """Of frames (rows of FRAME); None without host stamps, and where the host's clock stepped by itself."""
+        host_ns = frames["host_utc_ns"]
+        if not len(host_ns) or not (host_ns > 0).all() or clock_steps(events):
+            return None
+        tags_s = frames["time_us"].astype(np.int64) - int(frames["time_us"][0])
+        return cls(frames["utc_ns"], (host_ns - host_ns[0]) / NS_PER_S - tags_s / 1e6)
+
+    def step(self, near_ns: int) -> tuple[int, float]:
+        """The greatest lasting change near an instant: first instant after it, and by how much later frames are.
+
+        Of the least on either side: single frames may be read late.
+        """
+        since = (self.utc_ns - near_ns) / NS_PER_S
+        rows = np.flatnonzero((since > -_BEFORE_S) & (since < _AFTER_S))
+        if len(rows) < 2 * _FEWEST:
+            return near_ns, 0.0
+        late_s = self.late_s[rows]
+        before = np.minimum.accumulate(late_s)[_FEWEST - 1 : -_FEWEST]
+        after = np.minimum.accumulate(late_s[::-1])[::-1][_FEWEST : len(rows) - _FEWEST + 1]
+        changes = after - before
+        sizes = np.abs(changes)
+        greatest = np.flatnonzero(sizes > 0.9 * sizes.max(initial=0.0))
+        if not len(greatest):
+            return near_ns, 0.0
+        change_s = float(changes[greatest[0]])
+        place = int(greatest[0] if change_s > 0 else greatest[-1])
+        return int(self.utc_ns[rows[place + _FEWEST]]), change_s
