@@ -174,6 +174,10 @@ CAUSES = {
 }
 
 
+_SMALLER = 3
+"""Times that a great size is halved, with which too little is identified."""
+
+
 def injected(name: str, world: World, plan: Plan, rng: np.random.Generator, sigmas: float) -> World:
     """The world with one cause at so many standard errors."""
     cause = CAUSES[name]
@@ -183,8 +187,13 @@ def injected(name: str, world: World, plan: Plan, rng: np.random.Generator, sigm
     size = cause.great(rng, plan.seconds)
     other = replace(plan, seed=int(rng.integers(1 << 30)))
     course = _CLOCK_COURSES.get(name)
-    shown = session(world, world if course else cause.change(world, size), other)
-    modelled = session_model(shown, statistics(shown).counted)
+    shown, modelled = None, None
+    for _ in range(_SMALLER):
+        shown = session(world, world if course else cause.change(world, size), other)
+        modelled = session_model(shown, statistics(shown).counted)
+        if modelled is not None:
+            break
+        size = np.multiply(size, 0.5)
     if modelled is None:
         raise RuntimeError(f"{name}: {len(shown.frames.columns)} frames of {world} give no model")
     model = modelled.model
