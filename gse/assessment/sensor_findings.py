@@ -19,6 +19,8 @@ from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.session_data import SessionData
 
 _STAR_SIGMAS = 4.0
+_OTHER_STARS = 0.2
+"""Of the stars here: a sensor that takes so many more or fewer chooses them otherwise."""
 _STANDSTILL_S = 2.0
 _FEWEST_ALIKE = 5
 """So many answers in a row that are the same to the last digit, for so long: the sky has turned by 30 arcsec."""
@@ -66,12 +68,14 @@ def _explained(session: SessionData, own: SensorAnswers, shift_arcsec: float) ->
 
 def _by_few_other_stars_arcsec(session: SessionData, own: SensorAnswers) -> float:
     """What is left of that where the sensor takes the stars that are identified here, but as many more or fewer as it
-    says, and one other at least; inf where it does not say."""
+    says, and one other at least; inf where it does not say, or takes far fewer: those are where they are for long."""
     stars, here = own.matched[own.matched > 0], session.frames.columns["matched"]
     here = here[here > 0]
     if not len(stars) or not len(here):
         return math.inf
     of_sensor, of_station = float(np.median(stars)), float(np.median(here))
+    if abs(of_sensor - of_station) > _OTHER_STARS * of_station:
+        return math.inf
     share = max(abs(1 / of_sensor - 1 / of_station), 2 / of_station**2)
     return by_other_stars_arcsec(session) * math.sqrt(of_sensor * share)
 

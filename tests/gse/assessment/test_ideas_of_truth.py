@@ -56,6 +56,14 @@ def test_a_sensor_that_takes_other_stars_may_lie_as_far_off(night, catalog):
     assert said(with_answers(night, *by_stars(night, catalog, most=10))) == []
 
 
+@pytest.mark.parametrize(("stars", "is_said"), [(10, False), (19, True)])
+def test_a_sensor_that_takes_far_fewer_stars_chooses_them_otherwise(night, catalog, stars, is_said):
+    """Of 22: by the air between ten of them as few arcsec may be told as by that between others."""
+    angles, counts = by_stars(night, catalog)
+    shifted = angles + np.array([0.0, 5.4 / 3600, 0.0])
+    assert bool(said(with_answers(night, shifted, 0 * counts + stars))) == is_said
+
+
 def test_a_sensor_that_does_not_say_how_many_stars_it_took_may_have_taken_others(night, catalog):
     angles, counts = by_stars(night, catalog, delay=1)
     assert said(with_answers(night, angles, 0 * counts)) == []
