@@ -122,11 +122,13 @@ def test_a_change_that_is_less_than_a_fifth_of_an_earlier_one_is_a_rest_of_it(si
     """No swing is quite a sinusoid."""
     time_s = np.arange(1200.0)
     errors = 0.5 * np.random.default_rng(5).normal(size=(1200, 3))
-    for arcsec, cycles in ((100.0, 2.0), (size, 7.0)):
+    for arcsec, cycles in ((100.0, 2.0), (40.0, 4.0), (size, 7.0)):
         errors[:, 0] += arcsec * np.sin(2 * math.pi * cycles * time_s / time_s[-1] + cycles)
     model = model_of(errors)
-    great, small = (_wave(model, 1, "columns", cycles) for cycles in (2.0, 7.0))
-    assert _is_rest(model.observed(), [great], small) is is_rest
+    great, middle, small = (_wave(model, 1, "columns", cycles) for cycles in (2.0, 4.0, 7.0))
+    assert _is_rest(model.observed(), [great, middle], small) is is_rest
+    assert _is_rest(model.observed(), [middle, great], small) is is_rest
+    assert not _is_rest(model.observed(), [middle], small)
     assert not _is_rest(model.observed(), [], small)
     (constant, *_) = constant_causes(model)
     assert not _is_rest(model.observed(), [constant], small)
