@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from skies.star_errors import SETTINGS
 
-from gse.assessment.changes_in_time import _wave, sinusoids, steps
+from gse.assessment.changes_in_time import _step, _wave, sinusoids, steps
 from gse.assessment.competing_models import Columns, fitted
 from gse.assessment.error_series import ErrorSeries
 from gse.assessment.field_patterns import PARAMETERS
-from gse.assessment.fine_causes import _is_rest, _refined
+from gse.assessment.fine_causes import _is_rest, _refined, told
 from gse.assessment.fine_hypotheses import constant_causes
 from gse.assessment.session_model import SessionModel
 
@@ -133,3 +133,11 @@ def test_a_change_that_is_less_than_a_fifth_of_an_earlier_one_is_a_rest_of_it(si
     (constant, *_) = constant_causes(model)
     assert not _is_rest(model.observed(), [constant], small)
     assert not _is_rest(model.observed(), [great], constant)
+
+
+def test_a_change_is_known_no_better_than_models_leave_open_however_quiet_the_frames_are():
+    """A tenth of an arcsecond across the boresight, without stars that tell more of it."""
+    model = model_of(stepped(1200, 600, noise=0.001))
+    slip = _step(model, 1, "slip of the mount", "slip", False, 600)
+    errors = told(model, model.observed(), [], slip, []).errors
+    assert errors[:2] == pytest.approx(0.1, rel=0.05)
