@@ -76,18 +76,16 @@ def error_bounds(errors: NDArray[np.float64]) -> ErrorBounds:
     absolute = np.abs(errors)
     if not _tells(errors):
         return ErrorBounds()
-    of_bias = mean_error(errors)
-    n_eff = float(min(errors.var() / of_bias.standard**2, len(errors)))
+    error_of_bias = mean_error(errors)
+    n_eff = float(min(errors.var() / error_of_bias.standard**2, len(errors)))
+    of_bias = _half_widths(error_of_bias)
     bias = _symmetric(float(errors.mean()), of_bias)
     if not _tells(absolute):
         return ErrorBounds(n_eff, len(errors) / n_eff, bias)
     of_mean = _half_widths(mean_error(absolute))
     mean_abs = _of_logarithm(float(absolute.mean()), of_mean, 1.0)
     p95_abs = _percentile_95(absolute, of_mean)
-    two, one = (
-        _shifted(errors, of_bias.half_width(TWO_SIDED), _Z),
-        _shifted(errors, of_bias.half_width(ONE_SIDED), _Z_ONE),
-    )
+    two, one = (_shifted(errors, *each) for each in zip(of_bias, (_Z, _Z_ONE), strict=True))
     return ErrorBounds(
         n_eff,
         len(errors) / n_eff,
@@ -99,7 +97,7 @@ def error_bounds(errors: NDArray[np.float64]) -> ErrorBounds:
 
 def mean_bounds(values: NDArray[np.float64]) -> Bounds:
     """Of the mean of values (M,) in their order."""
-    return _symmetric(float(values.mean()), mean_error(values)) if _tells(values) else NO_BOUNDS
+    return _symmetric(float(values.mean()), _half_widths(mean_error(values))) if _tells(values) else NO_BOUNDS
 
 
 def root_mean_square_bounds(values: NDArray[np.float64]) -> Bounds:
@@ -120,7 +118,9 @@ def slope_bounds(slope: float, at: NDArray[np.float64], values: NDArray[np.float
     from_middle = at - at.mean()
     weights = from_middle / (from_middle @ from_middle)
     residuals = values - values.mean() - (weights @ values) * from_middle
-    return _symmetric(slope, weighted_sum_error(weights, residuals)) if _tells(residuals) else NO_BOUNDS
+    if not _tells(residuals):
+        return NO_BOUNDS
+    return _symmetric(slope, _half_widths(weighted_sum_error(weights, residuals)))
 
 
 def effective_number(happened: NDArray[np.bool_]) -> float:
@@ -147,8 +147,8 @@ def _half_widths(error: MixedStudent) -> tuple[float, float]:
     return error.half_width(TWO_SIDED), error.half_width(ONE_SIDED)
 
 
-def _symmetric(value: float, error: MixedStudent) -> Bounds:
-    two, one = _half_widths(error)
+def _symmetric(value: float, half_widths: tuple[float, float]) -> Bounds:
+    two, one = half_widths
     return Bounds(value - two, value + two, value - one, value + one)
 
 

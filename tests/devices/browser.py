@@ -8,6 +8,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
+from devices.patience import PATIENCE_S
 
 SOFTWARE_GRAPHICS = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
@@ -39,8 +40,10 @@ def visit(*, offline: bool = False, size: tuple[int, int] = (1000, 600)) -> Iter
     """A fresh page."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with sync_api.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium(), args=["--no-sandbox", *SOFTWARE_GRAPHICS])
+        arguments = ["--no-sandbox", *SOFTWARE_GRAPHICS]
+        browser = driver.chromium.launch(executable_path=chromium(), args=arguments, timeout=1000 * PATIENCE_S)
         context = browser.new_context(offline=offline, viewport={"width": size[0], "height": size[1]})
+        context.set_default_timeout(1000 * PATIENCE_S)
         opened = Visit(context.new_page())
         context.on("request", lambda request: opened.requests.append(request.url))
         opened.page.on("pageerror", lambda error: opened.errors.append(str(error)))

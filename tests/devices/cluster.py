@@ -16,9 +16,9 @@ from pathlib import Path
 
 import psutil
 import pytest
+from devices.patience import PATIENCE_S
 
 WORKER_TTL_S = 6
-PATIENCE_S = 60.0
 BUCKET = "nights"
 
 
@@ -31,7 +31,7 @@ class Started:
     def end(self, number: int = signal.SIGKILL) -> None:
         with suppress(ProcessLookupError):
             os.killpg(self.process.pid, number)
-        self.process.wait(20)
+        self.process.wait(PATIENCE_S)
 
 
 def start(

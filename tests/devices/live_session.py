@@ -7,13 +7,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+from devices.patience import PATIENCE_S
 from devices.terminal import Terminal
 
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import EVENTS, Message
 from drivers.session_file.verification import verify
-
-PATIENCE_S = 120.0
 
 
 def run_command(out: Path, *options: str) -> list[str]:
@@ -49,6 +48,14 @@ class LiveSession:
         """Wait until the session is in one of these states; its status then."""
         until_s = time.monotonic() + PATIENCE_S
         while (status := self.status()).get("state") not in states:
+            assert time.monotonic() < until_s, status
+            time.sleep(0.02)
+        return status
+
+    def await_frames(self, count: int) -> dict[str, Any]:
+        """Wait until the session has so many frames; its status then."""
+        until_s = time.monotonic() + PATIENCE_S
+        while (status := self.status()).get("frames", 0) < count:
             assert time.monotonic() < until_s, status
             time.sleep(0.02)
         return status

@@ -8,6 +8,8 @@ import subprocess
 import time
 from pathlib import Path
 
+from devices.patience import PATIENCE_S
+
 PROGRAM = shutil.which("ser2net") or shutil.which("/usr/sbin/ser2net")
 ACCEPTERS = {"rfc2217": "telnet(rfc2217),tcp", "socket": "tcp"}
 
@@ -40,7 +42,7 @@ class Ser2net:
 
     def await_open(self, device: Path) -> None:
         """Wait until it has opened its serial device, which it does for each client."""
-        target, until_s = os.path.realpath(device), time.monotonic() + 10
+        target, until_s = os.path.realpath(device), time.monotonic() + PATIENCE_S
         fds = Path(f"/proc/{self._process.pid}/fd")
         while not any(os.path.realpath(fd) == target for fd in fds.iterdir()):
             assert time.monotonic() < until_s, "ser2net has not opened its device"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from devices import own_network
+from devices.patience import PATIENCE_S
 from devices.ser2net import PROGRAM, Ser2net
 from devices.terminal import Terminal
 
@@ -37,13 +38,13 @@ def server(request: pytest.FixtureRequest, terminal: Terminal, tmp_path: Path) -
 
 
 def await_event(link: SerialLink, kind: str) -> None:
-    until_s = time.monotonic() + 20
+    until_s = time.monotonic() + PATIENCE_S
     while not any(isinstance(item, LinkEvent) and item.kind == kind for item in link.receive(1.0)):
         assert time.monotonic() < until_s, f"no {kind}"
 
 
 def receive(link: SerialLink, size: int) -> bytes:
-    data, until_s = b"", time.monotonic() + 20
+    data, until_s = b"", time.monotonic() + PATIENCE_S
     while len(data) < size and time.monotonic() < until_s:
         data += b"".join(item.data for item in link.receive(0.5) if isinstance(item, Chunk))
     return data
@@ -111,7 +112,9 @@ def test_a_second_client_of_a_raw_socket_is_told_why_it_is_hung_up_on(server: Se
             told: list[str] = []
             while not told:
                 told = [
-                    item.text for item in second.receive(20.0) if isinstance(item, LinkEvent) and item.kind == "LOST"
+                    item.text
+                    for item in second.receive(PATIENCE_S)
+                    if isinstance(item, LinkEvent) and item.kind == "LOST"
                 ]
         assert "another client may have the line" in told[0]
         terminal.write(EVERY_BYTE)

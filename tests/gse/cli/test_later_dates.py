@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
+from devices.live_session import LiveSession
 
 from gse.config.station import BUILT_IN_TEXT
 
@@ -54,9 +55,19 @@ def emulated(offset: str, station: Path) -> Iterator[str]:
             os.killpg(process.pid, signal.SIGTERM)  # faketime does not hand a signal on
 
 
+@pytest.fixture
+def hopeless_station(tmp_path: Path) -> Path:
+    """Its limits are too narrow for any length of session, so that none is simulated, which would take seconds."""
+    path = tmp_path / "station.yaml"
+    path.write_text(f"{BUILT_IN_TEXT}limits: {{d_ra_cosde_arcsec: 1, d_de_arcsec: 1, d_roll_arcsec: 1}}\n")
+    return path
+
+
 @pytest.mark.parametrize(("offset", "words"), [("+400d", "leap seconds"), ("+4y", "UT1 is only known to")])
-def test_preflight_warns_past_the_end_of_the_tables(tmp_path: Path, offset: str, words: str) -> None:
-    found = preflight_at(offset, "--out", tmp_path)
+def test_preflight_warns_past_the_end_of_the_tables(
+    tmp_path: Path, hopeless_station: Path, offset: str, words: str
+) -> None:
+    found = preflight_at(offset, "--station", hopeless_station, "--out", tmp_path)
     assert found["outcome"] == "WARN"
     assert words in found["text"]
     assert "--earth-orientation" in found["advice"]
@@ -66,13 +77,17 @@ def test_a_session_in_four_years_is_recorded_and_its_truth_is_as_wide_as_it_is_u
     tmp_path: Path, midnight_station: Path
 ) -> None:
     with emulated("+4y", midnight_station) as port:
-        words = ("--station", midnight_station, "--port", port, "--duration", 4, "--clock-error", "1ms", "--json")
-        command = at("+4y", "run", *words, "--no-plots", "--out", tmp_path)
-        answer = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
-    report = json.loads(answer.stdout)
+        words = ("--station", midnight_station, "--port", port, "--clock-error", "1ms", "--json")
+        command = at("+4y", "run", *words, "--no-plots", "--out", tmp_path / "out")
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        with subprocess.Popen(command, env=ENVIRONMENT, start_new_session=True, text=True, **pipes) as running:
+            status = LiveSession(tmp_path / "out").await_frames(20)
+            os.kill(status["pid"], signal.SIGTERM)
+            out, err = running.communicate()
+    report = json.loads(out)
     assert report["identification"]["statuses"]["IDENTIFIED"] > 10
-    assert "EARTH_ORIENTATION" in answer.stderr
-    assert "outside the Earth orientation table" in answer.stderr
+    assert "EARTH_ORIENTATION" in err
+    assert "outside the Earth orientation table" in err
     terms = {term["name"]: term for term in report["truth_budget"]["terms"]}
     assert 7 < terms["UT1"]["ra_arcsec"] < 13  # 0.9 s of a rectangle, and the held value
     assert report["truth_budget"]["axes"]["d_ra_cosde"]["expanded_arcsec"] > 15

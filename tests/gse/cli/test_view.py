@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from devices.browser import chromium
 from devices.command_line import Gse
+from devices.patience import PATIENCE_S
 from devices.rerun_recording import moving, rows_of
 from PIL import Image
 
@@ -75,15 +76,15 @@ def test_the_web_view_serves_the_session_until_it_is_interrupted(session: Path) 
     command = [*GSE, "view", str(session / "session.mcap"), "--web"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
         assert running.stderr is not None
-        guard = threading.Timer(240, running.kill)
+        guard = threading.Timer(2 * PATIENCE_S, running.kill)
         guard.start()
         line = next(line for line in running.stderr if "http://" in line)
         url = line.split()[1]
         opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
-        with opener.open(url + "session.rrd", timeout=20) as answer:
+        with opener.open(url + "session.rrd", timeout=PATIENCE_S) as answer:
             assert answer.read(3) == b"RRF"
         running.send_signal(signal.SIGINT)
-        assert running.wait(120) == 0
+        assert running.wait(PATIENCE_S) == 0
         guard.cancel()
 
 

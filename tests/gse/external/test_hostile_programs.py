@@ -6,6 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from devices.patience import PATIENCE_S
 from devices.programs import program
 
 from gse.camera import Camera
@@ -25,7 +26,7 @@ def panoramas(count):
     return [Panorama(1_774_000_000_000_000_000 + n, xy_px, brightness, n, 0.1, 1000 * n) for n in range(count)]
 
 
-def running(path, timeout_ms=5000.0):
+def running(path, timeout_ms=1000 * PATIENCE_S):
     options = IdentifierOptions(algorithm="external", command=(str(path),))
     return RunningIdentifier(plug_of(options, SENSOR), timeout_ms / 1000)
 
@@ -37,7 +38,7 @@ def kinds(identifier, count):
     return [one.answer.kind.value if isinstance(one.answer, Failure) else "" for one in given]
 
 
-def failure_of(folder, body, timeout_ms=5000.0):
+def failure_of(folder, body, timeout_ms=1000 * PATIENCE_S):
     """The failure at frame 2 of five, where a program does what ``body`` says; all others must be answered."""
     loop = "for line in sys.stdin:\n    p = json.loads(line)\n    if p['frame_no'] == 2:\n        "
     identifier = running(program(folder, f"{loop}{body}\n    answer(p)\n"), timeout_ms)
@@ -96,8 +97,8 @@ def test_a_program_that_fails_costs_its_panorama_alone(tmp_path, body, kind, tex
     ids=["sleeps", "stops itself", "complains without end", "introduces itself without end"],
 )
 def test_a_program_that_hangs_costs_its_panorama_after_the_time_out(tmp_path, body):
-    failure = failure_of(tmp_path, body, timeout_ms=1000)
-    assert (failure.kind, failure.detail[:24]) == (FailureKind.TIMEOUT, "no answer within 1000 ms")
+    failure = failure_of(tmp_path, body, timeout_ms=2000)
+    assert (failure.kind, failure.detail[:24]) == (FailureKind.TIMEOUT, "no answer within 2000 ms")
 
 
 def test_what_is_written_after_an_answer_is_not_taken_for_the_next_one(tmp_path):
@@ -162,7 +163,7 @@ def test_a_child_of_the_program_ends_with_it(tmp_path):
     pid = int(pid_file.read_text())
     ended = os.pidfd_open(pid)
     identifier.close()
-    assert select.select([ended], [], [], 20)[0], "the program's own child lives on"
+    assert select.select([ended], [], [], PATIENCE_S)[0], "the program's own child lives on"
     os.close(ended)
 
 

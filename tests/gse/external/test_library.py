@@ -7,6 +7,7 @@ import devices
 import numpy as np
 import pytest
 from devices.compiler import shared_library
+from devices.patience import PATIENCE_S
 from skies.made_frames import FIELD_14_DEG, Noise, made_frame, sky_of
 
 from gse.attitude import solve_attitude
@@ -39,7 +40,7 @@ int identify(const gse_panorama *p, gse_answer *a, void *config) {
 """
 
 
-def running(library, timeout_ms=5000.0, **options):
+def running(library, timeout_ms=1000 * PATIENCE_S, **options):
     plug = plug_of(IdentifierOptions(algorithm="external", library=str(library), **options), SENSOR)
     return RunningIdentifier(plug, timeout_ms / 1000)
 
@@ -64,7 +65,7 @@ def onboard(folder, stars):
     with (folder / "flight.csv").open("w") as out:
         write_table(stars, listed_neighbours(pair_table(stars, field_diameter_rad(FIELD_14_DEG))), out)
     library = shared_library(Path(devices.__path__[0]) / "onboard_neighbour.c", folder)
-    identifier = running(library, timeout_ms=20_000.0, config=str(folder / "flight.csv"))
+    identifier = running(library, config=str(folder / "flight.csv"))
     yield identifier
     identifier.close()
 
@@ -114,7 +115,8 @@ def test_the_report_names_library_and_config_by_their_hashes(onboard):
     ],
 )
 def test_a_library_that_fails_costs_its_panorama_alone(tmp_path, body, kind, text):
-    identifier = running(shared_library(HEAD + body + "}", tmp_path), timeout_ms=1000.0)
+    timeout_ms = 2000 if kind is FailureKind.TIMEOUT else 1000 * PATIENCE_S
+    identifier = running(shared_library(HEAD + body + "}", tmp_path), timeout_ms)
     empty = np.zeros((2, 2)), np.array([2.0, 1.0])
     given = identifier.answers([Panorama(10 + n, *empty, n) for n in range(4)])
     identifier.close()

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from devices.patience import PATIENCE_S
 
 from gse.camera import Camera
 from gse.catalog import load_catalog
@@ -41,7 +42,7 @@ def test_the_other_process_ends_with_a_session_that_is_killed(tmp_path: Path) ->
     other = int(session.stdout.readline())
     session.send_signal(signal.SIGKILL)
     session.communicate()
-    end_s = time.monotonic() + 60
+    end_s = time.monotonic() + PATIENCE_S
     while is_running(other):
         assert time.monotonic() < end_s, "it goes on"
         time.sleep(0.1)

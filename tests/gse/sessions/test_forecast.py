@@ -4,6 +4,7 @@ import threading
 
 import numpy as np
 import pytest
+from devices.patience import PATIENCE_S
 from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
@@ -57,7 +58,7 @@ def test_the_loop_hands_over_one_snapshot_and_goes_on() -> None:
         for _ in range(3):
             forecast.on_results(NewResults.of([frame]), session)
         pause = threading.Event()
-        for _ in range(600):
+        for _ in range(round(20 * PATIENCE_S)):
             if forecast.metrics:
                 break
             pause.wait(0.05)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import rerun.error_utils
+from devices.patience import PATIENCE_S
 from devices.rerun_recording import moving, rows_of
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
@@ -48,7 +49,7 @@ def view_threads() -> list[threading.Thread]:
 def ended_view_threads() -> bool:
     """Whether the view's threads end: closing waits some seconds for what is queued, and a busy machine is slower."""
     for thread in view_threads():
-        thread.join(60)
+        thread.join(PATIENCE_S)
     return not view_threads()
 
 
@@ -99,7 +100,7 @@ def test_a_page_that_nobody_opens_starts_no_program_and_holds_nothing_up(frames,
 def wait_until_connected(port: int) -> None:
     """Until a viewer holds a connection to a local port, as Linux tells it."""
     pause = threading.Event()
-    for _ in range(1200):
+    for _ in range(round(10 * PATIENCE_S)):
         for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
             _, local, _, state = line.split()[:4]
             if state == "01" and int(local.split(":")[1], 16) == port:
@@ -163,7 +164,7 @@ def test_a_viewer_that_is_frozen_or_killed_holds_nothing_up(frames, session, har
                 view.on_results(NewResults.of([frame]), session)
         closer = threading.Thread(target=view.close)
         closer.start()
-        closer.join(15)
+        closer.join(PATIENCE_S)
         assert not closer.is_alive()
         assert ended_view_threads()
         assert view.dropped == 0
@@ -191,7 +192,7 @@ def test_the_rerun_program_sends_no_usage_data_even_where_its_user_allowed_it(tm
         stderr=subprocess.STDOUT,
         text=True,
     ) as viewer:
-        guard = threading.Timer(60, viewer.kill)
+        guard = threading.Timer(PATIENCE_S, viewer.kill)
         guard.start()
         assert viewer.stdout is not None
         told = next((line for line in viewer.stdout if "nalytics" in line), "nothing")
@@ -203,7 +204,7 @@ def test_the_rerun_program_sends_no_usage_data_even_where_its_user_allowed_it(tm
 
 def get(url: str) -> tuple[bytes, dict[str, str]]:
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
-    with opener.open(url, timeout=60) as answer:
+    with opener.open(url, timeout=PATIENCE_S) as answer:
         return answer.read(), dict(answer.headers)
 
 
@@ -243,7 +244,7 @@ def test_a_port_that_is_taken_is_told_with_what_to_do() -> None:
 
 def piece_of(view: LiveView, place: str, path: Path, *, last: str = "") -> tuple[dict[str, list], str, int]:
     """Rows of a piece as a page gets it, its place, and its last instant."""
-    with urllib.request.urlopen(f"{view.url}piece.rrd?after={place}&last={last}", timeout=30) as answer:
+    with urllib.request.urlopen(f"{view.url}piece.rrd?after={place}&last={last}", timeout=PATIENCE_S) as answer:
         path.write_bytes(body := answer.read())
         return rows_of(path) if body else {}, answer.headers["X-Place"], int(answer.headers["X-Utc-Ns"])
 
@@ -256,7 +257,7 @@ def printed(path: Path) -> str:
 
 def wait_for_frames(view: LiveView, frames: list, path: Path) -> tuple[dict[str, list], str]:
     """The first piece of a page with so many frames, and its place."""
-    for _ in range(600):
+    for _ in range(round(10 * PATIENCE_S)):
         rows, place, utc_ns = piece_of(view, "", path)
         if utc_ns == frames[-1].panorama.utc_ns:
             return rows, place
@@ -307,4 +308,4 @@ def test_the_layout_comes_before_all_data_or_else_the_viewer_shows_its_own_and_t
 def test_a_place_that_no_piece_stated_is_refused(session, place: str) -> None:
     view = LiveView(session.station, mode="web", port=free_port("127.0.0.1"))
     with view, pytest.raises(urllib.error.HTTPError, match="404"):
-        urllib.request.urlopen(f"{view.url}piece.rrd?after={place}", timeout=30)
+        urllib.request.urlopen(f"{view.url}piece.rrd?after={place}", timeout=PATIENCE_S)

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from devices.patience import PATIENCE_S
 from skies.synthetic_night import synthetic_night
 
 from gse.view.glance import Glance
@@ -25,7 +26,7 @@ def port_of(page: ViewServer) -> int:
 
 def ask(page: ViewServer, *hosts: str, path: str = "/session.rrd") -> tuple[int, str, bytes]:
     """Status, headers and body of an answer to a request with these Host headers."""
-    connection = http.client.HTTPConnection("127.0.0.1", port_of(page), timeout=5)
+    connection = http.client.HTTPConnection("127.0.0.1", port_of(page), timeout=PATIENCE_S)
     connection.putrequest("GET", path, skip_host=True)
     for host in hosts:
         connection.putheader("Host", host.encode("latin-1"))
