@@ -160,6 +160,7 @@ def cluster(folder: Path, workers: int = 2):
                 "FSSPEC_SFTP": json.dumps(sshd.options()),
                 "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": f"{WORKER_TTL_S}s",
                 "DASK_TEMPORARY_DIRECTORY": str(folder),
+                "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
             }
         )
         address = f"tcp://127.0.0.1:{free_port()}"

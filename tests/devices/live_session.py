@@ -52,13 +52,12 @@ class LiveSession:
             time.sleep(0.02)
         return status
 
-    def await_frames(self, count: int) -> dict[str, Any]:
-        """Wait until the session has so many frames; its status then."""
+    def await_frames(self, count: int) -> None:
+        """Wait until the session has so many frames."""
         until_s = time.monotonic() + PATIENCE_S
         while (status := self.status()).get("frames", 0) < count:
             assert time.monotonic() < until_s, status
             time.sleep(0.02)
-        return status
 
     def events(self) -> dict[str, str]:
         """The recorded events: the last text of each kind."""

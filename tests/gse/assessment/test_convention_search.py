@@ -10,7 +10,7 @@ from skies.known_nights import START_NS, STATION, TRUTH, session
 
 from gse.assessment.convention_search import FEWEST, Evidence, search_convention, with_aberration
 from gse.assessment.decision import Outcome
-from gse.assessment.sensor_convention import in_words
+from gse.assessment.sensor_convention import in_words, session_convention
 from gse.assessment.verdict import judge
 from gse.attitude_convention import (
     AttitudeConvention,
@@ -356,6 +356,13 @@ def with_answers(convention, count=600, **stated):
         )
         made.sensor_attitudes.append(int(row["utc_ns"]), message)
     return made
+
+
+@pytest.mark.parametrize(("count", "duration_s"), [(900, 60.0), (450, 44.9)])
+def test_the_first_minute_of_a_session_tells_its_convention(count, duration_s):
+    found = session_convention(with_answers(AttitudeConvention(), count))
+    assert found.duration_s == pytest.approx(duration_s, abs=0.31)  # of three hundred answers, evenly
+    assert found.answers <= 301
 
 
 def test_a_wrong_convention_is_a_finding_and_not_an_error_of_the_sensor():

@@ -269,9 +269,9 @@ def test_stars_whose_noise_falls_faster_than_light_explains_have_no_floor(steady
 
 
 def test_stars_without_light_count_as_those_of_index_value_one(steady: SessionData) -> None:
-    noise = [0.1, 0.2, 0.12, 0.18, 0.15] * 2
-    found = noise_of(steady, noise, [0.0, 0.5, 4.0, 4.0, 2.0] * 2)
-    assert found == noise_of(steady, noise, [1.0, 1.0, 4.0, 4.0, 2.0] * 2)
+    noise = np.sqrt(0.1**2 + 0.2**2 / np.array([1.0, 1.0, 4.0, 16.0, 64.0] * 2))
+    found = noise_of(steady, noise, [0.0, 0.5, 4.0, 16.0, 64.0] * 2)
+    assert (found.floor_px, found.photon_px) == (pytest.approx(0.1, rel=1e-3), pytest.approx(0.2, rel=1e-3))
 
 
 @pytest.mark.parametrize(("stars", "is_told"), [(4, False), (5, True)])

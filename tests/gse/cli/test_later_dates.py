@@ -81,8 +81,10 @@ def test_a_session_in_four_years_is_recorded_and_its_truth_is_as_wide_as_it_is_u
         command = at("+4y", "run", *words, "--no-plots", "--out", tmp_path / "out")
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
         with subprocess.Popen(command, env=ENVIRONMENT, start_new_session=True, text=True, **pipes) as running:
-            status = LiveSession(tmp_path / "out").await_frames(20)
-            os.kill(status["pid"], signal.SIGTERM)
+            try:
+                LiveSession(tmp_path / "out").await_frames(20)
+            finally:
+                os.killpg(running.pid, signal.SIGTERM)
             out, err = running.communicate()
     report = json.loads(out)
     assert report["identification"]["statuses"]["IDENTIFIED"] > 10

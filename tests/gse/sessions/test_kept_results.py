@@ -54,10 +54,17 @@ def session() -> SessionData:
     return made
 
 
+@pytest.fixture(scope="module")
+def once_kept(session, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("kept") / "night.results"
+    keep(session, judge(session), KEY, folder)
+    return folder
+
+
 @pytest.fixture
-def folder(session, tmp_path: Path) -> Path:
-    keep(session, judge(session), KEY, tmp_path / "night.results")
-    return tmp_path / "night.results"
+def folder(once_kept: Path, tmp_path: Path) -> Path:
+    """A copy of the kept results, in the test's own folder."""
+    return Path(shutil.copytree(once_kept, tmp_path / "night.results"))
 
 
 def of(folder: Path, session: SessionData, key: ResultKey = KEY) -> SessionData | None:
