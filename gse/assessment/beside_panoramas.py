@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.answers_apart import answers_apart
+from gse.assessment.ideas_of_truth import by_each_idea
 from gse.assessment.onboard_equivalence import OnboardEquivalence
 from gse.assessment.sensor_answers import SensorAnswers
 from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
@@ -26,6 +27,8 @@ _PIXEL_SIGMAS = 4.0
 """Stars that stay on their rows keep the error of their pixels there for the whole session."""
 _WHOLE_PIXELS_PX, _CENTROIDS_PX = 1 / math.sqrt(12), 0.05
 """Root mean square of that error: of a rounded place, and of a centroid that is pulled to the middle of its pixel."""
+_SAME_PLACES_ARCSEC = 1.0
+"""What the errors of centroids that were sent do to the answers here they do to the sensor's."""
 _BLOCKS = 20
 _FEWEST = 40
 _NOISY = 3.0
@@ -44,9 +47,13 @@ _MEDIAN_OF_STEPS = math.sqrt(2) * 0.6745
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """No fault of a sensor: shifts, turns and scatter up to these have their causes, as aberration or stars."""
+    """No fault of a sensor: shifts, turns and scatter up to these have their causes, as aberration or stars.
+
+    ``same_stars_arcsec`` is the shift where the sensor takes those stars that are identified here.
+    """
 
     shift_arcsec: float
+    same_stars_arcsec: float
     roll_arcsec: float
     scatter_arcsec: float
 
@@ -55,7 +62,7 @@ def beside_panoramas(
     session: SessionData, own: SensorAnswers, alike: OnboardEquivalence | None, explained: Explained
 ) -> Iterator[Finding]:
     """A finding for each way in which the answers differ by more than is explained."""
-    offset = tuple(_offset(session, own, explained.shift_arcsec))
+    offset = tuple(_offset(session, own, explained))
     yield from offset
     by_delay_arcsec = _roll_of_delay_arcsec(session, own) if any(one.cause == "sensor delay" for one in offset) else 0.0
     yield from _turned(session, own, explained.roll_arcsec + by_delay_arcsec)
@@ -63,32 +70,80 @@ def beside_panoramas(
     yield from _one_sided(alike)
 
 
-def _offset(session: SessionData, own: SensorAnswers, explained_arcsec: float) -> Iterator[Finding]:
-    """How the sensor's answers lie off, where that is more than its aberration explains."""
+def _offset(session: SessionData, own: SensorAnswers, explained: Explained) -> Iterator[Finding]:
+    """How the sensor's answers lie off, where that is more than its aberration and its stars explain."""
     frames = session.frames.columns
     both = _compared(own.d_de_arcsec, frames["d_de_arcsec"])
     if len(both) < _FEWEST:
         return
-    ra, ra_error = _typical(frames, both, own.d_ra_cosde_arcsec[both] - frames["d_ra_cosde_arcsec"][both])
-    de, de_error = _typical(frames, both, own.d_de_arcsec[both] - frames["d_de_arcsec"][both])
     least = _PIXEL_SIGMAS * _of_pixels_arcsec(session, both)
-    if math.hypot(ra, de) <= max(least, _SIGMAS * math.hypot(ra_error, de_error), explained_arcsec):
-        return
+    off = _Off.of(frames, both, np.column_stack([own.d_ra_cosde_arcsec[both] - frames["d_ra_cosde_arcsec"][both],
+                                                 own.d_de_arcsec[both] - frames["d_de_arcsec"][both]]))  # fmt: skip
+    by_stars_arcsec = max(least, explained.shift_arcsec)
+    if not off.is_beyond(by_stars_arcsec):
+        same = least if _are_whole(session) else _SAME_PLACES_ARCSEC
+        ideas = by_each_idea(session, own, both) if math.isfinite(explained.same_stars_arcsec) else None
+        by_idea = [_Off.of(frames, ideas[0], one) for one in ideas[1]] if ideas else []
+        if not by_idea or not all(one.is_beyond(same) for one in by_idea):
+            return
+        off, by_stars_arcsec = by_idea[0], explained.same_stars_arcsec
+        if not off.is_beyond(by_stars_arcsec):
+            return
+    yield _bias_or_delay(frames, both, off, least, by_stars_arcsec)
+
+
+def _bias_or_delay(
+    frames: Columns, rows: NDArray[np.int64], off: "_Off", least_arcsec: float, by_stars_arcsec: float
+) -> Finding:
+    """A mount at rest cannot tell them apart; a shift along RA alone, or of whole frames, is a delay first.
+
+    ``by_stars_arcsec`` is what other stars make of it: as much in DE hides no delay.
+    """
+    ra, de = off.ra, off.de
     where = f"{_angle(ra)} east and {_angle(de)} north of those that follow from its own panoramas"
-    cos_de = math.cos(math.radians(float(np.nanmedian(frames["de_true_deg"][both]))))
+    cos_de = math.cos(math.radians(float(np.nanmedian(frames["de_true_deg"][rows]))))
     late_s = -ra / (EARTH_RATE_ARCSEC_PER_S * max(cos_de, 1e-9))
-    along_ra = abs(de) <= max(_SIGMAS * de_error, 0.1 * abs(ra))
-    along_ra |= abs(de) <= least and _is_whole_frames(frames["utc_ns"][both], late_s)
+    along_ra = abs(de) <= max(_SIGMAS * off.de_error, 0.1 * abs(ra))
+    along_ra |= abs(de) <= least_arcsec and _is_whole_frames(frames["utc_ns"][rows], late_s)
     if not along_ra or cos_de < 0.05:
-        yield Finding("sensor bias", f"its answers lie {where}", next_step="compare its camera model and catalogue")
-        return
+        is_near_ra = abs(de) <= min(by_stars_arcsec, abs(ra)) and cos_de >= 0.05
+        return Finding(
+            "sensor bias",
+            f"its answers lie {where}",
+            ("a body frame that is turned by as much", *([_delay_beside(late_s)] if is_near_ra else [])),
+            next_step="compare its camera model and catalogue, and how its body frame lies on the detector",
+        )
     side = "before" if late_s > 0 else "after"
-    yield Finding(
+    return Finding(
         "sensor delay",
         f"its answers lie {where}, as those of {abs(late_s):.2f} s {side} the exposure that they are marked with",
-        equals=("a bias of its own in RA",),
-        next_step="look which exposure its firmware names in ATTITUDE",
+        ("a bias of its own in RA", f"a body frame that is turned about the pole by {_angle(ra / cos_de)}"),
+        "look which exposure its firmware names in ATTITUDE; a session with the sensor mounted at another roll tells: "
+        "a delay stays in RA, a bias and a body frame turn with the sensor",
     )
+
+
+def _delay_beside(late_s: float) -> str:
+    return f"answers of {abs(late_s):.2f} s {'before' if late_s > 0 else 'after'} their exposure, by other stars"
+
+
+@dataclass(frozen=True, slots=True)
+class _Off:
+    """An offset east and north in arcsec, and how well it is known."""
+
+    ra: float
+    ra_error: float
+    de: float
+    de_error: float
+
+    @classmethod
+    def of(cls, frames: Columns, rows: NDArray[np.int64], arcsec: NDArray[np.float64]) -> "_Off":
+        """The typical one of offsets (K, 2) in rows (K,) of the frames."""
+        return cls(*_typical(frames, rows, arcsec[:, 0]), *_typical(frames, rows, arcsec[:, 1]))
+
+    def is_beyond(self, least_arcsec: float) -> bool:
+        """Whether it is greater than that, and than noise makes it."""
+        return math.hypot(self.ra, self.de) > max(least_arcsec, _SIGMAS * math.hypot(self.ra_error, self.de_error))
 
 
 def _roll_of_delay_arcsec(session: SessionData, own: SensorAnswers) -> float:
@@ -104,11 +159,15 @@ def _compared(of_sensor: NDArray[np.float64], of_station: NDArray[np.float64]) -
 
 def _of_pixels_arcsec(session: SessionData, rows: NDArray[np.int64]) -> float:
     """What pixels leave of the boresight, whatever the number of frames."""
-    matches = session.frames.matches
-    is_whole = all(bool((matches[name] == np.rint(matches[name])).all()) for name in ("x_px", "y_px"))
-    of_star_px = _WHOLE_PIXELS_PX if is_whole else _CENTROIDS_PX
+    of_star_px = _WHOLE_PIXELS_PX if _are_whole(session) else _CENTROIDS_PX
     stars = max(float(np.median(session.frames.columns["matched"][rows])), 1.0)
     return of_star_px * session.station.sensor.camera().pixel_rad * ARCSEC_PER_RAD / math.sqrt(stars)
+
+
+def _are_whole(session: SessionData) -> bool:
+    """Whether places came as whole pixels, which are not those that the sensor answers by."""
+    matches = session.frames.matches
+    return all(bool((matches[name] == np.rint(matches[name])).all()) for name in ("x_px", "y_px"))
 
 
 def _is_whole_frames(utc_ns: NDArray[np.int64], late_s: float) -> bool:

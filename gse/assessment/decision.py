@@ -17,6 +17,7 @@ from scipy.special import betainc, betaincinv, ndtr
 
 from gse.assessment.guard_band import COVERAGE_FACTOR, exceeds, further_share, guard, keeps
 from gse.assessment.sampling import MIN_FRAMES, Bounds
+from gse.count_text import count_text
 from gse.limits import Decision
 from gse.percent import percent
 from gse.station.results import Subject
@@ -170,7 +171,7 @@ def _risk(value: float, above: float, limit: float) -> float:
 def _why_undecided(asked: Requirement, figure: Figure, uncertainty: float, truth_uncertainty: float, left: str) -> str:
     """What follows the name of the row; ``left`` says what a longer session does to what truth leaves open."""
     if figure.is_of_few_frames:
-        return f": {figure.frames} frames were compared with truth, {MIN_FRAMES} are needed"
+        return f": {count_text(figure.frames, 'frame')} compared with truth, {MIN_FRAMES} are needed"
     if math.isnan(figure.bounds.upper):
         number = f" (n_eff {figure.n_eff:.0f})" if math.isfinite(figure.n_eff) else ""
         return f": the session is too short to tell{number}"
@@ -232,7 +233,7 @@ def judge_share(asked: Requirement, share: Share, *, at_least: bool, beside: str
     uncertainty = share.value - share.lower if at_least else share.upper - share.value
     outcome = share_outcome(share, asked.limit, at_least=at_least, decision=asked.decision)
     limit = percent(asked.limit, 2)
-    seen = f"{asked.label}: {share.count} of {share.of} frames{beside} ({percent(share.value, 2)})"
+    seen = f"{asked.label}: {share.count} of {count_text(share.of, 'frame')}{beside} ({percent(share.value, 2)})"
     reason = ""
     if outcome is Outcome.NOT_TESTED:
         reason = f"{asked.label}: no frame has it"

@@ -61,7 +61,8 @@ def _untested_core(rows: tuple[Row, ...]) -> Iterator[str]:
 def _all_excluded(stats: Statistics) -> Iterator[str]:
     if stats.frames and stats.counted.excluded.all():
         words = dict.fromkeys(f"{item.cause}: {item.reason}" for item, count in stats.exclusions if count)
-        yield f"all {stats.frames} frames are left out: {'; '.join(list(words)[:3])}"
+        those = "the only frame is" if stats.frames == 1 else f"all {stats.frames} frames are"
+        yield f"{those} left out: {'; '.join(list(words)[:3])}"
 
 
 def _much_excluded(session: SessionData, stats: Statistics) -> Iterator[str]:

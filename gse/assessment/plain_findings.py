@@ -8,6 +8,7 @@ from drivers.chunk import LinkEvent
 from gse.assessment.low_field import air_in_field, only_reference_answers
 from gse.assessment.out_of_place import FALLEN_OUT_SHARE
 from gse.assessment.statistics import Statistics
+from gse.count_text import count_text
 from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.station.event_kinds import ClockStep, StationKind
@@ -93,8 +94,9 @@ def nothing_identified(session: SessionData) -> Iterator[Finding]:
     elif no_match and not identified:
         yield Finding(
             "nothing identified",
-            f"not one of {no_match} panoramas with enough objects was identified, with no focal length within 25 % of "
-            "the stated one, nor mirrored: most objects are not stars, or sensor.rows, columns or optics are others",
+            f"not one of {count_text(no_match, 'panorama')} with enough objects was identified, with no focal length "
+            "within 25 % of the stated one, nor mirrored: most objects are not stars, or sensor.rows, columns or "
+            "optics are others",
             ("an overcast sky with lamps or the Moon behind it", "a distortion of the lens by several pixels"),
             "look at the panoramas: gse view SESSION; check the sensor section of the station file",
         )

@@ -51,16 +51,29 @@ def sensor_findings(
     if own is not None and not is_wrong(search, stated) and not says_all:
         explained_arcsec = _OF_ABERRATION * search.aberration_arcsec if search and of_convention else 0.0
         explained_arcsec = math.inf if puts_off else explained_arcsec
-        found += beside_panoramas(session, own, alike, _explained(session, explained_arcsec))
+        found += beside_panoramas(session, own, alike, _explained(session, own, explained_arcsec))
     return tuple(found)
 
 
-def _explained(session: SessionData, shift_arcsec: float) -> Explained:
+def _explained(session: SessionData, own: SensorAnswers, shift_arcsec: float) -> Explained:
     """With what another choice of stars makes of the answers."""
     by_stars_arcsec = by_other_stars_arcsec(session)
+    same_stars_arcsec = math.inf if shift_arcsec > 0 else _STAR_SIGMAS * _by_few_other_stars_arcsec(session, own)
     shift_arcsec = max(shift_arcsec, _STAR_SIGMAS * by_stars_arcsec)
     width_rad = math.sqrt(session.station.sensor.camera().solid_angle_sr)
-    return Explained(shift_arcsec, roll_of_a_fix(shift_arcsec, width_rad), by_stars_arcsec)
+    return Explained(shift_arcsec, same_stars_arcsec, roll_of_a_fix(shift_arcsec, width_rad), by_stars_arcsec)
+
+
+def _by_few_other_stars_arcsec(session: SessionData, own: SensorAnswers) -> float:
+    """What is left of that where the sensor takes the stars that are identified here, but as many more or fewer as it
+    says, and one other at least; inf where it does not say."""
+    stars, here = own.matched[own.matched > 0], session.frames.columns["matched"]
+    here = here[here > 0]
+    if not len(stars) or not len(here):
+        return math.inf
+    of_sensor, of_station = float(np.median(stars)), float(np.median(here))
+    share = max(abs(1 / of_sensor - 1 / of_station), 2 / of_station**2)
+    return by_other_stars_arcsec(session) * math.sqrt(of_sensor * share)
 
 
 def _zeros(session: SessionData) -> Iterator[Finding]:

@@ -66,7 +66,7 @@ class FieldOfStars:
 
     def of_a_fix(self, star_arcsec: float) -> tuple[float, float, float]:
         """dRA*, dDE and roll of a fix, from a standard uncertainty along each axis of each star."""
-        across = star_arcsec / math.sqrt(max(self.stars, 1.0))
+        across = star_arcsec / math.sqrt(self.stars)
         return across, across, roll_of_a_fix(across, self.width_rad)
 
 

@@ -19,6 +19,7 @@ from scipy.special import stdtrit
 from gse.assessment.decision import Outcome, Share, share_of, share_outcome
 from gse.assessment.guard_band import exceeds, further_share, guard, keeps
 from gse.campaign.nights import Session, weighted
+from gse.count_text import count_text
 from gse.limits import Decision
 from gse.percent import percent
 from gse.station.results import Verdict
@@ -186,11 +187,6 @@ def _figure(label: str, values: list[float], limit: float, truth: float, unit: s
     return Outcome.INCONCLUSIVE, mean, above, f"{text}: {ask}"
 
 
-def counted(number: int, what: str) -> str:
-    """A number of things in words: 1 night, 2 nights."""
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
-
-
 def length_text(hours: float) -> str:
     """A length of time for a person: 12.5 h, 4.0 min."""
     return f"{hours:.1f} h" if hours >= 1 else f"{hours * 60:.1f} min"
@@ -200,7 +196,7 @@ def _share(nights: dict[str, list[Session]], subject: str, name: str, limit: flo
     share, at_least = campaign_share(nights, subject, name), name == "availability"
     towards_limit = share.value - share.lower if share.value >= limit else share.upper - share.value
     outcome = share_outcome(share, limit, at_least=at_least, decision=decision)
-    text = f"{subject} {name}: {percent(share.value, 3)} of {share.of} frames in {counted(len(nights), 'night')}"
+    text = f"{subject} {name}: {percent(share.value, 3)} of {share.of} frames in {count_text(len(nights), 'night')}"
     reason = ""
     if outcome is Outcome.FAIL:
         reason = f"{text}, the limit is {percent(limit, 2)}"

@@ -9,13 +9,14 @@ import numpy as np
 
 from gse.assessment.decision import DECISION_TEXT, Outcome
 from gse.campaign.dataset import UNKNOWN, DataSet
-from gse.campaign.decision import CampaignRow, campaign_rows, counted, reasons_of, verdict_of
+from gse.campaign.decision import CampaignRow, campaign_rows, reasons_of, verdict_of
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
 from gse.campaign.keys import OWN_STATION, software_sha256
 from gse.campaign.nights import Session, by_night, nightly, sessions_of
 from gse.campaign.sensor_atlas import SensorAtlas, sensor_atlas
 from gse.campaign.star_places import SIGMAS
 from gse.campaign.trends import thermal, trends
+from gse.count_text import count_text
 from gse.limits import Decision
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER
 from gse.station.results import Subject, Verdict
@@ -149,7 +150,7 @@ def _table_row(name: str, nights: dict[str, list[Session]], subject: str, rows: 
     d_ra, d_de = (float(np.mean(values)) if values else math.nan for values in means)
     time_ms = next((row.value for row in rows if row.subject == subject and row.unit == "ms"), math.nan)
     return {
-        "name": f"{name}, {subject}, {counted(len(nights), 'night')}",
+        "name": f"{name}, {subject}, {count_text(len(nights), 'night')}",
         "own": True,
         "mean_d_ra_deg": d_ra,
         "mean_d_de_deg": d_de,

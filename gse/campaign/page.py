@@ -10,7 +10,7 @@ import jinja2
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from gse.campaign.decision import SHARES, counted, length_text
+from gse.campaign.decision import SHARES, length_text
 from gse.campaign.plots import (
     draw_field,
     draw_phase,
@@ -20,6 +20,7 @@ from gse.campaign.plots import (
     rows_with_upper_limit,
     trends_height_in,
 )
+from gse.count_text import count_text
 from gse.percent import percent
 from gse.report.page import numbered, quantity_text
 from gse.report.svg import svg_of
@@ -31,7 +32,7 @@ def campaign_html(report: dict[str, Any]) -> str:
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
     environment.filters.update(number=_number, of_row=_of_row, with_digits_of=with_digits_of)
-    environment.filters.update(counted=counted, length_text=length_text)
+    environment.filters.update(count_text=count_text, length_text=length_text)
     template = environment.from_string(
         resources.files("gse.campaign").joinpath("campaign.html.jinja").read_text("utf-8")
     )

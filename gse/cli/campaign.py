@@ -203,14 +203,15 @@ def query_command(*, dataset_url: str, sql: str, form: str) -> None:
 
 def _verdict_lines(report: dict[str, Any]) -> list[str]:
     """The verdict of each sensor for a person."""
-    from gse.campaign.decision import counted, length_text
+    from gse.campaign.decision import length_text
+    from gse.count_text import count_text
 
     lines = []
     for sensor in report["sensors"]:
         marks = [word for word in ("relative", "simulated") if sensor[word]]
         mark = f" ({', '.join(marks)})" if marks else ""
         length = (
-            f"{counted(sensor['nights'], 'night')}, {length_text(sensor['hours'])}"
+            f"{count_text(sensor['nights'], 'night')}, {length_text(sensor['hours'])}"
             if sensor["nights"]
             else "no session counts"
         )
@@ -224,7 +225,7 @@ def _verdict_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _atlas_lines(atlas: dict[str, Any] | None) -> list[str]:
-    from gse.campaign.decision import counted
+    from gse.count_text import count_text
 
     if atlas is None:
         return []
@@ -235,7 +236,7 @@ def _atlas_lines(atlas: dict[str, Any] | None) -> list[str]:
     ]
     if atlas["stars_found"]:
         names = ", ".join(f"{star['name']} ({star['sigmas']:.1f} sigma)" for star in atlas["stars"][:5])
-        lines.append(f"{counted(atlas['stars_found'], 'star')} away from the catalogue's place: {names}")
+        lines.append(f"{count_text(atlas['stars_found'], 'star')} away from the catalogue's place: {names}")
     return lines
 
 
@@ -269,9 +270,9 @@ def _document(dataset: "DataSet", outcomes: list["Judged"]) -> dict[str, Any]:
 
 
 def _lines(document: dict[str, Any]) -> list[str]:
-    from gse.campaign.decision import counted
+    from gse.count_text import count_text
 
-    known, sessions = document["sessions"] - document["judged"], counted(document["sessions"], "session")
+    known, sessions = document["sessions"] - document["judged"], count_text(document["sessions"], "session")
     lines = [f"{sessions} in {document['dataset']}: {document['judged']} judged now, {known} before"]
     if document["verdicts"]:
         lines.append("verdicts: " + ", ".join(f"{count} {word}" for word, count in document["verdicts"].items()))

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.chunk import LinkEvent
+from gse.count_text import count_text
 from gse.errors import TableError
 from gse.external.answers import NO_ANSWER, ExternalAnswer
 from gse.station.frame_json import SCHEMA, frame_json
@@ -87,7 +88,7 @@ class Comparison:
         head = f"{self.different} of {self.compared} answers differ from the expected ones"
         without = self.compared - self.answered
         head += f"; {without} of them are no answer on both sides" if without else ""
-        head += f"; {self.missing} frames without an expected answer" if self.missing else ""
+        head += f"; {count_text(self.missing, 'frame')} without an expected answer" if self.missing else ""
         head += f"; {self.unused} expected answers without a frame" if self.unused else ""
         return "\n".join([head, *(f"  {line}" for line in self.listed)])
 

@@ -27,7 +27,8 @@ from gse.station.identified import Identified
 from gse.station.results import NO_MATCHES, FrameResult, Matches, Status
 from gse.truth import SiderealTruth
 
-_CROSS = np.array([[0.0, 0.0, 1.0], [0.05, 0.0, 1.0], [0.0, 0.05, 1.0]]) / np.sqrt([[1.0], [1.0025], [1.0025]])
+_ARMS = np.array([[0.05, 0.0, 1.0], [-0.05, 0.0, 1.0], [0.0, 0.05, 1.0], [0.0, -0.05, 1.0]])
+_CROSS = _ARMS / np.linalg.norm(_ARMS, axis=1, keepdims=True)
 """Directions that stand for the objects where there are fewer than two."""
 
 

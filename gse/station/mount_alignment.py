@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.constants import ARCSEC_PER_RAD
+from gse.count_text import count_text
 from gse.errors import UsageError
 from gse.instant import NS_PER_S
 from gse.star_influence import attitude_operators, star_covariance, unfitted
@@ -127,7 +128,7 @@ def cross_validated(measured: MeasuredMounts, session: SessionData) -> CrossVali
     """
     utc_ns, rotations = measured.utc_ns, measured.horizon_to_sensor
     if len(utc_ns) < 2:
-        raise UsageError(f"{len(utc_ns)} frames were identified; an alignment needs at least 2, better 100")
+        raise UsageError(f"{count_text(len(utc_ns), 'frame')} identified; an alignment needs at least 2, better 100")
     part_ns = min(MINUTE_NS, int(utc_ns[-1] - utc_ns[0]) // 6 + 1)
     odd = ((utc_ns - utc_ns[0]) // part_ns) % 2 == 1
     if odd.all() or not odd.any():

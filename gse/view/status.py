@@ -16,6 +16,7 @@ from rich.text import Text
 from drivers.chunk import LinkEvent
 from gse import instant
 from gse.config.station import Station
+from gse.count_text import count_text
 from gse.station.announcer import Announcer
 from gse.station.frame_results import NewResults
 from gse.station.session_data import SessionData
@@ -108,7 +109,7 @@ class StatusLine:
         progress = self._progress()
         yield _Part(link, 5 if progress and self._link == "streaming" else 0, _LINK_STYLES.get(self._link, ""))
         yield _Part(f"  {progress}" if progress else "", 1)
-        yield _Part(f"  {running.frames} frames{_rate(running)}", 5)
+        yield _Part(f"  {count_text(running.frames, 'frame')}{_rate(running)}", 5)
         yield _Part(self._lost(), 2, _BAD)
         yield _warned(f"  sky {running.sky}" if running.sky else "", 4, running.sky in ("clouded", "no stars"))
         yield _Part(f"  {running.silence}" if running.silence else "", 1, _BAD)

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from skies.star_errors import SETTINGS
 
-from gse.assessment.changes_in_time import sinusoids, steps
+from gse.assessment.changes_in_time import _step, _wave, sinusoids, steps
 from gse.assessment.competing_models import Columns, fitted
 from gse.assessment.error_series import ErrorSeries
 from gse.assessment.field_patterns import PARAMETERS
+from gse.assessment.fine_causes import _is_rest, _refined, told
+from gse.assessment.fine_hypotheses import constant_causes
 from gse.assessment.session_model import SessionModel
 
 SITE, MOUNT = SETTINGS[0]
@@ -77,3 +79,65 @@ def test_a_swing_is_not_faster_than_once_a_minute():
     slow = {one.at_s for one in tried(sinusoids, model_of(errors))}
     assert min(slow) >= 59
     assert tried(sinusoids, model_of(errors[:59])) == []
+
+
+@pytest.mark.parametrize("kind", ["clock step", "slip", "azimuth"])
+def test_a_step_is_tried_as_an_error_from_then_on_and_as_one_until_then(kind):
+    """Of twelve frames eight have it, or the other four have the opposite one."""
+    means = [one.columns.mean for one in tried(steps, model_of(stepped(12, 4))) if (one.kind, one.place) == (kind, 4)]
+    after, before = sorted(means, key=lambda mean: -np.abs(mean).max())
+    assert after == pytest.approx(-2 * before)
+
+
+@pytest.mark.parametrize(("cycles", "is_tried"), [(4.75, True), (5.5, False)])
+def test_a_swing_is_not_faster_than_once_in_four_ordinates(cycles, is_tried):
+    """Forty frames have twenty of them."""
+    time_s = 120.0 * np.arange(40)
+    errors = 0.1 * np.random.default_rng(4).normal(size=(40, 3))
+    errors[:, 0] += 40 * np.sin(2 * math.pi * cycles * time_s / time_s[-1])
+    periods_s = [one.at_s for one in tried(sinusoids, model_of(errors, 120.0))]
+    assert (pytest.approx(time_s[-1] / cycles) in periods_s) is is_tried
+
+
+# What fine_causes makes of them
+
+
+@pytest.mark.parametrize("place", [5050, 5037, 4961])
+def test_a_step_is_moved_to_the_frame_where_it_is(place):
+    """Places are tried a hundred frames apart."""
+    model = model_of(stepped(9700, place))
+    found = next(one for one in tried(steps, model) if one.kind == "slip")
+    assert abs(found.place - place) > 5
+    assert _refined(model.observed(), [], found).at_s == pytest.approx(place, abs=2)
+
+
+def test_what_has_no_place_stays_as_it_is():
+    model = model_of(stepped(12, 4))
+    (constant, *_) = constant_causes(model)
+    assert _refined(model.observed(), [], constant) is constant
+
+
+@pytest.mark.parametrize(("size", "is_rest"), [(19.0, True), (21.0, False)])
+def test_a_change_that_is_less_than_a_fifth_of_an_earlier_one_is_a_rest_of_it(size, is_rest):
+    """No swing is quite a sinusoid."""
+    time_s = np.arange(1200.0)
+    errors = 0.5 * np.random.default_rng(5).normal(size=(1200, 3))
+    for arcsec, cycles in ((100.0, 2.0), (40.0, 4.0), (size, 7.0)):
+        errors[:, 0] += arcsec * np.sin(2 * math.pi * cycles * time_s / time_s[-1] + cycles)
+    model = model_of(errors)
+    great, middle, small = (_wave(model, 1, "columns", cycles) for cycles in (2.0, 4.0, 7.0))
+    assert _is_rest(model.observed(), [great, middle], small) is is_rest
+    assert _is_rest(model.observed(), [middle, great], small) is is_rest
+    assert not _is_rest(model.observed(), [middle], small)
+    assert not _is_rest(model.observed(), [], small)
+    (constant, *_) = constant_causes(model)
+    assert not _is_rest(model.observed(), [constant], small)
+    assert not _is_rest(model.observed(), [great], constant)
+
+
+def test_a_change_is_known_no_better_than_models_leave_open_however_quiet_the_frames_are():
+    """A tenth of an arcsecond across the boresight, without stars that tell more of it."""
+    model = model_of(stepped(1200, 600, noise=0.001))
+    slip = _step(model, 1, "slip of the mount", "slip", False, 600)
+    errors = told(model, model.observed(), [], slip, []).errors
+    assert errors[:2] == pytest.approx(0.1, rel=0.05)

@@ -212,3 +212,12 @@ def test_stars_are_out_of_place_in_the_frames_that_count(left_out):
     frames["matched"], frames["false_objects"] = np.where(unlike, 5, 16), np.where(unlike, 12, 1)
     frames["stars_expected"] = 17
     assert bool(list(most_unmatched(made, counted))) is not left_out
+
+
+def test_a_time_tag_that_leaps_is_a_finding_of_the_sensor_with_its_size():
+    made = session(600)
+    made.frames.columns["time_us"][300:] += 5_000_000
+    (found,) = [finding for finding in judge(made).findings if finding.cause == "sensor time tag"]
+    assert found.size.startswith("it leapt by +5.0")
+    assert found.next_step == "ask the maker; gse decode SESSION --explain"
+    assert all(finding.cause != "sensor time tag" for finding in judge(session(600)).findings)

@@ -1,6 +1,7 @@
 """Gross causes, each injected into skies of astropy alone."""
 
 import functools
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -122,6 +123,18 @@ def test_a_clock_that_is_off_is_named_with_its_offset(site, clock_s, cause, word
     finding = found(site, MOUNT, clock_s=clock_s)
     assert finding.cause == cause
     assert words in finding.size
+
+
+@pytest.mark.parametrize(("longitude_deg", "clock_s"), [(106.7, 12345.0), (150.0, -12345.0), (-150.0, 12345.0)])
+def test_a_clock_offset_has_the_longitude_as_its_equal_under_which_the_sky_stands_as_it_was_seen(
+    longitude_deg, clock_s
+):
+    """The Earth turns by 360.98565 deg in a day."""
+    finding = found(replace(MUNICH, longitude_deg=longitude_deg), MOUNT, clock_s=clock_s)
+    (fits_deg,) = (float(re.search(r"site\.longitude_deg: (-?[\d.]+)", equal)[1]) for equal in finding.equals[:1])
+    apart_deg = fits_deg - (longitude_deg - 360.98565 * clock_s / 86400)
+    assert apart_deg == pytest.approx(360 * round(apart_deg / 360), abs=0.02)
+    assert -180 <= fits_deg < 180
 
 
 def test_at_the_zenith_azimuth_and_roll_are_equals():

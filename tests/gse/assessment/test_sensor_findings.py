@@ -6,8 +6,10 @@ import re
 
 import numpy as np
 import pytest
+import scipy.special
 from skies.known_nights import START_NS, STATION, session
 
+from gse.assessment.beside_panoramas import _scatter
 from gse.assessment.sensor_answers import SensorAnswers, sensor_answers
 from gse.assessment.sensor_findings import sensor_findings
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
@@ -223,3 +225,15 @@ def test_zeros_that_are_called_good_are_counted():
     (text,) = answering(np.arange(12.0), places)
     assert "3 of 12 say RA 0, DE 0 and roll 0" in text
     assert answering(np.arange(12.0), places, state="lost") == []
+
+
+def test_scatter_from_frame_to_frame_is_the_standard_deviation_of_noise_whatever_a_few_false_answers_do():
+    """Steps of noise of 7 arcsec are a normal distribution of 7 times the root of 2; here its quantiles, mixed."""
+    frames, random = session(1001).frames.columns, np.random.default_rng(8)
+    steps = 7 * math.sqrt(2) * random.permutation(scipy.special.ndtri((np.arange(1000) + 0.5) / 1000))
+    values, rows = np.r_[0.0, np.cumsum(steps)], np.arange(1001)
+    assert _scatter(frames, rows, values) == pytest.approx(7.0, rel=1e-3)
+    mixed = random.permutation(1001)
+    assert _scatter(frames, mixed, values[mixed]) == _scatter(frames, rows, values)
+    values[::100] = 1e5
+    assert _scatter(frames, rows, values) == pytest.approx(7.0, rel=0.05)

@@ -16,8 +16,10 @@ from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S
 from gse.recording.session_format import RecordedTimings
 from gse.simulator import device_factory
+from gse.station.frame_table import SKY_CONDITIONS
 from gse.station.housekeeping import MODES, in_words
 from gse.station.loop import StationLoop
+from gse.station.results import SkyCondition
 from gse.station.session_data import SessionData
 from gse.station.setup import set_up
 from protocols import StatusMessage
@@ -264,6 +266,135 @@ def test_stars_whose_noise_falls_faster_than_light_explains_have_no_floor(steady
     assert found.floor_px == 0.0
     near = noise <= 3 * np.median(noise)
     assert found.photon_px == pytest.approx(math.sqrt(np.mean(noise[near] ** 2) / np.mean(1 / index[near])), rel=1e-3)
+
+
+def test_stars_without_light_count_as_those_of_index_value_one(steady: SessionData) -> None:
+    noise = np.sqrt(0.1**2 + 0.2**2 / np.array([1.0, 1.0, 4.0, 16.0, 64.0] * 2))
+    found = noise_of(steady, noise, [0.0, 0.5, 4.0, 16.0, 64.0] * 2)
+    assert (found.floor_px, found.photon_px) == (pytest.approx(0.1, rel=1e-3), pytest.approx(0.2, rel=1e-3))
+
+
+@pytest.mark.parametrize(("stars", "is_told"), [(4, False), (5, True)])
+def test_the_noise_of_centroids_takes_five_stars(stars: int, is_told: bool) -> None:
+    made = session(40, matches=tuple((100.0 * star, 50.0, 2.0 * star, -3.0) for star in range(1, stars + 1)))
+    assert (sensor_health(made).centroid_noise is not None) is is_told
+
+
+@pytest.mark.parametrize(("frames", "is_told"), [(29, False), (30, True)])
+def test_a_star_tells_its_noise_in_thirty_frames(frames: int, is_told: bool) -> None:
+    made = session(frames, matches=tuple((100.0 * star, 50.0, 2.0 * star, -3.0) for star in range(1, 6)))
+    assert (sensor_health(made).centroid_noise is not None) is is_told
+
+
+@pytest.mark.parametrize(("noisy", "count"), [(5, 0), (6, 1)])
+def test_more_than_half_of_the_stars_must_scatter_too_much(noisy: int, count: int) -> None:
+    made = with_statuses()
+    health = replace(sensor_health(made), centroid_noise=CentroidNoise(10, 0.3, 0.1, 0.0, noisy))
+    told = [finding for finding in health_findings(made, health) if finding.cause == "centroid noise"]
+    assert [finding.size for finding in told] == [f"{noisy} of 10 stars scatter more than their light explains"] * count
+
+
+# Where a figure begins to count
+
+
+@pytest.mark.parametrize(
+    ("slope", "count"),
+    [((0.101, 0.05, 0.15), 1), ((0.1, 0.05, 0.15), 0), ((-0.101, -0.15, -0.05), 1), ((0.2, -0.01, 0.41), 0)],
+)
+def test_a_drift_of_brightness_is_a_finding_beyond_a_tenth_of_a_magnitude_where_it_is_certain(
+    slope: tuple[float, float, float], count: int
+) -> None:
+    made = with_statuses()
+    health = replace(sensor_health(made), brightness_mag_per_h=Trend(*slope))
+    assert [finding.cause for finding in health_findings(made, health)] == ["brightness scale"] * count
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "is_certain"), [(0.1, 0.2, True), (-0.2, -0.1, True), (-0.1, 0.1, False), (0.0, 0.0, False)]
+)
+def test_a_trend_is_certain_where_its_interval_excludes_zero(low: float, high: float, is_certain: bool) -> None:
+    assert Trend(0.0, low, high).is_certain is is_certain
+
+
+@pytest.mark.parametrize(("least_v", "count"), [(4.5, 0), (4.49, 1)])
+def test_a_supply_falls_where_it_loses_more_than_a_tenth(least_v: float, count: int) -> None:
+    made = with_statuses()
+    at_ns, message = made.statuses[50]
+    made.statuses[50] = at_ns, replace(message, supply_v=least_v)
+    assert [line.split(":")[0] for line in findings(made)] == ["supply voltage"] * count
+    told = sensor_health(made).housekeeping
+    assert told is not None
+    assert told.supply_v == (least_v, 5.0)
+
+
+def test_a_supply_that_is_sometimes_no_number_is_counted() -> None:
+    made = with_statuses()
+    for place in range(7):
+        made.statuses[place] = made.statuses[place][0], replace(made.statuses[place][1], supply_v=math.nan)
+    assert findings(made) == ["telemetry: the supply voltage is not a number in 7 of 120 STATUS frames"]
+
+
+@pytest.mark.parametrize(("range_k", "is_told"), [(1.9, False), (2.1, True)])
+def test_hot_pixels_per_kelvin_take_two_kelvins(range_k: float, is_told: bool) -> None:
+    made = with_statuses()
+    frames = made.frames.columns
+    frames["stars_seen"], frames["temperature_c"] = 10, 20 + np.linspace(0, range_k, 1200)
+    frames["hot_pixels"] = np.arange(1200) // 300
+    assert (sensor_health(made).hot_pixels_per_k is not None) is is_told
+
+
+@pytest.mark.parametrize(
+    ("count", "every_s", "is_told"),
+    [(100, 7.0, True), (99, 7.0, False), (101, 6.0, True), (101, 5.9, False)],
+    ids=["a hundred", "fewer than a hundred", "ten minutes", "less than ten minutes"],
+)
+def test_a_thermometer_stands_still_after_a_hundred_numbers_and_ten_minutes(
+    count: int, every_s: float, is_told: bool
+) -> None:
+    made = with_statuses(temperature_c=20.0)
+    first = made.statuses[0][1]
+    made.statuses = [
+        (START_NS + round(place * every_s * NS_PER_S), replace(first, time_us=round(place * every_s * 1e6)))
+        for place in range(count)
+    ]
+    assert len(findings(made)) == is_told
+
+
+@pytest.mark.parametrize(("count", "is_told"), [(29, False), (30, True)])
+def test_a_temperature_of_zero_is_told_after_thirty_numbers(count: int, is_told: bool) -> None:
+    made = with_statuses(temperature_c=0.0)
+    made.statuses = made.statuses[:count]
+    assert len(findings(made)) == is_told
+
+
+def test_two_serial_numbers_are_two_sensors() -> None:
+    made = with_statuses()
+    made.statuses[60] = made.statuses[60][0], replace(made.statuses[60][1], serial=8)
+    assert findings(made) == ["telemetry: the serial number changes: 7, 8"]
+
+
+def test_bad_commands_are_the_most_that_were_counted() -> None:
+    made = with_statuses(commands_bad=2)
+    made.statuses[3] = made.statuses[3][0], replace(made.statuses[3][1], commands_bad=5)
+    told = sensor_health(made).housekeeping
+    assert told is not None
+    assert (told.commands_bad, told.frames) == (5, 120)
+
+
+@pytest.mark.parametrize(("step_s", "is_told"), [(600 / 39 - 0.01, False), (600 / 39 + 0.01, True)])
+def test_the_light_of_stars_tells_a_drift_after_ten_minutes(step_s: float, is_told: bool) -> None:
+    """Ten stars of which each becomes fainter by 0.3 mag/h; half of them with an exposure of twice the time."""
+    made = session(40, step_s=step_s, matches=tuple((100.0 * star, 50.0, 0.0, 0.0) for star in range(1, 11)))
+    frames, matches = made.frames.columns, made.frames.matches
+    frames["sky_condition"], frames["transparency"] = SKY_CONDITIONS.index(SkyCondition.CLEAR), 1.0
+    frames["exposure_s"] = np.where(np.arange(40) % 2, 0.1, 0.05)
+    hours = step_s / 3600 * matches["frame"]
+    light = 10 ** (-0.4 * 0.3 * hours) * (1 + matches["star"]) * frames["exposure_s"][matches["frame"]]
+    matches["brightness"] = 1000 * light
+    drift = sensor_health(made).brightness_mag_per_h
+    assert (drift is not None) is is_told
+    if drift is not None:
+        assert drift.slope == pytest.approx(-0.3, abs=0.01)
 
 
 def test_housekeeping_is_told_in_a_line_without_what_the_protocol_lacks() -> None:

@@ -28,6 +28,13 @@ def test_sound_tags_are_no_fault():
     assert faults(frames(2)) == ()
 
 
+@pytest.mark.parametrize(("count", "is_told"), [(2, False), (3, True)])
+def test_three_frames_are_enough_for_a_leap(count, is_told):
+    made = frames(count)
+    made["time_us"][count - 1 :] += 60_000_000
+    assert [line.startswith("sensor time tag: it leapt by +60.00 s") for line in faults(made)] == [True] * is_told
+
+
 def test_without_host_times_nothing_is_told():
     made = frames()
     made["time_us"][100:] += 3_000_000

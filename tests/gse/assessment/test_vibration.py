@@ -136,6 +136,16 @@ def test_a_slip_or_a_slow_course_is_no_vibration(sky):
     assert shaken(sky, noise(1.0) + 0.01 * np.arange(1200)[:, None], step_s=0.5) is None
 
 
+@pytest.mark.parametrize(("size", "is_told"), [(4.5, False), (7.0, True)])
+def test_what_lasts_longer_than_twenty_seconds_is_no_vibration(sky, size, is_told):
+    """Of a swing of 80 s means of 20 s leave a variance of 0.095 of its size squared, those of 40 s a half; three times
+    that of the noise is vibration.
+    """
+    swing = size * np.cos(2 * math.pi * 0.5 * np.arange(1200) / 80.0)
+    found = shaken(sky, noise(1.0) + swing[:, None] * [1, 0, 0], step_s=0.5)
+    assert (found is not None) is is_told
+
+
 def test_few_blocks_tell_nothing(sky):
     assert shaken(sky, noise(10.0, count=36)) is None
     assert shaken(sky, noise(10.0, count=48)) is not None

@@ -77,9 +77,10 @@ def test_the_residual_map_shows_where_on_the_detector_stars_are_off():
     fields = []
     for field in random_fields(TRUE, rng):
         corner = (field.xy_px[:, :1] < 128) & (field.xy_px[:, 1:] > 895)
-        fields.append(StarField(field.xy_px + np.where(corner, [0.8, 0.0], 0.0), field.stars, field.numbers))
+        fields.append(StarField(field.xy_px + np.where(corner, [0.8, -0.6], 0.0), field.stars, field.numbers))
     residual_map = calibrate(TRUE, fields).map_px
     assert residual_map[7, 0, 0] > 0.5
+    assert residual_map[7, 0, 1] < -0.35
     assert np.abs(residual_map[:7, 1:, :2]).max() < 0.2
     assert residual_map[:, :, 2].sum() > 2300
 

@@ -212,7 +212,7 @@ def test_answers_are_compared_with_expected_ones_to_the_bit(sessions, folder):
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
     other = compared(sessions[1], path)
     assert (other.compared, other.different, other.missing, other.unused) == (119, 1, 1, 0)
-    assert "1 of 119 answers differ from the expected ones; 1 frames without an expected answer" in other.text()
+    assert "1 of 119 answers differ from the expected ones; 1 frame without an expected answer" in other.text()
     assert f"frame {lines[7]['frame_no']}: ra_deg is" in other.text()
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from gse.identifier import Reason
-from gse.identifier.input_checks import distinct_objects, refusal
+from gse.identifier.input_checks import distinct_objects, refusal, refusals
+from gse.identifier.result import ObjectColumns
 
 FEWEST = 4
 
@@ -34,6 +35,14 @@ def test_a_panorama_has_enough_objects_and_no_more_than_thirty(count, reason):
     assert found.reason is reason
     assert str(count) in found.detail
     assert str(30 if count == 31 else FEWEST) in found.detail
+
+
+def test_many_panoramas_are_refused_as_one_by_one():
+    panoramas = [(fan(count), np.linspace(900.0, 100.0, count)) for count in (0, FEWEST - 1, FEWEST, 17, 30, 31)]
+    panoramas += [(fan(8), np.full(8, 5.0)), (fan(2), np.full(2, np.nan)), (fan(31), np.full(31, -1.0))]
+    found = refusals(ObjectColumns.of(panoramas), FEWEST)
+    assert [found.get(k) for k in range(len(panoramas))] == [refusal(*panorama, FEWEST) for panorama in panoramas]
+    assert sorted(found) == [0, 1, 5, 6, 7, 8]
 
 
 @pytest.mark.parametrize("place", [0, 3, 7])

@@ -17,6 +17,7 @@ from gse.instant import from_text
 from gse.mount import Mount
 from gse.panorama import Panorama, Panoramas
 from gse.site import Site
+from gse.station.attitude_error import attitude_errors
 from gse.station.external_result import geometric_of, has_roll, matches_of, status_of, with_roll
 from gse.station.frame_processor import FrameProcessor
 from gse.station.non_stellar import NonStellarObjects
@@ -67,6 +68,20 @@ def test_residuals_under_a_truth_are_free_of_aberration_and_air(catalog):
     raw = Attitude.from_angles(true.ra_deg, true.de_deg, true.roll_deg)
     moved = geometric_of(raw, seen, truth, UTC_NS)
     assert np.degrees(np.arccos(moved.boresight_icrs @ raw.boresight_icrs)) * 3600 > 20  # by air and aberration
+
+
+@pytest.mark.parametrize("objects", [0, 1])
+def test_where_fewer_than_two_objects_are_given_a_cross_stands_for_a_whole_field(objects):
+    """At 40 deg of altitude, where air lifts the boresight by an arcminute, and the lower edge by more."""
+    truth = SiderealTruth(SITE, EarthOrientation.from_disk(UTC_NS))
+    raw = truth.attitude_true(UTC_NS, Mount(altitude_deg=40.0))
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-0.06, 0.06, 9), np.linspace(-0.06, 0.06, 9)))
+    field = np.column_stack([x, y, np.ones(81)])
+    field /= np.linalg.norm(field, axis=1)[:, None]
+    whole = geometric_of(raw, field, truth, UTC_NS).icrs_to_sensor[None]
+    found = geometric_of(raw, field[:objects], truth, UTC_NS).icrs_to_sensor[None]
+    assert np.abs(attitude_errors(found, whole)).max() < 0.1
+    assert np.hypot(*attitude_errors(raw.icrs_to_sensor[None], whole)[0, 3:]) > 40
 
 
 @pytest.mark.parametrize(

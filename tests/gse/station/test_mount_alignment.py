@@ -149,7 +149,7 @@ def test_one_frame_cannot_be_judged_on_others():
     measured = MeasuredMounts()
     for result in frames(MOUNTS[1], 1):
         measured.add(result, TRUTH)
-    with pytest.raises(UsageError, match="1 frames were identified"):
+    with pytest.raises(UsageError, match="1 frame identified"):
         cross_validated(measured, SESSION)
 
 

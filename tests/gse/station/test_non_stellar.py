@@ -1,7 +1,11 @@
 """Objects that are not stars are named: hot pixels, planets, the Moon."""
 
+import astropy.units as u
 import numpy as np
 import pytest
+from astropy.coordinates import EarthLocation, get_body
+from astropy.time import Time
+from astropy.utils import iers
 
 from gse.attitude import Attitude
 from gse.camera import Camera
@@ -9,7 +13,7 @@ from gse.identifier import Answers, Identification
 from gse.instant import from_text
 from gse.panorama import Panorama, Panoramas
 from gse.site import Site
-from gse.station.non_stellar import HOT_PIXEL, UNKNOWN, NonStellarObjects
+from gse.station.non_stellar import HOT_PIXEL, UNKNOWN, NonStellarObjects, Others
 
 CAMERA = Camera(1024, 1024, 4170.0, (511.5, 511.5))
 SITE = Site(latitude_deg=-6.53, longitude_deg=106.7)
@@ -127,3 +131,114 @@ def test_a_hot_pixel_is_there_in_most_of_the_frames(every, last):
         shown = [(200.0, 300.0)] if place % every == 0 else []
         found = kinds(names, 30.0 * place, *shown, (10.0 + 9 * place, 900.0))
     assert found == [last, UNKNOWN]
+
+
+# Limits of a hot pixel and of a body, from both sides
+
+SKY_PX_PER_S = 15.041 / (CAMERA.pixel_rad * 180 / np.pi * 3600)
+"""By which the sky moves in a second, on the equator."""
+
+
+@pytest.mark.parametrize(("step_s", "last"), [(6.2 / SKY_PX_PER_S / 8, HOT_PIXEL), (5.8 / SKY_PX_PER_S / 8, UNKNOWN)])
+def test_the_sky_must_have_moved_by_six_pixels_behind_a_hot_pixel(step_s, last):
+    names = NonStellarObjects(CAMERA, SITE)
+    assert [kinds(names, step_s * place, (511.0, 511.0)) for place in range(9)][-1] == [last]
+
+
+@pytest.mark.parametrize(("x", "kind"), [(200.6, HOT_PIXEL), (200.61, UNKNOWN), (199.4, HOT_PIXEL), (199.39, UNKNOWN)])
+@pytest.mark.parametrize("along", [0, 1])
+def test_an_object_within_six_tenths_of_a_pixel_of_a_hot_one_is_hot(x, kind, along):
+    place = (x, 200.0) if along else (200.0, x)
+    assert kinds(NonStellarObjects(CAMERA, SITE, ((200, 200),)), 0, place) == [kind]
+
+
+def test_more_than_one_hot_pixel_is_known_each_by_both_of_its_coordinates():
+    names = NonStellarObjects(CAMERA, SITE, ((200, 300), (700, 100)))
+    found = kinds(names, 0, (200.0, 300.0), (700.0, 100.0), (200.0, 100.0), (700.0, 300.0))
+    assert found == [HOT_PIXEL, HOT_PIXEL, UNKNOWN, UNKNOWN]
+
+
+def test_frames_within_a_second_are_one_look():
+    """A sensor of 20 Hz: five frames on a pixel within a second, and the sky far behind it since, are two looks."""
+    names = NonStellarObjects(CAMERA, SITE)
+    for second in (0, 0.2, 0.4, 0.6, 0.8, 0.99, 3600):
+        last = kinds(names, second, (200.0, 300.0))
+    assert last == [UNKNOWN]
+
+
+@pytest.mark.parametrize(("off_px", "kind"), [(3.9, "Jupiter"), (4.1, UNKNOWN)])
+def test_an_object_within_four_pixels_of_a_planet_is_it(off_px, kind):
+    attitude = Attitude.from_angles(*JUPITER_ICRS, 0.0)
+    (_, _), (_, found) = name(
+        NonStellarObjects(CAMERA, SITE),
+        panorama(0, (900.0, 900.0), tuple(place_of("Jupiter", attitude) + np.array([off_px, 0.0]))),
+        NONE,
+        attitude,
+        truth_known=True,
+    )
+    assert found == kind
+
+
+@pytest.mark.parametrize(("off_deg", "kind"), [(0.9, "Moon"), (1.1, UNKNOWN)])
+def test_an_object_within_a_degree_of_the_moon_is_it(off_deg, kind):
+    attitude = towards("Moon")
+    off_px = np.radians(off_deg) / CAMERA.pixel_rad
+    (found,) = name(
+        NonStellarObjects(CAMERA, SITE),
+        panorama(0, tuple(place_of("Moon", attitude) - np.array([0.0, off_px]))),
+        NONE,
+        attitude,
+        truth_known=True,
+    )
+    assert found == (0, kind)
+
+
+def test_a_body_is_looked_for_only_where_the_truth_is_known():
+    attitude = towards("Moon")
+    places = panorama(0, tuple(place_of("Moon", attitude)))
+    assert name(NonStellarObjects(CAMERA, SITE), places, NONE, attitude, truth_known=False) == ((0, UNKNOWN),)
+
+
+@pytest.mark.parametrize("hours", [0.0, 6.0, 3.0])
+def test_the_moon_is_named_hours_later_where_it_is_then(hours):
+    """It moves by half a degree in an hour: three degrees in six."""
+    names = NonStellarObjects(CAMERA, SITE)
+    for second in (0.0, 3600 * hours):
+        attitude = towards("Moon", second)
+        (found,) = name(names, panorama(second, (511.5, 511.5)), NONE, attitude, truth_known=True)
+        assert found == (0, "Moon")
+
+
+def body_icrs(body, second):
+    """As astropy sees it, to 0.02 deg."""
+    place = EarthLocation.from_geodetic(SITE.longitude_deg * u.deg, SITE.latitude_deg * u.deg)
+    with iers.conf.set_temp("auto_download", False), iers.conf.set_temp("auto_max_age", None):
+        time = Time("2026-03-20T15:00:00", scale="utc") + second * u.s
+        seen = get_body(body, time, place)
+    vector = seen.cartesian.xyz.value
+    return vector / np.linalg.norm(vector)
+
+
+def towards(body, second=0.0):
+    x, y, z = body_icrs(body, second)
+    return Attitude.from_angles(np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arcsin(z)), 20.0)
+
+
+def place_of(body, attitude, second=0.0):
+    return CAMERA.pixels(body_icrs(body, second)[None] @ attitude.icrs_to_sensor.T)[0]
+
+
+def test_counts_are_of_one_kind_for_each_panorama():
+    others = Others.of([[(0, HOT_PIXEL), (3, UNKNOWN), (4, HOT_PIXEL)], [], [(1, "Moon"), (2, HOT_PIXEL)]])
+    assert others.count(HOT_PIXEL).tolist() == [2, 0, 1]
+    assert others.count("Moon").tolist() == [0, 0, 1]
+    assert others.count(HOT_PIXEL, np.array([True, True, False, True, False])).tolist() == [1, 0, 0]
+    assert others[2] == ((1, "Moon"), (2, HOT_PIXEL))
+
+
+def test_a_thousand_hot_pixels_are_kept():
+    crowd = [(2 * (place % 500), 2 * (place // 500)) for place in range(1002)]
+    names = NonStellarObjects(CAMERA, SITE)
+    for place in range(6):
+        found = kinds(names, 600.0 * place, *map(tuple, np.array(crowd, dtype=float)))
+    assert found.count(HOT_PIXEL) == 1000

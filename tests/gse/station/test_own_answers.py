@@ -13,6 +13,7 @@ from gse.assessment.verdict import judge
 from gse.attitude_convention import AttitudeConvention, state_angles, state_quaternions
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S
+from gse.mount import Mount
 from gse.report import summarise
 from gse.report.frames_csv import frames_csv
 from gse.station.attitude_error import attitude_errors
@@ -22,6 +23,7 @@ from gse.station.own_answers import OwnAnswerTruth, field_of, measured_rotations
 from gse.station.reception import Reception
 from gse.station.results import OwnAnswer, Status, Subject, Verdict
 from gse.station.setup import set_up
+from gse.truth import horizon_to_sensor
 from gse.truth.frames import icrs_to_frame
 from protocols import AttitudeMessage, parse_protocol
 
@@ -188,3 +190,17 @@ def test_at_the_zenith_a_field_expects_what_its_middle_does():
     utc_ns, field_sensor = np.array([START_NS]), field_of(STATION.sensor.camera())
     narrow, wide = OwnAnswerTruth(TRUTH, STATION.mount), OwnAnswerTruth(TRUTH, STATION.mount, field_sensor=field_sensor)
     assert attitude_errors(wide.expected(utc_ns), narrow.expected(utc_ns))[0] == pytest.approx(0, abs=0.3)
+
+
+def test_stars_of_a_field_that_stand_below_three_degrees_are_expected_by_no_sensor():
+    """The boresight at 5 deg: the lower part of the field is left out, and where all of it is, its middle stands."""
+    low, field_sensor = Mount(altitude_deg=5.0), field_of(STATION.sensor.camera())
+    altitude_deg = np.degrees(np.arcsin(field_sensor @ horizon_to_sensor(low)[:, 2]))
+    above = field_sensor[altitude_deg > 2.866]  # a sine of 0.05
+    assert 10 < len(above) < len(field_sensor) - 10
+    utc_ns = np.array([START_NS])
+    whole, part = (OwnAnswerTruth(TRUTH, low, field_sensor=seen).shifts(utc_ns) for seen in (field_sensor, above))
+    assert np.abs(whole - part).max() < 1e-12
+    lower = field_sensor[altitude_deg < 2.0]
+    alone, middle = (OwnAnswerTruth(TRUTH, low, field_sensor=seen).shifts(utc_ns) for seen in (lower, None))
+    assert np.abs(alone - middle).max() < 1e-12

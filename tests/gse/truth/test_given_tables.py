@@ -75,6 +75,25 @@ def test_a_list_of_leap_seconds_says_until_when_it_is_known(tmp_path, expires, d
     assert (leap.mjd, leap.tai_minus_utc_s) == ((41_317, 57_754), (10.0, 37.0))
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "41000.0 1 1 1972 10",
+        "200000.0 1 1 2406 10",
+        "57754.0 1 1 2017 0",
+        "57754.0 1 1 2017 1000",
+        "57754.0 1 1 2017 -9",
+    ],
+)
+def test_a_leap_second_before_1971_or_of_no_size_makes_no_list(tmp_path, line):
+    path = tmp_path / "Leap_Second.dat"
+    path.write_text(f"# File expires on 28 June 2027\n {line}\n")
+    with pytest.raises(TruthError, match="is not a table"):
+        read_given([path])
+    path.write_text("# File expires on 28 June 2027\n 41001.0 1 1 1972 999\n 199999.0 1 1 2406 1\n")
+    assert read_given([path]).leap_seconds.tai_minus_utc_s == (999.0, 1.0)
+
+
 def test_a_row_has_every_digit_of_its_columns(tmp_path, later_finals):
     """x, y, UT1 - UTC and its error as the ReadMe of finals2000A has their columns."""
     lines = later_finals.read_text().splitlines()

@@ -90,7 +90,7 @@ def test_lost_frames_stand_beside_those_that_came(session) -> None:
     session.link.frames_lost = 0
     assert " lost" not in told(session, synthetic_frames(1))
     session.link.frames_lost = 7
-    assert "1 frames  7 lost  " in told(session, synthetic_frames(1))
+    assert "1 frame  7 lost  " in told(session, synthetic_frames(1))
 
 
 def test_a_replay_says_how_far_it_is_beside_what_it_shows(session) -> None:
