@@ -1,8 +1,9 @@
 """Chromium as a device under test: Debian's package, driven by playwright."""
 
+import functools
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import urlsplit
@@ -35,20 +36,32 @@ def chromium() -> str:
     return found
 
 
+Visits = Callable[..., AbstractContextManager[Visit]]
+
+
 @contextmanager
-def visit(*, offline: bool = False, size: tuple[int, int] = (1000, 600)) -> Iterator[Visit]:
-    """A fresh page."""
+def browser() -> Iterator[Visits]:
+    """A browser for the tests of a module, each with fresh pages of its own; gives ``visit(offline=, size=)``."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with sync_api.sync_playwright() as driver:
         arguments = ["--no-sandbox", *SOFTWARE_GRAPHICS]
-        browser = driver.chromium.launch(executable_path=chromium(), args=arguments, timeout=1000 * PATIENCE_S)
-        context = browser.new_context(offline=offline, viewport={"width": size[0], "height": size[1]})
-        context.set_default_timeout(1000 * PATIENCE_S)
-        opened = Visit(context.new_page())
-        context.on("request", lambda request: opened.requests.append(request.url))
-        opened.page.on("pageerror", lambda error: opened.errors.append(str(error)))
-        opened.page.on("console", lambda text: opened.errors.append(text.text) if text.type == "error" else None)
+        running = driver.chromium.launch(executable_path=chromium(), args=arguments, timeout=1000 * PATIENCE_S)
         try:
-            yield opened
+            yield functools.partial(_visit, running)
         finally:
-            browser.close()
+            running.close()
+
+
+@contextmanager
+def _visit(running: Any, *, offline: bool = False, size: tuple[int, int] = (1000, 600)) -> Iterator[Visit]:
+    """A fresh page, which shares nothing with those before it."""
+    context = running.new_context(offline=offline, viewport={"width": size[0], "height": size[1]})
+    context.set_default_timeout(1000 * PATIENCE_S)
+    opened = Visit(context.new_page())
+    context.on("request", lambda request: opened.requests.append(request.url))
+    opened.page.on("pageerror", lambda error: opened.errors.append(str(error)))
+    opened.page.on("console", lambda text: opened.errors.append(text.text) if text.type == "error" else None)
+    try:
+        yield opened
+    finally:
+        context.close()

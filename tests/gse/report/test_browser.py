@@ -2,10 +2,11 @@
 
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from devices.browser import visit
+from devices.browser import Visits, browser
 from skies.synthetic_night import synthetic_night
 
 from gse.assessment.verdict import judge
@@ -19,7 +20,14 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_report(session, judge(session), tmp_path_factory.mktemp("report"))["report.html"]
 
 
-def test_it_opens_offline_with_the_verdict_in_sight_and_no_request(page: Path) -> None:
+@pytest.fixture(scope="module")
+def visit() -> Iterator[Visits]:
+    """Pages of one browser."""
+    with browser() as visits:
+        yield visits
+
+
+def test_it_opens_offline_with_the_verdict_in_sight_and_no_request(page: Path, visit: Visits) -> None:
     with visit(offline=True, size=(1100, 700)) as seen:
         seen.page.goto(page.as_uri())
         verdict = seen.page.locator(".verdict strong").first.bounding_box()
@@ -29,7 +37,7 @@ def test_it_opens_offline_with_the_verdict_in_sight_and_no_request(page: Path) -
         assert seen.errors == []
 
 
-def test_nothing_sticks_out_of_the_page_on_a_screen_or_a_phone(page: Path) -> None:
+def test_nothing_sticks_out_of_the_page_on_a_screen_or_a_phone(page: Path, visit: Visits) -> None:
     with visit(offline=True) as seen:
         seen.page.goto(page.as_uri())
         for width in (1100, 700, 420):

@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from devices.browser import chromium, visit
+import pytest
+from devices.browser import Visits, browser
 from devices.patience import PATIENCE_S
 from PIL import Image
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
@@ -23,6 +24,13 @@ from gse.view.server import Content, ViewServer
 
 FRAMES = 299
 """The 300th would have no answer, and so no stars to see."""
+
+
+@pytest.fixture(scope="module")
+def visit() -> Iterator[Visits]:
+    """Pages of one browser."""
+    with browser() as visits:
+        yield visits
 
 
 @contextmanager
@@ -81,8 +89,7 @@ def missing_in_the_end(page) -> list[str]:
     return missing
 
 
-def test_the_live_page_draws_what_is_sent_and_no_request_leaves_the_machine() -> None:
-    chromium()
+def test_the_live_page_draws_what_is_sent_and_no_request_leaves_the_machine(visit: Visits) -> None:
     station = synthetic_night(1).station
     with LiveView(station, mode="web", catalog=small_catalog()) as view, sent_again_and_again(view), visit() as seen:
         seen.page.goto(view.url + "rerun")
@@ -91,8 +98,7 @@ def test_the_live_page_draws_what_is_sent_and_no_request_leaves_the_machine() ->
         assert any("/piece.rrd?" in url for url in seen.requests)
 
 
-def test_a_saved_night_is_shown_by_the_same_page(tmp_path: Path) -> None:
-    chromium()
+def test_a_saved_night_is_shown_by_the_same_page(visit: Visits, tmp_path: Path) -> None:
     session = synthetic_night(FRAMES)
     saved = SavedView(session.station, small_catalog(), tmp_path / "night.rrd")
     for frame in synthetic_frames(FRAMES):
@@ -104,8 +110,7 @@ def test_a_saved_night_is_shown_by_the_same_page(tmp_path: Path) -> None:
         assert seen.hosts() == {"127.0.0.1"}
 
 
-def test_the_page_cannot_call_out_even_if_it_tries() -> None:
-    chromium()
+def test_the_page_cannot_call_out_even_if_it_tries(visit: Visits) -> None:
     with ViewServer("127.0.0.1", 0, Content()) as page, visit() as seen:
         seen.page.goto(page.url + "rerun.js")
         seen.page.goto(page.url)
@@ -118,8 +123,7 @@ SIZES = {"phone": (390, 844), "laptop": (1280, 720), "wide": (1920, 1080)}
 THEMES = ("", "red,large")
 
 
-def test_the_glance_page_fits_its_window_in_each_size_and_theme_with_one_request() -> None:
-    chromium()
+def test_the_glance_page_fits_its_window_in_each_size_and_theme_with_one_request(visit: Visits) -> None:
     session = synthetic_night(20)
     glance = Glance(session.station)
     for frame in synthetic_frames(20, trouble=False):
