@@ -77,8 +77,9 @@ def _offset(session: SessionData, own: SensorAnswers, explained: Explained) -> I
     if len(both) < _FEWEST:
         return
     least = _PIXEL_SIGMAS * _of_pixels_arcsec(session, both)
-    off = _Off.of(frames, both, np.column_stack([own.d_ra_cosde_arcsec[both] - frames["d_ra_cosde_arcsec"][both],
-                                                 own.d_de_arcsec[both] - frames["d_de_arcsec"][both]]))  # fmt: skip
+    columns = ("d_ra_cosde_arcsec", "d_de_arcsec")
+    apart = np.column_stack([getattr(own, name)[both] - frames[name][both] for name in columns])
+    off = _Off.of(frames, both, apart)
     by_stars_arcsec = max(least, explained.shift_arcsec)
     if not off.is_beyond(by_stars_arcsec):
         same = least if _are_whole(session) else _SAME_PLACES_ARCSEC
