@@ -35,9 +35,7 @@ def by_each_idea(
     here = attitude_errors(from_angles(*angles), simple.expected(utc_ns))[:, :2]
     of_sensor = np.column_stack([own.d_ra_cosde_arcsec[rows], own.d_de_arcsec[rows]])
     by_field = of_sensor - np.column_stack([frames["d_ra_cosde_arcsec"][rows], frames["d_de_arcsec"][rows]])
-    boresight, middle_ns = (
-        OwnAnswerTruth(truth.truth, truth.mount, truth.aberration_corrected),
-        utc_ns[len(rows) // 2 :][:1],
-    )
+    boresight = OwnAnswerTruth(truth.truth, truth.mount, truth.aberration_corrected)
+    middle_ns = utc_ns[len(rows) // 2 :][:1]
     of_field = attitude_errors(truth.expected(middle_ns), boresight.expected(middle_ns))[:, :2]
     return rows, [of_sensor - here, by_field, by_field + of_field]
