@@ -193,7 +193,7 @@ def _share_under_cloud(found: SkyEvidence, clear: ClearSky) -> float:
 def _without_stars(found: SkyEvidence, before: SkyCondition) -> SkyCondition:
     if not found.lights.is_dark:
         return SkyCondition.DAYLIGHT
-    if found.moon_glares:
+    if found.moon_glares and (found.overexposed or found.objects >= FEWEST_OBJECTS):
         return SkyCondition.UNKNOWN
     if before is SkyCondition.CLOUDED:
         return SkyCondition.CLOUDED
@@ -248,7 +248,8 @@ def _no_stars(found: SkyEvidence, clear: ClearSky) -> str:
         return f"the exposure fell from {clear.exposure_s:g} to {found.exposure_s:g} s: too short{expected}"
     if found.objects < FEWEST_OBJECTS:
         objects = f"{found.objects:.0f} objects" if found.objects else "no object at all"
-        return f"{objects}{expected}: lens cap, cover, overcast, or too short an exposure"
+        glare = f"; or the Moon's glare: {found.lights}" if found.moon_glares else ""
+        return f"{objects}{expected}: lens cap, cover, overcast, or too short an exposure{glare}"
     return (
         f"{found.objects:.0f} objects, and none is identified{expected}: overcast or a cover, or a camera that is not "
         "as stated"

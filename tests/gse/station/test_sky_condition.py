@@ -88,8 +88,12 @@ def test_less_than_a_third_of_the_stars_is_no_clear_sky_whatever_was_seen_before
         (CLEAR, {}, NO_STARS),
         (CLEAR, {"lights": TWILIGHT}, DAYLIGHT),
         (CLOUDED, {"lights": TWILIGHT}, DAYLIGHT),
-        (CLEAR, {"moon_glares": True}, UNKNOWN),
-        (CLOUDED, {"moon_glares": True}, UNKNOWN),
+        (CLEAR, {"moon_glares": True}, NO_STARS),
+        (CLEAR, {"moon_glares": True, "objects": 2.0}, NO_STARS),
+        (CLEAR, {"moon_glares": True, "objects": 3.0}, UNKNOWN),
+        (CLEAR, {"moon_glares": True, "overexposed": True}, UNKNOWN),
+        (CLOUDED, {"moon_glares": True, "objects": 3.0}, UNKNOWN),
+        (CLOUDED, {"moon_glares": True}, CLOUDED),
         (CLOUDED, {}, CLOUDED),
         (CLEAR, {"objects": 30.0}, NO_STARS),
         (CLEAR, {"objects": 30.0, "expected": 9.0}, UNKNOWN),
@@ -102,6 +106,10 @@ def test_a_sky_without_stars_has_its_reason(before, changes, condition):
     assert condition_of(replace(EMPTY, **changes), USUAL, before) is condition
 
 
+NO_OBJECT = "no object at all, 30 stars are expected: lens cap, cover, overcast"
+MOONLIT = Lights(-40.0, 10.0, 90.0, 15.0)
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -111,6 +119,10 @@ def test_a_sky_without_stars_has_its_reason(before, changes, condition):
         ({"exposure_s": 0.024}, "the exposure fell from 0.05 to 0.024 s: too short, 30 stars are expected"),
         ({"exposure_s": 0.025}, "no object at all, 30 stars are expected: lens cap"),
         ({"objects": 2.0}, "2 objects, 30 stars are expected: lens cap"),
+        (
+            {"moon_glares": True, "lights": MOONLIT},
+            NO_OBJECT + ", or too short an exposure; or the Moon's glare: Sun 40",
+        ),
         ({"objects": 3.0}, "3 objects, and none is identified, 30 stars are expected: overcast"),
         ({"expected": 0.0}, "no object at all, 0 stars are expected: lens cap"),
         ({"expected": math.nan}, "no object at all: lens cap"),
