@@ -73,10 +73,10 @@ def command(
 ) -> None:
     """Compare the statistics of session A and session B, or of A under two identifiers or two station files.
 
-    The exit code is 1 if the second session is worse: by more than --sigmas, and by more than --allow of a limit, in the
-    answers of the identifier, or in the sensor's own where both sessions have some.
-    Sessions of different panoramas are compared as over the star fields of the first. More than two sessions, of one
-    sensor or of several, get a row each in the table of the LAPAN paper, and each is compared with A.
+    The exit code is 1 if the second session is worse: by more than --sigmas, and by more than --allow of a limit, in
+    the answers of the identifier, or in the sensor's own where both sessions have some. Sessions of different
+    panoramas are compared as over the star fields of the first. More than two sessions, of one sensor or of several,
+    get a row each in the table of the LAPAN paper, and each is compared with A.
     """
     compared = functools.partial(
         session_comparison, sigmas=sigmas, allowed_share=allowed_share, bias_is_regression=bias_is_regression
