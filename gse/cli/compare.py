@@ -75,8 +75,8 @@ def command(
 ) -> None:
     """Compare the statistics of session A and session B, or of A under two identifiers or two station files.
 
-    The exit code is 1 if the second session is worse: by more than --sigmas, and by more than --allow of a limit; 5 if
-    nothing in it can be compared.
+    The exit code is 1 if the second session is worse: by more than --sigmas, and by more than --allow of a limit, in
+    the answers of the identifier, or in the sensor's own where both sessions have some; 5 if nothing can be compared.
     Sessions of different panoramas are compared as over the star fields of the first. More than two sessions, of one
     sensor or of several, get a row each in the table of the LAPAN paper, and each is compared with A.
     """
