@@ -20,8 +20,7 @@ from scipy.stats import chi2
 
 from drivers.mock.urls import sim_url
 from gse.assessment.compared_axis import ComparedAxis, axis_rows
-from gse.assessment.field_content import field_content
-from gse.assessment.statistics import statistics
+from gse.assessment.compared_subject import ComparedSession
 from gse.calibration.camera_fit import calibrate
 from gse.calibration.session_fit import PanoramaSample, star_fields
 from gse.config.edit import with_values
@@ -98,11 +97,8 @@ def chi_square_rows(name, labels, found):
 
 def compared(session):
     """Both axes of a session, for compare."""
-    figures, fields = statistics(session), field_content(session)
-    return {
-        label: ComparedAxis.of(figures, session.frames.columns, fields, axis)
-        for axis, label in (("d_ra_cosde", "dRA*"), ("d_de", "dDE"))
-    }
+    table = ComparedSession.of(session).table
+    return {label: ComparedAxis.of(table, axis) for axis, label in (("d_ra_cosde", "dRA*"), ("d_de", "dDE"))}
 
 
 def compare_rows(skies):

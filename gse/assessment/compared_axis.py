@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 
 from gse.assessment.autocorrelation import mean_error
 from gse.assessment.axis_statistics import AxisStatistics, quick_errors
-from gse.assessment.counted_frames import false_answers
+from gse.assessment.compared_subject import ComparedSubject
 from gse.assessment.field_content import FieldContent
 from gse.assessment.sampling import MIN_FRAMES
-from gse.assessment.statistics import Statistics
-from gse.station.frame_columns import Columns
 
 _NAN = float("nan")
 
@@ -52,13 +50,12 @@ class ComparedAxis(NamedTuple):
     noise_time_share: float
 
     @classmethod
-    def of(cls, statistics: Statistics, frames: Columns, fields: dict[str, FieldContent], axis: str) -> "ComparedAxis":
-        good = good_answers(frames)
-        errors = frames[f"{axis}_arcsec"][good]
-        square = quick_errors(frames["utc_ns"][good], errors) ** 2
+    def of(cls, subject: ComparedSubject, axis: str) -> "ComparedAxis":
+        errors = subject.errors[f"{axis}_arcsec"][subject.good]
+        square = quick_errors(subject.utc_ns[subject.good], errors) ** 2
         noise_share = error_of_mean(square) / 2 / max(float(square.mean()), 1e-300) if len(square) else _NAN
         by_time = error_of_mean(errors), error_of_mean(np.abs(errors)), noise_share
-        return cls(statistics.onboard.axes[axis], fields.get(axis, _NO_FIELD), *by_time)
+        return cls(subject.statistics.axes[axis], subject.fields.get(axis, _NO_FIELD), *by_time)
 
     def growth(self, other: "ComparedAxis") -> float:
         """What takes the noise of another session to the fields of this one; 1 where they do not tell."""
@@ -165,8 +162,3 @@ def _bias(name: str, one: ComparedAxis, two: ComparedAxis, allowed: float, *, ga
     a, b = one.statistics.bias_arcsec, two.statistics.bias_arcsec
     error = math.hypot(one.bias_error_arcsec, two.bias_error_arcsec)
     return Row(name, "arcsec", a, b, b, b - a, sigmas_of(b - a, error), allowed, gate=gate)
-
-
-def good_answers(frames: Columns) -> NDArray[np.bool_]:
-    """Which frames (N,), rows of FRAME, were compared with truth and are not false."""
-    return np.asarray(np.isfinite(frames["d_de_arcsec"]) & ~false_answers(frames), dtype=bool)

@@ -8,23 +8,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gse.assessment.compared_axis import (
-    Change,
-    ComparedAxis,
-    Row,
-    axis_rows,
-    error_of_mean,
-    good_answers,
-    sigmas_of,
-)
-from gse.assessment.counted_frames import false_answers
-from gse.assessment.field_content import field_content
+from gse.assessment.compared_axis import Change, ComparedAxis, Row, axis_rows, error_of_mean, sigmas_of
+from gse.assessment.compared_subject import ComparedSession, ComparedSubject, Pairs
 from gse.assessment.metrics import Metric, metrics
-from gse.assessment.statistics import Statistics, statistics
+from gse.assessment.statistics import Statistics
 from gse.instant import NS_PER_S
 from gse.station.frame_columns import Columns
-from gse.station.frame_table import STATUSES
-from gse.station.results import Status
+from gse.station.results import Subject
 from gse.station.session_data import SessionData
 
 PAIRED_SHARE = 0.9
@@ -51,6 +41,11 @@ class SessionComparison:
         """The rows in which the second session is worse."""
         return tuple(row for row in self.rows if row.worse)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether none of the judged rows could be compared: then nothing says that the second is not worse."""
+        return all(math.isnan(row.sigmas) for row in self.rows if row.gate)
+
 
 def session_comparison(
     first: SessionData,
@@ -62,38 +57,41 @@ def session_comparison(
 ) -> SessionComparison:
     """Compare two sessions.
 
+    The answers of the frame table; and the sensor's own beside panoramas, where both have some that are not the same.
     The second is worse in a value where the difference is beyond ``sigmas`` and larger than ``allowed_share`` of the
     first station's limit for it. With ``bias_is_regression`` a bias that changed either way is one.
     """
+    one, two = ComparedSession.of(first), ComparedSession.of(second)
+    pairs = _pairs(first.frames.columns, second.frames.columns)
     limits = first.station.limits
-    stats = statistics(first), statistics(second)
-    columns = first.frames.columns, second.frames.columns
-    pairs = _pairs(*columns)
-    fields = field_content(first), field_content(second)
-    rows: list[Row] = []
-    for axis, label, limit in (
-        ("d_ra_cosde", "dRA*", limits.d_ra_cosde_arcsec),
-        ("d_de", "dDE", limits.d_de_arcsec),
-    ):
-        one, two = (ComparedAxis.of(*of_one, axis) for of_one in zip(stats, columns, fields, strict=True))
-        # The same panoramas have the same fields: fewer stars identified in them is a loss of the second.
-        growth = 1.0 if pairs is not None else one.growth(two)
-        change = _paired_change(axis, columns, pairs)
-        rows += axis_rows(
-            label,
-            one,
-            two,
-            paired=change,
-            allowed=allowed_share * limit,
-            growth=growth,
-            bias_is_regression=bias_is_regression,
-        )
-    rows.append(_availability(stats, columns, pairs, allowed_share))
-    rows.append(_false(stats, columns, pairs))
+    axes = (("d_ra_cosde", "dRA*", limits.d_ra_cosde_arcsec), ("d_de", "dDE", limits.d_de_arcsec))
+
+    def judged(subjects: _Both) -> Iterator[Row]:
+        for axis, label, limit in axes:
+            both = ComparedAxis.of(subjects[0], axis), ComparedAxis.of(subjects[1], axis)
+            # The same panoramas have the same fields: fewer stars identified in them is a loss of the second.
+            growth = 1.0 if pairs is not None else both[0].growth(both[1])
+            change = _paired_change(axis, subjects, pairs)
+            yield from axis_rows(
+                label,
+                *both,
+                paired=change,
+                allowed=allowed_share * limit,
+                growth=growth,
+                bias_is_regression=bias_is_regression,
+            )
+        yield _availability(subjects, pairs, allowed_share)
+        yield _false(subjects, pairs)
+
+    rows = [_judged(row, sigmas) for row in judged((one.table, two.table))]
     if pairs is None:
-        rows.append(_time(stats))
-    shown = tuple(_metric_rows(*stats, independent=pairs is None))
-    return SessionComparison(tuple(_judged(row, sigmas) for row in rows), pairs is not None, shown)
+        rows.append(_time((one.table, two.table)))
+    if one.sensor is not None and two.sensor is not None and not (pairs and one.sensor_said_the_same(two, pairs)):
+        own = one.sensor, two.sensor
+        of_sensor = [_judged(row, sigmas) for row in (*judged(own), _slow(own, pairs))]
+        rows += [replace(row, name=f"{Subject.SENSOR} {row.name}") for row in of_sensor]
+    shown = tuple(_metric_rows(one.statistics, two.statistics, independent=pairs is None))
+    return SessionComparison(tuple(rows), pairs is not None, shown)
 
 
 _AXIS_NAMES = {"cross_x": ", x", "cross_y": ", y", "d_roll": ", roll", None: ""}
@@ -117,9 +115,7 @@ def _standard(metric: Metric) -> float:
     return (metric.high - metric.low) / 2 / 1.96
 
 
-_Pairs = tuple[NDArray[np.int64], NDArray[np.int64]]
-_Columns = tuple[Columns, Columns]
-_Both = tuple[Statistics, Statistics]
+_Both = tuple[ComparedSubject, ComparedSubject]
 
 
 def _judged(row: Row, sigmas: float) -> Row:
@@ -131,7 +127,7 @@ def _judged(row: Row, sigmas: float) -> Row:
     return replace(row, worse=row.gate and worse)
 
 
-def _pairs(first: Columns, second: Columns) -> _Pairs | None:
+def _pairs(first: Columns, second: Columns) -> Pairs | None:
     """Rows of the panoramas that are in both sessions, or None where these are few."""
     common, one, two = np.intersect1d(first["time_us"], second["time_us"], return_indices=True)
     same = first["frame_no"][one] == second["frame_no"][two]
@@ -141,37 +137,39 @@ def _pairs(first: Columns, second: Columns) -> _Pairs | None:
     return one[same], two[same]
 
 
-def _paired_change(axis: str, columns: _Columns, pairs: _Pairs | None) -> Change | None:
+def _paired_change(axis: str, subjects: _Both, pairs: Pairs | None) -> Change | None:
     """None of different panoramas, or where none of them was answered well in both sessions."""
     if pairs is None:
         return None
-    errors = [np.abs(frames[f"{axis}_arcsec"]) for frames in columns]
-    both = good_answers(columns[0])[pairs[0]] & good_answers(columns[1])[pairs[1]]
+    errors = [np.abs(subject.errors[f"{axis}_arcsec"]) for subject in subjects]
+    both = subjects[0].good[pairs[0]] & subjects[1].good[pairs[1]]
     change = (errors[1][pairs[1]] - errors[0][pairs[0]])[both]
     return Change(float(change.mean()), error_of_mean(change)) if len(change) else None
 
 
-def _availability(stats: _Both, columns: _Columns, pairs: _Pairs | None, allowed: float) -> Row:
-    a, b = (session.onboard.available for session in stats)
-    missed = [~_answered_well(frames) for frames in columns]
+def _availability(subjects: _Both, pairs: Pairs | None, allowed: float) -> Row:
+    a, b = (subject.statistics.available for subject in subjects)
+    missed = [subject.missed for subject in subjects]
     sigmas = _more_often(missed, pairs, (a.of - a.count, a.of), (b.of - b.count, b.of))
     return Row("availability", "", a.value, b.value, b.value, b.value - a.value, sigmas, allowed)
 
 
-def _false(stats: _Both, columns: _Columns, pairs: _Pairs | None) -> Row:
-    a, b = (session.onboard.false_answers for session in stats)
-    false = [false_answers(frames) for frames in columns]
+def _false(subjects: _Both, pairs: Pairs | None) -> Row:
+    a, b = (subject.statistics.false_answers for subject in subjects)
+    false = [subject.false for subject in subjects]
     sigmas = _more_often(false, pairs, (a.count, a.of), (b.count, b.of))
     return Row("false answers", "", a.count, b.count, b.count, b.count - a.count, sigmas, 0.0)
 
 
-def _answered_well(frames: Columns) -> NDArray[np.bool_]:
-    answered = frames["status"] == STATUSES.index(Status.IDENTIFIED)
-    return np.asarray(answered & ~false_answers(frames), dtype=bool)
+def _slow(subjects: _Both, pairs: Pairs | None) -> Row:
+    """Of the sensor: answers that took longer than the limit by its own clock, which is no matter of a host."""
+    a, b = (subject.statistics.slow for subject in subjects)
+    sigmas = _more_often([subject.slow for subject in subjects], pairs, (a.count, a.of), (b.count, b.of))
+    return Row("slow answers", "", a.count, b.count, b.count, b.count - a.count, sigmas, 0.0)
 
 
 def _more_often(
-    happened: list[NDArray[np.bool_]], pairs: _Pairs | None, first: tuple[int, int], second: tuple[int, int]
+    happened: list[NDArray[np.bool_]], pairs: Pairs | None, first: tuple[int, int], second: tuple[int, int]
 ) -> float:
     """Whether something happens more often in the second session, in sigmas, negative for less often.
 
@@ -193,7 +191,7 @@ def _more_often(
     return more if more >= less else -less
 
 
-def _time(stats: _Both) -> Row:
+def _time(subjects: _Both) -> Row:
     """Shown, not gated: recorded times belong to a host. Panoramas that are in both sessions have the same."""
-    a, b = (session.onboard.time_ms.p99 for session in stats)
+    a, b = (subject.statistics.time_ms.p99 for subject in subjects)
     return Row("identification time, 99 %", "ms", a, b, b, b - a, _NAN, math.inf, gate=False)

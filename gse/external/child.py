@@ -126,6 +126,7 @@ class Child:
         ``first_s`` is the time for the first reply, ``each_s`` for each that follows.
         """
         self._out = memoryview(b"".join(requests))
+        self._send()  # a pipe has room for most requests: then nothing waits for it
         if self._out:
             self._selector.register(self._stdin, selectors.EVENT_WRITE)
         replies: list[Reply] = []
@@ -147,7 +148,8 @@ class Child:
                 wait_s = began_s + limit_s - time.perf_counter()
                 is_late = wait_s <= 0
                 failure = self._serve_pipes(max(wait_s, 0.0))
-        self._stop_sending()
+        if self._out:
+            self._stop_sending()
         return replies, failure
 
     def _what_lies(self) -> str:
@@ -160,6 +162,8 @@ class Child:
         for key, _ in self._selector.select(wait_s):
             if key.fd == self._stdin:
                 self._send()
+                if not self._out:
+                    self._stop_sending()
             elif key.fd == self._stderr.fileno():
                 self._keep_log()
             else:
@@ -181,12 +185,9 @@ class Child:
             return
         except OSError:  # it closed its input; it may still answer what it read
             self._out = self._out[:0]
-        if not self._out:
-            self._stop_sending()
 
     def _stop_sending(self) -> None:
-        with contextlib.suppress(KeyError):
-            self._selector.unregister(self._stdin)
+        self._selector.unregister(self._stdin)
 
     def _receive(self) -> Failure | None:
         try:

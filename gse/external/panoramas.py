@@ -28,7 +28,7 @@ class WireUnit:
     zero: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class SensorDescription:
     """The sensor as an external identifier gets it, once, at its start."""
 
@@ -49,20 +49,23 @@ class SensorDescription:
         """The counts of some panoramas."""
         sizes = [len(panorama.brightness) for panorama in panoramas]
         first = np.cumsum([0, *sizes])
-        xy_px = np.concatenate([panorama.xy_px for panorama in panoramas])
-        values = np.column_stack([xy_px[:, ::-1], np.concatenate([panorama.brightness for panorama in panoramas])])
-        units = (self.y, self.x, self.index)
-        counts = (values - [unit.zero for unit in units]) / [unit.factor for unit in units]
+        measured = np.empty((first[-1], 3))
+        np.concatenate([panorama.xy_px for panorama in panoramas], out=measured[:, 1::-1])
+        np.concatenate([panorama.brightness for panorama in panoramas], out=measured[:, 2])
+        counts = (measured - self._zeros) / self._factors
         whole = np.rint(counts)
-        place = [
-            np.arange(size) if panorama.wire_rows is None else panorama.wire_rows
-            for panorama, size in zip(panoramas, sizes, strict=True)
-        ]
+        counts = np.where(np.abs(counts - whole) < _WHOLE_WITHIN, whole, counts)
         on_wire = np.empty_like(counts)
-        on_wire[np.repeat(first[:-1], sizes) + np.concatenate(place)] = np.where(
-            np.abs(counts - whole) < _WHOLE_WITHIN, whole, counts
-        )
+        on_wire[_wire_places(panoramas, first.tolist())] = counts
         return Counts(on_wire, first)
+
+    @functools.cached_property
+    def _zeros(self) -> NDArray[np.float64]:
+        return np.array([unit.zero for unit in (self.y, self.x, self.index)])
+
+    @functools.cached_property
+    def _factors(self) -> NDArray[np.float64]:
+        return np.array([unit.factor for unit in (self.y, self.x, self.index)])
 
     def lines(self, panoramas: Sequence[Panorama]) -> list[bytes]:
         """The lines of schema gse.panorama/1, by templates: a JSON encoder takes twice as long."""
@@ -88,24 +91,25 @@ class Counts:
     def texts(self) -> list[str]:
         """The list ``objects`` of each panorama as JSON; whole numbers where all of a panorama are whole."""
         whole = np.rint(self.values)
-        if np.array_equal(whole, self.values) and (whole >= 0).all() and (whole < _MOST_KNOWN).all():
-            return self._known_texts(whole.astype(np.int64))
-        fractions = np.concatenate([[0], np.cumsum((self.values != np.rint(self.values)).any(axis=1))])[self.first]
-        numbers = whole.astype(np.int64).ravel().tolist()
-        ends = pairwise((3 * self.first).tolist())
+        numbers = whole.astype(np.int64)
+        is_whole = whole == self.values
+        if is_whole.all() and self._are_known(numbers):
+            return self._known_texts(numbers)
+        ends = list(pairwise(self.first.tolist()))
         return [
-            _template("%r", end - begin) % tuple(self.values.ravel()[begin:end].tolist())
-            if has_fractions
-            else _template("%d", end - begin) % tuple(numbers[begin:end])
-            for has_fractions, (begin, end) in zip(np.diff(fractions).tolist(), ends, strict=True)
+            _template("%d", end - begin) % tuple(numbers[begin:end].ravel().tolist())
+            if is_whole[begin:end].all()
+            else _template("%r", end - begin) % tuple(self.values[begin:end].ravel().tolist())
+            for begin, end in ends
         ]
 
-    def _known_texts(self, whole: NDArray[np.int64]) -> list[str]:
+    @staticmethod
+    def _are_known(numbers: NDArray[np.int64]) -> bool:
+        return not numbers.size or bool(numbers.min() >= 0 and numbers.max() < _MOST_KNOWN)
+
+    def _known_texts(self, numbers: NDArray[np.int64]) -> list[str]:
         """Of small whole numbers, whose texts are known: three times as fast as a template."""
-        words = np.empty(whole.shape, _WORD)
-        for column, known in enumerate(_known_words()):
-            words[:, column] = known[whole[:, column]]
-        data, size = words.tobytes(), 3 * words.itemsize
+        data, size = _known_words()[_COLUMNS, numbers].tobytes(), 3 * _WORD.itemsize
         ends = pairwise((size * self.first).tolist())
         return ["[" + data[begin:end].replace(b"\0", b"")[:-1].decode() + "]" for begin, end in ends]
 
@@ -115,15 +119,31 @@ _MOST_KNOWN = 8192
 """Rows, columns and index values of most sensors are smaller."""
 
 
-@functools.cache
-def _known_words() -> list[NDArray[np.bytes_]]:
-    """The numbers below _MOST_KNOWN as y, x and index value of an object in JSON."""
-    return [np.array([form % number for number in range(_MOST_KNOWN)], _WORD) for form in (b"[%d,", b"%d,", b"%d],")]
+_COLUMNS = np.arange(3)
 
 
 @functools.cache
-def _template(number: str, count: int) -> str:
-    return "[" + ",".join([f"[{number},{number},{number}]"] * (count // 3)) + "]"
+def _known_words() -> NDArray[np.bytes_]:
+    """The numbers below _MOST_KNOWN as y, x and index value of an object in JSON, (3, _MOST_KNOWN)."""
+    forms = (b"[%d,", b"%d,", b"%d],")
+    return np.array([[form % number for number in range(_MOST_KNOWN)] for form in forms], _WORD)
+
+
+@functools.cache
+def _template(number: str, objects: int) -> str:
+    return "[" + ",".join([f"[{number},{number},{number}]"] * objects) + "]"
+
+
+def _wire_places(panoramas: Sequence[Panorama], first: list[int]) -> NDArray[np.int64] | slice:
+    """The places on the wire of all objects, as rows of the panoramas one after the other."""
+    if all(panorama.wire_rows is None for panorama in panoramas):
+        return slice(None)
+    return np.concatenate(
+        [
+            np.arange(begin, end) if panorama.wire_rows is None else begin + panorama.wire_rows
+            for panorama, (begin, end) in zip(panoramas, pairwise(first), strict=True)
+        ]
+    )
 
 
 def _exposure_text(exposure_s: float) -> str:

@@ -44,7 +44,8 @@ def _head(report: dict[str, Any]) -> Iterator[str]:
     yield f"{verdict}: {facts['sensor']}, {_span(facts)}"
     identified = found["statuses"].get("IDENTIFIED", 0)
     what = "answers of its own, no panoramas" if list(found["subjects"]) == [Subject.SENSOR] else "panoramas"
-    yield f"{found['frames']} {what}, {identified} identified, {report['link']['frames_lost']} lost"
+    lost = found["frames_expected"] - sum(found["statuses"].values())
+    yield f"{found['frames']} {what}, {identified} identified, {lost} lost"
 
 
 def _span(facts: dict[str, Any]) -> str:

@@ -87,14 +87,18 @@ class Picture:
         radii = self._radii(np.concatenate([panorama.brightness for panorama in panoramas]))
         row = np.repeat(np.arange(len(frames)), [len(panorama.brightness) for panorama in panoramas])
         objects = [_objects(frame, self.catalog) for frame in frames]
-        kinds = np.array([kind for kinds, _, _ in objects for kind in kinds], dtype=np.str_)
-        labels = [label for _, labels, _ in objects for label in labels]
-        facts = [fact for _, _, facts in objects for fact in facts]
+        kinds = np.array([kind for each in objects for kind in each.kinds], dtype=np.str_)
+        labels = [label for each in objects for label in each.labels]
+        facts = [fact for each in objects for fact in each.facts]
+        stars = np.array([star for each in objects for star in each.stars], dtype=np.int64)
         for kind in _KINDS:
             # A named star is drawn as a star with its facts on hover; its name alone is the label that always shows, of
             # a point without size: rerun shows no facts of an entity with a single point, and none of six components.
             is_star = (kinds == "named") | (kinds == "stars")
             chosen = np.flatnonzero(is_star if kind == "stars" else kinds == kind)
+            # By catalogue, brightest first: rerun knows a point under the mouse by its place among those of the frame
+            # before, and in the order of a panorama it would tell the facts of another star.
+            chosen = chosen[np.lexsort((stars[chosen], row[chosen]))]
             shown = facts if kind == "stars" else labels
             columns = rr.Points2D.columns(
                 positions=xy_px[chosen],
@@ -121,16 +125,28 @@ class Picture:
         stream.send_columns("/panorama/residuals", [times(columns["utc_ns"])], arrows.partition(lengths))
 
 
-def _objects(frame: FrameResult, catalog: StarCatalog | None) -> tuple[list[str], list[str], list[str]]:
-    """Kind, label and facts of each object of a frame: the name of a star or planet, or its class."""
+@dataclass(frozen=True, slots=True)
+class _Objects:
+    """Kind, label, facts and row in the catalogue (-1: none) of each object of a frame."""
+
+    kinds: list[str]
+    labels: list[str]
+    facts: list[str]
+    stars: list[int]
+
+
+def _objects(frame: FrameResult, catalog: StarCatalog | None) -> _Objects:
+    """The objects of a frame, each with the name of its star or planet, or its class."""
     count = len(frame.panorama.brightness)
-    kinds, labels, facts = ["unidentified"] * count, [UNKNOWN] * count, [""] * count
+    objects = _Objects(["unidentified"] * count, [UNKNOWN] * count, [""] * count, [-1] * count)
     for row, name in frame.others:
         if name != UNKNOWN:
-            kinds[row], labels[row] = "hot" if name == HOT_PIXEL else "planets", name
+            objects.kinds[row], objects.labels[row] = "hot" if name == HOT_PIXEL else "planets", name
     for match, star in zip(frame.matches, frame.matches.stars.tolist(), strict=True):
         row, name = match.object, match.star
         magnitude = f", {catalog.magnitude[star]:.1f} mag" if catalog is not None else ""
-        facts[row] = f"{name}{magnitude}, residual {match.residual_arcsec:.1f} arcsec"
-        kinds[row], labels[row] = "stars" if name.startswith(_ANONYMOUS) else "named", name
-    return kinds, labels, facts
+        # Figures first: rerun shows 27 characters beside a star in the left half of the picture.
+        objects.facts[row] = f"{match.residual_arcsec:.1f} arcsec{magnitude}, {name}"
+        objects.kinds[row], objects.labels[row] = "stars" if name.startswith(_ANONYMOUS) else "named", name
+        objects.stars[row] = star
+    return objects

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, frame, session, unanswered
 from skies.one_by_one import add_frame, add_frames
+from skies.own_answers import with_answers, without_error
 
 from gse.assessment.field_content import SeenStars, share_error
 from gse.assessment.session_comparison import session_comparison
@@ -175,3 +176,55 @@ def test_equal_sensors_under_other_stars_differ_by_one_sigma():
     rows = [row for one, two in itertools.combinations(sessions, 2) for row in session_comparison(one, two).rows]
     sigmas = np.array([row.sigmas for row in rows if row.name.startswith("NEA")])
     assert 0.6 < np.sqrt((sigmas**2).mean()) < 1.4
+
+
+@functools.cache
+def sensor_night(*, off_deg=0.0, lost=0, slow=0, seed=1):
+    """A night whose sensor answers with noise of 3 arcsec, ``off_deg`` north; some answers lost, some slow."""
+    made = night(600)
+    angles = without_error(made, whole_field=True)
+    angles[:, 1] += off_deg + np.random.default_rng(seed).normal(0, 3 / 3600, len(angles))
+    angles[:lost] = np.nan
+    made = with_answers(made, angles, np.full(len(angles), 9))
+    made.sensor_attitudes.columns["latency_ms"][:slow] = 350.0
+    return made
+
+
+@pytest.mark.parametrize(
+    ("second", "found"),
+    [
+        ({}, []),
+        ({"seed": 2}, []),
+        ({"off_deg": 120 / 3600}, ["sensor mean |dDE|"]),
+        ({"lost": 60}, ["sensor availability"]),
+        ({"slow": 60}, ["sensor slow answers"]),
+    ],
+)
+def test_a_sensor_whose_own_answers_are_worse_is_a_regression_one_way_only(second, found):
+    assert worse(sensor_night(), sensor_night(**second)) == found
+    assert worse(sensor_night(**second), sensor_night()) == []
+
+
+def test_own_answers_that_are_the_same_in_both_are_not_compared():
+    names = [row.name for row in session_comparison(sensor_night(), sensor_night()).rows]
+    assert names[0] == "mean |dRA*|"
+    assert not any(name.startswith("sensor") for name in names)
+
+
+def test_own_answers_of_another_night_are_compared():
+    second = sensor_night.__wrapped__(off_deg=120 / 3600, seed=2)
+    second.frames = session(600, seed=3).frames
+    second.frames.columns["time_us"][:] += 10**12
+    second.sensor_attitudes.columns["time_us"][:] += 10**12
+    result = session_comparison(sensor_night(), second)
+    assert not result.paired
+    assert [row.name for row in result.regressions] == ["sensor mean |dDE|"]
+
+
+def test_own_answers_in_hours_instead_of_degrees_are_not_called_worse():
+    second = sensor_night.__wrapped__(seed=2)
+    second.sensor_attitudes.columns["ra_deg"][:] /= 15
+    result = session_comparison(sensor_night(), second)
+    rows = {row.name: row for row in result.rows}
+    assert np.isnan(rows["sensor mean |dRA*|"].second)
+    assert result.regressions == ()

@@ -1,7 +1,9 @@
 """What a recording for rerun holds, read back row by row."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_nig
 
 from gse.errors import UsageError
 from gse.station.frame_results import NewResults
-from gse.station.results import Status
+from gse.station.results import FrameResult, Status
 from gse.view.saved_view import SavedView
 from gse.view.scene import Scene
 
@@ -95,8 +97,9 @@ def test_objects_of_a_panorama_are_told_apart_by_kind(rows, frames) -> None:
     assert kinds["named"][0]["Points2D:labels"] == ["Alphard", "Heze", "Apami-Atsa"]
     facts = kinds["stars"][0]["Points2D:labels"][0]
     residual_arcsec = next(iter(frames[0].matches)).residual_arcsec
-    assert facts.startswith("Alphard, ")
-    assert facts.endswith(f" mag, residual {residual_arcsec:.1f} arcsec")
+    assert facts.startswith(f"{residual_arcsec:.1f} arcsec, ")
+    assert facts.endswith(" mag, Alphard")
+    assert " mag, Alp" in facts[:27]  # rerun cuts the rest beside a star in the left half of the picture
     assert kinds["hot"][0]["Points2D:labels"] == ["hot pixel"]
     assert kinds["planets"][0]["Points2D:labels"] == ["Jupiter"]
     assert np.allclose(kinds["hot"][0]["Points2D:positions"], [[300, 700]])
@@ -112,6 +115,27 @@ def test_the_mouse_over_a_star_finds_the_star_and_its_facts(rows) -> None:
     assert len(of_stars) <= 5
     of_arrows = [row for row in rows["/panorama/residuals"] if "Arrows2D:draw_order" in row]
     assert [row["Arrows2D:draw_order"] for row in of_arrows] == [[10.0]]  # points have 30: they lie above
+
+
+def test_stars_keep_their_order_from_frame_to_frame_whatever_their_brightness(tmp_path: Path, frames) -> None:
+    """rerun tells the facts of the place that a star had in the frame before."""
+
+    def drawn(frame: FrameResult) -> list[Any]:
+        path = tmp_path / "stars.rrd"
+        stream = rerun.RecordingStream("gse", send_properties=False)
+        stream.set_sinks(rerun.FileSink(str(path)))
+        Scene(stream, synthetic_night(1).station, small_catalog(), live=False).add([frame], pictures=1)
+        stream.disconnect()
+        row = moving(rows_of(path)["/panorama/stars"])[0]
+        return [row["Points2D:positions"], [facts.rpartition(", ")[2] for facts in row["Points2D:labels"]]]
+
+    frame = frames[0]
+    swap = np.arange(len(frame.panorama.brightness))
+    swap[:2] = 1, 0  # the second star came out brighter than the first
+    panorama = replace(frame.panorama, xy_px=frame.panorama.xy_px[swap])
+    swapped = replace(frame, panorama=panorama, matches=replace(frame.matches, objects=swap[frame.matches.objects]))
+    assert drawn(swapped) == drawn(frame)
+    assert drawn(frame)[1][:2] == ["Alphard", "Heze"]
 
 
 def test_brighter_objects_are_drawn_larger(rows, frames) -> None:
