@@ -116,9 +116,7 @@ def _angles(one: Named, setting: Setting) -> str:
     if len(size) == 1:
         name = one.hypothesis.kind
         fits = getattr(mount, f"{name}_deg") + float(size[0]) / 3600
-        return (
-            f"{size[0]:+.1f} arcsec (+- {2 * one.errors[0]:.2g}) in {name}: the stars fit mount.{name}_deg: {fits:.5f}"
-        )
+        return f"{size[0]:+.1f} arcsec (+- {2 * one.errors[0]:.2g}) in {name}: the stars fit {_fits(mount, name, fits)}"
     across, up, roll = (Rotation.from_rotvec(axis * arcsec * ARCSEC_RAD)
                         for axis, arcsec in zip(all_turns(mount), size, strict=True))  # fmt: skip
     fitted = mount_of(horizon_to_sensor(mount) @ (across * up * roll).as_matrix())
@@ -126,6 +124,14 @@ def _angles(one: Named, setting: Setting) -> str:
         f"{_three(one)}: the stars fit azimuth {fitted.azimuth_deg:.5f}, altitude {fitted.altitude_deg:.5f}, roll "
         f"{fitted.roll_deg:.4f} deg"
     )
+
+
+def _fits(mount: Mount, name: str, fits_deg: float) -> str:
+    """An angle as a station file takes it: an altitude beyond the zenith is one of the other side."""
+    if name == "altitude" and fits_deg > 90:
+        turned = f"mount.azimuth_deg: {(mount.azimuth_deg + 180) % 360:g}, mount.altitude_deg: {180 - fits_deg:.5f}"
+        return f"{turned}, mount.roll_deg: {(mount.roll_deg + 180) % 360:g}"
+    return f"mount.{name}_deg: {fits_deg % 360 if abs(fits_deg) > 360 else fits_deg:.5f}"
 
 
 def _three(one: Named, unit: str = "arcsec") -> str:

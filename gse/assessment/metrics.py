@@ -103,13 +103,17 @@ def _nea(subject: Subject, axis: str, of_axis: AxisStatistics) -> Metric:
     )
 
 
+def is_drift_given(low: float, high: float, duration_s: float) -> bool:
+    """Below an hour a slope, with its interval, is extrapolated: then only a significant one is given."""
+    return duration_s >= _DRIFT_NEEDS_S or low > 0 or high < 0
+
+
 def _drift(subject: Subject, axis: str, of_axis: AxisStatistics, duration_s: float) -> Metric:
-    """Below an hour a slope is extrapolated: then only a significant one is given."""
     low, high = of_axis.drift_low_arcsec_per_h, of_axis.drift_high_arcsec_per_h
     metric = Metric(
         subject, "drift", "bias (its change)", "temporal", axis, "arcsec/h", of_axis.drift_arcsec_per_h, low, high
     )
-    if duration_s >= _DRIFT_NEEDS_S or low > 0 or high < 0:
+    if is_drift_given(low, high, duration_s):
         return metric
     return Metric(
         subject,

@@ -2,7 +2,7 @@
 
 All of it was left out, or more than a little for clock or link; frames are missing or were not counted; most of it had
 no sky; the fitted mount is not the stated one; stars are seen by day; the sensor follows another convention than
-stated; or no subject has all the rows that PASS needs.
+stated; the temperature in its STATUS frames is not a number; or no subject has all the rows that PASS needs.
 """
 
 import math
@@ -42,6 +42,7 @@ def obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) ->
     yield from _stars_by_day(session, stats)
     if is_wrong(stats.convention, session.station.sensor.attitude):
         yield "sensor: its answers follow another convention than the station file states, so they were not compared"
+    yield from _no_temperature(session)
     yield from _untested_core(rows)
 
 
@@ -56,6 +57,16 @@ def _untested_core(rows: tuple[Row, ...]) -> Iterator[str]:
     ]
     if not any(names.issuperset(_CORE) for names in tested):
         yield "no subject has errors against truth, availability and false answers: nothing can pass"
+
+
+def _no_temperature(session: SessionData) -> Iterator[str]:
+    """A protocol without a temperature has none that could be wrong."""
+    invalid = [
+        math.isnan(message.temperature_c) and any(problem.startswith("temperature ") for problem in message.problems)
+        for _, message in session.statuses
+    ]
+    if any(invalid):
+        yield f"sensor: the temperature in {sum(invalid)} of {len(invalid)} STATUS frames is not a number"
 
 
 def _all_excluded(stats: Statistics) -> Iterator[str]:

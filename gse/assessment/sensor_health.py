@@ -29,6 +29,8 @@ MIN_STARS = 5
 NOISY = 3.0
 """Times the noise that its light explains: a star that is a double, or stands on a bad pixel."""
 SUPPLY_DROP = 0.9
+_FIRST = 5
+"""STATUS frames whose median is the supply at the start."""
 _DRIFT_MAG_PER_H = 0.1
 
 
@@ -281,12 +283,13 @@ def _supply(supply_v: NDArray[np.float64]) -> Iterator[Finding]:
         missing = len(supply_v) - len(known)
         yield Finding("telemetry", f"the supply voltage is not a number in {missing} of {len(supply_v)} STATUS frames")
     usual = float(np.median(known))
+    before = max(usual, float(np.median(known[:_FIRST])))
     if usual == 0:
         yield Finding("telemetry", f"the supply voltage is 0 V in most of {len(known)} STATUS frames")
-    elif known.min() < SUPPLY_DROP * usual:
+    elif known.min() < SUPPLY_DROP * before:
         yield Finding(
             "supply voltage",
-            f"it fell to {known.min():.2f} V from {usual:.2f} V",
+            f"it fell to {known.min():.2f} V from {before:.2f} V",
             next_step="check cable and power supply",
         )
 

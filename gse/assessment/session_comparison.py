@@ -41,6 +41,11 @@ class SessionComparison:
         """The rows in which the second session is worse."""
         return tuple(row for row in self.rows if row.worse)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether none of the judged rows could be compared: then nothing says that the second is not worse."""
+        return all(math.isnan(row.sigmas) for row in self.rows if row.gate)
+
 
 def session_comparison(
     first: SessionData,

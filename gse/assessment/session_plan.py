@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from gse.assessment.axis_statistics import MIN_S
 from gse.assessment.decision import Outcome, Row, Share, share_of, share_outcome
 from gse.assessment.guard_band import COVERAGE_FACTOR, further_share
 from gse.assessment.planning import (
@@ -78,11 +79,15 @@ def session_plan(
     frames_per_s: float,
     frames_per_answer: float = 1.0,
 ) -> SessionPlan:
-    """Plan a session without false answers; answers come and fail in runs of ``frames_per_answer`` frames."""
-    rows = [
-        RowPlan(axis.name, axis.limit_arcsec, "arcsec", _frames_of(axis.expected, axis.limit_arcsec, axis.truth_arcsec))
-        for axis in axes
-    ]
+    """Plan a session without false answers; answers come and fail in runs of ``frames_per_answer`` frames.
+
+    No axis has bounds before MIN_S.
+    """
+    least = math.ceil(MIN_S * frames_per_s) + 1
+    rows = []
+    for axis in axes:
+        frames = _frames_of(axis.expected, axis.limit_arcsec, axis.truth_arcsec)
+        rows.append(RowPlan(axis.name, axis.limit_arcsec, "arcsec", None if frames is None else max(frames, least)))
     answered = availability_frames(availability, limits.availability, frames_per_value=frames_per_answer)
     rows.append(RowPlan("availability", limits.availability, "", answered))
     rows.append(RowPlan("false answers", limits.false_share, "", false_answer_frames(limits.false_share)))

@@ -11,13 +11,15 @@ import click
 
 from gse.assessment.compared_axis import Row
 from gse.assessment.session_comparison import SessionComparison, session_comparison
-from gse.cli import EXIT_FAIL
+from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.damage import damage_code
 from gse.cli.options import IDENTIFIER, PLUG_HELP, anew_option, change_to, start_utc_option
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
     from gse.station.session_data import SessionData
+
+_OPEN = "nothing can be compared: no answer counts in one of the sessions"
 
 
 @click.command("compare")
@@ -74,9 +76,9 @@ def command(
     """Compare the statistics of session A and session B, or of A under two identifiers or two station files.
 
     The exit code is 1 if the second session is worse: by more than --sigmas, and by more than --allow of a limit, in
-    the answers of the identifier, or in the sensor's own where both sessions have some. Sessions of different
-    panoramas are compared as over the star fields of the first. More than two sessions, of one sensor or of several,
-    get a row each in the table of the LAPAN paper, and each is compared with A.
+    the answers of the identifier, or in the sensor's own where both sessions have some; 5 if nothing can be compared.
+    Sessions of different panoramas are compared as over the star fields of the first. More than two sessions, of one
+    sensor or of several, get a row each in the table of the LAPAN paper, and each is compared with A.
     """
     compared = functools.partial(
         session_comparison, sigmas=sigmas, allowed_share=allowed_share, bias_is_regression=bias_is_regression
@@ -92,7 +94,7 @@ def command(
         comparisons = [compared(sessions[0], session) for session in sessions[1:]]
         document = _document_of_many(paths, sessions, comparisons)
         click.echo(json.dumps(document) if as_json else "\n".join(_lines_of_many(document)))
-        ctx.exit(lost or (EXIT_FAIL if any(result.regressions for result in comparisons) else 0))
+        ctx.exit(lost or _exit_code(comparisons))
     second = others[0] if others else None
     if second is None and not identifiers and not stations:
         raise UsageError("a comparison needs two sides; give a second session, or --identifier, or --station")
@@ -104,7 +106,20 @@ def command(
     result, programs = compared(*sessions), _programs(sessions)
     document = compare_report(result) | programs
     click.echo(json.dumps(document) if as_json else "\n".join([*_lines(result), *_program_lines(programs)]))
-    ctx.exit(lost or (EXIT_FAIL if result.regressions else 0))
+    ctx.exit(lost or _exit_code([result]))
+
+
+def _exit_code(comparisons: Sequence[SessionComparison]) -> int:
+    if any(result.regressions for result in comparisons):
+        return EXIT_FAIL
+    return EXIT_INCONCLUSIVE if any(result.is_open for result in comparisons) else 0
+
+
+def _word(regressions: Sequence[str], *, is_open: bool) -> str:
+    """What a comparison found, in a line."""
+    if regressions:
+        return f"REGRESSION in {', '.join(regressions)}"
+    return f"INCONCLUSIVE: {_OPEN}" if is_open else "no regression"
 
 
 def _of(options: tuple[Any, ...], place: int) -> Any:
@@ -155,7 +170,7 @@ def compare_report(result: SessionComparison) -> dict[str, Any]:
     """The JSON of schema gse.compare/1."""
     return {
         "schema": "gse.compare/1",
-        "regression": bool(result.regressions),
+        "regression": None if result.is_open else bool(result.regressions),
         "paired": result.paired,
         "rows": [_row_report(row) for row in result.rows],
         "metrics": [_row_report(row) for row in result.metrics],
@@ -202,8 +217,8 @@ def _lines_of_many(document: dict[str, Any]) -> list[str]:
 
     lines = [*aligned(TABLE_4_1_HEAD, table_4_1_rows(document)), ""]
     for item in document["comparisons"]:
-        worse = ", ".join(row["name"] for row in item["rows"] if row["worse"])
-        found = f"REGRESSION in {worse}" if worse else "no regression"
+        worse = [row["name"] for row in item["rows"] if row["worse"]]
+        found = _word(worse, is_open=item["regression"] is None)
         lines.append(f"{item['second']} against {item['first']}: {found}")
     return lines
 
@@ -215,12 +230,11 @@ def _number(value: float, digits: int = 6) -> float | None:
 def _lines(result: SessionComparison) -> list[str]:
     """The result for a person."""
     head = f"{'':27}{'first':>8}{'second':>8}{'alike':>8}{'diff.':>8}{'sigmas':>7}{'allowed':>8}"
-    words = ", ".join(row.name for row in result.regressions)
     paired = (
         "the same panoramas in both" if result.paired else "different panoramas; alike: over the fields of the first"
     )
     return [
-        f"REGRESSION in {words}" if words else "no regression",
+        _word([row.name for row in result.regressions], is_open=result.is_open),
         paired,
         "",
         head,

@@ -71,17 +71,18 @@ def check(path: Path, begins_ns: int | None) -> None:
         f"at {station.site.latitude_deg:g}, {station.site.longitude_deg:g}, port {station.port.url}, "
         f"protocol {station.protocol}, identifier {station.identifier.algorithm}"
     )
+    items = list(plausibility(station, read_clock().utc_ns if begins_ns is None else begins_ns))
+    if refused := [f"{item.name}: {item.text}; {item.advice}" for item in items if item.outcome is Outcome.FAIL]:
+        raise ConfigError("\n".join(f"{path}: {text}" for text in refused))
     click.echo(folded(good, indent=2))
     if doubt := station.site.pressure_doubt():
         click.echo(f"doubtful: {doubt}", err=True)
-    for item in plausibility(station, read_clock().utc_ns if begins_ns is None else begins_ns):
+    for item in items:
         if item.outcome is Outcome.OK:
             click.echo(folded(f"{item.name}: {item.text}", indent=2))
-        elif item.outcome is Outcome.WARN:
+        else:
             doubt = f"doubtful: {item.name}: {item.text}; {item.advice}"
             click.echo(folded(doubt, indent=2, err=True), err=True)
-        else:
-            raise ConfigError(f"{path}: {item.name}: {item.text}; {item.advice}")
 
 
 @command.command()

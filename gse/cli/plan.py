@@ -47,6 +47,7 @@ def _quantity(
 
 
 _angle = _quantity(_ANGLES, "10arcsec")
+_noise = _quantity(_ANGLES, "10arcsec", least=1e-3)  # equal errors tell no bounds, however many
 _signed_angle = _quantity(_ANGLES, "-5arcsec", least=-math.inf)
 _limit = _quantity(_ANGLES, "60arcsec", least=1e-3)
 _time = _quantity(_TIMES, "3s")
@@ -58,8 +59,8 @@ _rate = _quantity(_RATES, "10Hz", least=1e-6)
 @click.option(
     "--station", "station_path", type=click.Path(path_type=Path), help="Station file; default: the built-in station."
 )
-@click.option("--noise", "noise_arcsec", callback=_angle, help="Standard deviation of dRA* and dDE, e.g. 10arcsec.")
-@click.option("--roll-noise", "roll_noise_arcsec", callback=_angle, help="Standard deviation of roll, e.g. 2arcmin.")
+@click.option("--noise", "noise_arcsec", callback=_noise, help="Standard deviation of dRA* and dDE, e.g. 10arcsec.")
+@click.option("--roll-noise", "roll_noise_arcsec", callback=_noise, help="Standard deviation of roll, e.g. 2arcmin.")
 @click.option("--tau", "tau_s", callback=_time, help="Time that an independent value of an error takes, e.g. 3s.")
 @click.option("--error", "bias_arcsec", callback=_signed_angle, help="Constant error that is expected, e.g. 5arcsec.")
 @click.option("--limit", "limit_arcsec", callback=_limit, help="Limit of dRA* and dDE, instead of the station file's.")

@@ -66,7 +66,7 @@ def blurred_station(text: str) -> str:
 
 
 def blurred_report(report: dict[str, Any]) -> dict[str, Any]:
-    """The same of a report: its site, and coordinates in its lines."""
+    """The same of a report: its site, coordinates in its lines, and how high Sun and Moon stand."""
     copy: dict[str, Any] = json.loads(blurred_text(json.dumps(report)))
     site = copy["session"]["site"]
     copy["session"]["site"] = {
@@ -74,6 +74,9 @@ def blurred_report(report: dict[str, Any]) -> dict[str, Any]:
         "name": "blurred",
         **{name: _round(site[name]) for name in ("latitude_deg", "longitude_deg")},
     }
+    sky = copy["sky"]
+    for name in [name for name in sky or {} if name.endswith("_deg") and sky[name] is not None]:
+        sky[name] = [_round(angle) for angle in sky[name]]
     copy.pop("test", None)
     return copy
 

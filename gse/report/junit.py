@@ -5,6 +5,8 @@ from typing import Any
 
 from gse.report.terminal import is_simple, risk_text
 
+_SESSION = "session"
+
 
 def junit_xml(report: dict[str, Any]) -> str:
     """One test case per row of a report and one for the verdict.
@@ -12,12 +14,8 @@ def junit_xml(report: dict[str, Any]) -> str:
     INCONCLUSIVE is an error of that type, a row that was not tested is skipped.
     """
     verdict = {
-        "subject": "session",
+        "subject": _SESSION,
         "name": "verdict",
-        "value": None,
-        "uncertainty": None,
-        "limit": None,
-        "unit": "",
         "relative": report["relative"],
         "outcome": report["verdict"],
         "reason": "\n".join(report["reasons"]),
@@ -41,9 +39,7 @@ def junit_xml(report: dict[str, Any]) -> str:
 
 def _case(measurement: dict[str, Any], report: dict[str, Any]) -> ET.Element:
     case = ET.Element("testcase", classname=f"gse.{measurement['subject']}", name=measurement["name"])
-    value, uncertainty, limit = (_number(measurement[key]) for key in ("value", "uncertainty", "limit"))
-    text = f"{value} {measurement['unit']}".rstrip() + f", U {uncertainty}, "
-    text += "no limit stated" if measurement["limit"] is None else f"limit {limit}"
+    text = report["word"] if measurement["subject"] == _SESSION else _figures(measurement)
     if measurement["relative"]:
         text += "; relative to a mount fitted on the same sky: absolute pointing, site and clock not tested"
     if is_simple(report) and "false_pass_risk" in measurement:
@@ -56,6 +52,12 @@ def _case(measurement: dict[str, Any], report: dict[str, Any]) -> ET.Element:
         ET.SubElement(case, "skipped", message=f"not tested: {measurement['reason']}")
     ET.SubElement(case, "system-out").text = text
     return case
+
+
+def _figures(measurement: dict[str, Any]) -> str:
+    value, uncertainty, limit = (_number(measurement[key]) for key in ("value", "uncertainty", "limit"))
+    text = f"{value} {measurement['unit']}".rstrip() + f", U {uncertainty}, "
+    return text + ("no limit stated" if measurement["limit"] is None else f"limit {limit}")
 
 
 def _number(value: float | None) -> str:

@@ -13,6 +13,7 @@ from markupsafe import Markup, escape
 
 from drivers.outside_text import plain_lines
 from gse import instant
+from gse.assessment.metrics import is_drift_given
 from gse.assessment.sky_summary import zero_point_mag
 from gse.assessment.verdict import Assessment
 from gse.report.fingerprint import canonical, fingerprint
@@ -94,6 +95,7 @@ def _template() -> jinja2.Template:
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
     environment.filters.update(quantity=quantity_text, number=_number, angle=_angle, given=_given, risk=risk_text)
+    environment.filters["drift"] = _drift
     return environment.from_string(_resource("report.html.jinja"))
 
 
@@ -131,6 +133,14 @@ def _number(value: float | None, decimals: int = 2) -> str:
 def quantity_text(value: float | None, unit: str) -> str:
     """A value with its unit, a dash where it is unknown."""
     return "–" if value is None else quantity(value, unit)
+
+
+def _drift(axis: dict[str, Any], duration_s: float) -> str:
+    """The drift of an axis per hour with its interval, a dash where it is not given."""
+    value, low, high = (axis[f"drift_{name}arcsec_per_h"] for name in ("", "low_", "high_"))
+    if low is None or high is None or not is_drift_given(low, high, duration_s):
+        return "–"
+    return f"{_angle(value)} [{_angle(low)}, {_angle(high)}]"
 
 
 def _angle(arcsec: float | None, decimals: int = 2) -> str:

@@ -102,9 +102,8 @@ def table_4_1_rows(report: dict[str, Any]) -> list[tuple[str, ...]]:
 def facts(report: dict[str, Any]) -> list[str]:
     """Frames, link, and what truth leaves open, a line each."""
     found, link, budget = report["identification"], report["link"], report["truth_budget"]
-    missing = link["frames_lost"] + link["frames_repeated"]
     lines = [
-        f"frames: {found['frames_expected'] - missing} of {found['frames_expected']} expected, "
+        f"frames: {sum(found['statuses'].values())} of {found['frames_expected']} expected, "
         f"{found['statuses'].get('IDENTIFIED', 0)} identified",
         f"link: {link['bytes_in']} bytes, {link['bytes_discarded']} discarded, {link['frames_lost']} frames lost, "
         f"{link['duplicates']} duplicates, {link['reconnects']} reconnects",

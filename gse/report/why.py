@@ -44,7 +44,8 @@ def _head(report: dict[str, Any]) -> Iterator[str]:
     yield f"{verdict}: {facts['sensor']}, {_span(facts)}"
     identified = found["statuses"].get("IDENTIFIED", 0)
     what = "answers of its own, no panoramas" if list(found["subjects"]) == [Subject.SENSOR] else "panoramas"
-    yield f"{found['frames']} {what}, {identified} identified, {report['link']['frames_lost']} lost"
+    lost = found["frames_expected"] - sum(found["statuses"].values())
+    yield f"{found['frames']} {what}, {identified} identified, {lost} lost"
 
 
 def _span(facts: dict[str, Any]) -> str:
@@ -54,18 +55,25 @@ def _span(facts: dict[str, Any]) -> str:
 
 
 def _events(events: Sequence[LinkEvent]) -> Iterator[str]:
-    """The first of each kind, with how many more there were."""
+    """The first of each kind, with how many more there were and when the last was."""
     firsts: dict[str, LinkEvent] = {}
+    lasts: dict[str, LinkEvent] = {}
     counts: dict[str, int] = {}
     for event in events:
         firsts.setdefault(event.kind, event)
+        lasts[event.kind] = event
         counts[event.kind] = counts.get(event.kind, 0) + 1
     told = [event for event in firsts.values() if event.kind not in _QUIET][:_MOST_EVENTS]
     for event in told:
-        more = f" ({counts[event.kind] - 1} more)" if counts[event.kind] > 1 else ""
-        yield from _item(f"{instant.to_text(event.utc_ns, 0)[11:]} {event.kind}: {event.text}{more}")
+        last = _clock(lasts[event.kind])
+        more = f" ({counts[event.kind] - 1} more, the last at {last})" if counts[event.kind] > 1 else ""
+        yield from _item(f"{_clock(event)} {event.kind}: {event.text}{more}")
     if not told:
         yield "  nothing out of the ordinary on the link, the clock and the sky"
+
+
+def _clock(event: LinkEvent) -> str:
+    return instant.to_text(event.utc_ns, 0)[11:]
 
 
 def _why(report: dict[str, Any]) -> Iterator[str]:

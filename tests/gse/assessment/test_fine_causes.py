@@ -49,6 +49,20 @@ def test_an_azimuth_is_named_with_the_right_one():
     assert number(r"mount.azimuth_deg: ([\d.]+)", finding.size) == pytest.approx(130.02, abs=0.001)
 
 
+def test_an_altitude_beyond_the_zenith_is_given_as_a_station_file_takes_it():
+    stated = Mount(azimuth_deg=0.0, altitude_deg=90.0, roll_deg=25.0)
+    true = Mount(azimuth_deg=180.0, altitude_deg=89.98, roll_deg=205.0)
+    (finding,) = findings_of(Truth(SITE, true), SITE, stated, 600.0, np.random.default_rng(3))
+    angles = {name: number(rf"mount.{name}_deg: ([\d.]+)", finding.size) for name in ("azimuth", "altitude", "roll")}
+    assert angles == {"azimuth": 180, "altitude": pytest.approx(89.98, abs=0.001), "roll": 205}
+
+
+def test_an_azimuth_beyond_north_is_given_as_a_station_file_takes_it():
+    stated, true = replace(MOUNT, azimuth_deg=359.99), replace(MOUNT, azimuth_deg=0.02)
+    (finding,) = findings_of(Truth(SITE, true), SITE, stated, 600.0, np.random.default_rng(3))
+    assert number(r"mount.azimuth_deg: ([\d.]+)", finding.size) == pytest.approx(0.02, abs=0.001)
+
+
 def test_a_mount_that_is_off_in_all_angles_is_given_them():
     true = Mount(azimuth_deg=130.02, altitude_deg=60.01, roll_deg=25.2)
     finding = only(replace(TRUE, mount=true))

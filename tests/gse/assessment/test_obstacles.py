@@ -14,6 +14,7 @@ from gse.mount import Mount, MountUncertainty
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.results import Subject
 from gse.truth import Alignment
+from protocols import StatusMessage
 
 CORE = ("mean |dRA*|", "95 % of |dRA*|", "mean |dDE|", "95 % of |dDE|", "availability", "false answers")
 NOTHING_TESTED = "no subject has errors against truth, availability and false answers: nothing can pass"
@@ -63,6 +64,17 @@ def test_a_sound_session_has_none(steady):
 )
 def test_one_subject_must_have_all_rows_of_the_core(steady, rows, is_open):
     assert lines(steady, rows=rows) == [NOTHING_TESTED] * is_open
+
+
+# Telemetry
+
+
+def test_a_temperature_that_is_no_number_is_told_and_one_that_the_protocol_lacks_is_not(steady):
+    good, without = StatusMessage(temperature_c=20.0), StatusMessage(problems=("supply is nan: no number",))
+    invalid = StatusMessage(problems=("temperature is nan: no number of ordinary size",))
+    assert lines(replace(steady, statuses=[(START_NS, good), (START_NS, without)])) == []
+    told = lines(replace(steady, statuses=[(START_NS, good), (START_NS, invalid)]))
+    assert told == ["sensor: the temperature in 1 of 2 STATUS frames is not a number"]
 
 
 # What was left out

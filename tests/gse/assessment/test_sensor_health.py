@@ -90,6 +90,15 @@ def test_a_supply_that_drops_is_a_finding(ageing: SessionData) -> None:
     assert any(line.startswith("supply voltage: it fell to 4.20 V from 5.00 V") for line in findings(ageing))
 
 
+def test_a_supply_that_falls_all_the_time_is_told_from_its_start() -> None:
+    made = with_statuses()
+    made.statuses = [
+        (at, replace(message, supply_v=5.0 - number / 150)) for number, (at, message) in enumerate(made.statuses)
+    ]
+    (line,) = findings(made)
+    assert line.startswith("supply voltage: it fell to 4.21 V from 4.99 V")
+
+
 # Telemetry by hand
 
 

@@ -1,5 +1,6 @@
 """What is left of a session, and bad input to ``gse plan`` in words."""
 
+import json
 import math
 from dataclasses import replace
 
@@ -54,11 +55,18 @@ def test_the_minutes_left_are_those_of_the_slowest_row(few) -> None:
 def test_another_session_is_planned_from_the_figures_of_one_that_was_judged(few) -> None:
     plan = plan_like(few, Subject.ONBOARD, Limits())
     assert plan.frames_per_s == pytest.approx(10.0)
-    assert [(row.name, row.frames) for row in plan.rows[:3]] == [("dRA*", 30), ("dDE", 30), ("roll", 30)]
+    assert [(row.name, row.frames) for row in plan.rows[:3]] == [("dRA*", 101), ("dDE", 101), ("roll", 101)]
     assert [row.name for row in plan.rows[3:]] == ["availability", "false answers"]
     assert 240 < plan.rows[3].frames < 2400  # 97 % of 240 frames leave it open
     assert plan.rows[4].frames == 299
     assert plan.minutes(plan.frames) == pytest.approx(plan.rows[3].frames / 600)
+
+
+def test_a_session_of_many_frames_a_second_is_planned_for_the_ten_seconds_that_bounds_need(capsys) -> None:
+    done = runner(capsys)("plan", "--noise", "5arcsec", "--tau", "0s", "--rate", "100Hz", "--json")
+    plan = json.loads(done.out)
+    assert [row["frames"] for row in plan["rows"][:3]] == [1001] * 3
+    assert plan["frames"] == 1001
 
 
 def test_a_session_of_one_frame_plans_nothing() -> None:
@@ -77,6 +85,8 @@ def test_a_plan_with_a_row_that_cannot_pass_has_no_length() -> None:
         ("--noise", "10"),
         ("--noise", "10parsec"),
         ("--noise", "-1arcsec"),
+        ("--noise", "0arcsec"),
+        ("--roll-noise", "0arcsec"),
         ("--noise", "1e999arcsec"),
         ("--limit", "0arcsec"),
         ("--tau", "nan s"),

@@ -107,6 +107,18 @@ def test_compare_ends_with_1_where_a_station_file_makes_it_worse(gse, folder, tm
     assert done.out.startswith("REGRESSION in mean |d")
 
 
+def test_compare_with_a_session_of_which_no_answer_counts_decides_nothing(gse, folder):
+    night, day = simulated(gse, folder, "inclined"), simulated(gse, folder, "daylight")
+    done = gse("compare", night, day)
+    assert done.code == 5
+    assert done.out.startswith("INCONCLUSIVE: nothing can be compared")
+    assert json.loads(gse("compare", night, day, "--json").out)["regression"] is None
+    many = gse("compare", night, day, night)
+    assert many.code == 5
+    assert "INCONCLUSIVE: nothing can be compared" in many.out
+    assert many.out.splitlines()[-1].endswith("no regression")
+
+
 def test_compare_of_one_session_with_itself_asks_for_another(gse, folder):
     done = gse("compare", simulated(gse, folder, "inclined"))
     assert done.code == 2

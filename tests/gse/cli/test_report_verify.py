@@ -26,6 +26,7 @@ def test_a_report_is_verified_and_a_changed_one_is_not(session: Path, tmp_path: 
     good = call("report", "--verify", page, session)
     assert good.exit_code == 0
     assert "belongs to this session and is unchanged" in good.stdout
+    assert "its section Provenance cannot be verified" in good.stdout
     changed = tmp_path / "changed.html"
     changed.write_bytes(page.read_bytes().replace(b"INCONCLUSIVE</strong>", b"PASS</strong>"))
     bad = call("report", "--verify", changed, session)

@@ -1,6 +1,7 @@
 """gse why, and what else is said of a session whose latitude has the wrong sign."""
 
 import json
+import re
 import zipfile
 
 import pytest
@@ -57,7 +58,21 @@ def test_why_names_the_cause_and_the_next_step_with_this_session(gse, session, t
         assert "37.42" not in text
         assert "122.13" not in text
         assert "Back garden" not in text
-    assert json.loads(held.read("report.json"))["session"]["site"]["latitude_deg"] == 37.0
+    report = json.loads(held.read("report.json"))
+    assert report["session"]["site"]["latitude_deg"] == 37.0
+    for body in ("sun", "moon"):  # how high they stand, with the time, is a place
+        assert all(angle == round(angle) for angle in report["sky"][f"{body}_altitude_deg"])
+
+
+def test_why_tells_when_the_sky_was_clear_again(gse, tmp_path):
+    scenario, path = tmp_path / "scenario.yaml", tmp_path / "session.mcap"
+    scenario.write_text(
+        "text: A cloud.\nseconds: 45\nrate_hz: 2\nair: {cloud_magnitudes: [[10, 0], [11, 9], [24, 9], [25, 0]]}\n"
+    )
+    assert gse("simulate", "--scenario", scenario, "--file", path).code == 0
+    text = " ".join(gse("why", path).out.split())
+    (last,) = re.findall(r"CLEAR: [^(]*\(1 more, the last at 15:00:(\d\d)Z\)", text)
+    assert 24 <= int(last) <= 35
 
 
 def test_a_mistake_of_the_set_up_is_no_failure_of_the_sensor(gse, session, tmp_path):

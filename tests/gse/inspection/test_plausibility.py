@@ -114,3 +114,4 @@ def test_config_check_refuses_what_cannot_be_and_says_what_is_doubtful(tmp_path)
     path.write_text(ROOF.replace("altitude_deg: 90", "altitude_deg: -30"))
     done = CliRunner().invoke(config, ["check", str(path)])
     assert "the boresight is below the horizon" in str(done.exception)
+    assert "is good" not in done.output

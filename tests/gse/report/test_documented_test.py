@@ -69,6 +69,8 @@ def test_missing_fields_are_printed_as_missing(stated) -> None:
     _, page = stated
     assert "<th>procedure</th><td>missing</td>" in page
     assert "A. Tester, missing" in page
+    assert "<td>operator</td><td>A. Tester</td>" in page
+    assert "<td>approver</td><td>missing</td>" in page
     assert "barometer, serial missing, calibrated missing" in page
 
 

@@ -24,7 +24,8 @@ from gse.report.frames_csv import frames_csv
 from gse.report.junit import junit_xml
 from gse.report.page import report_html
 from gse.report.summary import plain
-from gse.report.terminal import plain_lines, print_verdict
+from gse.report.terminal import facts, plain_lines, print_verdict
+from gse.report.why import why_page
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.results import NO_MATCHES, Status
 from gse.station.session_data import SessionData
@@ -189,6 +190,15 @@ def test_a_failure_and_an_unknown_are_told_apart_with_their_reasons() -> None:
     assert suite.get("errors") == str(len(errors)) != "0"
     assert {error.get("type") for error in errors} == {"INCONCLUSIVE"}
     assert "clock" in (errors[-1].text or "")
+    assert errors[-1].get("message") == suite[-1].findtext("system-out") == "INCONCLUSIVE"
+
+
+def test_lost_frames_that_were_no_panoramas_are_not_missing_among_them() -> None:
+    session = synthetic_night(60)
+    session.link.frames_lost, session.others_lost = 70, 68
+    report = summarise(session, judge(session))
+    assert "frames: 60 of 65 expected, 59 identified" in facts(report)  # and 3 copies in their place
+    assert "60 panoramas, 59 identified, 5 lost" in why_page(report, (), "session.mcap")
 
 
 def test_the_table_of_frames_has_a_line_for_each_and_empty_cells_where_nothing_is_known(session) -> None:

@@ -12,7 +12,10 @@ from gse.assessment import statistics as room
 from gse.assessment.metrics import metrics
 from gse.assessment.spatial_errors import MIN_STARS, Part, SpatialErrors, spatial_errors
 from gse.assessment.statistics import statistics
+from gse.assessment.verdict import judge
+from gse.report import summarise
 from gse.report.metric_table import metric_table
+from gse.report.page import report_html
 from gse.station.results import Subject
 
 
@@ -80,6 +83,18 @@ def test_below_an_hour_a_drift_is_given_only_where_it_is_significant(stats) -> N
     drifting = replace(onboard.axes["cross_x"], drift_arcsec_per_h=9.0, drift_low_arcsec_per_h=3.0)
     changed = replace(onboard, axes={**onboard.axes, "cross_x": drifting})
     assert by_name(metrics(replace(stats, subjects={Subject.ONBOARD: changed})), "drift", "cross_x").value == 9.0
+
+
+def test_the_table_of_accuracy_gives_a_drift_by_the_same_rule(many_stars) -> None:
+    report = summarise(many_stars, judge(many_stars))
+    drifting, still = report["accuracy"]["onboard"]["d_de"], report["accuracy"]["onboard"]["d_ra_cosde"]
+    still.update(drift_arcsec_per_h=2.0, drift_low_arcsec_per_h=-1.0, drift_high_arcsec_per_h=5.0)
+    drifting.update(drift_arcsec_per_h=7200.0, drift_low_arcsec_per_h=5.0, drift_high_arcsec_per_h=10800.0)
+    page = report_html(many_stars, judge(many_stars), report, plots=False)
+    assert page.count('<td class="n">2.000° [5.00, 3.000°]</td>') == 1
+    assert "2.00 [-1.00, 5.00]" not in page
+    report["session"]["duration_s"] = 3600.0
+    assert "2.00 [-1.00, 5.00]" in report_html(many_stars, judge(many_stars), report, plots=False)
 
 
 def test_the_starts_of_a_session_are_a_distribution(stats) -> None:
