@@ -24,7 +24,7 @@ class ComparedSubject:
     """Masks are over the rows (M,) of the frame table, and so are its ``errors``, in arcsec, by name.
 
     ``good`` answers were compared with truth and are not false; ``missed`` panoramas have no answer or a false one;
-    ``slow`` ones took longer, by the sensor's own word, than the limit. ``fields`` is what the stars make of an axis.
+    ``slow`` ones took longer than the limit. ``fields`` is what the stars make of an axis.
     """
 
     statistics: SubjectStatistics
@@ -77,7 +77,7 @@ def _of_table(session: SessionData, stats: Statistics, fields: dict[str, FieldCo
         np.asarray(np.isfinite(frames["d_de_arcsec"]) & ~false, dtype=bool),
         np.asarray(~(answered & ~false), dtype=bool),
         false,
-        np.zeros(len(frames), dtype=bool),
+        np.asarray(frames["elapsed_us"] / 1e3 > session.station.limits.identification_ms, dtype=bool),
         fields,
     )
 

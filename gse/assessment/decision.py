@@ -15,6 +15,7 @@ from enum import StrEnum
 
 from scipy.special import betainc, betaincinv, ndtr
 
+from gse.assessment.axis_statistics import MIN_S
 from gse.assessment.guard_band import COVERAGE_FACTOR, exceeds, further_share, guard, keeps
 from gse.assessment.sampling import MIN_FRAMES, Bounds
 from gse.count_text import count_text
@@ -173,6 +174,8 @@ def _why_undecided(asked: Requirement, figure: Figure, uncertainty: float, truth
     if figure.is_of_few_frames:
         return f": {count_text(figure.frames, 'frame')} compared with truth, {MIN_FRAMES} are needed"
     if math.isnan(figure.bounds.upper):
+        if math.isnan(figure.n_eff) and figure.duration_s >= MIN_S:
+            return ": every answer has the same error, which tells nothing of its scatter"
         number = f" (n_eff {figure.n_eff:.0f})" if math.isfinite(figure.n_eff) else ""
         return f": the session is too short to tell{number}"
     if math.isinf(truth_uncertainty):

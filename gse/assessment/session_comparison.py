@@ -82,13 +82,15 @@ def session_comparison(
             )
         yield _availability(subjects, pairs, allowed_share)
         yield _false(subjects, pairs)
+        if all(subject.statistics.time_is_stated for subject in subjects):
+            yield _slow(subjects, pairs)
 
     rows = [_judged(row, sigmas) for row in judged((one.table, two.table))]
     if pairs is None:
         rows.append(_time((one.table, two.table)))
     if one.sensor is not None and two.sensor is not None and not (pairs and one.sensor_said_the_same(two, pairs)):
         own = one.sensor, two.sensor
-        of_sensor = [_judged(row, sigmas) for row in (*judged(own), _slow(own, pairs))]
+        of_sensor = [_judged(row, sigmas) for row in judged(own)]
         rows += [replace(row, name=f"{Subject.SENSOR} {row.name}") for row in of_sensor]
     shown = tuple(_metric_rows(one.statistics, two.statistics, independent=pairs is None))
     return SessionComparison(tuple(rows), pairs is not None, shown)
@@ -162,7 +164,7 @@ def _false(subjects: _Both, pairs: Pairs | None) -> Row:
 
 
 def _slow(subjects: _Both, pairs: Pairs | None) -> Row:
-    """Of the sensor: answers that took longer than the limit by its own clock, which is no matter of a host."""
+    """Answers that took longer than the limit by the clock of who gave them, which is no matter of a host."""
     a, b = (subject.statistics.slow for subject in subjects)
     sigmas = _more_often([subject.slow for subject in subjects], pairs, (a.count, a.of), (b.count, b.of))
     return Row("slow answers", "", a.count, b.count, b.count, b.count - a.count, sigmas, 0.0)

@@ -13,7 +13,7 @@ from gse.assessment.field_content import SeenStars, share_error
 from gse.assessment.session_comparison import session_comparison
 from gse.instant import NS_PER_S
 from gse.star_influence import attitude_operators
-from gse.station.results import AnswerCheck, AttitudeError
+from gse.station.results import AnswerCheck, AttitudeError, Subject
 
 night = functools.cache(session)
 """One that no test changes."""
@@ -228,3 +228,11 @@ def test_own_answers_in_hours_instead_of_degrees_are_not_called_worse():
     rows = {row.name: row for row in result.rows}
     assert np.isnan(rows["sensor mean |dRA*|"].second)
     assert result.regressions == ()
+
+
+def test_slow_answers_of_a_sensor_that_sends_no_panoramas_are_a_regression():
+    first, second = session(600), session(600)
+    first.subject = second.subject = Subject.SENSOR
+    second.frames.columns["elapsed_us"][:60] = 350_000.0
+    assert worse(first, second) == ["slow answers"]
+    assert worse(second, first) == []
