@@ -119,7 +119,9 @@ def _panorama_view(station: Station) -> rrb.Spatial2DView:
     columns, rows = station.sensor.columns, station.sensor.rows
     margin = 0.03 * columns
     bounds = rrb.VisualBounds2D(x_range=(-margin, columns + margin), y_range=(-margin, LEGEND_ENDS * rows))
-    return rrb.Spatial2DView(origin="/panorama", name="Panorama (px)", visual_bounds=bounds)
+    passive = rrb.EntityBehavior(interactive=False)  # the mouse finds the star, not the foot of its arrow
+    around = {f"/panorama/{name}": passive for name in ("residuals", "named", "detector", "legend")}
+    return rrb.Spatial2DView(origin="/panorama", name="Panorama (px)", visual_bounds=bounds, overrides=around)
 
 
 def _scatter_view(station: Station, ranges: rrb.VisibleTimeRanges) -> rrb.Spatial2DView:

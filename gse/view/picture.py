@@ -30,9 +30,6 @@ _RADIUS_SHARE = (0.004, 0.012)
 LEGEND_ENDS = 1.2
 """Where the legend below the detector ends, as a share of its rows."""
 
-_BELOW_STARS = 10.0
-"""Order of drawing of the arrows; points have 30: the mouse over a star finds the star, not the foot of its arrow."""
-
 _ANONYMOUS = ("Gaia", "HIP", "HR", "HD", "BSC")
 """Prefix of stars with a name on hover only: 30 catalogue numbers would cover the picture."""
 
@@ -60,7 +57,7 @@ class Picture:
         for kind, colour in _KINDS.items():
             style = rr.Points2D.from_fields(colors=[colour], show_labels=kind in _LABELLED)
             stream.log(f"/panorama/{kind}", style, static=True)
-        arrows = rr.Arrows2D.from_fields(colors=[YELLOW], radii=[rr.Radius.ui_points(0.8)], draw_order=_BELOW_STARS)
+        arrows = rr.Arrows2D.from_fields(colors=[YELLOW], radii=[rr.Radius.ui_points(0.8)])
         stream.log("/panorama/residuals", arrows, static=True)
         stream.log("/panorama/legend", self._legend(), static=True)
 

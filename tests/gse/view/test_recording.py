@@ -10,11 +10,13 @@ import pytest
 import rerun
 import rerun.error_utils
 from devices.rerun_recording import moving, rows_of
+from rerun.chunk import RrdReader
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
 from gse.errors import UsageError
 from gse.station.frame_results import NewResults
 from gse.station.results import FrameResult, Status
+from gse.view.blueprint import layout
 from gse.view.saved_view import SavedView
 from gse.view.scene import Scene
 
@@ -108,13 +110,20 @@ def test_objects_of_a_panorama_are_told_apart_by_kind(rows, frames) -> None:
     assert len(kinds["unidentified"][49]["Points2D:positions"]) == len(frames[49].panorama.brightness)
 
 
-def test_the_mouse_over_a_star_finds_the_star_and_its_facts(rows) -> None:
+def test_the_mouse_over_a_star_finds_the_star_and_its_facts(rows, tmp_path: Path) -> None:
     """rerun shows what differs between the points of an entity, and nothing of one with more than 5 components."""
     assert not np.any(moving(rows["/panorama/named"])[0]["Points2D:radii"])
     of_stars = {name for row in rows["/panorama/stars"] for name in row if name.startswith("Points2D:")}
     assert len(of_stars) <= 5
-    of_arrows = [row for row in rows["/panorama/residuals"] if "Arrows2D:draw_order" in row]
-    assert [row["Arrows2D:draw_order"] for row in of_arrows] == [[10.0]]  # points have 30: they lie above
+    layout(synthetic_night(1).station).save("gse", str(tmp_path / "layout.rbl"))
+    reader = RrdReader(str(tmp_path / "layout.rbl"))
+    drawn = {
+        chunk.entity_path.partition("/overrides")[2]: chunk.to_record_batch().to_pylist()[0]
+        for chunk in reader.stream(store=reader.blueprints()[0]).to_chunks()
+    }
+    for around in ("residuals", "named"):  # arrows and names lie above the stars
+        assert drawn[f"/panorama/{around}/visualizers"]["EntityBehavior:interactive"] == [False]
+    assert "/panorama/stars/visualizers" not in drawn
 
 
 def test_stars_keep_their_order_from_frame_to_frame_whatever_their_brightness(tmp_path: Path, frames) -> None:
