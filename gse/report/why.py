@@ -8,6 +8,7 @@ from typing import Any
 from drivers.chunk import LinkEvent
 from gse import instant
 from gse.report.terminal import headline
+from gse.station.exclusions import Cause
 from gse.station.results import Subject
 
 WIDTH = 80
@@ -18,6 +19,10 @@ _QUIET = {"OPENED", "SYNCING", "STREAMING", "CLOSED"}
 """The ordinary course of a session."""
 
 _STDERR_STEP = "see what the external identifier wrote to stderr: gse session export SESSION --format stderr"
+
+
+_NO_SKY = (Cause.NO_SKY, Cause.NO_OBJECTS)
+_NIGHT_STEP = "repeat it under a clear, dark sky, without a lens cap; when it is dark: gse preflight --station FILE"
 
 
 def why_page(report: dict[str, Any], events: Sequence[LinkEvent], session: str) -> str:
@@ -95,6 +100,8 @@ def _next(report: dict[str, Any], session: str) -> Iterator[str]:
     steps = [item["next_step"] for item in report["diagnosis"] if item["next_step"]]
     if report.get("external_identifier", {}).get("failures"):
         steps.append(_STDERR_STEP)
+    if not steps and report["verdict"] == "INCONCLUSIVE" and _saw_no_sky(report):
+        steps = [_NIGHT_STEP]
     if not steps:
         steps = {
             "PASS": ["nothing; the report is made by: gse report SESSION"],
@@ -106,6 +113,12 @@ def _next(report: dict[str, Any], session: str) -> Iterator[str]:
         yield from _step(
             f"what each message means: docs/troubleshooting.md; for a maintainer: gse why {session} --bundle FILE"
         )
+
+
+def _saw_no_sky(report: dict[str, Any]) -> bool:
+    """Whether no sky was to be seen in most of the session, so that a longer one like it decides nothing."""
+    blind = sum(item["frames"] for item in report["exclusions"] if item["cause"] in _NO_SKY)
+    return bool(2 * blind > report["identification"]["frames"])
 
 
 def _step(text: str) -> list[str]:

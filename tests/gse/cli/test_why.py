@@ -75,6 +75,14 @@ def test_why_tells_when_the_sky_was_clear_again(gse, tmp_path):
     assert 24 <= int(last) <= 35
 
 
+def test_a_session_by_day_is_to_be_repeated_in_the_dark(gse, tmp_path):
+    path = tmp_path / "session.mcap"
+    assert gse("simulate", "--scenario", "daylight", "--seconds", 12, "--rate-hz", 2, "--file", path).code == 0
+    following = gse("why", path).out.split("\nWhat next\n")[1]
+    assert "when it is dark:\n    gse preflight --station FILE" in following
+    assert "gse plan" not in following
+
+
 def test_a_mistake_of_the_set_up_is_no_failure_of_the_sensor(gse, session, tmp_path):
     done = gse("report", session, "--out", tmp_path / "report", "--json")
     report = json.loads(done.out)
