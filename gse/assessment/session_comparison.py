@@ -71,6 +71,8 @@ def session_comparison(
             both = ComparedAxis.of(subjects[0], axis), ComparedAxis.of(subjects[1], axis)
             # The same panoramas have the same fields: fewer stars identified in them is a loss of the second.
             growth = 1.0 if pairs is not None else both[0].growth(both[1])
+            if subjects[0] is one.sensor:  # which stars it took is not known: a poorer field only excuses its noise
+                growth = min(growth, 1.0)
             change = _paired_change(axis, subjects, pairs)
             yield from axis_rows(
                 label,

@@ -236,3 +236,19 @@ def test_slow_answers_of_a_sensor_that_sends_no_panoramas_are_a_regression():
     second.frames.columns["elapsed_us"][:60] = 350_000.0
     assert worse(first, second) == ["slow answers"]
     assert worse(second, first) == []
+
+
+def answered(made, seed):
+    """The night with a sensor that answers with noise of 3 arcsec, whatever its stars."""
+    angles = without_error(made, whole_field=True)
+    angles[:, 1] += np.random.default_rng(seed).normal(0, 3 / 3600, len(angles))
+    return with_answers(made, angles, np.full(len(angles), 9))
+
+
+def test_a_richer_field_does_not_blame_the_sensor_and_a_poorer_one_excuses_it():
+    few, many = answered(starry(9, seed=1), 1), answered(starry(28, seed=2), 2)
+    for first, second in ((few, many), (many, few)):
+        result = session_comparison(first, second)
+        noise = next(row for row in result.rows if row.name == "sensor NEA dDE")
+        assert noise.alike == (noise.second if second is many else pytest.approx(noise.second * 0.57, rel=0.25))
+        assert result.regressions == ()
