@@ -12,6 +12,7 @@ from gse.assessment.theil_sen import theil_sen
 from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.station.frame_table import SKY_CONDITIONS
+from gse.station.housekeeping import firmware_text
 from gse.station.results import SkyCondition
 from gse.station.session_data import SessionData
 from protocols import StatusMessage
@@ -215,7 +216,7 @@ def _against_light(noise_px: NDArray[np.float64], index: NDArray[np.float64]) ->
 def _housekeeping(messages: list[StatusMessage]) -> Housekeeping | None:
     if not messages:
         return None
-    firmware = (".".join(str(part) for part in message.firmware) for message in messages if message.firmware)
+    firmware = (firmware_text(message) for message in messages if message.firmware)
     return Housekeeping(
         len(messages),
         _range([message.supply_v for message in messages]),

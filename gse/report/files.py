@@ -38,7 +38,7 @@ def write_report(
         raise UsageError(f"cannot write the report into {folder}: there is no such folder")
     report = summarise(session, assessment)
     made_by = provenance(session.versions, None) if made_by is None else made_by
-    rows = frames_csv(session.frames.columns, assessment.statistics.own, session.subject)
+    rows = frames_csv(session.frames.columns, assessment.statistics.own, session.subject, session.statuses)
     paths = {name: folder / name for name in _FILES}
     try:
         with ThreadPoolExecutor(1) as beside:  # most of frames.csv is Arrow's work, which lets the plots be drawn

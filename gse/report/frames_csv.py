@@ -1,6 +1,6 @@
 """frames.csv: one line per panorama, for a spreadsheet."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -13,8 +13,9 @@ from pyarrow.csv import WriteOptions, write_csv
 from gse.assessment.sensor_answers import SensorAnswers
 from gse.station.frame_columns import Columns
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
-from gse.station.housekeeping import MODES
+from gse.station.housekeeping import MODES, firmware_text, latest_status
 from gse.station.results import Subject
+from protocols import StatusMessage
 
 _ROWS_AT_ONCE = 1 << 11
 """Of a night: 8,000 would take 25 MiB more, which Arrow keeps, and 5 % less time."""
@@ -44,20 +45,40 @@ _WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS, "sky_condition": SK
 _SENSOR = tuple(field.name for field in fields(SensorAnswers))
 
 
-def frames_csv(frames: Columns, own: SensorAnswers | None = None, subject: Subject = Subject.ONBOARD) -> Iterator[str]:
+_OF_STATUS = ("firmware", "serial")
+
+
+def frames_csv(
+    frames: Columns,
+    own: SensorAnswers | None = None,
+    subject: Subject = Subject.ONBOARD,
+    statuses: Sequence[tuple[int, StatusMessage]] = (),
+) -> Iterator[str]:
     """Rows of FRAME as text, UTC first; cells of unknown values are empty. It comes in parts: a session has 60 MB.
 
-    Columns of answers begin with their ``subject``; those that came beside panoramas with ``sensor_``.
+    Columns of answers begin with their ``subject``; those that came beside panoramas with ``sensor_``. Firmware and
+    serial number are those of the latest of ``statuses``, each with its host UTC.
     """
     sensor = _SENSOR if own is not None else ()
-    head = [*_COMMON, *(f"{subject}_{name}" for name in ONBOARD_COLUMNS), *(f"sensor_{name}" for name in sensor)]
-    yield ",".join(["utc", *head]) + "\n"
+    answers = [*(f"{subject}_{name}" for name in ONBOARD_COLUMNS), *(f"sensor_{name}" for name in sensor)]
+    yield ",".join(["utc", *_COMMON, *_OF_STATUS, *answers]) + "\n"
+    known = [pa.array([word or None for word in words], pa.string()) for words in _words_of(statuses)]
     for first in range(0, len(frames), _ROWS_AT_ONCE):
         rows = slice(first, first + _ROWS_AT_ONCE)
+        place = latest_status(frames["host_utc_ns"][rows], statuses)
         columns = [_utc(frames["utc_ns"][rows])]
-        columns += [_texts(name, frames[name][rows]) for name in (*_COMMON, *ONBOARD_COLUMNS)]
+        columns += [_texts(name, frames[name][rows]) for name in _COMMON]
+        columns += [words.take(pa.array(place % len(words))) for words in known]
+        columns += [_texts(name, frames[name][rows]) for name in ONBOARD_COLUMNS]
         columns += [_texts(name, getattr(own, name)[rows]) for name in sensor]
         yield _lines(columns)
+
+
+def _words_of(statuses: Sequence[tuple[int, StatusMessage]]) -> tuple[list[str], list[str]]:
+    """Firmware and serial number of each, and empty ones last, for -1."""
+    messages = [message for _, message in statuses]
+    firmware = [*map(firmware_text, messages), ""]
+    return firmware, [*(str(message.serial) if message.serial else "" for message in messages), ""]
 
 
 def _lines(columns: list[pa.Array]) -> str:

@@ -1,8 +1,10 @@
 """Housekeeping of STATUS frames beside the panoramas."""
 
+from collections.abc import Sequence
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gse.station.frame_columns import Columns
 from protocols import StatusMessage
@@ -23,14 +25,22 @@ def fill_housekeeping(frames: Columns, statuses: list[tuple[int, StatusMessage]]
     """Give each row of FRAME supply voltage and mode of the latest STATUS before it; none before the first."""
     if not statuses:
         return
-    begins_ns = np.array([utc_ns for utc_ns, _ in statuses])
-    order = np.argsort(begins_ns, kind="stable")
-    supply_v = np.array([statuses[row][1].supply_v for row in order], dtype=np.float32)
-    mode = np.array([_place(statuses[row][1].mode) for row in order])
-    place = np.searchsorted(begins_ns[order], frames["host_utc_ns"], side="right") - 1
+    place = latest_status(frames["host_utc_ns"], statuses)
     known = place >= 0
-    frames["supply_v"][known] = supply_v[place[known]]
-    frames["mode"][known] = mode[place[known]]
+    frames["supply_v"][known] = np.array([message.supply_v for _, message in statuses], dtype=np.float32)[place[known]]
+    frames["mode"][known] = np.array([_place(message.mode) for _, message in statuses])[place[known]]
+
+
+def latest_status(host_utc_ns: NDArray[np.int64], statuses: Sequence[tuple[int, StatusMessage]]) -> NDArray[np.int64]:
+    """Place in ``statuses`` of the latest before each time (N,), -1 before the first."""
+    begins_ns = np.array([utc_ns for utc_ns, _ in statuses], dtype=np.int64)
+    order = np.argsort(begins_ns, kind="stable")
+    return np.append(order, -1)[np.searchsorted(begins_ns[order], host_utc_ns, side="right") - 1]
+
+
+def firmware_text(message: StatusMessage) -> str:
+    """The version of the firmware, as 1.2.0; empty where the protocol has none."""
+    return ".".join(map(str, message.firmware))
 
 
 def _place(mode: str) -> int:
@@ -43,7 +53,7 @@ def in_words(message: StatusMessage) -> str:
         message.mode,
         "" if np.isnan(message.supply_v) else f"{message.supply_v:.2f} V",
         "" if np.isnan(message.temperature_c) else f"{message.temperature_c:.1f} degC",
-        f"firmware {'.'.join(map(str, message.firmware))}" if message.firmware else "",
+        f"firmware {firmware_text(message)}" if message.firmware else "",
         f"serial {message.serial}" if message.serial else "",
     ]
     return ", ".join(part for part in parts if part)

@@ -29,6 +29,7 @@ from gse.report.why import why_page
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.results import NO_MATCHES, Status
 from gse.station.session_data import SessionData
+from protocols import StatusMessage
 
 FRAMES = 800
 MADE_BY = {"schema": "gse.provenance/1", "host": "<b>here</b>", "packages": {"numpy": "2"}, "self_check": None}
@@ -199,6 +200,18 @@ def test_lost_frames_that_were_no_panoramas_are_not_missing_among_them() -> None
     report = summarise(session, judge(session))
     assert "frames: 60 of 65 expected, 59 identified" in facts(report)  # and 3 copies in their place
     assert "60 panoramas, 59 identified, 5 lost" in why_page(report, (), "session.mcap")
+
+
+def test_the_table_of_frames_has_firmware_and_serial_number_of_the_latest_status(session) -> None:
+    host_ns = session.frames.columns["host_utc_ns"]
+    first = StatusMessage(temperature_c=20, supply_v=5, mode="streaming", firmware=(1, 2, 0), serial=0)
+    second = replace(first, firmware=(1, 3, 0), serial=14014)
+    statuses = [(int(host_ns[20]), second), (int(host_ns[10]), first)]
+    rows = list(csv.DictReader(io.StringIO("".join(frames_csv(session.frames.columns, statuses=statuses)))))
+    told = [(row["firmware"], row["serial"]) for row in rows]
+    assert told[:9] == [("", "")] * 9
+    assert told[10:19] == [("1.2.0", "")] * 9
+    assert told[20:] == [("1.3.0", "14014")] * (FRAMES - 20)
 
 
 def test_the_table_of_frames_has_a_line_for_each_and_empty_cells_where_nothing_is_known(session) -> None:
