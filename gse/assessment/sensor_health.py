@@ -249,16 +249,18 @@ def _telemetry(session: SessionData) -> Iterator[Finding]:
     yield from _supply(np.array([message.supply_v for message in messages]))
     problems = [message.problems[0] for message in messages if message.problems]
     if problems:
-        yield Finding("telemetry", f"{len(problems)} of {len(messages)} STATUS frames are invalid: {problems[0]}")
+        yield _not_to_be_trusted(f"{len(problems)} of {len(messages)} STATUS frames are invalid: {problems[0]}")
     time_us = np.array([message.time_us for message in messages], dtype=np.uint64)
     still = (np.diff(time_us) == 0) & (np.diff(utc_ns) > 0)
     if still.any():
-        yield Finding(
-            "telemetry", f"the STATUS time stands still in {int(still.sum())} of {len(messages)} STATUS frames"
-        )
+        yield _not_to_be_trusted(f"the STATUS time stands still in {int(still.sum())} of {len(messages)} STATUS frames")
     serials = dict.fromkeys(message.serial for message in messages if message.serial)
     if len(serials) > 1:
-        yield Finding("telemetry", f"the serial number changes: {', '.join(map(str, list(serials)[:5]))}")
+        yield _not_to_be_trusted(f"the serial number changes: {', '.join(map(str, list(serials)[:5]))}")
+
+
+def _not_to_be_trusted(size: str, equals: tuple[str, ...] = ()) -> Finding:
+    return Finding("telemetry", size, equals, "look at the frames with gse decode, and at the protocol file")
 
 
 def _thermometer(
@@ -268,12 +270,12 @@ def _thermometer(
     if not known.any():
         return
     if not known.all():
-        yield Finding("telemetry", f"the temperature is not a number in {int((~known).sum())} of {len(known)} {where}")
+        yield _not_to_be_trusted(f"the temperature is not a number in {int((~known).sum())} of {len(known)} {where}")
     values = temperature_c[known]
     is_still = len(values) >= FROZEN_COUNT and np.ptp(utc_ns[known]) >= FROZEN_S * NS_PER_S and not may_stand_still
     if np.ptp(values) == 0 and (is_still or (values[0] == 0 and len(values) >= MIN_STAR_FRAMES)):
         equals = () if values[0] == 0 else ("a coarse thermometer",)
-        yield Finding("telemetry", f"the temperature is {values[0]:.2f} degC in all {len(values)} {where}", equals)
+        yield _not_to_be_trusted(f"the temperature is {values[0]:.2f} degC in all {len(values)} {where}", equals)
 
 
 def _supply(supply_v: NDArray[np.float64]) -> Iterator[Finding]:
@@ -282,11 +284,11 @@ def _supply(supply_v: NDArray[np.float64]) -> Iterator[Finding]:
         return
     if len(known) < len(supply_v):
         missing = len(supply_v) - len(known)
-        yield Finding("telemetry", f"the supply voltage is not a number in {missing} of {len(supply_v)} STATUS frames")
+        yield _not_to_be_trusted(f"the supply voltage is not a number in {missing} of {len(supply_v)} STATUS frames")
     usual = float(np.median(known))
     before = max(usual, float(np.median(known[:_FIRST])))
     if usual == 0:
-        yield Finding("telemetry", f"the supply voltage is 0 V in most of {len(known)} STATUS frames")
+        yield _not_to_be_trusted(f"the supply voltage is 0 V in most of {len(known)} STATUS frames")
     elif known.min() < SUPPLY_DROP * before:
         yield Finding(
             "supply voltage",

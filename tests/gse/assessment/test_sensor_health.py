@@ -24,6 +24,7 @@ from gse.station.session_data import SessionData
 from gse.station.setup import set_up
 from protocols import StatusMessage
 
+LOOK = "; next: look at the frames with gse decode, and at the protocol file"
 AGEING = """\
 text: Twenty minutes of a sensor with hot pixels and false objects whose lens dews over and whose supply drops.
 seconds: 1200
@@ -183,7 +184,7 @@ def test_a_temperature_of_panoramas_that_stands_still_is_a_finding_where_status_
         lines
         == [
             "telemetry: the temperature is 20.00 degC in all 1200 panoramas; this session cannot tell it apart"
-            " from: a coarse thermometer"
+            f" from: a coarse thermometer{LOOK}"
         ][:count]
     )
 
@@ -191,7 +192,7 @@ def test_a_temperature_of_panoramas_that_stands_still_is_a_finding_where_status_
 def test_a_temperature_that_is_sometimes_no_number_is_a_finding() -> None:
     made = with_statuses()
     made.frames.columns["temperature_c"][100:150] = math.nan
-    assert findings(made) == ["telemetry: the temperature is not a number in 50 of 1200 panoramas"]
+    assert findings(made) == [f"telemetry: the temperature is not a number in 50 of 1200 panoramas{LOOK}"]
 
 
 def test_a_protocol_without_telemetry_is_no_finding() -> None:
@@ -340,7 +341,7 @@ def test_a_supply_that_is_sometimes_no_number_is_counted() -> None:
     made = with_statuses()
     for place in range(7):
         made.statuses[place] = made.statuses[place][0], replace(made.statuses[place][1], supply_v=math.nan)
-    assert findings(made) == ["telemetry: the supply voltage is not a number in 7 of 120 STATUS frames"]
+    assert findings(made) == [f"telemetry: the supply voltage is not a number in 7 of 120 STATUS frames{LOOK}"]
 
 
 @pytest.mark.parametrize(("range_k", "is_told"), [(1.9, False), (2.1, True)])
@@ -379,7 +380,7 @@ def test_a_temperature_of_zero_is_told_after_thirty_numbers(count: int, is_told:
 def test_two_serial_numbers_are_two_sensors() -> None:
     made = with_statuses()
     made.statuses[60] = made.statuses[60][0], replace(made.statuses[60][1], serial=8)
-    assert findings(made) == ["telemetry: the serial number changes: 7, 8"]
+    assert findings(made) == [f"telemetry: the serial number changes: 7, 8{LOOK}"]
 
 
 def test_bad_commands_are_the_most_that_were_counted() -> None:
