@@ -17,14 +17,14 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
-
-from skies.synthetic_night import synthetic_frames, synthetic_night
 from tornado.websocket import websocket_connect
 
 from gse.station.frame_results import NewResults
 from gse.view.glance import Glance
 from gse.view.server import Content, ViewServer
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # after gse: tests has a folder of that name
+from skies.synthetic_night import synthetic_frames, synthetic_night
 
 RATE_HZ = 10.0
 

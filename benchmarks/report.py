@@ -31,7 +31,6 @@ def main() -> None:
 def one(count: int) -> None:
     """Keep the results of ``count`` frames, then make the report from them."""
     started = time.process_time()
-    sys.path.insert(0, str(ROOT / "tests"))
     from gse.assessment.verdict import judge
     from gse.report.files import write_report
     from gse.sessions.kept_results import keep, kept
@@ -39,6 +38,7 @@ def one(count: int) -> None:
     from gse.without_pandas import spare_pandas
 
     imports = time.process_time() - started
+    sys.path.insert(0, str(ROOT / "tests"))  # after gse: tests has a folder of that name
     spare_pandas()
     session, key = made(count), ResultKey("a" * 64, "b" * 64, "c" * 64)
     with tempfile.TemporaryDirectory() as name:
