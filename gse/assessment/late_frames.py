@@ -19,6 +19,8 @@ _BEFORE_S, _AFTER_S = 90.0, 60.0
 """Around a step that the stars show: their noise leaves its place open."""
 _FEWEST = 8
 """Frames on either side: of so many one is read at once."""
+_STEADY = 0.25
+"""Of a step: more change on one side of it is a drift, which has half of it there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,5 +57,13 @@ class LateFrames:
         if not len(greatest):
             return near_ns, 0.0
         change_s = float(changes[greatest[0]])
-        place = int(greatest[0] if change_s > 0 else greatest[-1])
-        return int(self.utc_ns[rows[place + _FEWEST]]), change_s
+        place = int(greatest[0] if change_s > 0 else greatest[-1]) + _FEWEST
+        if max(_change_within(late_s[:place]), _change_within(late_s[place:])) > _STEADY * abs(change_s):
+            return near_ns, 0.0  # a clock that runs fast or slow makes frames later all the time
+        return int(self.utc_ns[rows[place]]), change_s
+
+
+def _change_within(late_s: NDArray[np.float64]) -> float:
+    """How far the halves of one side differ."""
+    half = len(late_s) // 2
+    return abs(float(late_s[half:].min() - late_s[:half].min()))

@@ -47,6 +47,17 @@ def test_a_delay_far_from_the_instant_is_not_that_of_it():
     assert step_of(0.3 * (np.arange(400) >= 300))[1] == 0
 
 
+@pytest.mark.parametrize("rate", [0.018, -0.018])
+def test_a_clock_that_runs_fast_or_slow_is_no_delay_that_began(rate):
+    jitter_s = np.random.default_rng(1).exponential(3e-4, 240)
+    assert step_of(jitter_s + rate * np.arange(240)) == (AT_S, 0)
+
+
+def test_a_delay_is_told_beside_a_small_drift():
+    late_s = 0.3 * (np.arange(240) >= AT_S) + 2e-4 * np.arange(240)
+    assert step_of(late_s)[1] == pytest.approx(0.3, abs=0.03)
+
+
 def test_a_few_frames_tell_no_delay():
     assert step_of(0.3 * (np.arange(15) >= 8), 8) == (8, 0)
 
