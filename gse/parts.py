@@ -27,7 +27,7 @@ class Parts:
     @property
     def counts(self) -> NDArray[np.int64]:
         """Rows (K,) of each part."""
-        return np.diff(self.first)
+        return self.first[1:] - self.first[:-1]  # np.diff takes ten times as long for a few
 
     @property
     def of_row(self) -> NDArray[np.int64]:

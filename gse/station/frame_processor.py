@@ -22,7 +22,7 @@ from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.identified import Identified
 from gse.station.left_out_stars import LeftOutStars, SolvedFrames
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import NO_MATCHES, AnswerCheck, MatchColumns, Starlights, Status
+from gse.station.results import AnswerCheck, MatchColumns, Starlights, Status
 from gse.station.starlight import rows_of, starlights
 from gse.truth import SiderealTruth
 
@@ -210,7 +210,7 @@ class FrameProcessor:
                 errors_arcsec[named] = attitude_errors(geometric.icrs_to_sensor[named], true.icrs_to_sensor[named])
         expected_sensor = np.einsum("mij,mj->mi", seen_from.icrs_to_sensor[answers.parts.of_row], stars_icrs)
         residuals_arcsec = (measured - expected_sensor)[:, :2] * ARCSEC_PER_RAD
-        left_out = MatchColumns.of([NO_MATCHES] * len(panoramas))
+        left_out = MatchColumns.none(len(panoramas))
         if self.left_out is not None and named.any():
             objects = ObjectColumns(identified.directions_sensor, panoramas.brightness, panoramas.parts)
             rotations = identified.attitudes.icrs_to_sensor[named], seen_from.icrs_to_sensor[named]

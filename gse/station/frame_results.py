@@ -145,9 +145,11 @@ class FrameResults(Sequence[FrameResult]):
     def match_rows(self) -> NDArray[np.void]:
         """The rows (M,) of MATCH, by frame; ``frame`` counts from the first of these panoramas."""
         stars = self.answers.parts, self.answers.objects, self.answers.stars, self.residuals_arcsec
-        named = MatchColumns(*stars, self.star_name)
-        rows = np.concatenate([self._match_rows(named, True), self._match_rows(self.left_out, False)])
-        return rows[np.argsort(rows["frame"], kind="stable")] if len(self.left_out.objects) else rows
+        rows = self._match_rows(MatchColumns(*stars, self.star_name), True)
+        if not len(self.left_out.objects):
+            return rows
+        rows = np.concatenate([rows, self._match_rows(self.left_out, False)])
+        return rows[np.argsort(rows["frame"], kind="stable")]
 
     def _match_rows(self, matches: MatchColumns, named: bool) -> NDArray[np.void]:
         rows = np.empty(len(matches.objects), dtype=MATCH)

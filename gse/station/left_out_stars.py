@@ -58,6 +58,8 @@ class LeftOutStars:
         apart, nearest = _nearest(icrs, self._places, _BEFORE_AIR_PX * self._pixel_rad)
         star = self._by_z[nearest]
         near = np.flatnonzero(np.isfinite(apart))
+        if not len(near):  # as of nine frames of ten
+            return MatchColumns.none(len(objects))
         taken = answers.parts.of_row * len(self._catalog) + answers.stars
         near = near[_free(panorama_of[near] * len(self._catalog) + star[near], apart[near], taken)]
         residuals = self._residuals(seen[near], star[near], frame_of[near], frames)
@@ -115,6 +117,9 @@ def _free(key: NDArray[np.int64], apart: NDArray[np.float64], taken: NDArray[np.
     ``key`` (N,) and ``taken`` (M,) stand for a star in a panorama.
     """
     order = np.lexsort((apart, key))
-    _, first = np.unique(key[order], return_index=True)
-    nearest = order[first]
-    return np.sort(nearest[~np.isin(key[nearest], taken)])
+    is_first = np.ones(len(order), dtype=np.bool_)
+    is_first[1:] = key[order[1:]] != key[order[:-1]]
+    nearest = order[is_first]
+    taken = np.sort(taken)
+    is_taken = taken.searchsorted(key[nearest], "right") > taken.searchsorted(key[nearest], "left")
+    return np.sort(nearest[~is_taken])

@@ -129,6 +129,12 @@ class MatchColumns:
     name_of: Callable[[int], str]
 
     @classmethod
+    def none(cls, count: int) -> Self:
+        """No matches of so many panoramas."""
+        nothing = NO_MATCHES.objects, NO_MATCHES.stars, NO_MATCHES.residuals_arcsec
+        return cls(Parts(np.zeros(count + 1, dtype=np.int64)), *nothing, str)
+
+    @classmethod
     def of(cls, matches: Sequence[Matches]) -> Self:
         """The columns of matches given one by one, of one catalogue."""
         return cls(
