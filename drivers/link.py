@@ -15,6 +15,7 @@ from types import TracebackType
 import serial
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
+from drivers.clock import now
 from drivers.errors import PortError
 from drivers.mock.timestamped_port import Item, TimestampedPort, TimestampedSerial
 from drivers.ports import READ_TIMEOUT_S, PortInfo, is_awaitable, is_device, open_port, ports_here
@@ -99,7 +100,7 @@ class SerialLink:
 
     def mono_ns(self) -> int:
         """Monotonic nanoseconds now: the host's for a live port, else those of the data."""
-        return _now()[1] if self._stamped is None else self._stamped.stamp()[1]
+        return now()[1] if self._stamped is None else self._stamped.stamp()[1]
 
     def receive(self, timeout_s: float) -> list[Item]:
         """Received chunks and events; waits at most ``timeout_s`` for the first."""
@@ -153,10 +154,6 @@ class SerialLink:
         self.close()
 
 
-def _now() -> tuple[int, int]:
-    return time.time_ns(), time.monotonic_ns()
-
-
 class _Receiver:
     """Thread that reads a live port and reopens it after a loss."""
 
@@ -201,7 +198,7 @@ class _Receiver:
             raise PortError(
                 f"cannot send: {self._url} is not connected; plug it in again, it is reopened automatically"
             )
-        chunk = Chunk(*_now(), data)
+        chunk = Chunk(*now(), data)
         self._recorder.tx(chunk)
         try:
             port.write(data)
@@ -243,7 +240,7 @@ class _Receiver:
                 self._take(_read(self._port))
 
     def _take(self, data: bytes) -> None:
-        chunk = Chunk(*_now(), data)
+        chunk = Chunk(*now(), data)
         self._recorder.rx(chunk)
         if self.backlog_bytes > MOST_BACKLOG_BYTES or self._items.qsize() > MOST_ITEMS:
             self._report_full()
@@ -266,7 +263,7 @@ class _Receiver:
             )
 
     def _report(self, kind: str, text: str) -> None:
-        event = LinkEvent(*_now(), kind, text)
+        event = LinkEvent(*now(), kind, text)
         self._recorder.event(event)
         self._items.put(event)
 
