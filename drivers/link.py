@@ -29,6 +29,8 @@ MOST_ITEMS = 500_000
 MOST_BACKLOG_BYTES = 128 << 20
 """Received and not yet fetched, more than an hour at 115200 baud: further bytes are only recorded."""
 SOCKET_BYTES = 65536
+NOT_RUN_NS = 3_000_000_000
+"""A read that takes longer was stopped: its own timeout is READ_TIMEOUT_S. A port holds a second or some of bytes."""
 _AT_ONCE_NS = 1_000_000_000
 """A network port that closes sooner refuses: most servers give a serial line to one client."""
 
@@ -221,6 +223,7 @@ class _Receiver:
             if self._port is None:
                 self._reopen()
                 continue
+            began_ns = time.monotonic_ns()
             try:
                 data = _read(self._port)
             except Exception as error:
@@ -229,6 +232,7 @@ class _Receiver:
                 if not self._stop.is_set():
                     self._lose(error)
             else:
+                self._report_pause(time.monotonic_ns() - began_ns)
                 if data:
                     self._take(data)
         self._take_rest()
@@ -252,6 +256,14 @@ class _Receiver:
             self._report(
                 LinkKind.BACKLOG,
                 f"the station is {self.backlog_bytes} bytes behind; they are recorded and processed later",
+            )
+
+    def _report_pause(self, read_ns: int) -> None:
+        if read_ns > NOT_RUN_NS:
+            self._report(
+                LinkKind.NOT_RUN,
+                f"this computer did not run the station for {read_ns * 1e-9:.1f} s: it was stopped, or too busy; what "
+                "the port cannot hold so long is lost here, not by the sensor",
             )
 
     def _report_full(self) -> None:
