@@ -25,6 +25,7 @@ class LinkKind(StrEnum):
     LOST = "LOST"
     BACKLOG = "BACKLOG"
     BACKLOG_FULL = "BACKLOG_FULL"
+    NOT_RUN = "NOT_RUN"
     NO_PORT = "NO_PORT"
     WAITING = "WAITING"
     SYNCING = "SYNCING"

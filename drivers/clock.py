@@ -3,9 +3,13 @@
 import ctypes
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 _NS_PER_S = 1_000_000_000
+_SAME_INSTANT_NS = 100_000
+"""Two clocks read within this time show the same instant."""
+_MOST_READINGS = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +66,33 @@ _UNKNOWN_S = 16.0
 """The kernel's own bound without synchronisation (NTP_PHASE_LIMIT)."""
 
 
+def now() -> tuple[int, int]:
+    """UTC and monotonic nanoseconds of one instant.
+
+    A busy computer may not run this thread for 100 ms between the two clocks, which would look like a step of UTC: they
+    are read again then.
+    """
+    return min(_readings(), key=lambda reading: reading[0])[1:]
+
+
+def _readings() -> Iterator[tuple[int, int, int]]:
+    """Both clocks and the time that reading them took, until it was short."""
+    for _ in range(_MOST_READINGS):
+        before_ns = time.monotonic_ns()
+        utc_ns = time.time_ns()
+        after_ns = time.monotonic_ns()
+        yield after_ns - before_ns, utc_ns, (before_ns + after_ns) // 2
+        if after_ns - before_ns <= _SAME_INSTANT_NS:
+            return
+
+
 def read_clock() -> ClockReading:
     """Ask the kernel, by adjtimex with modes = 0: that needs no privilege and changes nothing.
 
     The error bound is the kernel's ``maxerror``, which grows by 500 ppm from one update by the daemon (chrony, ntpd,
     systemd-timesyncd) to the next. Where the system has no adjtimex, the clock counts as not synchronised.
     """
-    utc_ns, mono_ns = time.time_ns(), time.monotonic_ns()
+    utc_ns, mono_ns = now()
     answer = _adjtimex()
     if answer is None:
         return ClockReading(utc_ns, mono_ns, f"unknown ({sys.platform} has no adjtimex)", False, 0.0, _UNKNOWN_S)

@@ -15,6 +15,7 @@ from types import TracebackType
 import serial
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
+from drivers.clock import now
 from drivers.errors import PortError
 from drivers.mock.timestamped_port import Item, TimestampedPort, TimestampedSerial
 from drivers.ports import READ_TIMEOUT_S, PortInfo, is_awaitable, is_device, open_port, ports_here
@@ -28,6 +29,8 @@ MOST_ITEMS = 500_000
 MOST_BACKLOG_BYTES = 128 << 20
 """Received and not yet fetched, more than an hour at 115200 baud: further bytes are only recorded."""
 SOCKET_BYTES = 65536
+NOT_RUN_NS = 3_000_000_000
+"""A read that takes longer was stopped: its own timeout is READ_TIMEOUT_S. A port holds a second or some of bytes."""
 _AT_ONCE_NS = 1_000_000_000
 """A network port that closes sooner refuses: most servers give a serial line to one client."""
 
@@ -99,7 +102,7 @@ class SerialLink:
 
     def mono_ns(self) -> int:
         """Monotonic nanoseconds now: the host's for a live port, else those of the data."""
-        return _now()[1] if self._stamped is None else self._stamped.stamp()[1]
+        return now()[1] if self._stamped is None else self._stamped.stamp()[1]
 
     def receive(self, timeout_s: float) -> list[Item]:
         """Received chunks and events; waits at most ``timeout_s`` for the first."""
@@ -153,10 +156,6 @@ class SerialLink:
         self.close()
 
 
-def _now() -> tuple[int, int]:
-    return time.time_ns(), time.monotonic_ns()
-
-
 class _Receiver:
     """Thread that reads a live port and reopens it after a loss."""
 
@@ -201,7 +200,7 @@ class _Receiver:
             raise PortError(
                 f"cannot send: {self._url} is not connected; plug it in again, it is reopened automatically"
             )
-        chunk = Chunk(*_now(), data)
+        chunk = Chunk(*now(), data)
         self._recorder.tx(chunk)
         try:
             port.write(data)
@@ -224,6 +223,7 @@ class _Receiver:
             if self._port is None:
                 self._reopen()
                 continue
+            began_ns = time.monotonic_ns()
             try:
                 data = _read(self._port)
             except Exception as error:
@@ -232,6 +232,7 @@ class _Receiver:
                 if not self._stop.is_set():
                     self._lose(error)
             else:
+                self._report_pause(time.monotonic_ns() - began_ns)
                 if data:
                     self._take(data)
         self._take_rest()
@@ -243,7 +244,7 @@ class _Receiver:
                 self._take(_read(self._port))
 
     def _take(self, data: bytes) -> None:
-        chunk = Chunk(*_now(), data)
+        chunk = Chunk(*now(), data)
         self._recorder.rx(chunk)
         if self.backlog_bytes > MOST_BACKLOG_BYTES or self._items.qsize() > MOST_ITEMS:
             self._report_full()
@@ -257,6 +258,14 @@ class _Receiver:
                 f"the station is {self.backlog_bytes} bytes behind; they are recorded and processed later",
             )
 
+    def _report_pause(self, read_ns: int) -> None:
+        if read_ns > NOT_RUN_NS:
+            self._report(
+                LinkKind.NOT_RUN,
+                f"this computer did not run the station for {read_ns * 1e-9:.1f} s: it was stopped, or too busy; what "
+                "the port cannot hold so long is lost here, not by the sensor",
+            )
+
     def _report_full(self) -> None:
         if not self._full_reported:
             self._full_reported = True
@@ -266,7 +275,7 @@ class _Receiver:
             )
 
     def _report(self, kind: str, text: str) -> None:
-        event = LinkEvent(*_now(), kind, text)
+        event = LinkEvent(*now(), kind, text)
         self._recorder.event(event)
         self._items.put(event)
 

@@ -6,6 +6,7 @@ In orbit there is none: an identifier that fails for it on the ground has not fa
 from dataclasses import replace
 
 from gse.assessment.decision import Outcome, Row
+from gse.assessment.middle_instant import middle_instant_ns
 from gse.constants import ARCSEC_PER_RAD
 from gse.finding import Finding
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
@@ -21,14 +22,14 @@ _OF_TOLERANCE = 0.5
 
 def air_in_field(session: SessionData) -> str:
     """How far air parts the stars of the field, in words, where that is too far for an identifier; else nothing."""
-    station, frames = session.station, session.frames.columns
+    station, utc_ns = session.station, middle_instant_ns(session)
     mount = session.alignment.mount if session.alignment else station.mount
     truth = truth_of(station.site, mount, session.earth_orientation)
-    if truth is None or mount.inertial is not None or not len(frames):
+    if truth is None or mount.inertial is not None or utc_ns is None:
         return ""
     camera = station.sensor.camera()
     field = OwnAnswerTruth(truth, mount, aberration_corrected=True, field_sensor=field_of(camera))
-    arcsec = field.uneven_arcsec(int(frames["utc_ns"][len(frames) // 2]))
+    arcsec = field.uneven_arcsec(utc_ns)
     px = arcsec / (camera.pixel_rad * ARCSEC_PER_RAD)
     if px < _OF_TOLERANCE * station.identifier.tolerance_px:
         return ""

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drivers.chunk import LinkEvent
+from drivers.chunk import LinkEvent, LinkKind
 from gse.assessment.low_field import air_in_field, only_reference_answers
 from gse.assessment.out_of_place import FALLEN_OUT_SHARE
 from gse.assessment.statistics import Statistics
@@ -20,7 +20,7 @@ from gse.station.sky_condition import FEWEST_UNMATCHED
 _FEWEST_DRIFTING = 10
 _SENSOR_DRIFT_PPM = 100.0
 """A crystal keeps within 50 ppm over its whole temperature range."""
-_EQUALS_OF_EVENT = {
+_EQUALS_OF_EVENT: dict[str, tuple[str, ...]] = {
     StationKind.WRONG_CAMERA: ("distortion of the lens",),
     StationKind.MIRRORED: ("x and y exchanged (in the protocol description, or by the sensor)",),
 }
@@ -50,6 +50,11 @@ def event_findings(session: SessionData, named: set[str]) -> Iterator[Finding]:
             StationKind.WRONG_CAMERA,
             "focal length",
             "enter it and judge the same recording again: gse report SESSION --station FILE; gse calibrate fits it",
+        ),
+        (
+            LinkKind.NOT_RUN,
+            "station stopped",
+            "stop no session (kill -STOP), and keep heavy work off this computer",
         ),
         (StationKind.NO_STATION, "station file", "give the right one: gse report SESSION --station FILE"),
         (StationKind.SEQUENCE_CHAOS, "sequence numbers", "see what the link brings: gse decode SESSION --explain"),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.assessment.middle_instant import middle_instant_ns
 from gse.attitude_convention import AttitudeConvention, state_angles
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD
 from gse.station.attitude_error import attitude_errors
@@ -119,10 +120,10 @@ def by_other_stars_arcsec(session: SessionData) -> float:
 
     Air and aberration part the stars of a field unevenly; which of them a sensor took, it does not say.
     """
-    truth, frames = own_truth(session), session.frames.columns
-    if truth is None or truth.mount.inertial is not None or not len(frames):
+    truth, utc_ns = own_truth(session), middle_instant_ns(session)
+    if truth is None or truth.mount.inertial is not None or utc_ns is None:
         return 0.0
-    return truth.uneven_arcsec(int(frames["utc_ns"][len(frames) // 2])) / math.sqrt(_stars_of_a_fix(session))
+    return truth.uneven_arcsec(utc_ns) / math.sqrt(_stars_of_a_fix(session))
 
 
 def _stars_of_a_fix(session: SessionData) -> float:

@@ -7,10 +7,15 @@ from gse.assessment.counted_frames import CountedFrames
 from gse.assessment.gross_causes import GrossCause, gross_cause, left_with
 from gse.assessment.raw_attitudes import RawAttitudes
 from gse.finding import Finding
+from gse.instant import NS_PER_DAY
 from gse.site import Site
 from gse.station.frame_table import ANSWER_CHECKS
 from gse.station.results import AnswerCheck
 from gse.station.session_data import SessionData
+from gse.truth.orientation import FIRST_NS
+
+_TURNED_BACK_NS = 2 * NS_PER_DAY
+"""More than any mistake that is tried turns the clock back by."""
 
 
 def gross_finding(session: SessionData, counted: CountedFrames) -> Finding | None:
@@ -44,7 +49,8 @@ def _raw_attitudes(session: SessionData, counted: CountedFrames) -> RawAttitudes
     frames = session.frames.columns
     checked_false = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.FALSE)
     has_roll = np.isfinite(frames["roll_deg"])  # an external identifier may answer RA and DE alone
-    rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded & has_roll)
+    has_truth = frames["utc_ns"] >= FIRST_NS + _TURNED_BACK_NS
+    rows = np.flatnonzero(counted.answered & ~checked_false & ~counted.excluded & has_roll & has_truth)
     if not mount.stated or mount.inertial is not None or not len(rows):
         return None
     return RawAttitudes.of(frames, rows, session.station.sensor.camera())

@@ -20,6 +20,7 @@ import numpy as np
 
 from gse.assessment.changed_truth import ChangedTruth
 from gse.assessment.inertial_terms import inertial_terms
+from gse.assessment.middle_instant import middle_instant_ns
 from gse.assessment.mount_terms import clock, fitted_mount, stability, stated_mount, time_stamp
 from gse.assessment.sensor_answers import by_other_stars_arcsec
 from gse.assessment.sky_terms import air_terms, earth_terms, model_terms, site_terms
@@ -106,12 +107,12 @@ def session_facts(
 ) -> SessionFacts:
     """The facts of a session; ``clock_error_s`` is the bound that clock_health found (inf: not known)."""
     frames, station = session.frames.columns, session.station
-    utc_ns = instants_ns(frames, session.events)
+    utc_ns, middle_ns = instants_ns(frames, session.events), middle_instant_ns(session)
     return SessionFacts(
         site=station.site,
         mount=session.alignment.mount if session.alignment else station.mount,
-        earth_orientation=session.earth_orientation if len(frames) else None,
-        utc_ns=int(utc_ns[len(utc_ns) // 2]) if len(frames) else 0,
+        earth_orientation=session.earth_orientation if middle_ns is not None else None,
+        utc_ns=middle_ns or 0,
         clock_error_s=clock_error_s,
         stars=FieldOfStars.of(session),
         baudrate=station.port.baudrate,

@@ -19,6 +19,7 @@ from gse.assessment.guard_band import COVERAGE_FACTOR
 from gse.assessment.low_field import under_air
 from gse.assessment.mount_terms import STABILITY
 from gse.assessment.no_sky import under_cloud
+from gse.assessment.not_run import under_stop
 from gse.assessment.obstacles import obstacles
 from gse.assessment.sensor_findings import sensor_findings
 from gse.assessment.sensor_health import SensorHealth, health_findings, sensor_health
@@ -88,6 +89,7 @@ def judge(session: SessionData) -> Assessment:
     if mistake:
         rows = tuple(excused(row, mistake) for row in rows)
     rows = tuple(under_air(under_cloud(row, session.frames.columns), session) for row in rows)
+    rows = tuple(under_stop(row, session, stats) for row in rows)
     in_the_way = tuple(obstacles(session, stats, rows))
     if mistake:
         in_the_way = (f"set-up: {mistake}", *in_the_way)

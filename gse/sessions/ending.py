@@ -1,6 +1,7 @@
 """End of a live session by signals from a person, a terminal or the system.
 
 first signal       the session ends: it is closed, judged and reported
+Ctrl-Z             nothing but a word: a stopped process would lose what its port cannot hold
 Ctrl-C after that  no verdict: judging is left at once, closing is not, since data come first
 """
 
@@ -57,6 +58,8 @@ class Ending:
         for number in REASONS:
             if number.name != "SIGHUP" or signal.getsignal(number) is not signal.SIG_IGN:
                 self._before[number] = signal.signal(number, self._on_signal)
+        if hasattr(signal, "SIGTSTP"):
+            self._before[signal.SIGTSTP] = signal.signal(signal.SIGTSTP, self._on_stop)
         # With `stty tostop` a word from the background would stop the process.
         if hasattr(signal, "SIGTTOU"):
             self._before[signal.SIGTTOU] = signal.signal(signal.SIGTTOU, signal.SIG_IGN)
@@ -67,6 +70,9 @@ class Ending:
     ) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
+
+    def _on_stop(self, number: int, frame: FrameType | None) -> None:
+        self._say("Ctrl-Z stops no session: it would lose bytes. Ctrl-C ends it; --detach runs one without a terminal")
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         if not self.reason:

@@ -189,7 +189,8 @@ class _DerivedDataRecorder:
             return True
         if self._duration_ns is None:
             return False
-        now_ns = read_clock().utc_ns if self._link.is_live else self._last_ns
+        # A host clock that is set in the session must not lengthen or end it.
+        now_ns = self._link.mono_ns() if self._link.is_live else self._last_ns
         if self._first_ns is None:
             self._first_ns = now_ns or None
             return False

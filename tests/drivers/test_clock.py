@@ -1,11 +1,12 @@
 """The health of the host clock."""
 
 import sys
+import threading
 import time
 
 import pytest
 
-from drivers.clock import read_clock
+from drivers.clock import now, read_clock
 
 
 def test_a_reading_is_stamped_with_both_clocks_between_two_looks_at_them():
@@ -13,6 +14,27 @@ def test_a_reading_is_stamped_with_both_clocks_between_two_looks_at_them():
     reading = read_clock()
     assert mono_ns <= reading.mono_ns <= time.monotonic_ns()
     assert abs(reading.utc_ns - utc_ns) < 5_000_000_000
+
+
+def test_both_clocks_show_one_instant_however_busy_the_computer_is():
+    stop, interval_s = threading.Event(), sys.getswitchinterval()
+
+    def compute():
+        while not stop.is_set():
+            pass
+
+    others = [threading.Thread(target=compute) for _ in range(2)]
+    sys.setswitchinterval(1e-4)
+    try:
+        for other in others:
+            other.start()
+        differences_ns = [utc_ns - mono_ns for utc_ns, mono_ns in (now() for _ in range(200_000))]
+    finally:
+        stop.set()
+        sys.setswitchinterval(interval_s)
+        for other in others:
+            other.join()
+    assert max(differences_ns) - min(differences_ns) < 1_000_000
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="adjtimex is Linux's")

@@ -1,5 +1,6 @@
 """SerialLink on live ports: ptys and loop://, the real driver."""
 
+import os
 import signal
 import socket
 import subprocess
@@ -16,7 +17,7 @@ from devices.terminal import Terminal
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import PortError
-from drivers.link import SerialLink
+from drivers.link import NOT_RUN_NS, SerialLink
 from drivers.ports import PortInfo, explain, holders
 from drivers.session_file.reader import messages
 from drivers.session_file.records import EVENTS, RX, TX
@@ -246,3 +247,31 @@ def test_whoever_holds_a_device_is_named(tmp_path: Path) -> None:
         child.communicate()
     assert [holder for holder in found if f"(pid {child.pid})" in holder]
     assert holders(str(path)) == []
+
+
+LISTEN = """
+import sys
+from drivers.link import NOT_RUN_NS, SerialLink
+with SerialLink(sys.argv[1]) as link:
+    while True:
+        for item in link.receive(1.0):
+            print(getattr(item, "kind", "bytes"), flush=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_a_link_that_was_stopped_says_so_before_the_bytes_that_waited(terminal: Terminal) -> None:
+    command = [sys.executable, "-c", LISTEN, str(terminal.path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "OPENED\n"
+        process.send_signal(signal.SIGSTOP)
+        os.waitpid(process.pid, os.WUNTRACED)
+        terminal.write(b"waits")
+        until_s = time.monotonic() + 1.1e-9 * NOT_RUN_NS
+        while time.monotonic() < until_s:
+            time.sleep(0.05)
+        process.send_signal(signal.SIGCONT)
+        came = [process.stdout.readline() for _ in range(2)]
+        process.kill()
+    assert came == ["NOT_RUN\n", "bytes\n"]

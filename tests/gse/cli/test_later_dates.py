@@ -1,4 +1,4 @@
-"""The station on a day past the end of the Earth orientation tables: it says what is not known, and goes on."""
+"""The station on days past the end of the Earth orientation tables, or before them: it says so, and goes on."""
 
 import contextlib
 import json
@@ -13,7 +13,10 @@ from pathlib import Path
 
 import pytest
 from devices.live_session import LiveSession
+from devices.patience import PATIENCE_S
+from devices.terminal import Terminal
 
+from gse.cli import EXIT_INCONCLUSIVE
 from gse.config.station import BUILT_IN_TEXT
 
 pytestmark = pytest.mark.skipif(shutil.which("faketime") is None, reason="faketime is not installed")
@@ -94,3 +97,21 @@ def test_a_session_in_four_years_is_recorded_and_its_truth_is_as_wide_as_it_is_u
     assert 7 < terms["UT1"]["ra_arcsec"] < 13  # 0.9 s of a rectangle, and the held value
     assert report["truth_budget"]["axes"]["d_ra_cosde"]["expanded_arcsec"] > 15
     assert report["truth_budget"]["axes"]["d_de"]["expanded_arcsec"] < 15
+
+
+def test_a_clock_that_falls_back_to_1970_in_a_session_lengthens_it_by_nothing(
+    tmp_path: Path, midnight_station: Path
+) -> None:
+    terminal = Terminal(tmp_path / "tty")
+    words = ("--station", midnight_station, "--port", terminal.path, "--duration", "5", "--no-plots")
+    environment = {**ENVIRONMENT, "FAKETIME_START_AFTER_SECONDS": "5"}
+    command = at("-56y", "run", *words, "--out", tmp_path / "out")
+    with subprocess.Popen(command, env=environment, start_new_session=True) as running:
+        try:
+            assert running.wait(PATIENCE_S) == EXIT_INCONCLUSIVE
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(running.pid, signal.SIGKILL)
+    terminal.unplug()
+    status = LiveSession(tmp_path / "out").status()
+    assert (status["state"], status["utc"][:4]) == ("ended", "1970")

@@ -49,3 +49,13 @@ def test_a_hang_up_that_nohup_ignores_stays_ignored() -> None:
         assert not ending.asked()
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+def test_ctrl_z_stops_no_session_and_says_what_to_press_instead() -> None:
+    said: list[str] = []
+    before = signal.getsignal(signal.SIGTSTP)
+    with Ending(said.append) as ending:
+        signal.raise_signal(signal.SIGTSTP)
+        assert not ending.asked()
+    assert "Ctrl-C ends it" in said[0]
+    assert signal.getsignal(signal.SIGTSTP) is before

@@ -9,6 +9,7 @@ from devices.injected_clocks import START_NS, InjectedClocks, Sky
 from gse.assessment.statistics import statistics
 from gse.assessment.verdict import judge
 from gse.instant import LAST_NS, NS_PER_S, from_text
+from gse.report import summarise
 from gse.station.clock_steps import clock_steps, first_rows, wrong_by_ns
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.exclusions import Cause
@@ -16,6 +17,8 @@ from gse.station.results import Verdict
 
 YEAR_S = 365.25 * 86_400
 SINCE_1970_S = START_NS / NS_PER_S
+INTO_1972_S = (START_NS - from_text("1972-01-01T00:00:00Z")) / NS_PER_S
+"""Truth begins there, and any mistake of the clock that is tried lies before."""
 RIGHT_NS = 3_000_000
 """A frame's time is good to this."""
 
@@ -83,6 +86,15 @@ def test_a_clock_that_is_set_right_in_the_session_gives_truth_from_then_on(sky, 
     counted_s = counted_and_right(sky, session)
     assert counted_s.min() > 10
     assert len(counted_s) >= 5 * 65 - 1
+
+
+@pytest.mark.parametrize("off_s", [*EXCURSIONS.values(), -INTO_1972_S], ids=[*EXCURSIONS.keys(), "into 1972"])
+def test_a_clock_that_goes_far_off_and_stays_there_is_judged_too(sky, off_s):
+    session = sky.session(InjectedClocks(utc_s=lambda t: t + (off_s if t >= 40 else 0.0)), own=True)
+    assessment = judge(session)
+    assert assessment.verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE), assessment.reasons
+    assert len(steps_of(session)) == 1
+    assert summarise(session, assessment)["verdict"] == assessment.verdict.value
 
 
 def test_minutes_of_a_wrong_clock_are_too_many_to_pass(sky):
