@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from drivers.ports import is_mock
+from drivers.uart import USUAL_BAUDS
 from gse import instant
 from gse.catalog.mission import stars_for_field
 from gse.catalog.readers import load_catalog
@@ -95,8 +96,15 @@ def _baud(station: Station) -> Check:
     near = min(UART_RATES, key=lambda rate: abs(rate - baudrate))
     if abs(near - baudrate) < _MISTYPED * baudrate:
         return Check("baud rate", Outcome.FAIL, f"{baudrate} is not a rate of a UART", f"did you mean {near}?")
-    advice = f"few adapters have it; the nearest usual rate is {near}"
+    meant = next((rate for rate in USUAL_BAUDS if _lack_a_digit(str(baudrate), str(rate))), near)
+    advice = f"few adapters have it; did you mean {meant}?"
     return Check("baud rate", Outcome.WARN, f"{baudrate} is not a usual rate of a UART", advice)
+
+
+def _lack_a_digit(one: str, other: str) -> bool:
+    """Whether one of two numbers is the other without one of its digits."""
+    short, long = sorted((one, other), key=len)
+    return short in (long[:place] + long[place + 1 :] for place in range(len(long)))
 
 
 def _night(station: Station, begins_ns: int, hours: float | None) -> Iterator[Check]:

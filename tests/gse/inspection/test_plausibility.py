@@ -56,7 +56,13 @@ def test_a_boresight_below_the_horizon_is_refused_and_a_low_one_doubted(altitude
 
 @pytest.mark.parametrize(
     ("baudrate", "outcome", "words"),
-    [(115200, Outcome.OK, ""), (112500, Outcome.FAIL, "did you mean 115200?"), (700_000, Outcome.WARN, "750000")],
+    [
+        (115200, Outcome.OK, ""),
+        (112500, Outcome.FAIL, "did you mean 115200?"),
+        (700_000, Outcome.WARN, "did you mean 750000?"),
+        (11520, Outcome.WARN, "did you mean 115200?"),
+        (96000, Outcome.WARN, "did you mean 9600?"),
+    ],
 )
 def test_a_baud_rate_that_no_uart_has_is_refused(baudrate: int, outcome: Outcome, words: str) -> None:
     check = only("baud rate", changed(("url: /dev/ttyUSB0", f"url: /dev/ttyUSB0\n  baudrate: {baudrate}")))
