@@ -106,9 +106,9 @@ PASSES = (
         alpha_stars=12,
         sigma_px=0.7,
         stars_per_object=_ALL,
-        objects=12,
+        objects=16,
         alpha_ranks=30,
-        most_objects=12,
+        most_objects=16,
         first_tried=12,
     ),
     Pass(
@@ -120,9 +120,9 @@ PASSES = (
         alpha_stars=12,
         sigma_px=1.9,
         stars_per_object=_ALL,
-        objects=12,
+        objects=16,
         alpha_ranks=30,
-        most_objects=12,
+        most_objects=16,
         first_tried=12,
     ),
 )

@@ -208,6 +208,19 @@ def test_what_is_known_of_the_sensor_lets_three_stars_be_named(
     assert all(error_deg(identifier, answer, frame) < 0.1 for frame, answer in named)
 
 
+@pytest.mark.parametrize("direction", [8, 81, 137, 238, 320])
+def test_a_handful_of_stars_is_found_among_eight_false_objects(
+    narrow: RobustIdentifier, catalog: StarCatalog, direction: int
+) -> None:
+    """To find them takes the passes for few objects; these panoramas have 13 to 15."""
+    maker = FrameMaker(ROUND, Conditions("worst", 50.0, 0.5, 8, 0.2), catalog)
+    frame = maker.frame(spiral_directions(600)[direction], np.random.default_rng([3, direction]))
+    answer = narrow.identify(frame.directions_sensor, frame.brightness)
+    assert 5 <= frame.real_stars <= 7
+    assert isinstance(answer, Identification)
+    assert error_deg(narrow, answer, frame) < 0.1
+
+
 def test_many_panoramas_in_one_call_give_the_answers_one_by_one(wide: RobustIdentifier, catalog: StarCatalog) -> None:
     """Sky, mirrored sky, random objects, none, too few, too many, and a NaN, all mixed."""
     seen = frames(WIDE, FALSE_3, catalog, 20)
