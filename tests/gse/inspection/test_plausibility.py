@@ -93,6 +93,14 @@ def test_a_narrow_field_with_too_few_stars_is_doubted_with_the_hour() -> None:
     assert "fewer than 7" in check.text
 
 
+def test_a_field_that_has_too_few_stars_all_night_has_no_length_of_a_session() -> None:
+    bright = ROOF.replace("port:", "identifier: {catalog_stars: 300}\nport:")
+    checks = found(parse_station(bright.replace("4169.905", "15000")))
+    assert "fewer than 7 all night" in checks["stars"].text
+    assert "length" not in checks
+    assert "length" in found(parse_station(bright.replace("4169.905", "1500")))
+
+
 @pytest.mark.parametrize(
     ("latitude_deg", "at", "words"),
     [
