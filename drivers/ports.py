@@ -1,6 +1,5 @@
 """Serial ports of this computer: list, processes that hold them, opening with clear errors."""
 
-import contextlib
 import errno
 import getpass
 import os
@@ -14,6 +13,7 @@ import serial
 from serial.tools import list_ports
 
 from drivers.errors import DriverError, PortError, UrlError
+from drivers.telnet import read_loop
 
 MOCKS = ("replay://", "sim://")
 _ON_THE_NET = ("socket://", "rfc2217://")
@@ -120,7 +120,7 @@ def _made(url: str, baudrate: int) -> serial.Serial:
     for name in ("reset_input_buffer", "_reset_input_buffer"):
         setattr(port, name, lambda: None)
     if hasattr(port, "_telnet_read_loop"):
-        port._telnet_read_loop = _quiet(port._telnet_read_loop)
+        port._telnet_read_loop = read_loop(port)
     if url.lower().startswith(_ON_THE_NET):
         port.close = _closing(port, port.close)  # type: ignore[method-assign]
     if isinstance(port, serial.Serial):
@@ -137,16 +137,6 @@ def _closing(port: serial.Serial, close: Callable[[], None]) -> Callable[[], Non
         close()
         if connection is not None:
             connection.close()
-
-    return run
-
-
-def _quiet(read_loop: Callable[[], None]) -> Callable[[], None]:
-    """pyserial's thread of an rfc2217:// port, which ends with the connection, and not with a traceback."""
-
-    def run() -> None:
-        with contextlib.suppress(OSError):
-            read_loop()
 
     return run
 

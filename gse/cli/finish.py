@@ -65,7 +65,9 @@ def conclude(
         write_whole(folder / "timing.json", [json.dumps(_timing(own_elapsed_us), indent=2) + "\n"])
     except (UsageError, OSError) as error:
         # The verdict is shown even if its file cannot be written.
-        click.echo(f"gse: {error}; make room, then: gse report {folder}", err=True)
+        has_session = (folder / "session.mcap").exists()  # not where --out of a replay or report is
+        following = f"make room, then: gse report {folder}" if has_session else "make room and repeat this command"
+        click.echo(f"gse: {error}; {following}", err=True)
     give_back()  # before the program's end, for which libraries come back
     return report
 

@@ -208,7 +208,8 @@ class Scene:
             self._frames.add(self._next(), int(columns["utc_ns"][-1]), columns.copy())
         send_series(self._stream, columns, self._station.limits)
         self._track.append(columns)
-        if columns["utc_ns"][-1] - self._track[0]["utc_ns"][0] >= TRACK_ROW_NS:
+        # A host clock that was set back must not hold the track up.
+        if abs(int(columns["utc_ns"][-1]) - int(self._track[0]["utc_ns"][0])) >= TRACK_ROW_NS:
             self.flush()
 
     def _break_lines(self, utc_ns: NDArray[np.int64]) -> None:

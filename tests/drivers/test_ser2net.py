@@ -1,5 +1,6 @@
 """A serial line over the network, against a real server: Debian's ser2net on a pty."""
 
+import contextlib
 import random
 import socket
 import termios
@@ -8,14 +9,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import serial
 from devices import own_network
 from devices.patience import PATIENCE_S
+from devices.proxy import Proxy
 from devices.ser2net import PROGRAM, Ser2net
 from devices.terminal import Terminal
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import PortError
 from drivers.link import SerialLink
+from drivers.ports import open_port
 
 pytestmark = [
     pytest.mark.skipif(PROGRAM is None, reason="ser2net is not installed"),
@@ -140,3 +144,44 @@ def test_the_kernel_looks_after_a_silent_connection(server: Ser2net) -> None:
         idle = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE)
         probes = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT)
         assert idle + probes * connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL) <= 30
+
+
+@pytest.mark.parametrize("server", ["rfc2217"], indirect=True)
+def test_a_server_that_does_not_double_the_byte_255_loses_the_connection_and_not_the_memory(
+    server: Ser2net, terminal: Terminal
+) -> None:
+    with Proxy(server.port) as proxy, SerialLink(f"rfc2217://127.0.0.1:{proxy.port}", 115200, wait_port=True) as link:
+        await_event(link, "OPENED")
+        server.await_open(terminal.path)
+        proxy.say(b"before \xff\xf0")
+        assert receive(link, 7) == b"before "
+        proxy.say(b"\xff\xfa" + b"A" * 5000)
+        await_event(link, "LOST")
+        await_event(link, "REOPENED")
+
+
+@pytest.mark.parametrize("server", ["rfc2217"], indirect=True)
+def test_what_came_before_a_hang_up_is_not_lost(server: Ser2net, terminal: Terminal) -> None:
+    with Proxy(server.port) as proxy, SerialLink(f"rfc2217://127.0.0.1:{proxy.port}", 115200, wait_port=True) as link:
+        await_event(link, "OPENED")
+        server.await_open(terminal.path)
+        proxy.say(b"the end" * 30_000)
+        proxy.hang_up()
+        assert receive(link, 210_000) == b"the end" * 30_000
+
+
+@pytest.mark.parametrize("server", ["rfc2217"], indirect=True)
+def test_a_server_has_to_wait_for_a_station_that_does_not_fetch(server: Ser2net) -> None:
+    with Proxy(server.port) as proxy, contextlib.closing(opened(f"rfc2217://127.0.0.1:{proxy.port}")):
+        assert proxy.say(bytes(100 << 20), timeout_s=2.0) < 50 << 20
+
+
+def opened(url: str) -> serial.Serial:
+    """A port whose server may not listen yet."""
+    until_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return open_port(url, 115200)
+        except PortError:
+            assert time.monotonic() < until_s
+            time.sleep(0.1)

@@ -110,6 +110,7 @@ def test_each_of_three_values_is_compared_with_its_own_error():
     assert (bias.first, bias.second, bias.alike, bias.difference) == pytest.approx((1.0, -1.5, -1.5, -2.5))
     assert bias.sigmas == pytest.approx(-2.5 / 0.5)
     assert (mean.gate, noise.gate, bias.gate) == (True, True, False)
+    assert not any(row.worse for row in (mean, noise, bias))
     assert rows(one, two, bias_is_regression=True)[2].gate
 
 
@@ -146,5 +147,6 @@ def test_an_axis_of_a_subject_is_that_of_its_good_answers():
     assert found.time_error_abs_arcsec == pytest.approx(scipy.stats.sem(np.abs(kept)))
     assert found.noise_time_share == pytest.approx(scipy.stats.sem(quick**2) / 2 / np.mean(quick**2))
     assert math.isnan(found.field.geometry)
+    assert (found.field.noise_error_share, found.field.spread_error_share, found.field.bias_error_arcsec) == (0, 0, 0)
     nobody = replace(subject, good=none)
     assert math.isnan(ComparedAxis.of(nobody, "d_de").noise_time_share)

@@ -52,6 +52,13 @@ def test_no_half_of_a_file_is_left(name: str, given: Path, tmp_path: Path, gse: 
     assert new.exists()
 
 
+def test_a_report_that_found_no_room_names_a_next_step_that_works(given: Path, tmp_path: Path, gse: Gse) -> None:
+    with full_disk(1000):
+        done = gse("replay", given / "session.mcap", "--out", tmp_path / "new")
+    assert done.code == 3
+    assert "make room and repeat this command" in done.err
+
+
 def test_a_simulation_that_the_disk_does_not_take_whole_is_told(tmp_path: Path, gse: Gse) -> None:
     with full_disk(10_000):
         done = gse("simulate", "--seconds", "60", "--file", tmp_path / "session.mcap")

@@ -14,6 +14,7 @@ from rerun.chunk import RrdReader
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
 from gse.errors import UsageError
+from gse.instant import NS_PER_S
 from gse.station.frame_results import NewResults
 from gse.station.results import FrameResult, Status
 from gse.view.blueprint import layout
@@ -80,6 +81,19 @@ def test_no_line_is_drawn_across_an_outage(tmp_path: Path, live) -> None:
     breaks = [row["utc"] for row in series if math.isnan(row["Scalars:scalars"][0])]
     assert breaks == [frame.panorama.utc_ns + 1 for frame in slow[:3]]
     assert all(row["Scalars:scalars"][1:] == [60, -60] for row in series)
+
+
+def test_the_sky_track_goes_on_after_the_clock_was_set_back(tmp_path: Path) -> None:
+    path, session = tmp_path / "back.rrd", synthetic_night(4)
+    first, last = session.frames.columns.rows(slice(0, 2)), session.frames.columns.rows(slice(2, 4))
+    last["utc_ns"] -= 3600 * NS_PER_S
+    stream = rerun.RecordingStream("gse", send_properties=False)
+    stream.set_sinks(rerun.FileSink(str(path)))
+    scene = Scene(stream, session.station, None, live=True)
+    for columns in (first, last):
+        scene.add_columns(columns)
+    stream.disconnect()
+    assert moving(rows_of(path)["/sky/measured"])
 
 
 def test_only_frames_outside_the_limit_are_marked(rows) -> None:

@@ -1,0 +1,138 @@
+"""Bytes of a telnet connection (RFC 854) taken apart, for an rfc2217:// port.
+
+It stands in the place of pyserial's own read loop, which keeps a suboption without an end, and bytes that nobody
+fetches, without a bound, dies of an end without a beginning, and loses what came just before a hang-up. A server that
+does not double the byte 255 of its line sends any of them: with pyserial, the station then hears nothing for ever.
+"""
+
+import contextlib
+import queue
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+IAC, DONT, DO, WONT, WILL, SB, SE = (bytes([number]) for number in (255, 254, 253, 252, 251, 250, 240))
+LONGEST_SUBOPTION = 1024
+"""RFC 2217 has 5 bytes, and a signature in words."""
+MOST_PIECES = 4096
+"""Received and not yet fetched, 4 MiB; then the server has to wait."""
+_PIECE_BYTES = 1024
+_LOOK_S = 0.2
+
+
+class Data(NamedTuple):
+    """Bytes of the line."""
+
+    data: bytes
+
+
+class Option(NamedTuple):
+    """DO, DONT, WILL or WONT, and the option."""
+
+    command: bytes
+    option: bytes
+
+
+class Suboption(NamedTuple):
+    """What stood between IAC SB and IAC SE."""
+
+    data: bytes
+
+
+class Command(NamedTuple):
+    """Any other command."""
+
+    command: bytes
+
+
+class TelnetParser:
+    """Takes a stream apart; ValueError where a suboption does not end."""
+
+    def __init__(self) -> None:
+        self._begun = b""
+        self._suboption: bytearray | None = None
+
+    def feed(self, received: bytes) -> Iterator[Data | Option | Suboption | Command]:
+        """The parts that are complete, in their order."""
+        data, self._begun = self._begun + received, b""
+        place = 0
+        while place < len(data):
+            mark = data.find(IAC, place)
+            plain = data[place : len(data) if mark < 0 else mark]
+            if plain:
+                yield from self._plain(plain)
+            if mark < 0:
+                return
+            size = 3 if data[mark + 1 : mark + 2] in (DO, DONT, WILL, WONT) else 2
+            if mark + size > len(data):
+                self._begun = data[mark:]
+                return
+            yield from self._command(data[mark + 1 : mark + 2], data[mark + 2 : mark + size])
+            place = mark + size
+
+    def _plain(self, data: bytes) -> Iterator[Data]:
+        if self._suboption is None:
+            yield Data(data)
+            return
+        self._suboption += data
+        if len(self._suboption) > LONGEST_SUBOPTION:
+            raise ValueError(f"a telnet suboption of more than {LONGEST_SUBOPTION} bytes")
+
+    def _command(self, command: bytes, option: bytes) -> Iterator[Data | Option | Suboption | Command]:
+        if command == IAC:
+            yield from self._plain(IAC)
+        elif command == SB:
+            self._suboption = bytearray()
+        elif command == SE:
+            if self._suboption is not None:
+                yield Suboption(bytes(self._suboption))
+            self._suboption = None
+        elif option:
+            yield Option(command, option)
+        else:
+            yield Command(command)
+
+
+def read_loop(port: Any) -> Callable[[], None]:
+    """The reading thread of an rfc2217:// port of pyserial; it ends with the connection, as a lost port."""
+
+    def run() -> None:
+        parser = TelnetParser()
+        port._read_buffer.maxsize = MOST_PIECES
+        with contextlib.suppress(OSError, ValueError):
+            while data := _received(port):
+                for part in parser.feed(data):
+                    _take(port, part)
+        _put(port, None)
+        # pyserial refuses to hand out what still waits once this thread has ended.
+        while port.is_open and port._read_buffer.qsize():
+            time.sleep(_LOOK_S / 10)
+
+    return run
+
+
+def _received(port: Any) -> bytes:
+    """The next bytes; none at the end of the connection."""
+    while port.is_open:
+        with contextlib.suppress(TimeoutError):
+            return bytes(port._socket.recv(_PIECE_BYTES))
+    return b""
+
+
+def _take(port: Any, part: Data | Option | Suboption | Command) -> None:
+    if isinstance(part, Data):
+        _put(port, part.data)
+    elif isinstance(part, Option):
+        port._telnet_negotiate_option(part.command, part.option)
+    elif isinstance(part, Suboption):
+        port._telnet_process_subnegotiation(part.data)
+    else:
+        port._telnet_process_command(part.command)
+
+
+def _put(port: Any, data: bytes | None) -> None:
+    """Hand bytes over; a full queue is waited for while the port is open."""
+    while port.is_open:
+        with contextlib.suppress(queue.Full):
+            port._read_buffer.put(data, timeout=_LOOK_S)
+            return

@@ -1,0 +1,60 @@
+"""A TCP proxy that says something of its own to the client, as a faulty server does."""
+
+import contextlib
+import socket
+import threading
+
+
+class Proxy:
+    """Between a client and a server on this computer; a context manager."""
+
+    def __init__(self, port: int) -> None:
+        self._server = ("127.0.0.1", port)
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listening.getsockname()[1]
+        self._clients: list[socket.socket] = []
+        self._servers: list[socket.socket] = []
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def say(self, data: bytes, timeout_s: float | None = None) -> int:
+        """Send bytes to the latest client; how many it took within this time."""
+        sent = 0
+        self._clients[-1].settimeout(timeout_s)
+        with contextlib.suppress(OSError):
+            while sent < len(data):
+                sent += self._clients[-1].send(data[sent : sent + 65536])
+        return sent
+
+    def hang_up(self) -> None:
+        """End the latest client's connection, after what was said to it."""
+        self._clients[-1].shutdown(socket.SHUT_WR)
+
+    def _accept(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                client, _ = self._listening.accept()
+                try:
+                    server = socket.create_connection(self._server)
+                except OSError:  # it does not listen yet
+                    client.close()
+                    continue
+                self._clients.append(client)
+                self._servers.append(server)
+                for pair in ((client, server), (server, client)):
+                    threading.Thread(target=_hand_on, args=pair, daemon=True).start()
+
+    def __enter__(self) -> "Proxy":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for connection in (self._listening, *self._clients, *self._servers):
+            connection.close()
+
+
+def _hand_on(source: socket.socket, sink: socket.socket) -> None:
+    with contextlib.suppress(OSError):
+        while data := source.recv(4096):
+            sink.sendall(data)
+    for connection in (source, sink):
+        with contextlib.suppress(OSError):
+            connection.shutdown(socket.SHUT_RDWR)
