@@ -248,3 +248,27 @@ def test_a_fit_without_a_covariance_leaves_everything_open_and_one_that_rounds_b
     assert fitted_mount(replace(unknown, until_ns=START_NS), at).degrees_of_freedom == 1.0
     tiny = replace(FIT, covariance_arcsec2=((-1e-12, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
     assert turned(fitted_mount(tiny, at)) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "frames", "freedom"), [(139, 600, 599), (140, 600, 7), (400, 600, 20), (60, 2, 1), (60, 3, 2)]
+)
+def test_a_fit_has_the_freedom_of_its_means_over_twenty_seconds_or_of_the_frames_of_a_short_one(
+    seconds, frames, freedom
+):
+    at = ChangedTruth(STATION.site, LEANING, TABLE, START_NS)
+    fit = replace(FIT, n=frames, until_ns=START_NS + seconds * 10**9)
+    assert fitted_mount(fit, at).degrees_of_freedom == freedom
+
+
+def test_what_truth_does_not_correct_for_is_told_apart():
+    """Of the sky all is corrected; where the mount was put, how the clock ran and what is left of stars is not."""
+    open_terms = {"deflection of the vertical", "mount stability", "clock", "proper motion", "parallax", "blends"}
+    angles = {"mount azimuth", "mount altitude", "mount roll"}
+    assert {name for name, term in STATED.items() if not term.corrected} == open_terms | angles
+    assert {name for name, term in FITTED.items() if not term.corrected} == open_terms
+
+
+@pytest.mark.parametrize(("name", "turns"), [("azimuth", 1.0), ("altitude", math.sqrt(2)), ("roll", 1.0)])
+def test_an_arcsecond_of_an_angle_of_the_mount_is_an_arcsecond_of_the_sky(name, turns):
+    assert turned(STATED[f"mount {name}"]) == pytest.approx(TEN * turns, rel=2e-5)
