@@ -1,6 +1,9 @@
 """A long night in little memory: frames are all kept, their matches thinned out evenly."""
 
+import math
+
 import numpy as np
+import pytest
 from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames
 
@@ -8,7 +11,7 @@ from gse.panorama import Panorama
 from gse.station import frame_table
 from gse.station.frame_results import FrameResults
 from gse.station.frame_table import FrameTable
-from gse.station.results import FrameResult, Status
+from gse.station.results import FrameResult, Starlight, Status
 
 
 def test_every_frame_and_every_match_of_a_short_night_is_kept():
@@ -40,3 +43,20 @@ def test_a_long_night_keeps_all_frames_and_the_matches_of_every_second_one_or_fe
     assert frame_table.MOST_MATCHES / 4 < len(table.matches) <= frame_table.MOST_MATCHES
     assert np.unique(np.diff(kept)).tolist() in ([2], [4])
     assert (np.bincount(table.matches["frame"])[kept] == len(frame.matches)).all()
+
+
+@pytest.mark.parametrize("elapsed_us", [None, 0.0, 150.5])
+def test_the_time_that_an_answer_took_is_kept_and_that_of_none_is_none(elapsed_us):
+    made = FrameResult(
+        Panorama(1, np.zeros((2, 2)), np.ones(2)), Status.NO_MATCH, "", "neighbour", elapsed_us=elapsed_us
+    )
+    results = FrameResults.of([made])
+    assert results[0].elapsed_us == elapsed_us
+    assert results.rows()["elapsed_us"] == pytest.approx([math.nan if elapsed_us is None else elapsed_us], nan_ok=True)
+
+
+def test_stars_that_are_seen_are_counted_up_to_255():
+    light = [Starlight(stars=stars) for stars in (254, 255, 256)]
+    made = [FrameResult(Panorama(k, np.zeros((0, 2)), np.ones(0)), Status.NO_MATCH, "", "neighbour", light=one)
+            for k, one in enumerate(light)]  # fmt: skip
+    assert FrameResults.of(made).rows()["stars_seen"].tolist() == [254, 255, 255]

@@ -1,5 +1,6 @@
 """Earth orientation and leap seconds from files, for machines without a network."""
 
+import json
 from pathlib import Path
 
 import astropy_iers_data
@@ -141,3 +142,23 @@ def test_a_damaged_line_is_named(tmp_path, later_finals):
         read_given([path])
     with pytest.raises(TruthError, match="cannot read the Earth orientation file"):
         read_given([tmp_path / "nowhere"])
+
+
+@pytest.mark.parametrize("days", [2, 10])
+def test_only_the_days_about_an_instant_are_taken_from_a_long_file(later_finals, days):
+    given = read_given([later_finals])
+    table = EarthOrientation.from_disk(LATE_NS, days, given)
+    middle = 40_587 + LATE_NS // (86_400 * 10**9)
+    assert list(table.mjd) == list(range(middle - days, middle + days + 1))
+    assert list(table.ut1_minus_utc_s) == [given.rows[day][1] for day in table.mjd]
+
+
+@pytest.mark.parametrize(
+    ("mjd", "values"),
+    [([], []), ([41_317, 41_499], [10.0]), ([41_499, 41_317], [10.0, 11.0]), ([41_317, 41_317], [10.0, 11.0])],
+)
+def test_leap_seconds_of_impossible_length_or_order_are_refused(mjd, values):
+    document = json.loads(EarthOrientation.from_disk(SPRING_NS).to_json())
+    document["leap_seconds"] |= {"mjd": mjd, "tai_minus_utc_s": values}
+    with pytest.raises(TruthError):
+        EarthOrientation.from_json(json.dumps(document))
