@@ -1,6 +1,9 @@
 """A long night in little memory: frames are all kept, their matches thinned out evenly."""
 
+import math
+
 import numpy as np
+import pytest
 from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames
 
@@ -41,6 +44,16 @@ def test_a_long_night_keeps_all_frames_and_the_matches_of_every_second_one_or_fe
     assert frame_table.MOST_MATCHES / 4 < len(table.matches) <= frame_table.MOST_MATCHES
     assert np.unique(np.diff(kept)).tolist() in ([2], [4])
     assert (np.bincount(table.matches["frame"])[kept] == len(frame.matches)).all()
+
+
+@pytest.mark.parametrize("elapsed_us", [None, 0.0, 150.5])
+def test_the_time_that_an_answer_took_is_kept_and_that_of_none_is_none(elapsed_us):
+    made = FrameResult(
+        Panorama(1, np.zeros((2, 2)), np.ones(2)), Status.NO_MATCH, "", "neighbour", elapsed_us=elapsed_us
+    )
+    results = FrameResults.of([made])
+    assert results[0].elapsed_us == elapsed_us
+    assert results.rows()["elapsed_us"] == pytest.approx([math.nan if elapsed_us is None else elapsed_us], nan_ok=True)
 
 
 def test_named_stars_and_stars_seen_are_counted_up_to_255():

@@ -169,14 +169,6 @@ def test_the_row_after_the_last_of_a_newer_table_is_not_asked_for(later_finals):
     assert (table.mjd[0], table.mjd[-1]) == (last - 10, last)
 
 
-def test_the_rows_of_a_newer_table_are_those_of_the_days_asked_for_alone(later_finals):
-    given = read_given([later_finals])
-    day = max(given.rows) - 50
-    table = EarthOrientation.from_disk((day - UNIX_EPOCH_MJD) * NS_PER_DAY, given=given)
-    assert table.mjd == tuple(range(day - 10, day + 11))
-    assert table.ut1_minus_utc_s == tuple(given.rows[one][1] for one in table.mjd)
-
-
 def test_the_installed_rows_have_every_digit_that_astropy_reads():
     theirs = iers.IERS_B.read(astropy_iers_data.IERS_B_FILE)
     mjd = theirs["MJD"].to_value(u.day)
@@ -184,3 +176,12 @@ def test_the_installed_rows_have_every_digit_that_astropy_reads():
         (row,) = installed_rows(int(mjd[place]), int(mjd[place]))
         expected = [theirs[name][place].value for name in ("UT1_UTC", "PM_x", "PM_y", "e_UT1_UTC")]
         assert row[1:5] == tuple(expected)
+
+
+@pytest.mark.parametrize("days", [2, 10])
+def test_only_the_days_about_an_instant_are_taken_from_a_long_file(later_finals, days):
+    given = read_given([later_finals])
+    table = EarthOrientation.from_disk(LATE_NS, days, given)
+    middle = 40_587 + LATE_NS // (86_400 * 10**9)
+    assert list(table.mjd) == list(range(middle - days, middle + days + 1))
+    assert list(table.ut1_minus_utc_s) == [given.rows[day][1] for day in table.mjd]
