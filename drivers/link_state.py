@@ -8,10 +8,12 @@
 
 The states depend on the stamps of the data alone: how chunks are cut, and how often ``pass_time`` is called, changes
 neither the changes of state nor their times. A state that ends by silence ends when the silence has lasted SILENCE_S,
-even if that is noticed later.
+even if that is noticed later; of a slow sensor, when a frame and the next one should have come.
 """
 
+from collections import deque
 from collections.abc import Callable, Collection
+from itertools import pairwise
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
 
@@ -20,6 +22,9 @@ UNKNOWN = ""
 
 SILENCE_S = 3.0
 """The slowest sensor known exposes for 2 s."""
+_LAST_FRAMES = 8
+_IN_INTERVALS = 2
+"""Of frames: so long a slow sensor may be silent."""
 SAMPLE_BYTES = 4096
 FEW_VALUES = 16
 """A line read with a much too high baud rate gives few byte values, a frame of any protocol many more."""
@@ -40,9 +45,9 @@ class LinkMonitor:
     ) -> None:
         self.state = UNKNOWN
         self._baudrate = baudrate
-        self._silence_s = silence_s
+        self._silence_ns = self._patience_ns = round(silence_s * _NS)
         self._explain = explain
-        self._patience_ns = round(silence_s * _NS)
+        self._frames_ns: deque[int] = deque(maxlen=_LAST_FRAMES)
         self._utc_minus_mono_ns = 0
         self._now_ns = 0
         self._bytes_ns = 0
@@ -56,6 +61,7 @@ class LinkMonitor:
         """Process an event of the port: opened or lost."""
         changes = self.pass_time(event.utc_ns, event.mono_ns)
         if event.kind in (LinkKind.LOST, LinkKind.NO_PORT):
+            self._forget_frames()
             changes += self._change(LinkKind.NO_PORT, event.mono_ns, event.text)
         elif event.kind in (LinkKind.OPENED, LinkKind.REOPENED):
             changes += self._change(LinkKind.WAITING, event.mono_ns, event.text)
@@ -70,6 +76,7 @@ class LinkMonitor:
         if frames:
             changes += self._change(LinkKind.STREAMING, chunk.mono_ns, "valid frames come")
             self._begin(chunk.mono_ns)
+            self._frame_came(chunk.mono_ns)
         elif self.state == LinkKind.SYNCING or chunk.mono_ns > self._since_ns:
             # Bytes with the time of a frame may belong to the frame's own chunk.
             self._unframed_bytes += len(chunk.data)
@@ -83,6 +90,7 @@ class LinkMonitor:
         if mono_ns < self._now_ns:
             # The host was restarted, and its monotonic clock with it: the intervals start again.
             self._bytes_ns = self._since_ns = mono_ns
+            self._forget_frames()
         self._now_ns = mono_ns
         changes: list[LinkEvent] = []
         due_ns = self._since_ns + self._patience_ns
@@ -94,12 +102,22 @@ class LinkMonitor:
             changes += self._change(LinkKind.STALE, self._bytes_ns + self._patience_ns, self._nothing_comes())
         return changes
 
+    def _frame_came(self, mono_ns: int) -> None:
+        """Learn how long this sensor is silent between frames: one long silence is an outage, two are its way."""
+        self._frames_ns.append(mono_ns)
+        *_, second, _ = [0, 0, *sorted(after - before for before, after in pairwise(self._frames_ns))]
+        self._patience_ns = max(self._silence_ns, _IN_INTERVALS * second)
+
+    def _forget_frames(self) -> None:
+        self._frames_ns.clear()
+        self._patience_ns = self._silence_ns
+
     def _silence_changes(self, due_ns: int) -> list[LinkEvent]:
         if self.state == LinkKind.STREAMING and self._unframed_bytes == 0:
             return self._change(LinkKind.STALE, due_ns, self._nothing_comes())
         self._silence_reported = True
         if self.state == LinkKind.WAITING:
-            text = f"the port is open, but no bytes for {self._silence_s:g} s: check the sensor, send START"
+            text = f"the port is open, but no bytes for {self._patience_ns / _NS:g} s: check the sensor, send START"
             return [self._event(LinkKind.SILENT, due_ns, text)]
         if self.state == LinkKind.SYNCING:
             return [self._event(LinkKind.NO_FRAMES, due_ns, self._why_no_frames())]
@@ -127,10 +145,10 @@ class LinkMonitor:
         return LinkEvent(mono_ns + self._utc_minus_mono_ns, mono_ns, kind, text)
 
     def _nothing_comes(self) -> str:
-        return f"nothing comes any more: no bytes for {self._silence_s:g} s"
+        return f"nothing comes any more: no bytes for {self._patience_ns / _NS:g} s"
 
     def _why_no_frames(self) -> str:
-        head = f"{self._unframed_bytes} bytes in {self._silence_s:g} s, but no valid frame: "
+        head = f"{self._unframed_bytes} bytes in {self._patience_ns / _NS:g} s, but no valid frame: "
         if explained := self._explain(bytes(self._sample)):
             return head + explained
         if reasons := sorted(self._reasons - _NO_START):

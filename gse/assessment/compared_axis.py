@@ -121,9 +121,8 @@ def _mean_abs(
     if change is not None:
         return Row(name, "arcsec", a, b, a + change.mean, change.mean, sigmas_of(change.mean, change.error), allowed)
     bias, spread = two.statistics.bias_arcsec, two.statistics.std_arcsec
-    alike = b if growth == 1 else b + _folded_mean(bias, spread * growth) - _folded_mean(bias, spread)
-    scale = growth if math.isfinite(growth) else 1.0
-    error = math.hypot(one.mean_abs_error_arcsec, scale * two.mean_abs_error_arcsec)
+    alike = b + _folded_mean(bias, spread * growth) - _folded_mean(bias, spread)
+    error = math.hypot(one.mean_abs_error_arcsec, growth * two.mean_abs_error_arcsec)
     return Row(name, "arcsec", a, b, alike, alike - a, sigmas_of(alike - a, error), allowed)
 
 

@@ -50,9 +50,7 @@ class ComparedSession:
         stats, fields = statistics(session), field_content(session)
         return cls(stats, _of_table(session, stats, fields), _of_sensor(session, stats, fields))
 
-    def sensor_said_the_same(
-        self, other: "ComparedSession", pairs: tuple[NDArray[np.int64], NDArray[np.int64]]
-    ) -> bool:
+    def sensor_said_the_same(self, other: "ComparedSession", pairs: Pairs) -> bool:
         """Whether the sensor's own answers to panoramas that are in both, and their errors, are the same ones."""
         one, two = self.statistics.own, other.statistics.own
         return one is not None and two is not None and all(_same(one, two, name, pairs) for name in _SAID)

@@ -92,6 +92,19 @@ def fitted(observed: Observed, columns: Columns) -> Fitted:
     return Fitted(coefficients, covariance, state.log, state.precision)
 
 
+def by_its_noise(without: NDArray[np.float64], left: NDArray[np.float64]) -> float:
+    """Twice the log likelihood that is gained ``without`` a cause (K, 3) by the noise that is ``left`` (K, 3) with it.
+
+    The prior is spread over all shapes of slow noise, and the right one pays for that. Slow noise that is left with the
+    cause is in the session anyway: without the cause its shape is believed as much. White noise gains nothing.
+    """
+    _, _, _, prior = _shapes(len(left))
+    with_cause = prior[:, None] + _of_shapes(left)[0]
+    believed = np.maximum(prior[:, None], with_cause - _log_sum(with_cause))
+    likelihood = _of_shapes(without)[0]
+    return 2 * float((_log_sum(believed + likelihood) - _log_sum(prior[:, None] + likelihood)).sum())
+
+
 def white_precision(cosines: NDArray[np.float64]) -> NDArray[np.float64]:
     """Inverse variances (K, 3) as if all noise were that of the upper half of the ordinates."""
     upper = cosines[len(cosines) // 2 :]
@@ -180,17 +193,26 @@ def _equations(observed: Observed, columns: Columns, state: _State) -> tuple[NDA
 
 def _spectra(left: NDArray[np.float64], frames: int) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Expected inverse variances (K, 3) of the ordinates, variances (3,) of the mean, twice the log likelihood."""
-    first, inverse, log_spectra, prior = _shapes(len(left))
-    count = len(left)
-    sums = inverse @ (left**2 + 1e-9 * left.var(axis=0) + 1e-12)  # (G, 3)
-    log_weight = prior[:, None] - 0.5 * log_spectra[:, None] - 0.5 * count * np.log(sums)
-    greatest = log_weight.max(axis=0)
-    weight = np.exp(log_weight - greatest)
-    total = weight.sum(axis=0)
-    weight /= total
-    precision = inverse.T @ (weight * count / sums)
-    mean_variance = (weight * sums / count * first).sum(axis=0) / frames
-    return precision, mean_variance, 2 * float((greatest + np.log(total)).sum())
+    first, inverse, _, prior = _shapes(len(left))
+    log_likelihood, sums = _of_shapes(left)
+    log = _log_sum(prior[:, None] + log_likelihood)
+    weight = np.exp(prior[:, None] + log_likelihood - log)
+    precision = inverse.T @ (weight * len(left) / sums)
+    mean_variance = (weight * sums / len(left) * first).sum(axis=0) / frames
+    return precision, mean_variance, 2 * float(log.sum())
+
+
+def _of_shapes(left: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Log likelihood (G, 3) of ordinates (K, 3) under each shape, its scale left open, and the sums (G, 3) in it."""
+    _, inverse, log_spectra, _ = _shapes(len(left))
+    sums = inverse @ (left**2 + 1e-9 * left.var(axis=0) + 1e-12)
+    return -0.5 * log_spectra[:, None] - 0.5 * len(left) * np.log(sums), sums
+
+
+def _log_sum(logs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Logarithms (3,) of the sums of what has the logarithms (G, 3)."""
+    greatest = logs.max(axis=0)
+    return np.asarray(greatest + np.log(np.exp(logs - greatest).sum(axis=0)))
 
 
 @functools.lru_cache(maxsize=8)

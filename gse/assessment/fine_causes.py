@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.changes_in_time import sinusoids, steps
-from gse.assessment.competing_models import Columns, Fitted, Observed, fitted, forget_observed
+from gse.assessment.competing_models import Columns, Fitted, Observed, by_its_noise, fitted, forget_observed
 from gse.assessment.field_patterns import FieldOfErrors
 from gse.assessment.fine_hypotheses import Hypothesis, causes_of_field, constant_causes, drifts
 from gse.assessment.session_model import SessionModel
@@ -62,6 +62,7 @@ def fine_causes(model: SessionModel) -> tuple[Named, ...]:
         if not seen:
             break
         gain, best = max(seen, key=lambda item: item[0])
+        gain -= _of_its_noise(observed, named, best)
         if gain + best.cost < best.is_worth or not _outlasts_stars(model, observed, named, best):
             break
         best = _refined(observed, named, best)
@@ -70,6 +71,17 @@ def fine_causes(model: SessionModel) -> tuple[Named, ...]:
         named = [*_without_idle(observed, named, best), best]
         rivals += changes
     return tuple(told(model, observed, named, one, rivals) for one in named)
+
+
+def _of_its_noise(observed: Observed, named: list[Hypothesis], one: Hypothesis) -> float:
+    """What slow noise alone gains as an explanation of a change over time, if the change does not make it white."""
+    if not one.is_change:
+        return 0.0
+    left = [
+        observed.cosines - together(observed, causes).cosines @ fitted_to(observed, causes).coefficients
+        for causes in (named, [*named, one])
+    ]
+    return by_its_noise(*left)
 
 
 def _is_seen(model: SessionModel, observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bool:

@@ -60,17 +60,18 @@ def _rate(frames: Columns) -> Iterator[str]:
     tags_s: NDArray[np.float64] = np.diff(frames["time_us"].astype(np.float64)) / 1e6
     host_s: NDArray[np.float64] = np.diff(frames["host_utc_ns"] - frames["host_utc_ns"][0]).astype(np.float64) / 1e9
     regular = np.flatnonzero((tags_s > 0) & (host_s > np.median(host_s) / 2))
-    blocks = [regular[begin : begin + _RATE_FRAMES] for begin in range(0, len(regular), _RATE_FRAMES)]
-    off = np.array([_off(tags_s[rows] / host_s[rows]) for rows in blocks if len(rows) == _RATE_FRAMES])
+    blocks = regular[: len(regular) // _RATE_FRAMES * _RATE_FRAMES].reshape(-1, _RATE_FRAMES)
+    off = _off(tags_s[blocks] / host_s[blocks])
     if len(off) and np.abs(off).max() > _RATE_OFF:
         worst = int(np.abs(off).argmax())
-        when = to_text(int(frames["host_utc_ns"][blocks[worst][0]]), 1)
+        when = to_text(int(frames["host_utc_ns"][blocks[worst, 0]]), 1)
         how = "fast" if off[worst] > 0 else "slow"
         yield f"sensor time tag: it ran {percent(abs(off[worst]), 0)} {how} from {when}"
 
 
-def _off(rates: NDArray[np.float64]) -> float:
-    """By how much the median of rates (N,) is off, zero where their jitter explains it."""
-    median = float(np.median(rates))
-    error = _OF_MEDIAN * _MAD * float(np.median(np.abs(rates - median))) / math.sqrt(len(rates))
-    return median - 1 if abs(median - 1) > _SIGMAS * error else 0.0
+def _off(rates: NDArray[np.float64]) -> NDArray[np.float64]:
+    """By how much the median of each row of rates (K, N) is off (K,), zero where their jitter explains it."""
+    median = np.median(rates, axis=1)
+    deviation = np.median(np.abs(rates - median[:, None]), axis=1)
+    error = _OF_MEDIAN * _MAD * deviation / math.sqrt(rates.shape[1])
+    return np.where(np.abs(median - 1) > _SIGMAS * error, median - 1, 0.0)

@@ -43,11 +43,10 @@ def command(*, path: Path, clock_error_s: float | None, bundle_path: Path | None
         session.clock_error_s = clock_error_s
         assessment = judge(session)
     report = summarise(session, assessment)
-    page = why_page(report, session.events, str(path))
-    click.echo(page)
+    click.echo(why_page(report, session.events, str(path)))
     if bundle_path is not None:
         try:
-            write_bundle(bundle_path, session, report, page, _recording(path) if with_site else None)
+            write_bundle(bundle_path, session, report, str(path), recording=_recording(path) if with_site else None)
         except OSError as error:
             raise UsageError(f"cannot write {bundle_path}: {error.strerror}") from error
         click.echo(f"bundle: {bundle_path}", err=True)

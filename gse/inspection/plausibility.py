@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from drivers.ports import is_mock
+from drivers.uart import USUAL_BAUDS
 from gse import instant
 from gse.catalog.mission import stars_for_field
 from gse.catalog.readers import load_catalog
@@ -47,9 +48,12 @@ def plausibility(station: Station, begins_ns: int, hours: float | None = None) -
     yield _mount(station.mount)
     yield _baud(station)
     is_made = is_mock(station.port.url)
-    for item in _night(station, begins_ns, hours):
+    night = _night_of(station, begins_ns)
+    for item in _night(station, night, hours) if night is not None else ():
         yield replace(item, outcome=Outcome.OK, advice="") if is_made else item
-    yield _plan(station)
+    fewest = station.identifier.min_fit + 1
+    if is_made or night is None or not night.stars or any(item.stars >= fewest for item in night.stars):
+        yield _plan(station)
 
 
 def _field(station: Station) -> Check:
@@ -95,25 +99,40 @@ def _baud(station: Station) -> Check:
     near = min(UART_RATES, key=lambda rate: abs(rate - baudrate))
     if abs(near - baudrate) < _MISTYPED * baudrate:
         return Check("baud rate", Outcome.FAIL, f"{baudrate} is not a rate of a UART", f"did you mean {near}?")
-    advice = f"few adapters have it; the nearest usual rate is {near}"
+    meant = next((rate for rate in USUAL_BAUDS if _lack_a_digit(str(baudrate), str(rate))), near)
+    advice = f"few adapters have it; did you mean {meant}?"
     return Check("baud rate", Outcome.WARN, f"{baudrate} is not a usual rate of a UART", advice)
 
 
-def _night(station: Station, begins_ns: int, hours: float | None) -> Iterator[Check]:
-    """Twilight, Sun, Moon and stars; nothing where the sensor does not look at the sky."""
+def _lack_a_digit(one: str, other: str) -> bool:
+    """Whether one of two numbers is the other without one of its digits."""
+    short, long = sorted((one, other), key=len)
+    return short in (long[:place] + long[place + 1 :] for place in range(len(long)))
+
+
+def _night_of(station: Station, begins_ns: int) -> Tonight | None:
+    """The night to come; None where the sensor does not look at the sky."""
     mount, camera = station.mount, station.sensor.camera()
     if mount.inertial is not None:
-        return
+        return None
     wanted = station.identifier.catalog_stars
     try:
         catalog = load_catalog(station.catalog, stars=stars_for_field(camera) if wanted == "auto" else wanted)
     except GseError:
-        return  # the check of the catalogue says so
-    above = mount if _is_stated(mount) and mount.altitude_deg > 0 else None
-    found = tonight(station.site, above, camera, catalog, begins_ns)
+        return None  # the check of the catalogue says so
+    return tonight(station.site, mount if _is_above(mount) else None, camera, catalog, begins_ns)
+
+
+def _is_above(mount: Mount) -> bool:
+    return _is_stated(mount) and mount.altitude_deg > 0
+
+
+def _night(station: Station, found: Tonight, hours: float | None) -> Iterator[Check]:
+    """Twilight, Sun, Moon and stars."""
+    begins_ns = found.begins_ns
     yield _twilight(found, sun_altitude_deg(station.site, begins_ns))
-    if above is not None:
-        reach_deg = math.degrees(camera.diagonal_rad) / 2
+    if _is_above(station.mount):
+        reach_deg = math.degrees(station.sensor.camera().diagonal_rad) / 2
         until_ns = None if hours is None else begins_ns + round(hours * 3600 * NS_PER_S)
         yield _sun(found, reach_deg, until_ns)
         yield _moon(found, reach_deg)

@@ -6,14 +6,18 @@ Star directions with their times tell where a mount stands, so that recorded byt
 import json
 import re
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from drivers.chunk import LinkEvent
 from drivers.whole_file import new_file
 from gse.config.edit import with_values
-from gse.instant import to_text
+from gse.instant import NS_PER_S, to_text
+from gse.report.why import why_page
+from gse.station.event_kinds import StationKind
 from gse.station.session_data import SessionData
 from protocols.yaml_text import load_document
 
@@ -22,21 +26,27 @@ BLUR_DEG = 1.0
 
 _COORDINATE = re.compile(r"(latitude_deg|longitude_deg)(: | is )-?\d+(\.\d+)?")
 _STATED = re.compile(r"(stated is )-?\d+(\.\d+)?")
+_OF_THE_SUN = {StationKind.DAYLIGHT, StationKind.DARK_NIGHT}
+_HOUR_NS = 3600 * NS_PER_S
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
-def write_bundle(path: Path, session: SessionData, report: dict[str, Any], page: str, recording: Path | None) -> None:
+def write_bundle(
+    path: Path, session: SessionData, report: dict[str, Any], name: str, *, recording: Path | None = None
+) -> None:
     """Write a new zip file. With ``recording`` everything goes in as it is; without it the place is blurred.
 
-    FileExistsError where there is a file.
+    ``name`` of the session stands in the commands of the page. FileExistsError where there is a file.
     """
     plain = recording is not None
+    events = session.events if plain else [blurred_event(event) for event in session.events]
+    page = why_page(report, events, name)
     text = session.station_text if plain else blurred_station(session.station_text)
     parts = {
         "why.txt": page if plain else blurred_text(page),
         "report.json": json.dumps(report if plain else blurred_report(report), indent=1),
         "station.yaml": text,
-        "events.txt": "\n".join(f"{to_text(event.utc_ns, 3)} {event.kind}: {event.text}" for event in session.events),
+        "events.txt": "\n".join(f"{to_text(event.utc_ns, 3)} {event.kind}: {event.text}" for event in events),
         "versions.json": json.dumps(session.versions, indent=1),
         "README.txt": _READ_ME[plain],
     }
@@ -77,8 +87,19 @@ def blurred_report(report: dict[str, Any]) -> dict[str, Any]:
     sky = copy["sky"]
     for name in [name for name in sky or {} if name.endswith("_deg") and sky[name] is not None]:
         sky[name] = [_round(angle) for angle in sky[name]]
+    for stretch in sky["stretches"] if sky else []:
+        stretch |= {name: f"{stretch[name][:13]}:00:00Z" for name in ("from", "until")}
     copy.pop("test", None)
     return copy
+
+
+def blurred_event(event: LinkEvent) -> LinkEvent:
+    """The hour of a dawn or dusk: its instant is a line on the Earth."""
+    return replace(event, utc_ns=_hour_ns(event.utc_ns)) if event.kind in _OF_THE_SUN else event
+
+
+def _hour_ns(utc_ns: int) -> int:
+    return utc_ns - utc_ns % _HOUR_NS
 
 
 def blurred_text(text: str) -> str:

@@ -43,8 +43,6 @@ _COMMON = tuple(name for name in FRAME.names or () if name not in (*ONBOARD_COLU
 
 _WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS, "sky_condition": SKY_CONDITIONS, "mode": MODES}
 _SENSOR = tuple(field.name for field in fields(SensorAnswers))
-
-
 _OF_STATUS = ("firmware", "serial")
 
 

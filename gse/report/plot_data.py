@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import CountedFrames
 from gse.assessment.sensor_answers import SensorAnswers
+from gse.instant import NS_PER_S
 from gse.station.exclusions import Exclusion
 from gse.station.frame_columns import Columns, InOrder
 from gse.station.results import Subject
@@ -15,6 +16,9 @@ from gse.station.session_data import SessionData
 
 _OF_ANSWERS = ("utc_ns", "de_true_deg", "d_ra_cosde_arcsec", "d_de_arcsec", "cross_x_arcsec", "cross_y_arcsec")
 """What the plots of a subject are drawn from."""
+_GAP_STEPS = 3
+"""Frames are missing where two are this many median steps apart, and a second."""
+
 _EDGE_PERCENTILE = 99.5
 _ARCSEC_PER_DEG = 3600.0
 
@@ -24,8 +28,9 @@ class PlotData:
     """Frames of a session in order of time, and which of them the accuracy is taken over.
 
     ``frames`` are columns (N,) with the names of FRAME, ``utc`` (N,) their instants, ``good`` (N,) marks identified
-    frames that are neither false nor left out; ``unidentified`` (N,) those without an answer. All is of one
-    ``subject``. Columns in order are those of the session, without a copy.
+    frames that are neither false nor left out; ``unidentified`` (N,) those without an answer. ``gaps`` are the rows
+    before which frames are missing. All is of one ``subject``. Columns in order are those of the session, without a
+    copy.
     """
 
     session: SessionData
@@ -33,6 +38,7 @@ class PlotData:
     utc: NDArray[np.datetime64]
     good: NDArray[np.bool_]
     unidentified: NDArray[np.bool_]
+    gaps: NDArray[np.int64]
     exclusions: tuple[Exclusion, ...]
     subject: Subject = Subject.ONBOARD
 
@@ -65,12 +71,23 @@ class PlotData:
             order = np.argsort(columns["utc_ns"], kind="stable")
             columns = InOrder(columns, order)
             good, unidentified = good[order], unidentified[order]
-        return cls(session, columns, columns["utc_ns"].view("datetime64[ns]"), good, unidentified, exclusions, subject)
+        utc_ns = columns["utc_ns"]
+        utc, gaps = utc_ns.view("datetime64[ns]"), _gaps(utc_ns)
+        return cls(session, columns, utc, good, unidentified, gaps, exclusions, subject)
 
     def used(self, name: str) -> NDArray[Any]:
         """A column of the good frames."""
         column: NDArray[Any] = self.frames[name][self.good]
         return column
+
+
+def _gaps(utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The rows before which frames are missing; two frames tell no usual step."""
+    if len(utc_ns) < 3:
+        return np.zeros(0, dtype=np.int64)
+    steps = np.diff(utc_ns)
+    usual_ns = max(float(np.median(steps)), 1.0)
+    return np.flatnonzero(steps > max(_GAP_STEPS * usual_ns, NS_PER_S)) + 1
 
 
 def unit_of(edge_arcsec: float) -> tuple[float, str]:

@@ -10,7 +10,6 @@ from matplotlib.ticker import LogLocator, PercentFormatter
 from numpy.typing import NDArray
 
 from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
-from gse.instant import NS_PER_S
 from gse.report.decimation import extremes, sample
 from gse.report.paper import LIMIT_DEG
 from gse.report.plot_data import PlotData, edge_of, unit_of
@@ -23,9 +22,6 @@ _MAX_MARKS = 400
 _SHARE_BINS = 120
 _WITH_LEGEND_IN = 0.75
 """The margin below a plot with its legend there."""
-
-_GAP_STEPS = 3
-"""A line is broken where frames are this many median steps apart."""
 
 
 def draw_errors(figure: Figure, data: PlotData) -> None:
@@ -193,21 +189,12 @@ def line(axes: Axes, data: PlotData, values: NDArray[np.float64], colour: tuple[
     """A line over the frames, broken where frames are missing; thinned to its extremes."""
     rows = extremes(values)
     utc_ns, shown = data.frames["utc_ns"][rows], values[rows].copy()
-    if len(values) > 2:
-        gaps = _after_gaps(data.frames["utc_ns"])
-        broken = np.searchsorted(rows, gaps)
-        broken = broken[broken < len(rows)]
-        utc_ns = np.insert(utc_ns, broken, utc_ns[broken] - 1)
-        shown = np.insert(shown, broken, np.nan)
+    broken = np.searchsorted(rows, data.gaps)
+    broken = broken[broken < len(rows)]
+    utc_ns = np.insert(utc_ns, broken, utc_ns[broken] - 1)
+    shown = np.insert(shown, broken, np.nan)
     marker = "." if np.isfinite(values).sum() < 60 else ""
     axes.plot(utc_ns.astype("datetime64[ns]"), shown, color=hex_of(colour), label=label, marker=marker)
-
-
-def _after_gaps(utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    steps = np.diff(utc_ns)
-    usual = max(float(np.median(steps)), 1.0)
-    rows: NDArray[np.int64] = np.flatnonzero(steps > max(_GAP_STEPS * usual, NS_PER_S)) + 1
-    return rows
 
 
 def time_axis(axes: Axes) -> None:

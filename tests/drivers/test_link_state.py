@@ -125,3 +125,28 @@ def test_cutting_the_chunks_changes_nothing(pieces: list[tuple[float, int]], cut
     assert seconds_of(events_whole) == seconds_of(events_parts)
     times = [event.mono_ns for event in events_whole]
     assert all(before <= after for before, after in pairwise(times))
+
+
+def test_a_slow_sensor_is_silent_only_when_a_frame_and_the_next_are_missing() -> None:
+    """Its housekeeping comes beside its panoramas, 100 s apart: that it is slow is seen at the second silence."""
+    monitor = opened()
+    events = [event for n in range(20) for s in (0, 0.5) for event in monitor.received(chunk(100 * n + s), 1, ())]
+    stale = [at_s for kind, at_s in seconds_of(events) if kind == LinkKind.STALE]
+    assert stale == [3.5, 103.5]
+    (last,) = monitor.pass_time(*at(5000))
+    assert seconds_of([last]) == [(LinkKind.STALE, 1900.5 + 199)]
+    assert "no bytes for 199 s" in last.text
+
+
+def test_one_outage_does_not_make_a_sensor_slow() -> None:
+    monitor = opened()
+    events = [event for s in (0, 1, 2, 60, 61, 62) for event in monitor.received(chunk(s), 1, ())]
+    events += monitor.pass_time(*at(70))
+    assert [at_s for kind, at_s in seconds_of(events) if kind == LinkKind.STALE] == [5, 65]
+
+
+def test_a_sensor_that_is_fast_again_is_soon_missed() -> None:
+    monitor = opened()
+    for s in (0, 20, 40, 60, 80, *range(81, 90)):
+        monitor.received(chunk(s), 1, ())
+    assert seconds_of(monitor.pass_time(*at(93))) == [(LinkKind.STALE, 92)]

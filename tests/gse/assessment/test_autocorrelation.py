@@ -15,6 +15,7 @@ from gse.assessment.autocorrelation import (
     _shapes,
     _sinusoid,
     exponential_spectrum,
+    weighted_sum_error,
 )
 
 PLACES = np.arange(ORDINATES + 1)
@@ -85,3 +86,25 @@ def test_a_sinusoid_stands_above_white_noise_by_each_of_its_heights():
     assert (sinusoids[:, 1:].max(axis=1).reshape(-1, 5) - 1) == pytest.approx(
         np.tile([3.0, 30.0, 300.0, 3000.0, 30_000.0], (len(sinusoids) // 5, 1))
     )
+
+
+def test_sinusoids_have_a_tenth_of_the_belief_and_changes_a_twentieth():
+    shapes = _shapes()
+    belief, sinusoids = np.exp(shapes.log_prior), len(shapes.power)
+    changes = len(_changes(PLACES)) * len(_PEAKS)
+    assert belief[-sinusoids:].sum() == pytest.approx(0.1)
+    assert belief[-sinusoids - changes : -sinusoids].sum() == pytest.approx(0.05)
+    assert np.ptp(belief[-sinusoids:]) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("weighted", ["a slope", "every second frame less the others"])
+def test_a_sum_of_white_noise_is_known_by_the_squares_of_its_weights(weighted):
+    """Weights that no low cosine has are as well known as those of a slope."""
+    count, place = 2000, np.arange(2000.0)
+    weights = place - place.mean() if weighted == "a slope" else np.where(place % 2, 1.0, -1.0)
+    found = []
+    for seed in range(12):
+        values = np.random.default_rng(seed).normal(0, 3.0, count)
+        residuals = values - np.polyval(np.polyfit(place, values, 1), place)
+        found.append(weighted_sum_error(weights, residuals).standard)
+    assert np.median(found) == pytest.approx(3.0 * np.sqrt(weights @ weights), rel=0.1)

@@ -69,3 +69,19 @@ def test_very_few_frames_give_no_figure_instead_of_a_wrong_one(count):
     figures = axis([1.0] * count)
     assert figures.n == count
     assert math.isnan(figures.drift_arcsec_per_h)
+
+
+@pytest.mark.parametrize(
+    ("count", "seconds", "words"),
+    [
+        (29, 60, "too few frames to tell (29, 30 are needed)"),
+        (30, 60, ""),
+        (30, 9.9, "too short to tell (9.9 s"),
+        (30, 10, ""),
+    ],
+)
+def test_a_session_says_what_it_lacks(count, seconds, words):
+    utc_ns = np.linspace(0, seconds * 1e9, count).astype(np.int64)
+    found = axis_statistics(utc_ns, np.random.default_rng(2).normal(0, 1, count)).too_short
+    assert found.startswith(words)
+    assert bool(found) == bool(words)

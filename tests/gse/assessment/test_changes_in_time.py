@@ -11,7 +11,7 @@ from gse.assessment.changes_in_time import _step, _wave, sinusoids, steps
 from gse.assessment.competing_models import Columns, fitted
 from gse.assessment.error_series import ErrorSeries
 from gse.assessment.field_patterns import PARAMETERS
-from gse.assessment.fine_causes import _is_rest, _refined, told
+from gse.assessment.fine_causes import _is_rest, _refined, fine_causes, told
 from gse.assessment.fine_hypotheses import constant_causes
 from gse.assessment.session_model import SessionModel
 
@@ -141,3 +141,24 @@ def test_a_change_is_known_no_better_than_models_leave_open_however_quiet_the_fr
     slip = _step(model, 1, "slip of the mount", "slip", False, 600)
     errors = told(model, model.observed(), [], slip, []).errors
     assert errors[:2] == pytest.approx(0.1, rel=0.05)
+
+
+def wandering(seed, count=600, arcsec=3.0, memory_s=100.0):
+    """Noise of 1 arcsec, and noise of the boresight that lasts."""
+    rng, kept = np.random.default_rng(seed), math.exp(-1 / memory_s)
+    errors, off = np.zeros((count, 3)), rng.normal(0, arcsec, 2)
+    for row in errors:
+        off = kept * off + arcsec * math.sqrt(1 - kept**2) * rng.normal(size=2)
+        row[:2] = off
+    return errors + rng.normal(0, 1, (count, 3))
+
+
+@pytest.mark.parametrize("seed", [18, 19])
+def test_slow_noise_that_looks_like_a_swing_is_none_since_slow_noise_is_left_beside_it(seed):
+    assert fine_causes(model_of(wandering(seed))) == ()
+
+
+def test_a_swing_is_named_in_slow_noise_too():
+    errors = wandering(18)
+    errors[:, 0] += 30 * np.sin(2 * math.pi * 3 * np.arange(600) / 600)
+    assert [one.hypothesis.cause for one in fine_causes(model_of(errors))] == ["thermal sinusoid"]

@@ -6,12 +6,13 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
 from gse.assessment.autocorrelation import exponential_spectrum
-from gse.assessment.competing_models import PENALTY, Columns, Observed, _shapes, fitted, white_precision
+from gse.assessment.competing_models import PENALTY, Columns, Observed, _shapes, by_its_noise, fitted, white_precision
 from gse.assessment.fine_causes import _without_idle
 from gse.assessment.fine_hypotheses import Hypothesis
 
 K = 40
 NOISE = np.random.default_rng(1).normal(size=(K, 3))
+SLOW = NOISE * np.sqrt(exponential_spectrum(3.0, np.arange(K + 1))[1:, None] * 1e4 + 1)
 NOTHING = Columns(np.zeros((3, 0)), np.zeros((K, 3, 0)), np.zeros((2, 0)))
 SURE = np.diag([1e4, 4e4, 9e4])
 """Of what stars keep: so much that the noise of the mean is nothing beside it."""
@@ -49,12 +50,30 @@ def test_the_field_is_a_students_t_of_its_stars(freedom):
 
 
 def test_slow_noise_is_weighed_over_all_shapes_with_their_scale_left_open():
-    slow = NOISE * np.sqrt(exponential_spectrum(3.0, np.arange(K + 1))[1:, None] * 1e4 + 1)
     _, inverses, _, prior = _shapes(K)
     logs = prior[:, None] + 0.5 * np.log(inverses).sum(axis=1)[:, None]
-    of = [logs - K / 2 * np.log(inverses @ cosines**2) for cosines in (slow, NOISE)]
+    of = [logs - K / 2 * np.log(inverses @ cosines**2) for cosines in (SLOW, NOISE)]
     expected = 2 * (logsumexp(of[0], axis=0) - logsumexp(of[1], axis=0)).sum()
-    assert twice_log(cosines=slow) - twice_log() == pytest.approx(expected, rel=1e-4)
+    assert twice_log(cosines=SLOW) - twice_log() == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("errors", [SLOW, NOISE])
+def test_slow_noise_that_a_cause_leaves_is_believed_without_the_cause_too(errors):
+    _, inverses, _, prior = _shapes(K)
+    left, without = (
+        0.5 * np.log(inverses).sum(axis=1)[:, None] - K / 2 * np.log(inverses @ cosines**2)
+        for cosines in (errors, SLOW)
+    )
+    posterior = prior[:, None] + left - logsumexp(prior[:, None] + left, axis=0)
+    believed = np.maximum(prior[:, None], posterior)
+    expected = 2 * (logsumexp(believed + without, axis=0) - logsumexp(prior[:, None] + without, axis=0)).sum()
+    assert by_its_noise(SLOW, errors) == pytest.approx(expected, rel=1e-4)
+
+
+def test_only_slow_noise_that_is_left_speaks_against_a_cause():
+    """Three axes have a shape of some dozen likely ones each."""
+    assert by_its_noise(SLOW, SLOW) > 12
+    assert by_its_noise(SLOW, NOISE) < 1
 
 
 def test_half_of_the_belief_is_in_white_noise_and_the_rest_is_shared_evenly():

@@ -432,3 +432,9 @@ def test_the_copies_of_a_frozen_sensor_are_missing_answers():
 def test_a_stretch_to_leave_out_that_ends_where_it_begins_is_refused():
     with pytest.raises(UsageError, match="ends before it begins"):
         parse_exclusion("2026-03-20T18:30:00Z/2026-03-20T18:30:00Z=dew")
+
+
+def test_sixteen_frames_tell_what_is_usual_between_two():
+    frames = session(600).frames.columns.rows()
+    assert missing_by_time(frames[np.r_[0:10, 14:20]]) == 4
+    assert missing_by_time(frames[np.r_[0:10, 14:19]]) == 0

@@ -226,3 +226,29 @@ JUST = 1e-9
 def test_a_share_is_decided_by_its_bounds_and_the_limit_itself_keeps_it(at_least, lower, upper, expected):
     share = Share(85, 100, 0.85, 100.0, lower, upper)
     assert share_outcome(share, 0.9, at_least=at_least, decision=Decision.GUARDED) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "outcome", "uncertainty", "words"),
+    [
+        (40.0, "PASS", 7.0, ""),
+        (80.0, "FAIL", 3.0, "is 80.0 arcsec, the limit is 60.0 arcsec (U 3.0 arcsec)"),
+        (58.0, "INCONCLUSIVE", 7.0, "is 58.0 arcsec with U 7.0 arcsec, the limit is 60.0 arcsec"),
+        (61.0, "INCONCLUSIVE", 7.0, "is 61.0 arcsec with U 3.0 arcsec, the limit is 60.0 arcsec"),
+    ],
+)
+def test_a_row_has_the_uncertainty_towards_its_limit(value, outcome, uncertainty, words):
+    """Bounds 3 arcsec below and 7 above."""
+    figure = Figure(value, Bounds(value - 4, value + 8, value - 3, value + 7), 100.0, 600, 600.0)
+    asked = Requirement(Subject.ONBOARD, "mean |dDE|", LIMIT, Decision.GUARDED, "arcsec")
+    found = judge_figure(asked, figure, truth_uncertainty=0.0)
+    assert (found.outcome, found.uncertainty) == (outcome, pytest.approx(uncertainty))
+    assert words in found.reason
+    assert bool(found.reason) == bool(words)
+
+
+@pytest.mark.parametrize(("at_least", "uncertainty"), [(True, 0.05), (False, 0.02)])
+def test_a_share_has_the_uncertainty_towards_its_limit(at_least, uncertainty):
+    asked = Requirement(Subject.ONBOARD, "availability", 0.9, Decision.GUARDED)
+    found = judge_share(asked, Share(90, 100, 0.9, 100.0, 0.85, 0.92), at_least=at_least)
+    assert found.uncertainty == pytest.approx(uncertainty)

@@ -12,6 +12,7 @@ from drivers.chunk import LinkEvent
 from gse.assessment.counted_frames import counted_frames
 from gse.assessment.diagnosis import causes_so_far
 from gse.assessment.out_of_place import most_unmatched, stars_fall_out
+from gse.assessment.plain_findings import faulty_panoramas
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
 from gse.station.event_kinds import ClockStep, StationKind
@@ -221,3 +222,32 @@ def test_a_time_tag_that_leaps_is_a_finding_of_the_sensor_with_its_size():
     assert found.size.startswith("it leapt by +5.0")
     assert found.next_step == "ask the maker; gse decode SESSION --explain"
     assert all(finding.cause != "sensor time tag" for finding in judge(session(600)).findings)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "is_named"),
+    [
+        ((), True),
+        ((StationKind.DARK_NIGHT,), True),
+        ((StationKind.DAYLIGHT,), False),
+        ((StationKind.DAYLIGHT, StationKind.DARK_NIGHT), True),
+        ((StationKind.DARK_NIGHT, StationKind.MIRRORED), False),
+        ((StationKind.DARK_NIGHT, StationKind.WRONG_CAMERA), False),
+    ],
+)
+def test_a_night_without_an_answer_is_a_finding_where_neither_day_nor_camera_explain_it(kinds, is_named):
+    made = silent()
+    made.frames.columns["status"] = STATUSES.index(Status.NO_MATCH)
+    made.frames.columns["answer_check"] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    made.events = [LinkEvent(START_NS, 0, kind, "so it is") for kind in kinds]
+    named = {finding.cause for finding in causes_so_far(made)}
+    assert ("nothing identified" in named) is is_named
+
+
+@pytest.mark.parametrize(("faulty", "is_named"), [(25, False), (26, True)])
+def test_panoramas_that_cannot_be_are_a_finding_where_they_are_most(faulty, is_named):
+    made = silent()
+    made.frames.columns["status"][:faulty] = STATUSES.index(Status.SENSOR_FAULT)
+    found = {finding.cause: finding.size for finding in faulty_panoramas(made)}
+    assert ("faulty panoramas" in found) is is_named
+    assert not is_named or found["faulty panoramas"].startswith("26 of 50 panoramas cannot be")

@@ -1,10 +1,12 @@
 """Errors of stars over the field: where on a pixel each stood, and few of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from skies.star_errors import CAMERA, SETTINGS, Truth, made
 
-from gse.assessment.field_patterns import field_of_errors
+from gse.assessment.field_patterns import _scaled, _solved, field_of_errors
 from gse.constants import ARCSEC_PER_RAD
 from gse.truth import horizon_to_sensor
 
@@ -47,3 +49,34 @@ def test_stars_of_frames_that_do_not_count_and_outliers_are_left_out(sky):
     assert len(field_of(sky, matches, used).stars.frames) == (matches["frame"] >= len(used) // 2).sum()
     matches["residual_x_arcsec"][::50] = 1000.0
     assert len(whole.stars.frames) - len(field_of(sky, matches).stars.frames) == len(matches[::50])
+
+
+def test_parameters_are_solved_in_their_own_units_and_zero_where_nothing_tells_them():
+    """Units that differ by ten powers of ten; a third parameter that is the sum of both tells nothing more."""
+    units, truth = np.array([1e-5, 1e5]), np.array([3e5, -2e-5])
+    design = np.random.default_rng(2).normal(size=(50, 2)) * units
+    normal = design.T @ design
+    assert _solved(normal, normal @ truth) == pytest.approx(truth, rel=1e-6)
+    assert np.diag(_scaled(normal)) == pytest.approx([1.0, 1.0])
+    assert _scaled(normal)[0, 1] == pytest.approx(normal[0, 1] / np.sqrt(normal[0, 0] * normal[1, 1]))
+    doubled = np.column_stack([design[:, 0], design[:, 0]])
+    assert _solved(doubled.T @ doubled, doubled.T @ design[:, 0]) == pytest.approx([0.5, 0.5])
+
+
+def test_errors_twice_as_large_tell_the_same_parameters_a_quarter_as_well(sky):
+    one, two = sky[1].copy(), sky[1].copy()
+    for name in ("residual_x_arcsec", "residual_y_arcsec"):
+        two[name] = 2 * one[name]
+    once, twice = field_of(sky, one), field_of(sky, two)
+    assert twice.normal == pytest.approx(once.normal / 4, rel=1e-4)
+    assert twice.right == pytest.approx(once.right / 2, rel=1e-3, abs=1e-6 * np.abs(once.right).max())
+    assert twice.freedom == pytest.approx(once.freedom)
+    for field in (once, twice):
+        assert field.by_star.sum(axis=0) == pytest.approx(field.normal, rel=1e-6)
+        assert field.right_by_star.sum(axis=0) == pytest.approx(field.right, rel=1e-6)
+
+
+def test_what_single_stars_keep_has_two_axes_of_each_less_an_attitude(sky):
+    stars = field_of(sky, sky[1]).stars
+    for count, freedom in ((1, 1.0), (2, 1.0), (3, 3.0), (10, 17.0)):
+        assert replace(stars, stars=np.arange(20) % count).freedom == freedom

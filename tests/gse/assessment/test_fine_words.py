@@ -10,7 +10,7 @@ from scipy.stats import chi2, f
 from gse.assessment.competing_models import Columns
 from gse.assessment.fine_causes import Named
 from gse.assessment.fine_findings import _WORDS, Setting
-from gse.assessment.fine_hypotheses import Hypothesis
+from gse.assessment.fine_hypotheses import TANGENTIAL, Hypothesis
 from gse.assessment.late_frames import LateFrames
 from gse.camera import Camera
 from gse.instant import NS_PER_S, from_text
@@ -146,3 +146,32 @@ def test_a_slip_that_may_be_a_step_of_time_is_the_links_where_its_stamps_step(ar
     text = said("slip of the mount", arcsec, kind="azimuth", at_s=90.0, rivals=rivals, late=read_late(delay_s))
     assert text.startswith(f"{cause}: ")
     assert ("clock step or link delay" in text) == (cause != "link delay" and bool(rivals))
+
+
+@pytest.mark.parametrize(("off_hpa", "has_equal"), [(-299.0, True), (-301.0, False), (70.0, True)])
+def test_a_temperature_is_told_as_an_equal_of_a_pressure_within_three_tenths(off_hpa, has_equal):
+    assert ("temperature (" in said("refraction", off_hpa)) is has_equal
+
+
+def test_a_lens_that_is_not_centred_is_told_with_what_to_write_beside_what_was_stated():
+    """Three times the root of the sum of squares, at the edge of 512 px."""
+    camera = replace(SETTING.camera, tangential_distortion=(0.001, -0.002))
+    columns = Columns(*(np.zeros((1, 1, 1)) for _ in range(3)))
+    one = Named(Hypothesis("distortion", TANGENTIAL, columns), np.array([0.003, 0.004]), np.zeros(2), ())
+    finding = _WORDS["distortion"](one, replace(SETTING, camera=camera))
+    assert "up to 7.68 px off" in finding.size
+    assert "tangential_distortion: [0.004000, 0.002000]" in finding.size
+    assert finding.next_step == "gse calibrate SESSION --tangential --write FILE"
+
+
+@pytest.mark.parametrize(
+    ("cause", "coefficients", "error", "words"),
+    [
+        ("principal point", (2.0, -1.5), 0.1, "(+- 0.2)"),
+        ("clock drift", (250.0,), 20.0, "(+- 40)"),
+        ("refraction", (-50.0,), 5.0, "(+- 1e+01)"),
+        ("focal length", (0.002,), 0.0001, "(+- 0.02 %)"),
+    ],
+)
+def test_a_figure_has_twice_its_standard_error_beside_it(cause, coefficients, error, words):
+    assert words in said(cause, *coefficients, error=error)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gse.assessment.gross_causes import gross_cause
-from gse.assessment.gross_turns import wrong_dates
+from gse.assessment.gross_turns import _of_angle, wrong_dates
 from gse.assessment.raw_attitudes import RawAttitudes
 from gse.attitude import solve_attitude
 from gse.instant import NS_PER_S, from_text
@@ -233,3 +233,28 @@ def test_a_date_off_by_days_is_an_equal_of_the_clock_that_turns_as_much(days, wo
     fast_s = days * 86_400 - round(days * 86_400 / 86_164.0905) * 86_164.0905 + 2.0
     assert f"a date that is {words}" in list(wrong_dates(fast_s))
     assert not list(wrong_dates(fast_s + 60))
+
+
+@pytest.mark.parametrize(
+    ("name", "turned_deg", "words"),
+    [
+        ("azimuth", 235.0, "azimuth is off by +235.000 deg: the stars fit mount.azimuth_deg: 5.000"),
+        ("azimuth", -140.0, "mount.azimuth_deg: 350.000"),
+        ("roll", -30.0, "roll is off by -30.000 deg: the stars fit mount.roll_deg: 355.000"),
+        ("altitude", 5.0, "altitude is off by -5.000 deg: the stars fit mount.altitude_deg: 55.000"),
+        ("altitude", 70.0, "mount.altitude_deg: -10.000"),
+    ],
+)
+def test_an_angle_that_is_off_is_told_as_a_station_file_takes_it(name, turned_deg, words):
+    finding = _of_angle(name, np.radians(turned_deg), MOUNT)
+    assert words in finding.size
+    assert finding.is_gross
+
+
+@pytest.mark.parametrize(
+    ("true", "true_site"),
+    [({"azimuth_deg": 10.0, "altitude_deg": 50.0, "roll_deg": 77.0}, MUNICH), ({}, replace(MUNICH, latitude_deg=53.2)),
+     ({}, replace(MUNICH, latitude_deg=46.9, longitude_deg=9.5)), ({"roll_deg": 30.0}, MUNICH)],
+)  # fmt: skip
+def test_each_turn_of_a_set_up_is_a_gross_finding(true, true_site):
+    assert found(MUNICH, MOUNT, true_site=true_site, true_mount=replace(MOUNT, **true)).is_gross

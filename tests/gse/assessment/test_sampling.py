@@ -354,3 +354,10 @@ def test_a_session_of_few_independent_values_learns_its_scatter_too():
     ratio = scipy.stats.t.ppf(0.95, 3 * (1 + more)) / scipy.stats.t.ppf(0.95, 3)
     assert 20.0 * ratio / math.sqrt(1 + more) == pytest.approx(10.0, rel=0.01)
     assert more < 2
+
+
+@pytest.mark.parametrize(("frames", "counts_all"), [(29, True), (30, False)])
+def test_thirty_frames_tell_how_much_what_happened_hangs_together(frames, counts_all):
+    number = effective_number(np.arange(frames) < 12)
+    assert (number == frames) is counts_all
+    assert counts_all or number < 10

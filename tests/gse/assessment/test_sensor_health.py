@@ -11,7 +11,7 @@ from skies.known_nights import START_NS, session
 
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
-from gse.assessment.sensor_health import CentroidNoise, Trend, _slope_within, health_findings, sensor_health
+from gse.assessment.sensor_health import CentroidNoise, Trend, _slope_within, _trend, health_findings, sensor_health
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S
 from gse.recording.session_format import RecordedTimings
@@ -410,3 +410,12 @@ def test_the_light_of_stars_tells_a_drift_after_ten_minutes(step_s: float, is_to
 def test_housekeeping_is_told_in_a_line_without_what_the_protocol_lacks() -> None:
     message = StatusMessage(temperature_c=21.04, mode="streaming", serial=7)
     assert in_words(message) == "streaming, 21.0 degC, serial 7"
+
+
+@pytest.mark.parametrize("count", [5, 6, 59, 60, 61, 500])
+def test_a_trend_is_that_of_the_means_of_sixty_parts_or_of_every_value(count):
+    at = np.arange(float(count))
+    found = _trend(at, 3.0 * at - 7.0)
+    assert (found.slope, found.low, found.high) == pytest.approx((3.0, 3.0, 3.0))
+    assert _trend(at[:4], at[:4]) is None
+    assert _trend(np.zeros(count), at) is None

@@ -2,15 +2,18 @@
 
 import functools
 import itertools
+import math
 
 import numpy as np
 import pytest
+import scipy.stats
 from skies.known_nights import START_NS, frame, session, unanswered
 from skies.one_by_one import add_frame, add_frames
 from skies.own_answers import with_answers, without_error
 
+from gse.assessment.compared_axis import Row
 from gse.assessment.field_content import SeenStars, share_error
-from gse.assessment.session_comparison import session_comparison
+from gse.assessment.session_comparison import _judged, _more_often, session_comparison
 from gse.instant import NS_PER_S
 from gse.star_influence import attitude_operators
 from gse.station.results import AnswerCheck, AttitudeError, Subject
@@ -252,3 +255,62 @@ def test_a_richer_field_does_not_blame_the_sensor_and_a_poorer_one_excuses_it():
         noise = next(row for row in result.rows if row.name == "sensor NEA dDE")
         assert noise.alike == (noise.second if second is many else pytest.approx(noise.second * 0.57, rel=0.25))
         assert result.regressions == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "difference", "sigmas", "gate", "is_worse"),
+    [
+        ("NEA dDE", 1.0, 3.1, True, True),
+        ("NEA dDE", 1.0, 3.0, True, False),
+        ("NEA dDE", 0.6, 9.0, True, False),
+        ("NEA dDE", 0.7, 9.0, True, True),
+        ("NEA dDE", -1.0, -9.0, True, False),
+        ("NEA dDE", 1.0, math.nan, True, False),
+        ("NEA dDE", 1.0, 9.0, False, False),
+        ("availability", -1.0, 9.0, True, True),
+        ("availability", 1.0, 9.0, True, False),
+        ("bias dDE", -1.0, -3.1, True, True),
+        ("bias dDE", -1.0, -3.0, True, False),
+        ("bias dDE", -0.6, -9.0, True, False),
+        ("bias dDE", 1.0, 9.0, True, True),
+        ("bias dDE", 1.0, 9.0, False, False),
+    ],
+)
+def test_a_value_is_worse_beyond_the_sigmas_and_beyond_what_is_allowed(name, difference, sigmas, gate, is_worse):
+    row = Row(name, "", 0.0, difference, difference, difference, sigmas, 0.6, gate=gate)
+    assert _judged(row, 3.0).worse is is_worse
+
+
+def happened(*rows):
+    return np.isin(np.arange(100), rows)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "p", "sign"),
+    [
+        ((), (), 0.5, 1),
+        ((1, 2), (1, 2), 0.5, 1),
+        ((1,), (1, 2, 3, 4, 5), 0.5**4, 1),
+        ((1, 2, 3, 4, 5), (1,), 0.5**4, -1),
+        ((1,), (2,), 0.5, 1),
+        ((1,), (2, 3, 4), 5 / 16, 1),
+    ],
+)
+def test_pairs_of_frames_that_differ_are_heads_and_tails(first, second, p, sign):
+    """McNemar's exact test: of those in which one of both happened, how many."""
+    every = np.arange(100)
+    found = _more_often([happened(*first), happened(*second)], (every, every), (0, 100), (0, 100))
+    assert found == pytest.approx(sign * scipy.stats.norm.isf(p))
+
+
+@pytest.mark.parametrize(("first", "second", "sign"), [((1, 50), (9, 60), 1), ((9, 60), (1, 50), -1)])
+def test_what_has_no_pair_is_compared_by_fishers_test(first, second, sign):
+    """The hypergeometric tail of nine or more among ten."""
+    p = scipy.stats.hypergeom(110, 10, 60).sf(8)
+    assert _more_often([], None, first, second) == pytest.approx(sign * scipy.stats.norm.isf(p))
+
+
+def test_equal_shares_do_not_differ_and_nothing_compares_with_nothing():
+    assert _more_often([], None, (5, 100), (5, 100)) == 0.0
+    assert math.isnan(_more_often([], None, (0, 0), (5, 100)))
+    assert math.isnan(_more_often([], None, (5, 100), (0, 0)))

@@ -9,8 +9,17 @@ from devices.command_line import runner
 from skies.synthetic_night import synthetic_night
 
 from gse.assessment.decision import Figure, Outcome, Requirement, judge_figure, minutes_more
+from gse.assessment.planning import availability_frames
 from gse.assessment.sampling import Bounds
-from gse.assessment.session_plan import NEVER, RowPlan, SessionPlan, minutes_left, plan_like, rows_left
+from gse.assessment.session_plan import (
+    NEVER,
+    RowPlan,
+    SessionPlan,
+    minutes_left,
+    plan_like,
+    rows_left,
+    session_plan,
+)
 from gse.assessment.verdict import Assessment, judge
 from gse.limits import Decision, Limits
 from gse.station.results import Subject, Verdict
@@ -111,3 +120,10 @@ def test_noise_beyond_the_limit_never_passes(capsys) -> None:
     done = runner(capsys)("plan", "--noise", "100arcsec", "--roll-noise", "1000arcsec", "--truth", "1arcsec")
     assert done.code == 1
     assert "no length of session gives a PASS: dRA* and dDE and roll" in done.out
+
+
+def test_answers_are_planned_as_independent_where_nothing_is_said_of_their_runs():
+    alone = session_plan((), Limits(), availability=0.99, frames_per_s=10.0)
+    in_runs = session_plan((), Limits(), availability=0.99, frames_per_s=10.0, frames_per_answer=3.0)
+    assert alone.rows[0].frames == availability_frames(0.99, 0.95)
+    assert in_runs.rows[0].frames == availability_frames(0.99, 0.95, frames_per_value=3.0)

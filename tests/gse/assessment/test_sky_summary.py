@@ -84,3 +84,11 @@ def test_a_sky_that_is_clear_against_itself_is_said_to_be_so(stated, is_told):
     assert ("thin cloud that stays is not told" in line) == is_told
     (clouded,) = sky_lines(sky | {"shares": {"clouded": 1.0}})
     assert "thin cloud" not in clouded
+
+
+def test_the_zero_point_is_that_of_clear_dark_frames_with_an_exposure_taken_to_a_second():
+    frames = frames_of([CLEAR, CLEAR, CLEAR, CLOUDED, CLEAR])
+    frames["zero_point_mag"] = [14.0, 14.0, 9.0, 1.0, 2.0]
+    frames["exposure_s"] = [0.1, 0.1, 0.0, 0.1, 0.1]
+    frames["sun_altitude_deg"] = [-30.0, -30.0, -30.0, -30.0, 5.0]
+    assert zero_point_mag(frames) == pytest.approx(14.0 + 2.5)

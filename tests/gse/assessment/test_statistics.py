@@ -8,7 +8,7 @@ from skies.known_nights import START_NS, frame, session, unanswered
 from skies.one_by_one import add_frame
 
 from gse.assessment.statistics import statistics
-from gse.assessment.subject_statistics import about_circular_mean
+from gse.assessment.subject_statistics import _star_fields, about_circular_mean
 from gse.instant import NS_PER_S
 from gse.station.frame_table import STATUSES
 from gse.station.results import AnswerCheck, AttitudeError, Status
@@ -141,3 +141,27 @@ def test_star_fields_are_counted_by_where_the_boresight_was():
     made.frames.columns["de_deg"][:] = 0.3
     assert statistics(made).onboard.star_fields == 4
     assert statistics(session(0)).onboard.star_fields == 0
+
+
+@pytest.mark.parametrize(
+    ("ra_deg", "de_deg", "fields"),
+    [
+        ([10.0, 10.1, 10.2], [5.0, 5.0, 5.0], 1),
+        ([10.0, 100.0, 190.0, 280.0], [5.0] * 4, 4),
+        ([40.0, 40.0], [50.0, -50.0], 2),
+        ([40.0, 220.0], [50.0, 50.0], 2),
+        ([30.0, 150.0], [20.0, 20.0], 2),
+        ([1.0, 359.0, 1.0, 359.0], [0.5, 0.5, -0.5, -0.5], 4),  # on the corner of four
+    ],
+)
+def test_fields_of_stars_are_counted_by_where_the_boresight_went(ra_deg, de_deg, fields):
+    assert _star_fields(np.array(ra_deg), np.array(de_deg), 0.25) == fields
+
+
+def test_a_sky_of_boresights_has_as_many_fields_as_cells_of_the_sphere():
+    """By hand: the cells of a cube of eighths that unit vectors are in."""
+    rng = np.random.default_rng(6)
+    vectors = rng.normal(size=(20_000, 3))
+    vectors /= np.linalg.norm(vectors, axis=1)[:, None]
+    ra, de = np.degrees(np.arctan2(vectors[:, 1], vectors[:, 0])), np.degrees(np.arcsin(vectors[:, 2]))
+    assert _star_fields(ra, de, 0.25) == len({tuple(cell) for cell in np.floor(vectors / 0.25).tolist()})

@@ -9,7 +9,7 @@ from skies.star_errors import CAMERA, SETTINGS, Truth, made
 
 from gse.assessment.error_series import error_series
 from gse.assessment.field_patterns import field_of_errors
-from gse.assessment.vibration import vibration, without_waves
+from gse.assessment.vibration import _independent, _without_means, vibration, without_waves
 from gse.truth import horizon_to_sensor
 
 FRAME_S = 0.05
@@ -149,3 +149,26 @@ def test_what_lasts_longer_than_twenty_seconds_is_no_vibration(sky, size, is_tol
 def test_few_blocks_tell_nothing(sky):
     assert shaken(sky, noise(10.0, count=36)) is None
     assert shaken(sky, noise(10.0, count=48)) is not None
+
+
+def test_values_about_the_means_of_their_blocks_have_the_variance_of_a_sample():
+    """A frame that is alone in its block tells nothing."""
+    blocks = np.array([4, 4, 4, 7, 9, 9])
+    values = np.column_stack([np.array([1.0, 2.0, 6.0, 5.0, -1.0, 3.0]), np.arange(6.0)])
+    found = _without_means(values, blocks)
+    for axis in range(2):
+        for block, count in ((4, 3), (9, 2)):
+            part = blocks == block
+            assert (found[part, axis] ** 2).sum() / count == pytest.approx(values[part, axis].var(ddof=1))
+            assert found[part, axis].sum() == pytest.approx(0.0, abs=1e-12)
+    assert (found[3] == 0.0).all()
+
+
+def test_values_that_hang_together_tell_a_variance_as_fewer_would():
+    """An autoregressive process of first order: the squares of its correlations add up to a^2 / (1 - a^2)."""
+    share, noise = 0.6, np.random.default_rng(9).normal(size=40_000)
+    for row in range(1, len(noise)):
+        noise[row] += share * noise[row - 1]
+    expected = len(noise) / (1 + 2 * share**2 / (1 - share**2))
+    assert _independent(noise) == pytest.approx(expected, rel=0.03)
+    assert _independent(np.random.default_rng(9).normal(size=40_000)) == pytest.approx(40_000, rel=0.01)

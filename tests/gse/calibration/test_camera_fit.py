@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gse.calibration.camera_fit import StarField, _misfit, _parameters, _residuals, _softness, _weight, _with, calibrate
+from gse.calibration.camera_fit import (
+    StarField,
+    _map,
+    _misfit,
+    _parameters,
+    _residuals,
+    _softness,
+    _weight,
+    _with,
+    calibrate,
+)
 from gse.calibration.hot_pixels import hot_pixels
 from gse.calibration.session_fit import PanoramaSample, calibrate_session
 from gse.camera import Camera
@@ -307,3 +317,33 @@ def test_a_star_on_the_last_edge_of_the_detector_is_in_the_last_cell():
 def rotation_of(field):
     """The attitude under which a star field was made."""
     return Rotation.align_vectors(TRUE.directions(field.xy_px), field.stars)[0].as_matrix()
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_cells_of_the_map_begin_half_a_pixel_before_their_first_pixel(axis):
+    """128 pixels of 1024 each: the edge of the first two lies at 127.5."""
+    camera = Camera(1024, 1024, 4169.9, (511.5, 511.5))
+    xy = np.full((2, 2), 60.0)
+    xy[:, axis] = 127.4, 127.6
+    counted = _map(camera, [StarField(xy, camera.directions(xy), np.arange(2))], [np.eye(3)])[:, :, 2]
+    assert [counted[0, 0], counted[0, 1] if axis == 0 else counted[1, 0]] == [1, 1]
+    assert counted.sum() == 2
+
+
+def test_a_star_at_2_4_sigma_weighs_half_of_one_on_its_place():
+    """Holland & Welsch 1977: 95 % efficient for Gaussian noise."""
+    weights = _weight(np.array([[0.0, 0.0], [2.4 * 0.3, 0.0], [0.0, 2.4 * 0.3], [3 * 2.4 * 0.3, 0.0]]), 0.3)
+    assert weights == pytest.approx(np.array([1, 1 / 2, 1 / 2, 1 / 10]) / 0.3**2)
+
+
+@pytest.mark.parametrize("off", [(0.004, 0.0), (0.0, 0.004)])
+def test_what_the_stars_tell_of_either_axis_of_a_lens_is_not_held(off):
+    true = Camera(1024, 1024, 4169.9, (511.5, 511.5), (0.0, 0.0), False, off)
+    fields = random_fields(true, np.random.default_rng(4))
+    fitted = calibrate(Camera(1024, 1024, 4169.9, (511.5, 511.5)), fields, tangential=True)
+    assert "tangential distortion" not in fitted.held
+    assert fitted.camera.tangential_distortion == pytest.approx(off, abs=0.002)
+    still = Camera(1024, 1024, 4169.9, (511.5, 511.5))
+    held = calibrate(still, random_fields(still, np.random.default_rng(4)), tangential=True)
+    assert "tangential distortion" in held.held
+    assert held.camera.tangential_distortion == pytest.approx((0.0, 0.0), abs=1e-9)

@@ -75,6 +75,25 @@ def test_why_tells_when_the_sky_was_clear_again(gse, tmp_path):
     assert 24 <= int(last) <= 35
 
 
+def test_a_blurred_bundle_tells_no_instant_of_dawn_or_dusk(gse, tmp_path):
+    """The line on the Earth where it is dawn moves by 0.02 deg in the 5 s in which it is told."""
+    path = tmp_path / "session.mcap"
+    assert gse("simulate", "--scenario", "twilight", "--seconds", 6600, "--rate-hz", 0.05, "--file", path).code == 0
+    assert gse("why", path, "--bundle", tmp_path / "blurred.zip").code == 0
+    assert gse("why", path, "--bundle", tmp_path / "plain.zip", "--with-site").code == 0
+    of_the_sun = re.compile("(.*) (DAYLIGHT|DARK_NIGHT): ")
+
+    def told(bundle, name):
+        return zipfile.ZipFile(tmp_path / bundle).read(name).decode()
+
+    assert any(not when[1].endswith("00:00.000Z") for when in of_the_sun.finditer(told("plain.zip", "events.txt")))
+    whens = [when[1] for name in ("events.txt", "why.txt") for when in of_the_sun.finditer(told("blurred.zip", name))]
+    assert whens
+    assert all(when.endswith(("00:00.000Z", "00:00Z")) for when in whens)
+    stretches = json.loads(told("blurred.zip", "report.json"))["sky"]["stretches"]
+    assert {stretch[end][13:] for stretch in stretches for end in ("from", "until")} == {":00:00Z"}
+
+
 def test_a_session_by_day_is_to_be_repeated_in_the_dark(gse, tmp_path):
     path = tmp_path / "session.mcap"
     assert gse("simulate", "--scenario", "daylight", "--seconds", 12, "--rate-hz", 2, "--file", path).code == 0

@@ -56,7 +56,13 @@ def test_a_boresight_below_the_horizon_is_refused_and_a_low_one_doubted(altitude
 
 @pytest.mark.parametrize(
     ("baudrate", "outcome", "words"),
-    [(115200, Outcome.OK, ""), (112500, Outcome.FAIL, "did you mean 115200?"), (700_000, Outcome.WARN, "750000")],
+    [
+        (115200, Outcome.OK, ""),
+        (112500, Outcome.FAIL, "did you mean 115200?"),
+        (700_000, Outcome.WARN, "did you mean 750000?"),
+        (11520, Outcome.WARN, "did you mean 115200?"),
+        (96000, Outcome.WARN, "did you mean 9600?"),
+    ],
 )
 def test_a_baud_rate_that_no_uart_has_is_refused(baudrate: int, outcome: Outcome, words: str) -> None:
     check = only("baud rate", changed(("url: /dev/ttyUSB0", f"url: /dev/ttyUSB0\n  baudrate: {baudrate}")))
@@ -85,6 +91,14 @@ def test_a_narrow_field_with_too_few_stars_is_doubted_with_the_hour() -> None:
     check = only("stars", parse_station(text))
     assert check.outcome is Outcome.WARN
     assert "fewer than 7" in check.text
+
+
+def test_a_field_that_has_too_few_stars_all_night_has_no_length_of_a_session() -> None:
+    bright = ROOF.replace("port:", "identifier: {catalog_stars: 300}\nport:")
+    checks = found(parse_station(bright.replace("4169.905", "15000")))
+    assert "fewer than 7 all night" in checks["stars"].text
+    assert "length" not in checks
+    assert "length" in found(parse_station(bright.replace("4169.905", "1500")))
 
 
 @pytest.mark.parametrize(

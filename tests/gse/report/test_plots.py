@@ -17,12 +17,13 @@ from skies.synthetic_night import synthetic_frames, synthetic_night
 from gse.assessment.counted_frames import counted_frames
 from gse.attitude import Attitude
 from gse.drawing.outline import field_outline_icrs
+from gse.drawing.palette import BLUE
 from gse.report.decimation import extremes, sample
 from gse.report.plot_data import PlotData, edge_of
 from gse.report.sky_plots import draw_sky
 from gse.report.spectrum import power_density
 from gse.report.svg import WIDTH_IN, svg_of
-from gse.report.time_plots import draw_errors
+from gse.report.time_plots import draw_errors, line
 from gse.station.frame_table import FRAME
 from gse.station.results import AnswerCheck, AttitudeError
 
@@ -141,6 +142,15 @@ def test_a_time_at_the_end_of_the_axis_is_whole(frames: int) -> None:
     assert max(label.get_window_extent().x1 for label in texts) <= figure.bbox.x1
 
 
+@pytest.mark.parametrize(("missing_s", "broken_at"), [(0.85, []), (0.95, [150])])
+def test_a_line_is_broken_where_frames_of_a_second_and_more_are_missing(missing_s: float, broken_at: list[int]) -> None:
+    session = synthetic_night(300)
+    session.frames.columns["utc_ns"][150:] += round(missing_s * 1e9)
+    data, (axes,) = PlotData.of(session, counted_frames(session)), Figure().subplots(1, 1, squeeze=False)[0]
+    line(axes, data, np.arange(300.0), BLUE, "")
+    assert np.flatnonzero(np.isnan(axes.lines[0].get_ydata())).tolist() == broken_at
+
+
 def test_a_hundred_thousand_points_make_a_small_figure() -> None:
     session = synthetic_night(300)
     drawn = PlotData.of(session, counted_frames(session))
@@ -150,6 +160,7 @@ def test_a_hundred_thousand_points_make_a_small_figure() -> None:
         np.tile(drawn.utc, 330),
         np.tile(drawn.good, 330),
         np.tile(drawn.unidentified, 330),
+        drawn.gaps,
         drawn.exclusions,
     )
     big.frames["utc_ns"][:] = drawn.frames["utc_ns"][0] + np.arange(len(big.utc)) * 100_000_000

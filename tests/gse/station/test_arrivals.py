@@ -3,7 +3,7 @@
 import pytest
 
 from gse.instant import NS_PER_S
-from gse.station.arrivals import CLOCK_STEP_NS, Arrivals
+from gse.station.arrivals import CLOCK_STEP_NS, Arrivals, _step_in_words
 from gse.station.byte_stream import FrameAt
 from gse.station.results import LinkCounters
 from protocols import Frame, load_protocol
@@ -65,3 +65,20 @@ def test_what_a_slewed_clock_can_do_is_no_step(mono_s, off_s, is_step):
 
 def test_stamps_that_no_clock_has_show_no_step():
     assert stepped(utc_s=600.0, mono_s=0.1, tag_s=0.1, has_times=False) is None
+
+
+@pytest.mark.parametrize(
+    ("step_s", "utc_kept", "words"),
+    [
+        (2.5, False, "the host's UTC clock stepped by +2.500 s"),
+        (-2.5, False, "the host's UTC clock stepped by -2.500 s"),
+        (
+            2.5,
+            True,
+            "the host was suspended: its monotonic clock stood still for 2.500 s, in which UTC and the sensor's",
+        ),
+        (-2.5, True, "the host's monotonic clock leapt by +2.500 s; UTC and the sensor's clock did not"),
+    ],
+)
+def test_a_step_is_told_in_the_words_of_the_clock_that_made_it(step_s, utc_kept, words):
+    assert _step_in_words(round(step_s * NS_PER_S), utc_kept).startswith(words)

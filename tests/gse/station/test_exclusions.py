@@ -46,3 +46,40 @@ def test_each_step_of_the_clock_is_left_out_on_both_of_its_sides():
     assert (old_ns - 5 * NS_PER_S, old_ns + 5 * NS_PER_S) in around
     assert (new_ns - 5 * NS_PER_S, new_ns + 5 * NS_PER_S) in around
     assert {item.time_error_s for item in stretches} == {20.0}
+
+
+@pytest.mark.parametrize(
+    ("pause_s", "restarted", "is_told"),
+    [(0.0, False, False), (29.0, False, False), (31.0, False, True), (0.0, True, True)],
+)
+def test_a_buffer_is_told_again_after_a_pause_of_half_a_minute_or_a_new_start_of_the_sensor(
+    pause_s, restarted, is_told
+):
+    """Frames at 10 Hz; 38 of them, from the 150th on, were read at once."""
+    made = np.zeros(300, dtype=FRAME)
+    after_ns = np.arange(300) * NS_PER_S // 10
+    after_ns[150:] += round(pause_s * NS_PER_S)
+    made["time_us"] = after_ns // 1000
+    if restarted:
+        made["time_us"][150:] -= made["time_us"][150]
+    read_ns = START_NS + after_ns
+    read_ns[150:188] = read_ns[188] + 1000 * np.arange(38)
+    made["utc_ns"] = made["host_utc_ns"] = read_ns
+    told = [item for item in exclusions([], made) if item.cause is Cause.BACKLOG]
+    assert bool(told) is is_told
+    if told:
+        assert told[0].from_ns == read_ns[150]
+        assert told[0].time_error_s == pytest.approx(3.8, abs=0.1)
+
+
+@pytest.mark.parametrize(("late_ms", "is_told"), [(19, False), (20, False), (21, True), (200, True)])
+def test_frames_that_waited_for_more_than_twenty_milliseconds_are_told(late_ms, is_told):
+    """The third frame was read a millisecond late, the fourth at once."""
+    made = np.zeros(60, dtype=FRAME)
+    taken_ns = np.arange(60) * NS_PER_S
+    made["time_us"] = taken_ns // 1000
+    late_ns = np.zeros(60, dtype=np.int64)
+    late_ns[:2], late_ns[2] = (late_ms + 1) * 10**6, 10**6
+    made["utc_ns"] = START_NS + taken_ns + late_ns
+    made["host_utc_ns"] = START_NS + np.where(np.arange(60) < 2, np.arange(60) * 1000, taken_ns)
+    assert any(item.cause is Cause.BACKLOG for item in exclusions([], made)) is is_told

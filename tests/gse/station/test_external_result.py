@@ -18,7 +18,14 @@ from gse.mount import Mount
 from gse.panorama import Panorama, Panoramas
 from gse.site import Site
 from gse.station.attitude_error import attitude_errors
-from gse.station.external_result import geometric_of, has_roll, matches_of, status_of, with_roll
+from gse.station.external_result import (
+    geometric_of,
+    has_roll,
+    identification_of,
+    matches_of,
+    status_of,
+    with_roll,
+)
 from gse.station.frame_processor import FrameProcessor
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.results import Status
@@ -145,3 +152,14 @@ def test_an_answer_without_a_roll_has_no_error_of_roll_and_one_with_a_roll_has(c
     for result in (without, with_one):
         assert result.attitude_error.d_de_arcsec == pytest.approx(36.0, abs=30)  # less air and aberration
         assert result.elapsed_us == 42.0
+
+
+def test_the_stars_that_an_answer_names_are_those_that_the_catalogue_has_the_first_of_them_too(catalog):
+    places = np.array([[100.0, 200.0], [300.0, 500.0], [800.0, 700.0]])
+    panorama = Panorama(UTC_NS, places, np.array([300.0, 200.0, 100.0]), 1)
+    ids = np.array([catalog.ids[7], -5, catalog.ids[0]])
+    answer = ExternalAnswer({}, ATTITUDE, True, "IDENTIFIED", "", np.arange(3), ids, None)
+    found, attitude = identification_of(Given(answer, 1.0), panorama, ExternalIdentifier(catalog, Source()))
+    assert found.stars.tolist() == [7, 0]
+    assert found.objects.tolist() == [0, 2]
+    assert attitude is ATTITUDE

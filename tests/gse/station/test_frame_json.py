@@ -12,7 +12,7 @@ from gse.station.frame_json import frame_json
 from gse.station.results import AttitudeError, Matches
 
 ERROR = AttitudeError(1.23456, -2.34567, 345.67891, 1.0, 2.0)
-ATTITUDE = Attitude.from_angles(123.456789012, -45.678901234, 12.345678901)
+ATTITUDE = Attitude.from_angles(123.456789312, -45.678901234, 12.345678901)
 
 
 def made(**changes):
@@ -27,7 +27,7 @@ def made(**changes):
 def test_every_number_of_an_answer_is_told():
     found = made(elapsed_us=150.04)
     assert (found["schema"], found["status"], found["frame_no"]) == ("gse.frame/1", "IDENTIFIED", 7)
-    assert (found["ra_deg"], found["de_deg"], found["roll_deg"]) == (123.456789, -45.6789012, 12.345679)
+    assert (found["ra_deg"], found["de_deg"], found["roll_deg"]) == (123.4567893, -45.6789012, 12.345679)
     assert (found["matched"], found["objects"], found["chance"]) == (2, 2, 1.23e-9)
     assert found["elapsed_us"] == 150.0
     assert (found["d_ra_cosde_arcsec"], found["d_de_arcsec"], found["d_roll_arcsec"]) == (1.235, -2.346, 345.679)

@@ -156,6 +156,7 @@ def test_each_reason_has_its_status(reference, panorama, reason, status):
         ({"problems": ("no time",)}, "no time"),
         ({"xy_px": np.zeros((31, 2)), "brightness": np.linspace(31, 1, 31)}, "31 objects"),
         ({"brightness": np.linspace(4097.0, 200.0, 25)}, "4097"),
+        ({"xy_px": np.full((1, 2), 500.0), "brightness": np.array([4097.0])}, "4097"),
     ],
 )
 def test_a_panorama_that_the_sensor_spoiled_is_a_sensor_fault(reference, panorama, change, detail):

@@ -1,14 +1,18 @@
 """A long night in little memory: frames are all kept, their matches thinned out evenly."""
 
+import math
+
 import numpy as np
+import pytest
 from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames
 
+from gse.identifier import Identification
 from gse.panorama import Panorama
 from gse.station import frame_table
 from gse.station.frame_results import FrameResults
-from gse.station.frame_table import FrameTable
-from gse.station.results import FrameResult, Status
+from gse.station.frame_table import FRAME, MATCH, FrameTable
+from gse.station.results import FrameResult, Matches, Starlight, Status
 
 
 def test_every_frame_and_every_match_of_a_short_night_is_kept():
@@ -40,3 +44,35 @@ def test_a_long_night_keeps_all_frames_and_the_matches_of_every_second_one_or_fe
     assert frame_table.MOST_MATCHES / 4 < len(table.matches) <= frame_table.MOST_MATCHES
     assert np.unique(np.diff(kept)).tolist() in ([2], [4])
     assert (np.bincount(table.matches["frame"])[kept] == len(frame.matches)).all()
+
+
+@pytest.mark.parametrize("elapsed_us", [None, 0.0, 150.5])
+def test_the_time_that_an_answer_took_is_kept_and_that_of_none_is_none(elapsed_us):
+    made = FrameResult(
+        Panorama(1, np.zeros((2, 2)), np.ones(2)), Status.NO_MATCH, "", "neighbour", elapsed_us=elapsed_us
+    )
+    results = FrameResults.of([made])
+    assert results[0].elapsed_us == elapsed_us
+    assert results.rows()["elapsed_us"] == pytest.approx([math.nan if elapsed_us is None else elapsed_us], nan_ok=True)
+
+
+def test_named_stars_and_stars_seen_are_counted_up_to_255():
+    made = []
+    for k, count in enumerate([3, 255, 300]):
+        panorama = Panorama(k, np.full((count, 2), 9.0), np.ones(count))
+        every = np.arange(count)
+        named, matches = Identification(every, every, 1e-9), Matches(every, every, np.zeros((count, 2)), str)
+        light = Starlight(count, 14.5, 5.5, 80.0)
+        made.append(FrameResult(panorama, Status.IDENTIFIED, "", "neighbour", named, matches=matches, light=light))
+    rows = FrameResults.of(made).rows()
+    assert rows["stars_seen"].tolist() == rows["matched"].tolist() == [3, 255, 255]
+    assert rows["zero_point_mag"].tolist() == [14.5] * 3
+    assert rows["limiting_mag"].tolist() == [5.5] * 3
+
+
+def test_a_replay_of_two_hours_lies_in_memory_and_a_longer_one_on_the_disk():
+    for count, on_disk in ((65_536, False), (65_537, True)):
+        table = FrameTable()
+        table.use_disk()
+        table.extend(np.zeros(count, FRAME), np.zeros(0, MATCH))
+        assert table._frames.is_on_disk is on_disk

@@ -1,16 +1,22 @@
 """The station's loop gives the same night whether it lives through it or replays it."""
 
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.link import SerialLink
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.instant import NS_PER_S
+from gse.instant import NS_PER_DAY, NS_PER_S
+from gse.panorama import Panorama
 from gse.sessions.replay import ReplayOptions
+from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_results import NewResults
 from gse.station.loop import StationLoop
 from gse.station.session_data import SessionData
 from gse.station.setup import set_up
+from gse.truth import EarthOrientation
 from protocols import StatusMessage, load_protocol
 
 START_NS = 1_774_018_800 * NS_PER_S
@@ -26,6 +32,7 @@ class Heard:
         self.told: list[object] = []
 
     def on_results(self, results: NewResults, session: SessionData) -> None:
+        assert len(results), "a sink is told of nothing"
         for result in results:
             answer = result.identification.stars.tolist() if result.identification else None
             told = result.panorama.utc_ns, result.status, answer, result.attitude_error, result.answer_check
@@ -71,3 +78,20 @@ def test_panoramas_that_waited_together_are_told_as_if_each_had_come_alone() -> 
     assert heard[0] == heard[1]
     assert sum(isinstance(told, LinkEvent) for told in heard[0]) > 1
     assert sum(isinstance(told, tuple) for told in heard[0]) > 50
+
+
+def test_after_a_step_of_the_clock_beyond_its_reach_truth_is_sought_for_the_new_date() -> None:
+    loop = StationLoop(set_up(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT, utc_ns=START_NS))
+    panorama, years_ns = Panorama(START_NS, np.zeros((0, 2)), np.zeros(0)), 8 * 366 * NS_PER_DAY
+    loop.observe(panorama)
+    first = loop.session.earth_orientation
+    for event, utc_ns, is_new in (
+        (LinkEvent(START_NS - years_ns, 0, "NOTE", "no step"), START_NS - years_ns, False),
+        (ClockStep(START_NS + NS_PER_S, 0, StationKind.CLOCK_STEP, "", NS_PER_S), START_NS + NS_PER_S, False),
+        (ClockStep(START_NS - years_ns, 0, StationKind.CLOCK_STEP, "", -years_ns), START_NS - years_ns, True),
+    ):
+        loop.on_event(event)
+        loop.observe(replace(panorama, utc_ns=utc_ns))
+        now = loop.session.earth_orientation
+        assert (now is not first) is is_new
+    assert now == EarthOrientation.from_disk(START_NS - years_ns)

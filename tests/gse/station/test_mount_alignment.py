@@ -145,6 +145,16 @@ def test_each_minute_is_judged_by_the_minutes_beside_it_to_the_frame():
     assert np.hypot(*judged.rms_arcsec[:2]) == pytest.approx(20, abs=1e-4)
 
 
+def test_frames_of_every_second_minute_alone_judge_each_other_by_turns():
+    measured = MeasuredMounts()
+    for number, result in enumerate(frames(MOUNTS[1], 600)):
+        if number // 60 % 2 == 0:
+            measured.add(result, TRUTH)
+    judged = cross_validated(measured, SESSION)
+    assert judged.rms_arcsec == pytest.approx((3.0, 3.0, 30.0), rel=0.15)
+    assert max(judged.repeatability_arcsec[:2]) < 1.5
+
+
 def test_one_frame_cannot_be_judged_on_others():
     measured = MeasuredMounts()
     for result in frames(MOUNTS[1], 1):

@@ -19,6 +19,7 @@ from gse.report.frames_csv import frames_csv
 from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import OWN_ANSWER
 from gse.station.loop import StationLoop
+from gse.station.own_answer_results import OwnAnswerProcessor
 from gse.station.own_answers import OwnAnswerTruth, field_of, measured_rotations
 from gse.station.reception import Reception
 from gse.station.results import OwnAnswer, Status, Subject, Verdict
@@ -204,3 +205,11 @@ def test_stars_of_a_field_that_stand_below_three_degrees_are_expected_by_no_sens
     lower = field_sensor[altitude_deg < 2.0]
     alone, middle = (OwnAnswerTruth(TRUTH, low, field_sensor=seen).shifts(utc_ns) for seen in (lower, None))
     assert np.abs(alone - middle).max() < 1e-12
+
+
+def test_the_panorama_behind_an_answer_holds_no_object():
+    message = AttitudeMessage(7, frame_no=3, matched=14, state="acquired", latency_s=0.1)
+    panorama = OwnAnswerProcessor.panorama(OwnAnswer(message, START_NS + 5, START_NS, 9))
+    assert panorama.xy_px.shape == (0, 2)
+    assert (panorama.utc_ns, panorama.host_utc_ns, panorama.time_us) == (START_NS, START_NS + 5, 7)
+    assert (panorama.frame_no, panorama.sequence, len(panorama.brightness)) == (3, 9, 0)

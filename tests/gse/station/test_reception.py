@@ -193,6 +193,12 @@ def test_in_a_raw_capture_a_clock_that_leaps_by_centuries_moves_no_later_panoram
     assert anchored(*frames, frame(6, 100_005)) == [0, 0, 0, 0, 0, 0.1]
 
 
+def test_in_a_raw_capture_a_clock_pauses_for_a_year_at_most() -> None:
+    year_s = 366 * 86_400
+    assert anchored(frame(1, 0), frame(2, year_s * 10**6)) == [0, year_s]
+    assert anchored(frame(1, 0), frame(2, (year_s + 1) * 10**6)) == [0, 0]
+
+
 def test_in_a_raw_capture_a_sensor_that_starts_anew_later_than_the_anchor_never_steps_back() -> None:
     assert anchored(frame(500, 10_000_000), frame(501, 100_000_000), frame(1, 12_000_000)) == [0, 90, 90]
 

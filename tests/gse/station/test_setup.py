@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from devices.programs import program
 
+from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.external.answers import ExternalAnswer, FailureKind
 from gse.instant import from_text
 from gse.panorama import Panorama
-from gse.station.setup import set_up
+from gse.station.setup import ORION_RA_DE_DEG, example_places, set_up
 
 MOTION_MAS_PER_YEAR = 1000.0
 
@@ -67,3 +68,15 @@ def test_a_program_has_as_many_milliseconds_as_the_station_file_gives_it(tmp_pat
     source.close()
     assert isinstance(given[0].answer, ExternalAnswer)
     assert given[1].answer.kind is FailureKind.TIMEOUT
+
+
+def test_the_example_panorama_has_all_bright_stars_about_orion():
+    camera, catalog = Camera(1000, 1000, 4000.0, (499.5, 499.5)), load_catalog(stars=500)
+    places, brightness = example_places(catalog, camera)
+    assert camera.contains(places).all()
+    assert (np.diff(brightness) < 0).all()
+    ra, de = np.radians(ORION_RA_DE_DEG)
+    middle = [math.cos(ra) * math.cos(de), math.sin(ra) * math.cos(de), math.sin(de)]
+    apart_px = 4000 * np.tan(np.arccos(np.clip(catalog.icrs @ middle, 0.01, 1)))
+    seen_px = np.hypot(*(places - 499.5).T)
+    assert np.sort(seen_px[seen_px < 500]) == pytest.approx(np.sort(apart_px[apart_px < 500]), abs=0.01)

@@ -10,6 +10,7 @@ from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount
 from gse.truth import Alignment, fit_mount, horizon_to_sensor, small_rotations, time_blocks
+from gse.truth.alignment import _most_central
 
 ARCSEC = math.pi / 180 / 3600
 START_NS = from_text("2026-03-20T18:30:07Z")
@@ -176,3 +177,19 @@ def test_at_the_zenith_azimuth_and_roll_share_what_is_known_of_their_sum():
     assert azimuth == pytest.approx(10.0)
     assert roll == pytest.approx(10.0)
     assert altitude == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("first", [0, 3, 10])
+def test_a_fit_begins_at_a_frame_of_the_majority(first):
+    """Of 21 frames ten are turned each its own way, wherever among the others they stand."""
+    rng = np.random.default_rng(first)
+    rotations = np.array([np.eye(3)] * 21) + rng.normal(0, 1e-5, (21, 3, 3))
+    turned = range(first, first + 10)
+    rotations[first : first + 10] = Rotation.random(10, rng=rng).as_matrix()
+    assert _most_central(rotations) not in turned
+
+
+def test_of_many_frames_every_few_stand_for_all():
+    rotations = np.array([np.eye(3)] * 1000)
+    rotations[:450] = Rotation.random(450, rng=np.random.default_rng(2)).as_matrix()
+    assert 450 <= _most_central(rotations) < 1000

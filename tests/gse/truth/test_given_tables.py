@@ -2,14 +2,17 @@
 
 from pathlib import Path
 
+import astropy.units as u
 import astropy_iers_data
 import erfa
+import numpy as np
 import pytest
+from astropy.utils import iers
 
 from gse.errors import TruthError
-from gse.instant import from_text
+from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD, from_text
 from gse.truth import EarthOrientation
-from gse.truth.iers_tables import installed_leap_seconds, read_given
+from gse.truth.iers_tables import installed_leap_seconds, installed_rows, read_given
 
 SPRING_NS, LATE_NS = from_text("2026-03-20T18:30:00Z"), from_text("2030-03-20T18:30:00Z")
 FINALS = Path(astropy_iers_data.IERS_A_FILE)
@@ -94,16 +97,19 @@ def test_a_leap_second_before_1971_or_of_no_size_makes_no_list(tmp_path, line):
     assert read_given([path]).leap_seconds.tai_minus_utc_s == (999.0, 1.0)
 
 
-def test_a_row_has_every_digit_of_its_columns(tmp_path, later_finals):
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_row_has_every_digit_of_its_columns(tmp_path, later_finals, sign):
     """x, y, UT1 - UTC and its error as the ReadMe of finals2000A has their columns."""
     lines = later_finals.read_text().splitlines()
-    values = {(18, 27): " 0.123456", (37, 46): " 0.654321", (58, 68): "-0.1234567", (68, 78): " 0.0123456"}
+    numbers = (sign * 0.123456, sign * 0.654321, sign * 0.1234567, 0.0123456)
+    texts = (f"{numbers[0]:9.6f}", f"{numbers[1]:9.6f}", f"{numbers[2]:10.7f}", f"{numbers[3]:10.7f}")
+    values = dict(zip([(18, 27), (37, 46), (58, 68), (68, 78)], texts, strict=True))
     for (begin, end), value in values.items():
         lines[3] = lines[3][:begin] + value + lines[3][end:]
     path = tmp_path / "finals"
     path.write_text("\n".join(lines))
     row = read_given([path]).rows[int(float(lines[3][7:15]))]
-    assert row[1:5] == (-0.1234567, 0.123456, 0.654321, 0.0123456)
+    assert row[1:5] == (numbers[2], numbers[0], numbers[1], numbers[3])
 
 
 @pytest.mark.parametrize("columns", [(18, 27), (37, 46), (58, 68), (68, 78)], ids=["x", "y", "UT1", "its error"])
@@ -141,3 +147,41 @@ def test_a_damaged_line_is_named(tmp_path, later_finals):
         read_given([path])
     with pytest.raises(TruthError, match="cannot read the Earth orientation file"):
         read_given([tmp_path / "nowhere"])
+
+
+def test_a_table_that_ends_before_the_installed_one_takes_nothing_away(tmp_path):
+    """Of the last days of the installed table, with UT1 - UTC 0.05 s higher, but for its last hundred."""
+    lines = [line for line in FINALS.read_text().splitlines() if line[58:68].strip()][-300:-100]
+    path = tmp_path / "finals2000A.all"
+    path.write_text("\n".join(f"{line[:58]}{float(line[58:68]) + 0.05:10.7f}{line[68:]}" for line in lines) + "\n")
+    given, last = read_given([path]), int(float(lines[-1][7:15]))
+    here_ns = (last - UNIX_EPOCH_MJD) * NS_PER_DAY
+    before, after = EarthOrientation.from_disk(here_ns), EarthOrientation.from_disk(here_ns, given=given)
+    assert after.mjd == before.mjd == tuple(range(last - 10, last + 11))
+    higher_s = np.subtract(after.ut1_minus_utc_s, before.ut1_minus_utc_s)
+    assert higher_s == pytest.approx([0.05] * 11 + [0.0] * 10, abs=1e-6)
+
+
+def test_the_row_after_the_last_of_a_newer_table_is_not_asked_for(later_finals):
+    given = read_given([later_finals])
+    last = max(given.rows)
+    table = EarthOrientation.from_disk((last - UNIX_EPOCH_MJD) * NS_PER_DAY, given=given)
+    assert (table.mjd[0], table.mjd[-1]) == (last - 10, last)
+
+
+def test_the_installed_rows_have_every_digit_that_astropy_reads():
+    theirs = iers.IERS_B.read(astropy_iers_data.IERS_B_FILE)
+    mjd = theirs["MJD"].to_value(u.day)
+    for place in (len(mjd) // 2, len(mjd) - 3):
+        (row,) = installed_rows(int(mjd[place]), int(mjd[place]))
+        expected = [theirs[name][place].value for name in ("UT1_UTC", "PM_x", "PM_y", "e_UT1_UTC")]
+        assert row[1:5] == tuple(expected)
+
+
+@pytest.mark.parametrize("days", [2, 10])
+def test_only_the_days_about_an_instant_are_taken_from_a_long_file(later_finals, days):
+    given = read_given([later_finals])
+    table = EarthOrientation.from_disk(LATE_NS, days, given)
+    middle = 40_587 + LATE_NS // (86_400 * 10**9)
+    assert list(table.mjd) == list(range(middle - days, middle + days + 1))
+    assert list(table.ut1_minus_utc_s) == [given.rows[day][1] for day in table.mjd]

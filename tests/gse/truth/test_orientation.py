@@ -117,3 +117,33 @@ def test_a_frozen_table_has_two_to_four_thousand_days(days, good):
         return
     with pytest.raises(TruthError, match="impossible length"):
         EarthOrientation.from_json(of_days(days))
+
+
+LEAPS = {"mjd": [41_317, 57_754], "tai_minus_utc_s": [10, 37], "known_until_mjd": 61_000}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"mjd": [], "tai_minus_utc_s": []}, "impossible length or order"),
+        ({"tai_minus_utc_s": [10]}, "impossible length or order"),
+        ({"mjd": [41_317]}, "impossible length or order"),
+        ({"mjd": [57_754, 41_317]}, "impossible length or order"),
+        ({"mjd": [41_317, 41_317]}, "impossible length or order"),
+        ({"mjd": list(range(401)), "tai_minus_utc_s": [10] * 401}, "impossible length or order"),
+        ({"tai_minus_utc_s": [10, math.nan]}, "not a number"),
+        ({"known_until_mjd": math.inf}, "not a number"),
+        ({"tai_minus_utc_s": [10, "37"]}, "not a number"),
+    ],
+)
+def test_a_frozen_table_with_leap_seconds_without_sense_is_refused(changes, words):
+    document = json.loads(of_days(2))
+    assert EarthOrientation.from_json(json.dumps(document | {"leap_seconds": LEAPS})).leap_seconds.at(57_754) == 37
+    with pytest.raises(TruthError, match=words):
+        EarthOrientation.from_json(json.dumps(document | {"leap_seconds": LEAPS | changes}))
+
+
+def test_a_frozen_list_may_have_four_hundred_leap_seconds():
+    many = {"mjd": list(range(41_317, 41_717)), "tai_minus_utc_s": [10] * 400, "known_until_mjd": 61_000}
+    table = EarthOrientation.from_json(json.dumps(json.loads(of_days(2)) | {"leap_seconds": many}))
+    assert len(table.leap_seconds.mjd) == 400
