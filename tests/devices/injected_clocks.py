@@ -185,6 +185,9 @@ MISBEHAVIOURS = {
     "a clock step at its end": InjectedClocks(utc_s=until_14_s(lambda t: t, lambda t: t + 3)),
     "a clock an hour ahead": InjectedClocks(utc_s=until_14_s(lambda t: t + 3600)),
     "a clock in 2038": InjectedClocks(utc_s=until_14_s(lambda t: t + TO_2038_S)),
+    "a clock that falls to 1970 and stays": InjectedClocks(
+        utc_s=until_14_s(lambda t: t, lambda t: t - START_NS / NS_PER_S)
+    ),
     "a second that NTP repeats": InjectedClocks(utc_s=until_14_s(lambda t: t, lambda t: t - 1)),
     "a smeared second": InjectedClocks(utc_s=lambda t: t - t / 86400),
     "a host that sleeps at its end": InjectedClocks(
