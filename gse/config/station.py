@@ -200,7 +200,7 @@ def parse_station(text: str, source: str = "built-in station") -> Station:
 
 def _explain(item: Any, node: yaml.Node | None, source: str) -> str:
     path = [part for part in item["loc"] if isinstance(part, str) and part not in ("int", "literal['auto']")]
-    key = ".".join(path) or "station"
+    key = f"{'.'.join(path) or 'station':.200}"
     where = f"{source}, line {_line_of(node, path)}: "
     if item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         known = _known_keys(path[:-1])

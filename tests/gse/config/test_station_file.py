@@ -44,6 +44,10 @@ def test_an_unknown_key_is_named_with_its_line_and_the_nearest_known_key() -> No
     assert refusal(text) == "roof.yaml, line 3: unknown key site.hieght_m; did you mean height_m?"
 
 
+def test_a_key_of_a_stranger_is_named_in_part() -> None:
+    assert len(refusal("? " + "x" * 90_000 + "\n: 1\n")) < 1000
+
+
 def test_a_latitude_of_95_is_refused_with_its_line() -> None:
     message = refusal(SMALLEST.replace("52.2", "95"))
     assert message.startswith("roof.yaml, line 3: site.latitude_deg is 95")
