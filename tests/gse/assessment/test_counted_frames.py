@@ -11,12 +11,13 @@ from skies.one_by_one import add_frame
 from gse.assessment.counted_frames import counted_frames, false_answers
 from gse.assessment.statistics import statistics
 from gse.assessment.time_tags import time_tag_faults
-from gse.assessment.uncounted import missing_by_time
+from gse.assessment.uncounted import missing_by_time, uncounted
 from gse.assessment.verdict import judge
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion, excluded, exclusions, parse_exclusion
+from gse.station.frame_table import MATCH
 from gse.station.results import AnswerCheck, AttitudeError, FrameResult, Status, Verdict
 
 CLEAR_ZERO_POINT_MAG = 14.0
@@ -220,6 +221,16 @@ def test_the_frames_that_are_missing_by_time_are_counted():
     in_bunches = frames.copy()
     in_bunches["host_utc_ns"] -= in_bunches["host_utc_ns"] % NS_PER_S
     assert missing_by_time(in_bunches) == 0
+
+
+@pytest.mark.parametrize(("missing", "is_open"), [(5, False), (6, True)])
+def test_the_availability_is_open_only_where_frames_missing_by_time_would_break_its_limit(missing, is_open):
+    """95 of 100 keep a limit of 95 %, 94 of 100 do not."""
+    made, whole = session(0), session(100).frames.columns.rows()
+    made.frames.extend(np.delete(whole, np.s_[40 : 40 + missing]), np.zeros(0, MATCH))
+    lines = list(uncounted(made, statistics(made)))
+    assert bool(lines) is is_open
+    assert all(line.startswith("by time 6 frames are missing that no sequence number tells") for line in lines)
 
 
 def test_bursts_with_hours_between_them_and_a_restart_are_not_missing_frames():

@@ -251,3 +251,14 @@ def test_panoramas_that_cannot_be_are_a_finding_where_they_are_most(faulty, is_n
     found = {finding.cause: finding.size for finding in faulty_panoramas(made)}
     assert ("faulty panoramas" in found) is is_named
     assert not is_named or found["faulty panoramas"].startswith("26 of 50 panoramas cannot be")
+
+
+@pytest.mark.parametrize(("unmatched", "is_camera"), [(11, False), (12, False), (13, True)])
+def test_a_camera_is_to_blame_where_more_objects_are_no_stars_than_are(unmatched, is_camera):
+    made = session(60)
+    frames = made.frames.columns
+    frames["matched"], frames["false_objects"], frames["stars_expected"] = 12, unmatched, 30
+    counted = replace(counted_frames(made), false=np.ones(60, dtype=bool))
+    sizes = [finding.size for finding in most_unmatched(made, counted)]
+    assert bool(sizes) is is_camera
+    assert all("13 objects as bright as stars of the catalogue are none of them, 12 are" in size for size in sizes)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from skies.star_errors import CAMERA, SETTINGS, Truth, made
 
-from gse.assessment.field_patterns import _scaled, _solved, field_of_errors
+from gse.assessment.field_patterns import StarErrors, _scaled, _solved, field_of_errors
 from gse.constants import ARCSEC_PER_RAD
 from gse.truth import horizon_to_sensor
 
@@ -34,6 +34,24 @@ def test_the_phase_of_a_star_is_that_of_its_true_place_on_a_pixel(sky, off_px, t
     phases = field_of(sky, matches).stars.phases
     x, y = (np.exp(2j * np.pi * matches[name].astype(float)) for name in ("x_px", "y_px"))
     assert phases == pytest.approx(np.column_stack([x * turned, y]), abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("stars", "phases", "variance"),
+    [
+        ((7, 7), (1, 1), 36.0),  # a star that stays on its place on the pixel: twice 3 arcsec
+        ((7, 7), (1, 1j), 18.0),
+        ((7, 7), (1, -1), 0.0),  # one that crosses a pixel
+        ((7, 9), (1, -1), 18.0),  # two stars know nothing of each other
+    ],
+)
+def test_what_a_place_on_a_pixel_leaves_of_a_sum_adds_up_within_a_star_alone(stars, phases, variance):
+    """Each row turns the first of two sums by as much as its star is off along columns, the second along rows."""
+    count, both = len(stars), np.column_stack([phases, phases]).astype(complex)
+    zeros, rows = np.zeros((count, 2)), np.arange(count)
+    errors = StarErrors(rows, rows, np.array(stars), np.zeros((count, 3, 2)), zeros, both, phase_arcsec=3.0)
+    found = errors._of_phases(np.array([np.eye(2)] * count))
+    assert found == pytest.approx(np.diag([variance, variance]), abs=1e-12)
 
 
 @pytest.mark.parametrize(("rows", "is_enough"), [(99, False), (120, True)])

@@ -206,6 +206,18 @@ def test_an_error_of_a_fifth_of_a_degree_is_not_gross():
     assert found(MUNICH, MOUNT, true_mount=replace(MOUNT, altitude_deg=60.2)) is None
 
 
+@pytest.mark.parametrize(("off_deg", "is_gross"), [(0.29, False), (0.31, True), (-0.29, False), (-0.31, True)])
+def test_an_error_of_three_tenths_of_a_degree_is_the_least_that_is_gross(off_deg, is_gross):
+    finding = found(MUNICH, MOUNT, true_mount=replace(MOUNT, altitude_deg=60.0 + off_deg))
+    assert (finding is not None) == is_gross
+    assert finding is None or f"its altitude is off by {off_deg:+.3f} deg" in finding.size
+
+
+def test_a_clock_that_no_zone_explains_is_a_gross_finding():
+    finding = found(MUNICH, MOUNT, clock_s=12345.0)
+    assert (finding.cause, finding.is_gross) == ("clock offset", True)
+
+
 def test_one_sign_is_named_before_two_where_the_second_changes_nothing():
     date_line = replace(MUNICH, longitude_deg=180.0)
     finding = found(replace(date_line, latitude_deg=-48.2), MOUNT, true_site=date_line)

@@ -57,6 +57,14 @@ def test_stars_that_are_missing_just_before_show_a_cloud(seen, is_cloud):
     assert found(beside(frames(), stars_seen=seen)) == ([words] if is_cloud else [])
 
 
+@pytest.mark.parametrize(("few", "is_cloud"), [(95, False), (105, True)])
+def test_stars_must_be_missing_in_a_tenth_of_the_frames_of_the_minute_beside(few, is_cloud):
+    """Forty seconds before the stretch and sixty after it are a thousand frames."""
+    made = frames()
+    made["stars_seen"][400 - few : 400] = 8
+    assert bool(found(made)) == is_cloud
+
+
 def test_few_expected_stars_or_a_bright_sky_tell_no_share():
     assert found(beside(frames(), stars_expected=9, stars_seen=2)) == []
     assert found(beside(frames(), stars_seen=2, sun_altitude_deg=-11.0)) == []

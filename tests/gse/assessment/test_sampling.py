@@ -237,6 +237,17 @@ def test_the_same_errors_have_the_same_bounds_and_a_gap_changes_none_of_the_bias
 # Drift, low-frequency error, shares
 
 
+@pytest.mark.parametrize("frames", [3, 4, 41, 100])
+def test_a_drift_of_few_frames_is_the_slope_of_theil_and_sen(frames):
+    time_s = 7.0 * np.arange(frames)
+    errors = 2.0 * time_s / 3600 + white(frames)
+    assert drift(time_s, errors)[0] == pytest.approx(scipy.stats.theilslopes(errors, time_s / 3600).slope, rel=1e-9)
+
+
+def test_two_frames_tell_no_drift():
+    assert np.isnan(drift(np.array([0.0, 7.0]), np.array([1.0, 2.0]))[0])
+
+
 def test_a_drift_in_correlated_noise_lies_between_its_bounds():
     hours = np.arange(1800) / 3600
     held = []

@@ -13,6 +13,7 @@ from gse.assessment.session_gross_cause import gross_finding
 from gse.assessment.set_up_mistake import excused, set_up_mistake
 from gse.config.station import BUILT_IN_TEXT
 from gse.finding import Finding
+from gse.instant import NS_PER_S
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 
@@ -65,6 +66,30 @@ def test_a_gross_mistake_must_leave_errors_that_keep_the_limits(limit_arcsec, is
 
 def test_a_session_without_a_gross_mistake_has_none():
     assert mistake_of(session(40), "mount", "clock offset") is None
+
+
+@pytest.mark.parametrize(
+    ("cause", "fast_s", "is_mistake"),
+    [
+        ("clock set to GPS time", 18, True),
+        ("clock set to GPS time", 16, True),
+        ("clock set to GPS time", 8, False),
+        ("clock set to TAI", 37, True),
+        ("clock set to TAI", 18, False),
+        ("clock offset", 18, False),
+    ],
+)
+def test_a_clock_on_another_time_scale_explains_a_session_where_what_it_leaves_keeps_the_limits(
+    cause, fast_s, is_mistake
+):
+    """The sky turns by 15 arcsec in 1 s, and 85 are left to a boresight: 2 s keep them, 10 s do not.
+
+    The answers of this night lack aberration, 21 arcsec at most.
+    """
+    made = session(20)
+    made.frames.columns["utc_ns"] += fast_s * NS_PER_S
+    found = set_up_mistake(made, counted_frames(made), (Finding(cause, ""),))
+    assert (found is not None and found.cause == cause) == is_mistake
 
 
 def row(name, unit, outcome=Outcome.FAIL, subject=Subject.ONBOARD):

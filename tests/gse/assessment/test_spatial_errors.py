@@ -79,6 +79,22 @@ def test_an_error_that_is_slow_over_the_field_is_found():
     assert y.fov.low_arcsec == 0
 
 
+@pytest.mark.parametrize("along", ["columns", "rows"])
+def test_an_error_of_the_third_degree_is_of_the_field_and_no_noise(along):
+    """Distortion is one. Legendre's polynomial has nothing of the first degree in it, its mean square is 1 in 7."""
+
+    def bent(x, y):
+        place = (x if along == "columns" else y) / 512 - 1
+        return 8 * (5 * place**3 - 3 * place) / 2
+
+    rows = matches(bent, noise_arcsec=1.0)
+    x, y = found(rows)
+    injected_arcsec = math.sqrt(np.mean(bent(rows["x_px"], rows["y_px"]) ** 2))
+    assert injected_arcsec > 2.5
+    assert x.fov.rms_arcsec == pytest.approx(injected_arcsec, rel=0.02)
+    assert x.temporal.rms_arcsec == pytest.approx(y.temporal.rms_arcsec, rel=0.05)
+
+
 def test_an_error_of_the_fourth_degree_belongs_to_no_part_of_the_field():
     def bent(x, y):
         place = y / 512 - 1

@@ -55,6 +55,16 @@ def test_at_the_pole_there_is_no_error_in_right_ascension():
     assert not statistics(made).onboard.mean_abs_d_ra_deg >= 0
 
 
+@pytest.mark.parametrize(("nearest_deg", "is_known"), [(89.89, True), (89.91, False), (-89.91, False)])
+def test_one_frame_too_near_the_pole_leaves_no_error_in_right_ascension(nearest_deg, is_known):
+    made = at_seconds(range(40))
+    made.frames.columns["de_true_deg"][:] = 60.0
+    made.frames.columns["de_true_deg"][20] = nearest_deg
+    found_deg = statistics(made).onboard.mean_abs_d_ra_deg
+    by_hand_deg = (39 * 3.0 / 0.5 + 3.0 / math.sin(math.radians(0.11))) / 40 / 3600
+    assert found_deg == pytest.approx(by_hand_deg if is_known else math.nan, nan_ok=True)
+
+
 def test_the_session_lasts_from_its_first_frame_to_its_last():
     assert statistics(at_seconds([2, 3, 9])).duration_s == 7.0
 

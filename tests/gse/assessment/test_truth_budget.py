@@ -42,6 +42,20 @@ def test_the_expanded_uncertainty_is_that_of_the_distribution_of_the_sum(parts, 
     assert half_width(tuple(parts), 0.95) == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.parametrize(
+    ("terms_of_one", "coverage", "expected"),
+    [
+        (1, 0.95, 0.95 * math.sqrt(3)),
+        (1, 0.90, 0.90 * math.sqrt(3)),
+        (2, 0.95, 2 * math.sqrt(3) * (1 - math.sqrt(0.05))),  # a triangle
+        (2, 0.90, 2 * math.sqrt(3) * (1 - math.sqrt(0.10))),
+    ],
+)
+def test_rectangular_terms_are_expanded_without_an_error_of_the_grid(terms_of_one, coverage, expected):
+    """By geometry, to a hundred-thousandth: no cell of the grid is lost at its end."""
+    assert half_width(((1.0, RECTANGULAR, math.inf),) * terms_of_one, coverage) == pytest.approx(expected, rel=1e-5)
+
+
 def test_standard_uncertainties_combine_as_squares_and_each_term_has_its_evidence():
     budget = truth_budget(FACTS)
     for axis, found in budget.axes.items():

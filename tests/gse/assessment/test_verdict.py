@@ -237,6 +237,21 @@ def test_an_identification_that_is_slower_than_the_limit_fails():
     assert outcomes(judge(made))["identification time on this host, 99 %"] is Outcome.FAIL
 
 
+@pytest.mark.parametrize(
+    ("slow", "words"),
+    [
+        (200, "is 250.0 ms, the limit is 200 ms (200 of 200 frames are slower)"),
+        # scipy.stats.beta.ppf(0.95, 4, 197) = 0.0383
+        (3, "is 250.0 ms, the limit is 200 ms (3 of 200 frames are slower, which shows at most 3.8 %: a longer"),
+    ],
+)
+def test_a_time_that_fails_or_is_not_decided_is_told_in_milliseconds(slow, words):
+    made = session(200)
+    made.frames.columns["elapsed_us"][:slow] = 250_000.0
+    (row,) = [row for row in judge(made).rows if row.name == "identification time on this host, 99 %"]
+    assert words in row.reason
+
+
 def test_a_session_without_recorded_times_does_not_test_the_time():
     made = session(600)
     made.frames.columns["elapsed_us"] = math.nan

@@ -1,6 +1,7 @@
 """From a session to its camera: which panoramas, which trial cameras, how far the sky moved."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -91,6 +92,32 @@ def test_a_camera_that_identifies_half_of_the_panoramas_is_where_the_fit_starts(
     assert result.first_scale == 1.0
     assert result.calibration.camera.focal_length_px == pytest.approx(start.focal_length_px, rel=2e-4)
     assert result.hot_pixels == ()
+
+
+@pytest.mark.parametrize(
+    ("tried_minutes", "identified", "scale"), [((0, 10, 80, 90, 100), 2, 1.003), ((0, 10, 20, 80, 90), 3, 1.0)]
+)
+def test_a_camera_that_identifies_less_than_half_of_the_panoramas_is_searched_anew(
+    identifier, tried_minutes, identified, scale
+):
+    """Its focal length is 0.3 % too short: until minute 75 panoramas can just be identified, later ones not.
+
+    Five of fifteen are tried: the first, fourth, eighth, eleventh and last.
+    """
+    minutes = np.arange(2, 77, 5)
+    minutes[[0, 3, 7, 10, 14]] = tried_minutes
+    start = parse_station(BUILT_IN_TEXT).sensor.camera()
+    true = replace(start, focal_length_px=1.003 * start.focal_length_px)
+    sample, first = PanoramaSample(), Rotation.from_euler("xyz", [0.3, 0.5, 0.2])
+    for minute in minutes.tolist():
+        rotation = (first * Rotation.from_rotvec([0, 0, minute * 60 * 7.29e-5])).as_matrix()
+        xy = true.pixels(identifier.catalog.icrs @ rotation.T)
+        xy = xy[true.contains(xy)][:26]
+        sample.add(Panorama(minute * 60_000_000_000, xy, np.linspace(4000, 300, len(xy)), minute))
+    result = calibrate_session(sample, start, identifier, None)
+    assert (result.identified_before, result.tried, result.identified_after) == (identified, 5, 15)
+    assert result.first_scale == pytest.approx(scale, abs=1e-4)
+    assert result.calibration.camera.focal_length_px == pytest.approx(true.focal_length_px, rel=2e-4)
 
 
 def test_stars_are_fitted_where_the_air_shows_them():

@@ -31,6 +31,8 @@ def stepped(*, utc_s, mono_s, tag_s, has_times=True):
         (15.0, 0.1, 15.0, 14.9, True),  # the host slept
         (15.0, 0.1, 0.1, 14.9, False),  # UTC was set
         (0.1, 600.1, 0.1, -600.0, True),  # the monotonic clock leapt
+        (35.0, 20.0, 35.0, 15.0, True),  # the host slept for 15 of 35 s
+        (35.0, 20.0, 20.0, 15.0, False),  # UTC was set while no frame came for 20 s
         (0.0, 10.0, 0.0, -10.0, True),  # and the sensor's stands still as UTC does
         (-9.9, 0.1, 0.1, -10.0, False),
         (1.1, 0.1, 1.1, 1.0, True),  # just long enough for a suspension

@@ -9,6 +9,7 @@ from skies.synthetic_night import synthetic_night
 
 from gse.assessment.verdict import judge
 from gse.report.summary import summarise
+from gse.station.frame_columns import ColumnStore
 from gse.station.frame_table import FRAME, MATCH, FrameTable
 
 MIB = 1 << 20
@@ -99,6 +100,14 @@ def test_without_room_on_the_disk_frames_stay_in_memory():
     table.extend(some_rows(1000, 3000), NO_MATCHES.copy())
     assert table._frames is store  # the disk is asked once
     assert table.columns.rows().tobytes() == some_rows(4000).tobytes()
+
+
+@pytest.mark.parametrize(("rows", "is_made"), [(1000, True), (10**15, False)])
+def test_a_file_for_which_the_disk_has_no_room_is_not_made(rows: int, is_made: bool) -> None:
+    """A row takes more than a hundred bytes: no disk has room for 10^15 of them."""
+    store = ColumnStore(FRAME, 0)
+    assert store._map_file(rows) is is_made
+    assert store.is_on_disk is is_made
 
 
 def test_a_session_on_the_disk_is_judged_as_one_in_memory():

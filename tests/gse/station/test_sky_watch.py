@@ -22,7 +22,7 @@ from gse.station.results import AnswerCheck, SkyCondition, Status
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up
 from gse.station.sky_condition import ClearSky, Lights, SkyEvidence, condition_of, evidence_of, words_of
-from gse.station.sky_watch import WINDOW_NS, SkyWatch
+from gse.station.sky_watch import WINDOW_NS, SkyWatch, separation_deg
 from gse.truth.mounting import horizon_to_sensor
 from gse.truth.solar_system import icrs_to_horizon, sun_and_moon_horizon
 
@@ -217,6 +217,40 @@ def test_the_moon_in_the_field_hides_stars_and_is_no_cloud() -> None:
     kinds, conditions = watched(rows(stars=14), rows(stars=3), site=site, mount=mount, begin_ns=moonlit_ns)
     assert "CLOUDED" not in kinds
     assert conditions[1] is not SkyCondition.CLOUDED
+
+
+@pytest.mark.parametrize(("beside_deg", "glares"), [(19.3, True), (20.3, False)])
+def test_the_moon_glares_within_ten_degrees_of_the_corner_of_the_field(beside_deg: float, glares: bool) -> None:
+    """The corner stands atan(512 sqrt(2) / 4169.9) = 9.85 deg from the boresight."""
+    moonlit_ns = from_text("2026-03-05T16:00:00Z")
+    _, moon = sun_and_moon_horizon(STATION.site, np.array([moonlit_ns]))
+    azimuth_deg, altitude_deg = math.degrees(math.atan2(moon[0, 0], moon[0, 1])), math.degrees(math.asin(moon[0, 2]))
+    mount = Mount(azimuth_deg=azimuth_deg, altitude_deg=altitude_deg - beside_deg, roll_deg=0.0)
+    _, conditions = watched(rows(stars=14), rows(stars=3, zero_point_mag=12.0), mount=mount, begin_ns=moonlit_ns)
+    assert (conditions[1] is SkyCondition.UNKNOWN) == glares
+
+
+def unit_vector(longitude_deg: float, latitude_deg: float) -> np.ndarray:
+    longitude, latitude = math.radians(longitude_deg), math.radians(latitude_deg)
+    across = math.cos(latitude)
+    return np.array([across * math.cos(longitude), across * math.sin(longitude), math.sin(latitude)])
+
+
+@pytest.mark.parametrize(
+    ("one_deg", "other_deg", "apart_deg"),
+    [
+        ((10.0, 0.0), (50.0, 0.0), 40.0),
+        ((50.0, 0.0), (10.0, 0.0), 40.0),
+        ((120.0, 30.0), (300.0, 40.0), 110.0),  # over the pole
+        ((20.0, -60.0), (20.0, -60.001), 0.001),
+        ((0.0, 45.0), (90.0, 0.0), 90.0),
+        ((200.0, 25.0), (20.0, -25.0), 180.0),
+    ],
+)
+def test_how_far_apart_two_bodies_stand(
+    one_deg: tuple[float, float], other_deg: tuple[float, float], apart_deg: float
+) -> None:
+    assert separation_deg(unit_vector(*one_deg), unit_vector(*other_deg)) == pytest.approx(apart_deg, abs=1e-9)
 
 
 @pytest.mark.parametrize(
