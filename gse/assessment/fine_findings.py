@@ -11,7 +11,7 @@ from gse.assessment.error_series import ErrorSeries
 from gse.assessment.fine_causes import Named, fine_causes
 from gse.assessment.fine_hypotheses import MOST_HPA, TANGENTIAL, ZERO_C_K, Hypothesis
 from gse.assessment.gross_turns import wrong_dates
-from gse.assessment.late_frames import LateFrames
+from gse.assessment.late_frames import CRYSTAL_PPM, LateFrames
 from gse.assessment.session_model import SessionModel
 from gse.assessment.turns import all_turns
 from gse.assessment.vibration import Vibration, vibration, without_waves
@@ -221,8 +221,21 @@ def _clock_drift(one: Named, setting: Setting) -> Finding:
     return Finding("clock drift", size, _equals(one, "a mount that turns about the pole"), _SYNC)
 
 
+def _by_the_tags(one: Named, setting: Setting, turned_arcsec: float, over_s: float, by_stars: str) -> Finding | None:
+    """A turn of the sky in ``over_s`` that the host's clock makes, where it drifts as much against the time tags."""
+    drift = setting.late.drift if setting.late else 0.0
+    arcsec = EARTH_RATE_ARCSEC_PER_S * abs(drift) * over_s
+    is_as_much = arcsec / _DOUBTFUL < turned_arcsec < _DOUBTFUL * arcsec
+    if abs(drift) < CRYSTAL_PPM * 1e-6 or not is_as_much or all(rival.cause != "clock drift" for rival in one.equals):
+        return None
+    size = f"the host's clock runs {abs(drift) * 1e6:.0f} ppm {'fast' if drift > 0 else 'slow'}, by its stamps against "
+    size += f"the sensor's time tags and by the stars ({by_stars})"
+    return Finding("clock drift", size, ("a sensor's clock that drifts, beside a mount that moves as much",), _SYNC)
+
+
 def _mount_moves(one: Named, setting: Setting) -> Finding:
-    return Finding(
+    turned_arcsec = math.hypot(*one.coefficients[:2])
+    return _by_the_tags(one, setting, turned_arcsec, 3600.0, _three(one, "arcsec/h")) or Finding(
         "mount moves", f"by {_three(one, 'arcsec/h')}", _equals(one, "a sensor whose optics drift"),
         "fix the mount, let it settle, and repeat the session",
     )  # fmt: skip
@@ -246,6 +259,8 @@ def _clock_step(one: Named, setting: Setting) -> Finding:
     _, delay_s = _delay(one, setting)
     if abs(delay_s - step_s) <= max(_SAME_DELAY_S, _SIGMAS * float(one.errors[0])) < abs(delay_s):
         return _link_delay(one, setting, f"{step_s:+.3f} s")
+    if drift := _by_the_tags(one, setting, abs(arcsec), setting.late.span_s, f"{arcsec:+.1f} arcsec about the pole"):
+        return drift
     marks = f"a sensor whose exposures are {abs(step_s):.3f} s {later} than its time tags from then on"
     size = f"at {when} by {arcsec:+.1f} arcsec about the pole"
     return Finding("slip of the mount", size, _equals(one, marks), _LEAVE_OUT)
@@ -277,6 +292,8 @@ def _slip(one: Named, setting: Setting) -> Finding:
     explains = turned_arcsec < _DOUBTFUL * EARTH_RATE_ARCSEC_PER_S * delay_s
     if delay_s > _SAME_DELAY_S and explains and any(rival.cause == "clock step" for rival in one.equals):
         return _link_delay(one, setting, _three(one))
+    if setting.late and (drift := _by_the_tags(one, setting, turned_arcsec, setting.late.span_s, _three(one))):
+        return drift
     return Finding("slip of the mount", f"at {_when(one.hypothesis, setting)} by {_three(one)}", _equals(one),
                    _LEAVE_OUT)  # fmt: skip
 

@@ -15,6 +15,8 @@ from gse.instant import NS_PER_S
 from gse.station.clock_steps import clock_steps
 from gse.station.frame_columns import Columns
 
+CRYSTAL_PPM = 100.0
+"""A crystal keeps within 50 ppm over its whole temperature range."""
 _BEFORE_S, _AFTER_S = 90.0, 60.0
 """Around a step that the stars show: their noise leaves its place open."""
 _FEWEST = 8
@@ -61,6 +63,20 @@ class LateFrames:
         if max(_change_within(late_s[:place]), _change_within(late_s[place:])) > _STEADY * abs(change_s):
             return near_ns, 0.0  # a clock that runs fast or slow makes frames later all the time
         return int(self.utc_ns[rows[place]]), change_s
+
+    @property
+    def span_s(self) -> float:
+        """From the first instant to the last."""
+        return float(np.ptp(self.utc_ns)) / NS_PER_S
+
+    @property
+    def drift(self) -> float:
+        """By how much the host's clock runs fast against the tags, in s per s, from the first quarter to the last."""
+        quarter = len(self.late_s) // 4
+        if quarter < _FEWEST or self.span_s == 0.0:
+            return 0.0
+        rise_s = float(self.late_s[-quarter:].min() - self.late_s[:quarter].min())
+        return rise_s / (0.75 * self.span_s)  # the least is at the begin of both, or at the end of both
 
 
 def _change_within(late_s: NDArray[np.float64]) -> float:

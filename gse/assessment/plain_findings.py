@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from drivers.chunk import LinkEvent, LinkKind
+from gse.assessment.late_frames import CRYSTAL_PPM
 from gse.assessment.low_field import air_in_field, only_reference_answers
 from gse.assessment.out_of_place import FALLEN_OUT_SHARE
 from gse.assessment.statistics import Statistics
@@ -18,8 +19,6 @@ from gse.station.session_data import SessionData
 from gse.station.sky_condition import FEWEST_UNMATCHED
 
 _FEWEST_DRIFTING = 10
-_SENSOR_DRIFT_PPM = 100.0
-"""A crystal keeps within 50 ppm over its whole temperature range."""
 _EQUALS_OF_EVENT: dict[str, tuple[str, ...]] = {
     StationKind.WRONG_CAMERA: ("distortion of the lens",),
     StationKind.MIRRORED: ("x and y exchanged (in the protocol description, or by the sensor)",),
@@ -165,7 +164,7 @@ def faulty_panoramas(session: SessionData) -> Iterator[Finding]:
 def sensor_clock_drift(stats: Statistics) -> Iterator[Finding]:
     """By more than a crystal may, and than its error."""
     ppm = stats.clock.sensor_drift_ppm
-    if abs(ppm) > max(_SENSOR_DRIFT_PPM, 3 * stats.clock.sensor_drift_error_ppm):
+    if abs(ppm) > max(CRYSTAL_PPM, 3 * stats.clock.sensor_drift_error_ppm):
         yield Finding(
             "sensor clock drift",
             f"it runs {abs(ppm):.0f} ppm {'slow' if ppm > 0 else 'fast'} against the host's",

@@ -175,3 +175,45 @@ def test_a_lens_that_is_not_centred_is_told_with_what_to_write_beside_what_was_s
 )
 def test_a_figure_has_twice_its_standard_error_beside_it(cause, coefficients, error, words):
     assert words in said(cause, *coefficients, error=error)
+
+
+def clocks_apart(ppm):
+    """Frames of 400 s whose host's clock runs so fast against the sensor's tags."""
+    time_s = np.arange(0.0, 400.0, 0.1)
+    return LateFrames(SETTING.first_ns + (time_s * NS_PER_S).astype(np.int64), 1e-6 * ppm * time_s)
+
+
+@pytest.mark.parametrize(("ppm", "how"), [(1000.0, "1000 ppm fast"), (-1000.0, "1000 ppm slow")])
+@pytest.mark.parametrize(
+    ("cause", "coefficients"),
+    [("slip of the mount", (3.6, 4.8, 1.0)), ("clock step", (0.4,)), ("mount moves", (30.0, 40.0, 5.0))],
+)
+def test_a_turn_of_the_sky_is_the_hosts_clock_where_its_stamps_drift_as_much_against_the_tags(
+    cause, coefficients, ppm, how
+):
+    """In 400 s 1000 ppm are 0.4 s or 6.0 arcsec, in an hour 54."""
+    text = said(cause, *coefficients, kind="azimuth", at_s=200.0, rivals=("clock drift",), late=clocks_apart(ppm))
+    assert text.startswith("clock drift: ")
+    assert how in text
+
+
+@pytest.mark.parametrize(
+    ("arcsec", "ppm", "rivals"),
+    [
+        (12.2, 1000.0, ("clock drift",)),  # twice as much, and a bit
+        (2.9, 1000.0, ("clock drift",)),  # less than half
+        (0.55, 95.0, ("clock drift",)),  # as much, but what a crystal may do
+        (6.0, 1000.0, ("thermal sinusoid",)),  # the stars do not take it for a drift
+    ],
+)
+def test_a_slip_stays_one_where_the_clocks_do_not_say_the_same(arcsec, ppm, rivals):
+    text = said("slip of the mount", arcsec, kind="azimuth", at_s=200.0, rivals=rivals, late=clocks_apart(ppm))
+    assert text.startswith("slip of the mount: ")
+
+
+@pytest.mark.parametrize(("arcsec", "ppm"), [(11.8, 1000.0), (3.1, 1000.0), (0.63, 105.0)])
+def test_a_slip_that_is_known_badly_is_the_clocks_within_a_factor_of_two(arcsec, ppm):
+    text = said(
+        "slip of the mount", arcsec, kind="azimuth", at_s=200.0, rivals=("clock drift",), late=clocks_apart(ppm)
+    )
+    assert text.startswith("clock drift: ")
