@@ -112,10 +112,7 @@ class SerialLink:
         items: list[Item] = []
         until_ns = self._stamped.stamp()[1] + round(timeout_s * 1e9)
         self._stamped.timeout = timeout_s
-        while len(items) < ITEMS_AT_ONCE:
-            item = self._stamped.read_timestamped()
-            if item is None:
-                break
+        for item in self._stamped.due():
             if not items:
                 self._stamped.timeout = 0
             if isinstance(item, LinkEvent):
@@ -128,6 +125,8 @@ class SerialLink:
             else:
                 break
             items.append(item)
+            if len(items) == ITEMS_AT_ONCE:
+                break
         return items
 
     def send(self, data: bytes) -> Chunk:

@@ -30,6 +30,8 @@ FEW_VALUES = 16
 """A line read with a much too high baud rate gives few byte values, a frame of any protocol many more."""
 _NS = 1_000_000_000
 _NO_START = {"no sync", "truncated"}
+_SYNCING = LinkKind.SYNCING  # each look into an enumeration takes a tenth of what a chunk may
+_BYTES_COME = (LinkKind.SYNCING, LinkKind.STREAMING)
 
 
 class LinkMonitor:
@@ -45,7 +47,7 @@ class LinkMonitor:
     ) -> None:
         self.state = UNKNOWN
         self._baudrate = baudrate
-        self._silence_ns = self._patience_ns = round(silence_s * _NS)
+        self._silence_ns = round(silence_s * _NS)
         self._explain = explain
         self._frames_ns: deque[int] = deque(maxlen=_LAST_FRAMES)
         self._utc_minus_mono_ns = 0
@@ -61,7 +63,7 @@ class LinkMonitor:
         """Process an event of the port: opened or lost."""
         changes = self.pass_time(event.utc_ns, event.mono_ns)
         if event.kind in (LinkKind.LOST, LinkKind.NO_PORT):
-            self._forget_frames()
+            self._frames_ns.clear()
             changes += self._change(LinkKind.NO_PORT, event.mono_ns, event.text)
         elif event.kind in (LinkKind.OPENED, LinkKind.REOPENED):
             changes += self._change(LinkKind.WAITING, event.mono_ns, event.text)
@@ -71,13 +73,13 @@ class LinkMonitor:
         """Process a chunk, the number of valid frames that it completed, and the reasons of its discards."""
         changes = self.pass_time(chunk.utc_ns, chunk.mono_ns)
         self._bytes_ns = chunk.mono_ns
-        if self.state not in (LinkKind.SYNCING, LinkKind.STREAMING):
+        if self.state not in _BYTES_COME:
             changes += self._change(LinkKind.SYNCING, chunk.mono_ns, "bytes come")
         if frames:
             changes += self._change(LinkKind.STREAMING, chunk.mono_ns, "valid frames come")
             self._begin(chunk.mono_ns)
-            self._frame_came(chunk.mono_ns)
-        elif self.state == LinkKind.SYNCING or chunk.mono_ns > self._since_ns:
+            self._frames_ns.append(chunk.mono_ns)
+        elif self.state == _SYNCING or chunk.mono_ns > self._since_ns:
             # Bytes with the time of a frame may belong to the frame's own chunk.
             self._unframed_bytes += len(chunk.data)
             self._sample += chunk.data[: SAMPLE_BYTES - len(self._sample)]
@@ -90,27 +92,24 @@ class LinkMonitor:
         if mono_ns < self._now_ns:
             # The host was restarted, and its monotonic clock with it: the intervals start again.
             self._bytes_ns = self._since_ns = mono_ns
-            self._forget_frames()
+            self._frames_ns.clear()
         self._now_ns = mono_ns
         changes: list[LinkEvent] = []
-        due_ns = self._since_ns + self._patience_ns
-        if mono_ns <= due_ns and self.state is not LinkKind.SYNCING:
+        if mono_ns <= self._since_ns + self._silence_ns and self.state != _SYNCING:
             return changes
+        patience_ns = self._patience_ns
+        due_ns = self._since_ns + patience_ns
         if mono_ns > due_ns and not self._silence_reported:
             changes += self._silence_changes(due_ns)
-        if self.state == LinkKind.SYNCING and mono_ns > self._bytes_ns + self._patience_ns:
-            changes += self._change(LinkKind.STALE, self._bytes_ns + self._patience_ns, self._nothing_comes())
+        if self.state == _SYNCING and mono_ns > self._bytes_ns + patience_ns:
+            changes += self._change(LinkKind.STALE, self._bytes_ns + patience_ns, self._nothing_comes())
         return changes
 
-    def _frame_came(self, mono_ns: int) -> None:
-        """Learn how long this sensor is silent between frames: one long silence is an outage, two are its way."""
-        self._frames_ns.append(mono_ns)
+    @property
+    def _patience_ns(self) -> int:
+        """How long this sensor may be silent between frames: one long silence is an outage, two are its way."""
         *_, second, _ = [0, 0, *sorted(after - before for before, after in pairwise(self._frames_ns))]
-        self._patience_ns = max(self._silence_ns, _IN_INTERVALS * second)
-
-    def _forget_frames(self) -> None:
-        self._frames_ns.clear()
-        self._patience_ns = self._silence_ns
+        return max(self._silence_ns, _IN_INTERVALS * second)
 
     def _silence_changes(self, due_ns: int) -> list[LinkEvent]:
         if self.state == LinkKind.STREAMING and self._unframed_bytes == 0:

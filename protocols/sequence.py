@@ -33,6 +33,10 @@ class Arrival(Enum):
     """The sensor has started anew: its clock or its counter jumped back, or it says so itself."""
 
 
+_NEXT, _GAP, _DUPLICATE, _LATE, _CHAOS, _RESET = Arrival
+"""By name: each look into the enumeration would take a tenth of a microsecond, ten times a frame."""
+
+
 class SequenceTracker:
     """Classifies and counts the sequence numbers of one direction; all message types share one counter.
 
@@ -79,29 +83,29 @@ class SequenceTracker:
         is false where its bytes are known to be others than those of the frame that had its number before.
         """
         arrival = self._classify(sequence, time_us, restarted)
-        if arrival is Arrival.DUPLICATE and not copy:
-            arrival = Arrival.CHAOS
-        if arrival is Arrival.DUPLICATE:
+        if arrival is _DUPLICATE and not copy:
+            arrival = _CHAOS
+        if arrival is _DUPLICATE:
             self.duplicates += 1
             return arrival
         knows_time = self._pass_time(sequence, time_us, elapsed_s)
-        if arrival is Arrival.RESET:
+        if arrival is _RESET:
             self.resets += 1
             self._forget()
-        elif arrival is Arrival.GAP:
+        elif arrival is _GAP:
             self.last_gap = self._gap_before(sequence)
             if self._budget.lose(self.last_gap) or not knows_time:
                 self._count_gap(sequence)
             else:
-                arrival = Arrival.CHAOS
+                arrival = _CHAOS
                 self._missing.clear()
-        elif arrival is Arrival.LATE:
+        elif arrival is _LATE:
             self.late += 1
             self.lost -= 1
             self._budget.find(1)
             self._missing.remove(sequence)
         self._budget.came()
-        if arrival is not Arrival.LATE:
+        if arrival is not _LATE:
             self._last = sequence
             self._last_time_us = self._last_time_us if time_us is None else time_us
         self._seen[sequence, time_us] = None
@@ -127,22 +131,22 @@ class SequenceTracker:
     def _classify(self, sequence: int, time_us: int | None, restarted: bool) -> Arrival:
         clock_back = None not in (time_us, self._last_time_us) and time_us < self._last_time_us  # type: ignore[operator]
         if self._modulus == 0:
-            return Arrival.RESET if restarted or clock_back else Arrival.NEXT
+            return _RESET if restarted or clock_back else _NEXT
         if (sequence, time_us) in self._seen or (sequence == self._last and not clock_back):
-            return Arrival.DUPLICATE
+            return _DUPLICATE
         if restarted:
-            return Arrival.RESET
+            return _RESET
         if self._last is None:
-            return Arrival.NEXT
+            return _NEXT
         if sequence in self._missing and (self._last - sequence) % self._modulus <= RECENT:
-            return Arrival.LATE
+            return _LATE
         if clock_back:
-            return Arrival.RESET
+            return _RESET
         step = (sequence - self._last) % self._modulus
         if step == 1:
-            return Arrival.NEXT
+            return _NEXT
         # Without a clock, more than half a turn forward is taken for a step back: the counter started anew.
-        return Arrival.GAP if time_us is not None or step <= self._modulus // 2 else Arrival.RESET
+        return _GAP if time_us is not None or step <= self._modulus // 2 else _RESET
 
     def _gap_before(self, sequence: int) -> int:
         assert self._last is not None

@@ -119,6 +119,7 @@ class SyncWordScanner:
         header_at = at + len(self._sync_word)
         payload_at = header_at + layout.header.size
         if len(buffer) < payload_at:
+            self._wanted = payload_at
             return TRUNCATED
         code, flags, length, sequence = layout.header.read(buffer, header_at)
         size = layout.sizes.get(code)
@@ -126,12 +127,12 @@ class SyncWordScanner:
             return UNKNOWN_TYPE
         if length is not None and length != size:
             return BAD_LENGTH
-        end = payload_at + size
-        if len(buffer) < end + layout.checksum.size:
-            self._wanted = end + layout.checksum.size
+        end = payload_at + size + layout.checksum.size
+        if len(buffer) < end:
+            self._wanted = end
             return TRUNCATED
-        if not layout.is_checksum_right(bytes(buffer[at : end + layout.checksum.size])):
+        frame = bytes(buffer[at:end])
+        if not layout.is_checksum_right(frame):
             return BAD_CRC
-        frame_size = end + layout.checksum.size - at
-        payload = bytes(buffer[payload_at:end])
-        return Frame(self._start + at, frame_size, layout.names[code], flags, sequence, payload)
+        payload = frame[payload_at - at : payload_at - at + size]
+        return Frame(self._start + at, len(frame), layout.names[code], flags, sequence, payload)

@@ -18,6 +18,8 @@ from hypothesis import settings
 
 TESTS = Path(__file__).parent
 
+gc.disable()  # until all tests are collected: what they import lasts
+
 # A container often has Python keep no byte code: then each process that a test starts compiles all of gse, for 1.2 s.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
@@ -36,13 +38,25 @@ for name, handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.
 WITHOUT_MACHINE_CODE = ("protocols", "drivers")
 """Folders whose tests compile nothing: in a fresh clone they run while the tutorial compiles for all."""
 
-LONG = ("test_cluster.py", "test_later_dates.py", "test_without_posix.py", "test_endings.py")
-"""Files that take long and wait much: begun last, they would leave a processor without work at the end."""
+LONG = ("test_cluster.py", "test_later_dates.py", "test_without_posix.py", "test_endings.py", "test_neighbour.py")
+"""Files that take long and wait much: begun last, they would leave a processor without work at the end.
+
+And one that compiles a search of which others would else compile a second copy at the same time.
+"""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Each worker begins to collect at another file: what one has compiled in a fresh clone, the others then read."""
+    worker = getattr(config, "workerinput", None)
+    if worker is not None and [Path(of) for of in config.args] == [Path(TESTS.name)]:
+        files = sorted(str(path) for path in TESTS.rglob("test_*.py"))
+        first = len(files) * int(worker["workerid"].removeprefix("gw")) // worker["workercount"]
+        config.args[:] = files[first:] + files[:first]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the tutorial, with what needs no machine code, and with the longest files."""
-    items.sort(key=_turn)
+    items.sort(key=lambda item: (_turn(item), item.path))
 
 
 def _turn(item: pytest.Item) -> int:
@@ -58,6 +72,7 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(50_000)
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 def pytest_xdist_auto_num_workers() -> int:

@@ -14,6 +14,8 @@ from drivers.session_file.records import EVENTS, RX, Damage, Message
 
 RAW_CHUNK_BYTES = 4096
 NS_PER_S = 1_000_000_000
+_NEVER_NS = 1 << 64
+"""Beyond every stamp of a session file."""
 
 
 def session_items(path: Path, from_utc_ns: int | None = None, to_utc_ns: int | None = None) -> Iterator[Item]:
@@ -21,18 +23,18 @@ def session_items(path: Path, from_utc_ns: int | None = None, to_utc_ns: int | N
 
     Damage in the file and a missing end come as events DAMAGED and TRUNCATED, in the place where they are.
     """
-    return _session_items(path, read_capture(path, from_utc_ns=from_utc_ns), from_utc_ns or 0, to_utc_ns)
+    capture = read_capture(path, from_utc_ns=from_utc_ns, only=(RX, EVENTS))
+    return _session_items(path, capture, from_utc_ns or 0, _NEVER_NS if to_utc_ns is None else to_utc_ns)
 
 
-def _session_items(path: Path, capture: Capture, from_utc_ns: int, to_utc_ns: int | None) -> Iterator[Item]:
+def _session_items(path: Path, capture: Capture, from_utc_ns: int, to_utc_ns: int) -> Iterator[Item]:
     stamp = (from_utc_ns, 0)
     for record in capture:
         if isinstance(record, Message):
             topic, utc_ns, mono_ns, data = record
-            if topic not in (RX, EVENTS) or utc_ns < from_utc_ns or (to_utc_ns is not None and utc_ns >= to_utc_ns):
-                continue
-            stamp = (utc_ns, mono_ns)
-            yield Chunk(utc_ns, mono_ns, data) if topic == RX else record.event()
+            if from_utc_ns <= utc_ns < to_utc_ns:
+                stamp = (utc_ns, mono_ns)
+                yield Chunk(utc_ns, mono_ns, data) if topic == RX else record.event()
         elif isinstance(record, Damage) and record.reason != "cut off":
             text = f"{record.file}: {record.size} bytes from {record.offset} on are damaged: {record.reason}"
             yield LinkEvent(*stamp, LinkKind.DAMAGED, text)

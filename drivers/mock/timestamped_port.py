@@ -29,8 +29,8 @@ class TimestampedPort(Protocol):
     def at_end(self) -> bool:
         """Whether everything has been given."""
 
-    def read_timestamped(self) -> Item | None:
-        """The next chunk or event, or None when none is due within ``timeout`` or there are no more."""
+    def due(self) -> Iterator[Item]:
+        """Chunks and events for as long as the next one is due within ``timeout`` of when it is asked for."""
 
     def stamp(self) -> tuple[int, int]:
         """UTC and monotonic nanoseconds of the port's own now."""
@@ -46,6 +46,7 @@ class Pace:
     """
 
     def __init__(self, speed: float) -> None:
+        self.is_endless = speed == float("inf")
         self._speed = speed
         self._started: tuple[float, int] | None = None
         self._last_ns = 0
@@ -53,7 +54,7 @@ class Pace:
 
     def wait(self, mono_ns: int, timeout_s: float | None) -> bool:
         """Wait until the instant is due, at most ``timeout_s``; whether it is."""
-        if self._speed == float("inf"):
+        if self.is_endless:
             return True
         if self._started is None or mono_ns < self._last_ns:
             # The monotonic clock begins anew with each boot of the recording host, and with each pass of a loop.
@@ -107,19 +108,28 @@ class TimestampedSerial(SerialBase):
         """Whether everything has been given."""
         return not self._rest and self._peek() is None
 
-    def read_timestamped(self) -> Item | None:
-        """The next chunk or event, or None when none is due within ``timeout`` or there are no more."""
+    def due(self) -> Iterator[Item]:
+        """Chunks and events for as long as the next one is due within ``timeout`` of when it is asked for.
+
+        A generator, because a night has a million of them.
+        """
         if not self.is_open:
             raise PortNotOpenError()
         if self._rest:
             rest, self._rest = self._rest, b""
-            return Chunk(*self._stamp, rest)
-        item = self._next or self._peek()
-        if item is None or not self._pace.wait(item.mono_ns, self.timeout):
-            return None
-        self._next = None
-        self._stamp = (item.utc_ns, item.mono_ns)
-        return item
+            yield Chunk(*self._stamp, rest)
+        pace, items = self._pace, self._items
+        while (item := self._next or next(items, None)) is not None:
+            if not (pace.is_endless or pace.wait(item.mono_ns, self.timeout)):
+                self._next = item
+                return
+            self._next, self._stamp = None, (item.utc_ns, item.mono_ns)
+            yield item
+        self._ended = True
+
+    def read_timestamped(self) -> Item | None:
+        """The next chunk or event, or None when none is due within ``timeout`` or there are no more."""
+        return next(self.due(), None)
 
     def read(self, size: int = 1) -> bytes:
         """At most ``size`` bytes, as pyserial gives them; fewer on a time-out and at the end."""

@@ -81,11 +81,14 @@ def _room_for_answers(panoramas: int, objects: int) -> Found:
 
 @compiled_part
 def _put(found: Found, k: int, objects: NDArray[np.int64], stars: NDArray[np.int64], alphas: int) -> None:
-    """Put the answer to panorama k into its place."""
-    begin = found.ends[k]
-    for i in range(len(objects)):  # a slice would bring numba's words for two shapes, 2 s to compile
+    """Put the answer to panorama k into its place.
+
+    One by one: for a slice numba compiles what tells of shapes that do not fit, which takes two seconds.
+    """
+    begin, end = found.ends[k], found.ends[k] + len(objects)
+    for i in range(len(objects)):
         found.objects[begin + i], found.stars[begin + i] = objects[i], stars[i]
-    found.ends[k + 1], found.alphas[k] = begin + len(objects), alphas
+    found.ends[k + 1], found.alphas[k] = end, alphas
 
 
 @compiled_part

@@ -11,7 +11,7 @@ the sensor's clock went along with UTC, by a second or more, UTC was right: a ho
 clock.
 """
 
-from collections import Counter, deque
+from collections import deque
 
 from drivers.chunk import LinkEvent
 from gse.instant import NS_PER_S, bounded
@@ -48,7 +48,7 @@ class Arrivals:
         self._has_times = has_times
         self._sequence = SequenceTracker(protocol.sequence_modulus)
         self._latest: deque[bytes] = deque()
-        self._latest_counts: Counter[bytes] = Counter()
+        self._latest_counts: dict[bytes, int] = {}
         self._before: _Stamped | None = None
         self._frame_mono_ns: int | None = None
         self._repeats = 0
@@ -99,15 +99,16 @@ class Arrivals:
 
     def _is_copy(self, frame: Frame) -> bool:
         """Whether the same bytes came among the latest frames: what bears a number again need not be a copy."""
-        found = frame.payload in self._latest_counts
-        self._latest.append(frame.payload)
-        self._latest_counts[frame.payload] += 1
+        payload, counts = frame.payload, self._latest_counts
+        found = counts.get(payload, 0)
+        counts[payload] = found + 1
+        self._latest.append(payload)
         if len(self._latest) > RECENT:
             oldest = self._latest.popleft()
-            self._latest_counts[oldest] -= 1
-            if not self._latest_counts[oldest]:
-                del self._latest_counts[oldest]
-        return found
+            counts[oldest] -= 1
+            if not counts[oldest]:
+                del counts[oldest]
+        return found > 0
 
     def new_panorama(self, frame_no: int) -> None:
         """A panorama came that is not a copy.

@@ -46,16 +46,21 @@ class ByteStream:
 
     def feed(self, chunk: Chunk) -> list[FrameAt]:
         """The frames that a chunk completes."""
+        utc_ns, mono_ns, data = chunk
         if self.latest_reasons:
             self.latest_reasons.clear()
-        self._stamps.append((self._counters.bytes_in, chunk.utc_ns, chunk.mono_ns))
-        self._counters.bytes_in += len(chunk.data)
-        self._held.append(chunk.data)
-        self._wanted -= len(chunk.data)
+        counters = self._counters
+        self._stamps.append((counters.bytes_in, utc_ns, mono_ns))
+        counters.bytes_in += len(data)
+        self._held.append(data)
+        self._wanted -= len(data)
         if self._wanted > 0:
             return []
-        self._completed_utc_ns = chunk.utc_ns
-        frames = self._take(self._decode_held())
+        self._completed_utc_ns = utc_ns
+        pieces = self._decode_held()
+        if not pieces:
+            return []
+        frames = self._take(pieces)
         self._forget_before(self._counters.bytes_in - self._decoder.pending)
         return frames
 

@@ -44,6 +44,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.chunk import LinkEvent
 from gse.instant import LAST_NS, NS_PER_S, bounded
@@ -74,6 +75,8 @@ HOTTEST_C = 1e6
 
 LONGEST_PAUSE_NS = 366 * 86_400 * NS_PER_S
 """A sensor clock that is this far ahead of the panorama before is out of order: no capture pauses for a year."""
+
+_EVENTFUL = Arrival.CHAOS, Arrival.RESET
 
 HostedStatus = tuple[int, StatusMessage]
 """The host's UTC at which a STATUS was complete, and its message."""
@@ -134,22 +137,21 @@ class Reception:
             if isinstance(item, LinkEvent):
                 news.append((len(made), item))
             elif columns is not None and item.frame.type == self._panorama_type:
-                news += [(len(made), event) for event in self._panorama(item, columns, row, made)]
+                before = len(made)
+                if events := self._panorama(item, columns, row, made):
+                    news += [(before, event) for event in events]
                 row += 1
             else:
                 news += [(len(made), found) for found in self._other(item, self._protocol.decode(item.frame))]
         return Received(news, _columns(columns, made) if columns and made else Panoramas.of([]))
 
-    def _panorama(self, at: FrameAt, columns: PanoramaColumns, row: int, made: list["_Made"]) -> Iterator[LinkEvent]:
-        """The events of a panorama, the row ``row`` of its block; one that is not a copy is appended to ``made``."""
+    def _panorama(self, at: FrameAt, columns: PanoramaColumns, row: int, made: list["_Made"]) -> list[LinkEvent]:
+        """The events before a panorama, row ``row`` of its block; one that is not a copy is appended to ``made``."""
         time_us, host_utc_ns, mono_ns = columns.time_us[row], bounded(at.utc_ns), bounded(at.mono_ns)
-        yield from self._steps(at, time_us)
+        events = self._steps(at, time_us)
         restarted = "clock reset" in columns.flags[row]
-        kind, events = self._arrived(at, host_utc_ns, mono_ns, time_us, restarted=restarted)
-        if kind is Arrival.DUPLICATE:
-            yield from self._arrivals.repeated(at.frame, columns.frame_no[row], host_utc_ns, mono_ns)
-            return
-        yield from events
+        if self._arrived(at, host_utc_ns, mono_ns, time_us, events, restarted=restarted) is Arrival.DUPLICATE:
+            return events + self._arrivals.repeated(at.frame, columns.frame_no[row], host_utc_ns, mono_ns)
         self._arrivals.new_panorama(columns.frame_no[row])
         # Invalid numbers (NaN, infinity, an age) are listed in the panorama's problems.
         exposure_s = columns.exposure_s[row]
@@ -158,17 +160,18 @@ class Reception:
         self._latest_utc_ns = max(self._latest_utc_ns, utc_ns)
         host_utc_ns = host_utc_ns if self._anchor_utc_ns is None else 0
         made.append((row, utc_ns, host_utc_ns, max(at.frame.sequence, 0), exposure_s))
+        return events
 
     def _other(self, at: FrameAt, message: Message) -> Iterator[News]:
         """The news of any other frame."""
         host_utc_ns, mono_ns = bounded(at.utc_ns), bounded(at.mono_ns)
-        yield from self._steps(at, message.time_us if isinstance(message, StatusMessage | AttitudeMessage) else None)
+        events = self._steps(at, message.time_us if isinstance(message, StatusMessage | AttitudeMessage) else None)
         # Only time tags of exposures show a restart.
         time_tag = message.time_us if isinstance(message, AttitudeMessage) and not self._panorama_type else None
-        kind, events = self._arrived(at, host_utc_ns, mono_ns, time_tag, restarted=False)
+        kind = self._arrived(at, host_utc_ns, mono_ns, time_tag, events, restarted=False)
+        yield from events
         if kind is Arrival.DUPLICATE:
             return
-        yield from events
         if isinstance(message, AttitudeMessage):
             yield self._own_answer(message, at, host_utc_ns, mono_ns)
         elif isinstance(message, StatusMessage):
@@ -176,30 +179,40 @@ class Reception:
         elif isinstance(message, Ack | Nak):
             yield message
 
-    def _steps(self, at: FrameAt, time_us: int | None) -> Iterator[LinkEvent]:
+    def _steps(self, at: FrameAt, time_us: int | None) -> list[LinkEvent]:
         """The step of the host's clock before a frame."""
         step = self._arrivals.clock_step(at, time_us)
-        if step is not None:
-            if step.utc_kept:
-                self._clock.reset()
-            yield step
+        if step is None:
+            return []
+        if step.utc_kept:
+            self._clock.reset()
+        return [step]
 
     def _arrived(
-        self, at: FrameAt, host_utc_ns: int, mono_ns: int, time_us: int | None, *, restarted: bool
-    ) -> tuple[Arrival, list[LinkEvent]]:
-        """The class of a frame by its sequence number, and the events of it."""
+        self,
+        at: FrameAt,
+        host_utc_ns: int,
+        mono_ns: int,
+        time_us: int | None,
+        events: list[LinkEvent],
+        *,
+        restarted: bool,
+    ) -> Arrival:
+        """The class of a frame by its sequence number; its event is added to ``events``."""
         before = self._arrivals.last
         arrival = self._arrivals.accept(at.frame, mono_ns, time_us, restarted=restarted)
-        if arrival not in (Arrival.CHAOS, Arrival.RESET):
-            return arrival, []
+        if arrival not in _EVENTFUL:
+            return arrival
         utc_ns = host_utc_ns if self._anchor_utc_ns is None else max(self._anchor_utc_ns, self._latest_utc_ns)
         if arrival is Arrival.CHAOS:
             text = chaos_in_words(at.frame.sequence, before)
-            return arrival, [LinkEvent(utc_ns, mono_ns, StationKind.SEQUENCE_CHAOS, text)]
+            events.append(LinkEvent(utc_ns, mono_ns, StationKind.SEQUENCE_CHAOS, text))
+            return arrival
         self._clock.reset()
         self._anchor_time_us = None
         text = f"the sensor started anew: frame {at.frame.sequence} on the wire, its clock or counter jumped back"
-        return arrival, [LinkEvent(utc_ns, mono_ns, StationKind.SENSOR_RESET, text)]
+        events.append(LinkEvent(utc_ns, mono_ns, StationKind.SENSOR_RESET, text))
+        return arrival
 
     def _own_answer(self, message: AttitudeMessage, at: FrameAt, host_utc_ns: int, mono_ns: int) -> OwnAnswer:
         """The UTC of its exposure is that of its panorama; a sensor without panoramas is given one by its time tag.
@@ -245,7 +258,7 @@ def _columns(columns: PanoramaColumns, made: Sequence[_Made]) -> Panoramas:
     parts = Parts.of_counts(counts)
     wire_rows = np.arange(parts.first[-1]) - np.repeat(parts.first[:-1], counts)
     at = wire_rows + np.repeat(columns.first[list(rows)], counts)
-    order = np.lexsort((-columns.index[at], parts.of_row))  # stable
+    order = _brightest_first(columns.index[at], parts)
     temperature_c = np.array([columns.temperature_c[row] for row in rows], dtype=np.float64)
     return Panoramas(
         parts,
@@ -262,3 +275,11 @@ def _columns(columns: PanoramaColumns, made: Sequence[_Made]) -> Panoramas:
         [columns.flags[row] for row in rows],
         [columns.problems[row] for row in rows],
     )
+
+
+def _brightest_first(index: NDArray[np.float64], parts: Parts) -> NDArray[np.int64] | slice:
+    """The order of objects (M,) in which those of each part stand brightest first, equal ones as they came."""
+    is_sorted = np.ones(len(index) + 1, dtype=np.bool_)
+    np.less_equal(index[1:], index[:-1], out=is_sorted[1:-1])
+    is_sorted[parts.first] = True
+    return slice(None) if is_sorted.all() else np.lexsort((-index, parts.of_row))

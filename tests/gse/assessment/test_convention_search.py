@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from functools import cache
 
 import numpy as np
 import pytest
@@ -33,17 +34,25 @@ from protocols import AttitudeMessage
 
 UTC_NS = START_NS + np.arange(60) * NS_PER_S
 MOUNT = Mount(azimuth_deg=40.0, altitude_deg=65.0, roll_deg=25.0)
-LEFT_IN, TAKEN_OUT = (OwnAnswerTruth(TRUTH, MOUNT, corrected).expected(UTC_NS) for corrected in (False, True))
+
+
+@cache
+def expected(aberration):
+    """Where the sensor looks (60, 3, 3), with the aberration corrected or not."""
+    return OwnAnswerTruth(TRUTH, MOUNT, aberration == "corrected").expected(UTC_NS)
+
+
+def evidence_of(stated):
+    return Evidence(UTC_NS, stated, expected("not corrected"), expected("corrected"), 1.0)
 
 
 def sent(convention, state, *, body_arcsec=(0.0, 0.0, 0.0), noise_arcsec=5.0):
     """A minute of answers in a convention, from a body frame that is turned on its detector."""
-    answered = TAKEN_OUT if convention.aberration == "corrected" else LEFT_IN
     body = Rotation.from_rotvec(np.array(body_arcsec) * ARCSEC_RAD).as_matrix()
     noise = np.random.default_rng(3).normal(0, noise_arcsec, (len(UTC_NS), 3)) * [1, 1, 8] * ARCSEC_RAD
-    answered = Rotation.from_rotvec(noise).as_matrix() @ body @ answered
+    answered = Rotation.from_rotvec(noise).as_matrix() @ body @ expected(convention.aberration)
     stated = state(answered @ icrs_to_frame(convention.frame, UTC_NS).transpose(0, 2, 1), convention)
-    return Evidence(UTC_NS, stated, LEFT_IN, TAKEN_OUT, 1.0)
+    return evidence_of(stated)
 
 
 QUATERNIONS = [
@@ -118,7 +127,7 @@ def test_ten_answers_are_the_fewest_that_name_a_convention(state):
 
 def test_how_far_aberration_moves_the_boresight_is_the_angle_between_both():
     found = search_convention(sent(AttitudeConvention(), state_angles))
-    cosines = np.einsum("ki,ki->k", LEFT_IN[:, 2], TAKEN_OUT[:, 2])
+    cosines = np.einsum("ki,ki->k", expected("not corrected")[:, 2], expected("corrected")[:, 2])
     assert found.aberration_arcsec == pytest.approx(np.median(np.arccos(cosines)) / ARCSEC_RAD, abs=0.01)
 
 
@@ -200,8 +209,8 @@ def test_conventions_within_three_times_the_least_misfit_or_six_times_what_is_no
 
 def turned(turns_arcsec, state):
     """A minute of answers without noise, each turned (60, 3) in the sensor frame."""
-    answered = Rotation.from_rotvec(np.asarray(turns_arcsec) * ARCSEC_RAD).as_matrix() @ LEFT_IN
-    return Evidence(UTC_NS, state(answered, AttitudeConvention()), LEFT_IN, TAKEN_OUT, 1.0)
+    answered = Rotation.from_rotvec(np.asarray(turns_arcsec) * ARCSEC_RAD).as_matrix() @ expected("not corrected")
+    return evidence_of(state(answered, AttitudeConvention()))
 
 
 @pytest.mark.parametrize("state", [state_quaternions, state_angles])
