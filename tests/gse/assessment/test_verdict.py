@@ -337,6 +337,15 @@ def test_an_answer_from_a_time_before_all_truth_is_compared_with_nothing():
     assert np.isfinite(own.d_de_arcsec[3:]).all()
 
 
+def test_own_answers_are_judged_by_truth_with_what_their_choice_of_stars_leaves_open():
+    assessment = judge(with_own_answers(session(100)))
+    axes, own_axes = assessment.budget.axes["d_de"], assessment.budget.own_axes["d_de"]
+    assert own_axes.one_sided_arcsec > axes.one_sided_arcsec
+    found = {row.subject: row.truth_uncertainty for row in assessment.rows if row.name == "mean |dDE|"}
+    assert found[Subject.ONBOARD] == pytest.approx(axes.one_sided_arcsec / 1.645)
+    assert found[Subject.SENSOR] == pytest.approx(own_axes.one_sided_arcsec / 1.645)
+
+
 def test_frames_that_never_came_count_against_the_sensors_own_answers_and_are_told():
     made = with_own_answers(session(100))
     made.link.frames_lost = 100
