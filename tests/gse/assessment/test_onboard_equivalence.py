@@ -87,3 +87,13 @@ def test_two_rolls_are_as_far_apart_as_the_shorter_way_round(sensor_deg, station
     made.frames.columns["roll_deg"][:] = station_deg
     made.sensor_attitudes.columns["roll_deg"][:] = sensor_deg
     assert statistics(made).equivalence.roll_arcsec.p50 == pytest.approx(apart_arcsec, abs=0.1)
+
+
+@pytest.mark.parametrize(("off_arcsec", "is_false"), [(170.0, False), (190.0, True)])
+def test_an_answer_is_false_where_it_lies_further_from_a_confirmed_one_than_two_of_the_same_stars(off_arcsec, is_false):
+    made = session(100)
+    answer(made, until=99)
+    answer(made, 99, off_arcsec=off_arcsec)
+    stats = statistics(made)
+    assert stats.subjects[Subject.SENSOR].false_answers.count == is_false
+    assert stats.subjects[Subject.SENSOR].axes["d_de"].n == 100 - is_false

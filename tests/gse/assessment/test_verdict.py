@@ -337,6 +337,12 @@ def test_an_answer_from_a_time_before_all_truth_is_compared_with_nothing():
     assert np.isfinite(own.d_de_arcsec[3:]).all()
 
 
+def test_own_answers_in_a_stretch_that_is_left_out_enter_no_accuracy():
+    made = with_own_answers(session(100))
+    made.excluded = (Exclusion(START_NS, START_NS + 5 * NS_PER_S, "clouds", Cause.OPERATOR),)
+    assert statistics(made).subjects[Subject.SENSOR].axes["d_de"].n == 50
+
+
 def test_own_answers_are_judged_by_truth_with_what_their_choice_of_stars_leaves_open():
     assessment = judge(with_own_answers(session(100)))
     axes, own_axes = assessment.budget.axes["d_de"], assessment.budget.own_axes["d_de"]
