@@ -56,7 +56,6 @@ class Scene:
         self._radius_rad = 0.55 * self.camera.diagonal_rad
         self._points: SkyCell | None = None
         self._faintest = -math.inf
-        self._bodies: BodyCell | None = None
         self._skylight: tuple[int, float] = (-1, 0.0)
 
     def since_start_s(self, utc_ns: int) -> float:
@@ -86,9 +85,7 @@ class Scene:
 
     def bodies(self, utc_ns: int) -> BodyCell:
         """Sun, Moon and planets."""
-        if self._bodies is None or not 0 <= utc_ns - self._bodies.track.start_ns < CELL_NS:
-            self._bodies = bodies_over(self._site, utc_ns)
-        return self._bodies
+        return bodies_over(self._site, utc_ns)
 
     def boresight_sky_magnitude(self, utc_ns: int) -> float:
         """Surface brightness of the sky in the middle of the detector."""

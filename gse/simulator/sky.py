@@ -74,23 +74,28 @@ class SkyCell:
     magnitude: NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True)
 class AstropySite:
     """A site for astropy: its place, and its air."""
 
-    def __init__(self, site: Site) -> None:
-        self.location = EarthLocation.from_geodetic(
-            site.longitude_deg * u.deg, site.latitude_deg * u.deg, site.height_m * u.m
-        )
-        self._air = {
-            "pressure": site.air_pressure_hpa * u.hPa,
-            "temperature": site.air_temperature_c * u.deg_C,
-            "relative_humidity": site.relative_humidity,
-            "obswl": _WAVELENGTH_UM * u.um,
-        }
+    site: Site
+
+    @property
+    def location(self) -> EarthLocation:
+        """On the ellipsoid."""
+        longitude, latitude = self.site.longitude_deg * u.deg, self.site.latitude_deg * u.deg
+        return EarthLocation.from_geodetic(longitude, latitude, self.site.height_m * u.m)
 
     def horizon(self, times: Time) -> AltAz:
         """The frame of what is seen from here at some times."""
-        return AltAz(obstime=times, location=self.location, **self._air)
+        return AltAz(
+            obstime=times,
+            location=self.location,
+            pressure=self.site.air_pressure_hpa * u.hPa,
+            temperature=self.site.air_temperature_c * u.deg_C,
+            relative_humidity=self.site.relative_humidity,
+            obswl=_WAVELENGTH_UM * u.um,
+        )
 
 
 class Sky:

@@ -18,7 +18,7 @@ from gse.instant import NS_PER_S, from_text
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion, excluded, exclusions, parse_exclusion
 from gse.station.frame_table import MATCH
-from gse.station.results import AnswerCheck, AttitudeError, FrameResult, Status, Verdict
+from gse.station.results import AnswerCheck, AttitudeError, FrameResult, Status, Subject, Verdict
 
 CLEAR_ZERO_POINT_MAG = 14.0
 
@@ -383,6 +383,13 @@ def test_empty_panoramas_leave_the_availability_open():
     assert assessment.verdict is Verdict.INCONCLUSIVE
     assert any("no object at all for 60 s: lens cap" in reason for reason in assessment.reasons)
     assert any("or the sensor was blind" in reason for reason in assessment.reasons)
+
+
+def test_a_sensor_that_sends_no_panoramas_is_not_excused_by_their_being_empty():
+    made = clouded(objects=0)
+    made.subject = Subject.SENSOR
+    assert statistics(made).exclusions == ()
+    assert statistics(made).onboard.available.of == 1800
 
 
 @pytest.mark.parametrize("frames", [1800, 50])

@@ -15,6 +15,7 @@ from gse.assessment.out_of_place import most_unmatched, stars_fall_out
 from gse.assessment.plain_findings import faulty_panoramas
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
+from gse.instant import NS_PER_S
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
 from gse.station.results import AnswerCheck, Status
@@ -186,6 +187,16 @@ def test_a_clock_that_steps_one_way_in_most_frames_runs_away(steps_ns, drift_s):
     (first, *_) = causes_so_far(made)
     assert first.cause == ("clock drift" if drift_s else "clock step")
     assert drift_s is None or drift_s in first.size
+
+
+def test_a_host_that_was_suspended_is_told_as_that_and_as_no_step_of_its_clock():
+    made = silent()
+    made.events = [replace(step, utc_kept=True) for step in clock_steps(60 * NS_PER_S)]
+    causes = [finding.cause for finding in causes_so_far(made)]
+    assert "monotonic clock" in causes
+    assert "clock step" not in causes
+    made.events += clock_steps(NS_PER_S)
+    assert {"monotonic clock", "clock step"} <= {finding.cause for finding in causes_so_far(made)}
 
 
 def test_a_gross_mistake_is_named_alone():

@@ -86,6 +86,12 @@ def test_frames_that_the_sequence_misses_were_expected_and_are_not_available():
     stats = statistics(made)
     assert stats.frames_expected == 16
     assert stats.onboard.available.value == 10 / 16
+    assert stats.onboard.available.n_eff == 16  # what is missing was looked for as often
+
+
+def test_the_half_cone_is_of_the_angles_between_boresights():
+    onboard = statistics(at_seconds(range(40))).onboard  # 3 arcsec along columns and 4 along rows
+    assert onboard.half_cone_95.p95_abs_arcsec == 5.0
 
 
 def test_lost_frames_that_were_no_panoramas_are_not_missing():

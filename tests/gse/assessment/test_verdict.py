@@ -11,10 +11,13 @@ from skies.one_by_one import add_frame
 from drivers.clock import ClockReading
 from gse.assessment.clock_health import clock_health, stated_error_s
 from gse.assessment.decision import Outcome
+from gse.assessment.mount_terms import STABILITY
 from gse.assessment.sensor_answers import not_compared, own_truth
 from gse.assessment.statistics import statistics
 from gse.assessment.subject_statistics import about_circular_mean
-from gse.assessment.verdict import judge
+from gse.assessment.truth_budget import TruthUncertaintyBudget
+from gse.assessment.uncertainty import Term, combined
+from gse.assessment.verdict import _settles, judge
 from gse.config.station import BUILT_IN_TEXT
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
@@ -134,6 +137,28 @@ def test_all_frames_excluded_is_inconclusive():
 # Truth
 
 
+def term(name, ra_arcsec, de_arcsec):
+    return Term(name, 1.0, "arcsec", ra_arcsec, de_arcsec, 0.0, "B", "", "")
+
+
+@pytest.mark.parametrize(("drift_arcsec", "settles"), [(2.99, False), (3.01, True)])
+def test_a_longer_session_helps_where_the_drift_of_the_mount_is_more_than_half_of_the_variance_of_truth(
+    drift_arcsec, settles
+):
+    terms = term(STABILITY, 0.1, drift_arcsec), term("clock", 9.0, 3.0)
+    axes = {axis: combined(terms, axis) for axis in ("d_ra_cosde", "d_de")}
+    budget = TruthUncertaintyBudget(terms, axes, axes)
+    assert _settles(budget, "d_de") is settles
+    assert not _settles(budget, "d_ra_cosde")
+
+
+def test_truth_leaves_a_boresight_open_on_both_of_its_axes():
+    rows = {row.name: row.truth_uncertainty for row in judge(session()).rows}
+    both = math.hypot(rows["mean |dRA*|"], rows["mean |dDE|"])
+    assert rows["half-cone of 95 % of the boresights"] == pytest.approx(both)
+    assert rows["mean |dRA*|"] > 1.0 < rows["mean |dDE|"]
+
+
 def test_an_unsynchronised_clock_is_inconclusive_and_named():
     made = session()
     made.clock.append(ClockReading(START_NS, 0, "unsynchronised", False, 0.0, 16.0))
@@ -250,6 +275,7 @@ def test_a_time_that_fails_or_is_not_decided_is_told_in_milliseconds(slow, words
     made.frames.columns["elapsed_us"][:slow] = 250_000.0
     (row,) = [row for row in judge(made).rows if row.name == "identification time on this host, 99 %"]
     assert words in row.reason
+    assert (row.value, row.unit, row.limit) == (250.0, "ms", 200.0)  # the 99th percentile, not what is usual
 
 
 def test_a_session_without_recorded_times_does_not_test_the_time():
