@@ -1,6 +1,6 @@
 """Every end of a session: each signal in each state, and each way in which nobody reads.
 
-    python benchmarks/endings.py [readers] [signals]
+    python benchmarks/endings.py [readers] [signals] [stopped]
 
 Real processes: ``gse run`` with a terminal of its own as its controlling one, ``gse emulate`` as the sensor under a sky
 where it is night now. Ctrl-C and Ctrl-\\ are typed, a hang-up is the terminal's end, the disk that is closed on is full
@@ -35,6 +35,9 @@ GSE = [sys.executable, "-m", "gse"]
 RATE_HZ = 20
 RUN_S = 4.0
 AGAIN_S = 1.5
+STOPPED_S = (10, 60)
+STEADY_S = 15.0
+"""Of streaming before and after a stop."""
 CODES = {"PASS": 0, "FAIL": 1, "INCONCLUSIVE": 5}
 PATIENCE_S = 180.0
 HANG_UP = b"hang up"
@@ -235,6 +238,27 @@ def signals(folder: Path) -> list[Row]:
     return rows
 
 
+def stopped(folder: Path) -> list[Row]:
+    """The process is stopped for a while and goes on: what its port could not hold is no fault of the sensor."""
+    station = night_station(folder)
+    rows: list[Row] = []
+    with emulator(station) as port:
+        for seconds in STOPPED_S:
+            session = Session(folder / str(seconds), "--station", str(station), "--port", port)
+            session.await_words("STREAMING")
+            time.sleep(STEADY_S)
+            session.process.send_signal(signal.SIGSTOP)
+            time.sleep(seconds)
+            session.process.send_signal(signal.SIGCONT)
+            time.sleep(STEADY_S)
+            session.send("INT")
+            value = session.left()
+            (path,) = session.out.glob("*/session.mcap")
+            told = "NOT_RUN" if "NOT_RUN" in _event_kinds(path) else "no event"
+            rows.append((f"stopped for {seconds} s", f"{value}; {told}", "the event; not FAIL"))
+    return rows
+
+
 def readers(folder: Path) -> list[Row]:
     """Each way in which nobody reads: the session goes on to its verdict."""
     station = night_station(folder)
@@ -285,16 +309,19 @@ def _event_kinds(path: Path) -> set[str]:
 
 
 def markdown(rows: list[Row]) -> str:
-    """The signals as a table of states, the readers as a list."""
+    """The signals as a table of states, the others as a list."""
     by_name = {name: value for name, value, _ in rows}
     if f"{SIGNALS[0]}, {STATES[0]}" not in by_name:
-        return "\n".join(["| reader | what comes out |", "|---|---|", *(f"| {n} | {v} |" for n, v in by_name.items())])
+        return "\n".join(
+            ["| what happens | what comes out |", "|---|---|", *(f"| {n} | {v} |" for n, v in by_name.items())]
+        )
     lines = [f"| | {' | '.join(SIGNALS)} |", "|---" * (len(SIGNALS) + 1) + "|"]
     lines += [f"| {s} | {' | '.join(by_name[f'{what}, {s}'] for what in SIGNALS)} |" for s in STATES]
     return "\n".join(lines)
 
 
 if __name__ == "__main__":
-    for part in sys.argv[1:] or ("readers", "signals"):
+    parts = {"readers": readers, "signals": signals, "stopped": stopped}
+    for part in sys.argv[1:] or parts:
         with tempfile.TemporaryDirectory() as temporary:
-            print(markdown({"readers": readers, "signals": signals}[part](Path(temporary))), flush=True)
+            print(markdown(parts[part](Path(temporary))), flush=True)

@@ -2,8 +2,8 @@
 
     python benchmarks/faults.py [PART ...]
 
-Parts: wire, recorder, files, ports, load, readers, signals, changed, strangers, network, silence, words, commands, web,
-floats, hopeless, statuses, disks, streams, damaged.
+Parts: wire, recorder, files, ports, load, readers, signals, stopped, changed, strangers, network, silence, words,
+commands, web, floats, hopeless, statuses, disks, streams, damaged.
 
 Prints a table with the goal beside each figure; without arguments, all of it (some 20 minutes). The stalled and the
 full disk are real ones, and need root to mount them.
@@ -39,7 +39,7 @@ from damaged import damaged
 from devices.hostile_sessions import FILES, write_file, write_flood, write_steering, write_times
 from devices.ser2net import PROGRAM, Ser2net
 from devices.terminal import Terminal
-from endings import readers, signals
+from endings import readers, signals, stopped
 from hostile import commands, floats, hopeless, silence, statuses, web, words
 from refused import disks, streams
 
@@ -77,7 +77,7 @@ Row = tuple[str, str, str]
 def main() -> None:
     """Measure what was asked for and print the table."""
     parts = {"wire": wire, "recorder": recorder, "files": files, "ports": ports, "load": load}
-    parts |= {"readers": readers, "signals": signals}
+    parts |= {"readers": readers, "signals": signals, "stopped": stopped}
     parts |= {"changed": changed, "strangers": strangers, "network": network, "silence": silence}
     parts |= {
         "words": words,

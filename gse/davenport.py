@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.jit import compiled
+from gse.jit import compiled_part
 
 _MIN_SEPARATION_RAD = 1e-7
 """Directions closer than this (0.02 arcsec) to one line do not fix the roll."""
@@ -18,7 +18,7 @@ _JACOBI_SWEEPS = 20
 """Convergence is quadratic: 4 or 5 sweeps do, the rest is a cap."""
 
 
-@compiled
+@compiled_part
 def davenport(
     measured: NDArray[np.float64],
     stars: NDArray[np.float64],
@@ -64,7 +64,7 @@ def davenport(
     return True
 
 
-@compiled
+@compiled_part
 def _jacobi(matrix: NDArray[np.float64], vectors: NDArray[np.float64]) -> None:
     """Turn a symmetric matrix (4, 4) diagonal in place; the columns of ``vectors`` become its eigenvectors."""
     for _ in range(_JACOBI_SWEEPS):
@@ -80,7 +80,7 @@ def _jacobi(matrix: NDArray[np.float64], vectors: NDArray[np.float64]) -> None:
                     _jacobi_rotation(matrix, vectors, p, q)
 
 
-@compiled
+@compiled_part
 def _jacobi_rotation(matrix: NDArray[np.float64], vectors: NDArray[np.float64], p: int, q: int) -> None:
     """One rotation in the plane of p and q that makes matrix[p, q] zero (Golub & Van Loan, section 8.5)."""
     theta = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
@@ -99,7 +99,7 @@ def _jacobi_rotation(matrix: NDArray[np.float64], vectors: NDArray[np.float64], 
         vectors[k, p], vectors[k, q] = c * a - s * b, s * a + c * b
 
 
-@compiled
+@compiled_part
 def _rotation_of(quaternion: NDArray[np.float64], rotation: NDArray[np.float64]) -> None:
     """The rotation (3, 3) of a unit quaternion (4,), scalar last, that turns axes (not vectors)."""
     x, y, z, w = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
@@ -114,7 +114,7 @@ def _rotation_of(quaternion: NDArray[np.float64], rotation: NDArray[np.float64])
     rotation[2, 1] = 2.0 * (y * z - w * x)
 
 
-@compiled
+@compiled_part
 def attitude_covariance(
     measured: NDArray[np.float64], weights: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> bool:

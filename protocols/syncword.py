@@ -28,6 +28,7 @@ class SyncWordScanner:
     def __init__(self, layout: FrameLayout) -> None:
         self._layout = layout
         self._sync_word = layout.sync_word
+        self._headed = len(layout.sync_word) + layout.header.size
         self._buffer = bytearray()
         self._start = 0
         self._scan = 0
@@ -96,6 +97,8 @@ class SyncWordScanner:
                 if whole:
                     out += discards(self._start + at, bytes(buffer[at : at + whole]), reason)
                     at, reason = at + whole, NO_SYNC
+                if at == scan:
+                    self._wanted = at + self._headed
                 break
             if found > at:
                 out += discards(self._start + at, bytes(buffer[at:found]), reason)
@@ -116,12 +119,11 @@ class SyncWordScanner:
     def _examine(self, at: int) -> Frame | Reason:
         """The frame at a sync word, or why there is none."""
         layout, buffer = self._layout, self._buffer
-        header_at = at + len(self._sync_word)
-        payload_at = header_at + layout.header.size
+        payload_at = at + self._headed
         if len(buffer) < payload_at:
             self._wanted = payload_at
             return TRUNCATED
-        code, flags, length, sequence = layout.header.read(buffer, header_at)
+        code, flags, length, sequence = layout.header.read(buffer, at + len(self._sync_word))
         size = layout.sizes.get(code)
         if size is None:
             return UNKNOWN_TYPE
@@ -134,5 +136,5 @@ class SyncWordScanner:
         frame = bytes(buffer[at:end])
         if not layout.is_checksum_right(frame):
             return BAD_CRC
-        payload = frame[payload_at - at : payload_at - at + size]
+        payload = frame[self._headed : self._headed + size]
         return Frame(self._start + at, len(frame), layout.names[code], flags, sequence, payload)

@@ -62,6 +62,8 @@ _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _HEAD_AND_MESSAGE = struct.Struct("<BQHIQQ")
 _STAMPS_AT = _HEAD.size + struct.calcsize("<HI")
+_DATA_AT = _HEAD_AND_MESSAGE.size
+_MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a look into an enumeration takes a tenth of the time of a message
 _CANDIDATE = re.compile(rb"[\x04-\x06\x09\x0f\x02](?=...\x00\x00\x00\x00\x00)", re.DOTALL)
 # What the mcap package and zstandard raise on damaged content, seen by flipping bits.
 _BROKEN = (
@@ -251,17 +253,16 @@ class RecordScanner:
         messages: list[Message] = []
         if isinstance(self._window, FileWindow):
             return messages, offset
-        block, size, count = self._window.block, self._window.size, 0
-        while offset + _HEAD_AND_MESSAGE.size <= size:
+        block, size, topics, count = self._window.block, self._window.size, self._topics, 0
+        while offset + _DATA_AT <= size:
             opcode, length, channel, crc, utc_ns, mono_ns = _HEAD_AND_MESSAGE.unpack_from(block, offset)
-            following = offset + _HEAD.size + length
-            if opcode != Opcode.MESSAGE or length < _MESSAGE.size or following > size or channel not in self._topics:
+            following, topic = offset + _HEAD.size + length, topics.get(channel)
+            if opcode != _MESSAGE_OPCODE or following < offset + _DATA_AT or following > size or topic is None:
                 break
-            topic = self._topics[channel]
             if zlib.crc32(block[offset + _STAMPS_AT : following], topic_checksum(topic)) != crc:
                 break
             if self._only is None or topic in self._only:
-                messages.append(Message(topic, utc_ns, mono_ns, block[offset + _HEAD_AND_MESSAGE.size : following]))
+                messages.append(Message(topic, utc_ns, mono_ns, block[offset + _DATA_AT : following]))
             count += 1
             offset = following
         self._limit.spend(STEP_BYTES * count)

@@ -6,6 +6,7 @@ Options, each once, after a question mark: ``speed`` (max, 1, or a factor), ``fr
 """
 
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 from drivers.chunk import LinkEvent, LinkKind
@@ -30,7 +31,7 @@ class Serial(TimestampedSerial):
         speed, loops, most = url.speed(), url.number("loop", 1, least=1), url.number("cut", 0, least=1)
         faults = parse_faults(url.options)
         first = _pass(url)
-        items = _repeated(first, url, loops)
+        items: Iterator[Item] = chain.from_iterable(_passes(first, url, loops))
         if faults is not None:
             items = inject(items, faults, int(self.baudrate))
         return (cut(items, most) if most else items), speed
@@ -54,10 +55,14 @@ def _pass(url: MockUrl) -> Iterator[Item]:
     return raw_items(path, start_utc_ns)
 
 
-def _repeated(items: Iterator[Item], url: MockUrl, loops: int) -> Iterator[Item]:
-    yield from items
+def _passes(first: Iterator[Item], url: MockUrl, loops: int) -> Iterator[Iterator[Item]]:
+    yield first
     for number in range(2, loops + 1):
-        for position, item in enumerate(_pass(url)):
-            if position == 0:
-                yield LinkEvent(item.utc_ns, item.mono_ns, LinkKind.LOOP, f"the recording begins again, pass {number}")
-            yield item
+        yield _again(url, number)
+
+
+def _again(url: MockUrl, number: int) -> Iterator[Item]:
+    for position, item in enumerate(_pass(url)):
+        if position == 0:
+            yield LinkEvent(item.utc_ns, item.mono_ns, LinkKind.LOOP, f"the recording begins again, pass {number}")
+        yield item

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from gse.jit import compiled
+from gse.jit import compiled, compiled_part
 
 _MAX_STEPS = 100
 _ACCURACY = 1e-6
@@ -61,7 +61,7 @@ def _quantile(
     return error
 
 
-@compiled
+@compiled_part
 def _half_inside(cosines: NDArray[np.float64], freedom: int) -> NDArray[np.float64]:
     """P(0 < T < t) for cosine = 1 / sqrt(1 + t^2 / freedom): Abramowitz & Stegun, 26.7.3 (odd) and 26.7.4 (even).
 

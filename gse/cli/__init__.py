@@ -36,6 +36,10 @@ _NOT_TAKEN = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 _NOT_OPEN = (errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR)
 """Of a path that is closed to this user, that is not a path at all, or that is something else than expected."""
 
+_GIVE_ROOM = "gse takes up to 400 MiB, and 1.2 GB of addresses: raise its limit, or end other programs"
+_NO_ROOM = "failed to map segment"
+"""The system's words where there is no room for a library."""
+
 _COMMANDS = {
     "run": "test a sensor: receive, record, identify, compare, judge",
     "status": "show a running session, or end it with --stop",
@@ -177,6 +181,10 @@ def unexpected(error: BaseException) -> int:
         path = plain_line(os.fsdecode(error.filename))
         click.echo(f"gse: {path:.200}: {error.strerror}; give another path, or ask its owner for access", err=True)
         return EXIT_USAGE
+    if isinstance(error, MemoryError) or (isinstance(error, ImportError) and _NO_ROOM in str(error)):
+        what = plain_line(str(error))[:200] or type(error).__name__
+        click.echo(f"gse: not enough memory: {what}; {_GIVE_ROOM}", err=True)
+        return EXIT_INTERNAL
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{place.filename}:{place.lineno}"
     what = f"{type(error).__name__}: {plain_lines(str(error))}"

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.tangent_plane import Attempt, Noise, Objects, place
-from gse.jit import compiled
+from gse.jit import compiled_part
 
 
-@compiled
+@compiled_part
 def fit(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -> None:
     """One Gauss-Newton step of rotation and scale on the matched objects, and the new covariance."""
     information, pull, step = np.empty((4, 4)), np.empty(4), np.empty(4)
@@ -42,7 +42,7 @@ def fit(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -> 
     attempt.scale[0] += step[3]
 
 
-@compiled
+@compiled_part
 def _invert(lower: NDArray[np.float64], inverse: NDArray[np.float64]) -> None:
     """Put the inverse of a positive definite matrix (n, n), given by its lower triangle, into ``inverse``.
 
@@ -73,7 +73,7 @@ def _invert(lower: NDArray[np.float64], inverse: NDArray[np.float64]) -> None:
             inverse[i, j] = inverse[j, i] = total
 
 
-@compiled
+@compiled_part
 def _turn(rotation: NDArray[np.float64], x: float, y: float, z: float) -> None:
     """Turn the sensor's side of ``rotation`` by a small rotation vector, exactly orthogonal (Cayley's form)."""
     a, b, c = 0.5 * x, 0.5 * y, 0.5 * z

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.jit import compiled
+from gse.jit import compiled, compiled_part
 
 MOST_CANDIDATES = 64
 """A true star of a mean field has some 25; of more, the most distant from the alpha star are excluded."""
@@ -25,7 +25,7 @@ _ONE = np.uint64(1)
 _Row = int | np.uint64
 
 
-@compiled
+@compiled_part
 def candidate_of(row: int, star: int) -> np.uint32:
     """An object and the star that it may be in one word: a panorama has fewer objects than 256."""
     return np.uint32(row << _STAR_BITS | star)
@@ -62,7 +62,7 @@ def separations(directions: NDArray[np.float64]) -> Separations:
     return Separations(cosine, sine)
 
 
-@compiled
+@compiled_part
 def _cosine_sine(vectors: NDArray[np.float64], a: _Row, b: _Row) -> tuple[float, float]:
     ax, ay, az = vectors[a, 0], vectors[a, 1], vectors[a, 2]
     bx, by, bz = vectors[b, 0], vectors[b, 1], vectors[b, 2]
@@ -70,7 +70,7 @@ def _cosine_sine(vectors: NDArray[np.float64], a: _Row, b: _Row) -> tuple[float,
     return ax * bx + ay * by + az * bz, math.sqrt(x * x + y * y + z * z)
 
 
-@compiled
+@compiled_part
 def angle_urad(cosine: float, sine: float) -> float:
     """The angle in microradians."""
     return 1e6 * math.atan2(sine, cosine)
@@ -86,7 +86,7 @@ class Window(NamedTuple):
     near: float
 
 
-@compiled
+@compiled_part
 def window(cosine: float, sine: float, tolerance_urad: float) -> Window:
     """The window of two objects with this cosine and sine of the angle between them."""
     t = 1e-6 * tolerance_urad
@@ -98,7 +98,7 @@ def window(cosine: float, sine: float, tolerance_urad: float) -> Window:
     return Window(far - margin, np.inf, np.inf, np.inf)
 
 
-@compiled
+@compiled_part
 def stars_fit(icrs: NDArray[np.float64], a: int, b: int, cosine: float, sine: float, tolerance_urad: float) -> bool:
     """Whether stars a and b, by their whole microradians, fit two objects: |d_stars - d_objects| < tolerance.
 
@@ -111,14 +111,14 @@ def stars_fit(icrs: NDArray[np.float64], a: int, b: int, cosine: float, sine: fl
     return gate.surely_far < dot < gate.surely_near or _fits_exactly(icrs, a, b, cosine, sine, tolerance_urad)
 
 
-@compiled
+@compiled_part
 def _dot(vectors: NDArray[np.float64], a: _Row, b: _Row) -> float:
     ax, ay, az = vectors[a, 0], vectors[a, 1], vectors[a, 2]
     cosine: float = ax * vectors[b, 0] + ay * vectors[b, 1] + az * vectors[b, 2]
     return cosine
 
 
-@compiled
+@compiled_part
 def _fits_exactly(
     icrs: NDArray[np.float64], a: _Row, b: _Row, cosine: float, sine: float, tolerance_urad: float
 ) -> bool:
@@ -126,7 +126,7 @@ def _fits_exactly(
     return bool(abs(whole - angle_urad(cosine, sine)) < tolerance_urad)
 
 
-@compiled
+@compiled_part
 def windows(angles: Separations, tolerance_urad: float) -> NDArray[np.float64]:
     """The windows (4, N, N) of each two of N objects; nothing fits an object and itself."""
     count = len(angles.cosine)
@@ -140,7 +140,7 @@ def windows(angles: Separations, tolerance_urad: float) -> NDArray[np.float64]:
     return of_pairs
 
 
-@compiled
+@compiled_part
 def agreements(
     candidates: NDArray[np.uint32],
     icrs: NDArray[np.float64],
@@ -165,7 +165,7 @@ def agreements(
     return agrees
 
 
-@compiled
+@compiled_part
 def pigeonhole_bound(
     candidates: NDArray[np.uint32],
     row: np.uint64,
@@ -192,7 +192,7 @@ def pigeonhole_bound(
     return True
 
 
-@compiled
+@compiled_part
 def largest_group(agrees: NDArray[np.uint64], fewest: int) -> np.uint64:
     """The largest group found of candidates that all agree, as bits; 0 where none has ``fewest`` members.
 
@@ -214,18 +214,18 @@ def largest_group(agrees: NDArray[np.uint64], fewest: int) -> np.uint64:
     return best
 
 
-@compiled
+@compiled_part
 def no_group(agrees: NDArray[np.uint64], fewest: int) -> bool:
     """Whether it is proven that no ``fewest`` candidates agree: ``largest_group`` may miss one."""
     return bool(_able(agrees, _all(len(agrees)), fewest) == _NONE)
 
 
-@compiled
+@compiled_part
 def _all(count: int) -> np.uint64:
     return ~_NONE >> np.uint64(MOST_CANDIDATES - count) if count else _NONE
 
 
-@compiled
+@compiled_part
 def _able(agrees: NDArray[np.uint64], alive: np.uint64, fewest: int) -> np.uint64:
     """Those that can be in a group of ``fewest``: each agrees with enough others that can."""
     before = _NONE
@@ -237,7 +237,7 @@ def _able(agrees: NDArray[np.uint64], alive: np.uint64, fewest: int) -> np.uint6
     return alive
 
 
-@compiled
+@compiled_part
 def _grown(agrees: NDArray[np.uint64], seed: int, alive: np.uint64) -> np.uint64:
     group = _ONE << np.uint64(seed)
     able = agrees[seed] & alive
@@ -248,7 +248,7 @@ def _grown(agrees: NDArray[np.uint64], seed: int, alive: np.uint64) -> np.uint64
     return group
 
 
-@compiled
+@compiled_part
 def _most_agreements(agrees: NDArray[np.uint64], among: np.uint64, counted: np.uint64) -> int:
     """Of the candidates ``among``, the first of those that agree with most of ``counted``."""
     best, most = -1, -1
@@ -260,7 +260,7 @@ def _most_agreements(agrees: NDArray[np.uint64], among: np.uint64, counted: np.u
     return best
 
 
-@compiled
+@compiled_part
 def bits(word: np.uint64) -> int:
     """How many bits are set."""
     count = 0

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.tangent_plane import Attempt, Noise, Objects, with_noise
 from gse.identifier.verify import grow, squared_residuals
-from gse.jit import compiled
+from gse.jit import compiled_part
 
 CHANCE_OF_EVIDENCE = 0.05
 """A random panorama reaches a Bayes factor of x with a probability of at most this over x. Markov's inequality gives 1,
@@ -59,7 +59,7 @@ _LEAST_COMPLETENESS = 4.0
 _SIGMA_FACTOR = 1.7
 
 
-@compiled
+@compiled_part
 def weigh(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -> float:
     """Grow an attempt from the matches it comes with; the logarithm of its Bayes factor.
 
@@ -79,7 +79,7 @@ def weigh(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -
     return best - math.log(scales)
 
 
-@compiled
+@compiled_part
 def _log_evidence(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise, matched: int) -> float:
     """Logarithm of the Bayes factor of an attempt that has grown."""
     fields = len(attempt.rows)
@@ -104,7 +104,7 @@ def _log_evidence(tables: SkyTables, objects: Objects, attempt: Attempt, noise: 
     )
 
 
-@compiled
+@compiled_part
 def _log_geometry(matched: int, squares: float, attempt: Attempt, noise: Noise, area: float) -> float:
     """Logarithm of the geometric part of the Bayes factor, by Laplace's approximation around the fit.
 
@@ -125,7 +125,7 @@ def _log_geometry(matched: int, squares: float, attempt: Attempt, noise: Noise, 
     return best - math.log(noise.sigma_steps)
 
 
-@compiled
+@compiled_part
 def _log_determinant(symmetric: NDArray[np.float64]) -> float:
     """Of a positive definite matrix (4, 4)."""
     a = np.empty((4, 4))
@@ -142,7 +142,7 @@ def _log_determinant(symmetric: NDArray[np.float64]) -> float:
     return total
 
 
-@compiled
+@compiled_part
 def _log_labels(
     star_magnitude: NDArray[np.float64], object_of: NDArray[np.int64], magnitude: NDArray[np.float64], noise: Noise
 ) -> float:
@@ -185,13 +185,13 @@ def _log_labels(
     return total
 
 
-@compiled
+@compiled_part
 def _likelihood(error: float) -> float:
     """Of an error of brightness in sigmas: as a normal near the middle, with longer tails."""
     return 0.38 / (1.0 + 0.25 * error * error) ** 2
 
 
-@compiled
+@compiled_part
 def _zero_point(
     star_magnitude: NDArray[np.float64], object_of: NDArray[np.int64], magnitude: NDArray[np.float64]
 ) -> float:
@@ -210,7 +210,7 @@ def _zero_point(
     return float(0.5 * (differences[count // 2] + differences[(count - 1) // 2]))
 
 
-@compiled
+@compiled_part
 def _log_completeness(
     star_magnitude: NDArray[np.float64], object_of: NDArray[np.int64], objects: int, blur: float, least_limit: float
 ) -> float:
@@ -240,13 +240,13 @@ def _log_completeness(
     return value + math.log(share)
 
 
-@compiled
+@compiled_part
 def _share_seen(above_limit: float) -> float:
     """How probably a star is seen that is brighter than the limit by so many times the blur."""
     return 0.02 + (_SEEN - 0.02) * 0.5 * (1.0 + above_limit / math.sqrt(1.0 + above_limit * above_limit))
 
 
-@compiled
+@compiled_part
 def _limit_for(star_magnitude: NDArray[np.float64], stars: int, blur: float) -> float:
     """The limiting magnitude at which as many stars of the field are expected to be seen.
 

@@ -13,7 +13,7 @@ from gse.identifier.search_plan import search_pass
 from gse.identifier.tangent_plane import Attempt, Noise, Objects, attempt_at, noise_of, objects_of, with_noise
 from gse.identifier.verify import named, squared_residuals
 from gse.identifier.votes import FEW_LOOKED_AT, hypotheses_of, pair_rotation
-from gse.jit import compiled
+from gse.jit import compiled, compiled_part
 
 _SAME_ATTITUDE_COS = math.cos(math.radians(0.5))
 
@@ -130,7 +130,7 @@ def search(
     return best, second, *named(star_of)
 
 
-@compiled
+@compiled_part
 def _attempt_with(tables: SkyTables, rotation: NDArray[np.float64], star_of: NDArray[np.int64]) -> tuple[Attempt, int]:
     """The attempt to verify a rotation that begins with these matches, and how many of them are in its field.
 
@@ -147,7 +147,7 @@ def _attempt_with(tables: SkyTables, rotation: NDArray[np.float64], star_of: NDA
     return attempt, started
 
 
-@compiled
+@compiled_part
 def _with_more_noise(
     tables: SkyTables,
     objects: Objects,
@@ -174,7 +174,7 @@ def _with_more_noise(
     return value
 
 
-@compiled
+@compiled_part
 def _keep(
     rows: NDArray[np.int64],
     places: NDArray[np.int64],
@@ -190,7 +190,7 @@ def _keep(
             best_rotation[j, k] = rotation[j, k]
 
 
-@compiled
+@compiled_part
 def _cos_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     """Cosine of the angle of the turn from one rotation to another."""
     trace = 0.0

@@ -10,7 +10,7 @@ from gse.identifier.input_checks import distinct_objects
 from gse.identifier.neighbour_level_1 import Blocks
 from gse.identifier.neighbour_search import Limits, best_vote, first_fit
 from gse.identifier.tables import PairTable
-from gse.jit import compiled
+from gse.jit import compiled, compiled_part
 
 
 class Found(NamedTuple):
@@ -68,7 +68,7 @@ def best_vote_many(
     return found
 
 
-@compiled
+@compiled_part
 def _room_for_answers(panoramas: int, objects: int) -> Found:
     return Found(
         np.zeros(panoramas + 1, np.int64),
@@ -79,7 +79,7 @@ def _room_for_answers(panoramas: int, objects: int) -> Found:
     )
 
 
-@compiled
+@compiled_part
 def _put(found: Found, k: int, objects: NDArray[np.int64], stars: NDArray[np.int64], alphas: int) -> None:
     """Put the answer to panorama k into its place.
 
@@ -91,7 +91,7 @@ def _put(found: Found, k: int, objects: NDArray[np.int64], stars: NDArray[np.int
     found.ends[k + 1], found.alphas[k] = end, alphas
 
 
-@compiled
+@compiled_part
 def _rms_rad(measured: NDArray[np.float64], stars: NDArray[np.float64]) -> float:
     """As ``wahba_residual_rad``, zero where no star was found."""
     return wahba_residual_rad(measured, stars) if len(measured) > 0 else 0.0

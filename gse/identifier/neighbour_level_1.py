@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gse.identifier.consistency import MOST_CANDIDATES, Separations, angle_urad, candidate_of
 from gse.identifier.tables import PairTable
-from gse.jit import compiled
+from gse.jit import compiled, compiled_part
 
 BLOCK = 256
 """Stars looked at together: half a block is looked at in vain, and each block costs a search for each distance."""
@@ -87,7 +87,7 @@ def seen_from(alpha: int, angles: Separations, tolerance_urad: float, among: NDA
     return _stretches(others[:count], distances[:count], tolerance_urad)
 
 
-@compiled
+@compiled_part
 def _stretches(others: NDArray[np.int64], distances: NDArray[np.float64], tolerance_urad: float) -> Alpha:
     fitting = [_fitting(distance, tolerance_urad) for distance in distances]
     low, high, begin, end = np.empty((4, 2 * len(fitting)), np.int64)
@@ -107,7 +107,7 @@ def _stretches(others: NDArray[np.int64], distances: NDArray[np.float64], tolera
     return Alpha(others, distances, low[:count], high[:count], begin[:count], end[:count])
 
 
-@compiled
+@compiled_part
 def _fitting(distance_urad: float, tolerance_urad: float) -> tuple[int, int]:
     """The first whole distance that fits, and the first that no longer does."""
     low, high = max(int(distance_urad - tolerance_urad), 0), int(distance_urad + tolerance_urad) + 1
@@ -132,7 +132,7 @@ class Fits(NamedTuple):
     crowded: NDArray[np.bool_]
 
 
-@compiled
+@compiled_part
 def room_for_fits(stars: int) -> Fits:
     """Room for the fits of so many stars, made once for all blocks."""
     candidate = np.empty((stars, MOST_CANDIDATES + 1), np.uint32)  # those beyond overwrite the last
@@ -165,7 +165,7 @@ def put_fits(block: int, alpha: Alpha, blocks: Blocks, fits: Fits) -> None:
             entry += _ONE
 
 
-@compiled
+@compiled_part
 def _put_others(member: int, star: int, stretch: int, alpha: Alpha, fits: Fits) -> None:
     """The candidates of a neighbour that fits several objects, after the first."""
     for i in range(alpha.begin[stretch] + 1, alpha.end[stretch]):

@@ -33,7 +33,7 @@ from gse.identifier.neighbour_level_1 import (
 )
 from gse.identifier.neighbour_votes import most_voted
 from gse.identifier.tables import PairTable
-from gse.jit import compiled
+from gse.jit import compiled, compiled_part
 
 _MOST_WORK = 100_000_000
 """Comparisons after which a search gives up, in less than a second: 30 random objects over 4200 stars take 24 million.
@@ -111,7 +111,7 @@ def first_fit(
     return np.empty(0, np.int64), np.empty(0, np.int64), tried
 
 
-@compiled
+@compiled_part
 def _of_alpha(
     alpha: int, open_: NDArray[np.bool_], blocks: Blocks, view: View, limits: Limits, most_work: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], bool, bool, int]:
@@ -123,7 +123,7 @@ def _of_alpha(
     """
     count, table = len(view.icrs), view.table
     whole = seen_from(alpha, view.angles, limits.tolerance_urad, np.ones(len(open_), np.bool_))
-    take_all = open_.sum() > len(open_) - _FEWEST_CLOSED
+    take_all = _number_of(open_) > len(open_) - _FEWEST_CLOSED
     seen = whole if take_all else seen_from(alpha, view.angles, limits.tolerance_urad, open_)
     objects, stars = np.empty(0, np.int64), np.empty(0, np.int64)
     fewest, tie, work, view.fits.crowded[0] = limits.min_fit_2, False, 0, False
@@ -155,13 +155,22 @@ def _of_alpha(
     return objects, stars, tie, proven and not view.fits.crowded[0], work
 
 
-@compiled
+@compiled_part
+def _number_of(open_: NDArray[np.bool_]) -> int:
+    """How many are open; numba's own sum would import scipy, 0.2 s of each start."""
+    number = 0
+    for one in open_:
+        number += one
+    return number
+
+
+@compiled_part
 def _longest_urad(table: PairTable) -> int:
     """The longest distance of a table of pairs."""
     return int(table.distance_urad[-1]) if len(table.distance_urad) else 0
 
 
-@compiled
+@compiled_part
 def _next_possible(star: int, fewest_fits: int, fewest: int, seen: Alpha, blocks: Blocks, view: View) -> int:
     """The first star from ``star`` on that can have a group; past the last for none."""
     stars = len(view.icrs)
@@ -177,7 +186,7 @@ def _next_possible(star: int, fewest_fits: int, fewest: int, seen: Alpha, blocks
     return stars
 
 
-@compiled
+@compiled_part
 def first_possible(member: int, end: int, fewest_fits: int, fewest: int, fits: Fits, view: View) -> int:
     """The first of a block's stars from ``member`` to before ``end`` that can have a group; ``end`` for none.
 
@@ -202,13 +211,13 @@ def first_possible(member: int, end: int, fewest_fits: int, fewest: int, fits: F
     return end
 
 
-@compiled
+@compiled_part
 def _candidates(member: int, fits: Fits) -> NDArray[np.uint32]:
     """The candidates of one star."""
     return fits.candidate[member, : min(fits.number[member], MOST_CANDIDATES)]
 
 
-@compiled
+@compiled_part
 def _group(candidates: NDArray[np.uint32], view: View, fewest: int, limits: Limits) -> np.uint64:
     """Level 2: the largest group of the candidates, 0 where it has fewer than ``fewest``."""
     agrees = agreements(candidates, view.icrs, view.angles, view.gates, limits.tolerance_urad)
@@ -245,7 +254,7 @@ def best_vote(
     return first_fit(directions, icrs, table, blocks, limits)
 
 
-@compiled
+@compiled_part
 def _alpha_order(directions: NDArray[np.float64], central_cosine: float) -> NDArray[np.int64]:
     """Objects (N,) in the order in which they may be the alpha star: brightest first, the central ones before all."""
     order = np.empty(len(directions), np.int64)
@@ -258,7 +267,7 @@ def _alpha_order(directions: NDArray[np.float64], central_cosine: float) -> NDAr
     return order
 
 
-@compiled
+@compiled_part
 def _named(
     alpha: int, star: int, candidates: NDArray[np.uint32], group: np.uint64
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from gse.identifier.neighbour_level_1 import Alpha
 from gse.identifier.tables import PairTable
-from gse.jit import compiled
+from gse.jit import compiled_part
 
 _VOTERS = 10
 _BRIGHT_OBJECTS = 15
@@ -15,7 +15,7 @@ _STARS_TRIED = 12
 _FEWEST_VOTES = 2
 
 
-@compiled
+@compiled_part
 def most_voted(alpha: Alpha, table: PairTable, tolerance_urad: float) -> NDArray[np.int64]:
     """The stars with most votes, most first, then in catalogue order: one vote for each pair that fits a distance."""
     votes = np.zeros(len(table.first) - 1, np.int32)
@@ -41,7 +41,7 @@ def most_voted(alpha: Alpha, table: PairTable, tolerance_urad: float) -> NDArray
     return stars[:count]
 
 
-@compiled
+@compiled_part
 def _first_above(distances_urad: NDArray[np.int32], distance_urad: float) -> int:
     """The first place of a greater distance: numpy's search would bring scipy's linear algebra along."""
     low, high = 0, len(distances_urad)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gse.identifier.consistency import angle_urad, stars_fit
 from gse.identifier.tables import PairTable
-from gse.jit import compiled
+from gse.jit import compiled, compiled_part
 
 PIVOT_MEMBERS = 4
 """K of the pivot paper, the pivot and its members: four, or five."""
@@ -83,7 +83,7 @@ def search(
     return outcome, np.empty(0, np.int64), np.empty(0, np.int64)
 
 
-@compiled
+@compiled_part
 def _best_group(best: Group, objects: Objects, sky: PivotSky, gates: Gates, cells: NDArray[np.bool_]) -> int:
     """Step 1 for one pivot: put the stars of the best group into ``best``."""
     table, size = sky.table, len(best.object)
@@ -121,7 +121,7 @@ def _best_group(best: Group, objects: Objects, sky: PivotSky, gates: Gates, cell
     return TIE if tie else FOUND
 
 
-@compiled
+@compiled_part
 def _window(
     distances_urad: NDArray[np.int32], group: Group, member: int, objects: Objects, gates: Gates
 ) -> tuple[int, int]:
@@ -133,7 +133,7 @@ def _window(
     return int(low), int(high)
 
 
-@compiled
+@compiled_part
 def _concurrence(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> int:
     """How well a group concurs; -1 where its pivot is not the brightest star, or too few mutual distances fit."""
     fits = ordered = 0
@@ -151,7 +151,7 @@ def _concurrence(group: Group, objects: Objects, sky: PivotSky, gates: Gates) ->
     return _MORE_THAN_PAIRS * fits + ordered
 
 
-@compiled
+@compiled_part
 def _pair_fits(group: Group, i: int, j: int, objects: Objects, sky: PivotSky, gates: Gates) -> bool:
     """Whether the stars of members i and j are as far apart as their objects."""
     p, q = group.object[i], group.object[j]
@@ -159,7 +159,7 @@ def _pair_fits(group: Group, i: int, j: int, objects: Objects, sky: PivotSky, ga
     return stars_fit(sky.icrs, group.star[i], group.star[j], cosine, sine, gates.tolerance_urad)
 
 
-@compiled
+@compiled_part
 def _magnitudes_fit(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> bool:
     zero_point = _zero_point(group, objects, sky, gates)
     for i in range(len(group.star)):
@@ -168,12 +168,12 @@ def _magnitudes_fit(group: Group, objects: Objects, sky: PivotSky, gates: Gates)
     return True
 
 
-@compiled
+@compiled_part
 def _magnitude_fits(p: int, a: int, objects: Objects, sky: PivotSky, gates: Gates, zero_point: float) -> bool:
     return bool(abs(objects.magnitude[p] + zero_point - sky.magnitude[a]) <= gates.magnitude)
 
 
-@compiled
+@compiled_part
 def _zero_point(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> float:
     """What makes magnitudes of -2.5 log10 index: the given number, else the one that suits the group best."""
     if not np.isnan(gates.zero_point):
@@ -184,7 +184,7 @@ def _zero_point(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> 
     return total / len(group.star)
 
 
-@compiled
+@compiled_part
 def _with_others(group: Group, objects: Objects, sky: PivotSky, gates: Gates) -> Group:
     """Step 2: the group, and after it the other objects, brightest first, that one star in the cells around fits."""
     cells = np.zeros(len(sky.around), np.bool_)
@@ -206,7 +206,7 @@ def _with_others(group: Group, objects: Objects, sky: PivotSky, gates: Gates) ->
     return Group(rows[:named], stars[:named])
 
 
-@compiled
+@compiled_part
 def _only_star(
     other: int, group: Group, cells: NDArray[np.bool_], objects: Objects, sky: PivotSky, gates: Gates
 ) -> int:

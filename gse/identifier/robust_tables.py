@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.identifier.table_cache import Columns, cache_file, cached_columns
-from gse.jit import compiled
+from gse.jit import compiled, compiled_part
 
 MAX_FIELD_STARS = 96
 """No more of the brightest catalogue stars in a field are looked at: a panorama has 30 objects."""
@@ -129,7 +129,7 @@ def field_radius_rad(field: NDArray[np.float64]) -> float:
     return math.atan(math.sqrt(min(corner2, radius2)))
 
 
-@compiled
+@compiled_part
 def near_bit(x: float, y: float, z: float) -> int:
     """The bit of a direction: a cell of 0.1 deg of the cube around the sphere, hashed into the map."""
     i = np.int64((x + 2.0) * _NEAR_CELLS)

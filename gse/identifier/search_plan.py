@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.jit import compiled
+from gse.jit import compiled_part
 
 _ALL = 1e6
 
@@ -170,7 +170,7 @@ def search_plan(
     return np.array(passes)
 
 
-@compiled
+@compiled_part
 def search_pass(row: NDArray[np.float64]) -> SearchPass:
     """The pass of one row of a plan: a plan goes to the compiled search as an array, which is quicker to hand over."""
     return SearchPass(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.identifier.robust_tables import MAX_FIELD_STARS, SkyTables
-from gse.jit import compiled
+from gse.jit import compiled, compiled_part
 
 U_BINS = 64
 
@@ -62,13 +62,13 @@ class Noise(NamedTuple):
     magnitude_sigma: float
 
 
-@compiled
+@compiled_part
 def noise_of(known: NDArray[np.float64], sigma: float) -> Noise:
     """What is known of a sensor, given as an array (6,), with another noise of a place."""
     return Noise(sigma, known[1], int(known[2]), known[3], known[4], known[5])
 
 
-@compiled
+@compiled_part
 def with_noise(noise: Noise, sigma: float, scale_sigma: float) -> Noise:
     """The same with another noise of a place and another error of the scale."""
     return Noise(sigma, noise.smallest_sigma, noise.sigma_steps, scale_sigma, noise.zero_point, noise.magnitude_sigma)
@@ -97,7 +97,7 @@ def outside_fields(
         outside[k] = outside_field(directions[first[k] : first[k + 1]], field)
 
 
-@compiled
+@compiled_part
 def objects_of(directions: NDArray[np.float64], brightness: NDArray[np.float64]) -> Objects:
     """The objects of unit vectors (N, 3) and brightness (N,)."""
     n = len(directions)
@@ -123,7 +123,7 @@ def objects_of(directions: NDArray[np.float64], brightness: NDArray[np.float64])
     return Objects(directions, uv, magnitude, order, first)
 
 
-@compiled
+@compiled_part
 def attempt_at(tables: SkyTables, rotation: NDArray[np.float64], objects: int) -> Attempt:
     """The attempt to verify ``rotation``, with the brightest catalogue stars in (and a little around) the field."""
     rows = np.empty(min(MAX_FIELD_STARS, 2 * objects + 16), dtype=np.int64)
@@ -152,7 +152,7 @@ def attempt_at(tables: SkyTables, rotation: NDArray[np.float64], objects: int) -
     return Attempt(rotation, scale, np.empty((4, 4)), rows[:count], star_of)
 
 
-@compiled
+@compiled_part
 def _cell_of(tables: SkyTables, rotation: NDArray[np.float64]) -> int:
     """The sky cell of the boresight."""
     colatitude = math.acos(min(1.0, max(-1.0, rotation[2, 2])))
@@ -162,7 +162,7 @@ def _cell_of(tables: SkyTables, rotation: NDArray[np.float64]) -> int:
     return int(tables.ring_start[ring]) + min(int((turn - math.floor(turn)) * cells), cells - 1)
 
 
-@compiled
+@compiled_part
 def place(tables: SkyTables, attempt: Attempt, f: int) -> tuple[float, float]:
     """Where star f of the field is expected, u and v, before the scale."""
     r, star = attempt.rotation, attempt.rows[f]

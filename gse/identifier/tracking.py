@@ -23,7 +23,7 @@ from gse.identifier.tangent_plane import (
     place,
 )
 from gse.identifier.verify import named
-from gse.jit import compiled
+from gse.jit import compiled, compiled_part
 
 _MAX_OFFSETS = 256
 """Offsets compared with each other; the brightest stars come first."""
@@ -62,7 +62,7 @@ def follow(
     return value, found, stars
 
 
-@compiled
+@compiled_part
 def _common_shift(tables: SkyTables, objects: Objects, attempt: Attempt, reach: float, tolerance: float) -> int:
     """Match the objects whose offset from a star is the most common one, within a tolerance; how many."""
     offsets = np.empty((_MAX_OFFSETS, 2))
@@ -86,7 +86,7 @@ def _common_shift(tables: SkyTables, objects: Objects, attempt: Attempt, reach: 
     return matched
 
 
-@compiled
+@compiled_part
 def _offsets(
     tables: SkyTables,
     objects: Objects,

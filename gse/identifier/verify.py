@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gse.identifier.attitude_fit import fit
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.tangent_plane import SMALLEST_RANGE, U_BINS, Attempt, Noise, Objects, place
-from gse.jit import compiled
+from gse.jit import compiled_part
 
 GATE_CHI2 = 13.0
 """Squared gate in sigmas of a two-dimensional normal: 0.15 % of true stars fall outside."""
@@ -26,7 +26,7 @@ _MAX_GATE_SHARE = 0.02
 now."""
 
 
-@compiled
+@compiled_part
 def _place_covariance(c: NDArray[np.float64], u: float, v: float) -> tuple[float, float, float]:
     """Variance of u, of v, and their covariance at a place, from the covariance (4, 4) of rotation and scale.
 
@@ -38,7 +38,7 @@ def _place_covariance(c: NDArray[np.float64], u: float, v: float) -> tuple[float
     return uu, vv, uv + u * (c[1, 2] - c[0, 3]) + v * (c[1, 3] + c[0, 2]) - c[0, 1]
 
 
-@compiled
+@compiled_part
 def _match(tables: SkyTables, objects: Objects, attempt: Attempt, sigma: float) -> int:
     """Give each object the star it lies nearest to in sigmas, if in its gate; how many have one.
 
@@ -80,7 +80,7 @@ def _match(tables: SkyTables, objects: Objects, attempt: Attempt, sigma: float) 
     return matched
 
 
-@compiled
+@compiled_part
 def grow(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) -> int:
     """Match and fit in turn until the matches stay the same; how many there are, 0 where it comes to nothing.
 
@@ -106,7 +106,7 @@ def grow(tables: SkyTables, objects: Objects, attempt: Attempt, noise: Noise) ->
     return matched
 
 
-@compiled
+@compiled_part
 def squared_residuals(tables: SkyTables, objects: Objects, attempt: Attempt) -> float:
     """Sum of the squared distances of the matched objects from the places of their stars."""
     total = 0.0
@@ -117,7 +117,7 @@ def squared_residuals(tables: SkyTables, objects: Objects, attempt: Attempt) -> 
     return total
 
 
-@compiled
+@compiled_part
 def named(star_of: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The objects that have a star, and their stars."""
     objects, stars = np.empty(len(star_of), dtype=np.int64), np.empty(len(star_of), dtype=np.int64)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gse.identifier.robust_tables import SkyTables, near_bit
 from gse.identifier.search_plan import SearchPass
-from gse.jit import compiled
+from gse.jit import compiled_part
 
 FEW_LOOKED_AT = 12
 """A random object has a star near it with a probability of 1 to 3 %."""
@@ -28,7 +28,7 @@ _Axis = tuple[float, float, float]
 _Triad = tuple[_Axis, _Axis, _Axis]
 
 
-@compiled
+@compiled_part
 def stars_near(near_star: NDArray[np.uint8], places: NDArray[np.float64], axes: _Triad) -> int:
     """How many of the places (N, 3), along axes in the sky, have any star near them."""
     (x0, y0, z0), (x1, y1, z1), (x2, y2, z2) = axes
@@ -40,7 +40,7 @@ def stars_near(near_star: NDArray[np.uint8], places: NDArray[np.float64], axes: 
     return hits
 
 
-@compiled
+@compiled_part
 def _put_places(directions: NDArray[np.float64], axes: _Triad, places: NDArray[np.float64]) -> None:
     """Put directions (N, 3) along the axes of two objects into ``places``."""
     for i in range(len(directions)):
@@ -48,7 +48,7 @@ def _put_places(directions: NDArray[np.float64], axes: _Triad, places: NDArray[n
             places[i, j] = x * directions[i, 0] + y * directions[i, 1] + z * directions[i, 2]
 
 
-@compiled
+@compiled_part
 def hypotheses_of(
     tables: SkyTables,
     directions: NDArray[np.float64],
@@ -104,7 +104,7 @@ def hypotheses_of(
     return count
 
 
-@compiled
+@compiled_part
 def _least_hits(bright: int, looked_at: int) -> int:
     """Objects near a star that make a hypothesis: its own two, and more than chance usually adds."""
     if bright <= 5:
@@ -112,7 +112,7 @@ def _least_hits(bright: int, looked_at: int) -> int:
     return 4 if looked_at <= FEW_LOOKED_AT else 6
 
 
-@compiled
+@compiled_part
 def _agrees(votes: np.uint64, roll: np.uint64, tolerance: np.uint64) -> bool:
     """Whether one of a star's last four votes is for the same roll.
 
@@ -124,7 +124,7 @@ def _agrees(votes: np.uint64, roll: np.uint64, tolerance: np.uint64) -> bool:
     return bool(near & votes & _VOTED)
 
 
-@compiled
+@compiled_part
 def _insert(candidates: NDArray[np.int64], count: int, new: tuple[int, int, int, int]) -> int:
     """Insert a candidate where its number of objects near a star puts it; the last one drops out of a full list."""
     place = count
@@ -142,13 +142,13 @@ def _insert(candidates: NDArray[np.int64], count: int, new: tuple[int, int, int,
     return count
 
 
-@compiled
+@compiled_part
 def axis(vectors: NDArray[np.float64], row: np.uint64 | int) -> _Axis:
     """A row of vectors (N, 3), without an array for it, of which numba counts the references."""
     return vectors[row, 0], vectors[row, 1], vectors[row, 2]
 
 
-@compiled
+@compiled_part
 def _triad(x: _Axis, y: _Axis) -> _Triad:
     """Three axes at right angles: ``x``, the normal of ``x`` and ``y``, and the cross product of these two."""
     cx = x[1] * y[2] - x[2] * y[1]
@@ -160,7 +160,7 @@ def _triad(x: _Axis, y: _Axis) -> _Triad:
     return x, (cx, cy, cz), across
 
 
-@compiled
+@compiled_part
 def pair_rotation(
     a: NDArray[np.float64],
     b: NDArray[np.float64],
@@ -175,7 +175,7 @@ def pair_rotation(
             rotation[j, k] = left[0][j] * right[0][k] + left[1][j] * right[1][k] + left[2][j] * right[2][k]
 
 
-@compiled
+@compiled_part
 def _partners(
     directions: NDArray[np.float64],
     alpha: int,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.jit import compiled
+from gse.jit import compiled, compiled_part
 
 _TILE_PX = 64
 _SAMPLE_EVERY = 4
@@ -51,7 +51,7 @@ def find_blobs(image: NDArray[np.uint16], background: NDArray[np.float32], thres
     return blobs[:count]
 
 
-@compiled
+@compiled_part
 def _level(background: NDArray[np.float32], y: float, x: float) -> float:
     """Background at a pixel: bilinear between the middles of tiles, continued to the edges."""
     v, h = (y + 0.5) / 64.0 - 0.5, (x + 0.5) / 64.0 - 0.5
@@ -86,7 +86,7 @@ def _find(
     return count
 
 
-@compiled
+@compiled_part
 def _least_in_tile(background: NDArray[np.float32], row: int, column: int) -> float:
     """The least background of a tile: it is bilinear in each quarter, so least at a corner or a middle."""
     least = np.inf
@@ -96,7 +96,7 @@ def _least_in_tile(background: NDArray[np.float32], row: int, column: int) -> fl
     return least
 
 
-@compiled
+@compiled_part
 def _fill(
     image: NDArray[np.uint16],
     background: NDArray[np.float32],
@@ -122,7 +122,7 @@ def _fill(
     return size
 
 
-@compiled
+@compiled_part
 def _measure(
     image: NDArray[np.uint16],
     background: NDArray[np.float32],

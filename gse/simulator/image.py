@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gse.config.station import Station
 from gse.imaging.extraction import extract, extract_sub_pixel
-from gse.jit import compiled
+from gse.jit import compiled, compiled_part
 from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.photometry import BIAS_INDEX, Photometry
 from gse.simulator.scenario import Scenario
@@ -151,7 +151,7 @@ def _add_smeared(
             _add_star(light, x, y, share, sigma_px)
 
 
-@compiled
+@compiled_part
 def _add_star(light: NDArray[np.float32], x: float, y: float, electrons: float, sigma_px: float) -> None:
     rows, columns = light.shape
     brightest = electrons / (2 * math.pi * sigma_px**2)

@@ -72,7 +72,8 @@ def _wrong_clock(frames: Columns, stretch: ClockStretch) -> Exclusion:
     """All frames of a clock that was far from the one that was set last."""
     utc_ns = frames["utc_ns"][stretch.first : stretch.until]
     offset_s = stretch.offset_ns / NS_PER_S
-    reason = f"the host's clock was {abs(offset_s):.0f} s {'ahead' if offset_s > 0 else 'behind'} of what it was set to"
+    side = "ahead of" if offset_s > 0 else "behind"
+    reason = f"the host's clock was {abs(offset_s):.0f} s {side} what it was set to"
     return Exclusion(int(utc_ns.min()), int(utc_ns.max()) + 1, reason, Cause.CLOCK_STEP, abs(offset_s))
 
 

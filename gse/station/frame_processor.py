@@ -148,9 +148,9 @@ class FrameProcessor:
         counts = panoramas.parts.counts
         brightest = np.zeros(len(panoramas))
         brightest[counts > 0] = panoramas.brightness[panoramas.parts.first[:-1][counts > 0]]
-        suspect = (counts > MAX_OBJECTS) | (brightest > self.index_max)
-        for k, (flags, problems) in enumerate(zip(panoramas.flags, panoramas.problems, strict=True)):
-            suspect[k] |= bool(problems) or not FAULT_FLAGS.isdisjoint(flags)
+        said = zip(panoramas.flags, panoramas.problems, strict=True)
+        told = [bool(problems) or not FAULT_FLAGS.isdisjoint(flags) for flags, problems in said]
+        suspect = (counts > MAX_OBJECTS) | (brightest > self.index_max) | np.array(told, dtype=np.bool_)
         return {
             k: Unidentified(Reason.SENSOR_FAULT, self._fault(panoramas, k, int(counts[k]), float(brightest[k])))
             for k in suspect.nonzero()[0].tolist()

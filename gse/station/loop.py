@@ -86,7 +86,7 @@ if TYPE_CHECKING:
 RECEIVE_TIMEOUT_S = 0.2
 MOST_STATUSES = 50_000
 """One a second for 14 h; those that follow are decoded and dropped."""
-MOST_AT_ONCE = 512
+MOST_AT_ONCE = 1024
 """Panoramas that are processed before the first of them is shown, where so many wait."""
 MOST_AHEAD = 2
 """Of such parts another thread may be ahead: one is identified while one is concluded and more come."""

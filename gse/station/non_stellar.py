@@ -132,8 +132,9 @@ class NonStellarObjects:
 
     def _look(self, xy_px: NDArray[np.float64], icrs: NDArray[np.float64]) -> None:
         """Find more hot pixels among objects (N, 2), with the sky ``icrs`` (N, 3) behind them."""
-        new = self._sightings.stay(xy_px, icrs) & ~self._are_hot(xy_px)
-        self._hot_px = np.concatenate([self._hot_px, xy_px[new]])[:MAX_HOT]
+        stay = self._sightings.stay(xy_px, icrs)
+        if stay.any():
+            self._hot_px = np.concatenate([self._hot_px, xy_px[stay & ~self._are_hot(xy_px)]])[:MAX_HOT]
 
     def _are_hot(self, xy_px: NDArray[np.float64]) -> NDArray[np.bool_]:
         if not len(self._hot_px):
@@ -194,17 +195,21 @@ class _Sightings:
 
     def _row(self, place_px: tuple[float, float]) -> int:
         """The row of a pixel, which a sub-pixel position may round to a neighbour of."""
-        key = place_px  # a whole pixel is its own key
-        if key not in self._rows:
+        key, held = place_px, self._rows.get(place_px)  # a whole pixel is its own key
+        if held is None:
             x_px, y_px = place_px
             column, line = round(x_px), round(y_px)
             self._whole_pixels &= column == x_px and line == y_px
-            steps = () if self._whole_pixels else (0, -1, 1)
-            near = ((column + i, line + j) for i in steps for j in steps)
-            found = next((key for key in near if self._is_at(key, x_px, y_px)), None)
+            found = None if self._whole_pixels else self._found(column, line, x_px, y_px)
             key = found or self._begun(column, line, x_px, y_px)
+            held = self._rows[key]
         self._rows.move_to_end(key)
-        return self._rows[key][0]
+        return held[0]
+
+    def _found(self, column: int, line: int, x_px: float, y_px: float) -> tuple[int, int] | None:
+        """The key of a pixel that an object at a sub-pixel position is on; None where it is new."""
+        near = ((column + i, line + j) for i in (0, -1, 1) for j in (0, -1, 1))
+        return next((key for key in near if self._is_at(key, x_px, y_px)), None)
 
     def _is_at(self, key: tuple[int, int], x_px: float, y_px: float) -> bool:
         _, x, y = self._rows.get(key, _NOWHERE)

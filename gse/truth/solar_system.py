@@ -4,6 +4,7 @@ The same that astropy calls "builtin". Neglected: aberration and the deflection 
 between UTC and TT, in which the Moon moves 0.6 arcmin.
 """
 
+import functools
 import math
 
 import erfa
@@ -53,8 +54,7 @@ def sun_and_moon_horizon(site: Site, utc_ns: NDArray[np.int64]) -> tuple[NDArray
     sun_au = -erfa.ufunc.epv00(day, fraction)[0]["p"]
     moon_au = erfa.ufunc.moon98(day, fraction)["p"]
     sun_horizon, moon_horizon = (np.einsum("mij,mj->mi", icrs_to_horizon, part) for part in (sun_au, moon_au))
-    position_m, _ = erfa.ufunc.gd2gc(_WGS84, *np.radians([site.longitude_deg, site.latitude_deg]), site.height_m)
-    moon_horizon -= _earth_to_horizon(site) @ position_m / AU_M
+    moon_horizon -= _site_horizon_au(site)
     return _unit(sun_horizon), _unit(moon_horizon)
 
 
@@ -77,8 +77,16 @@ def _icrs_to_horizon(site: Site, day: NDArray[np.float64], fraction: NDArray[np.
     return rotations
 
 
+@functools.lru_cache(maxsize=16)
+def _site_horizon_au(site: Site) -> NDArray[np.float64]:
+    """Geocentric position (3,) of a site, along its own east, north and up; not to be written to."""
+    position_m, _ = erfa.ufunc.gd2gc(_WGS84, *np.radians([site.longitude_deg, site.latitude_deg]), site.height_m)
+    return np.asarray(_earth_to_horizon(site) @ position_m / AU_M)
+
+
+@functools.lru_cache(maxsize=16)
 def _earth_to_horizon(site: Site) -> NDArray[np.float64]:
-    """The rotation (3, 3) from Earth-fixed axes to east, north and up of a site."""
+    """The rotation (3, 3) from Earth-fixed axes to east, north and up of a site; not to be written to."""
     longitude, latitude = math.radians(site.longitude_deg), math.radians(site.latitude_deg)
     sin_l, cos_l, sin_b, cos_b = math.sin(longitude), math.cos(longitude), math.sin(latitude), math.cos(latitude)
     return np.array(

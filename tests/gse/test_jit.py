@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import gse
-from gse.jit import is_on_disk
+from gse.jit import compiled, compiled_part, is_on_disk
 
 _RUN = """
 from gse.jit import is_on_disk
@@ -61,3 +61,20 @@ def test_where_nothing_can_be_kept_the_function_runs_all_the_same(program: Path)
 
 def test_a_function_that_is_not_compiled_has_nothing_to_wait_for() -> None:
     assert is_on_disk(len)
+
+
+@compiled_part
+def _third(number: float) -> float:
+    """A third, with numpy's division."""
+    return number / 3.0
+
+
+@compiled
+def _ninth(number: float) -> float:
+    return _third(_third(number))
+
+
+def test_a_part_of_machine_code_gives_the_same_where_python_calls_it() -> None:
+    assert _third(2.0) == 2.0 / 3.0
+    assert _ninth(2.0) == _third(_third(2.0))
+    assert (_third.__name__, _third.__doc__) == ("_third", "A third, with numpy's division.")

@@ -15,6 +15,8 @@ from gse.assessment.out_of_place import most_unmatched, stars_fall_out
 from gse.assessment.plain_findings import faulty_panoramas
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
+from gse.instant import NS_PER_S
+from gse.mount import InertialDirection, Mount
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
 from gse.station.results import AnswerCheck, Status
@@ -188,6 +190,16 @@ def test_a_clock_that_steps_one_way_in_most_frames_runs_away(steps_ns, drift_s):
     assert drift_s is None or drift_s in first.size
 
 
+def test_a_host_that_was_suspended_is_told_as_that_and_as_no_step_of_its_clock():
+    made = silent()
+    made.events = [replace(step, utc_kept=True) for step in clock_steps(60 * NS_PER_S)]
+    causes = [finding.cause for finding in causes_so_far(made)]
+    assert "monotonic clock" in causes
+    assert "clock step" not in causes
+    made.events += clock_steps(NS_PER_S)
+    assert {"monotonic clock", "clock step"} <= {finding.cause for finding in causes_so_far(made)}
+
+
 def test_a_gross_mistake_is_named_alone():
     made = session(30)
     made.station = STATION.model_copy(update={"mount": replace(STATION.mount, roll_deg=STATION.mount.roll_deg + 90)})
@@ -262,3 +274,24 @@ def test_a_camera_is_to_blame_where_more_objects_are_no_stars_than_are(unmatched
     sizes = [finding.size for finding in most_unmatched(made, counted)]
     assert bool(sizes) is is_camera
     assert all("13 objects as bright as stars of the catalogue are none of them, 12 are" in size for size in sizes)
+
+
+@pytest.mark.parametrize(
+    ("altitude_deg", "inertial", "cause"),
+    [
+        (90.0, None, "camera"),
+        (20.5, None, "camera"),
+        (15.0, None, "field near the horizon"),
+        (90.0, InertialDirection(ra_deg=83.0, de_deg=-2.0), "camera"),
+    ],
+)
+def test_stars_are_out_of_place_by_air_where_the_field_reaches_down_to_ten_degrees(altitude_deg, inertial, cause):
+    """Half of its diagonal is 10.0 deg: at an altitude of 20.5 it ends above, at 15 below."""
+    made = session(60)
+    mount = Mount(altitude_deg=altitude_deg, inertial=inertial)
+    made.station = STATION.model_copy(update={"mount": mount})
+    frames = made.frames.columns
+    frames["matched"], frames["false_objects"], frames["stars_expected"] = 12, 13, 30
+    counted = replace(counted_frames(made), answered=np.ones(60, dtype=bool), false=np.ones(60, dtype=bool))
+    (finding,) = most_unmatched(made, counted)
+    assert finding.cause == cause

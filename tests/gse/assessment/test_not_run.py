@@ -56,6 +56,7 @@ def test_the_same_loss_without_a_stop_is_the_sensors(sky: Sky) -> None:
 
 
 def test_a_stop_excuses_no_frames_that_were_lost_elsewhere(sky: Sky) -> None:
-    session = session_of(sky, range(100, 130), told=True, others=range(250, 350))
+    others = [*range(20, 80), *range(250, 350)]  # before the stop, and long after it
+    session = session_of(sky, range(100, 130), told=True, others=others)
     assert lost_while_not_run(session) == 25
     assert judge(session).verdict is Verdict.FAIL

@@ -11,10 +11,14 @@ from skies.one_by_one import add_frame
 from drivers.clock import ClockReading
 from gse.assessment.clock_health import clock_health, stated_error_s
 from gse.assessment.decision import Outcome
-from gse.assessment.sensor_answers import not_compared, own_truth
+from gse.assessment.ideas_of_truth import by_each_idea
+from gse.assessment.mount_terms import STABILITY
+from gse.assessment.sensor_answers import not_compared, own_truth, sensor_answers
 from gse.assessment.statistics import statistics
 from gse.assessment.subject_statistics import about_circular_mean
-from gse.assessment.verdict import judge
+from gse.assessment.truth_budget import TruthUncertaintyBudget
+from gse.assessment.uncertainty import Term, combined
+from gse.assessment.verdict import _settles, judge
 from gse.config.station import BUILT_IN_TEXT
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
@@ -134,6 +138,28 @@ def test_all_frames_excluded_is_inconclusive():
 # Truth
 
 
+def term(name, ra_arcsec, de_arcsec):
+    return Term(name, 1.0, "arcsec", ra_arcsec, de_arcsec, 0.0, "B", "", "")
+
+
+@pytest.mark.parametrize(("drift_arcsec", "settles"), [(2.99, False), (3.01, True)])
+def test_a_longer_session_helps_where_the_drift_of_the_mount_is_more_than_half_of_the_variance_of_truth(
+    drift_arcsec, settles
+):
+    terms = term(STABILITY, 0.1, drift_arcsec), term("clock", 9.0, 3.0)
+    axes = {axis: combined(terms, axis) for axis in ("d_ra_cosde", "d_de")}
+    budget = TruthUncertaintyBudget(terms, axes, axes)
+    assert _settles(budget, "d_de") is settles
+    assert not _settles(budget, "d_ra_cosde")
+
+
+def test_truth_leaves_a_boresight_open_on_both_of_its_axes():
+    rows = {row.name: row.truth_uncertainty for row in judge(session()).rows}
+    both = math.hypot(rows["mean |dRA*|"], rows["mean |dDE|"])
+    assert rows["half-cone of 95 % of the boresights"] == pytest.approx(both)
+    assert rows["mean |dRA*|"] > 1.0 < rows["mean |dDE|"]
+
+
 def test_an_unsynchronised_clock_is_inconclusive_and_named():
     made = session()
     made.clock.append(ClockReading(START_NS, 0, "unsynchronised", False, 0.0, 16.0))
@@ -250,6 +276,7 @@ def test_a_time_that_fails_or_is_not_decided_is_told_in_milliseconds(slow, words
     made.frames.columns["elapsed_us"][:slow] = 250_000.0
     (row,) = [row for row in judge(made).rows if row.name == "identification time on this host, 99 %"]
     assert words in row.reason
+    assert (row.value, row.unit, row.limit) == (250.0, "ms", 200.0)  # the 99th percentile, not what is usual
 
 
 def test_a_session_without_recorded_times_does_not_test_the_time():
@@ -301,11 +328,46 @@ def test_answers_to_no_panorama_and_answers_that_were_taken_back_are_counted():
     assert not_compared(made) == 4
 
 
+def test_an_answer_from_a_time_before_all_truth_is_compared_with_nothing():
+    """A clock that was not set says 1970; a table of Earth orientation has its first day in 1972."""
+    made = with_own_answers(session(30))
+    made.frames.columns["utc_ns"][:3] = [0, from_text("1971-12-31T12:00:00Z"), from_text("1972-01-01T12:00:00Z")]
+    own = sensor_answers(made)
+    assert np.isnan(own.d_de_arcsec[:3]).all()
+    assert np.isfinite(own.d_de_arcsec[3:]).all()
+
+
+def test_own_answers_in_a_stretch_that_is_left_out_enter_no_accuracy():
+    made = with_own_answers(session(100))
+    made.excluded = (Exclusion(START_NS, START_NS + 5 * NS_PER_S, "clouds", Cause.OPERATOR),)
+    assert statistics(made).subjects[Subject.SENSOR].axes["d_de"].n == 50
+
+
+def test_own_answers_are_judged_by_truth_with_what_their_choice_of_stars_leaves_open():
+    assessment = judge(with_own_answers(session(100)))
+    axes, own_axes = assessment.budget.axes["d_de"], assessment.budget.own_axes["d_de"]
+    assert own_axes.one_sided_arcsec > axes.one_sided_arcsec
+    found = {row.subject: row.truth_uncertainty for row in assessment.rows if row.name == "mean |dDE|"}
+    assert found[Subject.ONBOARD] == pytest.approx(axes.one_sided_arcsec / 1.645)
+    assert found[Subject.SENSOR] == pytest.approx(own_axes.one_sided_arcsec / 1.645)
+
+
+def test_frames_that_never_came_count_against_the_sensors_own_answers_and_are_told():
+    made = with_own_answers(session(100))
+    made.link.frames_lost = 100
+    assessment = judge(made)
+    for subject in (Subject.ONBOARD, Subject.SENSOR):
+        assert assessment.statistics.subjects[subject].available.of == 200
+        (row,) = [row for row in assessment.rows if (row.subject, row.name) == (subject, "availability")]
+        assert "100 of 200 frames, 100 of which never came (50" in row.reason
+
+
 def test_before_the_mount_is_fitted_a_sensors_answers_are_compared_with_nothing():
     made = session(1)
     assert own_truth(made) is not None
     made.station = STATION.model_copy(update={"mount": Mount(align="first 10 s")})
     assert own_truth(made) is None
+    assert by_each_idea(made, sensor_answers(with_own_answers(made)), np.arange(1)) is None
 
 
 def test_a_sensor_whose_own_answers_are_right_passes_with_rows_of_its_own():

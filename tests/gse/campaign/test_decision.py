@@ -10,6 +10,7 @@ from gse.campaign.hot_pixels import COLUMN, hot_pixels
 from gse.campaign.nights import COLUMNS, Session, _reasons, by_night, without_copies
 from gse.campaign.page import with_digits_of
 from gse.campaign.trends import trend
+from gse.station.exclusions import Cause
 from gse.station.results import Verdict
 from gse.tables import sessions_schema
 
@@ -123,6 +124,19 @@ def test_nights_of_unequal_availability_count_as_few_frames():
     assert campaign_share(alike, "onboard", "availability").n_eff == 8000
 
 
+def test_the_worst_known_truth_of_the_nights_counts():
+    row = one_row(night(number, 50.0 + number % 2, truth=truth) for number, truth in enumerate([0.1, 8.0, 0.1, 0.1], 1))
+    assert row.uncertainty > 1.645 * 8.0
+
+
+@pytest.mark.parametrize(("decisions", "outcome"), [(["simple", "guarded"], "INCONCLUSIVE"), (["simple"] * 2, "PASS")])
+def test_nights_are_decided_simply_where_each_of_them_was(decisions, outcome):
+    nights = [night(1, 58.0), night(2, 61.0)]
+    for one, decision in zip(nights, decisions, strict=True):
+        one.row["limit_decision"] = decision
+    assert one_row(nights).outcome == outcome
+
+
 def test_different_limits_are_not_decided():
     row = one_row([night(1, 1.0), night(2, 1.0, limit=30.0)])
     assert (row.outcome, "2 different limits" in row.reason) == (Outcome.INCONCLUSIVE, True)
@@ -167,6 +181,22 @@ def test_a_session_that_is_doubted_as_a_whole_is_left_out_and_a_short_one_is_not
     reasons = list(_reasons(row))
     assert (not reasons) == counts
     assert counts or "the clock stepped" in reasons[0]
+
+
+@pytest.mark.parametrize(("no_sky", "no_objects", "other", "counts"), [(300, 200, 900, True), (300, 201, 0, False)])
+def test_a_session_is_left_out_for_its_sky_where_that_was_away_in_more_than_half_of_it(
+    no_sky, no_objects, other, counts
+):
+    frames = {Cause.NO_SKY: no_sky, Cause.NO_OBJECTS: no_objects, Cause.OPERATOR: other}
+    row = night(1, 1.0).row | {
+        "error": None,
+        "verdict": "PASS",
+        "reasons": [],
+        "onboard_d_de_n": 30,
+        "sensor_d_de_n": 0,
+    }
+    row["exclusions"] = [{"cause": cause.value, "frames": of, "reason": "cloud"} for cause, of in frames.items()]
+    assert list(_reasons(row)) == ([] if counts else ["no sky in 501 of 1000 panoramas: cloud"])
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 
 from gse.instant import NS_PER_S, from_text
 from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.exclusions import Cause, exclusions
+from gse.station.exclusions import Cause, Exclusion, excluded, exclusions
 from gse.station.frame_table import FRAME
 
 START_NS = from_text("2026-03-20T18:30:00Z")
@@ -46,6 +46,33 @@ def test_each_step_of_the_clock_is_left_out_on_both_of_its_sides():
     assert (old_ns - 5 * NS_PER_S, old_ns + 5 * NS_PER_S) in around
     assert (new_ns - 5 * NS_PER_S, new_ns + 5 * NS_PER_S) in around
     assert {item.time_error_s for item in stretches} == {20.0}
+
+
+@pytest.mark.parametrize(("step_s", "words"), [(-20.0, "20 s ahead of"), (20.0, "20 s behind what")])
+def test_all_frames_of_a_clock_that_was_far_off_are_left_out_and_which_way_it_was_off_is_told(step_s, words):
+    (wrong,) = [item for item in frames_with_a_burst_at(250, step_rows=(150,), step_s=step_s) if words in item.reason]
+    assert (wrong.from_ns, wrong.until_ns) == (START_NS, START_NS + 149 * NS_PER_S // 10 + 1)
+    assert (wrong.cause, wrong.time_error_s) == (Cause.CLOCK_STEP, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("step_s", "about_s"),
+    [(20.0, [-20, 0]), (-20.0, [0])],
+    ids=["the host slept for 20 s", "its monotonic clock leapt"],
+)
+def test_where_utc_was_right_all_along_only_times_that_frames_may_have_are_left_out(step_s, about_s):
+    words = "the host was suspended"
+    event = ClockStep(START_NS, 0, StationKind.CLOCK_STEP, words, round(step_s * NS_PER_S), utc_kept=True)
+    around = [(item.from_ns - START_NS, item.until_ns - START_NS) for item in exclusions([event], np.zeros(0, FRAME))]
+    assert around == [((second - 5) * NS_PER_S, (second + 5) * NS_PER_S) for second in about_s]
+
+
+@pytest.mark.parametrize("instant", ["from_ns", "until_ns"])
+def test_a_stretch_holds_its_first_instant_and_not_its_last(instant):
+    stretch = Exclusion(START_NS, START_NS + 10, "clouds", Cause.OPERATOR)
+    at_ns = getattr(stretch, instant)
+    inside = excluded(np.array([at_ns - 1, at_ns, at_ns + 1]), [stretch])
+    assert inside.tolist() == ([False, True, True] if instant == "from_ns" else [True, False, False])
 
 
 @pytest.mark.parametrize(

@@ -207,6 +207,27 @@ def test_stars_of_a_field_that_stand_below_three_degrees_are_expected_by_no_sens
     assert np.abs(alone - middle).max() < 1e-12
 
 
+@pytest.mark.parametrize(
+    ("problems", "state", "status", "detail"),
+    [
+        ((), "tracking", Status.NO_MATCH, "the sensor says tracking"),
+        ((), "", Status.NO_MATCH, "the sensor says nothing"),
+        (("ra is nan: no number of ordinary size", "another"), "acquired", Status.SENSOR_FAULT, "ra is nan"),
+    ],
+)
+def test_an_answer_that_cannot_be_is_a_fault_of_the_sensor_and_one_that_it_does_not_give_is_none(
+    problems, state, status, detail
+):
+    message = AttitudeMessage(7, *[np.nan] * 3, frame_no=3, matched=0, state=state, latency_s=0.1, problems=problems)
+    processor = OwnAnswerProcessor(AttitudeConvention(), STATION.sensor.camera())
+    answer = OwnAnswer(message, START_NS + 5, START_NS, 9)
+    result = processor.result(OwnAnswerProcessor.panorama(answer), message, None, None)
+    assert result.status is status
+    assert result.detail.startswith(detail)
+    assert result.attitude is None
+    assert result.elapsed_us == 100_000.0
+
+
 def test_the_panorama_behind_an_answer_holds_no_object():
     message = AttitudeMessage(7, frame_no=3, matched=14, state="acquired", latency_s=0.1)
     panorama = OwnAnswerProcessor.panorama(OwnAnswer(message, START_NS + 5, START_NS, 9))

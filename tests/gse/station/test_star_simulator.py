@@ -1,6 +1,7 @@
 """A sensor before a star simulator: truth without a turning Earth."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -67,6 +68,7 @@ def test_a_still_scene_passes_by_day_and_its_budget_has_no_term_of_the_sky():
     for subject in assessment.statistics.subjects.values():
         assert abs(subject.axes["d_ra_cosde"].bias_arcsec) < 0.5
         assert abs(subject.axes["d_de"].bias_arcsec) < 0.5
+        assert math.isnan(subject.earth_rate.expected_arcsec_per_s)  # no Earth turns before it
     assert assessment.budget.axes["d_de"].expanded_arcsec == pytest.approx(10, abs=1.5)
     report = summarise(made, assessment)
     assert report["session"]["mount"]["inertial"]["ra_deg"] == 83.0

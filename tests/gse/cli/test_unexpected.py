@@ -1,0 +1,46 @@
+"""What a person reads where something failed that no command expects."""
+
+import errno
+import os
+
+import pytest
+
+from gse.cli import EXIT_DATA_LOST, EXIT_INTERNAL, EXIT_INTERRUPTED, EXIT_USAGE, unexpected
+
+NO_ROOM = "scipy/spatial/_qhull.so: failed to map segment from shared object"
+
+
+def os_error(number: int, path: str | None = None) -> OSError:
+    return OSError(number, os.strerror(number), path)
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (os_error(errno.ENOSPC), EXIT_DATA_LOST, ("output is incomplete", "free some disk space")),
+        (os_error(errno.EIO), EXIT_DATA_LOST, ("output is incomplete", "check the disk")),
+        (os_error(errno.EACCES, "/secret"), EXIT_USAGE, ("/secret", "give another path")),
+        (MemoryError("unable to allocate 4 MiB"), EXIT_INTERNAL, ("not enough memory", "4 MiB", "raise its limit")),
+        (MemoryError(), EXIT_INTERNAL, ("not enough memory: MemoryError;", "raise its limit")),
+        (ImportError(NO_ROOM), EXIT_INTERNAL, ("not enough memory", "_qhull", "raise its limit")),
+        (ImportError("No module named 'x'"), EXIT_INTERNAL, ("internal error", "ImportError", "please report it")),
+        (ValueError("first\nsecond"), EXIT_INTERNAL, ("internal error", "ValueError", "please report it")),
+    ],
+)
+def test_an_error_that_no_command_expects_says_what_to_do(
+    error: Exception, code: int, words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(type(error)) as raised:
+        raise error
+    assert unexpected(raised.value) == code
+    said = capsys.readouterr().err
+    assert all(word in said for word in words)
+    assert said.startswith("gse: ")
+    assert ("please report it" in said) == ("internal error" in said)
+
+
+def test_an_interrupt_behind_an_error_of_compiled_code_ends_without_a_word(capsys: pytest.CaptureFixture[str]) -> None:
+    error = SystemError("returned a result with an exception set")
+    error.__cause__ = KeyboardInterrupt()
+    assert unexpected(error) == EXIT_INTERRUPTED
+    assert capsys.readouterr().err == ""
