@@ -96,7 +96,11 @@ def read_clock() -> ClockReading:
     answer = _adjtimex()
     if answer is None:
         return ClockReading(utc_ns, mono_ns, f"unknown ({sys.platform} has no adjtimex)", False, 0.0, _UNKNOWN_S)
-    state, timex = answer
+    return _reading(utc_ns, mono_ns, *answer)
+
+
+def _reading(utc_ns: int, mono_ns: int, state: int, timex: _Timex) -> ClockReading:
+    """What the kernel's answer says of an instant."""
     synchronised = state != _TIME_ERROR and not timex.status & _STA_UNSYNC
     per_s = 1e9 if timex.status & _STA_NANO else 1e6
     return ClockReading(

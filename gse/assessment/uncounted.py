@@ -73,7 +73,7 @@ def missing_by_time(frames: Columns, excused: NDArray[np.bool_] | None = None) -
         here &= ~restarts
     if not (frames["host_utc_ns"] > 0).all():
         return _missing(tags_s, here)
-    host_s: NDArray[np.float64] = np.diff(frames["host_utc_ns"] - frames["host_utc_ns"][0]) / NS_PER_S
+    host_s: NDArray[np.float64] = np.diff(frames["host_utc_ns"]) / NS_PER_S
     return min(_missing(np.where(tags_s > 0, tags_s, host_s), here), _missing(host_s, here))
 
 

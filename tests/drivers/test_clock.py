@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from drivers.clock import now, read_clock
+from drivers.clock import ClockReading, _reading, _Timex, now, read_clock
 
 
 def test_a_reading_is_stamped_with_both_clocks_between_two_looks_at_them():
@@ -43,3 +43,20 @@ def test_the_kernel_says_what_disciplines_the_clock_and_how_wrong_it_may_be():
     assert 0 <= reading.error_bound_s <= 16.0  # NTP_PHASE_LIMIT
     assert abs(reading.offset_s) < 1
     assert reading.synchronised == (reading.source != "unsynchronised")
+
+
+@pytest.mark.parametrize(
+    ("state", "status", "source", "synchronised", "offset_s"),
+    [
+        (0, 0x2001, "kernel PLL", True, -0.0015),
+        (0, 0x0001, "kernel PLL", True, -1.5),  # before STA_NANO the kernel counted in microseconds
+        (0, 0x2008, "kernel FLL", True, -0.0015),
+        (0, 0x2003, "kernel PPS", True, -0.0015),
+        (0, 0x2000, "time daemon (frequency)", True, -0.0015),
+        (0, 0x2041, "unsynchronised", False, -0.0015),
+        (5, 0x2001, "unsynchronised", False, -0.0015),
+    ],
+)
+def test_the_kernels_answer_is_read_in_its_units(state, status, source, synchronised, offset_s):
+    timex = _Timex(offset=-1_500_000, maxerror=20_000, status=status)
+    assert _reading(7, 9, state, timex) == ClockReading(7, 9, source, synchronised, offset_s, 0.02)

@@ -28,3 +28,27 @@ print(most - resident())
 def test_a_large_array_is_given_back_once_it_is_freed_though_others_lie_behind_it():
     freed_mib = float(subprocess.run([sys.executable, "-c", _HOLES], check=True, capture_output=True, text=True).stdout)
     assert freed_mib > 70  # 53 arrays of 1.5 MiB
+
+
+_LOADED_LATER = r"""
+import re
+from gse.release_memory import give_back
+
+def resident_kib():
+    maps = open("/proc/self/smaps").read()
+    return int(re.search(r" r-xp .*openblas.*\n(?:.*\n)*?Rss: +(\d+) kB", maps)[1])
+
+give_back()
+import numpy
+before = resident_kib()
+give_back()
+print(before, resident_kib())
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="resident memory is read from Linux's files")
+def test_a_library_that_is_loaded_after_the_first_time_is_given_back_too():
+    done = subprocess.run([sys.executable, "-c", _LOADED_LATER], check=True, capture_output=True, text=True)
+    before_kib, after_kib = map(int, done.stdout.split())
+    assert before_kib > 100
+    assert after_kib < before_kib / 4

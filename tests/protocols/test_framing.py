@@ -4,12 +4,25 @@ import random
 from collections import Counter
 from collections.abc import Iterable
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocols import REASONS, Ack, Discard, Frame, FrameDecoder, Ping, Protocol, StatusMessage, load_protocol
+import protocols
+from protocols import (
+    REASONS,
+    Ack,
+    Discard,
+    Frame,
+    FrameDecoder,
+    Ping,
+    Protocol,
+    StatusMessage,
+    load_protocol,
+    parse_protocol,
+)
 from protocols.frame import MAX_DISCARD_BYTES
 
 SYNC = load_protocol("panorama-v1")
@@ -316,3 +329,13 @@ def test_after_the_end_the_decoder_takes_a_new_stream(protocol: Protocol) -> Non
     second = decoder.feed(panorama(protocol, 3))
     assert len(frames(first)) == 1
     assert [(f.sequence, f.start) for f in frames(second)] == [(3, decoder.bytes_in - len(panorama(protocol, 3)))]
+
+
+@pytest.mark.parametrize("noise", [b"\xaa", b"\xaa\xaa", b"\xaa" * 5])
+def test_a_frame_is_found_behind_bytes_that_are_those_of_its_sync_word_too(noise: bytes) -> None:
+    """AA AA begins in each of AA AA AA: a refused one costs one byte, and the next is looked at."""
+    text = (Path(protocols.__file__).parent / "panorama-v1.yaml").read_text(encoding="utf-8")
+    protocol = parse_protocol(text.replace('"1ACFFC1D"', '"AAAA"'), "doubled.yaml")
+    whole = protocol.encode(Ping(), 5)
+    (frame,) = frames(decode(protocol, noise + whole))
+    assert (frame.start, frame.sequence) == (len(noise), 5)

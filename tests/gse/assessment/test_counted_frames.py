@@ -245,6 +245,16 @@ def test_bursts_with_hours_between_them_and_a_restart_are_not_missing_frames():
     assert missing_by_time(frames) == 0
 
 
+@pytest.mark.parametrize(("restarts", "missing"), [(1, 0), (2, 0), (3, 3 * 99)])
+def test_a_sensor_that_starts_anew_again_and_again_was_away_and_one_that_does_twice_was_not(restarts, missing):
+    """At 10 Hz, each time with ten seconds until its next frame."""
+    frames = session(600).frames.columns
+    for row in range(100, 100 * (restarts + 1), 100):
+        frames["host_utc_ns"][row:] += 99 * NS_PER_S // 10
+        frames["time_us"][row:] -= frames["time_us"][row]
+    assert missing_by_time(frames) == missing
+
+
 def test_a_pause_that_the_operator_leaves_out_is_not_missing():
     frames = np.delete(session(600).frames.columns.rows(), np.s_[100:140])
     assert missing_by_time(frames, excluded(frames["utc_ns"], [pause(9.0, 15.0)])) == 0

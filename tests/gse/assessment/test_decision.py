@@ -10,6 +10,7 @@ from gse.assessment.decision import (
     Outcome,
     Requirement,
     Share,
+    amount,
     judge_figure,
     judge_share,
     minutes_more,
@@ -252,3 +253,18 @@ def test_a_share_has_the_uncertainty_towards_its_limit(at_least, uncertainty):
     asked = Requirement(Subject.ONBOARD, "availability", 0.9, Decision.GUARDED)
     found = judge_share(asked, Share(90, 100, 0.9, 100.0, 0.85, 0.92), at_least=at_least)
     assert found.uncertainty == pytest.approx(uncertainty)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (3599.0, "arcsec", "3599 arcsec"),
+        (3600.0, "arcsec", "1.00 deg"),
+        (-7200.0, "arcsec", "-2.00 deg"),
+        (999.94, "arcsec", "999.9 arcsec"),
+        (4000.0, "ms", "4000 ms"),
+        (0.25, "", "0.2"),
+    ],
+)
+def test_an_amount_is_told_in_degrees_from_one_degree_on(value, unit, text):
+    assert amount(value, unit) == text

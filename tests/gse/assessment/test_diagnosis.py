@@ -16,6 +16,7 @@ from gse.assessment.plain_findings import faulty_panoramas
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
 from gse.instant import NS_PER_S
+from gse.mount import InertialDirection, Mount
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
 from gse.station.results import AnswerCheck, Status
@@ -273,3 +274,24 @@ def test_a_camera_is_to_blame_where_more_objects_are_no_stars_than_are(unmatched
     sizes = [finding.size for finding in most_unmatched(made, counted)]
     assert bool(sizes) is is_camera
     assert all("13 objects as bright as stars of the catalogue are none of them, 12 are" in size for size in sizes)
+
+
+@pytest.mark.parametrize(
+    ("altitude_deg", "inertial", "cause"),
+    [
+        (90.0, None, "camera"),
+        (20.5, None, "camera"),
+        (15.0, None, "field near the horizon"),
+        (90.0, InertialDirection(ra_deg=83.0, de_deg=-2.0), "camera"),
+    ],
+)
+def test_stars_are_out_of_place_by_air_where_the_field_reaches_down_to_ten_degrees(altitude_deg, inertial, cause):
+    """Half of its diagonal is 10.0 deg: at an altitude of 20.5 it ends above, at 15 below."""
+    made = session(60)
+    mount = Mount(altitude_deg=altitude_deg, inertial=inertial)
+    made.station = STATION.model_copy(update={"mount": mount})
+    frames = made.frames.columns
+    frames["matched"], frames["false_objects"], frames["stars_expected"] = 12, 13, 30
+    counted = replace(counted_frames(made), answered=np.ones(60, dtype=bool), false=np.ones(60, dtype=bool))
+    (finding,) = most_unmatched(made, counted)
+    assert finding.cause == cause

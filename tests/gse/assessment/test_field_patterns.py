@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from skies.star_errors import CAMERA, SETTINGS, Truth, made
 
-from gse.assessment.field_patterns import StarErrors, _scaled, _solved, field_of_errors
+from gse.assessment.field_patterns import StarErrors, _patterns, _scaled, _solved, field_of_errors
 from gse.constants import ARCSEC_PER_RAD
+from gse.site import Site
 from gse.truth import horizon_to_sensor
+from gse.truth.refraction import Refraction
 
 SITE, MOUNT = SETTINGS[0]
 PIXEL_ARCSEC = CAMERA.pixel_rad * ARCSEC_PER_RAD
@@ -98,3 +100,13 @@ def test_what_single_stars_keep_has_two_axes_of_each_less_an_attitude(sky):
     stars = field_of(sky, sky[1]).stars
     for count, freedom in ((1, 1.0), (2, 1.0), (3, 3.0), (10, 17.0)):
         assert replace(stars, stars=np.arange(20) % count).freedom == freedom
+
+
+def test_more_air_lifts_a_star_towards_the_zenith_by_its_share_of_the_refraction():
+    """At 45 deg from the zenith, which lies in the picture's -y: measured less true is up, bend / pressure per hPa."""
+    site = Site(latitude_deg=48.0, longitude_deg=11.0, pressure_hpa=950.0, temperature_c=10.0)
+    zenith_sensor = np.array([0.0, -1.0, 1.0]) / np.sqrt(2)
+    *_, air = _patterns(CAMERA, site, zenith_sensor, np.array([CAMERA.principal_point_px]))
+    per_hpa = Refraction.at(site).bend_rad(np.pi / 4) * ARCSEC_PER_RAD / 950.0
+    assert np.abs(air[0]) == pytest.approx([0.0, per_hpa], rel=2e-3, abs=1e-9)
+    assert air[0, 1] < 0

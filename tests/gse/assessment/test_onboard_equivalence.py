@@ -75,3 +75,25 @@ def test_an_answer_beside_a_confirmed_one_is_false_where_it_names_other_stars():
 
 def test_a_sensor_without_answers_of_its_own_is_not_compared():
     assert statistics(session(10)).equivalence is None
+
+
+@pytest.mark.parametrize(
+    ("sensor_deg", "station_deg", "apart_arcsec"),
+    [(25.0, 25.0, 0.0), (359.9, 0.1, 720.0), (0.1, 359.9, 720.0), (10.0, 10.25, 900.0), (180.0, 0.0, 648_000.0)],
+)
+def test_two_rolls_are_as_far_apart_as_the_shorter_way_round(sensor_deg, station_deg, apart_arcsec):
+    made = session(3)
+    answer(made)
+    made.frames.columns["roll_deg"][:] = station_deg
+    made.sensor_attitudes.columns["roll_deg"][:] = sensor_deg
+    assert statistics(made).equivalence.roll_arcsec.p50 == pytest.approx(apart_arcsec, abs=0.1)
+
+
+@pytest.mark.parametrize(("off_arcsec", "is_false"), [(170.0, False), (190.0, True)])
+def test_an_answer_is_false_where_it_lies_further_from_a_confirmed_one_than_two_of_the_same_stars(off_arcsec, is_false):
+    made = session(100)
+    answer(made, until=99)
+    answer(made, 99, off_arcsec=off_arcsec)
+    stats = statistics(made)
+    assert stats.subjects[Subject.SENSOR].false_answers.count == is_false
+    assert stats.subjects[Subject.SENSOR].axes["d_de"].n == 100 - is_false

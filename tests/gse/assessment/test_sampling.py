@@ -17,7 +17,7 @@ from gse.assessment.planning import (
     false_answer_frames,
     simulated_errors,
 )
-from gse.assessment.sampling import effective_number, error_bounds, mean_bounds, root_mean_square_bounds
+from gse.assessment.sampling import effective_number, error_bounds, mean_bounds, root_mean_square_bounds, slope_bounds
 from gse.instant import NS_PER_S
 
 
@@ -372,3 +372,12 @@ def test_thirty_frames_tell_how_much_what_happened_hangs_together(frames, counts
     number = effective_number(np.arange(frames) < 12)
     assert (number == frames) is counts_all
     assert counts_all or number < 10
+
+
+def test_what_scatters_about_a_slope_bounds_it_and_not_how_steep_it_is():
+    at = np.linspace(0.0, 2.0, 200)
+    noise = np.random.default_rng(3).normal(0, 1.0, 200)
+    flat, steep = slope_bounds(0.0, at, noise), slope_bounds(50.0, at, 50.0 * at + noise)
+    assert steep.high - 50.0 == pytest.approx(flat.high, rel=1e-6)
+    assert steep.upper - 50.0 == pytest.approx(flat.upper, rel=1e-6)
+    assert flat.upper == pytest.approx(1.645 / math.sqrt(((at - 1.0) ** 2).sum()), rel=0.2)

@@ -33,6 +33,18 @@ def test_a_night_is_not_worse_than_itself():
     assert all(row.difference == 0 for row in result.rows)
 
 
+def test_panoramas_are_compared_with_themselves_though_one_session_begins_later():
+    """Errors that grow: a panorama beside another one would differ."""
+    first, second = session(0), session(0)
+    for made, begin in ((first, 0), (second, 40)):
+        errors = {number: AttitudeError(number, -number, 0.0, number, number) for number in range(begin, 140)}
+        results = [frame(START_NS + number * NS_PER_S, number, error) for number, error in errors.items()]
+        add_frames(made.frames, results)
+    means = [row for row in session_comparison(first, second).rows if row.name.startswith("mean |d")]
+    assert len(means) >= 2
+    assert all(row.difference == 0 for row in means)
+
+
 def test_two_nights_of_the_same_sensor_do_not_differ():
     second = session(3000, seed=2)
     second.frames.columns["time_us"][:] += 10**12

@@ -10,6 +10,7 @@ from skies.one_by_one import add_frame
 from gse.assessment.statistics import statistics
 from gse.assessment.subject_statistics import _star_fields, about_circular_mean
 from gse.instant import NS_PER_S
+from gse.station.exclusions import Cause, Exclusion
 from gse.station.frame_table import STATUSES
 from gse.station.results import AnswerCheck, AttitudeError, Status
 
@@ -87,6 +88,23 @@ def test_frames_that_the_sequence_misses_were_expected_and_are_not_available():
     assert stats.frames_expected == 16
     assert stats.onboard.available.value == 10 / 16
     assert stats.onboard.available.n_eff == 16  # what is missing was looked for as often
+
+
+def test_rolls_on_both_sides_of_half_a_turn_scatter_by_little():
+    made = at_seconds(range(40))
+    made.frames.columns["d_roll_arcsec"][:] = np.tile([648_000.0 - 30.0, -648_000.0 + 30.0], 20)
+    roll = statistics(made).onboard.axes["d_roll"]
+    assert roll.mean_abs_arcsec == pytest.approx(648_000.0, abs=31)
+    assert roll.std_arcsec == pytest.approx(30.0, rel=0.02)
+
+
+def test_a_false_answer_counts_in_a_stretch_without_sky_too_and_a_right_one_there_does_not():
+    made = at_seconds(range(20))
+    made.frames.columns["answer_check"][3] = list(AnswerCheck).index(AnswerCheck.FALSE)
+    made.excluded = (Exclusion(START_NS, START_NS + 10 * NS_PER_S, "clouds", Cause.OPERATOR),)
+    onboard = statistics(made).onboard
+    assert (onboard.false_answers.count, onboard.false_answers.of) == (1, 11)
+    assert (onboard.available.count, onboard.available.of) == (10, 10)
 
 
 def test_the_half_cone_is_of_the_angles_between_boresights():

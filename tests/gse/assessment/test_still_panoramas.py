@@ -2,10 +2,11 @@
 
 import math
 
+import numpy as np
 import pytest
 from skies.known_nights import STATION, session
 
-from gse.assessment.still_panoramas import still_panoramas
+from gse.assessment.still_panoramas import _longest_run, still_panoramas
 
 SAME_STARS = tuple((100.0 + 60 * star, 900.0 - 50 * star, 0.0, 0.0) for star in range(12))
 PIXEL_ARCSEC = 206_265 / STATION.sensor.camera().focal_length_px
@@ -37,3 +38,12 @@ def test_the_sky_must_move_by_five_pixels_before_a_picture_stands_still(moved_px
 @pytest.mark.parametrize(("frames", "is_frozen"), [(9, False), (10, True)])
 def test_ten_panoramas_with_the_same_picture_show_that_it_stands_still(frames, is_frozen):
     assert (frozen(600.0, frames=frames) is not None) == is_frozen
+
+
+def test_of_the_longest_run_of_one_picture_the_first_and_the_last_are_told():
+    """Five pictures, ten times the same, five others; a frame that is missing ends a run."""
+    pictures = np.array([*range(5), *[9] * 10, *range(10, 15)], dtype=float)[:, None]
+    rows = np.arange(20)
+    assert _longest_run(rows, pictures) == (5, 14)
+    assert _longest_run(np.where(rows < 8, rows, rows + 1), pictures) == (8, 14)
+    assert _longest_run(rows, np.zeros((20, 1))) == (0, 19)

@@ -11,8 +11,9 @@ from skies.one_by_one import add_frame
 from drivers.clock import ClockReading
 from gse.assessment.clock_health import clock_health, stated_error_s
 from gse.assessment.decision import Outcome
+from gse.assessment.ideas_of_truth import by_each_idea
 from gse.assessment.mount_terms import STABILITY
-from gse.assessment.sensor_answers import not_compared, own_truth
+from gse.assessment.sensor_answers import not_compared, own_truth, sensor_answers
 from gse.assessment.statistics import statistics
 from gse.assessment.subject_statistics import about_circular_mean
 from gse.assessment.truth_budget import TruthUncertaintyBudget
@@ -327,11 +328,46 @@ def test_answers_to_no_panorama_and_answers_that_were_taken_back_are_counted():
     assert not_compared(made) == 4
 
 
+def test_an_answer_from_a_time_before_all_truth_is_compared_with_nothing():
+    """A clock that was not set says 1970; a table of Earth orientation has its first day in 1972."""
+    made = with_own_answers(session(30))
+    made.frames.columns["utc_ns"][:3] = [0, from_text("1971-12-31T12:00:00Z"), from_text("1972-01-01T12:00:00Z")]
+    own = sensor_answers(made)
+    assert np.isnan(own.d_de_arcsec[:3]).all()
+    assert np.isfinite(own.d_de_arcsec[3:]).all()
+
+
+def test_own_answers_in_a_stretch_that_is_left_out_enter_no_accuracy():
+    made = with_own_answers(session(100))
+    made.excluded = (Exclusion(START_NS, START_NS + 5 * NS_PER_S, "clouds", Cause.OPERATOR),)
+    assert statistics(made).subjects[Subject.SENSOR].axes["d_de"].n == 50
+
+
+def test_own_answers_are_judged_by_truth_with_what_their_choice_of_stars_leaves_open():
+    assessment = judge(with_own_answers(session(100)))
+    axes, own_axes = assessment.budget.axes["d_de"], assessment.budget.own_axes["d_de"]
+    assert own_axes.one_sided_arcsec > axes.one_sided_arcsec
+    found = {row.subject: row.truth_uncertainty for row in assessment.rows if row.name == "mean |dDE|"}
+    assert found[Subject.ONBOARD] == pytest.approx(axes.one_sided_arcsec / 1.645)
+    assert found[Subject.SENSOR] == pytest.approx(own_axes.one_sided_arcsec / 1.645)
+
+
+def test_frames_that_never_came_count_against_the_sensors_own_answers_and_are_told():
+    made = with_own_answers(session(100))
+    made.link.frames_lost = 100
+    assessment = judge(made)
+    for subject in (Subject.ONBOARD, Subject.SENSOR):
+        assert assessment.statistics.subjects[subject].available.of == 200
+        (row,) = [row for row in assessment.rows if (row.subject, row.name) == (subject, "availability")]
+        assert "100 of 200 frames, 100 of which never came (50" in row.reason
+
+
 def test_before_the_mount_is_fitted_a_sensors_answers_are_compared_with_nothing():
     made = session(1)
     assert own_truth(made) is not None
     made.station = STATION.model_copy(update={"mount": Mount(align="first 10 s")})
     assert own_truth(made) is None
+    assert by_each_idea(made, sensor_answers(with_own_answers(made)), np.arange(1)) is None
 
 
 def test_a_sensor_whose_own_answers_are_right_passes_with_rows_of_its_own():

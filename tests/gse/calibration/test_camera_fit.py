@@ -11,6 +11,7 @@ from gse.calibration.camera_fit import (
     _parameters,
     _residuals,
     _softness,
+    _turned,
     _weight,
     _with,
     calibrate,
@@ -347,3 +348,10 @@ def test_what_the_stars_tell_of_either_axis_of_a_lens_is_not_held(off):
     held = calibrate(still, random_fields(still, np.random.default_rng(4)), tangential=True)
     assert "tangential distortion" in held.held
     assert held.camera.tangential_distortion == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+def test_a_rotation_is_turned_by_a_vector_and_by_none_at_all_stays():
+    stated = Rotation.from_euler("xyz", [10.0, 20.0, 30.0], degrees=True)
+    by = np.array([0.01, -0.02, 0.03])
+    assert np.abs(_turned(stated.as_matrix(), by) - (Rotation.from_rotvec(by) * stated).as_matrix()).max() < 1e-14
+    assert (_turned(stated.as_matrix(), np.zeros(3)) == stated.as_matrix()).all()

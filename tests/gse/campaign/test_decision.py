@@ -124,6 +124,19 @@ def test_nights_of_unequal_availability_count_as_few_frames():
     assert campaign_share(alike, "onboard", "availability").n_eff == 8000
 
 
+def test_the_worst_known_truth_of_the_nights_counts():
+    row = one_row(night(number, 50.0 + number % 2, truth=truth) for number, truth in enumerate([0.1, 8.0, 0.1, 0.1], 1))
+    assert row.uncertainty > 1.645 * 8.0
+
+
+@pytest.mark.parametrize(("decisions", "outcome"), [(["simple", "guarded"], "INCONCLUSIVE"), (["simple"] * 2, "PASS")])
+def test_nights_are_decided_simply_where_each_of_them_was(decisions, outcome):
+    nights = [night(1, 58.0), night(2, 61.0)]
+    for one, decision in zip(nights, decisions, strict=True):
+        one.row["limit_decision"] = decision
+    assert one_row(nights).outcome == outcome
+
+
 def test_different_limits_are_not_decided():
     row = one_row([night(1, 1.0), night(2, 1.0, limit=30.0)])
     assert (row.outcome, "2 different limits" in row.reason) == (Outcome.INCONCLUSIVE, True)

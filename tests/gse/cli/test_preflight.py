@@ -15,6 +15,8 @@ from gse.cli.config import command as config
 from gse.cli.ports import command as ports
 from gse.cli.preflight import command as preflight
 from gse.config.station import BUILT_IN_TEXT
+from gse.inspection.preflight import _tightest
+from gse.limits import Limits
 from protocols import StatusMessage, load_protocol
 
 NIGHT = "2026-03-20T15:00:00Z"
@@ -124,3 +126,8 @@ def test_ports_says_what_there_is(tmp_path: Path) -> None:
     result = CliRunner().invoke(ports, [])
     assert result.exit_code == 0
     assert result.output.count("\n") == max(1, len(document["ports"]))
+
+
+@pytest.mark.parametrize(("d_ra_arcsec", "d_de_arcsec"), [(30.0, 60.0), (60.0, 30.0)])
+def test_a_clock_is_held_against_the_tighter_of_the_two_limits(d_ra_arcsec, d_de_arcsec):
+    assert _tightest(Limits(d_ra_cosde_arcsec=d_ra_arcsec, d_de_arcsec=d_de_arcsec)) == 30.0

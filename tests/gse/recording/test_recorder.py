@@ -344,3 +344,12 @@ def test_kill_9_loses_nothing_that_the_disk_was_given_and_that_is_all_as_soon_as
         given = max([given, *map(int, process.stdout.read().split())])
     written = [record for record in read_capture(path) if isinstance(record, Message)]
     assert len(written) >= given
+
+
+def test_bytes_of_either_way_that_come_after_the_end_are_counted_as_lost_and_events_are_not(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "session.mcap", live=False)
+    recorder.close()
+    recorder.rx(Chunk(1, 1, b"frame"))
+    recorder.tx(Chunk(2, 2, b"stop"))
+    recorder.event(LinkEvent(3, 3, "LOST", "x"))
+    assert recorder.lost_bytes == 9

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from devices.command_line import runner
+from skies.known_nights import session
 
 from drivers.outside_text import is_plain
 from gse import instant
@@ -16,7 +17,10 @@ from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.recording.recorder import Recorder
 from gse.sessions.status_document import read_status
 from gse.sessions.status_file import StatusFile, is_running, is_unfinished, process_mark, session_folders
+from gse.station.frame_results import NewResults
+from gse.station.frame_table import STATUSES
 from gse.station.notes import Notes
+from gse.station.results import Status
 
 
 @pytest.fixture
@@ -41,6 +45,22 @@ def test_the_status_is_renewed_until_the_session_has_ended(folder: Path) -> None
     assert (status["state"], status["verdict"], status["exit_code"]) == ("ended", "INCONCLUSIVE", 5)
     assert not is_running(status)
     assert sorted(path.name for path in folder.iterdir()) == ["session.mcap", "status.json"]
+
+
+def test_the_last_answer_is_the_latest_of_its_block_and_stays_while_none_comes(folder: Path) -> None:
+    made = session(30, step_s=1.0)
+    made.link.frames_lost = 4
+    rows = made.frames.columns.rows()
+    rows["status"][25:] = STATUSES.index(Status.NO_MATCH)
+    status_file = StatusFile(folder, made.station, Notes())
+    for block in (rows[:20], rows[20:28], rows[28:]):
+        status_file.on_results(NewResults([], block), made)
+    status_file.close(5)
+    status = read_status(folder)
+    assert status is not None
+    assert status["last_answer_utc"] == instant.to_text(int(rows["host_utc_ns"][24]), 1)
+    assert (status["frames"], status["frames_lost"]) == (30, 4)
+    assert status["identified"] == round(25 / 30, 4)
 
 
 def test_another_process_with_its_number_is_not_taken_for_it() -> None:

@@ -1,5 +1,6 @@
 """Images of the simulated sky: light where astropy puts it, as much as the magnitudes say, with a detector's faults."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -174,6 +175,15 @@ def test_the_sky_is_brighter_near_the_moon_and_towards_the_sun() -> None:
     evening = bodies_over(SITE, twilight_ns)
     west, zenith, east = sky_magnitude(np.array([[-0.7, 0, 0.7], [0, 0, 1.0], [0.7, 0, 0.7]]), evening, twilight_ns)
     assert west < zenith < east
+
+
+def test_where_the_sun_is_up_it_is_down_on_the_other_side_of_the_earth() -> None:
+    utc_ns, site = from_text(START), STATION.site
+    longitude_deg = (site.longitude_deg + 360) % 360 - 180
+    there = AstropySite(replace(site, latitude_deg=-site.latitude_deg, longitude_deg=longitude_deg))
+    up_here, up_there = (bodies_over(of, utc_ns).track.directions(utc_ns)[SUN, 2] for of in (SITE, there))
+    assert up_here == pytest.approx(-up_there, abs=0.01)
+    assert abs(up_here) > 0.5
 
 
 def test_the_full_moon_in_the_field_is_one_object_that_hides_its_rows() -> None:

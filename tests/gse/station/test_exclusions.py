@@ -55,6 +55,18 @@ def test_all_frames_of_a_clock_that_was_far_off_are_left_out_and_which_way_it_wa
     assert (wrong.cause, wrong.time_error_s) == (Cause.CLOCK_STEP, 20.0)
 
 
+@pytest.mark.parametrize(
+    ("step_s", "about_s"),
+    [(20.0, [-20, 0]), (-20.0, [0])],
+    ids=["the host slept for 20 s", "its monotonic clock leapt"],
+)
+def test_where_utc_was_right_all_along_only_times_that_frames_may_have_are_left_out(step_s, about_s):
+    words = "the host was suspended"
+    event = ClockStep(START_NS, 0, StationKind.CLOCK_STEP, words, round(step_s * NS_PER_S), utc_kept=True)
+    around = [(item.from_ns - START_NS, item.until_ns - START_NS) for item in exclusions([event], np.zeros(0, FRAME))]
+    assert around == [((second - 5) * NS_PER_S, (second + 5) * NS_PER_S) for second in about_s]
+
+
 @pytest.mark.parametrize("instant", ["from_ns", "until_ns"])
 def test_a_stretch_holds_its_first_instant_and_not_its_last(instant):
     stretch = Exclusion(START_NS, START_NS + 10, "clouds", Cause.OPERATOR)

@@ -11,9 +11,11 @@ from skies.synthetic_night import synthetic_frames, synthetic_night
 
 from drivers.chunk import LinkEvent, LinkKind
 from drivers.clock import ClockReading
+from gse.limits import Limits
 from gse.station.event_kinds import StationKind
 from gse.station.frame_results import NewResults
 from gse.station.results import AnswerCheck, LinkCounters, Status
+from gse.view.own_answers import OWN_ERROR
 from gse.view.running_statistics import Moments, Running
 from gse.view.status import StatusLine
 from gse.view.verdict_text import verdict_so_far
@@ -194,3 +196,20 @@ def test_lost_frames_make_the_verdict_panel_bad_though_all_that_came_were_identi
     text = verdict_so_far(running, LinkCounters(frames_lost=10))
     assert text.startswith("# Running: OUTSIDE the limits")
     assert "frames lost: **10**" in text
+
+
+@pytest.mark.parametrize(
+    ("d_ra_arcsec", "d_de_arcsec", "words"),
+    [
+        (59.0, -59.0, ()),
+        (61.0, 59.0, ("mean |sensor dRA*| 61.0 arcsec (limit 60)",)),
+        (-59.0, 61.0, ("mean |sensor dDE| 61.0 arcsec (limit 60)",)),
+    ],
+)
+def test_either_axis_of_the_sensors_own_answers_is_held_against_its_limit(d_ra_arcsec, d_de_arcsec, words):
+    running = Running(Limits())
+    errors = np.zeros(5, dtype=OWN_ERROR)
+    errors["d_ra_cosde_arcsec"], errors["d_de_arcsec"] = d_ra_arcsec, d_de_arcsec
+    errors["d_ra_cosde_arcsec"][2] = errors["d_de_arcsec"][2] = np.nan
+    running.add_own(errors)
+    assert running.outside(0) == words
