@@ -6,6 +6,8 @@ stays, and the place on the pixels changes slowly where the sky moves along them
 residuals of all stars together: each star alone would tell it badly.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,32 @@ _MIN_STARS = 3
 """Two stars' residuals tell nothing across the line between them."""
 _UNKNOWNS_OF_A_FRAME = 1.5
 """Three angles, in units of the two equations that a star gives."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StarCells:
+    """The sightings of one star in one stretch of time are a cell: star and stretch of each (C,), by star, then time.
+
+    ``of_row`` (N,) is the cell of each sighting.
+    """
+
+    star: NDArray[np.int64]
+    block: NDArray[np.int64]
+    of_row: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, stars: NDArray[np.integer], blocks: NDArray[np.int64]) -> "StarCells":
+        """Of stars (N,) and stretches (N,), as one number each: pairs take ten times as long to sort."""
+        first = int(blocks.min(initial=0))
+        width = int(blocks.max(initial=0)) - first + 1
+        cells, of_row = np.unique(stars.astype(np.int64) * width + (blocks - first), return_inverse=True)
+        star, block = np.divmod(cells, width)
+        return cls(star, block + first, of_row)
+
+    def means(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Mean (C, 2) of values (N, 2) over each cell."""
+        count = np.bincount(self.of_row)
+        return np.column_stack([np.bincount(self.of_row, weights=part) / count for part in values.T])
 
 
 def attitude_operators(directions_sensor: NDArray[np.float64], frames: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -75,20 +103,17 @@ def star_covariance(
     difference of their ``blocks`` (N,). Without ``within_blocks`` the part that is left after means over blocks alone:
     what the scatter of blocks does not show.
     """
-    cells, place = np.unique(np.column_stack([stars, blocks]), axis=0, return_inverse=True)
-    count = np.bincount(place.ravel())
-    means = np.column_stack([np.bincount(place.ravel(), weights=part) for part in errors.T]) / count[:, None]
+    cells = StarCells.of(stars, blocks)
     flat = operators.reshape(len(operators), -1)
-    sums = np.column_stack([np.bincount(place.ravel(), weights=part) for part in flat.T])
+    sums = np.column_stack([np.bincount(cells.of_row, weights=part) for part in flat.T])
     sums = sums.reshape(-1, *operators.shape[1:])
-    ends = np.flatnonzero(np.diff(cells[:, 0])) + 1
-    groups = np.split(np.arange(len(cells)), ends)
-    autocovariance = _autocovariance(means, cells[:, 1], groups)
+    groups = np.split(np.arange(len(cells.star)), np.flatnonzero(np.diff(cells.star)) + 1)
+    autocovariance = _autocovariance(cells.means(errors), cells.block, groups)
     within = np.einsum("nia,nja,a->ij", sums, sums, autocovariance[:, 0])
     autocovariance[:, 0] = 0.0
     between = np.zeros_like(within)
     for rows in groups:
-        lags = np.abs(cells[rows, 1][:, None] - cells[rows, 1])
+        lags = np.abs(cells.block[rows][:, None] - cells.block[rows])
         for axis in (0, 1):
             between += sums[rows, :, axis].T @ autocovariance[axis][lags] @ sums[rows, :, axis]
     return _not_negative(between, within) + (within if within_blocks else 0.0)

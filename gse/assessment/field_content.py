@@ -13,7 +13,14 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from gse.assessment.counted_frames import false_answers
-from gse.star_influence import attitude_operators, boresight_shifts, star_covariance, taken_by_fit, unfitted
+from gse.star_influence import (
+    StarCells,
+    attitude_operators,
+    boresight_shifts,
+    star_covariance,
+    taken_by_fit,
+    unfitted,
+)
 from gse.station.session_data import SessionData
 from gse.truth import time_blocks
 
@@ -91,10 +98,8 @@ def _towards_east_and_north(rotations: NDArray[np.float64], roll_rad: NDArray[np
 
 def _means(errors: NDArray[np.float64], stars: NDArray[np.int64], blocks: NDArray[np.int64]) -> NDArray[np.float64]:
     """The mean error (N, 2) of each row's star in its time block."""
-    _, place = np.unique(np.column_stack([stars, blocks]), axis=0, return_inverse=True)
-    place = place.ravel()
-    count = np.bincount(place)
-    return np.column_stack([(np.bincount(place, weights=part) / count)[place] for part in errors.T])
+    cells = StarCells.of(stars, blocks)
+    return cells.means(errors)[cells.of_row]
 
 
 def share_error(operators: NDArray[np.float64], residuals: NDArray[np.float64], seen: SeenStars) -> float:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gse.assessment.error_series import ErrorSeries
 from gse.camera import Camera
 from gse.instant import NS_PER_S
-from gse.star_influence import attitude_operators, boresight_shifts
+from gse.star_influence import StarCells, attitude_operators, boresight_shifts
 from gse.truth import time_blocks
 
 _MOST_ROWS = 40_000
@@ -62,8 +62,8 @@ class _Cells:
 
     @classmethod
     def of(cls, stars: NDArray[np.integer], blocks: NDArray[np.int64]) -> "_Cells":
-        cells, cell = np.unique(np.column_stack([stars, blocks]), axis=0, return_inverse=True)
-        return cls(cell.ravel(), np.unique(cells[:, 0], return_inverse=True)[1])
+        cells = StarCells.of(stars, blocks)
+        return cls(cells.of_row, np.unique(cells.star, return_inverse=True)[1])
 
     def lasting(self, errors: NDArray[np.float64]) -> NDArray[np.float64]:
         """What each sighting (N, 2) has of the lasting error of its star, by errors (N, 2); zero where none shows it.

@@ -210,12 +210,14 @@ def figure_of(axis: AxisStatistics, name: str, duration_s: float) -> Figure:
 
 def _star_fields(ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64], field_rad: float) -> int:
     """How many fields of stars the boresights were in, one next to the other: cells of half a field's width."""
-    cells = np.empty((0, 3), dtype=np.int64)
+    cells = np.empty(0, dtype=np.int64)
+    most = math.ceil(1 / field_rad) + 1
+    place = (2 * most + 1) ** np.arange(3)  # one number for a cell: three take ten times as long to sort
     for first in range(0, len(ra_deg), _ROWS_AT_ONCE):
         rows = slice(first, first + _ROWS_AT_ONCE)
         ra, de = np.radians(ra_deg[rows]), np.radians(de_deg[rows])
         vectors = np.column_stack([np.cos(de) * np.cos(ra), np.cos(de) * np.sin(ra), np.sin(de)])
-        cells = np.unique(np.concatenate([cells, np.floor(vectors / field_rad).astype(np.int64)]), axis=0)
+        cells = np.unique(np.concatenate([cells, (np.floor(vectors / field_rad).astype(np.int64) + most) @ place]))
     return len(cells)
 
 
