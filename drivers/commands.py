@@ -51,11 +51,14 @@ def send_command(
 def receive_until(
     link: SerialLink, found: Callable[[], Answer | None], deliver: Callable[[Item], None], timeout_s: float
 ) -> Answer | None:
-    """Receive until ``found`` returns an answer, at most ``timeout_s`` of the link's time; None without one."""
+    """Receive until ``found`` returns an answer, at most ``timeout_s`` of the link's time; None without one.
+
+    One item at a time: a simulated sensor at full speed that gave all it has would be at its end before it is asked.
+    """
     until_ns = link.mono_ns() + round(timeout_s * 1e9)
     answer = found()
     while answer is None and link.mono_ns() < until_ns and not link.at_end:
-        for item in link.receive(_POLL_S):
+        for item in link.receive(_POLL_S, most=1):
             deliver(item)
         answer = found()
     return answer

@@ -106,10 +106,10 @@ class SerialLink:
         """Monotonic nanoseconds now: the host's for a live port, else those of the data."""
         return now()[1] if self._stamped is None else self._stamped.stamp()[1]
 
-    def receive(self, timeout_s: float) -> list[Item]:
-        """Received chunks and events; waits at most ``timeout_s`` for the first."""
+    def receive(self, timeout_s: float, most: int = ITEMS_AT_ONCE) -> list[Item]:
+        """Received chunks and events, at most ``most``; waits at most ``timeout_s`` for the first."""
         if self._live:
-            return self._live.fetch(timeout_s)
+            return self._live.fetch(timeout_s, most)
         assert self._stamped is not None
         items: list[Item] = []
         until_ns = self._stamped.stamp()[1] + round(timeout_s * 1e9)
@@ -127,7 +127,7 @@ class SerialLink:
             else:
                 break
             items.append(item)
-            if len(items) == ITEMS_AT_ONCE:
+            if len(items) == most:
                 break
         return items
 
@@ -184,11 +184,11 @@ class _Receiver:
     def backlog_bytes(self) -> int:
         return self._received_bytes - self._fetched_bytes
 
-    def fetch(self, timeout_s: float) -> list[Item]:
+    def fetch(self, timeout_s: float, most: int) -> list[Item]:
         items: list[Item] = []
         try:
             items.append(self._items.get(timeout=timeout_s) if timeout_s > 0 else self._items.get_nowait())
-            while len(items) < ITEMS_AT_ONCE:
+            while len(items) < most:
                 items.append(self._items.get_nowait())
         except queue.Empty:
             pass

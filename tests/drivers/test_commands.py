@@ -107,3 +107,29 @@ def test_a_silent_sensor_is_asked_four_times_in_its_own_time_and_then_given_up()
     with SerialLink("sim://") as link, pytest.raises(CommandError, match="did not answer, asked 4 times"):
         send_command(link, frame, listener.take, listener.answer_to)
     assert sensor.heard == [b"C0;", b"C1;", b"C2;", b"C3;"]
+
+
+class StreamingSensor:
+    """Sends a frame each millisecond for two seconds, and answers a command between them."""
+
+    def __init__(self) -> None:
+        self._now_ns = 0
+        self._answers: list[bytes] = []
+
+    def next_chunk(self) -> Chunk | None:
+        self._now_ns += 1_000_000
+        if self._now_ns > 2_000_000_000:
+            return None
+        return Chunk(self._now_ns, self._now_ns, self._answers.pop() if self._answers else b"P;")
+
+    def command(self, data: bytes, utc_ns: int) -> None:
+        self._answers.append(data.replace(b"C", b"A"))
+
+
+def test_a_simulated_sensor_that_streams_at_full_speed_answers_before_its_end() -> None:
+    register(lambda options: StreamingSensor())
+    listener = Listener()
+    with SerialLink("sim://") as link:
+        receive_until(link, lambda: None, listener.take, 0.1)
+        assert send_command(link, frame, listener.take, listener.answer_to) == 0
+        assert not link.at_end
