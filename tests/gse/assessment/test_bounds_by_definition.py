@@ -5,8 +5,23 @@ import math
 import numpy as np
 import pytest
 
-from gse.assessment.autocorrelation import mean_error
-from gse.assessment.sampling import effective_number, error_bounds, percentile_95, root_mean_square_bounds
+from gse.assessment.autocorrelation import mean_error, weighted_sum_error
+from gse.assessment.sampling import (
+    Bounds,
+    _above,
+    _at_share,
+    _beyond,
+    _exp,
+    _growth,
+    _shifted,
+    _widened,
+    effective_number,
+    error_bounds,
+    mean_bounds,
+    percentile_95,
+    root_mean_square_bounds,
+    slope_bounds,
+)
 
 TWO_SIDED, ONE_SIDED = 0.975, 0.95
 QUANTILE = {TWO_SIDED: 1.959964, ONE_SIDED: 1.644854}
@@ -118,3 +133,176 @@ def test_a_share_of_frames_has_the_number_whose_binomial_interval_is_as_wide() -
 def test_the_95th_percentile_is_numpys(count) -> None:
     values = np.random.default_rng(count).normal(size=count)
     assert percentile_95(values) == pytest.approx(np.percentile(values, 95), rel=1e-12)
+
+
+# Parts, by hand
+
+
+ONE_TO_TEN = np.arange(1.0, 11.0)
+
+
+@pytest.mark.parametrize(
+    ("share", "value"),
+    [
+        (1.5, 0.0),
+        (1.0, 0.0),  # all of them exceed it: an absolute value is 0 at least
+        (0.999, 1.0),
+        (10 / 11, 1.0),  # further values fall into each of eleven gaps alike
+        (9.5 / 11, 1.5),
+        (0.5, 5.5),
+        (1.25 / 11, 9.75),
+        (1 / 11, 10.0),
+        (0.01, 10.0),
+    ],
+)
+def test_a_share_of_further_values_exceeds_an_interpolated_one(share, value) -> None:
+    assert _at_share(ONE_TO_TEN, share) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("n_eff", "is_of_the_tail"), [(2.99 / 0.025, True), (3.01 / 0.025, False), (1e9, False), (1.0, True)]
+)
+def test_below_three_independent_values_a_tail_falls_as_the_mean_excess_of_the_upper_fifth(n_eff, is_of_the_tail):
+    """Of 0, 1, ... 39: the fifth from 32 on has a mean excess of 3.5. Twice as far out, where an exponential one falls
+    to a half, lies log(2) of it farther."""
+    ascending = np.arange(40.0)
+    percentile, farther = 0.95 * 41 - 1, 0.975 * 41 - 1
+    expected = percentile + 3.5 * math.log(2) if is_of_the_tail else farther
+    assert _beyond(ascending, math.log(2), n_eff) == pytest.approx(expected)
+
+
+def test_a_tail_is_no_shorter_than_the_values_themselves() -> None:
+    ascending = np.append(np.ones(39), 100.0)
+    assert _beyond(ascending, math.log(2), 1.0) == pytest.approx(1.0 + 99.0 * (0.975 * 41 - 39))
+
+
+@pytest.mark.parametrize(
+    ("log", "grown"),
+    [(0.0, 1.0), (0.5, math.sqrt(math.e)), (0.99, math.exp(0.99)), (1.01, 1.01 * math.e), (3.0, 3 * math.e)],
+)
+def test_growth_is_exponential_up_to_e_and_its_tangent_beyond(log, grown) -> None:
+    assert _growth(log) == pytest.approx(grown)
+
+
+@pytest.mark.parametrize(("log", "held"), [(3.0, 3.0), (-3.0, -3.0), (49.0, 49.0), (51.0, 50.0), (-1e9, -50.0)])
+def test_an_exponential_neither_overflows_nor_vanishes(log, held) -> None:
+    assert math.log(_exp(log)) == pytest.approx(held)
+
+
+def test_bounds_of_what_is_greater_are_no_lower() -> None:
+    assert _above(Bounds(1.0, 9.0, 2.0, 8.0), Bounds(0.5, 99.0, 2.5, 99.0)) == Bounds(1.0, 9.0, 2.5, 8.0)
+    assert _above(Bounds(1.0, 9.0, 2.0, 8.0), Bounds(1.5, 99.0, 1.0, 99.0)) == Bounds(1.5, 9.0, 2.0, 8.0)
+
+
+def test_bounds_are_widened_to_both_sides_by_their_own_ends() -> None:
+    bounds = Bounds(1.0, 9.0, 2.0, 8.0)
+    assert _widened(bounds, np.array([0.5, 9.5]), np.array([1.5, 8.5])) == Bounds(0.5, 9.5, 1.5, 8.5)
+    assert _widened(bounds, np.array([1.5, 8.5]), np.array([2.5, 7.5])) == bounds
+
+
+@pytest.mark.parametrize("mean", [0.0, 0.4, -0.4])
+def test_errors_are_shifted_by_a_half_width_towards_zero_and_away_from_it(mean) -> None:
+    """Ten errors of scatter 1; three quarters of the scatter, known of the mean, make 1.25 of 1."""
+    errors = np.resize([1.0, -1.0], 10) + mean
+    (mean_least, mean_most), (p95_least, p95_most) = _shifted(errors, 1.5, 2.0)
+    far = 1.25 + abs(mean) + 1.5
+    assert (mean_least, p95_least) == pytest.approx((1.0, 1.0))  # the bias may be none
+    assert p95_most == pytest.approx(far)
+    assert mean_most == pytest.approx((far + (abs(mean) + 1.5 - 1.25)) / 2)
+
+
+@pytest.mark.parametrize(("mean", "least"), [(4.0, 2.5), (-4.0, 2.5)])
+def test_a_bias_that_is_beyond_doubt_is_taken_at_the_near_end_of_its_interval(mean, least) -> None:
+    errors = np.resize([1.0, -1.0], 10) + mean
+    assert _shifted(errors, 1.5, 2.0)[0, 0] == pytest.approx(least)
+
+
+# What an effective number is, and what tells nothing
+
+
+def test_the_effective_number_is_that_of_independent_values_with_such_an_error() -> None:
+    slow = np.cumsum(np.random.default_rng(1).normal(size=300))
+    found = error_bounds(slow)
+    assert found.n_eff == pytest.approx(slow.var() / mean_error(slow).standard ** 2)
+    assert found.tau_frames == pytest.approx(300 / found.n_eff)
+    to_and_fro = np.resize([1.0, -1.0], 300) + 0.1 * np.random.default_rng(1).normal(size=300)
+    assert error_bounds(to_and_fro).n_eff == 300
+    assert error_bounds(to_and_fro).tau_frames == 1.0
+
+
+def test_a_bias_is_bounded_by_both_half_widths_about_it() -> None:
+    errors = np.random.default_rng(3).normal(4.0, 1.0, 50)
+    two, one, mean = half_width(errors, TWO_SIDED), half_width(errors, ONE_SIDED), errors.mean()
+    expected = pytest.approx([mean - two, mean + two, mean - one, mean + one])
+    for found in (error_bounds(errors).bias, mean_bounds(errors)):
+        assert [found.low, found.high, found.lower, found.upper] == expected
+
+
+def nothing(bounds):
+    return all(math.isnan(value) for value in (bounds.low, bounds.high, bounds.lower, bounds.upper))
+
+
+def test_errors_of_one_size_bound_their_bias_alone() -> None:
+    errors = np.resize([1.0, -1.0, 1.0], 60)
+    found = error_bounds(errors)
+    assert found.n_eff == pytest.approx(min(errors.var() / mean_error(errors).standard ** 2, 60))
+    assert found.tau_frames == pytest.approx(60 / found.n_eff)
+    assert found.bias.high - found.bias.low == pytest.approx(2 * half_width(errors, TWO_SIDED))
+    assert nothing(found.mean_abs)
+    assert nothing(found.p95_abs)
+
+
+@pytest.mark.parametrize(("count", "value"), [(29, None), (30, 5.0)])
+def test_few_values_and_equal_ones_bound_nothing(count, value) -> None:
+    values = np.random.default_rng(1).normal(size=count) if value is None else np.full(count, value)
+    found = error_bounds(values)
+    assert math.isnan(found.n_eff)
+    assert math.isnan(found.tau_frames)
+    at = np.arange(float(count))
+    bounds = (found.bias, found.mean_abs, found.p95_abs, mean_bounds(values), root_mean_square_bounds(values))
+    assert all(map(nothing, (*bounds, slope_bounds(1.0, at, values))))
+
+
+def test_thirty_values_bound_all() -> None:
+    values = np.random.default_rng(1).normal(size=30)
+    found = error_bounds(values)
+    bounds = (found.bias, found.mean_abs, found.p95_abs, mean_bounds(values), root_mean_square_bounds(values))
+    assert not any(map(nothing, (*bounds, slope_bounds(1.0, np.arange(30.0), values))))
+
+
+def test_a_percentile_that_nearly_all_values_reach_has_no_bounds() -> None:
+    errors = np.where(np.arange(100) % 50 == 7, 2.0, 1.0)
+    assert nothing(error_bounds(errors).p95_abs)
+    assert not nothing(error_bounds(errors).mean_abs)
+
+
+def test_a_slope_is_bounded_by_the_error_of_its_weighted_sum() -> None:
+    at = np.sort(np.random.default_rng(6).uniform(3.0, 9.0, 80))
+    values = 2.0 * at + np.random.default_rng(7).normal(0, 1.0, 80)
+    weights = (at - at.mean()) / ((at - at.mean()) ** 2).sum()
+    error = weighted_sum_error(weights, values - np.polyval(np.polyfit(at, values, 1), at))
+    two, one = error.half_width(TWO_SIDED), error.half_width(ONE_SIDED)
+    found = slope_bounds(1.75, at, values)
+    assert [found.low, found.high, found.lower, found.upper] == pytest.approx(
+        [1.75 - two, 1.75 + two, 1.75 - one, 1.75 + one]
+    )
+
+
+def test_a_slope_over_one_place_or_without_any_scatter_has_no_bounds() -> None:
+    values = np.random.default_rng(7).normal(size=40)
+    assert nothing(slope_bounds(1.0, np.full(40, 3.0), values))
+    assert nothing(slope_bounds(1.0, np.arange(40.0), np.zeros(40)))
+    two_places = np.repeat([-1.0, 1.0], 16)  # exact in binary
+    assert nothing(slope_bounds(0.5, two_places, 0.5 * two_places))
+
+
+@pytest.mark.parametrize(
+    ("happened", "number"),
+    [(np.zeros(50, dtype=bool), 50.0), (np.ones(50, dtype=bool), 50.0), (np.zeros(0, dtype=bool), 0.0)],
+)
+def test_what_happened_always_or_never_counts_as_its_frames(happened, number) -> None:
+    assert effective_number(happened) == number
+
+
+def test_what_happens_in_turn_counts_as_its_frames_at_most() -> None:
+    assert effective_number(np.resize([True, False], 400)) == 400
