@@ -419,3 +419,172 @@ def test_a_trend_is_that_of_the_means_of_sixty_parts_or_of_every_value(count):
     assert (found.slope, found.low, found.high) == pytest.approx((3.0, 3.0, 3.0))
     assert _trend(at[:4], at[:4]) is None
     assert _trend(np.zeros(count), at) is None
+
+
+# By hand
+
+
+def test_counts_are_means_over_the_frames_with_stars_alone() -> None:
+    made = session(4)
+    frames = made.frames.columns
+    frames["stars_seen"] = [0, 1, 2, 0]
+    for name, values in (("objects", [9, 10, 20, 9]), ("hot_pixels", [9, 2, 3, 9]), ("false_objects", [9, 0, 1, 9])):
+        frames[name] = values
+    health = sensor_health(made)
+    assert (health.objects, health.hot_pixels, health.false_objects) == (15.0, 2.5, 0.5)
+    frames["stars_seen"] = 0
+    assert math.isnan(sensor_health(made).objects)
+
+
+def test_two_kelvins_are_enough_and_nothing_is_told_of_an_unknown_temperature() -> None:
+    made = session(300)
+    frames = made.frames.columns
+    frames["stars_seen"], frames["hot_pixels"] = 1, np.arange(300) // 30
+    frames["temperature_c"] = 20 + 2 * np.arange(300) / 299
+    assert sensor_health(made).hot_pixels_per_k is not None
+    frames["temperature_c"] = math.nan
+    assert sensor_health(made).hot_pixels_per_k is None
+
+
+def test_a_trend_is_of_sixty_means_in_which_a_change_from_one_value_to_the_next_is_lost() -> None:
+    """Of 120 values, two to a mean: fewer or more means would take one of a pair without the other."""
+    at = np.arange(120.0)
+    found = _trend(at, 3 * at + 40 * (-1.0) ** at)
+    assert found is not None
+    assert (found.slope, found.low, found.high) == pytest.approx((3.0, 3.0, 3.0), abs=1e-9)
+
+
+def fading(stars: int = 6, *, mag_per_h: float = -0.3) -> SessionData:
+    """Forty frames of a clear quarter of an hour in which each star changes exactly so."""
+    made = session(40, step_s=900 / 39, matches=tuple((100.0 * star, 50.0, 0.0, 0.0) for star in range(1, stars + 1)))
+    frames, matches = made.frames.columns, made.frames.matches
+    frames["sky_condition"], frames["transparency"] = SKY_CONDITIONS.index(SkyCondition.CLEAR), 1.0
+    frames["exposure_s"] = 1.0
+    hours = (frames["utc_ns"] - frames["utc_ns"][0]) / (3600 * NS_PER_S)
+    matches["brightness"] = 100 * (1 + matches["star"]) * 10 ** (0.4 * mag_per_h * hours[matches["frame"]])
+    return made
+
+
+def drift_of(made: SessionData) -> tuple[float, float, float]:
+    found = sensor_health(made).brightness_mag_per_h
+    assert found is not None
+    return found.slope, found.low, found.high
+
+
+def test_the_drift_of_brightness_is_in_magnitudes_an_hour() -> None:
+    assert drift_of(fading()) == pytest.approx((-0.3, -0.3, -0.3), abs=1e-5)
+    assert drift_of(fading(mag_per_h=2.0)) == pytest.approx((2.0, 2.0, 2.0), abs=1e-5)
+
+
+@pytest.mark.parametrize(("stars", "is_told"), [(4, False), (5, True)])
+def test_the_drift_of_brightness_takes_five_stars(stars: int, is_told: bool) -> None:
+    assert (sensor_health(fading(stars)).brightness_mag_per_h is not None) is is_told
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("sky_condition", SKY_CONDITIONS.index(SkyCondition.CLOUDED)), ("transparency", math.nan)],
+    ids=["clouded", "of unknown transparency"],
+)
+def test_other_frames_than_clear_ones_tell_no_drift_of_brightness(name: str, value: float) -> None:
+    made = fading()
+    rows = np.arange(40) % 3 == 0
+    made.frames.columns[name][rows] = value
+    made.frames.matches["brightness"][rows[made.frames.matches["frame"]]] = 7.0
+    assert drift_of(made) == pytest.approx((-0.3, -0.3, -0.3), abs=1e-5)
+    made.frames.columns[name] = value
+    assert sensor_health(made).brightness_mag_per_h is None
+
+
+def test_a_star_without_brightness_tells_no_drift() -> None:
+    made = fading()
+    made.frames.matches["brightness"][::7] = 0.0
+    assert drift_of(made) == pytest.approx((-0.3, -0.3, -0.3), abs=1e-5)
+
+
+def test_an_exposure_that_is_not_sent_counts_as_one_second() -> None:
+    made = fading()
+    made.frames.columns["exposure_s"][::2] = 0.0
+    assert drift_of(made) == pytest.approx((-0.3, -0.3, -0.3), abs=1e-5)
+
+
+def test_ten_minutes_exactly_tell_a_drift_of_brightness() -> None:
+    made = fading()
+    made.frames.columns["utc_ns"] = START_NS + np.linspace(0, 600 * NS_PER_S, 40).astype(np.int64)
+    assert sensor_health(made).brightness_mag_per_h is not None
+
+
+def test_stars_of_one_instant_have_no_slope() -> None:
+    group = np.arange(12, dtype=np.int32) % 6
+    assert _slope_within(np.zeros(12), np.arange(12.0), group) is None
+    assert _slope_within(np.arange(12.0) // 6, np.arange(12.0), group) is not None
+
+
+def test_of_a_supply_the_median_of_the_first_five_is_its_start() -> None:
+    """It falls by 0.02 V from one STATUS to the next."""
+    made = with_statuses()
+    made.statuses = [(at, replace(one, supply_v=5.0 - place / 50)) for place, (at, one) in enumerate(made.statuses)]
+    assert findings(made)[0].startswith("supply voltage: it fell to 2.62 V from 4.96 V")
+
+
+def test_a_supply_that_starts_low_fell_from_its_median() -> None:
+    made = with_statuses()
+    volts = [4.0] * 5 + [5.0] * 114 + [4.4]
+    made.statuses = [(at, replace(one, supply_v=volt)) for volt, (at, one) in zip(volts, made.statuses, strict=True)]
+    assert findings(made) == [
+        "supply voltage: it fell to 4.00 V from 5.00 V; next: check cable and power supply"
+    ]  # fmt: skip
+
+
+def test_a_thermometer_that_stands_still_in_both_is_a_coarse_one() -> None:
+    """Too few STATUS frames to say that it is frozen there."""
+    made = with_statuses(temperature_c=20.0)
+    made.frames.columns["temperature_c"] = 20.0
+    made.statuses = made.statuses[:40]
+    assert findings(made) == []
+
+
+def test_zeros_of_status_frames_are_no_coarse_thermometer() -> None:
+    (line,) = findings(with_statuses(temperature_c=0.0))
+    assert line == f"telemetry: the temperature is 0.00 degC in all 120 STATUS frames{LOOK}"
+
+
+def test_the_first_problem_of_the_first_invalid_status_is_told() -> None:
+    made = with_statuses()
+    for place, problems in ((3, ("first", "second")), (9, ("third",))):
+        made.statuses[place] = made.statuses[place][0], replace(made.statuses[place][1], problems=problems)
+    assert findings(made) == [f"telemetry: 2 of 120 STATUS frames are invalid: first{LOOK}"]
+
+
+def test_of_many_serial_numbers_five_are_told() -> None:
+    made = with_statuses()
+    made.statuses = [(at, replace(one, serial=place % 7)) for place, (at, one) in enumerate(made.statuses)]
+    assert findings(made) == [f"telemetry: the serial number changes: 1, 2, 3, 4, 5{LOOK}"]
+
+
+def test_a_status_whose_time_stands_still_once_is_counted_once() -> None:
+    made = with_statuses()
+    made.statuses[10] = made.statuses[10][0], replace(made.statuses[10][1], time_us=made.statuses[9][1].time_us)
+    assert findings(made) == [f"telemetry: the STATUS time stands still in 1 of 120 STATUS frames{LOOK}"]
+
+
+def test_housekeeping_is_what_status_frames_said_each_once_in_their_order() -> None:
+    made = session(1)
+    told = [
+        {"supply_v": 4.9, "temperature_c": math.nan, "mode": "streaming", "firmware": (1, 2, 0), "serial": 9},
+        {"supply_v": 5.1, "temperature_c": -3.0, "mode": "standby", "firmware": (), "serial": 0},
+        {"supply_v": 5.0, "temperature_c": 4.0, "mode": "", "firmware": (1, 3, 1), "serial": 9},
+    ]
+    made.statuses = [(START_NS + place, StatusMessage(**one)) for place, one in enumerate(told)]
+    found = sensor_health(made).housekeeping
+    assert found is not None
+    assert (found.frames, found.supply_v, found.temperature_c) == (3, (4.9, 5.1), (-3.0, 4.0))
+    assert (found.modes, found.firmware) == (("streaming", "standby"), ("1.2.0", "1.3.1"))
+    assert (found.serial, found.commands_bad) == ((9,), 0)
+    made.statuses = made.statuses[:1]
+    kept = sensor_health(made).housekeeping
+    assert kept is not None
+    assert math.isnan(kept.temperature_c[0])
+    assert math.isnan(kept.temperature_c[1])
+    made.statuses = []
+    assert sensor_health(made).housekeeping is None
