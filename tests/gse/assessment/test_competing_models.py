@@ -138,3 +138,88 @@ def test_an_earlier_cause_is_dropped_where_a_later_one_explains_what_it_did(also
     first, later = cause(0.9 * second + 0.3 * own), cause(second)
     seen = observed(cosines=NOISE + 4 * second[:, :, 0] + also * own[:, :, 0])
     assert _without_idle(seen, [first], later) == ([first] if is_kept else [])
+
+
+def test_slow_noise_has_sixteen_correlation_times_and_twelve_strengths():
+    """From a third of the session's length to three sessions, and from a third of the white noise to a million times.
+
+    The spectrum at zero is 1 and the strength times the variance of a session's mean.
+    """
+    first, inverses, logs, _ = _shapes(8)
+    assert [len(one) for one in (first, inverses, logs)] == [1 + 16 * 12] * 3
+    assert inverses.shape[1] == 8
+    of_mean = (first[1:, 0] - 1).reshape(16, 12)
+    strengths = [0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 1e4, 1e5, 1e6]
+    for row, time in ((0, 0.3), (7, 0.3 * 2000 ** (7 / 15)), (15, 600.0)):
+        mean = 1 - (1 - np.exp(-time)) / time
+        assert of_mean[row] == pytest.approx(mean * np.array(strengths), rel=1e-9)
+
+
+@pytest.mark.parametrize(("errors", "at_zero"), [(NOISE, 1.0), (SLOW, 1 + 1e4 * (1 - (1 - np.exp(-3)) / 3))])
+def test_the_mean_of_frames_scatters_by_their_spectrum_at_zero_over_their_number(errors, at_zero):
+    """Of 600 frames whose stars keep nothing: the Student t of three axes, each with that variance."""
+    mean = np.sqrt(30 * at_zero / 600)
+    nothing = np.eye(3) * 1e-12
+    found = twice_log(mean=(mean,) * 3, lasting=nothing, cosines=errors) - twice_log(lasting=nothing, cosines=errors)
+    variance = (K + 3) / K  # of its square
+    assert found == pytest.approx(-(K + 3) * np.log1p(3 * 30 / K), rel=0.25 * variance)
+
+
+def test_weights_are_the_inverse_of_the_spectrum_that_noise_shows():
+    column = Columns(np.zeros((3, 1)), np.random.default_rng(4).normal(size=(K, 3, 1)), np.zeros((2, 1)))
+    spectrum = exponential_spectrum(3.0, np.arange(K + 1))[1:, None] * 1e4 + 1
+    for cosines, expected in (
+        (NOISE, np.ones((K, 3))),
+        (SLOW, np.tile(1 / spectrum, 3)),
+        (7 * NOISE, np.ones((K, 3)) / 49),
+    ):
+        for columns in (NOTHING, column):
+            found = fitted(observed(cosines=cosines), columns).precision
+            assert np.exp(np.abs(np.log(found / expected)).mean()) < 1.6
+
+
+@pytest.mark.parametrize("size", [1.5, 6.0])
+def test_a_column_that_field_and_course_see_differently_is_fitted_where_both_together_are_likeliest(size):
+    of_course = np.random.default_rng(5).normal(scale=0.1, size=(K, 3, 1))
+    column = Columns(np.zeros((3, 1)), of_course, np.array([[0.1], [0.4]]))
+
+    def left(by):
+        parameters = (0.1 * (size - by), 0.4 * (size - by))
+        return twice_log(parameters=parameters, freedom=6.0, cosines=NOISE - by * of_course[:, :, 0])
+
+    found = fitted(observed(parameters=(0.1 * size, 0.4 * size), freedom=6.0), column)
+    sizes = np.linspace(-2, 10, 601)
+    assert float(found.coefficients[0]) == pytest.approx(sizes[np.argmax([left(by) for by in sizes])], abs=0.03)
+    assert found.twice_log_likelihood == pytest.approx(left(float(found.coefficients[0])), abs=1e-6)
+
+
+def test_two_columns_that_are_the_same_share_what_one_of_them_has():
+    one = Columns(np.zeros((3, 1)), np.random.default_rng(2).normal(size=(K, 3, 1)), np.ones((2, 1)))
+    both = one + one
+    assert (one.count, both.count, (both + one).count, NOTHING.count) == (1, 2, 3, 0)
+    assert [part.shape for part in (both.mean, both.cosines, both.field)] == [(3, 2), (K, 3, 2), (2, 2)]
+    cosines = NOISE + 3 * one.cosines[:, :, 0]
+    alone, twice = (fitted(observed(cosines=cosines), columns) for columns in (one, both))
+    assert twice.coefficients.sum() == pytest.approx(alone.coefficients[0], rel=1e-3)
+    assert twice.covariance.sum() == pytest.approx(alone.covariance[0, 0], rel=1e-3)
+    assert twice.twice_log_likelihood == pytest.approx(alone.twice_log_likelihood, abs=1e-3)
+
+
+def test_without_columns_nothing_is_fitted():
+    found = fitted(observed(), NOTHING)
+    assert (found.coefficients.shape, found.covariance.shape) == ((0,), (0, 0))
+    assert found.precision.shape == (K, 3)
+
+
+def test_ordinates_that_are_all_zero_have_a_weight_nevertheless():
+    assert white_precision(np.zeros((4, 3))) == pytest.approx(np.full((4, 3), 1e12))
+
+
+def test_a_slow_column_in_slow_noise_is_known_worse_than_one_in_white_noise():
+    """By the root of the spectrum of the ordinate that it stands in."""
+    cosines = np.zeros((K, 3, 1))
+    cosines[1, 0] = 1.0
+    column = Columns(np.zeros((3, 1)), cosines, np.zeros((2, 1)))
+    spectrum = 1 + 1e4 * exponential_spectrum(3.0, np.arange(3))[2]
+    errors = [np.sqrt(fitted(observed(cosines=noise), column).covariance[0, 0]) for noise in (SLOW, NOISE)]
+    assert errors[0] / errors[1] == pytest.approx(np.sqrt(spectrum), rel=0.5)

@@ -5,11 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.stats
 from skies.star_errors import CAMERA, SETTINGS, Truth, made
 
 from gse.assessment.error_series import error_series
 from gse.assessment.field_patterns import field_of_errors
-from gse.assessment.vibration import _independent, _without_means, vibration, without_waves
+from gse.assessment.vibration import (
+    _independent,
+    _line_hz,
+    _predicted,
+    _usual_variance,
+    _without_means,
+    vibration,
+    without_waves,
+)
 from gse.truth import horizon_to_sensor
 
 FRAME_S = 0.05
@@ -172,3 +181,122 @@ def test_values_that_hang_together_tell_a_variance_as_fewer_would():
     expected = len(noise) / (1 + 2 * share**2 / (1 - share**2))
     assert _independent(noise) == pytest.approx(expected, rel=0.03)
     assert _independent(np.random.default_rng(9).normal(size=40_000)) == pytest.approx(40_000, rel=0.01)
+
+
+# By hand
+
+
+@pytest.mark.parametrize("count", [12, 30])
+def test_the_usual_variance_is_the_median_of_blocks_as_chi_squared_has_it(count):
+    """Of five blocks; the squares of the middle one are 4."""
+    blocks = np.repeat(np.arange(5), count)
+    quick = np.repeat(np.sqrt([9.0, 1.0, 4.0, 100.0, 2.0]), count)
+    freedom = count - 1
+    median = scipy.stats.chi2.ppf(0.5, freedom) / freedom
+    assert _usual_variance(quick, blocks) == pytest.approx(4 / median, rel=1e-3)
+
+
+@pytest.mark.parametrize(("frames", "variance"), [(5, 4.0), (6, 50.0)])
+def test_blocks_of_fewer_than_six_frames_do_not_count_among_longer_ones(frames, variance):
+    """Three long ones of 1, 4 and 9; three short ones of 91 would make the median (9 + 91) / 2."""
+    blocks = np.concatenate([np.repeat(np.arange(3), 20), np.repeat(np.arange(3, 6), frames)])
+    quick = np.sqrt(np.concatenate([np.repeat([1.0, 4.0, 9.0], 20), np.full(3 * frames, 91.0)]))
+    usual = 19 if frames == 5 else 12
+    median = scipy.stats.chi2.ppf(0.5, usual) / usual
+    assert _usual_variance(quick, blocks) == pytest.approx(variance / median, rel=2e-3)
+
+
+def test_blocks_of_two_frames_count_where_all_are_so_short():
+    """Of one degree of freedom, whose median is 0.455 of the mean; Wilson and Hilferty have 0.470."""
+    quick = np.array([1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 50.0])
+    assert _usual_variance(quick, np.array([0, 0, 1, 1, 2, 2, 3])) == pytest.approx(4 / 0.4705, rel=1e-3)
+
+
+def test_what_stars_explain_is_the_scatter_of_each_about_its_mean_as_the_fit_takes_it(sky):
+    """Two stars in two frames, off by 1 and by 3 arcsec to either side along columns: a variance of 2 and 18 there.
+
+    That of any star's axis is 5; half of each makes the boresight's shift along columns, the whole along rows.
+    """
+    operators = np.zeros((4, 3, 2))
+    operators[:, 1, 0], operators[:, 0, 1] = -0.5, 1.0
+    stars = replace(
+        sky[1].stars,
+        frames=np.array([0, 0, 1, 1]),
+        stars=np.array([1, 2, 1, 2]),
+        operators=operators,
+        errors=np.array([[7.0, 5.0], [30.0, 0.0], [9.0, 5.0], [36.0, 0.0]]),
+    )
+    field = replace(sky[1], stars=stars)
+    rows = np.array([0, 1])
+    assert _predicted(field, rows, np.array([0, 0])) == pytest.approx([5 * 2 / 4, 5 * 2.0])
+    assert _predicted(field, rows, np.array([3, 3])) == pytest.approx([5 * 2 / 4, 5 * 2.0])
+    assert _predicted(field, rows, np.array([0, 1])) == pytest.approx([0.0, 0.0])
+    assert _predicted(field, rows[:1], np.array([0])) == pytest.approx([0.0, 0.0])
+
+
+def sine(amplitude, cycles, count=200):
+    return amplitude * np.cos(2 * math.pi * cycles * np.arange(count) / count)
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 10, 99])
+@pytest.mark.parametrize(("excess", "is_named"), [(3.33, True), (3.34, False)])
+def test_a_line_has_three_tenths_of_half_of_the_excess(cycles, excess, is_named):
+    """A sine of amplitude 1 has a mean square of a half: 0.3 of 3.333 / 2."""
+    found = _line_hz(0.1 * np.arange(200), 100 + sine(1.0, cycles), 0.1, excess)
+    assert found == pytest.approx(cycles / 20.0 if is_named else math.nan, nan_ok=True)
+
+
+@pytest.mark.parametrize(("times", "is_named"), [(19.9, False), (20.1, True)])
+def test_a_line_stands_twenty_times_above_the_median_of_the_spectrum(times, is_named):
+    """A blow in one frame is as strong at each frequency; a cosine of the same phase adds to it."""
+    values = sine(2 / 200 * (math.sqrt(times) - 1), 10)
+    values[0] += 1.0
+    assert math.isfinite(_line_hz(0.1 * np.arange(200), values, 0.1, 0.0)) is is_named
+
+
+def test_a_line_between_two_ordinates_counts_with_both():
+    """0.405 of its power is in either, 0.045 in the next ones."""
+    found = _line_hz(0.1 * np.arange(200), sine(1.0, 10.5), 0.1, 0.8 / 0.3)
+    assert found in (pytest.approx(0.5), pytest.approx(0.55))
+
+
+@pytest.mark.parametrize(("late", "by", "is_named"), [(2, 1.25, True), (3, 1.25, False), (50, 1.19, True)])
+def test_one_step_in_fifty_may_differ_by_more_than_a_fifth(late, by, is_named):
+    steps = np.full(100, 0.1)
+    steps[10 : 10 + late] *= by
+    time_s = np.concatenate([[0.0], np.cumsum(steps)])
+    assert math.isfinite(_line_hz(time_s, sine(1.0, 10, 101), 0.1, 1.0)) is is_named
+
+
+@pytest.mark.parametrize(("count", "lags"), [(7, 0), (8, 1), (12, 2), (79, 18), (80, 19), (300, 19)])
+def test_values_to_and_fro_tell_as_many_as_the_first_nineteen_correlations_say(count, lags):
+    """Each next pair is one fewer of them, all with the same size."""
+    correlations = [(count - lag) / count for lag in range(1, lags + 1)]
+    expected = count / (1 + 2 * sum(one**2 for one in correlations))
+    assert _independent((-1.0) ** np.arange(count)) == pytest.approx(expected)
+
+
+def test_an_axis_without_any_error_tells_as_many_as_it_has():
+    assert _independent(np.zeros(40)) == 40
+
+
+def test_what_is_found_is_given_with_what_stars_explain_and_the_rate_of_frames(sky):
+    series, field, one = sky
+    found = shaken(sky, noise(6.0), step_s=0.5)
+    assert found.frame_hz == pytest.approx(2.0)
+    assert found.predicted_arcsec == pytest.approx(one * math.sqrt(2), rel=0.1)
+    x, y = _predicted(field, series.rows, np.zeros(1200, dtype=np.int64))
+    assert found.predicted_arcsec == pytest.approx(math.sqrt(x + y), rel=0.1)
+
+
+@pytest.mark.parametrize(("ratio", "is_told"), [(4.8, False), (6.0, True)])
+def test_few_frames_must_scatter_by_five_standard_errors(sky, ratio, is_told):
+    """48 errors to and fro tell a variance as 2.7 do: to 0.86, five times as much is 4.3 beyond what stars explain."""
+    _, field, one = sky
+    sign = (-1.0) ** np.arange(48)
+    assert 5 * math.sqrt(2 / _independent(sign)) == pytest.approx(4.32, abs=0.01)
+    blocks = np.arange(48) // 12
+    of_one = _usual_variance(_without_means(sign[:, None], blocks)[:, 0], blocks)
+    explained = _predicted(field, np.arange(48), blocks)[0]
+    size = math.sqrt(ratio * explained / of_one) / one
+    assert (shaken(sky, size * sign[:, None] * [1, 0, 0]) is not None) is is_told
