@@ -290,13 +290,13 @@ def test_a_frame_of_fewer_than_four_stars_is_left_out(sky, stars, is_kept):
     assert len(found.stars.frames) == len(matches) - len(short) - (0 if is_kept else stars)
 
 
-@pytest.mark.parametrize(("more", "every"), [(0, 1), (20, 2)])
+@pytest.mark.parametrize(("more", "every"), [(0, 1), (1, 2), (21, 2)])
 def test_of_more_than_forty_thousand_rows_every_second_frame_is_taken(sky, more, every):
     frames, _ = sky
     matches = np.resize(sky[1][:20], 40_000 + more)
     matches["frame"] = np.arange(len(matches)) // 20
-    utc_ns = frames["utc_ns"][0] + 10**8 * np.arange(2001)
-    found = field_of_errors(matches, utc_ns, np.ones(2001, dtype=bool), CAMERA, SITE, horizon_to_sensor(MOUNT)[:, 2])
+    utc_ns = frames["utc_ns"][0] + 10**8 * np.arange(2002)
+    found = field_of_errors(matches, utc_ns, np.ones(2002, dtype=bool), CAMERA, SITE, horizon_to_sensor(MOUNT)[:, 2])
     assert found.rows.tolist() == list(range(0, len(matches) // 20, every))
 
 
