@@ -268,3 +268,150 @@ def test_a_share_has_the_uncertainty_towards_its_limit(at_least, uncertainty):
 )
 def test_an_amount_is_told_in_degrees_from_one_degree_on(value, unit, text):
     assert amount(value, unit) == text
+
+
+# Words and sides
+
+
+def undecided(figure, *, decision=Decision.GUARDED, truth=0.0, limit=LIMIT, **options):
+    asked = Requirement(Subject.ONBOARD, "mean |dDE|", limit, decision, "arcsec")
+    return judge_figure(asked, figure, truth_uncertainty=truth, **options)
+
+
+@pytest.mark.parametrize(
+    ("figure", "words"),
+    [
+        (Figure(5.0, NO_BOUNDS, math.nan, 29, 600.0), ": 29 frames compared with truth, 30 are needed"),
+        (Figure(5.0, NO_BOUNDS, math.nan, 1, 600.0), ": 1 frame compared with truth, 30 are needed"),
+        (
+            Figure(5.0, NO_BOUNDS, math.nan, 30, 10.0),
+            ": every answer has the same error, which tells nothing of its scatter",
+        ),
+        (Figure(5.0, NO_BOUNDS, math.nan, 30, 9.99), ": the session is too short to tell"),
+        (Figure(5.0, NO_BOUNDS, 3.4, 30, 600.0), ": the session is too short to tell (n_eff 3)"),
+        (Figure(5.0, NO_BOUNDS, 3.6, 30, 5.0), ": the session is too short to tell (n_eff 4)"),
+    ],
+)
+def test_what_a_figure_lacks_is_its_reason(figure, words):
+    assert undecided(figure).reason == f"onboard mean |dDE|{words}"
+
+
+def test_what_truth_leaves_open_is_told_with_what_a_longer_session_does_to_it():
+    """1.645 times 10 arcsec are 16.4 (of 16.45, to even); hypot(3, 16.45) are 16.7."""
+    figure = Figure(50.0, Bounds(46.0, 54.0, 47.0, 53.0), 100.0, 600, 600.0)
+    asked = "onboard mean |dDE| is 50.0 arcsec with U 16.7 arcsec, the limit is 60.0 arcsec: truth leaves 16.4 arcsec, "
+    assert undecided(figure, truth=10.0).reason == f"{asked}a longer session cannot decide"
+    assert undecided(figure, truth=10.0, settles=True).reason == (
+        f"{asked}most of it a drift that a longer session tells better"
+    )
+
+
+def test_a_row_without_a_test_says_what_is_missing():
+    assert row(math.nan, 0.0, frames=0).reason == "onboard mean |dDE|: no frame has it"
+    assert row(50.0, 1.0, frames=1, limit=math.nan).reason == "onboard mean |dDE|: no limit is stated"
+    assert row(50.0, 1.0, limit=math.nan).reason == "onboard mean |dDE|: no limit is stated"
+
+
+def test_a_row_keeps_what_it_was_judged_by():
+    figure = Figure(50.0, Bounds(46.0, 54.0, 47.0, 57.0), 80.0, 600, 600.0)
+    found = undecided(figure, truth=1.0)
+    assert (found.subject, found.name, found.unit, found.label) == (
+        Subject.ONBOARD,
+        "mean |dDE|",
+        "arcsec",
+        "onboard mean |dDE|",
+    )
+    assert (found.value, found.limit, found.n_eff, found.truth_uncertainty) == (50.0, 60.0, 80.0, 1.0)
+    assert found.uncertainty == pytest.approx(math.hypot(7.0, 1.645))
+    assert found.false_pass_risk == 0.05
+    assert not found.relative
+    assert undecided(figure, relative=True).relative
+    assert not judge_share(
+        Requirement(Subject.ONBOARD, "availability", 0.9, Decision.GUARDED), share_of(9, 10), at_least=True
+    ).relative
+
+
+def test_a_figure_at_its_limit_is_undecided_on_its_upper_side():
+    """Bounds 3 arcsec below and 7 above; they come closer for ever."""
+    figure = Figure(60.0, Bounds(56.0, 68.0, 57.0, 67.0), 100.0, 600, 600.0)
+    found = undecided(figure)
+    assert found.outcome is Outcome.INCONCLUSIVE
+    assert "is 60.0 arcsec with U 7.0 arcsec, the limit" in found.reason
+
+
+@pytest.mark.parametrize(("value", "minutes"), [(58.0, 112.5), (62.0, 12.5)])
+def test_the_bound_towards_the_limit_says_how_much_longer_it_takes(value, minutes):
+    """Two arcsec of room: 7 above are (7 / 2)^2 times too much, 3 below (3 / 2)^2; ten minutes were seen."""
+    figure = Figure(value, Bounds(value - 4, value + 8, value - 3, value + 7), math.inf, 600, 600.0)
+    assert minutes_more(figure, LIMIT, 0.0) == pytest.approx(minutes)
+
+
+def test_at_its_limit_it_takes_for_ever():
+    assert minutes_more(Figure(60.0, Bounds(56.0, 68.0, 57.0, 67.0), math.inf, 600, 600.0), LIMIT, 0.0) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("minutes", "words"), [(0.2, "1 more minute would"), (0.98, "1 more minute would"), (1.4, "2 more minutes would")]
+)
+def test_minutes_are_counted_up(minutes, words):
+    """Four times as long decides: three times the session more."""
+    figure = Figure(50.0, Bounds(0.0, 0.0, 30.0, 70.0), math.inf, 600, minutes * 20.0)
+    assert f": {words} have decided" in undecided(figure).reason
+
+
+@pytest.mark.parametrize(
+    ("value", "above", "risk"),
+    [
+        (50.0, 16.45, scipy.stats.norm.cdf(-1.0)),
+        (50.0, 5.0, scipy.stats.norm.cdf(-3.29)),
+        (50.0, 0.5, scipy.stats.norm.cdf(-32.9)),
+        (55.0, 16.45, scipy.stats.norm.cdf(-0.5)),
+        (50.0, 0.0, math.nan),
+    ],
+)
+def test_simple_acceptance_states_the_share_of_a_normal_uncertainty_beyond_the_limit(value, above, risk):
+    figure = Figure(value, Bounds(value, value, value, value + above), 100.0, 600, 600.0)
+    found = undecided(figure, decision=Decision.SIMPLE)
+    assert found.outcome is Outcome.PASS
+    assert found.false_pass_risk == pytest.approx(risk, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(1000.0, "1000 ms"), (1000.6, "1001 ms"), (999.96, "1000.0 ms"), (-1500.4, "-1500 ms")]
+)
+def test_an_amount_has_a_decimal_below_a_thousand(value, text):
+    assert amount(value, "ms") == text
+
+
+def test_a_share_of_nothing_is_not_known():
+    found = share_of(0, 0)
+    assert (found.count, found.of, found.n_eff) == (0, 0, 0.0)
+    assert all(math.isnan(value) for value in (found.value, found.lower, found.upper))
+    asked = Requirement(Subject.ONBOARD, "availability", 0.9, Decision.GUARDED)
+    assert judge_share(asked, found, at_least=True).reason == "onboard availability: no frame has it"
+
+
+@pytest.mark.parametrize(("count", "lower", "upper"), [(0, 0.0, 0.95), (1, 0.05, 1.0)])
+def test_one_frame_bounds_a_share_by_the_risk_itself(count, lower, upper):
+    share = share_of(count, 1)
+    assert (share.lower, share.upper) == pytest.approx((lower, upper))
+    assert (share.value, share.n_eff) == (count, 1.0)
+    asked = Requirement(Subject.ONBOARD, "false answers", 0.5, Decision.SIMPLE)
+    risk = judge_share(asked, share, at_least=False).false_pass_risk
+    assert risk == pytest.approx(0.25 if count == 0 else 0.75)  # half of a triangle that falls, or grows
+
+
+def test_an_effective_number_is_no_more_than_the_frames():
+    assert share_of(5, 10, 40.0) == share_of(5, 10)
+    few = share_of(5, 10, 4.0)
+    assert (few.count, few.of, few.value, few.n_eff) == (5, 10, 0.5, 4.0)
+    assert few.lower == pytest.approx(scipy.stats.beta.ppf(0.05, 2, 3))
+    assert few.upper == pytest.approx(scipy.stats.beta.ppf(0.95, 3, 2))
+
+
+def test_a_reason_of_a_share_has_what_stands_beside_it():
+    asked = Requirement(Subject.SENSOR, "availability", 0.95, Decision.GUARDED)
+    found = judge_share(asked, share_of(540, 600), at_least=True, beside=" of the sky")
+    assert found.reason == "sensor availability: 540 of 600 frames of the sky (90.00 %), the limit is 95.00 %"
+    assert found.n_eff == 600.0
+    assert found.false_pass_risk == 0.05
