@@ -193,3 +193,82 @@ def test_of_many_frames_every_few_stand_for_all():
     rotations = np.array([np.eye(3)] * 1000)
     rotations[:450] = Rotation.random(450, rng=np.random.default_rng(2)).as_matrix()
     assert 450 <= _most_central(rotations) < 1000
+
+
+@pytest.mark.parametrize(
+    ("since_s", "blocks"),
+    [
+        # 160 s and more: blocks of 20 s.
+        ([0, 19.999999999, 20, 39.999999999, 40, 160], [0, 0, 1, 1, 2, 8]),
+        ([1000, 0, 30, 980], [50, 0, 1, 49]),
+        # 80 s: eight blocks of 10 s, which are a nanosecond longer, so that the last frame is in the eighth.
+        ([0, 10, 10.000000001, 20.000000001, 20.000000002, 80], [0, 0, 1, 1, 2, 7]),
+        ([0], [0]),
+        ([0, 0.000000001], [0, 1]),
+    ],
+)
+def test_a_frame_belongs_to_the_block_of_its_time_since_the_first(since_s, blocks):
+    utc_ns = START_NS + np.array([round(s * NS_PER_S) for s in since_s])
+    assert time_blocks(utc_ns).tolist() == blocks
+
+
+def test_four_blocks_are_the_fewest_that_tell_their_uncertainty():
+    """Means of -2, 2, -1 and 1: a variance of 10 / 3, a quarter of it for the mean, and 3 of Student's t with 3."""
+    errors = np.array([[-2.0, 0, 0], [2.0, 0, 0], [-1.0, 0, 0], [1.0, 0, 0]]) * [1, 0, 0]
+    errors[:, 1], errors[:, 2] = 2 * errors[:, 0], errors[:, 0] ** 2 - 2.5
+    fitted = fit_mount(instants(4, 100.0), turned(errors))
+    assert fitted.covariance_arcsec2[0][0] == pytest.approx(2.5, rel=1e-4)
+    assert fitted.covariance_arcsec2[1][1] == pytest.approx(10.0, rel=1e-4)
+    assert fitted.covariance_arcsec2[0][1] == pytest.approx(5.0, rel=1e-4)
+    assert fitted.covariance_arcsec2[0][2] == pytest.approx(0.0, abs=1e-3)
+    assert (fitted.from_ns, fitted.until_ns) == (START_NS, START_NS + 300 * NS_PER_S)
+    three = fit_mount(instants(3, 100.0), turned(errors[:3]))
+    assert np.isnan(three.covariance_arcsec2).all()
+
+
+def test_what_the_stars_keep_is_added_to_the_scatter_of_the_frames():
+    errors, kept = noise(200), np.array([[4.0, 1.0, 0.5], [1.0, 9.0, -0.5], [0.5, -0.5, 100.0]])
+    alone = fit_mount(instants(200), turned(errors))
+    both = fit_mount(instants(200), turned(errors), persistent_arcsec2=kept)
+    assert np.array(both.covariance_arcsec2) - alone.covariance_arcsec2 == pytest.approx(kept, abs=1e-9)
+
+
+@pytest.mark.parametrize(("off_rad", "rejected"), [(4e-9, 0), (6e-9, 1)])
+def test_of_equal_frames_one_is_rejected_beyond_five_billionths(off_rad, rejected):
+    """A milliarcsecond: without a scatter of the others the last digits of a rotation must not count."""
+    errors = np.zeros((40, 3))
+    errors[30, 0] = off_rad / ARCSEC
+    assert fit_mount(instants(40), turned(errors)).rejected == rejected
+
+
+def test_sigmas_below_an_arcsecond_are_stated_as_they_are():
+    fitted = alignment(MOUNT, np.diag([0.09, 0.16, 0.25]))
+    assert fitted.sigma_arcsec == pytest.approx((0.3, 0.4, 0.5))
+    assert "good to 0.50 arcsec across and 0.5 arcsec about" in str(fitted)
+    level = alignment(Mount(azimuth_deg=20, altitude_deg=0, roll_deg=0), np.diag([0.09, 0.16, 0.25]))
+    assert level.sigma_azimuth_altitude_roll_arcsec == pytest.approx((0.4, 0.3, 0.5))
+    rounded = alignment(MOUNT, np.diag([-1e-20, 0.16, 0.25]))
+    assert rounded.sigma_arcsec == pytest.approx((0.0, 0.4, 0.5))
+
+
+def three_directions(count, middle):
+    """Rotations a degree away from one, each third towards a direction of its own, but for the one in the middle."""
+    towards = np.radians(120.0 * (np.arange(count) % 3))
+    vectors = np.radians(1.0) * np.column_stack([np.cos(towards), np.sin(towards), np.zeros(count)])
+    vectors[middle] = 0.0
+    return Rotation.from_rotvec(vectors).as_matrix()
+
+
+@pytest.mark.parametrize(
+    ("count", "middle"), [(9, 4), (199, 77), (399, 77), (400, 78), (400, 250), (1000, 505), (1001, 505)]
+)
+def test_the_frame_in_the_middle_of_the_others_is_the_most_central(count, middle):
+    """Each frame stands for itself below 400, from there every second, and every fifth of a thousand."""
+    assert _most_central(three_directions(count, middle)) == middle
+
+
+@pytest.mark.parametrize(("count", "middle", "step"), [(400, 77, 2), (599, 77, 2), (600, 301, 3), (1000, 507, 5)])
+def test_a_fit_of_many_frames_begins_at_one_of_at_most_some_two_hundred(count, middle, step):
+    found = _most_central(three_directions(count, middle))
+    assert found != middle
+    assert found % step == 0

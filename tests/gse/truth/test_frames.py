@@ -1,7 +1,9 @@
 """Reference frames of sensors against skyfield, whose matrices are its own."""
 
+import erfa
 import numpy as np
 import pytest
+from astropy.coordinates import FK5, CartesianRepresentation, FK4NoETerms, SkyCoord
 from skyfield.api import load
 
 from gse.instant import NS_PER_S, from_text
@@ -46,3 +48,40 @@ def test_the_axes_of_date_hold_for_the_middle_of_their_five_minutes():
     utc_ns = from_text("2026-03-20T18:32:30Z")
     matrix = load.timescale(builtin=True).utc(2026, 3, 20, 18, 32, 30).M
     assert apart_rad(icrs_to_frame("date", np.array([utc_ns]))[0], matrix) < 0.4 * MILLIARCSEC
+
+
+def test_the_axes_of_date_are_those_of_the_middle_of_five_minutes_of_utc():
+    """From the full minute on, a nanosecond before the next; the middle is that of the IAU 2006 and 2000A theories."""
+    first = from_text("2026-03-20T18:30:00Z")
+    instants = [first - 1, first, first + 299 * NS_PER_S, first + 300 * NS_PER_S - 1, first + 300 * NS_PER_S]
+    before, *inside, after = icrs_to_frame("date", np.array(instants))
+    expected = erfa.pnm06a(2_461_119.5, (18 * 3600 + 32 * 60 + 30) / 86_400)
+    for rotation in inside:
+        assert np.abs(rotation - expected).max() < 1e-15
+    for rotation in (before, after):
+        assert 1e-10 < np.abs(rotation - expected).max() < 1e-8
+
+
+def test_instants_in_any_order_have_the_axes_of_their_own_date():
+    instants = np.array([from_text(INSTANTS[place]) for place in (2, 0, 3, 2, 1)])
+    together = icrs_to_frame("date", instants)
+    assert together.shape == (5, 3, 3)
+    for rotation, utc_ns in zip(together, instants, strict=True):
+        assert np.array_equal(rotation, icrs_to_frame("date", np.array([utc_ns]))[0])
+
+
+def test_the_axes_of_b1950_are_those_of_astropy_without_the_terms_of_aberration():
+    rotations = icrs_to_frame("B1950", np.zeros(3, dtype=np.int64))
+    assert rotations.shape == (3, 3, 3)
+    stars = SkyCoord(CartesianRepresentation(np.eye(3)), frame=FK5(equinox="J2000"))
+    seen = stars.transform_to(FK4NoETerms(equinox="B1950", obstime="B1950")).cartesian.xyz.value
+    for rotation in rotations:
+        assert np.abs(rotation - seen).max() < 0.01 * MILLIARCSEC
+        assert np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-13
+
+
+def test_the_pole_of_b1950_stands_where_half_a_century_of_precession_had_it():
+    """Lieske 1977 from 2000 to 1950: theta is 1002.3 arcsec, zeta and z together 2305 arcsec."""
+    rotation = icrs_to_frame("B1950", np.zeros(1, dtype=np.int64))[0]
+    assert rotation[0, 2] / ARCSEC == pytest.approx(1002.26, abs=0.05)
+    assert rotation[0, 1] / ARCSEC == pytest.approx(2306.37, abs=0.05)

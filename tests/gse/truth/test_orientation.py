@@ -1,15 +1,17 @@
 """Earth orientation between, before and after the days of a table, worked out by hand."""
 
+import importlib.metadata
 import json
 import math
 from dataclasses import replace
+from datetime import date
 
 import pytest
 
 from gse.errors import TruthError
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD, from_text
 from gse.truth import EarthOrientation
-from gse.truth.iers_tables import installed_leap_seconds
+from gse.truth.iers_tables import GivenTables, LeapSeconds, installed_last_mjd, installed_leap_seconds
 
 ARCSEC = math.pi / 180 / 3600
 NOW_NS = from_text("2026-03-20T18:30:00Z")
@@ -147,3 +149,144 @@ def test_a_frozen_list_may_have_four_hundred_leap_seconds():
     many = {"mjd": list(range(41_317, 41_717)), "tai_minus_utc_s": [10] * 400, "known_until_mjd": 61_000}
     table = EarthOrientation.from_json(json.dumps(json.loads(of_days(2)) | {"leap_seconds": many}))
     assert len(table.leap_seconds.mjd) == 400
+
+
+DOCUMENT = {
+    "schema": "gse.earth-orientation/1",
+    "source": "made",
+    "mjd": [60_000, 60_001],
+    "ut1_minus_utc_s": [-0.1, 0.1],
+    "x_pole_arcsec": [0.2, 0.3],
+    "y_pole_arcsec": [0.4, 0.5],
+    "ut1_error_s": [1e-5, 2e-5],
+    "kind": ["measured", "predicted"],
+}
+
+
+@pytest.mark.parametrize("name", ["ut1_minus_utc_s", "x_pole_arcsec", "y_pole_arcsec", "ut1_error_s"])
+@pytest.mark.parametrize(("value", "good"), [(999_999.5, True), (-999_999.5, True), (1e6, False), (-1e6, False)])
+def test_no_value_of_a_frozen_table_reaches_a_million(name, value, good):
+    text = json.dumps(DOCUMENT | {name: [value, 0.0]})
+    if good:
+        assert getattr(EarthOrientation.from_json(text), name) == (value, 0.0)
+        return
+    with pytest.raises(TruthError, match=r"no Earth orientation table of schema gse.earth-orientation/1: .* out of o"):
+        EarthOrientation.from_json(text)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"schema": "gse.earth-orientation/2"}, "another schema"),
+        ({"kind": ["measured"]}, "columns of different or impossible length"),
+        ({"x_pole_arcsec": [0.1, 0.2, 0.3]}, "columns of different or impossible length"),
+        ({"y_pole_arcsec": ["0.1", 0.2]}, "a value is not a finite number"),
+        ({"ut1_error_s": [0.1, math.inf]}, "a value is not a finite number"),
+        ({"kind": ["measured", "guessed"]}, "a kind of value that is not known"),
+        ({"mjd": [60_000, 60_002]}, "days are missing"),
+        ({"mjd": [60_001, 60_000]}, "days are missing"),
+        ({"mjd": [60_000, 60_000]}, "days are missing"),
+    ],
+)
+def test_a_frozen_table_that_is_refused_says_what_is_wrong(changes, words):
+    with pytest.raises(TruthError) as raised:
+        EarthOrientation.from_json(json.dumps(DOCUMENT | changes))
+    assert str(raised.value) == f"no Earth orientation table of schema gse.earth-orientation/1: {words}"
+
+
+def test_a_frozen_table_has_every_column_in_its_place_and_the_installed_leap_seconds_where_it_has_none():
+    table = EarthOrientation.from_json(json.dumps(DOCUMENT | {"source": "made\x1b"}))
+    expected = {name: tuple(column) for name, column in DOCUMENT.items() if isinstance(column, list)}
+    assert {name: getattr(table, name) for name in expected} == expected
+    assert table.source == "made\\x1b"
+    assert table.leap_seconds == installed_leap_seconds()
+    leaps = {"mjd": [41_317, 57_754], "tai_minus_utc_s": [10, 37.5], "known_until_mjd": 61_000.5}
+    table = EarthOrientation.from_json(json.dumps(DOCUMENT | {"leap_seconds": leaps}))
+    assert table.leap_seconds == LeapSeconds((41_317, 57_754), (10, 37.5), 61_000)
+    assert json.loads(table.to_json()) == DOCUMENT | {"leap_seconds": leaps | {"known_until_mjd": 61_000}}
+
+
+def test_a_table_reaches_back_to_1962_at_most():
+    table = EarthOrientation.from_disk(from_text("1972-01-02T12:00:00Z"), days=5000)
+    assert (table.mjd[0], table.mjd[-1]) == (37_665, 41_318 + 5000)
+    assert (table.ut1_minus_utc_s[0], table.x_pole_arcsec[0], table.y_pole_arcsec[0]) == (0.0326338, -0.0127, 0.213)
+    assert (table.ut1_error_s[0], table.kind[0]) == (0.002, "measured")
+
+
+def test_the_source_of_a_table_names_the_package_and_the_files_that_were_given():
+    installed = f"IERS C04 and finals2000A, astropy-iers-data {importlib.metadata.version('astropy-iers-data')}"
+    assert EarthOrientation.from_disk(NOW_NS).source == installed
+    leaps = LeapSeconds((41_317,), (10.0,), 70_000)
+    with_leaps = EarthOrientation.from_disk(NOW_NS, given=GivenTables("my.list", leap_seconds=leaps))
+    assert (with_leaps.source, with_leaps.leap_seconds) == (f"{installed}, and my.list", leaps)
+    without = EarthOrientation.from_disk(NOW_NS, given=GivenTables("my.all"))
+    assert (without.source, without.leap_seconds) == (f"{installed}, and my.all", installed_leap_seconds())
+
+
+def test_a_gap_between_the_installed_and_the_given_rows_is_refused_with_the_last_day():
+    first = installed_last_mjd() + 3
+    rows = {day: (day, 0.1, 0.2, 0.3, 0.001, "predicted") for day in range(first, first + 30)}
+    day = date.fromordinal(date(1858, 11, 17).toordinal() + first + 29)
+    with pytest.raises(TruthError) as raised:
+        EarthOrientation.from_disk(utc_ns(first + 5), given=GivenTables("finals2000A.daily", rows))
+    assert str(raised.value) == (
+        f"the Earth orientation files leave a gap before {day.isoformat()}; give finals2000A.all, not .daily"
+    )
+    far = EarthOrientation.from_disk(utc_ns(first + 13), given=GivenTables("finals2000A.daily", rows))
+    assert far.mjd == tuple(range(first + 3, first + 24))
+
+
+@pytest.mark.parametrize(
+    ("error_s", "leap_error_s"),
+    [(0.0, 1.0), (0.05, 1.0), (0.15, 0.95), (0.6, 0.5), (1.05, 0.05), (1.1, 0.0), (3.0, 0.0)],
+)
+def test_a_leap_second_that_may_be_missing_adds_what_ut1_is_not_unsure_of_already(error_s, leap_error_s):
+    """UT1 - UTC is held at -0.2 s: it is known to 0.9 + 0.2 s without any table."""
+    table = replace(
+        TABLE,
+        ut1_minus_utc_s=(-0.2,) * 4,
+        ut1_error_s=(error_s,) * 4,
+        leap_seconds=replace(TABLE.leap_seconds, known_until_mjd=50_000),
+    )
+    here = table.at(utc_ns(60_001.5))
+    assert here.leap_error_s == pytest.approx(leap_error_s, abs=1e-9)
+    assert here.ut1_error_s == pytest.approx(min(error_s, 1.1), abs=1e-9)
+
+
+def test_a_clock_of_1971_is_told_to_the_second():
+    assert TABLE.at(from_text("1972-01-01T00:00:00Z")).kind == "past the end"
+    with pytest.raises(TruthError) as raised:
+        TABLE.at(from_text("1972-01-01T00:00:00Z") - 1)
+    assert str(raised.value) == (
+        "no sidereal truth for 1971-12-31T23:59:59Z: the Earth orientation table begins at 1972-01-01; "
+        "set the clock that stamps the frames"
+    )
+
+
+ADVICE = (
+    "update it with: pip install -U astropy-iers-data, or give newer files with --earth-orientation finals2000A.all"
+)
+LEAPS_END = "leap seconds are only announced until 2023-02-27: one that is missing is 15 arcsec"
+
+
+@pytest.mark.parametrize(
+    ("mjd", "told"),
+    [
+        (60_001.999, None),
+        (60_002.0, f"{LEAPS_END}; {ADVICE}"),
+        (60_003.0, f"{LEAPS_END}; {ADVICE}"),
+        (
+            60_003.25,  # 0.00025 s by the wander and 0.001 s of the last row
+            "2023-02-28T06:00:00Z is outside the Earth orientation table (2023-02-25 to 2023-02-28): "
+            f"UT1 is only known to 0.0013 s = 0.019 arcsec; {LEAPS_END}; {ADVICE}",
+        ),
+        (
+            59_998.5,  # 1.5 days before: 0.0015 s and the 0.00003 s of the first two rows
+            "2023-02-23T12:00:00Z is outside the Earth orientation table (2023-02-25 to 2023-02-28): "
+            f"UT1 is only known to 0.0015 s = 0.023 arcsec; {ADVICE}",
+        ),
+    ],
+)
+def test_the_operator_is_told_what_ends_and_what_to_do(mjd, told):
+    table = replace(TABLE, leap_seconds=replace(TABLE.leap_seconds, known_until_mjd=60_002))
+    assert table.warning(utc_ns(mjd)) == told

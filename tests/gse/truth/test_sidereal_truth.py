@@ -243,3 +243,124 @@ def test_the_true_attitude_is_exact():
     assert (true.covariance_rad2 == 0).all()
     zenith = true.icrs_to_sensor @ truth.icrs_to_horizon(NOW_NS)[2]
     assert np.degrees(np.arccos(zenith[2])) == pytest.approx(40.0, abs=1e-9)
+
+
+def earth_of(table, utc_ns):
+    """The instant as two-part TT and UT1, and the pole, by hand: 37 leap seconds and 32.184 s."""
+    day, second, here = 2_440_587.5 + utc_ns // NS_PER_DAY, utc_ns % NS_PER_DAY / NS_PER_S, table.at(utc_ns)
+    return (day, (second + 37 + 32.184) / 86_400), (day, (second + here.ut1_minus_utc_s) / 86_400), here
+
+
+def axes_of(site):
+    """East, north and up by what changes with the height of the ellipsoid."""
+    low, high = (erfa.gd2gc(1, *np.radians([site.longitude_deg, site.latitude_deg]), height) for height in (0.0, 1e6))
+    up = (high - low) / np.linalg.norm(high - low)
+    east = np.cross([0.0, 0.0, 1.0], up)
+    east /= np.linalg.norm(east)
+    return np.array([east, np.cross(up, east), up])
+
+
+MIDDLE_NS = from_text("2026-03-20T18:32:30Z")
+"""Of 300 s, where the truth leaves nothing out."""
+
+
+@pytest.mark.parametrize("omit", [set(), {"UT1"}, {"polar motion"}, {"UT1", "polar motion"}])
+def test_in_the_middle_of_five_minutes_the_horizon_is_where_the_iau_2006_resolutions_have_it(table, omit):
+    """By the celestial intermediate origin, while the truth goes by the equinox."""
+    tt, ut1, here = earth_of(table, MIDDLE_NS)
+    if "UT1" in omit:
+        ut1 = ut1[0], MIDDLE_NS % NS_PER_DAY / NS_PER_DAY
+    pole = (0.0, 0.0) if "polar motion" in omit else (here.x_pole_rad, here.y_pole_rad)
+    expected = axes_of(ROOF) @ erfa.c2t06a(*tt, *ut1, *pole)
+    assert np.abs(SiderealTruth(ROOF, table, omit).icrs_to_horizon(MIDDLE_NS) - expected).max() < 1e-11
+
+
+def test_inside_five_minutes_the_earth_turns_by_its_rate_about_one_axis(table):
+    truth = SiderealTruth(ROOF, table, {"polar motion"})
+    axis = np.array([0.0, np.cos(np.radians(ROOF.latitude_deg)), np.sin(np.radians(ROOF.latitude_deg))])
+    first = MIDDLE_NS - 150 * NS_PER_S
+    instants = [first - 1, first, MIDDLE_NS + 40 * NS_PER_S, first + 300 * NS_PER_S - 1, first + 300 * NS_PER_S]
+    before, begin, later, end, after = (truth.icrs_to_horizon(utc_ns) for utc_ns in instants)
+    pole = axis @ begin
+    for rotation in (later, end):
+        assert np.abs(axis @ rotation - pole).max() < 1e-14
+    for rotation in (before, after):
+        assert np.abs(axis @ rotation - pole).max() > 1e-10  # 20 arcsec a year: 0.0002 in five minutes
+    turned = np.array([np.cross(axis, row) for row in np.eye(3)])
+    angle = 190 * 2 * np.pi * 1.00273781191135448 / 86_400
+    expected = np.cos(angle) * np.eye(3) + np.sin(angle) * turned + (1 - np.cos(angle)) * np.outer(axis, axis)
+    assert np.abs(later - expected @ begin).max() < 1e-12
+    assert np.abs(truth.icrs_to_horizon_at(np.array(instants)) - [before, begin, later, end, after]).max() < 1e-15
+
+
+def test_no_instant_before_1972_has_a_rotation(table):
+    truth = SiderealTruth(ROOF, table)
+    for utc_ns in (0, 1):
+        with pytest.raises(TruthError, match="no sidereal truth for 1970-01-01"):
+            truth.icrs_to_horizon(utc_ns)
+
+
+def test_the_latest_rotation_is_kept_and_cannot_be_written_to(table):
+    truth = SiderealTruth(ROOF, table)
+    rotation = truth.icrs_to_horizon(NOW_NS)
+    assert truth.icrs_to_horizon(NOW_NS) is rotation
+    assert truth.icrs_to_horizon(NOW_NS + 1) is not rotation
+    with pytest.raises(ValueError, match="read-only"):
+        rotation[0, 0] = 1.0
+
+
+def test_the_sky_of_three_and_a_half_days_is_kept_at_most(table):
+    truth = SiderealTruth(ROOF, table)
+    truth.icrs_to_horizon(NOW_NS)
+    (cell,) = truth._cells.values()
+    truth._cells.update(dict.fromkeys(range(1022), cell))
+    truth.icrs_to_horizon(NOW_NS + 300 * NS_PER_S)
+    assert len(truth._cells) == 1024
+    truth.icrs_to_horizon(NOW_NS + 600 * NS_PER_S)
+    assert len(truth._cells) == 1
+
+
+SKY = np.random.default_rng(11).normal(size=(50, 3))
+STARS = SKY / np.linalg.norm(SKY, axis=1)[:, None]
+
+
+@pytest.mark.parametrize("omit", [set(), {"annual aberration"}, {"diurnal aberration"}, {"light deflection"}])
+def test_stars_are_moved_by_the_velocities_of_the_earth_and_of_the_site_and_by_the_sun(table, omit):
+    """The site's velocity is that of ERFA's pvtob, in place of a speed towards the east."""
+    tt, ut1, here = earth_of(table, MIDDLE_NS)
+    heliocentric, barycentric = erfa.epv00(*tt)
+    light_au_per_day = 299_792_458.0 * 86_400 / 149_597_870_700
+    velocity_c = np.zeros(3) if "annual aberration" in omit else barycentric["v"] / light_au_per_day
+    if "diurnal aberration" not in omit:
+        place = *np.radians([ROOF.longitude_deg, ROOF.latitude_deg]), ROOF.height_m
+        site = erfa.pvtob(*place, here.x_pole_rad, here.y_pole_rad, erfa.sp00(*tt), erfa.gst06a(*ut1, *tt))
+        velocity_c = velocity_c + site["v"] @ erfa.pnm06a(*tt) / 299_792_458.0
+    distance_au = np.linalg.norm(heliocentric["p"])
+    bent = STARS if "light deflection" in omit else erfa.ldsun(STARS, heliocentric["p"] / distance_au, distance_au)
+    expected = erfa.ab(bent, velocity_c, distance_au, np.sqrt(1 - velocity_c @ velocity_c))
+    seen = SiderealTruth(ROOF, table, omit).apparent(STARS, MIDDLE_NS)
+    assert np.linalg.norm(seen - expected, axis=1).max() < 1e-11
+
+
+def test_stars_of_many_instants_are_each_moved_as_at_their_own(table):
+    truth = SiderealTruth(ROOF, table)
+    utc_ns = NOW_NS + np.array([0, 20_000, 40_000]) * NS_PER_S
+    instant_of = np.arange(50) % 3
+    together = truth.apparent_at(STARS, utc_ns, truth.icrs_to_horizon_at(utc_ns), instant_of)
+    for number, instant in enumerate(utc_ns.tolist()):
+        mine = instant_of == number
+        assert np.abs(together[mine] - truth.apparent(STARS[mine], instant)).max() < 1e-15
+
+
+def test_the_true_attitudes_of_many_instants_are_the_mount_times_the_horizon(table):
+    truth = SiderealTruth(ROOF, table)
+    mount = Mount(azimuth_deg=10.0, altitude_deg=50.0, roll_deg=20.0)
+    rotations = truth.icrs_to_horizon_at(NOW_NS + np.arange(4) * NS_PER_S)
+    attitudes = truth.attitudes_true(rotations, mount)
+    assert attitudes.covariance_rad2.shape == (4, 3, 3)
+    assert not attitudes.covariance_rad2.any()
+    for found, rotation in zip(attitudes.icrs_to_sensor, rotations, strict=True):
+        assert np.abs(found - horizon_to_sensor(mount) @ rotation).max() < 1e-15
+    alone = truth.attitude_true(NOW_NS, mount)
+    assert np.array_equal(alone.icrs_to_sensor, attitudes.icrs_to_sensor[0])
+    assert np.array_equal(alone.covariance_rad2, np.zeros((3, 3)))
