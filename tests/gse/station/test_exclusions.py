@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from gse.instant import NS_PER_S, from_text
+from gse.errors import UsageError
+from gse.instant import LAST_NS, NS_PER_S, from_text
 from gse.station.event_kinds import ClockStep, StationKind
-from gse.station.exclusions import Cause, Exclusion, excluded, exclusions
+from gse.station.exclusions import Cause, Exclusion, _burst, _read_at_once, excluded, exclusions, parse_exclusion
 from gse.station.frame_table import FRAME
 
 START_NS = from_text("2026-03-20T18:30:00Z")
@@ -110,3 +111,190 @@ def test_frames_that_waited_for_more_than_twenty_milliseconds_are_told(late_ms, 
     made["utc_ns"] = START_NS + taken_ns + late_ns
     made["host_utc_ns"] = START_NS + np.where(np.arange(60) < 2, np.arange(60) * 1000, taken_ns)
     assert any(item.cause is Cause.BACKLOG for item in exclusions([], made)) is is_told
+
+
+# Frames out of a buffer, by hand
+
+SECOND = NS_PER_S
+
+
+def read_late(waited, *, frames=100, tag_step=SECOND, read_step=0):
+    """Frames of one a second: the first ``waited`` are read in one go with the next, the others as they come."""
+    taken_ns = np.arange(frames) * tag_step
+    read_ns = taken_ns.copy()
+    read_ns[:waited] = taken_ns[waited] - read_step * np.arange(waited, 0, -1)
+    made = np.zeros(frames, dtype=FRAME)
+    made["time_us"] = taken_ns // 1000
+    made["utc_ns"] = made["host_utc_ns"] = START_NS + read_ns
+    return made
+
+
+def test_a_buffer_is_told_with_its_first_frame_its_last_and_how_late_it_was():
+    """Three frames, read at 3.000 s less 3, 2 and 1 us: the first is 3 s late."""
+    (told,) = exclusions([], read_late(3, read_step=1000))
+    assert (told.from_ns, told.until_ns) == (START_NS + 3 * SECOND - 3000, START_NS + 3 * SECOND - 1000 + 1)
+    assert told.reason == "read up to 3.00 s late: these frames waited in a buffer before the port was read"
+    assert (told.cause, told.time_error_s) == (Cause.BACKLOG, pytest.approx(2.999997, abs=1e-9))
+
+
+def test_frames_read_at_the_very_same_instant_waited_too():
+    (told,) = exclusions([], read_late(3))
+    assert (told.from_ns, told.until_ns, told.time_error_s) == (START_NS + 3 * SECOND, START_NS + 3 * SECOND + 1, 3.0)
+
+
+@pytest.mark.parametrize(("waited", "late_s", "last"), [(29, 29.0, 28), (30, 30.0, 29), (31, 30.0, 29)])
+def test_a_buffer_settles_within_thirty_seconds_of_the_sensors_clock(waited, late_s, last):
+    """The frame of the 30th second still shows how late the ones before it were; the one of the 31st does not."""
+    (told,) = exclusions([], read_late(waited, read_step=1000))
+    assert told.time_error_s == pytest.approx(late_s, abs=1e-4)
+    assert told.until_ns == START_NS + waited * SECOND - 1000 * (waited - last) + 1
+
+
+@pytest.mark.parametrize(("pause_ns", "is_told"), [(30 * SECOND, False), (30 * SECOND + 1000, True)])
+def test_a_pause_of_more_than_half_a_minute_begins_anew(pause_ns, is_told):
+    """Three frames at 1 Hz, a pause, and then a buffer of three."""
+    before, after = np.arange(50) * SECOND, np.arange(51) * SECOND
+    taken_ns = np.concatenate([before, before[-1] + pause_ns + after])
+    read_ns = taken_ns.copy()
+    read_ns[50:53] = read_ns[53]
+    made = np.zeros(101, dtype=FRAME)
+    made["time_us"], made["utc_ns"], made["host_utc_ns"] = taken_ns // 1000, START_NS + read_ns, START_NS + read_ns
+    assert bool(exclusions([], made)) is is_told
+
+
+@pytest.mark.parametrize(("back_us", "is_told"), [(0, False), (1, True)])
+def test_only_a_time_tag_that_falls_is_a_new_start_of_the_sensor(back_us, is_told):
+    made = read_late(3, frames=101)
+    late = made[:51].copy()
+    for name in ("utc_ns", "host_utc_ns"):
+        late[name] += 50 * SECOND
+        made[name][:50] = START_NS + np.arange(50) * SECOND
+    made["time_us"] = np.arange(101) * 10**6
+    made[50:] = late
+    made["time_us"][50:] += made["time_us"][49] - back_us
+    assert bool(exclusions([], made)) is is_told
+
+
+@pytest.mark.parametrize(
+    ("read_ns", "tag_ns", "expected"),
+    [
+        ([0], [0], [False]),
+        ([0, 100, 149, 249, 349], [0, 100, 200, 300, 400], [False, False, True, False, False]),
+        ([0, 100, 150, 250, 350], [0, 100, 200, 300, 400], [False] * 5),  # half of the usual time
+        ([0, 100, 100, 200, 300], [0, 100, 200, 300, 400], [False, False, True, False, False]),
+        ([0, 100, 99, 199, 299], [0, 100, 200, 300, 400], [False] * 5),  # the clock went back
+        ([0, 100, 149, 249, 349], [0, 100, 190, 290, 390], [False] * 5),  # taken soon after each other themselves
+    ],
+)
+def test_a_frame_is_read_at_once_within_half_of_the_usual_time_and_of_the_time_between_exposures(
+    read_ns, tag_ns, expected
+):
+    assert _read_at_once(np.array(read_ns), np.array(tag_ns)).tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("at_once", "expected"),
+    [
+        ([], []),
+        ([False], [False]),
+        ([True], [False]),
+        ([False, True], [True, True]),
+        ([True, False], [False, False]),
+        ([False, True, True, False, True], [True, True, True, False, False]),
+        ([False, False, True], [False, False, False]),
+    ],
+)
+def test_a_burst_lasts_from_the_first_frame_to_the_last_that_followed_at_once(at_once, expected):
+    assert _burst(np.array(at_once, dtype=bool)).tolist() == expected
+
+
+# Steps of the clock, by hand
+
+
+def around(utc_ns, step_ns, *, utc_kept=False):
+    event = ClockStep(utc_ns, 0, StationKind.CLOCK_STEP, "it stepped", step_ns, utc_kept)
+    return [(item.from_ns, item.until_ns) for item in exclusions([event], np.zeros(0, FRAME))]
+
+
+@pytest.mark.parametrize(
+    ("step_ns", "utc_kept", "expected"),
+    [
+        (10 * SECOND, False, [(-15 * SECOND, 5 * SECOND)]),  # both sides meet
+        (10 * SECOND + 1, False, [(-15 * SECOND - 1, -5 * SECOND - 1), (-5 * SECOND, 5 * SECOND)]),
+        (-10 * SECOND, False, [(-5 * SECOND, 15 * SECOND)]),
+        (-10 * SECOND - 1, False, [(5 * SECOND + 1, 15 * SECOND + 1), (-5 * SECOND, 5 * SECOND)]),
+        (SECOND, False, [(-6 * SECOND, 5 * SECOND)]),
+        (SECOND, True, [(-6 * SECOND, 5 * SECOND)]),
+        (-SECOND, True, [(-5 * SECOND, 5 * SECOND)]),
+    ],
+)
+def test_five_seconds_around_a_step_are_left_out_by_the_old_and_by_the_new_clock(step_ns, utc_kept, expected):
+    found = around(START_NS, step_ns, utc_kept=utc_kept)
+    assert [(begin - START_NS, end - START_NS) for begin, end in found] == expected
+
+
+@pytest.mark.parametrize(
+    ("utc_ns", "expected"),
+    [
+        (5 * SECOND + 1_000_000_001, [(1, 11_000_000_001)]),
+        (6 * SECOND, [(0, 11 * SECOND)]),
+        (3 * SECOND, [(0, 8 * SECOND)]),
+        (-5 * SECOND, []),
+        (1 - 5 * SECOND, [(0, 1)]),
+        (LAST_NS - 5 * SECOND, [(LAST_NS - 11 * SECOND, LAST_NS)]),
+        (LAST_NS, [(LAST_NS - 6 * SECOND, LAST_NS)]),
+        (LAST_NS + 6 * SECOND, []),
+        (LAST_NS + 6 * SECOND - 1, [(LAST_NS - 1, LAST_NS)]),
+    ],
+)
+def test_what_is_left_out_around_a_step_stays_within_the_instants_that_there_are(utc_ns, expected):
+    """A step by a second forward."""
+    assert around(utc_ns, SECOND) == expected
+
+
+def test_what_is_left_out_around_a_step_may_be_off_by_the_step_and_bears_its_words():
+    event = ClockStep(START_NS, 0, StationKind.CLOCK_STEP, "it stepped", -2_500_000_000)
+    (item,) = exclusions([event], np.zeros(0, FRAME))
+    assert (item.reason, item.cause, item.time_error_s) == ("it stepped", Cause.CLOCK_STEP, 2.5)
+
+
+@pytest.mark.parametrize(("step_s", "side"), [(-20.0, "ahead of"), (20.0, "behind")])
+def test_a_clock_that_was_far_off_is_told_in_whole_seconds_and_its_side(step_s, side):
+    (wrong,) = [item for item in frames_with_a_burst_at(250, step_rows=(150,), step_s=step_s) if "was" in item.reason]
+    assert wrong.reason == f"the host's clock was 20 s {side} what it was set to"
+
+
+# What an operator leaves out
+
+
+def test_an_operator_writes_a_stretch_and_why():
+    stated = parse_exclusion("2026-03-20T18:30:00Z/2026-03-20T18:31:00Z= clouds = many ")
+    assert stated == Exclusion(START_NS, START_NS + 60 * SECOND, "clouds = many", Cause.OPERATOR, 0.0)
+
+
+@pytest.mark.parametrize("why", ["", "=", "=  "])
+def test_a_stretch_without_a_reason_is_left_out_by_the_operator(why):
+    stated = parse_exclusion(f"2026-03-20T18:30:00Z/2026-03-20T18:31:00Z{why}")
+    assert (stated.reason, stated.time_error_s) == ("left out by the operator", 0.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("2026-03-20T18:30:00Z/2026-03-20T18:30:00Z", "ends before it begins"),
+        ("2026-03-20T18:30:01Z/2026-03-20T18:30:00Z=x", "ends before it begins"),
+        ("2026-03-20T18:30:00Z", "is not a stretch"),
+        ("yesterday/today=clouds", "is not a stretch"),
+    ],
+)
+def test_a_stretch_that_is_none_is_refused_with_an_example(text, message):
+    with pytest.raises(UsageError, match=rf"{message}.*; expected for example 2026-03-20T18:30:00Z/") as refused:
+        parse_exclusion(text)
+    assert repr(text) in str(refused.value)
+
+
+def test_an_instant_is_left_out_that_lies_in_any_of_the_stretches():
+    stretches = [Exclusion(10, 20, "", Cause.OPERATOR), Exclusion(15, 30, "", Cause.OPERATOR)]
+    instants = np.array([9, 10, 19, 20, 29, 30])
+    assert excluded(instants, stretches).tolist() == [False, True, True, True, True, False]
+    assert excluded(instants, []).tolist() == [False] * 6
