@@ -1,21 +1,27 @@
 """The reference identifier's check of an answer, and the status that an answer gets."""
 
 import threading
-from dataclasses import replace
+import time
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
+from skies.known_nights import TRUTH
 from skies.made_frames import FIELD_14_DEG
 
-from gse.attitude import Attitude
+from gse.attitude import Attitude, Attitudes, paper_mean
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.identifier import Answers, Reason, Unidentified
+from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.identifier.robust import RobustIdentifier
+from gse.mount import InertialDirection, Mount
 from gse.panorama import Panorama, Panoramas
+from gse.station.attitude_error import attitude_error
 from gse.station.frame_processor import FrameProcessor
-from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import AnswerCheck, Status
+from gse.station.frame_table import ANSWER_CHECKS
+from gse.station.identified import Identified
+from gse.station.non_stellar import NonStellarObjects, Others
+from gse.station.results import AnswerCheck, MatchColumns, Starlights, Status
 from gse.truth import EarthOrientation, SiderealTruth
 
 BORESIGHT = Attitude.from_angles(83.0, 0.0, 20.0)
@@ -182,3 +188,255 @@ def test_positions_without_sense_spoil_their_own_panorama_alone(reference, panor
     results = made.conclude(panoramas, identified, identified.elapsed_us)
     assert [one.status for one in results] == [Status.IDENTIFIED, Status.SENSOR_FAULT, Status.IDENTIFIED]
     assert results.rows()["stars_seen"].tolist() == [len(results[0].matches), 0, len(results[2].matches)]
+
+
+# Times, faults and covariances, by hand
+
+
+class Working(Silent):
+    """An identifier that takes 20 ms of the processor's time."""
+
+    def identify_many(self, objects):
+        until_ns = time.thread_time_ns() + 20_000_000
+        while time.thread_time_ns() < until_ns:
+            pass
+        return super().identify_many(objects)
+
+
+@pytest.mark.parametrize(("sound", "faulty"), [(1, 0), (1, 1), (4, 1)])
+def test_the_time_of_panoramas_that_came_together_is_their_mean(reference, panorama, sound, faulty):
+    """Of those that the identifier was shown; to a tenth of a microsecond."""
+    spoiled = replace(panorama, problems=("no time",))
+    panoramas = Panoramas.of([panorama] * sound + [spoiled] * faulty)
+    elapsed_us = processor(Working(reference.catalog), None).identify(panoramas).elapsed_us
+    assert np.isnan(elapsed_us[sound:]).all()
+    assert len(set(elapsed_us[:sound].tolist())) == 1
+    assert 20_000 / sound <= elapsed_us[0] < 1.9 * 20_000 / sound
+    assert elapsed_us[0] == round(float(elapsed_us[0]), 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "detail"),
+    [
+        ({"flags": frozenset({"memory fault"})}, "the sensor reports memory fault"),
+        ({"flags": frozenset({"memory fault", "detector fault", "saturated"}), "problems": ("no time",)},
+         "the sensor reports detector fault and memory fault"),
+        ({"problems": ("no time", "no age")}, "the sensor sent an impossible value: no time"),
+        ({"xy_px": np.zeros((31, 2)), "brightness": np.linspace(5000, 1, 31)},
+         "31 objects came, at most 30 were expected"),
+        ({"brightness": np.linspace(4097.0, 200.0, 25)}, "index value 4097 came, at most 4096 was expected"),
+    ],
+)  # fmt: skip
+def test_a_fault_of_the_sensor_is_told_whole_and_stands_beside_its_panorama(reference, panorama, change, detail):
+    """Between a panorama without objects and one with thirty."""
+    full = replace(panorama, xy_px=np.full((30, 2), 500.0), brightness=np.linspace(4096.0, 1.0, 30))
+    empty = replace(panorama, xy_px=np.zeros((0, 2)), brightness=np.zeros(0))
+    panoramas = Panoramas.of([empty, replace(panorama, **change), full, empty])
+    faults = processor(Silent(reference.catalog), None)._faults(panoramas)
+    assert faults == {1: Unidentified(Reason.SENSOR_FAULT, detail)}
+
+
+def test_the_covariance_of_an_attitude_is_that_of_three_tenths_of_a_pixel(reference, panorama):
+    """The inverse of the Fisher information of unit vectors with that noise across each of them."""
+    found = result(Turned(reference, 0.0), reference, panorama)
+    seen = FIELD_14_DEG.directions(panorama.xy_px[found.identification.objects])
+    information = sum(np.eye(3) - np.outer(one, one) for one in seen)
+    expected = (0.3 * FIELD_14_DEG.pixel_rad) ** 2 * np.linalg.inv(information)
+    assert found.attitude.covariance_rad2 == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_mean_of_the_lapan_paper_is_taken_for_each_panorama_with_an_answer(reference, panorama):
+    """The second has none: the third must not take its place."""
+    rng = np.random.default_rng(6)
+    seen = [replace(panorama, xy_px=panorama.xy_px + rng.normal(0, 0.5, (25, 2))) for _ in range(3)]
+    seen[1] = replace(seen[1], problems=("no time",))
+    made = replace(processor(Turned(reference, 0.0), None), paper_mean=True)
+    panoramas = Panoramas.of(seen)
+    wahba = processor(Turned(reference, 0.0), None).identify(panoramas)
+    found = made.identify(panoramas)
+    assert found.attitudes[1] is None
+    for k in (0, 2):
+        directions = FIELD_14_DEG.directions(seen[k].xy_px)[found.answers[k].objects]
+        stars = reference.catalog.icrs[found.answers[k].stars]
+        expected = paper_mean(wahba.attitudes[k], directions, stars).icrs_to_sensor
+        assert found.attitudes[k].icrs_to_sensor == pytest.approx(expected, abs=1e-14)
+        assert np.abs(expected - wahba.attitudes[k].icrs_to_sensor).max() > 1e-11
+
+
+# What is compared with truth
+
+
+class Watched:
+    """Takes the place of the classifier of objects: it notes what it is given, and names nothing."""
+
+    def name(self, panoramas, directions_sensor, answers, icrs_to_sensor, *, truth_known):
+        self.rotations, self.truth_known = icrs_to_sensor, truth_known
+        return Others.of([[]] * len(panoramas))
+
+
+MOUNT = Mount(azimuth_deg=10.0, altitude_deg=70.0, roll_deg=30.0)
+INERTIAL = Mount(inertial=InertialDirection(ra_deg=83.0, de_deg=0.0, roll_deg=20.0))
+
+
+def concluded(identifier, panoramas, **changes):
+    watched = Watched()
+    made = replace(processor(identifier, None), non_stellar=watched, **changes)
+    many = Panoramas.of(panoramas)
+    identified = made.identify(many)
+    return identified, made.conclude(many, identified, identified.elapsed_us), watched
+
+
+@pytest.mark.parametrize(
+    ("truth", "mount", "known"),
+    [(None, None, False), (None, MOUNT, False), (TRUTH, None, True), (TRUTH, MOUNT, True), (TRUTH, INERTIAL, False)],
+    ids=["nothing", "a mount", "a sky", "both", "a simulator of stars"],
+)
+def test_bodies_are_looked_for_where_the_true_sky_is_known_and_from_the_geometric_attitude(
+    reference, panorama, truth, mount, known
+):
+    identified, results, watched = concluded(Turned(reference, 0.0), [panorama], truth=truth, mount=mount)
+    assert watched.truth_known is known
+    found = results[0]
+    expected = identified.attitudes[0] if truth is None else found.attitude_geometric
+    assert watched.rotations[0].tolist() == expected.icrs_to_sensor.tolist()
+    assert (found.attitude_geometric is None) is (truth is None)
+    assert (found.attitude_error is None) is (truth is None or mount is None)
+
+
+def test_the_error_is_that_of_the_geometric_attitude_against_the_mount(reference, panorama):
+    """A panorama without an answer stands before it, and has none."""
+    spoiled = replace(panorama, problems=("no time",))
+    _, results, _ = concluded(Turned(reference, 0.0), [spoiled, panorama], truth=TRUTH, mount=MOUNT)
+    assert (results[0].attitude_error, results[0].attitude_true, results[0].attitude_geometric) == (None, None, None)
+    found, true = results[1], TRUTH.attitude_true(panorama.utc_ns, MOUNT)
+    assert found.attitude_true.icrs_to_sensor == pytest.approx(true.icrs_to_sensor, abs=1e-12)
+    expected = attitude_error(found.attitude_geometric, true)
+    assert astuple(found.attitude_error) == pytest.approx(astuple(expected), abs=1e-4)
+
+
+def test_residuals_are_what_is_measured_less_what_is_expected_along_columns_and_rows(reference, panorama):
+    """One of 25 stars is seen 0.4 px too far right and 0.3 px too far up: the fit follows by a part of it."""
+    moved = panorama.xy_px.copy()
+    moved[3] += 0.4, -0.3
+    _, results, _ = concluded(Turned(reference, 0.0), [replace(panorama, xy_px=moved)])
+    matches = {match.object: match for match in results[0].matches}
+    pixel_arcsec = np.degrees(FIELD_14_DEG.pixel_rad) * 3600
+    share = 1 - 1 / 25
+    assert matches[3].residual_x_arcsec == pytest.approx(0.4 * pixel_arcsec * share, rel=0.2)
+    assert matches[3].residual_y_arcsec == pytest.approx(-0.3 * pixel_arcsec * share, rel=0.2)
+    assert results.residuals_arcsec.shape == (len(matches), 2)
+
+
+class KnownAir:
+    """A sky in which air lifts four objects apart by known angles, towards a zenith that stands on an axis."""
+
+    def __init__(self, std_rad):
+        self.std_rad = std_rad
+
+    def icrs_to_horizon_at(self, utc_ns):
+        assert utc_ns.tolist() == [2]
+        return np.eye(3)[None]
+
+    def unrefracted(self, stars, zenith_sensor):
+        assert zenith_sensor.tolist() == [0.0, 0.0, 1.0]
+        return stars - self.std_rad * np.outer([1.0, -1.0, 1.0, -1.0], [0.6, 0.8, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("separation_arcsec", "std_arcsec", "check"),
+    [
+        (180.0 + 3 * 60.0 - 0.1, 60.0, AnswerCheck.CORRECT),
+        (180.0 + 3 * 60.0 + 0.1, 60.0, AnswerCheck.FALSE),
+        (180.1, 0.0, AnswerCheck.FALSE),
+        (179.9, 0.0, AnswerCheck.CORRECT),
+        (1799.9, 1000.0, AnswerCheck.CORRECT),
+        (1800.1, 1000.0, AnswerCheck.FALSE),  # air does nothing of the kind
+        (float("nan"), 1000.0, AnswerCheck.FALSE),
+    ],
+)
+def test_a_false_answer_within_three_standard_deviations_of_the_lift_is_correct(
+    reference, separation_arcsec, std_arcsec, check
+):
+    arcsec = np.pi / 648_000
+    seen = [Panorama(utc_ns, np.full((count, 2), 500.0), np.ones(count)) for utc_ns, count in ((1, 2), (2, 4), (3, 0))]
+    separation_rad = np.array([0.1, separation_arcsec, 0.1]) * [1.0, arcsec, 1.0]
+    before = [AnswerCheck.FALSE, AnswerCheck.FALSE, AnswerCheck.ABSENT]
+    identified = Identified(
+        np.zeros((6, 3)),
+        np.ones(3, dtype=np.bool_),
+        Answers.of([NO_MATCH] * 3),
+        Attitudes.of([Attitude(np.eye(3), np.eye(3))] * 3),
+        np.array([ANSWER_CHECKS.index(one) for one in before], dtype=np.uint8),
+        separation_rad,
+        Starlights.none(3),
+        np.zeros(3),
+    )
+    made = replace(processor(Silent(reference.catalog), None), truth=KnownAir(std_arcsec * arcsec))
+    checks = [ANSWER_CHECKS[one] for one in made._checks_under_air(Panoramas.of(seen), identified)]
+    assert checks == [AnswerCheck.FALSE, check, AnswerCheck.ABSENT]
+    unknown_sky = replace(made, truth=None)._checks_under_air(Panoramas.of(seen), identified)
+    assert [ANSWER_CHECKS[one] for one in unknown_sky] == before
+
+
+class Few(Silent):
+    """An identifier that names the first two objects of each panorama as stars 5 and 9, or nothing."""
+
+    name = "few"
+
+
+@pytest.mark.parametrize(
+    ("answer", "with_reference", "stars"),
+    [
+        (Identification(np.array([0, 1]), np.array([5, 9]), 0.0), True, 2),
+        (Identification(np.array([0, 1]), np.array([5, 9]), 0.0), False, 2),
+        (NO_MATCH, True, 25),
+        (NO_MATCH, False, 0),
+    ],
+)
+def test_the_light_is_that_of_the_answer_or_of_the_reference_identifier_where_there_is_none(
+    reference, panorama, answer, with_reference, stars
+):
+    made = processor(Few(reference.catalog, answer), reference if with_reference else None)
+    light = made.identify(Panoramas.of([panorama, panorama])).light
+    assert light.stars.tolist() == [stars] * 2
+
+
+def test_the_separation_is_between_the_boresights_and_none_where_one_of_them_is_missing(reference, panorama):
+    spoiled = replace(panorama, problems=("no time",))
+    panoramas = Panoramas.of([spoiled, panorama])
+    found = processor(Turned(reference, 0.5), reference).identify(panoramas)
+    assert np.isnan(found.separation_rad[0])
+    assert found.separation_rad[1] == pytest.approx(2 * np.sin(np.radians(0.25)), rel=1e-6)
+    assert [ANSWER_CHECKS[one] for one in found.answer_check] == [AnswerCheck.UNKNOWN, AnswerCheck.FALSE]
+    silent = processor(Silent(reference.catalog), reference).identify(panoramas)
+    assert np.isnan(silent.separation_rad).all()
+    assert [ANSWER_CHECKS[one] for one in silent.answer_check] == [AnswerCheck.UNKNOWN, AnswerCheck.ABSENT]
+
+
+class LeftOut:
+    """Takes the place of the search for stars that were left out, and notes what it is given."""
+
+    def of(self, objects, answers, frames):
+        self.objects, self.answers, self.frames = objects, answers, frames
+        return MatchColumns.none(len(answers))
+
+
+@pytest.mark.parametrize("truth", [None, TRUTH])
+def test_stars_that_were_left_out_are_looked_for_in_the_frames_with_an_answer(reference, panorama, truth):
+    left_out, spoiled = LeftOut(), replace(panorama, problems=("no time",))
+    identified, results, _ = concluded(Turned(reference, 0.0), [spoiled, panorama], left_out=left_out, truth=truth)
+    frames = left_out.frames
+    assert frames.raw.tolist() == [identified.attitudes[1].icrs_to_sensor.tolist()]
+    geometric = results[1].attitude_geometric if truth else identified.attitudes[1]
+    assert frames.geometric.tolist() == [geometric.icrs_to_sensor.tolist()]
+    assert (frames.truth, frames.utc_ns.tolist()) == (truth, [panorama.utc_ns])
+    assert (frames.icrs_to_horizon is None) is (truth is None)
+    assert left_out.objects.brightness.tolist() == 2 * panorama.brightness.tolist()
+
+
+def test_nothing_is_looked_for_where_no_panorama_has_an_answer(reference, panorama):
+    left_out = LeftOut()
+    _, results, _ = concluded(Silent(reference.catalog), [panorama], left_out=left_out, truth=TRUTH, mount=MOUNT)
+    assert not hasattr(left_out, "frames")
+    assert (results[0].attitude, results[0].attitude_geometric, results[0].attitude_true) == (None, None, None)
+    assert (len(results[0].matches), len(results[0].left_out)) == (0, 0)
