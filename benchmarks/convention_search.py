@@ -10,13 +10,13 @@ from collections import Counter
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gse.assessment.convention_search import Evidence, search_convention
 from gse.attitude_convention import AttitudeConvention, proper_axes, state_angles, state_quaternions
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.constants import ARCSEC_RAD
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount
 from gse.station.own_answers import OwnAnswerTruth
+from gse.statistics.convention_search import Evidence, search_convention
 from gse.truth import EarthOrientation, SiderealTruth
 from gse.truth.frames import icrs_to_frame
 

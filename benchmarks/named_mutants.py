@@ -26,17 +26,17 @@ class Named:
 
 
 _FRAMES = "gse/station/frame_processor.py"
-_GUARD = "gse/assessment/guard_band.py"
-_DECISION = "gse/assessment/decision.py"
-_STATISTICS = "gse/assessment/subject_statistics.py"
+_GUARD = "gse/statistics/guard_band.py"
+_DECISION = "gse/statistics/decision.py"
+_STATISTICS = "gse/statistics/subject_statistics.py"
 _ACCEPTANCE = "gse/identifier/acceptance.py"
 _HOT = "gse/calibration/hot_pixels.py"
-_TO_DECISION = "tests/gse/assessment/test_decision.py"
+_TO_DECISION = "tests/gse/statistics/test_decision.py"
 _TO_VERDICT = "tests/gse/assessment/test_verdict.py"
 _TO_FRAMES = "tests/gse/station/test_frame_processor.py"
 _TO_ACCEPTANCE = "tests/gse/identifier/test_acceptance.py"
-_TO_CLOCK = "tests/gse/assessment/test_clock_health.py"
-_TO_STATISTICS = "tests/gse/assessment/test_statistics.py"
+_TO_CLOCK = "tests/gse/statistics/test_clock_health.py"
+_TO_STATISTICS = "tests/gse/statistics/test_session_statistics.py"
 _TO_HOT = "tests/gse/calibration/test_hot_pixels.py"
 _TO_ALIGNMENT = "tests/gse/truth/test_alignment.py"
 _OF_VALUE = "(share.value, share.value)"
@@ -67,10 +67,10 @@ NAMED = (
         "gse/station/exclusions.py",
         "old_ns, new_ns = event.utc_ns - step_ns, event.utc_ns",
         "old_ns, new_ns = event.utc_ns + step_ns, event.utc_ns",
-        "tests/gse/assessment/test_counted_frames.py",
+        "tests/gse/statistics/test_counted_frames.py",
     ),
     Named(
-        "best clock bound", "gse/assessment/clock_health.py", "bound_s = max((abs(", "bound_s = min((abs(", _TO_CLOCK
+        "best clock bound", "gse/statistics/clock_health.py", "bound_s = max((abs(", "bound_s = min((abs(", _TO_CLOCK
     ),
     Named(
         "3 sigma for 1", "gse/truth/alignment.py", "x, y, z = (math.sqrt(", "x, y, z = (3 * math.sqrt(", _TO_ALIGNMENT
@@ -78,10 +78,10 @@ NAMED = (
     Named("mount gate x 10", "gse/truth/alignment.py", "<= _REJECT_SIGMA *", "<= 10 * _REJECT_SIGMA *", _TO_ALIGNMENT),
     Named(
         "outlier gate x 10",
-        "gse/assessment/counted_frames.py",
+        "gse/statistics/counted_frames.py",
         "OUTLIER_ARCSEC = 1800.0",
         "OUTLIER_ARCSEC = 18000.0",
-        "tests/gse/assessment/test_counted_frames.py",
+        "tests/gse/statistics/test_counted_frames.py",
     ),
     Named("limit: keeps <", _GUARD, "truth_standard) <= limit", "truth_standard) < limit", _TO_DECISION),
     Named("limit: exceeds >=", _GUARD, "truth_standard) > limit", "truth_standard) >= limit", _TO_DECISION),
@@ -99,7 +99,7 @@ NAMED = (
     Named("share: simple by its lower bound", _DECISION, _OF_VALUE, "(share.lower, share.value)", _TO_DECISION),
     Named("share: simple by its upper bound", _DECISION, _OF_VALUE, "(share.value, share.upper)", _TO_DECISION),
     Named("30 frames are too few", _DECISION, "self.frames < MIN_FRAMES", "self.frames <= MIN_FRAMES", _TO_DECISION),
-    Named("29 frames suffice", "gse/assessment/sampling.py", "MIN_FRAMES = 30", "MIN_FRAMES = 29", _TO_DECISION),
+    Named("29 frames suffice", "gse/statistics/sampling.py", "MIN_FRAMES = 30", "MIN_FRAMES = 29", _TO_DECISION),
     Named(
         "|dRA| times cos DE",
         _STATISTICS,
@@ -112,14 +112,14 @@ NAMED = (
     ),
     Named(
         "slow for fast",
-        "gse/assessment/plain_findings.py",
+        "gse/diagnosis/plain_findings.py",
         "'slow' if ppm > 0",
         "'slow' if ppm < 0",
-        "tests/gse/assessment/test_diagnosis.py",
+        "tests/gse/diagnosis/test_diagnosis.py",
     ),
     Named(
         "slow for fast, in ppm",
-        "gse/assessment/clock_health.py",
+        "gse/statistics/clock_health.py",
         "late_s = host_s - sensor_s",
         "late_s = sensor_s - host_s",
         _TO_CLOCK,
@@ -160,10 +160,10 @@ NAMED = (
     ),
     Named(
         "divisor of the deviation",
-        "gse/assessment/axis_statistics.py",
+        "gse/statistics/axis_statistics.py",
         "error_arcsec.std(ddof=1)",
         "error_arcsec.std()",
-        "tests/gse/assessment/test_axis_statistics.py",
+        "tests/gse/statistics/test_axis_statistics.py",
     ),
 )
 

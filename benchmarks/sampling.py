@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from gse.assessment.axis_statistics import axis_statistics
-from gse.assessment.guard_band import exceeds, keeps
 from gse.assessment.planning import Expected, accuracy_frames, simulated_errors
-from gse.assessment.sampling import error_bounds
 from gse.instant import NS_PER_S
+from gse.statistics.axis_statistics import axis_statistics
+from gse.statistics.guard_band import exceeds, keeps
+from gse.statistics.sampling import error_bounds
 
 TRUE_VALUES = 1_000_000
 LONG = 1_000_000

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
-from gse.assessment.sky_summary import seen_share
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S
 from gse.recording.session_format import RecordedTimings
@@ -28,6 +27,7 @@ from gse.station.frame_table import SKY_CONDITIONS
 from gse.station.loop import StationLoop
 from gse.station.results import SkyCondition
 from gse.station.setup import set_up
+from gse.statistics.sky_summary import seen_share
 
 LOWELL = Path(__file__).parents[1] / "replays" / "lowell"
 SITES = (

@@ -5,7 +5,7 @@
 Each session has a random site, mount, instant and air, and a sky that differs from what the station file says: the
 true site, vertical, mount, air, clock, time stamp and star places are drawn, and the error that a faultless sensor
 would be reported with is computed from the drawn values as a whole, not term by term. The expanded uncertainty is that
-of ``gse.assessment.truth_budget``, as in a report.
+of ``gse.budget.truth_budget``, as in a report.
 """
 
 import argparse
@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gse.assessment.star_terms import PARALLAX_ARCSEC, FieldOfStars, star_terms
-from gse.assessment.truth_budget import SessionFacts, truth_budget
-from gse.assessment.uncertainty import AXES, TO_STANDARD
 from gse.attitude import Attitude
+from gse.budget.star_terms import PARALLAX_ARCSEC, FieldOfStars, star_terms
+from gse.budget.truth_budget import SessionFacts, truth_budget
+from gse.budget.uncertainty import AXES, TO_STANDARD
 from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount, MountUncertainty

@@ -56,10 +56,16 @@ _CAUSES = (
 )
 
 
+def source_of(name):
+    """The text of a module of the rooms that look for causes."""
+    (path,) = (path for room in ("diagnosis", "statistics") for path in (ROOT / "gse" / room).glob(f"{name}.py"))
+    return path.read_text(encoding="utf-8")
+
+
 def causes():
     """The causes that the code names: first texts of findings, hypotheses and tables of them."""
     for name in _CAUSES:
-        tree = ast.parse((ROOT / "gse" / "assessment" / f"{name}.py").read_text(encoding="utf-8"))
+        tree = ast.parse(source_of(name))
         for node in ast.walk(tree):
             if isinstance(node, ast.Call) and ast.unparse(node.func) in ("Finding", "Hypothesis", "of"):
                 yield from (arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant) and arg.value)
@@ -88,9 +94,7 @@ def test_each_entry_is_a_finding_of_the_code():
 
 def next_steps():
     """Commands in the words of findings and on the page: name and options."""
-    assessment = (ROOT / "gse" / "assessment" / f"{name}.py" for name in _CAUSES)
-    texts = [path.read_text(encoding="utf-8") for path in assessment]
-    for text in (*texts, *re.findall(r"`(gse [^`]+)`", PAGE)):
+    for text in (*map(source_of, _CAUSES), *re.findall(r"`(gse [^`]+)`", PAGE)):
         for name, words in re.findall(r"\bgse ([a-z]+)((?: (?:--[a-z-]+|[A-Z][A-Z/]*(?:=[a-z]+)?))*)", text):
             yield name, tuple(re.findall(r"--[a-z-]+", words))
 

@@ -1,4 +1,4 @@
-"""From a finished session to its verdict: statistics, truth uncertainty budget, diagnosis, comparison of sessions.
+"""The verdict of a session, how long a session must be for one, and the comparison of two sessions.
 
 Reads ``SessionData``. May not import report, sessions or cli: it decides, others show and write.
 """

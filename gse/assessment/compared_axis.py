@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.assessment.autocorrelation import mean_error
-from gse.assessment.axis_statistics import AxisStatistics, quick_errors
 from gse.assessment.compared_subject import ComparedSubject
-from gse.assessment.field_content import FieldContent
-from gse.assessment.sampling import MIN_FRAMES
+from gse.diagnosis.field_content import FieldContent
+from gse.statistics.autocorrelation import mean_error
+from gse.statistics.axis_statistics import AxisStatistics, quick_errors
+from gse.statistics.sampling import MIN_FRAMES
 
 _NAN = float("nan")
 

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.assessment.counted_frames import false_answers
-from gse.assessment.field_content import FieldContent, field_content
-from gse.assessment.sensor_answers import ERRORS, SensorAnswers
-from gse.assessment.sensor_convention import is_wrong
-from gse.assessment.statistics import Statistics, sensor_masks, statistics
-from gse.assessment.subject_statistics import SubjectStatistics
+from gse.diagnosis.field_content import FieldContent, field_content
 from gse.station.frame_table import STATUSES
 from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
+from gse.statistics.counted_frames import false_answers
+from gse.statistics.sensor_answers import ERRORS, SensorAnswers
+from gse.statistics.sensor_convention import is_wrong
+from gse.statistics.session_statistics import Statistics, sensor_masks, statistics
+from gse.statistics.subject_statistics import SubjectStatistics
 
 Pairs = tuple[NDArray[np.int64], NDArray[np.int64]]
 """Rows of the panoramas that are in both sessions."""

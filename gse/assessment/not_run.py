@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.chunk import LinkKind
-from gse.assessment.decision import Outcome, Row
-from gse.assessment.statistics import Statistics
 from gse.instant import NS_PER_S
 from gse.station.session_data import SessionData
+from gse.statistics.decision import Outcome, Row
+from gse.statistics.session_statistics import Statistics
 
 _FOUND_WITHIN_NS = 5 * NS_PER_S
 """First come the frames that the port held, then those that follow the loss."""

@@ -11,14 +11,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.assessment.decision import Outcome, Row
-from gse.assessment.sensor_convention import is_wrong
-from gse.assessment.statistics import Statistics
 from gse.assessment.uncounted import uncounted
 from gse.constants import ARCSEC_PER_RAD
 from gse.mount import Mount, MountUncertainty
 from gse.station.exclusions import Cause, excluded
 from gse.station.session_data import SessionData
+from gse.statistics.decision import Outcome, Row
+from gse.statistics.sensor_convention import is_wrong
+from gse.statistics.session_statistics import Statistics
 from gse.truth import horizon_to_sensor, small_rotations
 
 MOST_EXCLUDED_SHARE = 0.02

@@ -1,6 +1,6 @@
 """How long a session must be for a verdict.
 
-A PASS asks that a figure and its uncertainty keep the limit (gse.assessment.guard_band), so that a session must be long
+A PASS asks that a figure and its uncertainty keep the limit (gse.statistics.guard_band), so that a session must be long
 enough for what the sensor is expected to do. Errors are simulated as a bias with noise of exponential correlation and
 judged by the functions of the verdict; beyond MAX_SIMULATED independent values the uncertainty goes as one over the
 root of the length. The generator starts from a constant: the same question has the same answer.
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrik, betaincinv, ndtr, ndtri
 
-from gse.assessment.guard_band import COVERAGE_FACTOR
-from gse.assessment.sampling import MIN_FRAMES, error_bounds
+from gse.statistics.guard_band import COVERAGE_FACTOR
+from gse.statistics.sampling import MIN_FRAMES, error_bounds
 
 PROBABILITY = 0.9
 """Of a PASS, where the sensor does what is expected."""

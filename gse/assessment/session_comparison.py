@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from gse.assessment.compared_axis import Change, ComparedAxis, Row, axis_rows, error_of_mean, sigmas_of
 from gse.assessment.compared_subject import ComparedSession, ComparedSubject, Pairs
-from gse.assessment.metrics import Metric, metrics
-from gse.assessment.statistics import Statistics
 from gse.instant import NS_PER_S
 from gse.station.frame_columns import Columns
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
+from gse.statistics.metrics import Metric, metrics
+from gse.statistics.session_statistics import Statistics
 
 PAIRED_SHARE = 0.9
 """Two sessions are of the same panoramas when this share of the shorter one's are in both."""

@@ -10,19 +10,19 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from gse.assessment.axis_statistics import MIN_S
-from gse.assessment.decision import Outcome, Row, Share, share_of, share_outcome
-from gse.assessment.guard_band import COVERAGE_FACTOR, further_share
 from gse.assessment.planning import (
     Expected,
     accuracy_frames,
     availability_frames,
     false_answer_frames,
 )
-from gse.assessment.subject_statistics import SubjectStatistics
 from gse.assessment.verdict import SLOW_SHARE, Assessment
 from gse.limits import Decision, Limits
 from gse.station.results import Subject, Verdict
+from gse.statistics.axis_statistics import MIN_S
+from gse.statistics.decision import Outcome, Row, Share, share_of, share_outcome
+from gse.statistics.guard_band import COVERAGE_FACTOR, further_share
+from gse.statistics.subject_statistics import SubjectStatistics
 
 NEVER = math.inf
 """Minutes after which a row is decided that no length of session decides."""

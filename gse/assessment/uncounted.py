@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from gse.assessment.sensor_answers import not_compared
-from gse.assessment.statistics import Statistics
 from gse.instant import NS_PER_S
 from gse.station.clock_steps import clock_steps, first_rows
 from gse.station.exclusions import Cause, excluded
 from gse.station.frame_columns import Columns
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
+from gse.statistics.sensor_answers import not_compared
+from gse.statistics.session_statistics import Statistics
 
 _WINDOW = 15
 """Frames that tell the usual time between two: a sensor may be told to send more or fewer of them."""

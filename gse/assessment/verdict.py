@@ -2,9 +2,9 @@
 
 Each subject on trial has its rows: mean |dRA*| and mean |dDE|, as in table 4-1 of the LAPAN paper; that 95 % of the
 frames have |dRA*| and |dDE| within the same limit; the same of roll against a limit of its own; the half-cone that
-holds 95 % of the boresights; availability; false answers; and time. gse.assessment.decision gives the rule.
+holds 95 % of the boresights; availability; false answers; and time. gse.statistics.decision gives the rule.
 
-FAIL where a row fails. A row that fails by a mistake of the set-up is INCONCLUSIVE (gse.assessment.set_up_mistake); so
+FAIL where a row fails. A row that fails by a mistake of the set-up is INCONCLUSIVE (gse.diagnosis.set_up_mistake); so
 is a session where a row of the accuracy, availability or false answers cannot be decided, or where something stands in
 the way of PASS (gse.assessment.obstacles). PASS otherwise, with what was not tested.
 """
@@ -13,26 +13,26 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from gse.assessment.decision import Outcome, Requirement, Row, judge_figure, judge_share
-from gse.assessment.diagnosis import findings
-from gse.assessment.guard_band import COVERAGE_FACTOR
-from gse.assessment.low_field import under_air
-from gse.assessment.mount_terms import STABILITY
-from gse.assessment.no_sky import under_cloud
 from gse.assessment.not_run import under_stop
 from gse.assessment.obstacles import obstacles
-from gse.assessment.sensor_findings import sensor_findings
-from gse.assessment.sensor_health import SensorHealth, health_findings, sensor_health
-from gse.assessment.set_up_mistake import excused, lost_station, set_up_mistake
-from gse.assessment.statistics import Statistics, statistics
-from gse.assessment.subject_statistics import SubjectStatistics, figure_of
-from gse.assessment.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
-from gse.assessment.uncertainty import AxisUncertainty
+from gse.budget.mount_terms import STABILITY
+from gse.budget.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
+from gse.budget.uncertainty import AxisUncertainty
+from gse.diagnosis.diagnosis import findings
+from gse.diagnosis.low_field import under_air
+from gse.diagnosis.sensor_findings import sensor_findings
+from gse.diagnosis.sensor_health import SensorHealth, health_findings, sensor_health
+from gse.diagnosis.set_up_mistake import excused, lost_station, set_up_mistake
 from gse.finding import Finding
 from gse.limits import Limits
 from gse.percent import percent
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
+from gse.statistics.decision import Outcome, Requirement, Row, judge_figure, judge_share
+from gse.statistics.guard_band import COVERAGE_FACTOR
+from gse.statistics.no_sky import under_cloud
+from gse.statistics.session_statistics import Statistics, statistics
+from gse.statistics.subject_statistics import SubjectStatistics, figure_of
 
 SLOW_SHARE = 0.01
 """99 % of the frames must keep the limit of time."""

@@ -1,7 +1,7 @@
 """The error atlas of one session: residuals of its stars by pixel phase, by place in the field, and focal length.
 
 A least-squares fit of a polynomial of the field and of harmonics of the pixel phase to all residuals, along columns and
-rows each, as in gse.assessment.spatial_errors; the covariance of the coefficients is clustered by star, since all
+rows each, as in gse.statistics.spatial_errors; the covariance of the coefficients is clustered by star, since all
 residuals of a star share its catalogue place. The radial part of the polynomial's first degree is the focal length.
 
 A sensor that sends whole pixels has the error of rounding beside its own: gse.campaign.rounding tells them apart.

@@ -3,7 +3,7 @@
 Nights are the sample. A row's figure is the mean of its nightly values; its one-sided 95 % bounds are those of
 Student's t with one degree of freedom less than nights, from the scatter between nights, in which the scatter within
 them is contained. The uncertainty of truth is common to all nights of a roof: it is added once, undiminished, the
-greatest of the nights. Then the rule of a session decides (gse.assessment.decision). A share (availability, false
+greatest of the nights. Then the rule of a session decides (gse.statistics.decision). A share (availability, false
 answers) is that of all frames, with exact bounds on the effective number of frames that its scatter between nights
 leaves.
 """
@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from gse.assessment.decision import Outcome, Share, share_of, share_outcome
-from gse.assessment.guard_band import exceeds, further_share, guard, keeps
 from gse.campaign.nights import Session, weighted
 from gse.count_text import count_text
 from gse.limits import Decision
 from gse.percent import percent
 from gse.station.results import Verdict
+from gse.statistics.decision import Outcome, Share, share_of, share_outcome
+from gse.statistics.guard_band import exceeds, further_share, guard, keeps
 
 ONE_SIDED = 0.95
 SHARES = {"availability": "available", "false answers": "false_answers"}

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from gse.assessment.decision import DECISION_TEXT, Outcome
 from gse.campaign.dataset import UNKNOWN, DataSet
 from gse.campaign.decision import CampaignRow, campaign_rows, reasons_of, verdict_of
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
@@ -20,6 +19,7 @@ from gse.count_text import count_text
 from gse.limits import Decision
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER
 from gse.station.results import Subject, Verdict
+from gse.statistics.decision import DECISION_TEXT, Outcome
 
 SCHEMA = "gse.campaign-report/1"
 MOST_STARS = 20

@@ -12,14 +12,14 @@ from typing import Any
 
 import pyarrow as pa
 
-from gse.assessment.decision import Outcome
-from gse.assessment.sampling import MIN_FRAMES
 from gse.campaign.dataset import DataSet
 from gse.campaign.hot_pixels import COLUMN
 from gse.campaign.keys import OWN_STATION
 from gse.errors import UsageError
 from gse.station.exclusions import Cause
 from gse.station.results import Subject, Verdict
+from gse.statistics.decision import Outcome
+from gse.statistics.sampling import MIN_FRAMES
 
 AXES = ("d_ra_cosde", "d_de", "d_roll")
 MOST_WITHOUT_SKY = 0.5

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from gse.assessment.theil_sen import theil_sen
 from gse.campaign.nights import Session, nightly
 from gse.station.results import Subject
+from gse.statistics.theil_sen import theil_sen
 
 MIN_NIGHTS = 4
 """Fewer show no trend that Sen's interval could bound."""

@@ -53,10 +53,10 @@ def command(
     angles that the station file states are compared with the fit: where a mistake of degrees explains the difference it
     is named, nothing is written without --accept-gross, and the exit code is 1.
     """
-    from gse.assessment.counted_frames import counted_frames
-    from gse.assessment.session_gross_cause import gross_finding
     from gse.cli.progress import replay_with_progress
+    from gse.diagnosis.session_gross_cause import gross_finding
     from gse.sessions.replay import ReplayOptions
+    from gse.statistics.counted_frames import counted_frames
 
     measured = MeasuredMounts()
     replay = replay_with_progress(

@@ -196,8 +196,8 @@ def _document_of_many(
     paths: Sequence[Path], sessions: Sequence["SessionData"], comparisons: Sequence[SessionComparison]
 ) -> dict[str, Any]:
     """The JSON of schema gse.compare-many/1: a row for each subject of each session, and each session against A."""
-    from gse.assessment.statistics import statistics
     from gse.report.summary import plain, table_4_1
+    from gse.statistics.session_statistics import statistics
 
     names = [f"{session.station.sensor.name} {path.name}" for path, session in zip(paths, sessions, strict=True)]
     table = table_4_1((name, statistics(session)) for name, session in zip(names, sessions, strict=True))

@@ -14,9 +14,9 @@ from gse.errors import UsageError
 from gse.sign_of_life import working
 
 if TYPE_CHECKING:
-    from gse.assessment.convention_search import ConventionSearch
     from gse.attitude_convention import AttitudeConvention
     from gse.station.session_data import SessionData
+    from gse.statistics.convention_search import ConventionSearch
 
 
 @click.command("conventions")
@@ -47,7 +47,7 @@ def command(
     of J2000 or ICRS, hours or degrees, the sense of the roll, aberration corrected or not. The exit code is 0 if the
     station file states one that fits, 1 if it does not or if none fits.
     """
-    from gse.assessment.sensor_convention import is_wrong, session_convention
+    from gse.statistics.sensor_convention import is_wrong, session_convention
 
     with working("comparing the sensor's answers"):
         session = _session(path, station_path, start_utc, seconds)
@@ -86,8 +86,8 @@ def _session(path: Path, station_path: Path | None, start_utc: str | None, secon
 
 
 def _document(search: "ConventionSearch", stated: "AttitudeConvention") -> dict[str, Any]:
-    from gse.assessment.convention_search import with_aberration
-    from gse.assessment.sensor_convention import is_wrong
+    from gse.statistics.convention_search import with_aberration
+    from gse.statistics.sensor_convention import is_wrong
 
     named = with_aberration(search)
     return {
@@ -110,8 +110,8 @@ def _document(search: "ConventionSearch", stated: "AttitudeConvention") -> dict[
 
 def _lines(search: "ConventionSearch", stated: "AttitudeConvention") -> list[str]:
     """The result for a person."""
-    from gse.assessment.convention_search import with_aberration
-    from gse.assessment.sensor_convention import in_words, is_wrong
+    from gse.statistics.convention_search import with_aberration
+    from gse.statistics.sensor_convention import in_words, is_wrong
 
     kind = "quaternions" if search.quaternions else "angles"
     head = f"{search.answers} answers over {search.duration_s:.0f} s, {kind}"

@@ -206,7 +206,7 @@ class LiveOutputs:
 
 def _live_diagnosis(listeners: Sequence[Listener]) -> Listener:
     """Findings go to the other listeners, not into the session."""
-    from gse.assessment.live_diagnosis import LiveDiagnosis
+    from gse.diagnosis.live_diagnosis import LiveDiagnosis
 
     def announce(event: LinkEvent) -> None:
         for listener in listeners:

@@ -262,7 +262,7 @@ def _beside(station: Station, path: Path) -> Station:
 def _clock_error_s(text: str | None) -> float | None:
     if text is None:
         return None
-    from gse.assessment.clock_health import stated_error_s
+    from gse.statistics.clock_health import stated_error_s
 
     return stated_error_s(text)
 

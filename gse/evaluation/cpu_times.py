@@ -5,7 +5,7 @@ from collections import Counter
 
 import numpy as np
 
-from gse.assessment.percentiles import Percentiles
+from gse.statistics.percentiles import Percentiles
 
 _NAN = float("nan")
 

@@ -25,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.host_files import only_a_file
-from gse.assessment.percentiles import percentiles
 from gse.attitude import solve_attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog
@@ -43,6 +42,7 @@ from gse.identifier_options import IdentifierOptions
 from gse.imaging.panorama_table import read_panorama_table
 from gse.panorama import Panorama
 from gse.spiral import spiral_directions
+from gse.statistics.percentiles import percentiles
 
 SCHEMA = "gse.benchmark/1"
 MOST_PANORAMAS = 100_000

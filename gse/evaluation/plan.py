@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gse.assessment.percentiles import Percentiles
 from gse.camera import Camera
 from gse.evaluation.cpu_times import CpuTimes
 from gse.evaluation.frames import Conditions, Optics
 from gse.external.answers import Failure
 from gse.identifier_options import IdentifierOptions
+from gse.statistics.percentiles import Percentiles
 
 SCHEMA = "gse.evaluation/1"
 CONFIDENCE = 0.95

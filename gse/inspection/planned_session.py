@@ -5,14 +5,14 @@ import math
 from collections.abc import Mapping
 
 from drivers.clock import read_clock
-from gse.assessment.guard_band import COVERAGE_FACTOR
 from gse.assessment.planning import Expected
 from gse.assessment.session_plan import AxisQuestion, SessionPlan, session_plan
-from gse.assessment.truth_budget import SessionFacts, truth_budget
+from gse.budget.truth_budget import SessionFacts, truth_budget
 from gse.config.station import Station
 from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.limits import Limits
 from gse.station.frame_processor import CENTROID_SIGMA_PX
+from gse.statistics.guard_band import COVERAGE_FACTOR
 from gse.truth import EarthOrientation
 
 RATE_HZ = 10.0

@@ -6,13 +6,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 
-from gse.assessment.sky_summary import seen_share
 from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, YELLOW, hex_of
 from gse.report.plot_data import PlotData
 from gse.report.svg import set_margins
 from gse.report.time_plots import line, time_axis
 from gse.station.frame_table import SKY_CONDITIONS
 from gse.station.results import SkyCondition
+from gse.statistics.sky_summary import seen_share
 
 _COLOURS = {
     SkyCondition.CLOUDED: SKY_BLUE,

@@ -3,8 +3,8 @@
 from collections.abc import Iterable
 from typing import Any
 
-from gse.assessment.decision import Row
 from gse.station.session_data import SessionData
+from gse.statistics.decision import Row
 from protocols import StatusMessage
 
 _MOST_SENT = 5

@@ -10,11 +10,11 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from pyarrow.csv import WriteOptions, write_csv
 
-from gse.assessment.sensor_answers import SensorAnswers
 from gse.station.frame_columns import Columns
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
 from gse.station.housekeeping import MODES, firmware_text, latest_status
 from gse.station.results import Subject
+from gse.statistics.sensor_answers import SensorAnswers
 from protocols import StatusMessage
 
 _ROWS_AT_ONCE = 1 << 11

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from gse.assessment.metrics import AXES, metrics
-from gse.assessment.statistics import Statistics
 from gse.report.summary import plain
 from gse.report.terminal import quantity
+from gse.statistics.metrics import AXES, metrics
+from gse.statistics.session_statistics import Statistics
 
 _AXIS_WORDS = dict(zip(AXES, ("x", "y", "roll"), strict=True))
 

@@ -13,8 +13,6 @@ from markupsafe import Markup, escape
 
 from drivers.outside_text import plain_lines
 from gse import instant
-from gse.assessment.metrics import is_drift_given
-from gse.assessment.sky_summary import zero_point_mag
 from gse.assessment.verdict import Assessment
 from gse.report.fingerprint import canonical, fingerprint
 from gse.report.metric_table import metric_table
@@ -22,6 +20,8 @@ from gse.report.provenance import Provenance
 from gse.report.terminal import is_simple, quantity, risk_text
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
+from gse.statistics.metrics import is_drift_given
+from gse.statistics.sky_summary import zero_point_mag
 
 _AXIS_NAMES = {
     "d_ra_cosde": "dRA*",

@@ -6,7 +6,7 @@
 import math
 from dataclasses import dataclass
 
-from gse.assessment.subject_statistics import SubjectStatistics
+from gse.statistics.subject_statistics import SubjectStatistics
 
 ARCMIN_PER_DEG = 60.0
 LIMIT_DEG = 1 / 60

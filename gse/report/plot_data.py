@@ -6,13 +6,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.assessment.counted_frames import CountedFrames
-from gse.assessment.sensor_answers import SensorAnswers
 from gse.instant import NS_PER_S
 from gse.station.exclusions import Exclusion
 from gse.station.frame_columns import Columns, InOrder
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
+from gse.statistics.counted_frames import CountedFrames
+from gse.statistics.sensor_answers import SensorAnswers
 
 _OF_ANSWERS = ("utc_ns", "de_true_deg", "d_ra_cosde_arcsec", "d_de_arcsec", "cross_x_arcsec", "cross_y_arcsec")
 """What the plots of a subject are drawn from."""

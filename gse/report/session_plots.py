@@ -2,8 +2,6 @@
 
 from functools import partial
 
-from gse.assessment.sensor_convention import is_wrong
-from gse.assessment.statistics import Statistics, sensor_masks
 from gse.report.condition_plots import draw_sky_condition
 from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_spectrum
 from gse.report.plot_data import PlotData
@@ -12,6 +10,8 @@ from gse.report.svg import Draw, svgs_of
 from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_timelines
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
+from gse.statistics.sensor_convention import is_wrong
+from gse.statistics.session_statistics import Statistics, sensor_masks
 
 _PLOTS_OF_SUBJECT = (
     ("errors", 4.0, draw_errors),

@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse import instant
-from gse.assessment.decision import DECISION_TEXT, RISK
-from gse.assessment.decision import Row as DecisionRow
-from gse.assessment.guard_band import COVERAGE_FACTOR
-from gse.assessment.metrics import metrics
-from gse.assessment.sky_summary import SkyStretch, sky_summary
-from gse.assessment.statistics import Statistics
-from gse.assessment.truth_budget import TruthUncertaintyBudget
 from gse.assessment.verdict import Assessment
+from gse.budget.truth_budget import TruthUncertaintyBudget
 from gse.report.documented_test import documented_test, requirement_of
 from gse.report.paper import ARCMIN_PER_DEG, LIMIT_DEG, PAPER, Row, this_sensor
 from gse.station.session_data import SessionData
+from gse.statistics.decision import DECISION_TEXT, RISK
+from gse.statistics.decision import Row as DecisionRow
+from gse.statistics.guard_band import COVERAGE_FACTOR
+from gse.statistics.metrics import metrics
+from gse.statistics.session_statistics import Statistics
+from gse.statistics.sky_summary import SkyStretch, sky_summary
 
 SCHEMA = "gse.report/1"
 DECIMALS = {"deg": 6, "arcsec": 3}

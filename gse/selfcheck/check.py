@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from gse.assessment.statistics import Statistics, statistics
 from gse.calibration.session_fit import PanoramaSample, calibrate_session
 from gse.config.station import parse_station
 from gse.installation import source_sha256
@@ -32,6 +31,7 @@ from gse.station.loop import StationLoop
 from gse.station.results import Subject
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up, versions
+from gse.statistics.session_statistics import Statistics, statistics
 from gse.truth import SiderealTruth
 
 Station = Callable[[Setup], StationLoop]

@@ -9,8 +9,6 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from gse import instant
-from gse.assessment.sky_summary import sky_summary
-from gse.assessment.statistics import Statistics
 from gse.camera import Camera
 from gse.identifier_options import IdentifierOptions
 from gse.limits import Limits
@@ -19,6 +17,8 @@ from gse.site import Site
 from gse.station.frame_table import FRAME
 from gse.station.results import LinkCounters
 from gse.station.session_data import SessionData
+from gse.statistics.session_statistics import Statistics
+from gse.statistics.sky_summary import sky_summary
 from gse.tables.frames import plain_name
 from gse.tables.records import COUNT, FLAG, NUMBER, TEXT, Column, column, columns_of, records
 from gse.tables.units import joined

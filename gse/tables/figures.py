@@ -2,16 +2,16 @@
 
 from collections.abc import Iterator
 
-from gse.assessment.axis_statistics import AxisStatistics
-from gse.assessment.spatial_errors import SpatialErrors
-from gse.assessment.statistics import Statistics
-from gse.assessment.subject_statistics import AXES, SubjectStatistics
-from gse.assessment.thermal import ThermalError
-from gse.assessment.truth_budget import TruthUncertaintyBudget
-from gse.assessment.uncertainty import AXES as TRUTH_AXES
-from gse.assessment.uncertainty import AxisUncertainty, Term
+from gse.budget.truth_budget import TruthUncertaintyBudget
+from gse.budget.uncertainty import AXES as TRUTH_AXES
+from gse.budget.uncertainty import AxisUncertainty, Term
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import Subject
+from gse.statistics.axis_statistics import AxisStatistics
+from gse.statistics.session_statistics import Statistics
+from gse.statistics.spatial_errors import SpatialErrors
+from gse.statistics.subject_statistics import AXES, SubjectStatistics
+from gse.statistics.thermal import ThermalError
 from gse.tables.records import COUNT, Column, column, columns_of, records
 
 _BY_KEY = ("statuses", "answer_checks", "subjects", "spatial", "exclusions", "counted", "own", "arrival_ms")

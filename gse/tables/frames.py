@@ -13,13 +13,13 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from gse.assessment.sensor_answers import SensorAnswers
-from gse.assessment.statistics import Statistics
 from gse.station.frame_columns import Columns
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
 from gse.station.housekeeping import MODES
 from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
+from gse.statistics.sensor_answers import SensorAnswers
+from gse.statistics.session_statistics import Statistics
 from gse.tables.parquet import ROWS_AT_ONCE
 from gse.tables.records import UTC
 from gse.tables.units import field, schema

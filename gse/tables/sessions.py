@@ -11,9 +11,9 @@ import numpy as np
 import pyarrow as pa
 
 from gse import instant
-from gse.assessment.decision import Row
 from gse.assessment.verdict import Assessment
 from gse.station.session_data import SessionData
+from gse.statistics.decision import Row
 from gse.tables.conditions import conditions
 from gse.tables.figures import figures, truth_figures
 from gse.tables.key import ResultKey

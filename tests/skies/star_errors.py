@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gse.assessment.error_series import error_series
-from gse.assessment.field_patterns import field_of_errors
-from gse.assessment.fine_findings import Setting, fine_findings
-from gse.assessment.session_model import SessionModel
 from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD
+from gse.diagnosis.error_series import error_series
+from gse.diagnosis.field_patterns import field_of_errors
+from gse.diagnosis.fine_findings import Setting, fine_findings
+from gse.diagnosis.session_model import SessionModel
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount
 from gse.site import Site

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from gse.assessment.axis_statistics import axis_statistics
 from gse.assessment.compared_axis import Change, ComparedAxis, axis_rows, error_of_mean, sigmas_of
 from gse.assessment.compared_subject import ComparedSubject
-from gse.assessment.field_content import FieldContent
+from gse.diagnosis.field_content import FieldContent
 from gse.instant import NS_PER_S
+from gse.statistics.axis_statistics import axis_statistics
 
 NOTHING = axis_statistics(np.array([], dtype=np.int64), np.array([]))
 NO_STARS = FieldContent(math.nan, 0.0, 0.0, 0.0)

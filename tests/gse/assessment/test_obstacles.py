@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, session
 
-from gse.assessment.decision import Outcome, Row
 from gse.assessment.obstacles import obstacles
-from gse.assessment.statistics import statistics
 from gse.instant import NS_PER_S
 from gse.mount import Mount, MountUncertainty
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.results import Subject
+from gse.statistics.decision import Outcome, Row
+from gse.statistics.session_statistics import statistics
 from gse.truth import Alignment
 from protocols import StatusMessage
 

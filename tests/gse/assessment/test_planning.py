@@ -21,7 +21,7 @@ from gse.assessment.planning import (
     false_answer_frames,
     simulated_errors,
 )
-from gse.assessment.sampling import error_bounds
+from gse.statistics.sampling import error_bounds
 
 
 @pytest.mark.parametrize(

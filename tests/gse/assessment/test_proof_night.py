@@ -11,7 +11,6 @@ from skies.astropy_night import FOCAL_LENGTH_PX, START_NS, STATION_TEXT, Astropy
 
 from drivers.chunk import Chunk
 from drivers.clock import ClockReading
-from gse.assessment.statistics import statistics
 from gse.assessment.verdict import judge
 from gse.attitude import solve_attitude
 from gse.catalog import load_catalog
@@ -21,6 +20,7 @@ from gse.instant import NS_PER_S
 from gse.station.loop import StationLoop
 from gse.station.results import Verdict
 from gse.station.setup import Setup
+from gse.statistics.session_statistics import statistics
 from gse.truth import SiderealTruth
 from protocols import PanoramaMessage, load_protocol
 

@@ -12,8 +12,8 @@ from skies.one_by_one import add_frame, add_frames
 from skies.own_answers import with_answers, without_error
 
 from gse.assessment.compared_axis import Row
-from gse.assessment.field_content import SeenStars, share_error
 from gse.assessment.session_comparison import _judged, _more_often, session_comparison
+from gse.diagnosis.field_content import SeenStars, share_error
 from gse.instant import NS_PER_S
 from gse.star_influence import attitude_operators
 from gse.station.results import AnswerCheck, AttitudeError, Subject

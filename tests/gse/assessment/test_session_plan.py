@@ -8,9 +8,7 @@ import pytest
 from devices.command_line import runner
 from skies.synthetic_night import synthetic_night
 
-from gse.assessment.decision import Figure, Outcome, Requirement, judge_figure, minutes_more
 from gse.assessment.planning import availability_frames
-from gse.assessment.sampling import Bounds
 from gse.assessment.session_plan import (
     NEVER,
     RowPlan,
@@ -23,6 +21,8 @@ from gse.assessment.session_plan import (
 from gse.assessment.verdict import Assessment, judge
 from gse.limits import Decision, Limits
 from gse.station.results import Subject, Verdict
+from gse.statistics.decision import Figure, Outcome, Requirement, judge_figure, minutes_more
+from gse.statistics.sampling import Bounds
 
 
 @pytest.fixture(scope="module")

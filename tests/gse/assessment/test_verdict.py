@@ -9,17 +9,12 @@ from skies.known_nights import START_NS, STATION, TRUTH, frame, session, unanswe
 from skies.one_by_one import add_frame
 
 from drivers.clock import ClockReading
-from gse.assessment.clock_health import clock_health, stated_error_s
-from gse.assessment.decision import Outcome
-from gse.assessment.ideas_of_truth import by_each_idea
-from gse.assessment.mount_terms import STABILITY
-from gse.assessment.sensor_answers import not_compared, own_truth, sensor_answers
-from gse.assessment.statistics import statistics
-from gse.assessment.subject_statistics import about_circular_mean
-from gse.assessment.truth_budget import TruthUncertaintyBudget
-from gse.assessment.uncertainty import Term, combined
 from gse.assessment.verdict import _settles, judge
+from gse.budget.mount_terms import STABILITY
+from gse.budget.truth_budget import TruthUncertaintyBudget
+from gse.budget.uncertainty import Term, combined
 from gse.config.station import BUILT_IN_TEXT
+from gse.diagnosis.ideas_of_truth import by_each_idea
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount, MountUncertainty
@@ -29,6 +24,11 @@ from gse.station.exclusions import Cause, Exclusion
 from gse.station.frame_table import SKY_CONDITIONS, STATUSES
 from gse.station.results import AnswerCheck, AttitudeError, SkyCondition, Status, Subject, Verdict
 from gse.station.session_data import SessionData
+from gse.statistics.clock_health import clock_health, stated_error_s
+from gse.statistics.decision import Outcome
+from gse.statistics.sensor_answers import not_compared, own_truth, sensor_answers
+from gse.statistics.session_statistics import statistics
+from gse.statistics.subject_statistics import about_circular_mean
 from gse.truth import Alignment, EarthOrientation
 from protocols import AttitudeMessage
 

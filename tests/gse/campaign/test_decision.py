@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gse.assessment.decision import Outcome
 from gse.campaign.decision import ONE_NIGHT, campaign_rows, campaign_share, reasons_of, verdict_of
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
 from gse.campaign.nights import COLUMNS, Session, _reasons, by_night, without_copies
@@ -12,6 +11,7 @@ from gse.campaign.page import with_digits_of
 from gse.campaign.trends import trend
 from gse.station.exclusions import Cause
 from gse.station.results import Verdict
+from gse.statistics.decision import Outcome
 from gse.tables import sessions_schema
 
 

@@ -16,7 +16,7 @@ BEFORE_THE_FIRST_FRAME = (
     "gse.cli.live_outputs",
     "gse.sessions.live",
     "gse.sessions.forecast",
-    "gse.assessment.live_diagnosis",
+    "gse.diagnosis.live_diagnosis",
     "gse.station.setup",
     "gse.view.status",
 )

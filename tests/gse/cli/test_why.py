@@ -7,8 +7,8 @@ import zipfile
 import pytest
 
 from drivers.chunk import LinkEvent
-from gse.assessment.live_diagnosis import LiveDiagnosis
 from gse.config.edit import with_values
+from gse.diagnosis.live_diagnosis import LiveDiagnosis
 from gse.sessions.replay import replay_session
 from gse.station.event_kinds import FindingEvent
 

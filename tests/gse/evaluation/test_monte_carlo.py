@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from devices.patience import PATIENCE_S
 
-from gse.assessment.percentiles import percentiles
 from gse.evaluation.cpu_times import CpuTimes
 from gse.evaluation.plan import interval
+from gse.statistics.percentiles import percentiles
 
 
 def evaluated(gse, *options):

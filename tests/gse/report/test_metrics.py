@@ -8,15 +8,15 @@ import pytest
 from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
-from gse.assessment import statistics as room
-from gse.assessment.metrics import metrics
-from gse.assessment.spatial_errors import MIN_STARS, Part, SpatialErrors, spatial_errors
-from gse.assessment.statistics import statistics
 from gse.assessment.verdict import judge
 from gse.report import summarise
 from gse.report.metric_table import metric_table
 from gse.report.page import report_html
 from gse.station.results import Subject
+from gse.statistics import session_statistics as room
+from gse.statistics.metrics import metrics
+from gse.statistics.session_statistics import statistics
+from gse.statistics.spatial_errors import MIN_STARS, Part, SpatialErrors, spatial_errors
 
 
 @pytest.fixture(scope="module")

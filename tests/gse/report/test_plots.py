@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from skies.one_by_one import add_frame
 from skies.synthetic_night import synthetic_frames, synthetic_night
 
-from gse.assessment.counted_frames import counted_frames
 from gse.attitude import Attitude
 from gse.drawing.outline import field_outline_icrs
 from gse.drawing.palette import BLUE
@@ -26,6 +25,7 @@ from gse.report.svg import WIDTH_IN, svg_of
 from gse.report.time_plots import draw_errors, line
 from gse.station.frame_table import FRAME
 from gse.station.results import AnswerCheck, AttitudeError
+from gse.statistics.counted_frames import counted_frames
 
 
 @given(st.integers(0, 4000), st.integers(0, 2**32 - 1), st.floats(0, 0.5))

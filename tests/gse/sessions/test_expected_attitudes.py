@@ -8,7 +8,6 @@ import pytest
 from devices.command_line import runner
 from devices.programs import program
 
-from gse.assessment.sensor_answers import paired_answers
 from gse.attitude_convention import AttitudeConvention, read_quaternions, state_angles, state_quaternions
 from gse.external.answers import parse_answer
 from gse.external.identifier import Given
@@ -18,6 +17,7 @@ from gse.sessions.replay import replay_session
 from gse.station.attitude_table import AttitudeTable
 from gse.station.own_answers import measured_rotations
 from gse.station.results import FrameResult, Status, Subject
+from gse.statistics.sensor_answers import paired_answers
 from protocols import AttitudeMessage, load_protocol
 
 SESSION = Path(__file__).parents[3] / "replays" / "golden" / "own-answers.mcap"

@@ -10,12 +10,12 @@ import pytest
 from skies.one_by_one import add_frames
 from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
-from gse.assessment.counted_frames import counted_frames
 from gse.assessment.verdict import judge
 from gse.report.plot_data import PlotData
 from gse.station.frame_table import FRAME
 from gse.station.results import NO_MATCHES, FrameResult
 from gse.station.session_data import SessionData
+from gse.statistics.counted_frames import counted_frames
 
 FRAMES = 10_000
 

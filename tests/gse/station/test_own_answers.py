@@ -8,7 +8,6 @@ from skies.known_nights import START_NS, TABLE, TRUTH
 
 from drivers.chunk import Chunk
 from drivers.clock import ClockReading
-from gse.assessment.decision import Outcome
 from gse.assessment.verdict import judge
 from gse.attitude_convention import AttitudeConvention, state_angles, state_quaternions
 from gse.config.station import BUILT_IN_TEXT, parse_station
@@ -24,6 +23,7 @@ from gse.station.own_answers import OwnAnswerTruth, field_of, measured_rotations
 from gse.station.reception import Reception
 from gse.station.results import OwnAnswer, Status, Subject, Verdict
 from gse.station.setup import set_up
+from gse.statistics.decision import Outcome
 from gse.truth import horizon_to_sensor
 from gse.truth.frames import icrs_to_frame
 from protocols import AttitudeMessage, parse_protocol

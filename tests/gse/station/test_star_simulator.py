@@ -8,7 +8,6 @@ import pytest
 
 from drivers.chunk import Chunk
 from drivers.clock import ClockReading
-from gse.assessment.decision import Outcome
 from gse.assessment.verdict import judge
 from gse.attitude import Attitude
 from gse.catalog import load_catalog
@@ -19,6 +18,7 @@ from gse.report import summarise
 from gse.station.loop import StationLoop
 from gse.station.results import Verdict
 from gse.station.setup import set_up
+from gse.statistics.decision import Outcome
 from protocols import AttitudeMessage, PanoramaMessage
 
 DAY_NS = from_text("2026-06-21T05:00:00Z")

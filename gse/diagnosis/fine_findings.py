@@ -1,0 +1,348 @@
+"""Findings from fine causes: size in the unit that an operator turns, equals, the next step."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gse.camera import Camera
+from gse.constants import ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.diagnosis.error_series import ErrorSeries
+from gse.diagnosis.fine_causes import Named, fine_causes
+from gse.diagnosis.fine_hypotheses import MOST_HPA, TANGENTIAL, ZERO_C_K, Hypothesis
+from gse.diagnosis.gross_turns import wrong_dates
+from gse.diagnosis.late_frames import CRYSTAL_PPM, LateFrames
+from gse.diagnosis.session_model import SessionModel
+from gse.diagnosis.turns import all_turns
+from gse.diagnosis.vibration import Vibration, vibration, without_waves
+from gse.finding import Finding
+from gse.instant import NS_PER_S, to_text
+from gse.mount import Mount
+from gse.percent import percent
+from gse.site import Site
+from gse.truth import horizon_to_sensor, mount_of
+
+_CALIBRATE = "gse calibrate SESSION --write FILE"
+_ALIGN = "gse align SESSION --write FILE"
+_SYNC = "see whether the clock is synchronised: gse preflight; then repeat the session"
+_LEAVE_OUT = "fix the mount; judge the rest of the session: gse report SESSION --leave-out FROM/TO=moved"
+_SIGMAS = 3.0
+_LATENCY_S = 2.5
+_SURE_S = 0.2
+"""An offset that is known worse is near to a whole second by chance."""
+CLOCK_SCALES = {"clock set to GPS time": 18.0, "clock set to TAI": 37.0}
+"""How fast a host's clock is that was set to another time scale than UTC, in s, since 2017."""
+_SAME_DELAY_S = 0.02
+"""The latency that a USB adapter may have."""
+_DOUBTFUL = 2.0
+"""Times the turn that a delay makes: a slip is known so badly where it is told beside a step of time."""
+_MOST_PRESSURE_SHARE = 0.3
+_MOST_BEAT_FRAMES = 200
+"""One vibration of a hundred beats with the frames as slowly as this, or slower."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What findings are worded with: the stated values, the first instant, the exposure, and frames per second.
+
+    ``late`` is None where host stamps do not tell how late frames are read.
+    """
+
+    camera: Camera
+    site: Site
+    mount: Mount
+    first_ns: int
+    exposure_s: float
+    frame_hz: float
+    late: LateFrames | None = None
+
+
+def fine_findings(model: SessionModel, series: ErrorSeries, setting: Setting) -> tuple[Finding, ...]:
+    """The fine causes of a session as findings; a vibration, which needs all of ``series``, is one of its own."""
+    causes = fine_causes(model)
+    found = [_WORDS[one.hypothesis.cause](one, setting) for one in causes]
+    if model.field is not None:
+        periods_s = [one.hypothesis.at_s for one in causes if one.hypothesis.cause == "thermal sinusoid"]
+        shaking = vibration(without_waves(series, periods_s), model.field)
+        found += [_vibration(shaking)] if shaking else []
+    return tuple(found)
+
+
+def _equals(one: Named, *more: str) -> tuple[str, ...]:
+    rivals = [_rival(rival) for rival in one.equals if rival.cause != one.hypothesis.cause]
+    return tuple(dict.fromkeys([*more, *rivals]))
+
+
+def _rival(rival: Hypothesis) -> str:
+    if rival.cause == "clock offset":
+        return "clock offset or longitude"
+    if rival.cause == "clock step":
+        return "clock step or link delay"
+    return rival.cause if rival.kind in (rival.cause, "k1 and k2") else f"{rival.cause} ({rival.kind})"
+
+
+def _clock_offset(one: Named, setting: Setting) -> Finding:
+    fast_s, error_s = float(one.coefficients[0]), float(one.errors[0])
+    arcsec = fast_s * EARTH_RATE_ARCSEC_PER_S
+    fits_deg = setting.site.longitude_deg - arcsec / 3600
+    equals = [f"longitude (the stars fit site.longitude_deg: {fits_deg:.5f})"]
+    equals.append(f"a mount turned about the pole by {arcsec:+.1f} arcsec")
+    if abs(fast_s) < _LATENCY_S:
+        equals.append(f"latency: frames that are stamped {abs(fast_s):.3f} s {'late' if fast_s > 0 else 'early'}")
+    for share, end in ((0.5, "one end"), (1.0, "the wrong end")):
+        if abs(abs(fast_s) - share * setting.exposure_s) < _SIGMAS * error_s < setting.exposure_s / 4:
+            equals.append(f"a time stamp of {end} of the exposure ({setting.exposure_s:g} s)")
+    equals += wrong_dates(fast_s)
+    size = f"the host's clock is {abs(fast_s):.{_digits(error_s)}f} s {'fast' if fast_s > 0 else 'slow'}"
+    size += f" (+- {2 * error_s:.2g} s)"
+    if _is_whole(abs(fast_s), 1.0, error_s):
+        size += ": a leap second"
+    scales = [cause for cause, ahead_s in CLOCK_SCALES.items() if _is_whole(fast_s, ahead_s, error_s)]
+    return Finding(scales[0] if scales else "clock offset", size, _equals(one, *equals), _SYNC)
+
+
+def _is_whole(fast_s: float, expected_s: float, error_s: float) -> bool:
+    return error_s <= _SURE_S and abs(fast_s - expected_s) <= _SIGMAS * error_s
+
+
+def _mount(one: Named, setting: Setting) -> Finding:
+    return Finding("mount", f"it is off by {_angles(one, setting)}", _equals(one), _ALIGN)
+
+
+def _angles(one: Named, setting: Setting) -> str:
+    mount, size = setting.mount, one.coefficients
+    if len(size) == 1:
+        name = one.hypothesis.kind
+        fits = getattr(mount, f"{name}_deg") + float(size[0]) / 3600
+        return f"{size[0]:+.1f} arcsec (+- {2 * one.errors[0]:.2g}) in {name}: the stars fit {_fits(mount, name, fits)}"
+    across, up, roll = (Rotation.from_rotvec(axis * arcsec * ARCSEC_RAD)
+                        for axis, arcsec in zip(all_turns(mount), size, strict=True))  # fmt: skip
+    fitted = mount_of(horizon_to_sensor(mount) @ (across * up * roll).as_matrix())
+    return (
+        f"{_three(one)}: the stars fit azimuth {fitted.azimuth_deg:.5f}, altitude {fitted.altitude_deg:.5f}, roll "
+        f"{fitted.roll_deg:.4f} deg"
+    )
+
+
+def _fits(mount: Mount, name: str, fits_deg: float) -> str:
+    """An angle as a station file takes it: an altitude beyond the zenith is one of the other side."""
+    if name == "altitude" and fits_deg > 90:
+        turned = f"mount.azimuth_deg: {(mount.azimuth_deg + 180) % 360:g}, mount.altitude_deg: {180 - fits_deg:.5f}"
+        return f"{turned}, mount.roll_deg: {(mount.roll_deg + 180) % 360:g}"
+    return f"mount.{name}_deg: {fits_deg % 360 if abs(fits_deg) > 360 else fits_deg:.5f}"
+
+
+def _three(one: Named, unit: str = "arcsec") -> str:
+    """A turn in words: of one angle, or across, up and about the boresight."""
+    names = (one.hypothesis.kind,) if len(one.coefficients) == 1 else ("azimuth (on the sky)", "altitude", "roll")
+    return ", ".join(f"{size:+.1f} {unit} in {name}" for name, size in zip(names, one.coefficients, strict=True))
+
+
+def _site(one: Named, setting: Setting) -> Finding:
+    arcsec, error = float(one.coefficients[0]), float(one.errors[0])
+    fits = setting.site.latitude_deg + arcsec / 3600
+    size = f"latitude: the stars fit site.latitude_deg: {fits:.5f}, stated is {setting.site.latitude_deg:g} "
+    size += f"({arcsec:+.1f} +- {2 * error:.2g} arcsec, {arcsec * 30.9:+.0f} m on the ground)"
+    return Finding(
+        "site",
+        size,
+        _equals(one, "a mount that leans to north or south"),
+        "correct the coordinates in the station file",
+    )
+
+
+def _focal_length(one: Named, setting: Setting) -> Finding:
+    share, error = float(one.coefficients[0]), float(one.errors[0])
+    fits = setting.camera.focal_length_px * (1 + share)
+    size = f"it is {percent(abs(share), 3)} too {'short' if share > 0 else 'long'} (+- {200 * error:.1g} %): "
+    size += "the stars fit "
+    return Finding("focal length", f"{size}sensor.focal_length_px: {fits:.2f}", _equals(one), _CALIBRATE)
+
+
+def _distortion(one: Named, setting: Setting) -> Finding:
+    if one.hypothesis.kind == TANGENTIAL:
+        return _tangential(one, setting)
+    change = np.zeros(2)
+    change[: len(one.coefficients)] = one.coefficients
+    edge_px = float(change.sum()) * setting.camera.columns / 2
+    k1, k2 = np.array(setting.camera.radial_distortion) + change
+    size = f"stars at the edge lie {abs(edge_px):.2f} px too far {'in' if edge_px > 0 else 'out'}: the stars fit "
+    return Finding("distortion", f"{size}sensor.radial_distortion: [{k1:.6f}, {k2:.6f}]", _equals(one), _CALIBRATE)
+
+
+def _tangential(one: Named, setting: Setting) -> Finding:
+    p1, p2 = np.array(setting.camera.tangential_distortion) + one.coefficients
+    edge_px = math.hypot(*one.coefficients) * 3 * setting.camera.columns / 2
+    size = f"the lens is not centred: stars at the edge lie up to {edge_px:.2f} px off: the stars fit "
+    size += f"sensor.tangential_distortion: [{p1:.6f}, {p2:.6f}]"
+    return Finding("distortion", size, _equals(one), "gse calibrate SESSION --tangential --write FILE")
+
+
+def _principal_point(one: Named, setting: Setting) -> Finding:
+    dx, dy = one.coefficients.tolist()
+    x, y = setting.camera.principal_point_px
+    size = (
+        f"it is off by {dx:+.2f} px in x and {dy:+.2f} px in y (+- {2 * float(one.errors.max()):.2g}): the stars fit "
+    )
+    arcsec = math.hypot(dx, dy) * math.degrees(setting.camera.pixel_rad) * 3600
+    mount = f"a mount turned by {arcsec:.0f} arcsec, were it not for the field's edges"
+    return Finding(
+        "principal point",
+        f"{size}sensor.principal_point_px: [{x + dx:.2f}, {y + dy:.2f}]",
+        _equals(one, mount),
+        _CALIBRATE,
+    )
+
+
+def _refraction(one: Named, setting: Setting) -> Finding:
+    off, error = float(one.coefficients[0]), float(one.errors[0])
+    stated_hpa, stated_c = setting.site.air_pressure_hpa, setting.site.air_temperature_c
+    fits_hpa = stated_hpa + off
+    pressure = f"pressure: the stars fit site.pressure_hpa: {fits_hpa:.0f}, in force is {stated_hpa:.0f}"
+    size, equals = f"{pressure} (+- {2 * error:.1g})", []
+    if stated_hpa > 0 and abs(off) < _MOST_PRESSURE_SHARE * stated_hpa:
+        kelvin = -off / fits_hpa * (stated_c + ZERO_C_K)
+        equals.append(f"temperature ({kelvin:+.0f} K)")
+        if fits_hpa > MOST_HPA:
+            error_k = error / fits_hpa * (stated_c + ZERO_C_K)
+            size = f"temperature: the stars fit site.temperature_c: {stated_c + kelvin:.0f}, in force is {stated_c:.0f}"
+            size, equals = f"{size} (+- {2 * error_k:.1g})", []
+    return Finding(
+        "refraction", size, _equals(one, *equals), "enter pressure and temperature at the mount in the station file"
+    )
+
+
+def _clock_drift(one: Named, setting: Setting) -> Finding:
+    ppm, error = float(one.coefficients[0]), float(one.errors[0])
+    size = f"the host's clock runs {abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'} (+- {2 * error:.2g}), "
+    size += f"{abs(ppm) * 3.6e-3:.3f} s in an hour"
+    return Finding("clock drift", size, _equals(one, "a mount that turns about the pole"), _SYNC)
+
+
+def _by_the_tags(one: Named, setting: Setting, turned_arcsec: float, over_s: float, by_stars: str) -> Finding | None:
+    """A turn of the sky in ``over_s`` that the host's clock makes, where it drifts as much against the time tags."""
+    drift = setting.late.drift if setting.late else 0.0
+    arcsec = EARTH_RATE_ARCSEC_PER_S * abs(drift) * over_s
+    is_as_much = arcsec / _DOUBTFUL < turned_arcsec < _DOUBTFUL * arcsec
+    if abs(drift) < CRYSTAL_PPM * 1e-6 or not is_as_much or all(rival.cause != "clock drift" for rival in one.equals):
+        return None
+    size = f"the host's clock runs {abs(drift) * 1e6:.0f} ppm {'fast' if drift > 0 else 'slow'}, by its stamps against "
+    size += f"the sensor's time tags and by the stars ({by_stars})"
+    return Finding("clock drift", size, ("a sensor's clock that drifts, beside a mount that moves as much",), _SYNC)
+
+
+def _mount_moves(one: Named, setting: Setting) -> Finding:
+    turned_arcsec = math.hypot(*one.coefficients[:2])
+    return _by_the_tags(one, setting, turned_arcsec, 3600.0, _three(one, "arcsec/h")) or Finding(
+        "mount moves", f"by {_three(one, 'arcsec/h')}", _equals(one, "a sensor whose optics drift"),
+        "fix the mount, let it settle, and repeat the session",
+    )  # fmt: skip
+
+
+def _clock_step(one: Named, setting: Setting) -> Finding:
+    """Time that steps under the stars: of the host's clock, or of frames that come later from then on.
+
+    A step of UTC shows against the host's monotonic clock, a delay against the sensor's tags; without either it is
+    the mount, or the sensor's own marks.
+    """
+    step_s, when = float(one.coefficients[0]), _when(one.hypothesis, setting)
+    arcsec = step_s * EARTH_RATE_ARCSEC_PER_S
+    slip = f"a slip of the mount about the pole by {arcsec:+.1f} arcsec"
+    later = "later" if step_s > 0 else "earlier"
+    if setting.late is None:
+        delay = f"a link or a proxy by which frames come {abs(step_s):.3f} s {later} from then on"
+        return Finding(
+            "clock step", f"the host's clock stepped by {step_s:+.3f} s at {when}", _equals(one, delay, slip), _SYNC
+        )
+    _, delay_s = _delay(one, setting)
+    if abs(delay_s - step_s) <= max(_SAME_DELAY_S, _SIGMAS * float(one.errors[0])) < abs(delay_s):
+        return _link_delay(one, setting, f"{step_s:+.3f} s")
+    if drift := _by_the_tags(one, setting, abs(arcsec), setting.late.span_s, f"{arcsec:+.1f} arcsec about the pole"):
+        return drift
+    marks = f"a sensor whose exposures are {abs(step_s):.3f} s {later} than its time tags from then on"
+    size = f"at {when} by {arcsec:+.1f} arcsec about the pole"
+    return Finding("slip of the mount", size, _equals(one, marks), _LEAVE_OUT)
+
+
+def _delay(one: Named, setting: Setting) -> tuple[int, float]:
+    """From which instant on frames come later, and by how much, near the change that was found."""
+    near_ns = setting.first_ns + round(one.hypothesis.at_s * NS_PER_S)
+    return setting.late.step(near_ns) if setting.late else (near_ns, 0.0)
+
+
+def _link_delay(one: Named, setting: Setting, by_stars: str) -> Finding:
+    from_ns, delay_s = _delay(one, setting)
+    arcsec = delay_s * EARTH_RATE_ARCSEC_PER_S
+    size = f"frames come {abs(delay_s):.3f} s {'later' if delay_s > 0 else 'earlier'} from {to_text(from_ns, 0)} on, "
+    size += f"by the host's stamps against the sensor's time tags and by the stars ({by_stars})"
+    equals = (
+        "a host whose clocks were all set by as much",
+        f"a slip of the mount about the pole by {arcsec:+.1f} arcsec",
+    )
+    return Finding(
+        "link delay", size, equals, "look what lies between sensor and host (proxy, adapter); then repeat the session"
+    )
+
+
+def _slip(one: Named, setting: Setting) -> Finding:
+    delay_s = abs(_delay(one, setting)[1])
+    turned_arcsec = math.hypot(*one.coefficients[:2])
+    explains = turned_arcsec < _DOUBTFUL * EARTH_RATE_ARCSEC_PER_S * delay_s
+    if delay_s > _SAME_DELAY_S and explains and any(rival.cause == "clock step" for rival in one.equals):
+        return _link_delay(one, setting, _three(one))
+    if setting.late and (drift := _by_the_tags(one, setting, turned_arcsec, setting.late.span_s, _three(one))):
+        return drift
+    return Finding("slip of the mount", f"at {_when(one.hypothesis, setting)} by {_three(one)}", _equals(one),
+                   _LEAVE_OUT)  # fmt: skip
+
+
+def _thermal(one: Named, setting: Setting) -> Finding:
+    amplitude = math.sqrt(float((one.coefficients[:4] ** 2).sum()))
+    where = {"columns": "along columns", "rows": "along rows"}.get(one.hypothesis.kind, "across the boresight")
+    size = f"the boresight swings by +-{amplitude:.1f} arcsec {where} with a period of {_period(one.hypothesis.at_s)}"
+    equals = ["a mount that swings"]
+    if one.hypothesis.at_s * setting.frame_hz < _MOST_BEAT_FRAMES:
+        equals.append(f"a vibration near a multiple of {setting.frame_hz:.3g} Hz, the frame rate, with which it beats")
+    return Finding(
+        "thermal sinusoid", size, _equals(one, *equals),
+        "look for what heats and cools in that time (heater, fan, air conditioning); let it settle",
+    )  # fmt: skip
+
+
+def _vibration(found: Vibration) -> Finding:
+    size = f"the boresight shakes by {found.excess_arcsec:.1f} arcsec (rms) more than the {found.predicted_arcsec:.1f} "
+    size += "arcsec that its stars explain"
+    if math.isfinite(found.frequency_hz):
+        size += f", at {found.frequency_hz:.3g} Hz (or that plus or minus a multiple of {found.frame_hz:.3g} Hz)"
+    return Finding("vibration", size, ("seeing or exposures that smear",),
+                   "stop what shakes (fan, wind, steps on the roof) and repeat the session")  # fmt: skip
+
+
+def _when(one: Hypothesis, setting: Setting) -> str:
+    return to_text(setting.first_ns + round(one.at_s * NS_PER_S), 0)
+
+
+def _period(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 600 else f"{seconds / 60:.0f} min"
+
+
+def _digits(error: float) -> int:
+    return min(max(1 - math.floor(math.log10(max(error, 1e-6))), 0), 4)
+
+
+_WORDS: dict[str, Callable[[Named, Setting], Finding]] = {
+    "clock offset": _clock_offset,
+    "mount": _mount,
+    "site": _site,
+    "focal length": _focal_length,
+    "distortion": _distortion,
+    "principal point": _principal_point,
+    "refraction": _refraction,
+    "clock drift": _clock_drift,
+    "mount moves": _mount_moves,
+    "clock step": _clock_step,
+    "slip of the mount": _slip,
+    "thermal sinusoid": _thermal,
+}

@@ -1,0 +1,128 @@
+"""Hypotheses of fine causes: what each predicts of the error angles over time and of the stars over the field."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import betaincinv, chdtri
+
+from gse.budget.sky_terms import AIR_MODEL
+from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.diagnosis.competing_models import PENALTY, Columns
+from gse.diagnosis.field_patterns import PARAMETERS
+from gse.diagnosis.session_model import SessionModel
+from gse.diagnosis.turns import EAST, all_turns, pole
+from gse.site import Site
+
+FALSE_ALARM = 2e-3
+"""Chance that a session in which nothing is wrong has a finding by noise."""
+_HYPOTHESES = 25
+"""That compete, each with an equal share of it, of which the places that it is searched at have equal shares."""
+MOST_HPA, _COLDEST_K = 1085.0, 180.0
+"""The highest pressure and the lowest temperature on record: air that is colder than stated bends light as denser."""
+ZERO_C_K = 273.15
+TANGENTIAL = "tangential"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """A cause with its columns; ``searched`` places were tried for ``at_s``, an instant or a period.
+
+    ``is_change`` over time; ``bounds`` are what nature allows the first coefficient, and ``known`` is how well it is
+    stated (95 %): what is smaller is not a mistake.
+    ``moved`` gives it at another ``place`` than those that were tried, ``spacing`` apart.
+    """
+
+    cause: str
+    kind: str
+    columns: Columns
+    is_change: bool = False
+    searched: int = 1
+    at_s: float = math.nan
+    bounds: tuple[float, float] = (-math.inf, math.inf)
+    known: float = 0.0
+    place: float = math.nan
+    spacing: float = 0.0
+    moved: "Callable[[float], Hypothesis] | None" = None
+
+    @property
+    def cost(self) -> float:
+        """What it must be better by than a rival without columns."""
+        return PENALTY * self.columns.count + 2 * math.log(self.searched)
+
+    @property
+    def is_worth(self) -> float:
+        """By how much twice the log likelihood must grow: what noise does with so small a chance."""
+        return float(chdtri(self.columns.count, self._chance))
+
+    def is_sure(self, freedom: float) -> float:
+        """What the size squared, in its own covariance, must reach, where that is known with so much ``freedom``."""
+        count = self.columns.count
+        rest = float(betaincinv(freedom / 2, count / 2, self._chance))
+        return freedom * (1 - rest) / rest
+
+    @property
+    def _chance(self) -> float:
+        return FALSE_ALARM / _HYPOTHESES / self.searched
+
+
+def constant_causes(model: SessionModel) -> Iterator[Hypothesis]:
+    if model.is_fitted:
+        return
+    ones = np.ones(len(model.series.time_s))
+    north = pole(model.site)
+    axes = model.axes()
+    yield Hypothesis("clock offset", "clock", model.columns(model.along(north, EARTH_RATE_ARCSEC_PER_S * ones)))
+    for name, axis in axes.items():
+        yield Hypothesis("mount", name, model.columns(model.along(axis, ones)))
+    yield Hypothesis("site", "latitude", model.columns(model.along(EAST, ones)))
+    yield Hypothesis("mount", "mount", model.columns(*(model.along(axis, ones) for axis in all_turns(model.mount))))
+
+
+def causes_of_field(model: SessionModel) -> Iterator[Hypothesis]:
+    if model.field is None:
+        return
+    shifts = np.stack(
+        [
+            [np.interp(model.series.rows, model.field.rows, model.field.shifts[:, axis, part]) for axis in range(3)]
+            for part in range(len(PARAMETERS))
+        ]
+    )
+
+    def of(cause: str, *names: str) -> Hypothesis:
+        parts = [PARAMETERS.index(name) for name in names]
+        field = np.zeros((len(PARAMETERS), len(parts)))
+        field[parts, range(len(parts))] = 1.0
+        return Hypothesis(cause, cause, model.columns(*(shifts[part].T for part in parts), field=field))
+
+    yield of("focal length", "focal length")
+    yield of("distortion", "k1")
+    yield replace(of("distortion", "k1", "k2"), kind="k1 and k2")
+    yield replace(of("distortion", "p1", "p2"), kind=TANGENTIAL)
+    yield of("principal point", "principal point x", "principal point y")
+    if not model.is_fitted:
+        stated_hpa = model.site.air_pressure_hpa
+        densest_hpa = MOST_HPA * (model.site.air_temperature_c + ZERO_C_K) / _COLDEST_K
+        yield replace(
+            of("refraction", "pressure"), bounds=(-stated_hpa, densest_hpa - stated_hpa), known=_known_hpa(model.site)
+        )
+
+
+def _known_hpa(site: Site) -> float:
+    """How well the site states its air (95 %): pressure, temperature as a pressure, and the colour of the stars."""
+    by_temperature = site.temperature_uncertainty_c / (site.air_temperature_c + ZERO_C_K)
+    return math.hypot(site.pressure_uncertainty_hpa, site.air_pressure_hpa * math.hypot(by_temperature, AIR_MODEL))
+
+
+def drifts(model: SessionModel) -> Iterator[Hypothesis]:
+    """From the first frame, or to the last: when it was right is not known."""
+    time_s = model.series.time_s
+    for since_s in (0.0, model.series.duration_s / 2, model.series.duration_s):
+        ramp = time_s - since_s
+        about_pole = model.columns(model.along(pole(model.site), EARTH_RATE_ARCSEC_PER_S * 1e-6 * ramp))
+        yield Hypothesis("clock drift", "clock drift", about_pole, is_change=True)
+        for name, axis in model.axes().items():
+            yield Hypothesis("mount moves", name, model.columns(model.along(axis, ramp / 3600)), is_change=True)
+        each = (model.along(axis, ramp / 3600) for axis in all_turns(model.mount))
+        yield Hypothesis("mount moves", "mount moves", model.columns(*each), is_change=True)

@@ -1,0 +1,279 @@
+"""The decision rule: when a figure keeps its limit, when it does not, when that cannot be said.
+
+Guarded acceptance (JCGM 106:2012, section 8.3) on both sides: a figure q with the limit L and the one-sided 95 %
+uncertainty U passes where q + U <= L, fails where q - U > L, and is inconclusive between them. So a sensor whose true
+figure lies at its limit passes in at most 5 % of the sessions, and fails in at most 5 %. U is the root of the sum of
+the squares of the sampling uncertainty (gse.statistics.sampling) and of 1.645 times the standard uncertainty of truth.
+
+With ``simple`` acceptance, q <= L passes whatever U is; each row then states how often a sensor outside its limit would
+be seen like this. Where truth is not known at all, there is nothing to accept: such a row is inconclusive.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from scipy.special import betainc, betaincinv, ndtr
+
+from gse.count_text import count_text
+from gse.limits import Decision
+from gse.percent import percent
+from gse.station.results import Subject
+from gse.statistics.axis_statistics import MIN_S
+from gse.statistics.guard_band import COVERAGE_FACTOR, exceeds, further_share, guard, keeps
+from gse.statistics.sampling import MIN_FRAMES, Bounds
+
+RISK = 0.05
+"""How often a sensor at its limit passes, and how often it fails, at most."""
+
+DECISION_TEXT = {
+    Decision.GUARDED: (
+        "A figure q with the limit L and the one-sided 95 % uncertainty U is PASS where q + U <= L, FAIL where "
+        "q - U > L, and INCONCLUSIVE between them: a sensor whose true figure is at its limit passes in at most 5 % of "
+        "the sessions, and fails in at most 5 %. U = sqrt(U_sampling^2 + (1.645 u_truth)^2). Shares are decided by "
+        "their one-sided 95 % bounds after Clopper and Pearson."
+    ),
+    Decision.SIMPLE: (
+        "A figure q with the limit L is PASS where q <= L, else FAIL. Uncertainty does not count: the risk that a "
+        "sensor outside its limit is seen like this is stated beside each row that is PASS. Where truth is not known "
+        "a row is INCONCLUSIVE."
+    ),
+}
+
+_NO_LENGTH = "a longer session cannot decide"
+_BY_DRIFT = "most of it a drift that a longer session tells better"
+_NAN = float("nan")
+
+
+class Outcome(StrEnum):
+    """The word on one row."""
+
+    PASS = "PASS"
+    FAIL = "FAIL"
+    INCONCLUSIVE = "INCONCLUSIVE"
+    NOT_TESTED = "not tested"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One judged figure of one subject.
+
+    ``limit`` is the highest value that passes, for availability the lowest; NaN where none is stated.
+    ``uncertainty`` is the one-sided 95 % U of the decision, ``truth_uncertainty`` the standard uncertainty of truth in
+    it, ``n_eff`` the effective number of frames; NaN where they have no meaning. ``reason`` says in a line why a row is
+    not PASS. A ``relative`` row is against a mount that was fitted on the same sky.
+    """
+
+    subject: Subject
+    name: str
+    value: float
+    unit: str
+    limit: float
+    outcome: Outcome
+    reason: str = ""
+    uncertainty: float = _NAN
+    truth_uncertainty: float = _NAN
+    n_eff: float = _NAN
+    false_pass_risk: float = RISK
+    relative: bool = False
+
+    @property
+    def label(self) -> str:
+        """Subject and name, as a person reads them."""
+        return f"{self.subject} {self.name}"
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure with its sampling bounds, the effective number of frames, and the session's length."""
+
+    value: float
+    bounds: Bounds
+    n_eff: float
+    frames: int
+    duration_s: float
+
+    @property
+    def is_of_few_frames(self) -> bool:
+        """Whether it is of fewer frames than bounds can be had of."""
+        return self.frames < MIN_FRAMES
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """What is asked of a figure or share of one subject, and by which rule it is decided."""
+
+    subject: Subject
+    name: str
+    limit: float
+    decision: Decision
+    unit: str = ""
+
+    @property
+    def label(self) -> str:
+        """Subject and name, as a person reads them."""
+        return f"{self.subject} {self.name}"
+
+
+def judge_figure(
+    asked: Requirement, figure: Figure, *, truth_uncertainty: float, relative: bool = False, settles: bool = False
+) -> Row:
+    """The row of a figure that must not exceed its limit.
+
+    ``settles`` where most of what truth leaves open is what a longer session tells better.
+    """
+    above = guard(figure.bounds.upper - figure.value, truth_uncertainty)
+    below = guard(figure.value - figure.bounds.lower, truth_uncertainty)
+    outcome = _outcome(asked, figure, truth_uncertainty)
+    reason = ""
+    if outcome is Outcome.NOT_TESTED:
+        reason = f"{asked.label}: " + ("no frame has it" if figure.frames == 0 else "no limit is stated")
+    elif outcome is Outcome.FAIL:
+        reason = f"{asked.label} is {amount(figure.value, asked.unit)}, the limit is {amount(asked.limit, asked.unit)}"
+        reason += f" (U {amount(below, asked.unit)})" if math.isfinite(below) else ""
+    elif outcome is Outcome.INCONCLUSIVE:
+        uncertainty = above if figure.value <= asked.limit else below
+        left = _BY_DRIFT if settles else _NO_LENGTH
+        reason = f"{asked.label}{_why_undecided(asked, figure, uncertainty, truth_uncertainty, left)}"
+    return Row(
+        asked.subject,
+        asked.name,
+        figure.value,
+        asked.unit,
+        asked.limit,
+        outcome,
+        reason,
+        uncertainty=below if outcome is Outcome.FAIL else above,
+        truth_uncertainty=truth_uncertainty,
+        n_eff=figure.n_eff,
+        false_pass_risk=RISK if asked.decision is Decision.GUARDED else _risk(figure.value, above, asked.limit),
+        relative=relative,
+    )
+
+
+def _outcome(asked: Requirement, figure: Figure, truth_uncertainty: float) -> Outcome:
+    if figure.frames == 0 or math.isnan(asked.limit):
+        return Outcome.NOT_TESTED
+    if figure.is_of_few_frames:
+        return Outcome.INCONCLUSIVE
+    if asked.decision is Decision.SIMPLE and math.isfinite(figure.value) and math.isfinite(truth_uncertainty):
+        return Outcome.PASS if figure.value <= asked.limit else Outcome.FAIL
+    if keeps(figure.value, figure.bounds.upper, asked.limit, truth_uncertainty):
+        return Outcome.PASS
+    is_over = exceeds(figure.value, figure.bounds.lower, asked.limit, truth_uncertainty)
+    return Outcome.FAIL if is_over else Outcome.INCONCLUSIVE
+
+
+def _risk(value: float, above: float, limit: float) -> float:
+    """The share of sensors outside the limit among those that are seen so, for a normal uncertainty; NaN: not known."""
+    return float(ndtr(-(limit - value) * COVERAGE_FACTOR / above)) if above > 0 else _NAN
+
+
+def _why_undecided(asked: Requirement, figure: Figure, uncertainty: float, truth_uncertainty: float, left: str) -> str:
+    """What follows the name of the row; ``left`` says what a longer session does to what truth leaves open."""
+    if figure.is_of_few_frames:
+        return f": {count_text(figure.frames, 'frame')} compared with truth, {MIN_FRAMES} are needed"
+    if math.isnan(figure.bounds.upper):
+        if math.isnan(figure.n_eff) and figure.duration_s >= MIN_S:
+            return ": every answer has the same error, which tells nothing of its scatter"
+        number = f" (n_eff {figure.n_eff:.0f})" if math.isfinite(figure.n_eff) else ""
+        return f": the session is too short to tell{number}"
+    if math.isinf(truth_uncertainty):
+        return ": truth is not known well enough to compare with"
+    value, u, most = (amount(size, asked.unit) for size in (figure.value, uncertainty, asked.limit))
+    text = f" is {value} with U {u}, the limit is {most}"
+    more_min = minutes_more(figure, asked.limit, truth_uncertainty)
+    if math.isfinite(more_min):
+        return f"{text}: {_minutes(more_min)} would have decided"
+    return f"{text}: truth leaves {amount(COVERAGE_FACTOR * truth_uncertainty, asked.unit)}, {left}"
+
+
+def minutes_more(figure: Figure, limit: float, truth_uncertainty: float) -> float:
+    """How many more minutes of the same would decide; infinite where truth is the reason."""
+    sampling = figure.bounds.upper - figure.value if figure.value <= limit else figure.value - figure.bounds.lower
+    return figure.duration_s / 60 * further_share(limit - figure.value, sampling, truth_uncertainty, figure.n_eff)
+
+
+def _minutes(minutes: float) -> str:
+    if minutes > 24 * 60:
+        return "more than a day more"
+    return f"{max(math.ceil(minutes), 1)} more minute{'s' if minutes > 1 else ''}"
+
+
+def amount(value: float, unit: str) -> str:
+    """A value with its unit as a reason prints it; degrees where arcseconds make no sense."""
+    if unit == "arcsec" and abs(value) >= 3600:
+        return f"{value / 3600:.2f} deg"
+    digits = f"{value:.1f}" if abs(value) < 1000 else f"{value:.0f}"
+    return f"{digits} {unit}".rstrip()
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A share of frames with its one-sided 95 % bounds (Clopper & Pearson 1934) on an effective number of them."""
+
+    count: int
+    of: int
+    value: float
+    n_eff: float
+    lower: float
+    upper: float
+
+
+def share_of(count: int, of: int, n_eff: float | None = None) -> Share:
+    """The share with its bounds; NaN of nothing."""
+    if of == 0:
+        return Share(0, 0, _NAN, 0.0, _NAN, _NAN)
+    number = float(of) if n_eff is None else min(n_eff, float(of))
+    happened = number * count / of
+    lower = float(betaincinv(happened, number - happened + 1, RISK)) if count else 0.0
+    upper = float(betaincinv(happened + 1, number - happened, 1 - RISK)) if count < of else 1.0
+    return Share(count, of, count / of, number, lower, upper)
+
+
+def judge_share(asked: Requirement, share: Share, *, at_least: bool, beside: str = "") -> Row:
+    """The row of a share that must keep below its limit, or reach it (``at_least``); ``beside`` joins the reason."""
+    uncertainty = share.value - share.lower if at_least else share.upper - share.value
+    outcome = share_outcome(share, asked.limit, at_least=at_least, decision=asked.decision)
+    limit = percent(asked.limit, 2)
+    seen = f"{asked.label}: {share.count} of {count_text(share.of, 'frame')}{beside} ({percent(share.value, 2)})"
+    reason = ""
+    if outcome is Outcome.NOT_TESTED:
+        reason = f"{asked.label}: no frame has it"
+    elif outcome is Outcome.FAIL:
+        reason = f"{seen}, the limit is {limit}"
+    elif outcome is Outcome.INCONCLUSIVE:
+        bound = f"at least {percent(share.lower, 2)}" if at_least else f"at most {percent(share.upper, 2)}"
+        reason = f"{seen} show {bound} with 95 % confidence, the limit is {limit}: a longer session decides"
+    return Row(
+        asked.subject,
+        asked.name,
+        share.value,
+        asked.unit,
+        asked.limit,
+        outcome,
+        reason,
+        uncertainty,
+        n_eff=share.n_eff,
+        false_pass_risk=RISK if asked.decision is Decision.GUARDED else _share_risk(share, asked.limit, at_least),
+    )
+
+
+def _share_risk(share: Share, limit: float, at_least: bool) -> float:
+    """As _risk for a share, all true shares being as likely beforehand; NaN of nothing."""
+    if share.of == 0:
+        return _NAN
+    happened = share.n_eff * share.value
+    below = float(betainc(happened + 1, share.n_eff - happened + 1, limit))
+    return below if at_least else 1 - below
+
+
+def share_outcome(share: Share, limit: float, *, at_least: bool, decision: Decision) -> Outcome:
+    """Whether a share keeps its limit by its bounds, or under ``simple`` by its value."""
+    if share.of == 0:
+        return Outcome.NOT_TESTED
+    lower, upper = (share.value, share.value) if decision is Decision.SIMPLE else (share.lower, share.upper)
+    if lower >= limit if at_least else upper <= limit:
+        return Outcome.PASS
+    is_broken = upper < limit if at_least else lower > limit
+    return Outcome.FAIL if is_broken else Outcome.INCONCLUSIVE

@@ -1,0 +1,168 @@
+"""Statistics of a session: those of each subject on trial, and those of its frames and clocks."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.station.clock_steps import instants_ns
+from gse.station.exclusions import Exclusion, excluded
+from gse.station.frame_columns import Columns
+from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, Status, Subject
+from gse.station.session_data import SessionData
+from gse.statistics.answers_apart import answers_apart
+from gse.statistics.clock_health import ClockHealth, clock_health
+from gse.statistics.convention_search import ConventionSearch
+from gse.statistics.counted_frames import CountedFrames, counted_frames, explained_arcsec
+from gse.statistics.onboard_equivalence import OnboardEquivalence, equivalence
+from gse.statistics.percentiles import Percentiles
+from gse.statistics.sensor_answers import SensorAnswers, sensor_answers
+from gse.statistics.sensor_convention import is_wrong, session_convention
+from gse.statistics.spatial_errors import SpatialErrors, spatial_errors
+from gse.statistics.subject_statistics import AXES, NO_EARTH_RATE, Answers, SubjectStatistics, subject_statistics
+
+_MOST_STAR_ERRORS = 20_000
+"""Of a longer session every second, third, ... frame enters the spatial errors: each costs 300 bytes in the fit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Statistics:
+    """All statistics of a session.
+
+    ``frames_expected`` are those received and not excused, and those that the sequence numbers miss. ``onboard`` is
+    there where panoramas came, ``sensor`` where the sensor sent answers of its own, ``equivalence`` compares these two.
+    ``own`` are the sensor's answers beside panoramas, ``convention`` what its answers show of their convention: where
+    another one is stated, no error of theirs is computed. ``spatial``
+    are the errors of single stars along columns and rows, None of too few stars.
+    """
+
+    frames: int
+    duration_s: float
+    frames_expected: int
+    statuses: dict[str, int]
+    answer_checks: dict[str, int]
+    subjects: dict[Subject, SubjectStatistics]
+    arrival_ms: Percentiles
+    clock: ClockHealth
+    equivalence: OnboardEquivalence | None
+    spatial: tuple[SpatialErrors, SpatialErrors] | None
+    exclusions: tuple[tuple[Exclusion, int], ...]
+    counted: CountedFrames
+    own: SensorAnswers | None = None
+    convention: ConventionSearch | None = None
+
+    @property
+    def onboard(self) -> SubjectStatistics:
+        """The statistics of the frame table: the identifier under test, or a sensor that sends no panoramas."""
+        return self.subjects.get(Subject.ONBOARD) or self.subjects[Subject.SENSOR]
+
+
+def statistics(session: SessionData) -> Statistics:
+    """The statistics of a session, without what its events, its sky and its operator exclude."""
+    frames = session.frames.columns
+    counted = counted_frames(session)
+    status, check = frames["status"][counted.expected], frames["answer_check"][counted.expected]
+    limit_ms = session.station.limits.identification_ms
+    field_rad = session.station.sensor.camera().diagonal_rad / 2
+    lost = session.panoramas_lost
+    convention = session_convention(session) if len(session.sensor_attitudes) else None
+    unreadable = is_wrong(convention, session.station.sensor.attitude)
+    answers = _of_frames(session, counted)
+    if session.subject is Subject.SENSOR and unreadable:
+        answers = answers.uncompared()
+    subjects = {session.subject: subject_statistics(session.subject, frames, answers, lost, limit_ms, field_rad)}
+    own = sensor_answers(session) if session.subject is Subject.ONBOARD else None
+    if own is not None:
+        answers = _sensor(own, frames, counted)
+        answers = answers.uncompared() if unreadable else answers
+        subjects[Subject.SENSOR] = subject_statistics(Subject.SENSOR, frames, answers, lost, limit_ms, field_rad)
+    if session.station.mount.inertial is not None:
+        subjects = {name: replace(subject, earth_rate=NO_EARTH_RATE) for name, subject in subjects.items()}
+    return Statistics(
+        frames=len(frames),
+        duration_s=float(np.ptp(instants_ns(frames, session.events))) / 1e9 if len(frames) else 0.0,
+        frames_expected=len(status) + lost,
+        statuses=_statuses(status),
+        answer_checks={name.value: int((check == place).sum()) for place, name in enumerate(ANSWER_CHECKS)},
+        subjects=subjects,
+        arrival_ms=subjects[session.subject].arrival_ms,
+        clock=clock_health(session.clock, session.events, frames, stated_error_s=session.clock_error_s),
+        equivalence=equivalence(frames, counted.excluded, own.matched, own) if own is not None else None,
+        spatial=_spatial(session, counted),
+        exclusions=tuple((item, int(excluded(frames["utc_ns"], (item,)).sum())) for item in counted.exclusions),
+        counted=counted,
+        own=own,
+        convention=convention,
+    )
+
+
+def _statuses(status: NDArray[np.uint8]) -> dict[str, int]:
+    """Frames (M,) by status; the fault of an external identifier only where there is one."""
+    counts = {name.value: int((status == place).sum()) for place, name in enumerate(STATUSES)}
+    if not counts[Status.IDENTIFIER_FAULT]:
+        del counts[Status.IDENTIFIER_FAULT]
+    return counts
+
+
+def _of_frames(session: SessionData, counted: CountedFrames) -> Answers:
+    frames, given = session.frames.columns, session.external_counts
+    columns = {f"{axis}_arcsec": frames[f"{axis}_arcsec"] for axis in AXES}
+    columns |= {name: frames[name] for name in ("ra_deg", "de_deg")}
+    return Answers(
+        columns,
+        counted.expected,
+        ~counted.excluded,
+        counted.answered,
+        counted.false,
+        counted.used,
+        frames["elapsed_us"] / 1e3,
+        np.where(frames["host_utc_ns"] > 0, (frames["host_utc_ns"] - frames["utc_ns"]) / 1e6, np.nan),
+        session.subject is Subject.SENSOR or 0 < given.answers == given.own_times,
+    )
+
+
+def _sensor(own: SensorAnswers, frames: Columns, counted: CountedFrames) -> Answers:
+    columns = {f"{axis}_arcsec": getattr(own, f"{axis}_arcsec") for axis in AXES}
+    columns |= {"ra_deg": own.ra_deg, "de_deg": own.de_deg}
+    false, used = sensor_masks(own, frames, counted)
+    masks = counted.expected, ~counted.excluded, own.acquired, false, used
+    return Answers(columns, *masks, own.latency_ms, own.arrival_ms, time_is_stated=True)
+
+
+def sensor_masks(
+    own: SensorAnswers, frames: Columns, counted: CountedFrames
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which answers (M,) of the sensor beside panoramas are false, and which enter its accuracy.
+
+    False is an answer far from the median of all; or one that lies further from the answer to the same panorama here
+    than two answers of the same stars do, the usual separation aside, where the reference identifier confirms that.
+    """
+    known = own.acquired & np.isfinite(own.d_de_arcsec) & ~counted.excluded
+    false = np.zeros(len(known), dtype=bool)
+    if known.any():
+        x, y = own.cross_x_arcsec, own.cross_y_arcsec
+        separation_arcsec = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
+        false = own.acquired & (separation_arcsec > explained_arcsec(frames, counted.exclusions))
+    offsets_arcsec = answers_apart(own, frames)
+    correct = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.CORRECT)
+    confirmed = np.isfinite(offsets_arcsec[:, 0]) & correct
+    if confirmed.any():
+        off = offsets_arcsec - np.median(offsets_arcsec[confirmed], axis=0)
+        false |= confirmed & (np.hypot(*off.T) > SAME_BORESIGHT_ARCSEC)
+    return false, known & ~false
+
+
+def _spatial(session: SessionData, counted: CountedFrames) -> tuple[SpatialErrors, SpatialErrors] | None:
+    """Of the counted frames; of a long session evenly spaced ones."""
+    matches, camera = session.frames.matches, session.station.sensor.camera()
+    rows = np.flatnonzero(counted.used[matches["frame"]]) if len(matches) else np.empty(0, dtype=np.int64)
+    if not len(rows):
+        return None
+    numbers = np.unique(matches["frame"][rows])
+    kept = numbers[:: -(-len(rows) // _MOST_STAR_ERRORS)]
+    rows = rows[np.isin(matches["frame"][rows], kept)]
+    part = matches[rows]
+    xy_px = np.column_stack([part["x_px"], part["y_px"]]).astype(np.float64)
+    return spatial_errors(part, camera.directions(xy_px), (camera.columns, camera.rows))

@@ -1,0 +1,248 @@
+"""Statistics of one subject on trial: its errors by axis, its answers, its times.
+
+Accuracy is taken over the frames that were answered, not falsely, and that are not excluded
+(gse.statistics.counted_frames). False answers are counted, not averaged in.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.station.frame_columns import Columns
+from gse.station.results import Subject
+from gse.statistics.axis_statistics import AxisStatistics, axis_statistics
+from gse.statistics.decision import Figure, Share, share_of
+from gse.statistics.first_fix import first_fixes_s
+from gse.statistics.percentiles import Percentiles, percentiles
+from gse.statistics.sampling import effective_number
+from gse.statistics.thermal import ThermalError, thermal_error
+
+AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y")
+_THERMAL_AXES = ("cross_x", "cross_y", "d_roll")
+_TURN_ARCSEC = 360 * 3600.0
+_MAX_DE_FOR_RA_DEG = 89.9
+_NAN = float("nan")
+_ROWS_AT_ONCE = 1 << 14
+"""Cells of more answers than these are large: those of a day at 10 Hz have 100 MB."""
+
+
+@dataclass(frozen=True, slots=True)
+class EarthRate:
+    """Rate of the boresight about the pole as measured, against that of the Earth, in arcsec/s.
+
+    Measured as the Earth's rate plus the robust drift of dRA* / cos DE, with the half-width of its 95 % interval.
+    """
+
+    measured_arcsec_per_s: float
+    error_arcsec_per_s: float
+    expected_arcsec_per_s: float
+
+
+NO_EARTH_RATE = EarthRate(_NAN, _NAN, _NAN)
+"""Before a star simulator."""
+
+
+@dataclass(frozen=True, slots=True)
+class SubjectStatistics:
+    """All statistics of one subject's answers.
+
+    ``available`` is answered and not false, of the expected frames; ``false_answers`` is of the answered frames, on as
+    many ``star_fields`` of the sky. ``half_cone_95`` is the half-cone that holds 95 % of the boresights.
+    ``time_ms`` is the identification time of this host for the onboard subject, and where ``time_is_stated`` the
+    processing time that the sensor or an external identifier states by its own clock; ``slow`` the share of frames over
+    the limit of time. ``outage_s`` is the longest time
+    between good answers. ``arrival_ms`` is from mid-exposure to the arrival of its frame at the host: of the panorama
+    for the onboard subject, of ATTITUDE for the sensor. ``thermal`` has an axis as key, None where the temperature
+    tells nothing; ``first_fixes_s`` has an entry for each start of the sensor.
+    """
+
+    subject: Subject
+    available: Share
+    false_answers: Share
+    star_fields: int
+    axes: dict[str, AxisStatistics]
+    half_cone_95: AxisStatistics
+    mean_abs_d_ra_deg: float
+    mean_abs_d_de_deg: float
+    earth_rate: EarthRate
+    time_ms: Percentiles
+    time_is_stated: bool
+    slow: Share
+    arrival_ms: Percentiles
+    acquisition_s: float
+    outage_s: float
+    thermal: dict[str, ThermalError | None]
+    first_fixes_s: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answers:
+    """One subject's answers as columns (M,) in the order of the frame table, whatever their source.
+
+    ``timed`` frames have a certain time. ``time_is_stated`` as in SubjectStatistics.
+    """
+
+    columns: dict[str, NDArray[np.float64]]
+    expected: NDArray[np.bool_]
+    timed: NDArray[np.bool_]
+    answered: NDArray[np.bool_]
+    false: NDArray[np.bool_]
+    used: NDArray[np.bool_]
+    time_ms: NDArray[np.float64]
+    arrival_ms: NDArray[np.float64]
+    time_is_stated: bool
+
+    def uncompared(self) -> "Answers":
+        """The same where the convention is not known: there are no errors, and none is called false."""
+        nothing = np.zeros(len(self.used), dtype=bool)
+        return replace(self, false=nothing, used=nothing)
+
+
+def subject_statistics(
+    subject: Subject,
+    frames: Columns,
+    answers: Answers,
+    frames_lost: int,
+    limit_ms: float,
+    field_rad: float,
+) -> SubjectStatistics:
+    """Columns are taken one at a time: a selection of the rows of eight hours at 10 Hz is a copy of 40 MB."""
+    used = np.flatnonzero(answers.used)
+    used = used[np.argsort(frames["utc_ns"][used], kind="stable")]  # a step of the clock may turn the order
+    used_ns = frames["utc_ns"][used]
+
+    def errors(axis: str) -> NDArray[np.float64]:
+        selected: NDArray[np.float64] = answers.columns[f"{axis}_arcsec"][used]
+        return about_circular_mean(selected) if axis == "d_roll" else selected
+
+    axes = {axis: _axis(used_ns, errors(axis)) for axis in AXES}
+    good = answers.answered & ~answers.false
+    counts = answers.expected | answers.false
+    kept_ns = frames["utc_ns"][answers.timed]
+    timed = answers.time_ms[np.isfinite(answers.time_ms)]
+    return SubjectStatistics(
+        subject=subject,
+        available=available_share(good[answers.expected], missing=frames_lost),
+        false_answers=_share(answers.false[counts & answers.answered]),
+        star_fields=_star_fields(answers.columns["ra_deg"][used], answers.columns["de_deg"][used], field_rad),
+        axes=axes,
+        half_cone_95=axis_statistics(used_ns, np.hypot(errors("cross_x"), errors("cross_y"))),
+        mean_abs_d_ra_deg=_mean_abs_d_ra_deg(errors("d_ra_cosde"), _true_de_deg(frames, answers, used)),
+        mean_abs_d_de_deg=axes["d_de"].mean_abs_arcsec / 3600,
+        earth_rate=_earth_rate(_true_de_deg(frames, answers, used), axes["d_ra_cosde"]),
+        time_ms=percentiles(timed),
+        time_is_stated=answers.time_is_stated,
+        slow=_share(timed > limit_ms),
+        arrival_ms=percentiles(answers.arrival_ms[np.isfinite(answers.arrival_ms)]),
+        acquisition_s=_acquisition_s(kept_ns, good[answers.timed]),
+        outage_s=_outage_s(kept_ns, good[answers.timed]),
+        thermal=_thermal(used_ns, errors, frames["temperature_c"][used]),
+        first_fixes_s=first_fixes_s(kept_ns, frames["frame_no"][answers.timed], good[answers.timed]),
+    )
+
+
+def _true_de_deg(frames: Columns, answers: Answers, used: NDArray[np.int64]) -> NDArray[np.float64]:
+    """True declination of the used frames (K,); that of the answer where only the sensor answered."""
+    true_deg = frames["de_true_deg"][used]
+    return np.where(np.isnan(true_deg), answers.columns["de_deg"][used], true_deg)
+
+
+def _axis(used_ns: NDArray[np.int64], errors_arcsec: NDArray[np.float64]) -> AxisStatistics:
+    """Of the frames that have the angle: an answer of RA and DE alone has no roll."""
+    known = np.isfinite(errors_arcsec)
+    return (
+        axis_statistics(used_ns, errors_arcsec)
+        if known.all()
+        else axis_statistics(used_ns[known], errors_arcsec[known])
+    )
+
+
+def _thermal(
+    used_ns: NDArray[np.int64], errors: Callable[[str], NDArray[np.float64]], temperature_c: NDArray[np.float32]
+) -> dict[str, ThermalError | None]:
+    found: dict[str, ThermalError | None] = {}
+    for axis in _THERMAL_AXES:
+        error_arcsec = errors(axis)
+        known = np.isfinite(error_arcsec)
+        rows = slice(None) if known.all() else known
+        found[axis] = thermal_error(used_ns[rows], error_arcsec[rows], temperature_c[rows])
+    return found
+
+
+def available_share(good: NDArray[np.bool_], *, missing: int) -> Share:
+    """The share of good answers among frames (M,) in their order and ``missing`` ones, on its effective number.
+
+    Outages last: frames that follow each other are not independent.
+    """
+    of = len(good) + missing
+    return share_of(int(good.sum()), of, effective_number(good) * of / len(good) if len(good) else None)
+
+
+def _share(happened: NDArray[np.bool_]) -> Share:
+    return share_of(int(happened.sum()), len(happened))
+
+
+def about_circular_mean(angles_arcsec: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same angles (M,), each within half a turn of their circular mean: +-180 deg do not average to nothing."""
+    known = np.isfinite(angles_arcsec)
+    if not known.all():
+        angles_arcsec = angles_arcsec.copy()
+        angles_arcsec[known] = about_circular_mean(angles_arcsec[known])
+        return angles_arcsec
+    if not len(angles_arcsec):
+        return angles_arcsec
+    phase = angles_arcsec * (2 * math.pi / _TURN_ARCSEC)
+    mean = math.atan2(float(np.sin(phase).mean()), float(np.cos(phase).mean())) * _TURN_ARCSEC / (2 * math.pi)
+    offset: NDArray[np.float64] = angles_arcsec - mean
+    return mean + offset - _TURN_ARCSEC * np.round(offset / _TURN_ARCSEC)
+
+
+def figure_of(axis: AxisStatistics, name: str, duration_s: float) -> Figure:
+    """``mean_abs`` or ``p95_abs`` of an axis as a figure to decide on."""
+    return Figure(
+        getattr(axis, f"{name}_arcsec"), getattr(axis, f"{name}_bounds_arcsec"), axis.n_eff, axis.n, duration_s
+    )
+
+
+def _star_fields(ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64], field_rad: float) -> int:
+    """How many fields of stars the boresights were in, one next to the other: cells of half a field's width."""
+    cells = np.empty(0, dtype=np.int64)
+    most = math.ceil(1 / field_rad) + 1
+    place = (2 * most + 1) ** np.arange(3)  # one number for a cell: three take ten times as long to sort
+    for first in range(0, len(ra_deg), _ROWS_AT_ONCE):
+        rows = slice(first, first + _ROWS_AT_ONCE)
+        ra, de = np.radians(ra_deg[rows]), np.radians(de_deg[rows])
+        vectors = np.column_stack([np.cos(de) * np.cos(ra), np.cos(de) * np.sin(ra), np.sin(de)])
+        cells = np.unique(np.concatenate([cells, (np.floor(vectors / field_rad).astype(np.int64) + most) @ place]))
+    return len(cells)
+
+
+def _mean_abs_d_ra_deg(d_ra_cosde_arcsec: NDArray[np.float64], de_true_deg: NDArray[np.float64]) -> float:
+    """Mean |dRA| (not times cos DE), as in table 4-1 of the LAPAN paper; NaN too near the pole."""
+    if len(de_true_deg) == 0 or not np.abs(de_true_deg).max() <= _MAX_DE_FOR_RA_DEG:
+        return _NAN
+    d_ra_arcsec = d_ra_cosde_arcsec / np.cos(np.radians(de_true_deg))
+    return float(np.abs(d_ra_arcsec).mean()) / 3600
+
+
+def _earth_rate(de_true_deg: NDArray[np.float64], d_ra_cosde: AxisStatistics) -> EarthRate:
+    if len(de_true_deg) == 0 or not abs(de_true_deg[0]) <= _MAX_DE_FOR_RA_DEG:
+        return EarthRate(_NAN, _NAN, EARTH_RATE_ARCSEC_PER_S)
+    per_hour = math.cos(math.radians(float(np.mean(de_true_deg)))) * 3600
+    half_width = (d_ra_cosde.drift_high_arcsec_per_h - d_ra_cosde.drift_low_arcsec_per_h) / 2
+    measured = EARTH_RATE_ARCSEC_PER_S + d_ra_cosde.drift_arcsec_per_h / per_hour
+    return EarthRate(measured, half_width / per_hour, EARTH_RATE_ARCSEC_PER_S)
+
+
+def _acquisition_s(utc_ns: NDArray[np.int64], good: NDArray[np.bool_]) -> float:
+    """From the first panorama to the first good answer."""
+    return float(utc_ns[good][0] - utc_ns[0]) / 1e9 if good.any() else _NAN
+
+
+def _outage_s(utc_ns: NDArray[np.int64], good: NDArray[np.bool_]) -> float:
+    answers = utc_ns[good]
+    return float(np.diff(answers).max()) / 1e9 if len(answers) > 1 else _NAN

@@ -1,0 +1,164 @@
+"""Where steps and swings are looked for, in series that are made of nothing else."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skies.star_errors import SETTINGS
+
+from gse.diagnosis.changes_in_time import _step, _wave, sinusoids, steps
+from gse.diagnosis.competing_models import Columns, fitted
+from gse.diagnosis.error_series import ErrorSeries
+from gse.diagnosis.field_patterns import PARAMETERS
+from gse.diagnosis.fine_causes import _is_rest, _refined, fine_causes, told
+from gse.diagnosis.fine_hypotheses import constant_causes
+from gse.diagnosis.session_model import SessionModel
+
+SITE, MOUNT = SETTINGS[0]
+
+
+def model_of(errors, frame_s=1.0):
+    series = ErrorSeries(np.arange(len(errors)), frame_s * np.arange(len(errors)), np.asarray(errors))
+    return SessionModel.of(series, None, SITE, MOUNT, is_fitted=False)
+
+
+def tried(search, model):
+    observed = model.observed()
+    nothing = Columns(np.zeros((3, 0)), np.zeros((*observed.cosines.shape, 0)), np.zeros((len(PARAMETERS), 0)))
+    return list(search(model, observed, fitted(observed, nothing), nothing))
+
+
+def stepped(count, place, *, noise=0.1):
+    errors = noise * np.random.default_rng(1).normal(size=(count, 3))
+    errors[place:] += [100.0, -50.0, 20.0]
+    return errors
+
+
+@pytest.mark.parametrize("place", range(1, 12))
+def test_a_step_between_any_two_frames_of_a_short_session_is_tried_there(place):
+    found = tried(steps, model_of(stepped(12, place)))
+    assert (place, float(place)) in {(one.place, one.at_s) for one in found}
+    assert {(one.cause, one.kind) for one in found} == {
+        ("clock step", "clock step"),
+        *(("slip of the mount", kind) for kind in ("azimuth", "altitude", "roll", "slip")),
+    }
+
+
+def test_a_step_of_a_long_session_is_tried_near_its_place_and_moved_to_it():
+    model = model_of(stepped(9700, 5050))
+    for one in tried(steps, model):
+        assert abs(one.place - 5050) <= one.spacing == 100
+        assert one.searched == 96
+        assert one.moved(5050).at_s == 5050.0
+
+
+def test_one_frame_has_no_step():
+    model = model_of(stepped(12, 6))
+    alone = replace(model, series=replace(model.series, time_s=np.zeros(1), errors_arcsec=np.zeros((1, 3))))
+    assert list(steps(alone, None, None, None)) == []
+
+
+@pytest.mark.parametrize("cycles", [1.0, 2.25, 5.0])
+@pytest.mark.parametrize(("axis", "kind"), [(0, "columns"), (1, "rows")])
+def test_a_swing_is_tried_with_its_period(cycles, axis, kind):
+    time_s = 5.0 * np.arange(600)
+    errors = 0.1 * np.random.default_rng(2).normal(size=(600, 3))
+    errors[:, axis] += 40 * np.sin(2 * math.pi * cycles * time_s / time_s[-1] + 1.0)
+    model = model_of(errors, 5.0)
+    found = [one for one in tried(sinusoids, model) if one.kind == kind]
+    assert all(one.columns.count == 2 for one in found)
+    (right,) = [one for one in found if one.at_s == pytest.approx(time_s[-1] / cycles)]
+    course, seen = right.columns.cosines.reshape(-1, 2), model.observed().cosines.ravel()
+    left = seen - course @ np.linalg.lstsq(course, seen, rcond=None)[0]
+    assert left @ left < 1e-3 * (seen @ seen)
+
+
+def test_a_swing_is_not_faster_than_once_a_minute():
+    errors = np.random.default_rng(3).normal(size=(179, 3))
+    slow = {one.at_s for one in tried(sinusoids, model_of(errors))}
+    assert min(slow) >= 59
+    assert tried(sinusoids, model_of(errors[:59])) == []
+
+
+@pytest.mark.parametrize("kind", ["clock step", "slip", "azimuth"])
+def test_a_step_is_tried_as_an_error_from_then_on_and_as_one_until_then(kind):
+    """Of twelve frames eight have it, or the other four have the opposite one."""
+    means = [one.columns.mean for one in tried(steps, model_of(stepped(12, 4))) if (one.kind, one.place) == (kind, 4)]
+    after, before = sorted(means, key=lambda mean: -np.abs(mean).max())
+    assert after == pytest.approx(-2 * before)
+
+
+@pytest.mark.parametrize(("cycles", "is_tried"), [(4.75, True), (5.5, False)])
+def test_a_swing_is_not_faster_than_once_in_four_ordinates(cycles, is_tried):
+    """Forty frames have twenty of them."""
+    time_s = 120.0 * np.arange(40)
+    errors = 0.1 * np.random.default_rng(4).normal(size=(40, 3))
+    errors[:, 0] += 40 * np.sin(2 * math.pi * cycles * time_s / time_s[-1])
+    periods_s = [one.at_s for one in tried(sinusoids, model_of(errors, 120.0))]
+    assert (pytest.approx(time_s[-1] / cycles) in periods_s) is is_tried
+
+
+# What fine_causes makes of them
+
+
+@pytest.mark.parametrize("place", [5050, 5037, 4961])
+def test_a_step_is_moved_to_the_frame_where_it_is(place):
+    """Places are tried a hundred frames apart."""
+    model = model_of(stepped(9700, place))
+    found = next(one for one in tried(steps, model) if one.kind == "slip")
+    assert abs(found.place - place) > 5
+    assert _refined(model.observed(), [], found).at_s == pytest.approx(place, abs=2)
+
+
+def test_what_has_no_place_stays_as_it_is():
+    model = model_of(stepped(12, 4))
+    (constant, *_) = constant_causes(model)
+    assert _refined(model.observed(), [], constant) is constant
+
+
+@pytest.mark.parametrize(("size", "is_rest"), [(19.0, True), (21.0, False)])
+def test_a_change_that_is_less_than_a_fifth_of_an_earlier_one_is_a_rest_of_it(size, is_rest):
+    """No swing is quite a sinusoid."""
+    time_s = np.arange(1200.0)
+    errors = 0.5 * np.random.default_rng(5).normal(size=(1200, 3))
+    for arcsec, cycles in ((100.0, 2.0), (40.0, 4.0), (size, 7.0)):
+        errors[:, 0] += arcsec * np.sin(2 * math.pi * cycles * time_s / time_s[-1] + cycles)
+    model = model_of(errors)
+    great, middle, small = (_wave(model, 1, "columns", cycles) for cycles in (2.0, 4.0, 7.0))
+    assert _is_rest(model.observed(), [great, middle], small) is is_rest
+    assert _is_rest(model.observed(), [middle, great], small) is is_rest
+    assert not _is_rest(model.observed(), [middle], small)
+    assert not _is_rest(model.observed(), [], small)
+    (constant, *_) = constant_causes(model)
+    assert not _is_rest(model.observed(), [constant], small)
+    assert not _is_rest(model.observed(), [great], constant)
+
+
+def test_a_change_is_known_no_better_than_models_leave_open_however_quiet_the_frames_are():
+    """A tenth of an arcsecond across the boresight, without stars that tell more of it."""
+    model = model_of(stepped(1200, 600, noise=0.001))
+    slip = _step(model, 1, "slip of the mount", "slip", False, 600)
+    errors = told(model, model.observed(), [], slip, []).errors
+    assert errors[:2] == pytest.approx(0.1, rel=0.05)
+
+
+def wandering(seed, count=600, arcsec=3.0, memory_s=100.0):
+    """Noise of 1 arcsec, and noise of the boresight that lasts."""
+    rng, kept = np.random.default_rng(seed), math.exp(-1 / memory_s)
+    errors, off = np.zeros((count, 3)), rng.normal(0, arcsec, 2)
+    for row in errors:
+        off = kept * off + arcsec * math.sqrt(1 - kept**2) * rng.normal(size=2)
+        row[:2] = off
+    return errors + rng.normal(0, 1, (count, 3))
+
+
+@pytest.mark.parametrize("seed", [18, 19])
+def test_slow_noise_that_looks_like_a_swing_is_none_since_slow_noise_is_left_beside_it(seed):
+    assert fine_causes(model_of(wandering(seed))) == ()
+
+
+def test_a_swing_is_named_in_slow_noise_too():
+    errors = wandering(18)
+    errors[:, 0] += 30 * np.sin(2 * math.pi * 3 * np.arange(600) / 600)
+    assert [one.hypothesis.cause for one in fine_causes(model_of(errors))] == ["thermal sinusoid"]

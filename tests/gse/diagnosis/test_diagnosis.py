@@ -1,0 +1,297 @@
+"""Diagnosis on sessions made of numbers whose errors are known."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skies.known_nights import START_NS, STATION, TRUTH, session, unanswered
+from skies.one_by_one import add_frame
+
+from drivers.chunk import LinkEvent
+from gse.assessment.verdict import judge
+from gse.config.station import BUILT_IN_TEXT
+from gse.diagnosis.diagnosis import causes_so_far
+from gse.diagnosis.out_of_place import most_unmatched, stars_fall_out
+from gse.diagnosis.plain_findings import faulty_panoramas
+from gse.instant import NS_PER_S
+from gse.mount import InertialDirection, Mount
+from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
+from gse.station.results import AnswerCheck, Status
+from gse.station.session_data import SessionData
+from gse.statistics.counted_frames import counted_frames
+
+
+def found(made):
+    return "\n".join(map(str, judge(made).findings))
+
+
+def test_a_good_night_looks_like_nothing():
+    assert found(session(10_000)) == ""
+
+
+def test_a_mount_error_is_named_with_its_size():
+    text = found(session(bias=(30.0, 50.0, 0.0)))
+    assert text.startswith("mount: it is off by +30.")
+    assert "arcsec in azimuth (on the sky), +50." in text or ", +49." in text
+
+
+def test_a_turn_about_the_pole_is_named_as_clock_offset():
+    de = math.radians(TRUTH.attitude_true(START_NS, STATION.mount).de_deg)
+    offset_s = 4.0
+    turn = offset_s * 15.041067
+    text = found(session(bias=(turn * math.cos(de), 0.0, -turn * math.sin(de))))
+    assert "clock offset" in text
+    assert "4.0" in text
+    assert "slow" in text
+
+
+def test_a_drifting_clock_is_named_in_ppm():
+    per_h = 15.041067 * 3600 * 500e-6
+    text = found(session(9000, step_s=0.2, drift_per_h=(per_h * 0.9935, 0.0)))
+    assert "clock drift" in text
+    ppm = float(text.split("runs ")[1].split(" ppm")[0])
+    assert ppm == pytest.approx(500, rel=0.15)
+
+
+@pytest.mark.parametrize(("ppm", "words"), [(120.0, "ppm slow against"), (-120.0, "ppm fast against")])
+def test_a_sensor_clock_that_runs_slow_is_told_from_a_fast_one(ppm, words):
+    made = session(1500, sensor_ppm=ppm)
+    (finding,) = (line for line in found(made).splitlines() if line.startswith("sensor clock drift"))
+    assert words in finding
+    assert float(finding.split("runs ")[1].split(" ppm")[0]) == pytest.approx(120, abs=5)
+
+
+@pytest.mark.parametrize("ppm", [60.0, -60.0])
+def test_a_sensor_clock_of_an_ordinary_crystal_is_no_finding(ppm):
+    assert "sensor clock drift" not in found(session(1000, sensor_ppm=ppm))
+
+
+def test_a_moving_mount_is_named():
+    assert "mount moves: by +30." in found(session(9000, step_s=0.2, drift_per_h=(0.0, 30.0)))
+
+
+def radial_matches(scale, cubic):
+    camera = STATION.sensor.camera()
+    rng = np.random.default_rng(8)
+    xy = rng.uniform(0, 1023, (12, 2))
+    offset = xy - camera.principal_point_px
+    s2 = (offset**2).sum(axis=1) / 512**2
+    arcsec = math.degrees(camera.pixel_rad) * 3600
+    residual = offset * (scale + cubic * s2)[:, None] * arcsec
+    return [(*place, *error) for place, error in zip(xy.tolist(), residual.tolist(), strict=True)]
+
+
+def test_a_wrong_focal_length_is_named():
+    text = found(session(100, matches=radial_matches(np.full(12, 1e-3), 0.0)))
+    assert text.startswith("focal length: it is 0.10")
+    assert "too short" in text
+
+
+def test_distortion_is_named():
+    text = found(session(100, matches=radial_matches(np.zeros(12), 4e-3)))
+    assert text.startswith("distortion: stars at the edge lie 2.")
+
+
+@pytest.mark.parametrize(("absent", "cause"), [(26, "identifier without an answer"), (25, "nothing identified")])
+def test_where_the_reference_finds_stars_in_most_panoramas_it_is_the_identifier(absent, cause):
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(50):
+        add_frame(made.frames, unanswered(number))
+    frames = made.frames.columns
+    frames["answer_check"] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    frames["answer_check"][:absent] = ANSWER_CHECKS.index(AnswerCheck.ABSENT)
+    (finding,) = causes_so_far(made)
+    assert finding.cause == cause
+    frames["status"][7] = STATUSES.index(Status.IDENTIFIED)
+    frames["answer_check"][7] = ANSWER_CHECKS.index(AnswerCheck.CORRECT)
+    assert causes_so_far(made) == ()  # no more than half are left to the reference
+
+
+def test_an_identifier_that_answers_few_panoramas_is_named_too():
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(50):
+        add_frame(made.frames, unanswered(number))
+    made.frames.columns["status"][::10] = STATUSES.index(Status.IDENTIFIED)
+    made.frames.columns["answer_check"][::10] = ANSWER_CHECKS.index(AnswerCheck.CORRECT)
+    (finding,) = causes_so_far(made)
+    assert "answers 5 of 50 panoramas" in finding.size
+
+
+def test_a_program_that_failed_on_most_panoramas_says_nothing_of_the_stars():
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(50):
+        add_frame(made.frames, unanswered(number))
+    made.frames.columns["status"][:26] = STATUSES.index(Status.IDENTIFIER_FAULT)
+    (finding,) = causes_so_far(made)
+    assert finding.cause == "identifier fails"
+    assert "failed on 26 of 50 panoramas" in finding.size
+    made.frames.columns["status"][25] = STATUSES.index(Status.NO_MATCH)
+    assert causes_so_far(made)[0].cause != "identifier fails"
+
+
+@pytest.mark.parametrize(("expected", "words"), [(4.0, "which its catalogue holds 4"), (-1.0, ""), (12.0, "")])
+def test_a_short_catalogue_is_told_where_it_is_known_to_be_short(expected, words):
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(50):
+        add_frame(made.frames, unanswered(number))
+    made.frames.columns["stars_seen"], made.frames.columns["stars_expected"] = 12, expected
+    (finding,) = causes_so_far(made)
+    assert "12 stars of the sky are in each" in finding.size
+    assert ("its catalogue holds" in finding.size) == bool(words)
+    assert words in finding.size
+
+
+def test_a_night_without_one_answer_says_where_to_look():
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(50):
+        add_frame(made.frames, unanswered(number))
+    made.events.append(LinkEvent(START_NS, 0, "MIRRORED", "the image is mirrored: once flipped, it fits"))
+    text = found(made)
+    assert "gse calibrate" in text
+    assert "mirrored image: the image is mirrored" in text
+    assert "nothing identified" not in text  # that is one effect of one cause
+
+
+@pytest.mark.parametrize(("unmatched", "fall_out"), [(3, False), (7, True)])
+def test_a_camera_that_leaves_a_third_of_the_stars_unmatched_lets_them_fall_out(unmatched, fall_out):
+    frames, used = np.zeros(9, dtype=FRAME), np.arange(9) < 4
+    frames["matched"], frames["false_objects"] = 11, np.where(used, unmatched, 10 - unmatched)
+    assert stars_fall_out(frames, used) is fall_out
+
+
+def silent(count=50):
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(count):
+        add_frame(made.frames, unanswered(number))
+    return made
+
+
+def clock_steps(*sizes_ns):
+    return [ClockStep(START_NS, 0, StationKind.CLOCK_STEP, "the clock stepped", size_ns) for size_ns in sizes_ns]
+
+
+@pytest.mark.parametrize(
+    ("steps_ns", "drift_s"),
+    [
+        ([10**8] * 40, "+4.000 s"),
+        ([-(10**8)] * 40, "-4.000 s"),
+        ([10**8] * 35, None),  # ten and half of the frames
+        ([10**8] * 39 + [-(10**8)], None),
+    ],
+    ids=["ahead", "behind", "in too few frames", "to and fro"],
+)
+def test_a_clock_that_steps_one_way_in_most_frames_runs_away(steps_ns, drift_s):
+    made = silent()
+    made.events = clock_steps(*steps_ns)
+    (first, *_) = causes_so_far(made)
+    assert first.cause == ("clock drift" if drift_s else "clock step")
+    assert drift_s is None or drift_s in first.size
+
+
+def test_a_host_that_was_suspended_is_told_as_that_and_as_no_step_of_its_clock():
+    made = silent()
+    made.events = [replace(step, utc_kept=True) for step in clock_steps(60 * NS_PER_S)]
+    causes = [finding.cause for finding in causes_so_far(made)]
+    assert "monotonic clock" in causes
+    assert "clock step" not in causes
+    made.events += clock_steps(NS_PER_S)
+    assert {"monotonic clock", "clock step"} <= {finding.cause for finding in causes_so_far(made)}
+
+
+def test_a_gross_mistake_is_named_alone():
+    made = session(30)
+    made.station = STATION.model_copy(update={"mount": replace(STATION.mount, roll_deg=STATION.mount.roll_deg + 90)})
+    (finding,) = causes_so_far(made)
+    assert "off by 90 deg" in finding.cause
+    assert finding.is_gross
+
+
+def test_stars_that_all_stand_on_the_boresight_tell_no_cause_and_end_no_session():
+    """No attitude follows from them: their normal equations have no inverse."""
+    assert causes_so_far(session(60, matches=((511.5, 511.5, 3.0, -2.0),) * 12)) == ()
+
+
+def test_a_session_without_frames_has_no_findings():
+    assert found(SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")) == ""
+
+
+@pytest.mark.parametrize("left_out", [False, True])
+def test_stars_are_out_of_place_in_the_frames_that_count(left_out):
+    made, unlike = session(200), np.arange(200) < 120
+    counted = replace(counted_frames(made), excluded=unlike & left_out, false=np.ones(200, dtype=bool))
+    frames = made.frames.columns
+    frames["matched"], frames["false_objects"] = np.where(unlike, 5, 16), np.where(unlike, 12, 1)
+    frames["stars_expected"] = 17
+    assert bool(list(most_unmatched(made, counted))) is not left_out
+
+
+def test_a_time_tag_that_leaps_is_a_finding_of_the_sensor_with_its_size():
+    made = session(600)
+    made.frames.columns["time_us"][300:] += 5_000_000
+    (found,) = [finding for finding in judge(made).findings if finding.cause == "sensor time tag"]
+    assert found.size.startswith("it leapt by +5.0")
+    assert found.next_step == "ask the maker; gse decode SESSION --explain"
+    assert all(finding.cause != "sensor time tag" for finding in judge(session(600)).findings)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "is_named"),
+    [
+        ((), True),
+        ((StationKind.DARK_NIGHT,), True),
+        ((StationKind.DAYLIGHT,), False),
+        ((StationKind.DAYLIGHT, StationKind.DARK_NIGHT), True),
+        ((StationKind.DARK_NIGHT, StationKind.MIRRORED), False),
+        ((StationKind.DARK_NIGHT, StationKind.WRONG_CAMERA), False),
+    ],
+)
+def test_a_night_without_an_answer_is_a_finding_where_neither_day_nor_camera_explain_it(kinds, is_named):
+    made = silent()
+    made.frames.columns["status"] = STATUSES.index(Status.NO_MATCH)
+    made.frames.columns["answer_check"] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    made.events = [LinkEvent(START_NS, 0, kind, "so it is") for kind in kinds]
+    named = {finding.cause for finding in causes_so_far(made)}
+    assert ("nothing identified" in named) is is_named
+
+
+@pytest.mark.parametrize(("faulty", "is_named"), [(25, False), (26, True)])
+def test_panoramas_that_cannot_be_are_a_finding_where_they_are_most(faulty, is_named):
+    made = silent()
+    made.frames.columns["status"][:faulty] = STATUSES.index(Status.SENSOR_FAULT)
+    found = {finding.cause: finding.size for finding in faulty_panoramas(made)}
+    assert ("faulty panoramas" in found) is is_named
+    assert not is_named or found["faulty panoramas"].startswith("26 of 50 panoramas cannot be")
+
+
+@pytest.mark.parametrize(("unmatched", "is_camera"), [(11, False), (12, False), (13, True)])
+def test_a_camera_is_to_blame_where_more_objects_are_no_stars_than_are(unmatched, is_camera):
+    made = session(60)
+    frames = made.frames.columns
+    frames["matched"], frames["false_objects"], frames["stars_expected"] = 12, unmatched, 30
+    counted = replace(counted_frames(made), false=np.ones(60, dtype=bool))
+    sizes = [finding.size for finding in most_unmatched(made, counted)]
+    assert bool(sizes) is is_camera
+    assert all("13 objects as bright as stars of the catalogue are none of them, 12 are" in size for size in sizes)
+
+
+@pytest.mark.parametrize(
+    ("altitude_deg", "inertial", "cause"),
+    [
+        (90.0, None, "camera"),
+        (20.5, None, "camera"),
+        (15.0, None, "field near the horizon"),
+        (90.0, InertialDirection(ra_deg=83.0, de_deg=-2.0), "camera"),
+    ],
+)
+def test_stars_are_out_of_place_by_air_where_the_field_reaches_down_to_ten_degrees(altitude_deg, inertial, cause):
+    """Half of its diagonal is 10.0 deg: at an altitude of 20.5 it ends above, at 15 below."""
+    made = session(60)
+    mount = Mount(altitude_deg=altitude_deg, inertial=inertial)
+    made.station = STATION.model_copy(update={"mount": mount})
+    frames = made.frames.columns
+    frames["matched"], frames["false_objects"], frames["stars_expected"] = 12, 13, 30
+    counted = replace(counted_frames(made), answered=np.ones(60, dtype=bool), false=np.ones(60, dtype=bool))
+    (finding,) = most_unmatched(made, counted)
+    assert finding.cause == cause

@@ -1,0 +1,272 @@
+"""Gross causes, each injected into skies of astropy alone."""
+
+import functools
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gse.attitude import solve_attitude
+from gse.diagnosis.gross_causes import gross_cause
+from gse.diagnosis.gross_turns import _of_angle, wrong_dates
+from gse.diagnosis.raw_attitudes import RawAttitudes
+from gse.instant import NS_PER_S, from_text
+from gse.mount import Mount
+from gse.selfcheck.astropy_sky import AstropySky
+from gse.selfcheck.made_sensor import mounted
+from gse.site import Site
+from gse.truth import EarthOrientation
+
+START_NS = from_text("2026-03-20T15:00:00Z")
+TABLE = EarthOrientation.from_disk(START_NS)
+AIR = {"pressure_hpa": 985.0, "temperature_c": 15.0}
+MUNICH = Site(latitude_deg=48.2, longitude_deg=11.6, height_m=500.0, **AIR)
+BOGOR = Site(latitude_deg=-6.53, longitude_deg=106.7, height_m=250.0, **AIR)
+CERRO = Site(latitude_deg=-35.3, longitude_deg=-70.2, height_m=400.0, **AIR)
+SITES = (MUNICH, BOGOR, CERRO)
+MOUNT = Mount(azimuth_deg=130.0, altitude_deg=60.0, roll_deg=25.0)
+GRID = np.array([[x, y, 1.0] for x in (-0.08, 0.0, 0.08) for y in (-0.08, 0.0, 0.08)])
+FIELD = GRID / np.linalg.norm(GRID, axis=1)[:, None]
+
+
+@functools.cache
+def attitudes(site: Site, mount: Mount, clock_s: float = 0.0, frames: int = 3) -> RawAttitudes:
+    """What a sensor on a true mount at a true site answers; its host's clock is ``clock_s`` fast."""
+    utc_ns = START_NS + np.arange(frames) * 20 * NS_PER_S
+    sky = AstropySky(site)
+    axes = mounted(mount.azimuth_deg, mount.altitude_deg, mount.roll_deg)
+    right_down_out = np.array([axes[0], -axes[1], axes[2]])
+    near = sky.boresight_and_up(np.broadcast_to(axes, (frames, 3, 3)), utc_ns, air=True)
+    rotations = []
+    for boresight, up, instant in zip(*near, utc_ns, strict=True):
+        about = np.array([np.cross(boresight, up), -up, boresight])
+        stars = FIELD @ about
+        seen = sky.seen(stars, np.array([instant]))[0] @ right_down_out.T
+        rotations.append(solve_attitude(seen, stars, 1e-4).icrs_to_sensor)
+    return RawAttitudes(utc_ns + round(clock_s * NS_PER_S), np.array(rotations), FIELD)
+
+
+def found(site, mount, true_site=None, true_mount=None, clock_s=0.0):
+    cause = gross_cause(attitudes(true_site or site, true_mount or mount, clock_s), site, mount, TABLE)
+    return cause.finding if cause else None
+
+
+@pytest.mark.parametrize("site", SITES, ids=lambda site: f"{site.latitude_deg}")
+def test_a_right_set_up_shows_nothing(site):
+    assert found(site, MOUNT) is None
+
+
+@pytest.mark.parametrize("site", SITES, ids=lambda site: f"{site.latitude_deg}")
+@pytest.mark.parametrize(
+    ("cause", "change"),
+    [
+        ("latitude sign", lambda site: {"latitude_deg": -site.latitude_deg}),
+        ("longitude sign", lambda site: {"longitude_deg": -site.longitude_deg}),
+        (
+            "latitude and longitude signs",
+            lambda site: {"latitude_deg": -site.latitude_deg, "longitude_deg": -site.longitude_deg},
+        ),
+        (
+            "latitude and longitude exchanged",
+            lambda site: {"latitude_deg": site.longitude_deg, "longitude_deg": site.latitude_deg},
+        ),
+    ],
+)
+def test_a_wrong_sign_or_order_of_the_site_is_named(site, cause, change):
+    if cause.endswith("exchanged") and abs(site.longitude_deg) > 90:
+        pytest.skip("no station file can state it")
+    true = replace(site, **change(site))
+    finding = found(site, MOUNT, true_site=true)
+    assert finding.cause == cause
+    stated = [f"site.{name}: {value:g}" for name, value in change(site).items()]
+    assert finding.size.startswith(f"the stars fit {' and '.join(stated)};")
+    assert finding.equals == ()
+
+
+@pytest.mark.parametrize(
+    ("cause", "true"),
+    [
+        ("azimuth from south", {"azimuth_deg": 310.0}),
+        ("azimuth off by 90 deg", {"azimuth_deg": 220.0}),
+        ("azimuth off by 90 deg", {"azimuth_deg": 40.0}),
+        ("azimuth counted westwards", {"azimuth_deg": 230.0}),
+        ("wrong hemisphere of the mount", {"azimuth_deg": 50.0}),
+        ("zenith distance for altitude", {"altitude_deg": 30.0}),
+        ("roll off by 90 deg", {"roll_deg": 115.0}),
+        ("roll off by 90 deg", {"roll_deg": 295.0}),
+        ("roll off by 180 deg", {"roll_deg": 205.0}),
+        ("roll sign", {"roll_deg": 335.0}),
+    ],
+)
+def test_a_wrong_angle_of_the_mount_is_named_with_the_right_one(cause, true):
+    finding = found(BOGOR, MOUNT, true_mount=replace(MOUNT, **true))
+    assert finding.cause == cause
+    ((name, value),) = true.items()
+    assert f"mount.{name}: {value:g};" in finding.size
+    assert finding.equals == ()
+
+
+@pytest.mark.parametrize(
+    ("clock_s", "cause", "words"),
+    [
+        (7 * 3600, "clock set to local time", "7 h ahead of UTC, as the local time of the zone UTC+7"),
+        (-4 * 3600, "clock set to local time", "4 h behind UTC, as the local time of the zone UTC-4"),
+        (5.75 * 3600, "clock set to local time", "UTC+5:45"),
+        (86400, "clock off by a day", "one day ahead"),
+        (-86400, "clock off by a day", "one day behind"),
+        (12345.0, "clock offset", "3 h 25 min 45 s fast"),
+    ],
+)
+@pytest.mark.parametrize("site", SITES, ids=lambda site: f"{site.latitude_deg}")
+def test_a_clock_that_is_off_is_named_with_its_offset(site, clock_s, cause, words):
+    finding = found(site, MOUNT, clock_s=clock_s)
+    assert finding.cause == cause
+    assert words in finding.size
+
+
+@pytest.mark.parametrize(("longitude_deg", "clock_s"), [(106.7, 12345.0), (150.0, -12345.0), (-150.0, 12345.0)])
+def test_a_clock_offset_has_the_longitude_as_its_equal_under_which_the_sky_stands_as_it_was_seen(
+    longitude_deg, clock_s
+):
+    """The Earth turns by 360.98565 deg in a day."""
+    finding = found(replace(MUNICH, longitude_deg=longitude_deg), MOUNT, clock_s=clock_s)
+    (fits_deg,) = (float(re.search(r"site\.longitude_deg: (-?[\d.]+)", equal)[1]) for equal in finding.equals[:1])
+    apart_deg = fits_deg - (longitude_deg - 360.98565 * clock_s / 86400)
+    assert apart_deg == pytest.approx(360 * round(apart_deg / 360), abs=0.02)
+    assert -180 <= fits_deg < 180
+
+
+def test_at_the_zenith_azimuth_and_roll_are_equals():
+    finding = found(MUNICH, Mount(), true_mount=Mount(azimuth_deg=90.0))
+    assert "azimuth" in finding.cause
+    assert any("roll" in equal for equal in finding.equals)
+
+
+@pytest.mark.parametrize(
+    ("true", "words"),
+    [
+        ({"azimuth_deg": 167.3}, "mount.azimuth_deg: 167.300"),
+        ({"altitude_deg": 57.0}, "mount.altitude_deg: 57.000"),
+        ({"roll_deg": 30.0}, "mount.roll_deg: 30.000"),
+        ({"azimuth_deg": 10.0, "altitude_deg": 50.0, "roll_deg": 77.0}, "azimuth 10.00, altitude 50.00, roll 77.00"),
+    ],
+)
+def test_a_mount_that_no_single_mistake_explains_is_given_its_angles(true, words):
+    finding = found(MUNICH, MOUNT, true_mount=replace(MOUNT, **true))
+    assert finding.cause == "mount"
+    assert words in finding.size
+
+
+def test_a_latitude_that_is_wrong_is_named():
+    finding = found(MUNICH, MOUNT, true_site=replace(MUNICH, latitude_deg=53.2))
+    assert finding.cause == "latitude"
+    assert "site.latitude_deg: 53.199" in finding.size
+
+
+def test_another_town_is_named_with_its_place():
+    finding = found(MUNICH, MOUNT, true_site=replace(MUNICH, latitude_deg=46.9, longitude_deg=9.5))
+    assert finding.cause == "site"
+    assert "latitude_deg: 46.9" in finding.size
+    assert "longitude_deg: 9.5" in finding.size
+    assert finding.equals == ("a mount whose base is not level",)
+
+
+def test_another_continent_is_named_with_its_place():
+    finding = found(BOGOR, MOUNT, true_site=replace(MUNICH, latitude_deg=2.0, longitude_deg=16.0))
+    assert finding.cause == "site"
+    assert "latitude_deg: 2.0" in finding.size or "latitude_deg: 1.99" in finding.size
+    assert "longitude_deg: 16.0" in finding.size or "longitude_deg: 15.99" in finding.size
+
+
+def test_a_gross_mistake_is_named_on_a_mount_that_was_set_by_hand_too():
+    finding = found(MUNICH, replace(MOUNT, altitude_deg=59.9), true_site=replace(MUNICH, latitude_deg=-48.2),
+                    true_mount=MOUNT)  # fmt: skip
+    assert finding.cause == "latitude sign"
+    assert "all but 0.10 deg" in finding.size
+
+
+def test_one_false_answer_among_the_frames_changes_nothing():
+    raw = attitudes(MUNICH, MOUNT, 7 * 3600.0, frames=5)
+    rotations = raw.icrs_to_sensor.copy()
+    rotations[2] = rotations[2].T
+    finding = gross_cause(replace(raw, icrs_to_sensor=rotations), MUNICH, MOUNT, TABLE).finding
+    assert finding.cause == "clock set to local time"
+
+
+def test_a_mount_that_is_driven_with_the_sky_is_named():
+    still = attitudes(MUNICH, MOUNT).icrs_to_sensor[:1]
+    raw = RawAttitudes(START_NS + np.arange(5) * 600 * NS_PER_S, np.repeat(still, 5, axis=0), FIELD)
+    cause = gross_cause(raw, MUNICH, MOUNT, TABLE)
+    assert cause.finding.cause == "mount follows the sky"
+    assert len(cause.left_arcsec) == 0
+
+
+def test_an_error_of_a_fifth_of_a_degree_is_not_gross():
+    assert found(MUNICH, MOUNT, true_mount=replace(MOUNT, altitude_deg=60.2)) is None
+
+
+@pytest.mark.parametrize(("off_deg", "is_gross"), [(0.29, False), (0.31, True), (-0.29, False), (-0.31, True)])
+def test_an_error_of_three_tenths_of_a_degree_is_the_least_that_is_gross(off_deg, is_gross):
+    finding = found(MUNICH, MOUNT, true_mount=replace(MOUNT, altitude_deg=60.0 + off_deg))
+    assert (finding is not None) == is_gross
+    assert finding is None or f"its altitude is off by {off_deg:+.3f} deg" in finding.size
+
+
+def test_a_clock_that_no_zone_explains_is_a_gross_finding():
+    finding = found(MUNICH, MOUNT, clock_s=12345.0)
+    assert (finding.cause, finding.is_gross) == ("clock offset", True)
+
+
+def test_one_sign_is_named_before_two_where_the_second_changes_nothing():
+    date_line = replace(MUNICH, longitude_deg=180.0)
+    finding = found(replace(date_line, latitude_deg=-48.2), MOUNT, true_site=date_line)
+    assert finding.cause == "latitude sign"
+    assert "latitude and longitude signs" in finding.equals[0]
+
+
+def test_azimuth_and_altitude_exchanged_are_named():
+    true = replace(MOUNT, azimuth_deg=35.0)
+    finding = found(MUNICH, replace(true, azimuth_deg=60.0, altitude_deg=35.0), true_mount=true)
+    assert finding.cause == "azimuth and altitude exchanged"
+    assert "mount.azimuth_deg: 35 and mount.altitude_deg: 60" in finding.size
+
+
+@pytest.mark.parametrize(("hours", "zone"), [(5.5, "UTC+5:30"), (-3.5, "UTC-3:30"), (5.75, "UTC+5:45")])
+def test_a_zone_of_half_an_hour_is_named_beside_a_mount_set_by_hand(hours, zone):
+    by_hand = replace(MOUNT, azimuth_deg=MOUNT.azimuth_deg + 0.1)
+    finding = found(BOGOR, MOUNT, true_mount=by_hand, clock_s=hours * 3600)
+    assert finding.cause == "clock set to local time"
+    assert zone in finding.size
+
+
+@pytest.mark.parametrize(("days", "words"), [(30, "30 days ahead"), (-7, "7 days behind"), (366, "366 days ahead")])
+def test_a_date_off_by_days_is_an_equal_of_the_clock_that_turns_as_much(days, words):
+    fast_s = days * 86_400 - round(days * 86_400 / 86_164.0905) * 86_164.0905 + 2.0
+    assert f"a date that is {words}" in list(wrong_dates(fast_s))
+    assert not list(wrong_dates(fast_s + 60))
+
+
+@pytest.mark.parametrize(
+    ("name", "turned_deg", "words"),
+    [
+        ("azimuth", 235.0, "azimuth is off by +235.000 deg: the stars fit mount.azimuth_deg: 5.000"),
+        ("azimuth", -140.0, "mount.azimuth_deg: 350.000"),
+        ("roll", -30.0, "roll is off by -30.000 deg: the stars fit mount.roll_deg: 355.000"),
+        ("altitude", 5.0, "altitude is off by -5.000 deg: the stars fit mount.altitude_deg: 55.000"),
+        ("altitude", 70.0, "mount.altitude_deg: -10.000"),
+    ],
+)
+def test_an_angle_that_is_off_is_told_as_a_station_file_takes_it(name, turned_deg, words):
+    finding = _of_angle(name, np.radians(turned_deg), MOUNT)
+    assert words in finding.size
+    assert finding.is_gross
+
+
+@pytest.mark.parametrize(
+    ("true", "true_site"),
+    [({"azimuth_deg": 10.0, "altitude_deg": 50.0, "roll_deg": 77.0}, MUNICH), ({}, replace(MUNICH, latitude_deg=53.2)),
+     ({}, replace(MUNICH, latitude_deg=46.9, longitude_deg=9.5)), ({"roll_deg": 30.0}, MUNICH)],
+)  # fmt: skip
+def test_each_turn_of_a_set_up_is_a_gross_finding(true, true_site):
+    assert found(MUNICH, MOUNT, true_site=true_site, true_mount=replace(MOUNT, **true)).is_gross

@@ -1,0 +1,95 @@
+"""A sensor's own answers to the panoramas of a night by astropy: which offsets are its own, which are its stars'."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skies.own_answers import by_stars, with_answers, without_error
+from skies.wrong_night import Plan, World, session, station_text
+
+from gse.config.station import parse_station
+from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.diagnosis.sensor_findings import sensor_findings
+from gse.instant import from_text
+from gse.site import Site
+from gse.station.setup import set_up
+from gse.statistics.sensor_answers import sensor_answers
+
+SITE = Site(latitude_deg=48.2, longitude_deg=11.6, height_m=500.0, pressure_hpa=955.0, temperature_c=8.0)
+ARCTIC = Site(latitude_deg=71.3, longitude_deg=-179.4, height_m=10.0, pressure_hpa=1012.0, temperature_c=-20.0)
+WORLD = World(SITE, azimuth_deg=130.0, altitude_deg=75.0, roll_deg=30.0, whole_pixels=False, noise_px=0.1)
+PLAN = Plan("2026-03-20T21:30:00Z", 40.0, 5.0, seed=6)
+
+
+@pytest.fixture(scope="module")
+def night():
+    return session(WORLD, WORLD, PLAN)
+
+
+def catalog_of(world, plan):
+    text = station_text(world)
+    return set_up(parse_station(text), text, utc_ns=from_text(plan.start)).identifier.catalog
+
+
+@pytest.fixture(scope="module")
+def catalog():
+    return catalog_of(WORLD, PLAN)
+
+
+def said(made):
+    return list(sensor_findings(made, sensor_answers(made), None))
+
+
+@pytest.mark.parametrize("delay", [0, 1])
+def test_a_delay_of_one_exposure_at_five_a_second_is_named_with_what_looks_the_same(night, catalog, delay):
+    found = said(with_answers(night, *by_stars(night, catalog, delay=delay)))
+    assert [finding.cause for finding in found] == ["sensor delay"] * delay
+    for finding in found:
+        assert "as those of 0.2" in finding.size or "as those of 0.1" in finding.size
+        turned = f"a body frame that is turned about the pole by {-0.2 * EARTH_RATE_ARCSEC_PER_S:+.1f}"
+        assert any(text.startswith(turned[:-2]) for text in finding.equals)
+        assert "mounted at another roll" in finding.next_step
+
+
+def test_a_sensor_that_takes_other_stars_may_lie_as_far_off(night, catalog):
+    """Ten of twenty-two: they lie elsewhere in the air."""
+    assert said(with_answers(night, *by_stars(night, catalog, most=10))) == []
+
+
+@pytest.mark.parametrize(("stars", "is_said"), [(10, False), (19, True)])
+def test_a_sensor_that_takes_far_fewer_stars_chooses_them_otherwise(night, catalog, stars, is_said):
+    """Of 22: by the air between ten of them as few arcsec may be told as by that between others."""
+    angles, counts = by_stars(night, catalog)
+    shifted = angles + np.array([0.0, 5.4 / 3600, 0.0])
+    assert bool(said(with_answers(night, shifted, 0 * counts + stars))) == is_said
+
+
+def test_a_sensor_that_does_not_say_how_many_stars_it_took_may_have_taken_others(night, catalog):
+    angles, counts = by_stars(night, catalog, delay=1)
+    assert said(with_answers(night, angles, 0 * counts)) == []
+
+
+@pytest.mark.parametrize("idea", ["its stars", "its field", "its boresight"])
+def test_the_mean_of_its_stars_or_of_its_field_or_the_boresight_is_as_good_an_answer(idea):
+    """At 35 deg air parts the stars of a field so that these lie some arcsec apart."""
+    world = replace(WORLD, site=ARCTIC, azimuth_deg=210.02, altitude_deg=35.0, roll_deg=144.72)
+    plan = replace(PLAN, start="2026-01-18T12:40:00Z")
+    low = session(world, world, plan)
+    angles, counts = by_stars(low, catalog_of(world, plan))
+    if idea != "its stars":
+        angles = without_error(low, whole_field=idea == "its field")
+    assert said(with_answers(low, angles, counts)) == []
+
+
+@pytest.mark.parametrize(
+    ("ra_arcsec", "de_arcsec", "may_be_late"), [(0.0, 4.0, False), (3.0, 1.2, True), (3.0, 2.0, False)]
+)
+def test_a_bias_of_its_own_is_one_that_a_turned_body_frame_has(night, catalog, ra_arcsec, de_arcsec, may_be_late):
+    """And one that a delay has, where as much in DE as there is other stars make: 1.3 arcsec here."""
+    angles, counts = by_stars(night, catalog)
+    shift = np.array([ra_arcsec / np.cos(np.radians(37.7)), de_arcsec, 0.0]) / 3600
+    (finding,) = said(with_answers(night, angles + shift, counts))
+    assert finding.cause == "sensor bias"
+    assert finding.equals[0] == "a body frame that is turned by as much"
+    assert [text for text in finding.equals if "answers of 0.25 s after" in text] == list(finding.equals[1:])
+    assert len(finding.equals) == 1 + may_be_late

@@ -1,0 +1,83 @@
+"""What is said where air parts the stars of a low field by more than an identifier allows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skies.known_nights import session
+
+from gse.budget.truth_budget import session_facts, truth_budget
+from gse.config.edit import with_values
+from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.diagnosis.low_field import air_in_field, under_air, without_shaking
+from gse.finding import Finding
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, Status, Subject
+from gse.statistics.decision import Outcome, Row
+from gse.statistics.sensor_answers import by_other_stars_arcsec
+from protocols import AttitudeMessage
+
+FAILED = Row(Subject.ONBOARD, "availability", 0.1, "", 0.95, Outcome.FAIL, "availability: 4 of 40 frames")
+
+
+def night(altitude_deg, answered=4):
+    """Forty panoramas, most of them answered by the reference identifier alone."""
+    mount = {"azimuth_deg": 140.0, "altitude_deg": altitude_deg, "roll_deg": 20.0}
+    made = session(40, station=parse_station(with_values(BUILT_IN_TEXT, "mount", mount)))
+    frames = made.frames.columns
+    frames["status"][answered:] = STATUSES.index(Status.NO_MATCH)
+    frames["answer_check"][answered:] = ANSWER_CHECKS.index(AnswerCheck.ABSENT)
+    frames["matched"] = 16
+    return made
+
+
+def test_an_identifier_without_air_does_not_fail_for_it():
+    row = under_air(FAILED, night(16.0))
+    assert row.outcome is Outcome.INCONCLUSIVE
+    assert "4 of 40 frames: air parts the stars of this low field by 5" in row.reason
+
+
+@pytest.mark.parametrize(
+    ("altitude_deg", "answered", "row"),
+    [
+        (50.0, 4, FAILED),
+        (16.0, 24, FAILED),
+        (16.0, 4, replace(FAILED, name="false answers")),
+        (16.0, 4, replace(FAILED, subject=Subject.SENSOR)),
+    ],
+)
+def test_nothing_else_is_excused(altitude_deg, answered, row):
+    assert under_air(row, night(altitude_deg, answered)) is row
+
+
+def test_no_vibration_is_told_where_air_chooses_the_stars():
+    found = (Finding("mount", "it is off"), Finding("vibration", "the boresight shakes"))
+    assert without_shaking(found, night(16.0)) == found[:1]
+    assert without_shaking(found, night(50.0)) == found
+
+
+def test_without_a_truth_nothing_is_known_of_the_air():
+    made = night(16.0)
+    made.earth_orientation = None
+    assert air_in_field(made) == ""
+    assert air_in_field(session(0)) == ""
+
+
+def test_the_stars_that_a_sensor_takes_in_a_low_field_are_a_term_of_its_own_rows_alone():
+    made = night(16.0)
+    bare = truth_budget(session_facts(made, clock_error_s=0.01))
+    assert bare.own_axes == bare.axes
+    for row in made.frames.columns.rows()[:9]:
+        made.sensor_attitudes.append(0, AttitudeMessage(int(row["time_us"]), 1.0, 2.0, 3.0, 0, 9, "acquired", 0.05))
+    each_arcsec = by_other_stars_arcsec(made)
+    budget = truth_budget(session_facts(made, clock_error_s=0.01))
+    assert 10 < each_arcsec < 30
+    assert budget.axes == bare.axes
+    for axis in ("d_ra_cosde", "d_de"):
+        both = np.hypot(budget.axes[axis].standard_arcsec, each_arcsec)
+        assert budget.own_axes[axis].standard_arcsec == pytest.approx(both)
+    assert budget.own_axes["d_roll"].standard_arcsec > 5 * each_arcsec
+    assert budget.complaint("dDE", 60.0, 3.0) is None
+    line = budget.complaint("dDE", 60.0, 3.0, own=True)
+    assert line.startswith("truth is not good enough for the sensor's dDE: own choice of stars leaves ")
+    assert line.endswith("; point the sensor higher")

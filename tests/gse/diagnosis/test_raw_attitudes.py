@@ -1,0 +1,47 @@
+"""What is taken of a session to look for gross mistakes: few frames of its whole length, and places over the field."""
+
+import numpy as np
+import pytest
+
+from gse.attitude import Attitude
+from gse.camera import Camera
+from gse.diagnosis.raw_attitudes import RawAttitudes
+from gse.station.frame_table import FRAME
+
+
+def frames(count):
+    made = np.zeros(count, dtype=FRAME)
+    made["utc_ns"] = np.arange(count) * 10**9
+    made["ra_deg"], made["de_deg"], made["roll_deg"] = np.arange(count) % 360, -20.0, 30.0
+    return made
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(1024, 1024), (1600, 800)])
+def test_the_field_is_its_middle_and_corners_at_seven_tenths(columns, rows):
+    camera = Camera(rows, columns, 2000.0, (columns / 2, rows / 2))
+    found = RawAttitudes.of(frames(3), np.arange(3), camera).field_sensor
+    x, y = 0.35 * columns / 2000.0, 0.35 * rows / 2000.0
+    assert np.linalg.norm(found, axis=1) == pytest.approx(np.ones(5))
+    on_plane = found[:, :2] / found[:, 2:]
+    expected = [[0, 0], [x, y], [-x, y], [x, -y], [-x, -y]]
+    assert on_plane.tolist() == [pytest.approx(one) for one in expected]
+    assert (found[:, 2] > 0).all()
+
+
+@pytest.mark.parametrize(("answered", "taken"), [(1, 1), (14, 14), (15, 15), (16, 15), (1000, 15)])
+def test_fifteen_answered_frames_stand_for_all_first_and_last_among_them(answered, taken):
+    rows = 3 + 2 * np.arange(answered)
+    found = RawAttitudes.of(frames(3000), rows, Camera(1024, 1024, 4170.0, (511.5, 511.5)))
+    at_s = found.utc_ns // 10**9
+    assert len(at_s) == taken
+    assert (at_s[0], at_s[-1]) == (rows[0], rows[-1])
+    assert np.isin(at_s, rows).all()
+    assert taken < 3 or np.ptp(np.diff(at_s)) <= 2
+    first = Attitude.from_angles(float(rows[0] % 360), -20.0, 30.0).icrs_to_sensor
+    assert found.icrs_to_sensor[0] == pytest.approx(first)
+
+
+def test_some_of_them_are_the_first_the_middle_and_the_last_of_a_mask():
+    raw = RawAttitudes(np.arange(9), np.zeros((9, 3, 3)), np.zeros((5, 3)))
+    mask = np.array([0, 1, 1, 0, 1, 1, 1, 1, 0], dtype=bool)
+    assert raw.some(mask).utc_ns.tolist() == [1, 5, 7]

@@ -1,0 +1,239 @@
+"""What is said of a sensor's own answers: zeros, a standstill, a delay, a bias, and where nothing is said."""
+
+import copy
+import math
+import re
+
+import numpy as np
+import pytest
+import scipy.special
+from skies.known_nights import START_NS, STATION, session
+
+from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.diagnosis.beside_panoramas import _scatter
+from gse.diagnosis.sensor_findings import sensor_findings
+from gse.finding import Finding
+from gse.instant import NS_PER_S
+from gse.mount import InertialDirection, Mount
+from gse.statistics.sensor_answers import SensorAnswers, sensor_answers
+from gse.truth import Alignment
+from protocols import AttitudeMessage
+
+FRAMES = 400
+
+
+@pytest.fixture(scope="module")
+def night():
+    made = session(FRAMES, noise=2.0)
+    made.frames.columns["matched"] = 20
+    return made
+
+
+def beside(night, ra=0.0, de=0.0, *, roll=0.0, noise=2.0, count=FRAMES):
+    """Answers that lie so far off those that follow here from the same panoramas, in arcsec."""
+    frames, rng = night.frames.columns, np.random.default_rng(5)
+    off = {name: np.full(FRAMES, np.nan) for name in SensorAnswers.__slots__}
+    for name, value in (("d_ra_cosde_arcsec", ra), ("d_de_arcsec", de), ("d_roll_arcsec", roll)):
+        off[name][:count] = frames[name][:count] + value + rng.normal(0, noise, count)
+    for name in ("ra_deg", "de_deg", "cross_x_arcsec", "cross_y_arcsec"):
+        off[name][:count] = frames[name][:count]
+    for name in ("de_deg", "cross_y_arcsec"):
+        off[name][:count] += rng.normal(0, noise, count) / (3600 if name == "de_deg" else 1)
+    return SensorAnswers(**off)
+
+
+def said(night, *place, **options):
+    return [str(finding) for finding in sensor_findings(night, beside(night, *place, **options), None)]
+
+
+def test_when_an_answer_arrives_is_counted_from_the_middle_of_its_exposure_in_ms():
+    """7 ms and half a second, an answer of a file, which came at no time, and none."""
+    made = session(4)
+    for row, late_ns in zip(made.frames.columns.rows()[:3], (7_000_000, 500_000_000, None), strict=True):
+        message = AttitudeMessage(int(row["time_us"]), 10.0, 20.0, 30.0, int(row["frame_no"]), 12, "acquired", 0.08)
+        made.sensor_attitudes.append(0 if late_ns is None else int(row["utc_ns"]) + late_ns, message)
+    found = sensor_answers(made)
+    assert found.arrival_ms == pytest.approx([7.0, 500.0, math.nan, math.nan], nan_ok=True)
+    assert found.latency_ms == pytest.approx([80.0, 80.0, 80.0, math.nan], nan_ok=True)
+    assert (found.sent.tolist(), found.acquired.tolist()) == ([True] * 3 + [False],) * 2
+    assert found.matched.tolist() == [12, 12, 12, 0]
+    assert sensor_answers(session(4)) is None
+
+
+def test_answers_are_compared_from_the_first_frame_after_those_that_the_mount_was_fitted_on():
+    made = session(10, noise=0.0)
+    rows = made.frames.columns
+    rows["ra_true_deg"][:4] = np.nan
+    made.alignment = Alignment(STATION.mount, ((0.0,) * 3,) * 3, (0.0,) * 3, 4, 0, START_NS, START_NS + NS_PER_S)
+    for row in rows.rows():
+        message = AttitudeMessage(int(row["time_us"]), 10.0, 20.0, 30.0, int(row["frame_no"]), 12, "acquired", 0.08)
+        made.sensor_attitudes.append(int(row["utc_ns"]), message)
+    assert np.isfinite(sensor_answers(made).d_de_arcsec).tolist() == [False] * 4 + [True] * 6
+    rows["ra_true_deg"] = np.nan
+    assert not np.isfinite(sensor_answers(made).d_de_arcsec).any()
+
+
+@pytest.mark.parametrize(("late_frames", "cause"), [(1.0, "sensor delay"), (1.5, "sensor bias")])
+def test_a_shift_of_whole_frames_is_a_delay_though_it_lies_a_little_north_too(late_frames, cause):
+    """Within what pixels leave of a boresight."""
+    made = session(FRAMES, step_s=2.0, noise=0.5)
+    made.frames.columns["matched"] = 4
+    cos_de = math.cos(math.radians(float(np.median(made.frames.columns["de_true_deg"]))))
+    (text,) = said(made, -2.0 * late_frames * EARTH_RATE_ARCSEC_PER_S * cos_de, 8.0, noise=0.5)
+    assert cause in text
+
+
+def test_answers_that_agree_are_no_finding(night):
+    assert said(night) == []
+    assert sensor_findings(night, None, None) == ()
+
+
+@pytest.mark.parametrize(("late_s", "side"), [(3.0, "before"), (-3.0, "after")])
+def test_a_shift_along_the_turning_sky_is_a_delay(night, late_s, side):
+    cos_de = math.cos(math.radians(float(np.median(night.frames.columns["de_true_deg"]))))
+    (text,) = said(night, -late_s * EARTH_RATE_ARCSEC_PER_S * cos_de)
+    assert "sensor delay" in text
+    stated_s = re.search(rf"as those of ([\d.]+) s {side} the exposure", text)
+    assert float(stated_s[1]) == pytest.approx(3.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("ra", "de", "words"),
+    [
+        (0.0, 40.0, ["sensor bias", "+40.", "arcsec north"]),
+        (100.0, -30.0, ["sensor bias", "arcsec east"]),
+        (100.0, 5.0, ["sensor delay"]),
+        (20.0, 5400.0, ["sensor bias", "+1.500 deg north"]),
+        (20.0, -3000.2, ["sensor bias", "-3000.", "arcsec north"]),
+    ],
+)
+def test_what_lies_across_it_too_is_a_bias(night, ra, de, words):
+    (text,) = said(night, ra, de, noise=0.1)
+    assert all(word in text for word in words)
+
+
+@pytest.mark.parametrize(("off", "is_said"), [(11.0, False), (15.0, True)])
+def test_four_sigmas_of_whole_pixels_are_let_pass(night, off, is_said):
+    """A pixel of 49 arcsec leaves 14.3 in each star, 3.2 in twenty, four times as much is 12.8."""
+    assert STATION.sensor.camera().pixel_rad * 206264.8 == pytest.approx(49.5, abs=0.6)
+    assert bool(said(night, 0.0, off, noise=0.5)) == is_said
+
+
+@pytest.mark.parametrize(("off", "is_said"), [(40.0, False), (400.0, True)])
+def test_five_sigmas_of_their_own_scatter_are_let_pass(night, off, is_said):
+    """Medians of twenty blocks of twenty answers that scatter by 400 arcsec are known to 25 on each axis."""
+    assert any("sensor bias" in text for text in said(night, 0.0, off, noise=400.0)) == is_said
+
+
+def test_a_frame_that_is_late_is_a_delay_though_it_lies_across_too(night):
+    """12.1 arcsec is what the sky turns by in ten frames of 0.1 s here: within the pixels' error, a bias of DE too."""
+    cos_de = math.cos(math.radians(float(np.median(night.frames.columns["de_true_deg"]))))
+    (text,) = said(night, -EARTH_RATE_ARCSEC_PER_S * cos_de, 6.0, noise=0.1)
+    assert "sensor delay" in text
+    (text,) = said(night, 0.4 * EARTH_RATE_ARCSEC_PER_S, 14.0, noise=0.1)
+    assert "sensor bias" in text
+
+
+@pytest.mark.parametrize(("roll", "is_said"), [(100.0, False), (648_000.0, True), (-900.0, True)])
+def test_a_turn_about_the_boresight_is_named(night, roll, is_said):
+    assert [text.split(":")[0] for text in said(night, roll=roll)] == ["sensor roll"] * is_said
+
+
+@pytest.mark.parametrize("cause", ["distortion", "refraction", "clock offset"])
+def test_a_camera_or_air_that_is_wrong_puts_off_the_answers_here(night, cause):
+    named = (Finding(cause, "as it is"),)
+    found = sensor_findings(night, beside(night, 20.0, 3000.0, roll=4000.0), None, named=named)
+    assert len(found) == (2 if cause == "clock offset" else 0)
+
+
+def test_the_turn_of_the_sky_within_a_delay_is_no_error_of_its_own(night):
+    """At a declination of 60 deg a minute turns the sky about the boresight by 781 arcsec."""
+    made = copy.deepcopy(night)
+    made.frames.columns["de_true_deg"] = 60.0
+    sky_arcsec = -60 * EARTH_RATE_ARCSEC_PER_S
+    along, about = sky_arcsec * math.cos(math.radians(60)), sky_arcsec * math.sin(math.radians(60))
+    (text,) = said(made, along, roll=about)
+    assert "sensor delay" in text
+    assert len(said(made, along, roll=2 * about)) == 2
+
+
+def test_answers_that_scatter_by_more_than_those_here_are_named(night):
+    assert said(night, noise=5.0) == []
+    (text,) = said(night, noise=40.0)
+    assert "sensor noise" in text
+
+
+@pytest.mark.parametrize(("count", "is_said"), [(39, False), (40, True)])
+def test_forty_answers_are_needed(night, count, is_said):
+    assert bool(said(night, 0.0, 200.0, count=count)) == is_said
+
+
+def answering(times_s, places_deg, *, state="acquired", mount=None):
+    station = STATION if mount is None else STATION.model_copy(update={"mount": mount})
+    made = session(0, station=station)
+    for at_s, ra_deg in zip(times_s, places_deg, strict=True):
+        time_us = round(at_s * 1e6)
+        de_deg, roll_deg = (0.0, 0.0) if ra_deg == 0 else (-10.0, 30.0)
+        message = AttitudeMessage(time_us, ra_deg=ra_deg, de_deg=de_deg, roll_deg=roll_deg, state=state)
+        made.sensor_attitudes.append(START_NS + round(at_s * NS_PER_S), message)
+    return [str(finding) for finding in sensor_findings(made, None, None)]
+
+
+@pytest.mark.parametrize(
+    ("alike", "step_s", "is_said"), [(5, 0.5, True), (4, 1.0, False), (5, 0.4, False), (8, 0.3, True)]
+)
+@pytest.mark.parametrize("begin", [0, 7, 12])
+def test_five_equal_answers_over_two_seconds_are_a_standstill(alike, step_s, is_said, begin):
+    places = [100.0 + 0.01 * k for k in range(20)]
+    places[begin : begin + alike] = [places[begin]] * alike
+    found = answering(step_s * np.arange(20), places)
+    seconds = (alike - 1) * step_s
+    words = f"{alike} of 20 repeat the one before to the last digit, for up to {seconds:.1f} s"
+    assert bool(found) == is_said
+    assert all(words in text and f"turned by {15.041 * seconds:.0f} arcsec" in text for text in found)
+
+
+def test_the_longest_of_two_standstills_is_told_and_all_their_answers_counted():
+    places = [1.0] * 5 + [2.0, 3.0] + [4.0] * 9
+    (text,) = answering(np.arange(16.0), places)
+    assert "14 of 16 repeat" in text
+    assert "up to 8.0 s" in text
+
+
+def test_before_a_star_simulator_answers_may_stand_still():
+    shown = Mount(inertial=InertialDirection(ra_deg=10.0, de_deg=20.0, roll_deg=0.0))
+    assert answering(np.arange(10.0), [5.0] * 10) != []
+    assert answering(np.arange(10.0), [5.0] * 10, mount=shown) == []
+
+
+@pytest.mark.parametrize(("alike", "is_bias_said"), [(FRAMES, False), (60, True)])
+def test_answers_most_of_which_stand_still_have_no_bias_and_no_noise_beside(night, alike, is_bias_said):
+    made = copy.copy(night)
+    made.sensor_attitudes = type(night.sensor_attitudes)()
+    for number, row in enumerate(night.frames.columns.rows()):
+        ra_deg = 10.0 if number < alike else 10.0 + 0.01 * number
+        message = AttitudeMessage(int(row["time_us"]), ra_deg, 20.0, 30.0, int(row["frame_no"]), 12, "acquired", 0.08)
+        made.sensor_attitudes.append(int(row["utc_ns"]), message)
+    texts = said(made, 4000.0, 4000.0, roll=9000.0)
+    assert "sensor answers stand still" in texts[0]
+    assert any("sensor bias" in text for text in texts) == is_bias_said
+    assert is_bias_said or len(texts) == 1
+
+
+def test_zeros_that_are_called_good_are_counted():
+    places = [0.0 if k % 4 == 0 else 100.0 + k for k in range(12)]
+    (text,) = answering(np.arange(12.0), places)
+    assert "3 of 12 say RA 0, DE 0 and roll 0" in text
+    assert answering(np.arange(12.0), places, state="lost") == []
+
+
+def test_scatter_from_frame_to_frame_is_the_standard_deviation_of_noise_whatever_a_few_false_answers_do():
+    """Steps of noise of 7 arcsec are a normal distribution of 7 times the root of 2; here its quantiles, mixed."""
+    frames, random = session(1001).frames.columns, np.random.default_rng(8)
+    steps = 7 * math.sqrt(2) * random.permutation(scipy.special.ndtri((np.arange(1000) + 0.5) / 1000))
+    values, rows = np.r_[0.0, np.cumsum(steps)], np.arange(1001)
+    assert _scatter(frames, rows, values) == pytest.approx(7.0, rel=1e-3)
+    mixed = random.permutation(1001)
+    assert _scatter(frames, mixed, values[mixed]) == _scatter(frames, rows, values)
+    values[::100] = 1e5
+    assert _scatter(frames, rows, values) == pytest.approx(7.0, rel=0.05)

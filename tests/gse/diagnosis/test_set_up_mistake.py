@@ -1,0 +1,118 @@
+"""When a mistake of the set-up explains a session, and which rows it excuses."""
+
+from dataclasses import replace
+
+import pytest
+from skies.known_nights import START_NS, STATION, session, unanswered
+from skies.one_by_one import add_frame
+
+from drivers.chunk import LinkEvent
+from gse.config.station import BUILT_IN_TEXT
+from gse.diagnosis.session_gross_cause import gross_finding
+from gse.diagnosis.set_up_mistake import excused, set_up_mistake
+from gse.finding import Finding
+from gse.instant import NS_PER_S
+from gse.station.results import Subject
+from gse.station.session_data import SessionData
+from gse.statistics.counted_frames import counted_frames
+from gse.statistics.decision import Outcome, Row
+
+ROLL_STATED = {"mount": replace(STATION.mount, roll_deg=STATION.mount.roll_deg + 90)}
+
+
+def mistake_of(made, *causes):
+    counted = counted_frames(made)
+    gross = gross_finding(made, counted)
+    found = (*(Finding(cause, "") for cause in causes), *((gross,) if gross else ()))
+    return set_up_mistake(made, counted, found)
+
+
+def blind(*kinds):
+    made = SessionData(STATION, BUILT_IN_TEXT, "panorama-v1")
+    for number in range(20):
+        add_frame(made.frames, unanswered(number))
+    made.events = [LinkEvent(START_NS, 0, kind, "") for kind in kinds]
+    return made
+
+
+@pytest.mark.parametrize(
+    ("cause", "kinds", "is_mistake"),
+    [
+        ("mirrored image", ("MIRRORED",), True),
+        ("focal length", ("WRONG_CAMERA",), True),
+        ("focal length", ("MIRRORED",), False),  # found by the errors of a session, not by the camera watch
+        ("mirrored image", (), False),
+        ("clock offset", ("MIRRORED",), False),
+    ],
+)
+def test_a_camera_stated_wrongly_is_one_where_nothing_was_identified(cause, kinds, is_mistake):
+    found = mistake_of(blind(*kinds), cause)
+    assert (found is not None and found.cause == cause) == is_mistake
+
+
+def test_a_camera_under_which_one_panorama_was_identified_is_none():
+    made = session(1)
+    made.events = [LinkEvent(START_NS, 0, "MIRRORED", "")]
+    assert mistake_of(made, "mirrored image") is None
+
+
+@pytest.mark.parametrize(("limit_arcsec", "is_mistake"), [(60.0, True), (1e-6, False)])
+def test_a_gross_mistake_must_leave_errors_that_keep_the_limits(limit_arcsec, is_mistake):
+    made = session(40)
+    limits = replace(STATION.limits, d_ra_cosde_arcsec=limit_arcsec, d_de_arcsec=limit_arcsec)
+    made.station = STATION.model_copy(update={**ROLL_STATED, "limits": limits})
+    assert (mistake_of(made) is not None) == is_mistake
+
+
+def test_a_session_without_a_gross_mistake_has_none():
+    assert mistake_of(session(40), "mount", "clock offset") is None
+
+
+@pytest.mark.parametrize(
+    ("cause", "fast_s", "is_mistake"),
+    [
+        ("clock set to GPS time", 18, True),
+        ("clock set to GPS time", 16, True),
+        ("clock set to GPS time", 8, False),
+        ("clock set to TAI", 37, True),
+        ("clock set to TAI", 18, False),
+        ("clock offset", 18, False),
+    ],
+)
+def test_a_clock_on_another_time_scale_explains_a_session_where_what_it_leaves_keeps_the_limits(
+    cause, fast_s, is_mistake
+):
+    """The sky turns by 15 arcsec in 1 s, and 85 are left to a boresight: 2 s keep them, 10 s do not.
+
+    The answers of this night lack aberration, 21 arcsec at most.
+    """
+    made = session(20)
+    made.frames.columns["utc_ns"] += fast_s * NS_PER_S
+    found = set_up_mistake(made, counted_frames(made), (Finding(cause, ""),))
+    assert (found is not None and found.cause == cause) == is_mistake
+
+
+def row(name, unit, outcome=Outcome.FAIL, subject=Subject.ONBOARD):
+    return Row(subject, name, 1.0, unit, 0.5, outcome, "it is too much")
+
+
+@pytest.mark.parametrize(
+    ("cause", "judged", "is_excused"),
+    [
+        ("azimuth from south", row("mean |dDE|", "arcsec"), True),
+        ("azimuth from south", row("mean |dDE|", "arcsec", subject=Subject.SENSOR), True),
+        ("azimuth from south", row("mean |dDE|", "arcsec", Outcome.PASS), False),
+        ("azimuth from south", row("availability", ""), False),
+        ("azimuth from south", row("identification time on this host, 99 %", "ms"), False),
+        ("mirrored image", row("availability", ""), True),
+        ("mirrored image", row("availability", "", subject=Subject.SENSOR), False),
+        ("mirrored image", row("false answers", ""), True),
+        ("focal length", row("mean |dDE|", "arcsec"), True),
+        ("focal length", row("mean |dDE|", "arcsec", subject=Subject.SENSOR), False),
+        ("focal length", row("identification time on this host, 99 %", "ms"), False),
+    ],
+)
+def test_a_row_is_excused_where_the_mistake_made_it_fail(cause, judged, is_excused):
+    found = excused(judged, Finding(cause, ""))
+    assert found.outcome is (Outcome.INCONCLUSIVE if is_excused else judged.outcome)
+    assert found.reason == (f"it is too much: by the set-up ({cause})" if is_excused else "it is too much")

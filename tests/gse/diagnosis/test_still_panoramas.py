@@ -1,0 +1,49 @@
+"""A sensor whose picture stands still, by how far the sky moves meanwhile."""
+
+import math
+
+import numpy as np
+import pytest
+from skies.known_nights import STATION, session
+
+from gse.diagnosis.still_panoramas import _longest_run, still_panoramas
+
+SAME_STARS = tuple((100.0 + 60 * star, 900.0 - 50 * star, 0.0, 0.0) for star in range(12))
+PIXEL_ARCSEC = 206_265 / STATION.sensor.camera().focal_length_px
+
+
+def frozen(duration_s, *, de_deg=0.0, frames=21):
+    """A sensor that sends the same picture for so long."""
+    made = session(frames, step_s=duration_s / (frames - 1), matches=SAME_STARS)
+    made.frames.columns["de_true_deg"][:] = de_deg
+    return still_panoramas(made)
+
+
+@pytest.mark.parametrize(("duration_s", "de_deg"), [(60.0, 0.0), (200.0, 0.0), (200.0, 60.0)])
+def test_a_picture_that_stands_still_is_told_with_how_far_the_sky_moves(duration_s, de_deg):
+    """By 360 deg in a sidereal day of 86164.1 s, times the cosine of the declination."""
+    moved_px = 1_296_000 / 86_164.1 * duration_s * math.cos(math.radians(de_deg)) / PIXEL_ARCSEC
+    finding = frozen(duration_s, de_deg=de_deg)
+    assert finding.cause == "frozen sensor"
+    assert finding.size.startswith("21 panoramas in a row show the same objects on the same pixels, ")
+    assert f"for {duration_s:.0f} s in which the sky moves by {moved_px:.0f} px;" in finding.size
+
+
+@pytest.mark.parametrize(("moved_px", "is_frozen"), [(4.9, False), (5.1, True)])
+def test_the_sky_must_move_by_five_pixels_before_a_picture_stands_still(moved_px, is_frozen):
+    duration_s = moved_px * PIXEL_ARCSEC / 15.04107
+    assert (frozen(duration_s) is not None) == is_frozen
+
+
+@pytest.mark.parametrize(("frames", "is_frozen"), [(9, False), (10, True)])
+def test_ten_panoramas_with_the_same_picture_show_that_it_stands_still(frames, is_frozen):
+    assert (frozen(600.0, frames=frames) is not None) == is_frozen
+
+
+def test_of_the_longest_run_of_one_picture_the_first_and_the_last_are_told():
+    """Five pictures, ten times the same, five others; a frame that is missing ends a run."""
+    pictures = np.array([*range(5), *[9] * 10, *range(10, 15)], dtype=float)[:, None]
+    rows = np.arange(20)
+    assert _longest_run(rows, pictures) == (5, 14)
+    assert _longest_run(np.where(rows < 8, rows, rows + 1), pictures) == (8, 14)
+    assert _longest_run(rows, np.zeros((20, 1))) == (0, 19)

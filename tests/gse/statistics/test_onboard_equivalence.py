@@ -1,0 +1,99 @@
+"""The sensor's own answers beside the onboard-equivalent ones."""
+
+import pytest
+from skies.known_nights import session
+
+from gse.diagnosis.sensor_findings import sensor_findings
+from gse.station.results import Subject
+from gse.statistics.session_statistics import sensor_masks, statistics
+from protocols import AttitudeMessage
+
+
+def answer(made, first=0, until=None, *, off_arcsec=0.0, state="acquired"):
+    rows = made.frames.columns.rows()
+    for row in rows[first:until]:
+        made.sensor_attitudes.append(
+            int(row["utc_ns"]),
+            AttitudeMessage(
+                time_us=int(row["time_us"]),
+                ra_deg=round(float(row["ra_deg"]), 6),
+                de_deg=round(float(row["de_deg"]) + off_arcsec / 3600, 6),
+                roll_deg=(float(row["roll_deg"]) + 360) % 360,
+                frame_no=int(row["frame_no"]),
+                state=state,
+                latency_s=0.08,
+            ),
+        )
+
+
+def test_a_sensor_that_answers_as_its_rebuilding_is_equivalent():
+    made = session(100)
+    answer(made)
+    own = statistics(made).equivalence
+    assert own.same
+    assert (own.answers, own.both, own.only_sensor, own.only_station) == (100, 100, 0, 0)
+    assert own.separation_arcsec.max < 0.01
+    assert own.latency_ms.p50 == pytest.approx(80)
+    assert named(made) == []
+
+
+def named(made):
+    found = statistics(made)
+    return [str(one) for one in sensor_findings(made, found.own, found.convention, found.equivalence)]
+
+
+def test_a_sensor_that_does_not_answer_what_is_answered_here_is_named():
+    made = session(100)
+    answer(made, until=50)
+    answer(made, 50, state="lost")
+    own = statistics(made).equivalence
+    assert not own.same
+    assert (own.both, own.only_station) == (50, 50)
+    assert named(made)[0].startswith("sensor answers otherwise: of 100 panoramas, 50 were answered only here")
+
+
+def test_another_identifier_of_the_same_noise_is_no_fault():
+    made = session(100, noise=5.0)
+    for first in range(0, 100, 2):
+        answer(made, first, first + 1, off_arcsec=4.0)
+        answer(made, first + 1, first + 2, off_arcsec=-4.0)
+    assert not statistics(made).equivalence.same
+    assert named(made) == []
+
+
+def test_an_answer_beside_a_confirmed_one_is_false_where_it_names_other_stars():
+    """0.3 deg off is within half a degree of the median, and yet not where the stars of its panorama are."""
+    made = session(100)
+    answer(made, until=90)
+    answer(made, 90, 95, off_arcsec=170.0)
+    answer(made, 95, off_arcsec=1080.0)
+    found = statistics(made)
+    assert found.subjects[Subject.SENSOR].false_answers.count == 5
+    false, used = sensor_masks(found.own, made.frames.columns, found.counted)
+    assert not (false & used).any()
+
+
+def test_a_sensor_without_answers_of_its_own_is_not_compared():
+    assert statistics(session(10)).equivalence is None
+
+
+@pytest.mark.parametrize(
+    ("sensor_deg", "station_deg", "apart_arcsec"),
+    [(25.0, 25.0, 0.0), (359.9, 0.1, 720.0), (0.1, 359.9, 720.0), (10.0, 10.25, 900.0), (180.0, 0.0, 648_000.0)],
+)
+def test_two_rolls_are_as_far_apart_as_the_shorter_way_round(sensor_deg, station_deg, apart_arcsec):
+    made = session(3)
+    answer(made)
+    made.frames.columns["roll_deg"][:] = station_deg
+    made.sensor_attitudes.columns["roll_deg"][:] = sensor_deg
+    assert statistics(made).equivalence.roll_arcsec.p50 == pytest.approx(apart_arcsec, abs=0.1)
+
+
+@pytest.mark.parametrize(("off_arcsec", "is_false"), [(170.0, False), (190.0, True)])
+def test_an_answer_is_false_where_it_lies_further_from_a_confirmed_one_than_two_of_the_same_stars(off_arcsec, is_false):
+    made = session(100)
+    answer(made, until=99)
+    answer(made, 99, off_arcsec=off_arcsec)
+    stats = statistics(made)
+    assert stats.subjects[Subject.SENSOR].false_answers.count == is_false
+    assert stats.subjects[Subject.SENSOR].axes["d_de"].n == 100 - is_false
