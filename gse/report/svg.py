@@ -9,7 +9,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from gse.drawing.palette import GREY, hex_of
-from gse.release_memory import give_back_garbage
+from gse.release_memory import all_else_kept, give_back_garbage
 
 WIDTH_IN = 7.2
 """The printed width of A4 less its margins."""
@@ -42,7 +42,7 @@ _STYLE = {
 _MANY_DECIMALS = re.compile(r"(?<=\.\d{3})(?<!scale\(0\.\d{3})\d+")
 """A thousandth of a point is enough for a place, and not every machine has the last of six decimals alike."""
 
-_IDS = re.compile(r'(?<=\bid=")[^"]+|(?<=href="#)[^"]+|(?<=url\(#)[^)]+')
+_IDS = re.compile(r'(\bid="|href="#|url\(#)([^")]+)')
 
 
 Draw = Callable[[Figure], None]
@@ -51,7 +51,7 @@ Draw = Callable[[Figure], None]
 def svgs_of(plots: Iterable[tuple[str, float, Draw]]) -> dict[str, str]:
     """SVG elements by name, of each plot's name, height in inches and what draws it."""
     elements = {}
-    with mpl.rc_context({**mpl.rcParamsDefault, **_STYLE, "backend": "svg"}):
+    with mpl.rc_context({**mpl.rcParamsDefault, **_STYLE, "backend": "svg"}), all_else_kept():
         for name, height_in, draw in plots:
             elements[name] = _svg_of(name, height_in, draw)
             give_back_garbage()
@@ -100,4 +100,4 @@ def _svg_of(name: str, height_in: float, draw: Draw) -> str:
 def _renumbered(svg: str, name: str) -> str:
     """The plot with its ids numbered in their order: some of matplotlib's are addresses in memory."""
     numbers: dict[str, str] = {}
-    return _IDS.sub(lambda found: numbers.setdefault(found[0], f"{name}-{len(numbers)}"), svg)
+    return _IDS.sub(lambda found: found[1] + numbers.setdefault(found[2], f"{name}-{len(numbers)}"), svg)
