@@ -1,6 +1,7 @@
 """``gse report``: the report of a session, or of several side by side."""
 
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,6 +34,7 @@ from gse.errors import UsageError
 from gse.sign_of_life import working
 from gse.station.exclusions import Exclusion
 from gse.station.results import Verdict
+from gse.station.session_data import SessionData
 from gse.truth.iers_tables import GivenTables
 
 if TYPE_CHECKING:
@@ -52,8 +54,10 @@ class _Judging:
     anew: bool
     threads: int
 
-    def judged(self, path: Path, *, anew: bool = False) -> "Judged":
-        """A session as it is judged with these options; ``anew``: not from kept results."""
+    def judged(
+        self, path: Path, *, anew: bool = False, before: Callable[[SessionData], None] = lambda session: None
+    ) -> "Judged":
+        """A session as it is judged with these options; ``anew``: not from kept results. ``before`` gets it first."""
         from gse.cli.progress import judged_with_progress
         from gse.sessions.replay import ReplayOptions
 
@@ -63,6 +67,7 @@ class _Judging:
             station=self.station,
             anew=anew or self.anew,
             threads=self.threads,
+            before=before,
         )
         if self.clock_error_s is None and not self.excluded:
             return found
@@ -158,14 +163,18 @@ def command(ctx: click.Context, *, paths: tuple[Path, ...], judging: _Judging, o
 
 def _report_one(path: Path, judging: _Judging, output: _Output) -> int:
     """Write and show the report of a session; the exit code."""
+    from gse.report.drawn_beside import DrawnBeside
     from gse.report.printing import find_browser, print_to_pdf, save_picture
 
     browser = find_browser() if output.pdf or output.screenshot else None
     _say_if_running(path)
-    judged = judging.judged(path)
-    folder = _new_folder(output.out, path)
-    with working("drawing the report"):
-        report = conclude(judged.session, judged.assessment, folder, judged.own_elapsed_us, plots=output.plots)
+    with DrawnBeside() as beside:
+        is_saved = output.plots and "matplotlib" not in sys.modules  # the wait for its import
+        judged = judging.judged(path, before=beside.start if is_saved else lambda session: None)
+        folder = _new_folder(output.out, path)
+        of_session = judged.session, judged.assessment
+        with working("drawing the report"):
+            report = conclude(*of_session, folder, judged.own_elapsed_us, plots=output.plots, beside=beside)
     if browser and output.pdf:
         click.echo(f"PDF: {print_to_pdf(browser, folder / 'report.html')}", err=True)
     if browser and output.screenshot:
