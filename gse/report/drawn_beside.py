@@ -15,8 +15,8 @@ from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
 from typing import Self
 
-from gse.assessment.statistics import Statistics
 from gse.station.session_data import SessionData
+from gse.statistics.session_statistics import Statistics
 
 _HALVES = 2
 
