@@ -1,50 +1,17 @@
 """Gross causes, each injected into skies of astropy alone."""
 
-import functools
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies.astropy_attitudes import BOGOR, FIELD, MOUNT, MUNICH, SITES, START_NS, TABLE, attitudes
 
-from gse.attitude import solve_attitude
 from gse.diagnosis.gross_causes import gross_cause
 from gse.diagnosis.gross_turns import _of_angle, wrong_dates
 from gse.diagnosis.raw_attitudes import RawAttitudes
-from gse.instant import NS_PER_S, from_text
+from gse.instant import NS_PER_S
 from gse.mount import Mount
-from gse.selfcheck.astropy_sky import AstropySky
-from gse.selfcheck.made_sensor import mounted
-from gse.site import Site
-from gse.truth import EarthOrientation
-
-START_NS = from_text("2026-03-20T15:00:00Z")
-TABLE = EarthOrientation.from_disk(START_NS)
-AIR = {"pressure_hpa": 985.0, "temperature_c": 15.0}
-MUNICH = Site(latitude_deg=48.2, longitude_deg=11.6, height_m=500.0, **AIR)
-BOGOR = Site(latitude_deg=-6.53, longitude_deg=106.7, height_m=250.0, **AIR)
-CERRO = Site(latitude_deg=-35.3, longitude_deg=-70.2, height_m=400.0, **AIR)
-SITES = (MUNICH, BOGOR, CERRO)
-MOUNT = Mount(azimuth_deg=130.0, altitude_deg=60.0, roll_deg=25.0)
-GRID = np.array([[x, y, 1.0] for x in (-0.08, 0.0, 0.08) for y in (-0.08, 0.0, 0.08)])
-FIELD = GRID / np.linalg.norm(GRID, axis=1)[:, None]
-
-
-@functools.cache
-def attitudes(site: Site, mount: Mount, clock_s: float = 0.0, frames: int = 3) -> RawAttitudes:
-    """What a sensor on a true mount at a true site answers; its host's clock is ``clock_s`` fast."""
-    utc_ns = START_NS + np.arange(frames) * 20 * NS_PER_S
-    sky = AstropySky(site)
-    axes = mounted(mount.azimuth_deg, mount.altitude_deg, mount.roll_deg)
-    right_down_out = np.array([axes[0], -axes[1], axes[2]])
-    near = sky.boresight_and_up(np.broadcast_to(axes, (frames, 3, 3)), utc_ns, air=True)
-    rotations = []
-    for boresight, up, instant in zip(*near, utc_ns, strict=True):
-        about = np.array([np.cross(boresight, up), -up, boresight])
-        stars = FIELD @ about
-        seen = sky.seen(stars, np.array([instant]))[0] @ right_down_out.T
-        rotations.append(solve_attitude(seen, stars, 1e-4).icrs_to_sensor)
-    return RawAttitudes(utc_ns + round(clock_s * NS_PER_S), np.array(rotations), FIELD)
 
 
 def found(site, mount, true_site=None, true_mount=None, clock_s=0.0):

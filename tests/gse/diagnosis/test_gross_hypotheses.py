@@ -180,3 +180,64 @@ def test_a_clock_is_told_in_the_words_of_who_set_it(hours, words):
     found = [one for one in of_clock(STATED, 3600.0 * hours) if one.clock_s == 3600 * hours]
     assert [one.size.replace("ahead of UTC", "ahead UTC") if abs(hours) == 24 else one.size for one in found] == [words]
     assert found[0].next_step == SET_CLOCK
+
+
+@pytest.mark.parametrize(
+    ("hours", "words"),
+    [
+        (1, "the host's clock is 1 h ahead of UTC, as the local time of the zone UTC+1 is"),
+        (0.5, "the host's clock is 0.5 h ahead of UTC, as the local time of the zone UTC+0:30 is"),
+        (-0.5, "the host's clock is 0.5 h behind UTC, as the local time of the zone UTC-0:30 is"),
+        (-1, "the host's clock is 1 h behind UTC, as the local time of the zone UTC-1 is"),
+        (25, "the host's clock is 25 h ahead of UTC"),
+        (-25, "the host's clock is 25 h behind UTC"),
+    ],
+)
+def test_the_sign_of_a_clock_is_told_about_nought_and_beyond_a_day(hours, words):
+    assert [one.size for one in of_clock(STATED, 3600.0 * hours) if one.clock_s == 3600 * hours] == [words]
+
+
+@pytest.mark.parametrize(("hours", "limit_s"), [(7, 60.0), (-9.5, 60.0), (8.75, 60.0), (-24, 60.0), (7.5, 4.0)])
+def test_a_clock_at_the_very_limit_is_not_near(hours, limit_s):
+    for side in (-1, 1):
+        assert hours not in [zone for _, zone in clock(3600.0 * hours + side * limit_s)]
+        assert hours in [zone for _, zone in clock(3600.0 * hours + side * (limit_s - 0.001))]
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_clock_may_be_off_by_less_than_25_hours_and_a_half(side):
+    assert ("clock off by hours", 25.5 * side) not in clock(25.5 * 3600.0 * side)
+    assert ("clock off by hours", 25.5 * side) in clock((25.5 * 3600.0 - 0.001) * side)
+    assert ("clock off by hours", 25.0 * side) in clock(25 * 3600.0 * side)
+
+
+@pytest.mark.parametrize("days", [-1, 0, 1])
+@pytest.mark.parametrize("hours", [7.0, -11.0, 0.5])
+def test_a_clock_is_known_but_for_a_sidereal_day_on_either_side(hours, days):
+    assert ("clock set to local time", hours) in clock(3600 * hours + days * SIDEREAL_DAY_S)
+    assert ("clock set to local time", hours) not in clock(3600 * hours + 2 * days * SIDEREAL_DAY_S) or days == 0
+
+
+@pytest.mark.parametrize(
+    ("stated", "cause", "angle_deg"),
+    [
+        ({"azimuth_deg": 0.5}, "azimuth counted westwards", 359.5),
+        ({"roll_deg": 0.25}, "roll sign", 359.75),
+        ({"azimuth_deg": 350.0}, "azimuth from south", 170.0),
+        ({"azimuth_deg": 350.0}, "wrong hemisphere of the mount", 190.0),
+        ({"roll_deg": 300.0}, "roll off by 180 deg", 120.0),
+        ({"altitude_deg": -5.0}, "altitude sign", 5.0),
+        ({"altitude_deg": 0.0}, "zenith distance for altitude", 90.0),
+        ({"azimuth_deg": -300.0}, "azimuth and altitude exchanged", 60.0),
+        ({"azimuth_deg": 390.0}, "azimuth and altitude exchanged", 60.0),
+    ],
+)
+def test_an_angle_is_tried_as_a_full_circle_counts_it(stated, cause, angle_deg):
+    """An exchanged mount of these has the azimuth of 30 deg, or 60, as its altitude."""
+    name = "azimuth" if "azimuth" in cause or "hemisphere" in cause else cause.split()[0].replace("zenith", "altitude")
+    (found,) = (one for one in of_mount(SITE, replace(MOUNT, **stated)) if one.cause == cause)
+    assert getattr(found.mount, f"{name}_deg") == pytest.approx(angle_deg)
+    assert f"{name}_deg: {angle_deg:g}" in found.size
+    if "exchanged" in cause:
+        assert found.mount.altitude_deg == pytest.approx(stated["azimuth_deg"] % 360.0)
+        assert found.size.endswith(f"and mount.altitude_deg: {stated['azimuth_deg'] % 360.0:g}")

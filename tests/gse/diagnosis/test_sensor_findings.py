@@ -3,19 +3,22 @@
 import copy
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy.special
 from skies.known_nights import START_NS, STATION, session
 
+from gse.budget.star_terms import roll_of_a_fix
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.diagnosis.beside_panoramas import _scatter
-from gse.diagnosis.sensor_findings import sensor_findings
+from gse.diagnosis.sensor_findings import _by_few_other_stars_arcsec, _explained, _zeros, sensor_findings
 from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.mount import InertialDirection, Mount
-from gse.statistics.sensor_answers import SensorAnswers, sensor_answers
+from gse.statistics.convention_search import ConventionSearch, Fit
+from gse.statistics.sensor_answers import SensorAnswers, by_other_stars_arcsec, sensor_answers
 from gse.truth import Alignment
 from protocols import AttitudeMessage
 
@@ -237,3 +240,128 @@ def test_scatter_from_frame_to_frame_is_the_standard_deviation_of_noise_whatever
     assert _scatter(frames, mixed, values[mixed]) == _scatter(frames, rows, values)
     values[::100] = 1e5
     assert _scatter(frames, rows, values) == pytest.approx(7.0, rel=0.05)
+
+
+def turning(*, quaternions=(), times_s=None):
+    """Findings of answers as quaternions."""
+    made = session(0)
+    for number, of_one in enumerate(quaternions):
+        at_s = number if times_s is None else times_s[number]
+        q1, q2, q3, q4 = of_one
+        message = AttitudeMessage(round(at_s * 1e6), state="acquired", q1=q1, q2=q2, q3=q3, q4=q4)
+        made.sensor_attitudes.append(START_NS + round(at_s * NS_PER_S), message)
+    return [str(finding) for finding in sensor_findings(made, None, None)]
+
+
+@pytest.mark.parametrize("place", range(4))
+def test_a_quaternion_stands_still_where_each_of_its_numbers_does(place):
+    places = np.tile([0.1, 0.2, 0.3, 0.9], (6, 1))
+    (text,) = turning(quaternions=places)
+    assert "6 of 6 repeat the one before to the last digit, for up to 5.0 s" in text
+    places[:, place] += 1e-9 * np.arange(6)
+    assert turning(quaternions=places) == []
+
+
+@pytest.mark.parametrize(("third", "count"), [(0.0, 6), (1e-3, 0)])
+def test_a_quaternion_that_turns_nothing_is_an_answer_of_zeros(third, count):
+    places = np.column_stack([np.zeros(6), np.zeros(6), np.full(6, third), 1 - 1e-3 * np.arange(6)])
+    found = turning(quaternions=places)
+    assert [text.split(":")[0] for text in found] == ["sensor answers of zeros"] * (count > 0)
+    assert all(f"{count} of 6 say RA 0, DE 0 and roll 0" in text for text in found)
+
+
+@pytest.mark.parametrize("name", ["ra_deg", "de_deg", "roll_deg"])
+def test_one_angle_that_is_not_zero_is_no_answer_of_zeros(name):
+    made = session(0)
+    angles = {"ra_deg": 0.0, "de_deg": 0.0, "roll_deg": 0.0} | {name: 1e-3}
+    made.sensor_attitudes.append(START_NS, AttitudeMessage(0, state="acquired", **angles))
+    assert list(_zeros(made)) == []
+    made.sensor_attitudes.append(START_NS, AttitudeMessage(0, state="acquired", ra_deg=0.0, de_deg=0.0))
+    assert [finding.size.split(",")[0] for finding in _zeros(made)] == ["1 of 2 say RA 0"]
+
+
+def test_answers_stand_still_from_five_on_and_a_pause_between_ends_nothing():
+    assert answering(np.arange(5.0), [5.0] * 5) != []
+    assert answering(np.arange(4.0), [5.0] * 4) == []
+
+
+@pytest.mark.parametrize(("alike", "is_bias_said"), [(200, True), (201, False)])
+def test_half_of_the_answers_may_stand_still_beside_a_bias(night, alike, is_bias_said):
+    made = copy.copy(night)
+    made.sensor_attitudes = type(night.sensor_attitudes)()
+    for number, row in enumerate(night.frames.columns.rows()):
+        ra_deg = 10.0 if number < alike else 10.0 + 0.01 * number
+        message = AttitudeMessage(int(row["time_us"]), ra_deg, 20.0, 30.0, int(row["frame_no"]), 12, "acquired", 0.08)
+        made.sensor_attitudes.append(int(row["utc_ns"]), message)
+    assert any("sensor bias" in text for text in said(made, 4000.0, 4000.0)) == is_bias_said
+
+
+@pytest.mark.parametrize(
+    ("of_sensor", "of_station", "share"),
+    [
+        (20, 20, math.sqrt(20 * 2 / 400)),
+        (17, 20, math.sqrt(17 * (1 / 17 - 1 / 20))),
+        (24, 20, math.sqrt(24 * (1 / 20 - 1 / 24))),
+        (16, 20, math.sqrt(16 * (1 / 16 - 1 / 20))),
+        (25, 20, math.inf),
+        (15, 20, math.inf),
+        (0, 20, math.inf),
+        (20, 0, math.inf),
+    ],
+)
+def test_few_other_stars_part_two_fixes_by_the_root_of_the_stars_that_are_not_common(
+    night, of_sensor, of_station, share
+):
+    """The mean over n of N stars has the variance 1/n - 1/N of one; one star exchanged 2/N^2 of it."""
+    made = copy.deepcopy(night)
+    made.frames.columns["matched"] = of_station
+    own = beside(made)
+    matched = np.full(FRAMES, of_sensor, dtype=np.uint16)
+    matched[::3] = 0
+    own = replace(own, matched=matched)
+    found = _by_few_other_stars_arcsec(made, own)
+    assert found == (math.inf if share == math.inf else pytest.approx(share * by_other_stars_arcsec(made)))
+
+
+@pytest.mark.parametrize("shift_arcsec", [0.0, 0.5, 1000.0])
+def test_four_sigmas_of_other_stars_or_the_shift_that_is_named_are_explained(night, shift_arcsec):
+    own = replace(beside(night), matched=np.full(FRAMES, 20, dtype=np.uint16))
+    by_stars, few = by_other_stars_arcsec(night), _by_few_other_stars_arcsec(night, own)
+    found = _explained(night, own, shift_arcsec)
+    assert found.shift_arcsec == pytest.approx(max(shift_arcsec, 4 * by_stars))
+    assert found.same_stars_arcsec == (pytest.approx(4 * few) if shift_arcsec == 0 else math.inf)
+    assert found.scatter_arcsec == by_stars
+    width_rad = math.sqrt(STATION.sensor.camera().solid_angle_sr)
+    assert found.roll_arcsec == pytest.approx(roll_of_a_fix(found.shift_arcsec, width_rad))
+    assert 0 < 4 * by_stars < 1000
+
+
+def searched(aberration="not told", *, stated=STATION.sensor.attitude, aberration_arcsec=15.0):
+    """A search that finds the stated convention, or another one."""
+    fit = Fit(stated, 3.0, 1.0)
+    return ConventionSearch(100, 60.0, (fit,), fit, aberration, aberration_arcsec, False, True)
+
+
+def causes(night, search, de, *named):
+    own = beside(night, 0.0, de, noise=0.5)
+    return [finding.cause for finding in sensor_findings(night, own, search, named=named)]
+
+
+@pytest.mark.parametrize(("de", "is_bias"), [(22.0, False), (40.0, True)])
+def test_an_aberration_that_is_named_explains_one_and_a_half_times_its_size(night, de, is_bias):
+    """Of 15 arcsec 22.5."""
+    found = causes(night, searched("corrected"), de)
+    assert found == ["sensor aberration", *["sensor bias"] * is_bias]
+
+
+def test_an_aberration_that_is_as_stated_explains_nothing(night):
+    assert causes(night, searched("not corrected"), 21.0) == ["sensor bias"]
+    assert causes(night, searched(), 21.0) == ["sensor bias"]
+
+
+def test_under_another_convention_errors_tell_nothing_and_a_wrong_camera_hides_aberration_alone(night):
+    other = searched(stated=replace(STATION.sensor.attitude, ra_unit="h"))
+    camera = Finding("focal length", "as it is")
+    assert causes(night, other, 4000.0) == ["sensor convention"]
+    assert causes(night, other, 4000.0, camera) == ["sensor convention"]
+    assert causes(night, searched("corrected"), 4000.0, camera) == []

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gse.diagnosis.time_tags import time_tag_faults
+from gse.diagnosis.time_tags import _off, time_tag_faults
 from gse.instant import NS_PER_S, from_text
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_table import FRAME
@@ -133,3 +133,84 @@ def test_arrivals_that_jitter_by_a_third_of_their_period_are_no_fault_of_the_tag
         made["host_utc_ns"] += np.round(late_ns).astype(np.int64)
         told += len(faults(made))
     assert told == 0
+
+
+@pytest.mark.parametrize(("host_s", "is_told"), [(0.5, False), (0.6, True)])
+def test_a_tag_stands_still_where_the_host_went_on_by_more_than_half_the_usual_time(host_s, is_told):
+    made = frames(40, 1.0)
+    made["time_us"][10:14] = made["time_us"][10]
+    made["host_utc_ns"][10:14] = made["host_utc_ns"][10] + np.round(np.arange(4) * host_s * NS_PER_S).astype(np.int64)
+    assert any("stood still in 3 frames" in line for line in faults(made)) == is_told
+
+
+@pytest.mark.parametrize(("leap_s", "is_told"), [(2.0, False), (2.001, True)])
+@pytest.mark.parametrize("missing", [0, 3])
+def test_a_leap_is_more_than_half_a_second_and_a_frame_and_a_half_for_each_that_is_missing(leap_s, is_told, missing):
+    """A frame a second, so that half a second and one and a half are two, and those of three missing ones 6.5 s."""
+    made = frames(20, 1.0)
+    made["frame_no"][10:] += missing
+    made["time_us"][10:] += round((leap_s + 1.5 * missing) * 1e6)
+    text = f"it leapt by {leap_s + 1.5 * missing:+.2f} s at 2026-03-20T18:30:10.0Z"
+    assert any(text in line for line in faults(made)) == is_told
+
+
+@pytest.mark.parametrize("numbers", [[0] * 20, list(range(20, 0, -1))])
+def test_a_sensor_whose_numbers_stand_or_run_back_misses_no_frame(numbers):
+    made = frames(20, 1.0)
+    made["frame_no"] = numbers
+    made["time_us"][10:] += 2_100_000
+    assert any("leapt by +2.10 s" in line for line in faults(made))
+
+
+@pytest.mark.parametrize("row", [1, 10, 19])
+def test_a_step_of_the_host_hides_the_leap_at_it_and_no_other(row):
+    made = frames(20, 1.0)
+    made["time_us"][row:] += 3_000_000
+    for at, is_told in ((row - 1, True), (row, False), (row + 1, True)):
+        if at in (0, len(made)):
+            continue
+        step = ClockStep(int(made["host_utc_ns"][at]), 0, StationKind.CLOCK_STEP, "the clock was set", -3 * NS_PER_S)
+        assert any("leapt" in line for line in faults(made, (step,))) == is_told
+
+
+@pytest.mark.parametrize(("leaps", "words"), [(1, ""), (2, ", and 1 times more"), (3, ", and 2 times more")])
+def test_leaps_after_the_first_are_counted(leaps, words):
+    made = frames(20, 1.0)
+    for number in range(leaps):
+        made["time_us"][5 + 3 * number :] += 3_000_000 + 1_000_000 * number
+    assert faults(made) == (f"sensor time tag: it leapt by +3.00 s at 2026-03-20T18:30:05.0Z{words}",)
+
+
+@pytest.mark.parametrize("count", [10, 40])
+def test_a_rate_is_off_where_five_errors_of_its_median_do_not_explain_it(count):
+    """Half of the numbers lie 0.01 to either side, the median between: its error is 1.2533 * 1.4826 * 0.01 / root."""
+    error = 1.253314 * 1.482602 * 0.01 / np.sqrt(count)
+    jitter = np.tile([-0.01, 0.01], count // 2)
+    for sign in (-1, 1):
+        inside, outside = 1 + sign * 4.99 * error + jitter, 1 + sign * 5.01 * error + jitter
+        assert _off(np.array([inside, outside])) == pytest.approx([0.0, sign * 5.01 * error], abs=1e-12)
+
+
+@pytest.mark.parametrize(("share", "is_told"), [(1.0501, True), (1.0499, False), (0.9499, True), (0.9501, False)])
+def test_tags_that_are_off_by_a_twentieth_run_away(share, is_told):
+    made = frames(41, 1.0)
+    made["time_us"] = 1_000_000 + np.round(np.arange(41) * 1e6 * share).astype(np.int64)
+    how = "fast" if share > 1 else "slow"
+    assert faults(made) == (f"sensor time tag: it ran 5 % {how} from 2026-03-20T18:30:00.0Z",) * is_told
+
+
+def test_frames_that_the_host_reads_at_once_or_whose_tag_stands_tell_no_rate():
+    """Each tenth is read with the one before: those left are exact, and run by a tenth too fast."""
+    made = frames(60, 1.0)
+    made["time_us"] = 1_000_000 + np.round(np.arange(60) * 1.1e6).astype(np.int64)
+    made["host_utc_ns"][10::10] = made["host_utc_ns"][9:59:10] + NS_PER_S // 2
+    assert any("ran 10 % fast" in line for line in faults(made))
+    made["time_us"][5:8] = made["time_us"][5]
+    assert any("ran 10 % fast from 2026-03-20T18:30:00.0Z" in line for line in faults(made))
+
+
+def test_of_two_stretches_the_one_that_is_off_by_more_is_told_whichever_its_sign():
+    made = frames(121, 1.0)
+    steps_s = np.repeat([1.06, 0.9, 1.0], 40)
+    made["time_us"][1:] = 1_000_000 + np.round(np.cumsum(steps_s) * 1e6).astype(np.int64)
+    assert faults(made) == ("sensor time tag: it ran 10 % slow from 2026-03-20T18:30:40.0Z",)

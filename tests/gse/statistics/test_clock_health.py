@@ -8,8 +8,9 @@ import scipy.stats
 from skies.known_nights import START_NS, session
 
 from drivers.clock import ClockReading
+from gse.errors import UsageError
 from gse.station.event_kinds import ClockStep, StationKind
-from gse.statistics.clock_health import clock_health
+from gse.statistics.clock_health import _longest_stretch, clock_health, stated_error_s
 
 
 def reading(offset_s, error_bound_s, *, source="kernel PLL", synchronised=True):
@@ -138,3 +139,44 @@ def test_a_step_that_put_the_clock_of_judged_frames_right_bounds_their_error(ste
     assert found.error_bound_s == pytest.approx(error_bound_s)
     assert found.steps == ("it was set",)
     assert found.sensor_drift_ppm == pytest.approx(0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [("0.1s", 0.1), ("20ms", 0.02), ("50us", 50e-6), (" 3 s ", 3.0), (".5 ms", 5e-4), ("2.us", 2e-6), ("10s", 10.0)],
+)
+def test_a_clock_error_is_stated_in_seconds_or_parts_of_them(text, seconds):
+    assert stated_error_s(text) == pytest.approx(seconds, rel=1e-12)
+
+
+@pytest.mark.parametrize("text", ["", "1", "1 m", "-1s", "1e3s", "s", "0.1s 2", "1,5s", "..s"])
+def test_what_is_no_time_is_refused_with_an_example(text):
+    with pytest.raises(UsageError, match=r"expected for example 0\.1s, 20ms or 50us"):
+        stated_error_s(text)
+
+
+@pytest.mark.parametrize(
+    ("time_us", "stepped", "stretch"),
+    [
+        ([], [], []),
+        ([5], [], [0]),
+        ([1, 2, 3, 4], [], [0, 1, 2, 3]),
+        ([1, 2, 3, 3, 4], [], [0, 1, 2, 3, 4]),
+        ([1, 2, 3, 0, 1], [], [0, 1, 2]),
+        ([1, 2, 0, 1, 2], [], [2, 3, 4]),
+        ([1, 2, 3, 4, 5, 6], [2], [2, 3, 4, 5]),
+        ([1, 2, 3, 4, 5, 6], [4], [0, 1, 2, 3]),
+        ([1, 2, 3, 4, 0, 1], [2, 6], [0, 1]),
+        ([1, 2, 0, 1, 0, 1, 2], [], [4, 5, 6]),
+    ],
+)
+def test_the_longest_stretch_has_neither_a_restart_nor_a_step_in_it(time_us, stepped, stretch):
+    rows = _longest_stretch(np.array(time_us, dtype=np.uint64), stepped)
+    assert np.arange(len(time_us))[rows].tolist() == stretch
+
+
+def test_the_bound_of_the_operator_stands_beside_steps_and_a_reading():
+    found = health(reading(0.5, 0.25), stated_error_s=0.0)
+    assert (found.error_bound_s, found.stated, found.offset_s) == (0.0, True, 0.5)
+    assert math.isnan(health().offset_s)
+    assert health(reading(-0.25, 0.5)).error_bound_s == 0.75

@@ -12,6 +12,7 @@ from gse.station.frame_table import ANSWER_CHECKS, FRAME, SKY_CONDITIONS, STATUS
 from gse.station.results import AnswerCheck, SkyCondition, Status, Subject
 from gse.statistics.decision import Outcome, Row
 from gse.statistics.no_sky import no_sky, under_cloud
+from gse.truth.solar_system import sun_altitude_deg
 
 START_NS = from_text("2026-03-20T18:30:00Z")
 BLIND = slice(400, 520)
@@ -153,3 +154,231 @@ def test_only_an_availability_that_fails_under_a_sky_mostly_clouded_is_undecided
     assert (f"the sky was clouded, or the sensor sees too few stars, in {clouded} of 1200" in judged.reason) == excused
     for other in (replace(row, name="false answers"), replace(row, outcome=Outcome.PASS)):
         assert under_cloud(other, made) is other
+
+
+def few(seconds, blind=(), **values):
+    """Frames of an exposure of 1 s at these seconds, 16 of 20 stars seen; the ``blind`` rows without answer."""
+    made = np.zeros(len(seconds), dtype=FRAME)
+    made["utc_ns"] = START_NS + np.round(np.asarray(seconds) * NS_PER_S).astype(np.int64)
+    made["status"] = STATUSES.index(Status.IDENTIFIED)
+    made["answer_check"] = ANSWER_CHECKS.index(AnswerCheck.CORRECT)
+    made["exposure_s"], made["zero_point_mag"], made["objects"] = 1.0, 14.0, 25
+    made["stars_expected"], made["stars_seen"], made["sun_altitude_deg"] = 20, 16, -40.0
+    rows = list(blind)
+    made["status"][rows] = STATUSES.index(Status.NO_MATCH)
+    made["answer_check"][rows] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    made["zero_point_mag"][rows], made["stars_seen"][rows] = np.nan, 0
+    for name, value in values.items():
+        made[name][rows] = value
+    return made
+
+
+def stretches_s(made):
+    """From the first blind frame to right after the last, in seconds after the start."""
+    return [((item.from_ns - START_NS) / NS_PER_S, (item.until_ns - START_NS - 1) / NS_PER_S)
+            for item in no_sky(made, STATION.site)]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("last_s", "exposure_s", "is_long"),
+    [
+        (36.0, 4.0, True),
+        (36.0, 3.9, False),
+        (40.0, np.nan, True),
+        (40.0 - 1e-9, np.nan, False),
+        (40.0 - 1e-9, 0.0, False),
+    ],
+)
+def test_ten_seconds_to_the_end_of_the_last_exposure_are_a_stretch(last_s, exposure_s, is_long):
+    seconds = [*range(30), *np.linspace(30.0, last_s, 7), 50.0, 51.0]
+    made = few(seconds, range(30, 37), objects=0, exposure_s=exposure_s)
+    assert stretches_s(made) == [(30.0, pytest.approx(last_s))] * is_long
+
+
+def test_a_whole_session_that_is_short_counts_and_one_frame_is_a_session():
+    assert stretches_s(few([5.0], [0], objects=0)) == [(5.0, 5.0)]
+    assert stretches_s(few([0.0, 1.0], [0, 1], objects=0)) == [(0.0, 1.0)]
+    assert stretches_s(few([0.0, 1.0, 2.0], [0, 1], objects=0)) == []
+    assert no_sky(few([]), STATION.site) == ()
+
+
+@pytest.mark.parametrize(
+    ("step_s", "gap_s", "is_one"),
+    [
+        (0.5, 3.0, True),
+        (0.5, 3.5, False),
+        (1.9, 3.8, False),
+        (2.0, 4.0, False),
+        (10.0, 10.0, True),
+        (10.0, 20.0, False),
+    ],
+)
+def test_three_seconds_or_the_time_to_the_next_frame_are_bridged(step_s, gap_s, is_one):
+    """Of frames each 10 s one and a half are 15 s: no answer between two frames ends a stretch."""
+    rows = np.arange(200)
+    after = round(gap_s / step_s)
+    blind = [*range(60, 100), *range(99 + after, 140)]
+    found = stretches_s(few(step_s * rows, blind, objects=0))
+    one = [(60 * step_s, 139 * step_s)]
+    two = [(60 * step_s, 99 * step_s), ((99 + after) * step_s, 139 * step_s)]
+    assert found == [pytest.approx(item) for item in (one if is_one else two)]
+
+
+def test_one_frame_and_a_half_are_bridged_and_two_are_not():
+    """Frames each 4 s; one comes 6 s after the last one, another a microsecond later than that."""
+    for late_s, count in ((6.0, 1), (6.000001, 2)):
+        seconds = 4.0 * np.arange(40)
+        seconds[20:] += late_s - 4.0
+        assert len(stretches_s(few(seconds, range(10, 30), objects=0))) == count
+
+
+def test_the_reason_tells_the_seconds_from_the_first_frame_to_the_end_of_the_last():
+    made = few(np.arange(100.0), range(40, 61), objects=0, exposure_s=4.0)
+    assert found(made)[0][1].startswith("no object at all for 24 s, ")
+
+
+@pytest.mark.parametrize(("blind", "middle"), [(range(2, 7), 4), (range(2, 6), 4), (range(3, 6), 4)])
+def test_the_sun_is_that_of_the_middle_frame_above_or_below_the_horizon(blind, middle):
+    """Ten minutes turn the Sun by two degrees and a half."""
+    for text in ("2026-03-20T05:00:00Z", "2026-03-20T11:00:00Z"):
+        made = few(600.0 * np.arange(9), blind)
+        made["utc_ns"] += from_text(text) - START_NS
+        sun_deg = sun_altitude_deg(STATION.site, int(made["utc_ns"][middle]))
+        side = "above" if sun_deg > 0 else "below"
+        ((cause, reason),) = found(made)
+        duration_s = 600 * (len(blind) - 1) + 1
+        assert cause is Cause.NO_SKY
+        assert reason == f"Sun {abs(sun_deg):.0f} deg {side} the horizon: no dark sky for {duration_s} s"
+
+
+@pytest.mark.parametrize(("row", "explains"), [(39, True), (40, False), (60, False), (61, True)])
+def test_a_fault_of_the_detector_counts_within_the_stretch_alone(row, explains):
+    made = few(np.arange(100.0), range(40, 61), objects=0)
+    made["status"][row] = STATUSES.index(Status.SENSOR_FAULT)
+    assert bool(found(made)) == explains
+
+
+@pytest.mark.parametrize(("many", "is_empty"), [(1, True), (2, False)])
+@pytest.mark.parametrize("at", [40, 49])
+def test_one_frame_in_ten_may_show_more_objects(many, at, is_empty):
+    """The 90th percentile of eleven numbers is the second greatest."""
+    made = few(np.arange(100.0), range(40, 51), objects=2)
+    made["objects"][at : at + many] = 9
+    assert bool(found(made)) == is_empty
+
+
+@pytest.mark.parametrize(
+    ("objects", "expected", "words"),
+    [
+        (0, np.nan, "no object at all for 21 s: lens cap, cover or overcast"),
+        (0, 3, "no object at all for 21 s, 3 stars are expected: lens cap, cover or overcast"),
+        (0, 2, "no object at all for 21 s, 2 stars are expected: the field has too few stars to be identified"),
+        (1, 1, "at most 1 object for 21 s, 1 star is expected: the field has too few stars to be identified"),
+        (2, 3, "at most 2 objects for 21 s, 3 stars are expected: cloud, a cover, or a sensor that sends too few "
+               "objects"),
+        (1, np.nan, "at most 1 object for 21 s: cloud, a cover, or a sensor that sends too few objects"),
+    ],
+)  # fmt: skip
+def test_few_objects_are_told_with_the_stars_that_are_expected_and_what_may_be_the_reason(objects, expected, words):
+    made = few(np.arange(100.0), range(40, 61), objects=objects, stars_expected=expected)
+    assert found(made) == [(Cause.NO_OBJECTS, words)]
+
+
+@pytest.mark.parametrize(
+    ("zero_point_mag", "exposure_s", "words"),
+    [
+        (13.0, 1.0, "stars 1.0 mag too faint"),
+        (13.01, 1.0, None),
+        (13.0, 0.0, "stars 1.0 mag too faint"),
+        (13.0, 0.1, None),
+        (13.0, 10.0, "stars 3.5 mag too faint"),
+        (15.4, 10.0, "stars 1.1 mag too faint"),
+        (10.4, 0.1, "stars 1.1 mag too faint"),
+    ],
+)
+def test_a_magnitude_is_faint_and_a_tenfold_exposure_is_two_and_a_half_of_them(zero_point_mag, exposure_s, words):
+    made = few(np.arange(100.0), range(40, 61))
+    made["zero_point_mag"][39], made["exposure_s"][39] = zero_point_mag, exposure_s
+    assert found(made) == [(Cause.NO_SKY, f"{words}: cloud for 21 s")] * (words is not None)
+
+
+def test_the_clear_sky_is_that_of_the_best_tenth():
+    """Of 80 frames with stars seven may be brighter than the clear sky by anything: the ninetieth percentile."""
+    made = few(np.arange(101.0), range(40, 61))
+    made["zero_point_mag"][70:77] = 18.0
+    assert found(made) == []
+    made["zero_point_mag"][70:80] = 18.0
+    assert found(made) == [(Cause.NO_SKY, "stars 4.0 mag too faint: cloud for 21 s")]
+
+
+@pytest.mark.parametrize(("sun_deg", "is_dark"), [(-12.0, True), (-11.9, False), (np.nan, True)])
+@pytest.mark.parametrize("change", [{"zero_point_mag": 12.0}, {"stars_seen": 4}])
+def test_stars_tell_a_cloud_up_to_nautical_twilight(sun_deg, is_dark, change):
+    made = few(np.arange(100.0), range(40, 61))
+    made["sun_altitude_deg"][39] = sun_deg
+    for name, value in change.items():
+        made[name][38:40] = value
+    made["zero_point_mag"][38] = 14.0
+    made["stars_seen"][38] = 16
+    made["stars_expected"][:38] = made["stars_expected"][61:] = 20 if "zero_point_mag" in change else np.nan
+    assert bool(found(made)) == is_dark
+
+
+def test_without_a_star_beside_it_a_stretch_has_no_reason():
+    made = few(np.arange(30.0), range(30))
+    assert found(made) == []
+    dark = few(np.r_[np.arange(10.0), 200.0 + np.arange(20.0)], range(10, 30))
+    dark["zero_point_mag"][:5], dark["stars_seen"][:5] = 10.0, 2
+    assert found(dark) == []
+
+
+@pytest.mark.parametrize(
+    ("seconds", "is_beside"),
+    [(40.0 - 60.0, True), (40.0 - 60.0 - 1e-6, False), (60.0 + 60.0, True), (60.0 + 60.0 + 1e-6, False)],
+)
+@pytest.mark.parametrize("change", [{"zero_point_mag": 12.0}, {"stars_seen": 2}])
+def test_a_minute_is_beside_on_either_side(seconds, is_beside, change):
+    """Clear frames are far away; one alone is near, and shows a cloud."""
+    far = [-500.0 + np.arange(10.0), 700.0 + np.arange(10.0)]
+    stretch = 40.0 + np.arange(21.0)
+    times = np.sort(np.r_[far[0], far[1], stretch, seconds])
+    made = few(times, np.flatnonzero(np.isin(times, stretch)))
+    for name, value in change.items():
+        made[name][np.flatnonzero(times == seconds)] = value
+    assert bool(found(made)) == is_beside
+
+
+@pytest.mark.parametrize(
+    ("seen", "expected", "is_cloud"),
+    [(8, 20, False), (7, 20, True), (4, 10, False), (3, 10, True), (3, 9, False), (14, 40, True), (17, 40, False)],
+)
+def test_less_than_half_of_the_share_of_the_clear_is_a_cloud_with_ten_expected_stars(seen, expected, is_cloud):
+    """The clear sky shows 16 of 20, so that half is two fifths."""
+    times = np.r_[-500.0 + np.arange(10.0), 39.0, 40.0 + np.arange(21.0), 700.0 + np.arange(10.0)]
+    made = few(times, range(11, 32))
+    made["stars_seen"][10], made["stars_expected"][10] = seen, expected
+    words = "less than half of the stars just before or after: cloud for 21 s"
+    assert found(made) == [(Cause.NO_SKY, words)] * is_cloud
+
+
+def test_a_frame_without_stars_is_no_share():
+    times = np.r_[-500.0 + np.arange(10.0), 38.0, 39.0, 40.0 + np.arange(21.0), 700.0 + np.arange(10.0)]
+    made = few(times, range(12, 33))
+    made["stars_seen"][10] = 0
+    assert found(made) == []
+    made["stars_seen"][10] = 1
+    assert found(made) != []
+
+
+def test_the_same_instant_twice_is_no_order():
+    """A step of the clock turns the order, a pause of it does not."""
+    made = few([*np.arange(40.0), *np.repeat(40.0 + np.arange(11.0), 2), 60.0], range(40, 62), objects=0)
+    assert stretches_s(made) == [(40.0, 50.0)]
+
+
+@pytest.mark.parametrize(("outcome", "name"), [(Outcome.FAIL, "false answers"), (Outcome.PASS, "availability")])
+def test_a_cloud_excuses_no_other_row(outcome, name):
+    made = few(np.arange(10.0))
+    made["sky_condition"] = SKY_CONDITIONS.index(SkyCondition.CLOUDED)
+    row = Row(Subject.ONBOARD, name, 0.5, "", 0.95, outcome, "as it is")
+    assert under_cloud(row, made) is row
