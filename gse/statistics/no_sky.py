@@ -145,6 +145,6 @@ def _missing(frames: Columns, first: int, last: int) -> bool:
     beside = known & _beside(frames, first, last)
     if not beside.any():
         return False
-    share = frames["stars_seen"] / expected
+    share = frames["stars_seen"] / np.where(known, expected, np.nan)
     least = np.percentile(share[beside], 100 - _CLEAR_PERCENTILE)
     return bool(least < MISSING_SHARE * np.percentile(share[known], _CLEAR_PERCENTILE))

@@ -274,6 +274,7 @@ def test_one_frame_in_ten_may_show_more_objects(many, at, is_empty):
         (0, 3, "no object at all for 21 s, 3 stars are expected: lens cap, cover or overcast"),
         (0, 2, "no object at all for 21 s, 2 stars are expected: the field has too few stars to be identified"),
         (1, 1, "at most 1 object for 21 s, 1 star is expected: the field has too few stars to be identified"),
+        (2, 0, "at most 2 objects for 21 s, 0 stars are expected: the field has too few stars to be identified"),
         (2, 3, "at most 2 objects for 21 s, 3 stars are expected: cloud, a cover, or a sensor that sends too few "
                "objects"),
         (1, np.nan, "at most 1 object for 21 s: cloud, a cover, or a sensor that sends too few objects"),
