@@ -2,15 +2,20 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import pytest
 from devices.injected_clocks import InjectedClocks, Sky
+from skies.known_nights import START_NS, session
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
-from gse.assessment.not_run import lost_while_not_run
+from gse.assessment.not_run import lost_while_not_run, under_stop
 from gse.assessment.verdict import judge
+from gse.instant import NS_PER_S
 from gse.station.loop import StationLoop
-from gse.station.results import Verdict
+from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
+from gse.statistics.decision import Outcome, Row
+from gse.statistics.session_statistics import statistics
 
 HELD = 5
 """Frames that the port holds while nobody reads it."""
@@ -60,3 +65,56 @@ def test_a_stop_excuses_no_frames_that_were_lost_elsewhere(sky: Sky) -> None:
     session = session_of(sky, range(100, 130), told=True, others=others)
     assert lost_while_not_run(session) == 25
     assert judge(session).verdict is Verdict.FAIL
+
+
+def interrupted(*, before_ns=0, gap_s=5.0, lost=9):
+    """Forty frames, one in a second but for a pause before the middle one, so long after the station ran again."""
+    made = session(40, noise=1.0)
+    frames, seconds = made.frames.columns, np.arange(40) + (gap_s - 1) * (np.arange(40) >= 20)
+    frames["host_utc_ns"] = START_NS + np.round(seconds * NS_PER_S).astype(np.int64)
+    frames["time_us"] = np.round(seconds * 1e6).astype(np.uint64)
+    made.link.frames_lost = lost
+    at_ns = int(frames["host_utc_ns"][20]) - before_ns
+    made.events.append(LinkEvent(at_ns, 0, LinkKind.NOT_RUN, "the station was stopped"))
+    return made
+
+
+@pytest.mark.parametrize(
+    ("values", "lost"),
+    [
+        ({}, 4),
+        ({"gap_s": 5.4}, 4),
+        ({"gap_s": 5.6}, 5),
+        ({"gap_s": 1.0}, 0),
+        ({"lost": 3}, 3),
+        ({"lost": 0}, 0),
+        ({"before_ns": 5 * NS_PER_S - 1}, 4),
+        ({"before_ns": 5 * NS_PER_S}, 0),
+        ({"before_ns": -1}, 0),
+    ],
+)
+def test_whole_frames_that_are_missing_within_five_seconds_after_a_stop_are_its_own(values, lost):
+    assert lost_while_not_run(interrupted(**values)) == lost
+
+
+def test_tags_that_stand_still_and_a_single_frame_tell_no_loss():
+    made = interrupted()
+    made.frames.columns["time_us"] = 7
+    assert lost_while_not_run(made) == 0
+    one = session(1)
+    one.events.append(LinkEvent(START_NS - 1, 0, LinkKind.NOT_RUN, "the station was stopped"))
+    one.link.frames_lost = 5
+    assert lost_while_not_run(one) == 0
+
+
+@pytest.mark.parametrize(("limit", "is_excused"), [(1.0, True), (1.001, False)])
+def test_an_availability_that_would_keep_its_limit_without_the_stop_is_undecided(limit, is_excused):
+    """Forty of forty-four came, four were lost in the stop."""
+    made = interrupted(lost=4)
+    stats = statistics(made)
+    row = Row(Subject.ONBOARD, "availability", 0.9, "", limit, Outcome.FAIL, "too few")
+    judged = under_stop(row, made, stats)
+    assert judged.outcome is (Outcome.INCONCLUSIVE if is_excused else Outcome.FAIL)
+    assert judged.reason == "too few" + ": 4 were lost while this computer did not run the station" * is_excused
+    made.events.clear()
+    assert under_stop(row, made, stats) is row

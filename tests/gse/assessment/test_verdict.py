@@ -525,3 +525,23 @@ def test_a_pass_of_what_is_left_of_a_session_says_so():
     made = aligned(STATION.mount)
     made.truncated = True
     assert judge(made).word == "PASS, relative, damaged session"
+
+
+def test_the_mount_may_have_moved_by_the_greater_end_of_the_drift_over_half_the_session():
+    """From the middle on, evenly: the half-width over the root of three."""
+    assessment = judge(session(300, step_s=2.0, drift_per_h=(300.0, -200.0)))
+    (term,) = [term for term in assessment.budget.terms if term.name == STABILITY]
+    hours = assessment.statistics.duration_s / 3600
+    for axis, found in (("d_ra_cosde", term.ra_arcsec), ("d_de", term.de_arcsec), ("d_roll", term.roll_arcsec)):
+        drift = assessment.statistics.onboard.axes[axis]
+        greater = max(abs(drift.drift_low_arcsec_per_h), abs(drift.drift_high_arcsec_per_h))
+        assert found == pytest.approx(greater * hours / 2 / math.sqrt(3))
+
+
+def test_rows_of_own_answers_have_the_truth_of_own_answers():
+    assessment = judge(with_own_answers(session(60)))
+    for row in assessment.rows:
+        if row.name.startswith("mean"):
+            axes = assessment.budget.own_axes if row.subject is Subject.SENSOR else assessment.budget.axes
+            axis = {"mean |dRA*|": "d_ra_cosde", "mean |dDE|": "d_de", "mean |roll|": "d_roll"}[row.name]
+            assert row.truth_uncertainty == pytest.approx(axes[axis].one_sided_arcsec / 1.645, rel=1e-9)
