@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.fft
 
+from gse.camera import Camera
 from gse.diagnosis.error_series import (
     MOST_INSTANTS,
     ErrorSeries,
@@ -12,7 +13,6 @@ from gse.diagnosis.error_series import (
     often_answered,
     with_left_out,
 )
-from gse.camera import Camera
 from gse.star_influence import boresight_shifts
 from gse.station.frame_table import FRAME, MATCH
 

@@ -5,7 +5,7 @@ import pytest
 import scipy.stats
 from skies.known_nights import session
 
-from gse.diagnosis.focus import _fades, _slope_within, focus_finding, focus_loss
+from gse.diagnosis.focus import FocusLoss, _fades, _slope_within, focus_finding, focus_loss
 from gse.statistics.counted_frames import counted_frames
 
 STARS = [(100.0 + 80 * k, 900.0 - 70 * k, 0.0, 0.0) for k in range(10)]
@@ -66,3 +66,52 @@ def test_the_slope_within_stars_and_its_error_are_those_of_a_regression_clustere
     error = np.sqrt((scores**2).sum()) / (about**2).sum() * scipy.stats.t.ppf(0.975, 6) / 1.96
     assert _slope_within(at, values, star) == pytest.approx((fit[0], error))
     assert _slope_within(at[:150], values[:150], star[:150])[1] == np.inf  # five stars tell too little
+
+
+# Where it begins to count
+
+
+def growing(last_px, *, rows=20, stars=10):
+    """Residuals of one size in each frame: 0.2 px in the first quarter, ``last_px`` in the last, growing between."""
+    made = session(rows, step_s=1.0, matches=STARS[:stars])
+    frames, matches = made.frames.columns, made.frames.matches
+    size = np.interp(matches["frame"] / (rows - 1), [0.25, 0.75], [0.2, last_px])
+    sign = np.where((matches["frame"] + matches["star"]) % 2, 1.0, -1.0)
+    for name in ("residual_x_arcsec", "residual_y_arcsec"):
+        matches[name] = PIXEL_ARCSEC * size * sign
+    frames["transparency"] = 1.0
+    return focus_loss(made, counted_frames(made))
+
+
+@pytest.mark.parametrize(("last_px", "is_told"), [(0.299, False), (0.301, True)])
+def test_scatter_must_grow_by_half(last_px, is_told):
+    found = growing(last_px)
+    assert (found is not None) is is_told
+    if found is not None:
+        assert (found.first_px, found.last_px) == (pytest.approx(0.2, rel=1e-3), pytest.approx(last_px, rel=1e-3))
+
+
+@pytest.mark.parametrize(("rows", "is_told"), [(19, False), (20, True)])
+def test_two_hundred_stars_must_be_seen(rows, is_told):
+    assert (growing(0.8, rows=rows) is not None) is is_told
+
+
+@pytest.mark.parametrize(("stars", "is_told"), [(5, False), (6, True)])
+def test_six_stars_must_be_seen(stars, is_told):
+    assert (growing(0.8, rows=60, stars=stars) is not None) is is_told
+
+
+def test_unknown_transparency_fades_nothing_and_three_quarters_of_it_are_as_bright():
+    assert not _fades(np.full(8, np.nan, dtype=np.float32))
+    assert not _fades(np.zeros(0, dtype=np.float32))
+    assert not _fades(np.array([1.0, 0.75], dtype=np.float32))
+    assert _fades(np.array([np.nan, 1.0, np.nan, 0.74], dtype=np.float32))
+    assert _fades(np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0], dtype=np.float32)) is False
+
+
+def test_the_finding_names_both_quarters():
+    assert str(focus_finding(FocusLoss(0.25, 0.75))) == (
+        "defocus: single stars scatter by 0.75 px in the last quarter of the session, by 0.25 px in the first, and are "
+        "as bright as before; this session cannot tell it apart from: seeing that grows, a vibration that smears "
+        "single stars; next: look at focus and temperature of the lens, and repeat the session"
+    )

@@ -10,7 +10,7 @@ from skies.known_nights import STATION
 from gse.constants import ARCSEC_PER_RAD
 from gse.station.frame_table import MATCH
 from gse.statistics.first_fix import first_fixes_s
-from gse.statistics.spatial_errors import spatial_errors
+from gse.statistics.spatial_errors import _noise, _part, spatial_errors
 from gse.statistics.thermal import thermal_error
 
 CAMERA = STATION.sensor.camera()
@@ -200,3 +200,45 @@ def test_each_cold_start_has_its_time_to_first_fix():
     assert fixes[:2] == (1.0, 0.0)
     assert math.isnan(fixes[2])
     assert first_fixes_s(utc_ns[:0], frame_no[:0], good[:0]) == ()
+
+
+# By hand
+
+
+@pytest.mark.parametrize(
+    ("fit", "rms2", "half", "boresight2"),
+    [
+        # 9 less noise of a half; twice its square and four times 9 of it; the boresight has half of each star
+        (3.0, 8.5, 1.96 * math.sqrt(2 * 0.25 + 4 * 9 * 0.5), (2 * 1.5) ** 2 - 0.5),
+        (0.1, 0.0, 1.96 * math.sqrt(2 * 0.25 + 4 * 0.01 * 0.5) + (0.01 - 0.5), 0.0),
+    ],
+)
+def test_a_fitted_part_is_freed_of_its_noise(fit, rms2, half, boresight2):
+    """A column of 1 and -1 whose coefficient has a variance of a half; two stars of a frame pull alike."""
+    basis, shifts = np.array([[1.0], [-1.0], [1.0], [-1.0]]), np.full(4, 0.5)
+    found = _part(basis, np.array([fit]), np.array([[0.5]]), shifts, np.array([4, 7, 4, 7]))
+    assert found.rms_arcsec == pytest.approx(math.sqrt(rms2))
+    assert found.high_arcsec == pytest.approx(math.sqrt(rms2 + half))
+    assert found.low_arcsec == pytest.approx(math.sqrt(max(rms2 - half, 0.0)))
+    assert found.boresight_arcsec == pytest.approx(math.sqrt(boresight2))
+
+
+@pytest.mark.parametrize(("frames", "scale"), [(2, 4.0), (4, 4.0), (1, 1.6)])
+def test_what_is_left_has_its_interval_by_how_stars_differ_and_the_share_that_a_fit_of_a_frame_took(frames, scale):
+    """Three angles of the two equations of each star: of four stars 5 of 8 are left, of two or fewer a quarter."""
+    left, star = np.array([1.0, -1.0, 2.0, -2.0]), np.array([0, 0, 1, 1])
+    found = _noise(left, star, np.array([0.5, 0.5, 1.0, 1.0]), np.arange(4) % frames)
+    differences = scale * np.array([2.0 - 2 * 2.5, 8.0 - 2 * 2.5])
+    half = 1.96 * math.hypot(*differences) / 4
+    assert found.rms_arcsec == pytest.approx(math.sqrt(2.5 * scale))
+    assert found.low_arcsec == pytest.approx(math.sqrt(max(2.5 * scale - half, 0.0)))
+    assert found.high_arcsec == pytest.approx(math.sqrt(2.5 * scale + half))
+    assert found.boresight_arcsec == pytest.approx(math.sqrt(2.5 / frames * 2.5))
+
+
+@pytest.mark.parametrize(("cycles", "is_pixel"), [(1, True), (2, True), (3, False)])
+def test_two_harmonics_of_the_place_on_a_pixel_are_of_the_pixel(cycles, is_pixel):
+    x, _ = found(matches(lambda x, y: 5 * np.sin(2 * math.pi * cycles * x), noise_arcsec=0.5))
+    assert (x.pixel.rms_arcsec > 3.3) is is_pixel
+    assert (x.temporal.rms_arcsec > 3.3) is not is_pixel
+    assert (x.stars, x.n) == (60, 9000)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from skies.known_nights import session
 
-from gse.assessment.beside_panoramas import (
+from gse.diagnosis.beside_panoramas import (
     Explained,
     _angle,
     _are_whole,
@@ -23,9 +23,9 @@ from gse.assessment.beside_panoramas import (
     _typical,
     beside_panoramas,
 )
-from gse.assessment.onboard_equivalence import OnboardEquivalence
-from gse.assessment.percentiles import percentiles
-from gse.assessment.sensor_answers import SensorAnswers
+from gse.statistics.onboard_equivalence import OnboardEquivalence
+from gse.statistics.percentiles import percentiles
+from gse.statistics.sensor_answers import SensorAnswers
 
 COUNT = 60
 NONE = percentiles(np.zeros(0))
