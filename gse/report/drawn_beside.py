@@ -19,12 +19,15 @@ from gse.station.session_data import SessionData
 from gse.statistics.session_statistics import Statistics
 
 _HALVES = 2
+PATIENCE_S = 60.0
+"""Drawing takes 2 s; a fork that is stuck, as libraries with threads may leave one, must not hold up a report."""
 
 
 class DrawnBeside:
     """The other process; it ends with the ``with`` block or this process at the latest."""
 
-    def __init__(self) -> None:
+    def __init__(self, patience_s: float = PATIENCE_S) -> None:
+        self._patience_s = patience_s
         self._other: _Forked | None = None
 
     def start(self, session: SessionData) -> None:
@@ -38,7 +41,7 @@ class DrawnBeside:
 
     def plots(self) -> dict[str, str] | None:
         """SVG elements by name; None where this process has to draw them."""
-        plots = self._other.answer() if self._other is not None else None
+        plots = self._other.answer(self._patience_s) if self._other is not None else None
         return plots if isinstance(plots, dict) else None
 
     def __enter__(self) -> Self:
@@ -50,7 +53,7 @@ class DrawnBeside:
 
 
 class _Forked:
-    """A process that this one forked, and the link to it. A process that ended early answers None."""
+    """A process that this one forked, and the link to it. One that ended early, or is stuck, answers None."""
 
     def __init__(self, pid: int, link: "Connection[object, object]") -> None:
         self._pid, self._link = pid, link
@@ -59,9 +62,9 @@ class _Forked:
         with suppress(OSError):
             self._link.send(value)
 
-    def answer(self) -> object:
+    def answer(self, patience_s: float) -> object:
         try:
-            return self._link.recv()
+            return self._link.recv() if self._link.poll(patience_s) else None
         except (OSError, EOFError):
             return None
 
@@ -113,7 +116,7 @@ def _serve(link: "Connection[object, object]", session: SessionData) -> None:
     assert isinstance(stats, Statistics)
     other = _forked(lambda link: link.send(session_plots(session, stats, part=(1, _HALVES))))
     plots = session_plots(session, stats, part=(0, _HALVES))
-    rest = other.answer() if other is not None else None
+    rest = other.answer(PATIENCE_S / 2) if other is not None else None
     if other is not None:
         other.end()
     link.send(plots | (rest if isinstance(rest, dict) else session_plots(session, stats, part=(1, _HALVES))))

@@ -52,6 +52,18 @@ def test_a_report_has_its_plots_where_the_other_process_is_killed(session, asses
     assert page == report_html(session, assessment, summarise(session, assessment))
 
 
+def test_a_report_has_its_plots_where_the_other_process_is_stuck(session, assessment):
+    before = children()
+    with DrawnBeside(patience_s=0.1) as beside:
+        beside.start(session)
+        for pid in children() - before:
+            os.kill(pid, signal.SIGSTOP)
+        beside.ask(assessment.statistics)
+        page = report_html(session, assessment, summarise(session, assessment), beside=beside)
+    assert page == report_html(session, assessment, summarise(session, assessment))
+    assert children() <= before
+
+
 def test_the_other_process_ends_with_its_block_though_nobody_asked_it(session):
     before = children()
     with DrawnBeside() as beside:
