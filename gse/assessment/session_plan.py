@@ -101,22 +101,25 @@ def _frames_of(expected: Expected, limit_arcsec: float, truth_arcsec: float) -> 
 
 
 def plan_like(assessment: Assessment, subject: Subject, limits: Limits) -> SessionPlan | None:
-    """The plan of another session like one that was judged; None where it says too little of noise or correlation."""
+    """The plan of another session like one that was judged.
+
+    None where that one says too little of noise, correlation or answers.
+    """
     stats = assessment.statistics
     of_subject = stats.subjects[subject]
     if stats.duration_s <= 0:
         return None
     frames_per_s = (stats.frames - 1) / stats.duration_s
     axes = tuple(_questions(assessment, of_subject, frames_per_s))
-    if len(axes) < len(_AXES):
-        return None
     share = of_subject.available
+    if len(axes) < len(_AXES) or not share.of:
+        return None
     return session_plan(
         axes,
         limits,
         availability=share.value,
         frames_per_s=frames_per_s,
-        frames_per_answer=share.of / share.n_eff if share.n_eff else 1.0,
+        frames_per_answer=share.of / share.n_eff,
     )
 
 

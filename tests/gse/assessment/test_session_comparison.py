@@ -3,6 +3,7 @@
 import functools
 import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,11 +13,25 @@ from skies.one_by_one import add_frame, add_frames
 from skies.own_answers import with_answers, without_error
 
 from gse.assessment.compared_axis import Row
-from gse.assessment.session_comparison import _judged, _more_often, session_comparison
+from gse.assessment.session_comparison import (
+    SessionComparison,
+    _availability,
+    _false,
+    _judged,
+    _more_often,
+    _paired_change,
+    _pairs,
+    _slow,
+    _time,
+    session_comparison,
+)
 from gse.diagnosis.field_content import SeenStars, share_error
 from gse.instant import NS_PER_S
 from gse.star_influence import attitude_operators
 from gse.station.results import AnswerCheck, AttitudeError, Subject
+from gse.statistics.decision import share_of
+from gse.statistics.metrics import metrics
+from gse.statistics.session_statistics import statistics
 
 night = functools.cache(session)
 """One that no test changes."""
@@ -326,3 +341,149 @@ def test_equal_shares_do_not_differ_and_nothing_compares_with_nothing():
     assert _more_often([], None, (5, 100), (5, 100)) == 0.0
     assert math.isnan(_more_often([], None, (0, 0), (5, 100)))
     assert math.isnan(_more_often([], None, (5, 100), (0, 0)))
+
+
+# Parts, by hand
+
+
+def frames_of(numbers, *, off_ns=0, tag_off=0):
+    """Rows of frames with these numbers, one a second."""
+    numbers = np.array(numbers, dtype=np.int64)
+    found = np.zeros(len(numbers), dtype=[("time_us", np.int64), ("frame_no", np.int64), ("utc_ns", np.int64)])
+    found["time_us"], found["frame_no"] = numbers * 10**6, numbers + tag_off
+    found["utc_ns"] = START_NS + numbers * NS_PER_S + off_ns
+    return found
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "rows"),
+    [
+        (range(10), range(10), (range(10), range(10))),
+        (range(10), range(1, 11), (range(1, 10), range(9))),  # nine of ten
+        (range(10), range(2, 12), None),  # eight
+        (range(10), range(1, 101), (range(1, 10), range(9))),  # nine of the shorter one's ten
+        (range(1, 101), range(10), (range(9), range(1, 10))),
+        (range(10), range(20, 30), None),
+        ([], range(10), None),
+        ([], [], None),
+    ],
+)
+def test_sessions_are_paired_where_nine_tenths_of_the_shorter_are_in_both(first, second, rows):
+    found = _pairs(frames_of(first), frames_of(second))
+    assert (found is None) is (rows is None)
+    if rows is not None:
+        assert [part.tolist() for part in found] == [list(part) for part in rows]
+
+
+@pytest.mark.parametrize(("off_ns", "is_same"), [(0, True), (999_999_999, True), (NS_PER_S, False)])
+def test_panoramas_are_the_same_within_a_second_either_way(off_ns, is_same):
+    plain, moved = frames_of(range(10)), frames_of(range(10), off_ns=off_ns)
+    assert (_pairs(plain, moved) is not None) is is_same
+    assert (_pairs(moved, plain) is not None) is is_same
+
+
+def test_panoramas_of_other_numbers_are_not_the_same():
+    assert _pairs(frames_of(range(10)), frames_of(range(10), tag_off=1)) is None
+
+
+def subject_of(errors, good):
+    return SimpleNamespace(errors={"d_de_arcsec": np.array(errors)}, good=np.array(good))
+
+
+def test_the_change_of_each_panorama_counts_where_both_answered_well():
+    """Sizes grow by 1, 3 and 5: by 3 in the mean, with a scatter of 2."""
+    one = subject_of([9.0, -1.0, 2.0, 3.0, 4.0], [True, True, True, True, False])
+    two = subject_of([2.0, -5.0, 8.0, 1.0, 7.0], [True, True, True, True, True])
+    pairs = np.array([1, 2, 3, 4]), np.array([0, 1, 2, 3])
+    change = _paired_change("d_de", (one, two), pairs)
+    assert change.mean == pytest.approx(3.0)
+    assert change.error == pytest.approx(2 / math.sqrt(3))
+    assert _paired_change("d_de", (one, two), None) is None
+    assert _paired_change("d_de", (subject_of([1.0], [False]), subject_of([1.0], [True])), (pairs[1][:1],) * 2) is None
+    assert _paired_change("d_de", (subject_of([1.0], [True]), subject_of([1.0], [False])), (pairs[1][:1],) * 2) is None
+
+
+def counted(available, false, slow, p99):
+    """A subject of 100 frames with so many answers, false and slow ones."""
+    statistics = SimpleNamespace(
+        available=share_of(available, 100),
+        false_answers=share_of(false, 100),
+        slow=share_of(slow, 100),
+        time_ms=SimpleNamespace(p99=p99),
+    )
+    rows = np.arange(100)
+    return SimpleNamespace(statistics=statistics, missed=rows >= available, false=rows < false, slow=rows < slow)
+
+
+BOTH = counted(99, 1, 2, 40.0), counted(90, 3, 9, 70.0)
+
+
+@pytest.mark.parametrize("paired", [False, True])
+@pytest.mark.parametrize(
+    ("row_of", "values", "counts", "more"),
+    [
+        (lambda pairs: _availability(BOTH, pairs, 0.25), (0.99, 0.9, -0.09, 0.25), (1, 10), 9),
+        (lambda pairs: _false(BOTH, pairs), (1, 3, 2, 0.0), (1, 3), 2),
+        (lambda pairs: _slow(BOTH, pairs), (2, 9, 7, 0.0), (2, 9), 7),
+    ],
+    ids=["availability", "false", "slow"],
+)
+def test_what_happens_more_often_is_compared_with_how_often_it_happened(row_of, values, counts, more, paired):
+    """Paired, all that are more are heads of a coin."""
+    row = row_of((np.arange(100), np.arange(100)) if paired else None)
+    p = 0.5**more if paired else scipy.stats.hypergeom(200, sum(counts), 100).sf(counts[1] - 1)
+    first, second, difference, allowed = values
+    assert (row.first, row.second, row.alike) == (first, second, second)
+    assert (row.difference, row.allowed) == pytest.approx((difference, allowed))
+    assert row.sigmas == pytest.approx(scipy.stats.norm.isf(p))
+    assert row.gate
+
+
+def test_pairs_that_leave_frames_out_are_compared_as_different_ones():
+    row = _slow(BOTH, (np.arange(99), np.arange(99)))
+    assert row.sigmas == pytest.approx(scipy.stats.norm.isf(scipy.stats.hypergeom(200, 11, 100).sf(8)))
+
+
+def test_times_of_hosts_are_shown_and_never_judged():
+    row = _time(BOTH)
+    assert (row.first, row.second, row.alike, row.difference, row.unit) == (40.0, 70.0, 70.0, 30.0, "ms")
+    assert (row.allowed, row.gate) == (math.inf, False)
+    assert math.isnan(row.sigmas)
+
+
+@pytest.mark.parametrize(
+    ("rows", "is_open"),
+    [
+        ([(math.nan, True), (math.nan, True)], True),
+        ([(math.nan, True), (0.0, True)], False),
+        ([(math.nan, True), (5.0, False)], True),
+        ([], True),
+    ],
+)
+def test_a_comparison_is_open_where_no_judged_row_has_a_difference(rows, is_open):
+    made = [Row("name", "", 0.0, 0.0, 0.0, 0.0, sigmas, 0.0, gate=gate) for sigmas, gate in rows]
+    assert SessionComparison(tuple(made), False, ()).is_open is is_open
+
+
+def test_metrics_differ_by_the_sigmas_of_both_intervals_where_the_panoramas_are_others():
+    second = session(3000, noise=7.0, seed=2)
+    second.frames.columns["time_us"][:] += 10**12
+    pairs = [[(one.name, one.axis, one) for one in metrics(statistics(made))] for made in (night(3000), second)]
+    one, two = ({(name, axis): metric for name, axis, metric in made} for made in pairs)
+    rows = {row.name: row for row in session_comparison(night(3000), second).metrics}
+    for name, axis, text in (("bias", "cross_y", "onboard bias, y"), ("drift", "d_roll", "onboard drift, roll")):
+        a, b = one[name, axis], two[name, axis]
+        if math.isnan(a.value) or math.isnan(b.value):
+            assert text not in rows
+            continue
+        error = math.hypot(a.high - a.low, b.high - b.low) / 2 / 1.96
+        assert (rows[text].first, rows[text].second, rows[text].alike) == (a.value, b.value, b.value)
+        assert rows[text].difference == b.value - a.value
+        assert rows[text].sigmas == pytest.approx((b.value - a.value) / error)
+        assert rows[text].allowed == math.inf
+
+
+def test_metrics_of_the_same_panoramas_have_no_sigmas():
+    rows = session_comparison(night(600), night(600)).metrics
+    assert rows
+    assert all(math.isnan(row.sigmas) or row.difference == 0.0 for row in rows)
