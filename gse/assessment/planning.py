@@ -123,7 +123,7 @@ def simulated_errors(expected: Expected, n: int, sessions: int, generator: np.ra
     noise = generator.standard_normal((n, sessions))
     kept = (expected.frames_per_value - 1) / (expected.frames_per_value + 1)
     new = math.sqrt(1 - kept**2)
-    for frame in range(1, n if kept else 0):
+    for frame in range(1, n):
         noise[frame] = kept * noise[frame - 1] + new * noise[frame]
     return np.ascontiguousarray(expected.bias_arcsec + expected.noise_arcsec * noise.T)
 
@@ -193,4 +193,4 @@ def _true_statistics(expected: Expected) -> tuple[float, float]:
 def _availability_passes(n: int, expected: float, limit: float) -> bool:
     """Whether PROBABILITY of the sessions of n frames have enough answers."""
     missing = math.ceil(bdtrik(PROBABILITY, n, 1 - expected)) if expected < 1 else 0
-    return missing < n and bool(betaincinv(n - missing, missing + 1, _RISK) >= limit)
+    return bool(betaincinv(n - missing, missing + 1, _RISK) >= limit)  # NaN where all are missing

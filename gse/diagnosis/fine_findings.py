@@ -84,7 +84,7 @@ def _rival(rival: Hypothesis) -> str:
 
 
 def _clock_offset(one: Named, setting: Setting) -> Finding:
-    fast_s, error_s = float(one.coefficients[0]), float(one.errors[0])
+    fast_s, error_s = one.coefficients.item(), one.errors.item()
     arcsec = fast_s * EARTH_RATE_ARCSEC_PER_S
     fits_deg = setting.site.longitude_deg - arcsec / 3600
     equals = [f"longitude (the stars fit site.longitude_deg: {fits_deg:.5f})"]
@@ -99,8 +99,8 @@ def _clock_offset(one: Named, setting: Setting) -> Finding:
     size += f" (+- {2 * error_s:.2g} s)"
     if _is_whole(abs(fast_s), 1.0, error_s):
         size += ": a leap second"
-    scales = [cause for cause, ahead_s in CLOCK_SCALES.items() if _is_whole(fast_s, ahead_s, error_s)]
-    return Finding(scales[0] if scales else "clock offset", size, _equals(one, *equals), _SYNC)
+    scales = (cause for cause, ahead_s in CLOCK_SCALES.items() if _is_whole(fast_s, ahead_s, error_s))
+    return Finding(next(scales, "clock offset"), size, _equals(one, *equals), _SYNC)
 
 
 def _is_whole(fast_s: float, expected_s: float, error_s: float) -> bool:
@@ -115,8 +115,9 @@ def _angles(one: Named, setting: Setting) -> str:
     mount, size = setting.mount, one.coefficients
     if len(size) == 1:
         name = one.hypothesis.kind
-        fits = getattr(mount, f"{name}_deg") + float(size[0]) / 3600
-        return f"{size[0]:+.1f} arcsec (+- {2 * one.errors[0]:.2g}) in {name}: the stars fit {_fits(mount, name, fits)}"
+        arcsec, error = size.item(), one.errors.item()
+        fits = getattr(mount, f"{name}_deg") + arcsec / 3600
+        return f"{arcsec:+.1f} arcsec (+- {2 * error:.2g}) in {name}: the stars fit {_fits(mount, name, fits)}"
     across, up, roll = (Rotation.from_rotvec(axis * arcsec * ARCSEC_RAD)
                         for axis, arcsec in zip(all_turns(mount), size, strict=True))  # fmt: skip
     fitted = mount_of(horizon_to_sensor(mount) @ (across * up * roll).as_matrix())
@@ -141,7 +142,7 @@ def _three(one: Named, unit: str = "arcsec") -> str:
 
 
 def _site(one: Named, setting: Setting) -> Finding:
-    arcsec, error = float(one.coefficients[0]), float(one.errors[0])
+    arcsec, error = one.coefficients.item(), one.errors.item()
     fits = setting.site.latitude_deg + arcsec / 3600
     size = f"latitude: the stars fit site.latitude_deg: {fits:.5f}, stated is {setting.site.latitude_deg:g} "
     size += f"({arcsec:+.1f} +- {2 * error:.2g} arcsec, {arcsec * 30.9:+.0f} m on the ground)"
@@ -154,7 +155,7 @@ def _site(one: Named, setting: Setting) -> Finding:
 
 
 def _focal_length(one: Named, setting: Setting) -> Finding:
-    share, error = float(one.coefficients[0]), float(one.errors[0])
+    share, error = one.coefficients.item(), one.errors.item()
     fits = setting.camera.focal_length_px * (1 + share)
     size = f"it is {percent(abs(share), 3)} too {'short' if share > 0 else 'long'} (+- {200 * error:.1g} %): "
     size += "the stars fit "
@@ -197,12 +198,12 @@ def _principal_point(one: Named, setting: Setting) -> Finding:
 
 
 def _refraction(one: Named, setting: Setting) -> Finding:
-    off, error = float(one.coefficients[0]), float(one.errors[0])
+    off, error = one.coefficients.item(), one.errors.item()
     stated_hpa, stated_c = setting.site.air_pressure_hpa, setting.site.air_temperature_c
     fits_hpa = stated_hpa + off
     pressure = f"pressure: the stars fit site.pressure_hpa: {fits_hpa:.0f}, in force is {stated_hpa:.0f}"
     size, equals = f"{pressure} (+- {2 * error:.1g})", []
-    if stated_hpa > 0 and abs(off) < _MOST_PRESSURE_SHARE * stated_hpa:
+    if abs(off) < _MOST_PRESSURE_SHARE * stated_hpa:
         kelvin = -off / fits_hpa * (stated_c + ZERO_C_K)
         equals.append(f"temperature ({kelvin:+.0f} K)")
         if fits_hpa > MOST_HPA:
@@ -215,7 +216,7 @@ def _refraction(one: Named, setting: Setting) -> Finding:
 
 
 def _clock_drift(one: Named, setting: Setting) -> Finding:
-    ppm, error = float(one.coefficients[0]), float(one.errors[0])
+    ppm, error = one.coefficients.item(), one.errors.item()
     size = f"the host's clock runs {abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'} (+- {2 * error:.2g}), "
     size += f"{abs(ppm) * 3.6e-3:.3f} s in an hour"
     return Finding("clock drift", size, _equals(one, "a mount that turns about the pole"), _SYNC)
@@ -247,7 +248,7 @@ def _clock_step(one: Named, setting: Setting) -> Finding:
     A step of UTC shows against the host's monotonic clock, a delay against the sensor's tags; without either it is
     the mount, or the sensor's own marks.
     """
-    step_s, when = float(one.coefficients[0]), _when(one.hypothesis, setting)
+    step_s, when = one.coefficients.item(), _when(one.hypothesis, setting)
     arcsec = step_s * EARTH_RATE_ARCSEC_PER_S
     slip = f"a slip of the mount about the pole by {arcsec:+.1f} arcsec"
     later = "later" if step_s > 0 else "earlier"
@@ -257,7 +258,7 @@ def _clock_step(one: Named, setting: Setting) -> Finding:
             "clock step", f"the host's clock stepped by {step_s:+.3f} s at {when}", _equals(one, delay, slip), _SYNC
         )
     _, delay_s = _delay(one, setting)
-    if abs(delay_s - step_s) <= max(_SAME_DELAY_S, _SIGMAS * float(one.errors[0])) < abs(delay_s):
+    if abs(delay_s - step_s) <= max(_SAME_DELAY_S, _SIGMAS * one.errors.item()) < abs(delay_s):
         return _link_delay(one, setting, f"{step_s:+.3f} s")
     if drift := _by_the_tags(one, setting, abs(arcsec), setting.late.span_s, f"{arcsec:+.1f} arcsec about the pole"):
         return drift

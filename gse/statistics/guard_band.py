@@ -34,9 +34,9 @@ def further_share(distance: float, sampling: float, truth_standard: float, n_eff
     if not room2 > 0:
         return math.inf
     most = sampling**2 / room2
-    if math.isnan(most) or most <= 1 or math.isinf(most):
-        return most if math.isnan(most) else max(most - 1, 0.0)
-    if not math.isfinite(n_eff):
+    if most <= 1:
+        return 0.0
+    if not math.isfinite(most) or not math.isfinite(n_eff):
         return most - 1
     values = max(n_eff, 1.0)
     times = np.geomspace(1.0, most, _LENGTHS)

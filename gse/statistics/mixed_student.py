@@ -32,7 +32,7 @@ class MixedStudent:
         """The standard error without the uncertainty of it: the weighted median of the scales."""
         order = np.argsort(self.scales)
         share = np.cumsum(self.weights[order])
-        return float(self.scales[order][min(int(np.searchsorted(share, 0.5)), len(order) - 1)])
+        return float(self.scales[order][np.searchsorted(share, 0.5)])
 
 
 @compiled

@@ -30,7 +30,9 @@ SETTING = Setting(
 def said(cause, *coefficients, kind="", at_s=math.nan, error=0.0, rivals=(), late=None):
     columns = Columns(*(np.zeros((1, 1, 1)) for _ in range(3)))
     equals = tuple(Hypothesis(rival, rival, columns) for rival in rivals)
-    one = Named(Hypothesis(cause, kind, columns, at_s=at_s), np.array(coefficients), np.full(9, error), equals)
+    one = Named(
+        Hypothesis(cause, kind, columns, at_s=at_s), np.array(coefficients), np.full(len(coefficients), error), equals
+    )
     finding = _WORDS[cause](one, replace(SETTING, late=late))
     return f"{finding.cause}: {finding.size}; {', '.join(finding.equals)}"
 

@@ -59,6 +59,7 @@ def test_without_a_word_truth_is_known() -> None:
     [
         (10.0, 20.0, 0.0, 3.0),  # half the distance takes four times as long
         (-10.0, 20.0, 0.0, 3.0),
+        (0.5, 1.0, 0.0, 3.0),
         (10.0, 10.0, 0.0, 0.0),
         (10.0, 9.0, 0.0, 0.0),
         (10.0, 0.0, 0.0, 0.0),
@@ -100,6 +101,7 @@ def test_few_independent_values_learn_their_scatter_too(sampling, n_eff) -> None
     assert exact * (1 - 1e-6) <= found <= exact * most ** (1 / 499) * (1 + 1e-6)
 
 
-def test_less_than_one_independent_value_counts_as_one() -> None:
+def test_less_than_one_independent_value_counts_as_one_and_very_many_know_their_scatter() -> None:
     assert further_share(10.0, 20.0, 0.0, 0.3) == further_share(10.0, 20.0, 0.0, 1.0)
+    assert further_share(10.0, 20.0, 0.0, 1e12) == pytest.approx(3.0)
     assert further_share(10.0, 20.0, 0.0, 1.2) != further_share(10.0, 20.0, 0.0, 1.0)
