@@ -9,7 +9,7 @@ import scipy.optimize
 import scipy.special
 import scipy.stats
 
-from gse.budget.uncertainty import Distribution, Term, combined, half_width
+from gse.budget.uncertainty import TO_STANDARD, Distribution, Term, combined, half_width
 
 NORMAL, RECTANGULAR, STUDENT = Distribution.NORMAL, Distribution.RECTANGULAR, Distribution.STUDENT
 TERM = Term("term", 1.0, "arcsec", 3.0, 4.0, 5.0, "A", "because", "measure")
@@ -101,3 +101,9 @@ def test_a_term_is_a_normal_error_of_all_frames_that_is_corrected_unless_it_says
     assert math.isnan(TERM.size_arcsec)
     assert [TERM.of(axis) for axis in ("d_ra_cosde", "d_de", "d_roll")] == [3.0, 4.0, 5.0]
     assert np.isfinite(TERM.standard)
+
+
+def test_a_small_term_counts_and_half_an_interval_of_95_percent_is_two_standard_uncertainties() -> None:
+    found = combined((replace(TERM, ra_arcsec=0.3), replace(TERM, ra_arcsec=0.4)), "d_ra_cosde")
+    assert found.standard_arcsec == pytest.approx(0.5)
+    assert pytest.approx(scipy.stats.norm.ppf(0.975), rel=1e-7) == 1 / TO_STANDARD

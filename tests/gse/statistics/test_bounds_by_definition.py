@@ -306,3 +306,29 @@ def test_what_happened_always_or_never_counts_as_its_frames(happened, number) ->
 
 def test_what_happens_in_turn_counts_as_its_frames_at_most() -> None:
     assert effective_number(np.resize([True, False], 400)) == 400
+
+
+def test_the_end_of_a_percentile_is_of_the_tail_where_less_than_three_independent_values_lie_beyond() -> None:
+    """The number whose share is as well known on the scale of its logarithm: of a share p of n, (1 - p) / p / n."""
+    seen = set()
+    for count in range(40, 420, 20):
+        errors = np.random.default_rng(count).normal(0, 1.0, count)
+        absolute, found = np.abs(errors), error_bounds(errors).p95_abs
+        wide = {probability: log_of_share(absolute, probability) for probability in (TWO_SIDED, ONE_SIDED)}
+        share = (absolute >= exceeded(absolute, 0.05)).mean()
+        number = (1 - share) / share / (wide[TWO_SIDED] / 1.959964) ** 2
+        tail = np.sort(absolute)[int(0.8 * count) :]
+        for probability, high in ((TWO_SIDED, found.high), (ONE_SIDED, found.upper)):
+            log = wide[probability]
+            inside = exceeded(absolute, 0.05 * math.exp(-log))
+            is_tail = 0.05 * math.exp(-log) * number < 3
+            beyond = max(inside, exceeded(absolute, 0.05) + log * (tail - tail[0]).mean()) if is_tail else inside
+            assert high == pytest.approx(max(beyond, np.percentile(np.abs(moved(errors, probability)[1]), 95)))
+            seen.add(is_tail)
+    assert seen == {True, False}
+
+
+@pytest.mark.parametrize("at", [[0.0] * 39 + [1.0], [0.0] + [1.0] * 39], ids=["but the last", "but the first"])
+def test_a_slope_over_two_places_has_bounds(at) -> None:
+    values = np.random.default_rng(7).normal(size=40)
+    assert not nothing(slope_bounds(1.0, np.array(at), values))
