@@ -176,7 +176,7 @@ def sensor_clock_drift(stats: Statistics) -> Iterator[Finding]:
 def hot_pixels(session: SessionData) -> Iterator[Finding]:
     """More than the station file lists."""
     count = session.frames.columns["hot_pixels"]
-    late = count[-(len(count) // 4) :]  # a pixel is told from a star once the sky has moved
+    late = count[len(count) - len(count) // 4 :]  # a pixel is told from a star once the sky has moved
     usual = float(np.median(late)) if len(late) else 0.0
     if usual > len(session.station.sensor.hot_pixels):
         yield Finding(

@@ -263,6 +263,7 @@ def test_a_drift_of_a_sensor_clock_is_more_than_a_crystal_and_three_of_its_error
         ([0] * 15 + [1] * 5, 1, None),
         ([0] * 15 + [2] * 5, 1, "2 objects of a frame"),
         ([0, 5, 5, 5], 0, "5 objects of a frame"),
+        ([5, 5, 5], 0, None),
         ([], 0, None),
     ],
 )
