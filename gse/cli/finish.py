@@ -15,7 +15,6 @@ from gse.station.session_data import SessionData
 
 if TYPE_CHECKING:
     from gse.assessment.verdict import Assessment
-    from gse.report.drawn_beside import DrawnBeside
 
 Applied = tuple[int, str]
 """An exit code that applies, and its reason."""
@@ -47,17 +46,11 @@ def conclude(
     own_elapsed_us: "array[float]",
     *,
     plots: bool,
-    beside: "DrawnBeside | None" = None,
 ) -> dict[str, Any]:
-    """Write the report of a judged session and this host's own times into a folder; returns the report.
-
-    The process ``beside`` was started with the session, and draws the plots.
-    """
+    """Write the report of a judged session and this host's own times into a folder; returns the report."""
     from drivers.whole_file import write_whole
     from gse.release_memory import give_back
 
-    if beside is not None:
-        beside.ask(assessment.statistics)
     give_back()  # what judging took, before that which draws is imported
     from gse.report import summarise
     from gse.report.files import write_report
@@ -68,9 +61,7 @@ def conclude(
     spare_pandas()
     give_back()
     try:
-        write_report(
-            session, assessment, folder, provenance(session.versions, _self_check()), plots=plots, beside=beside
-        )
+        write_report(session, assessment, folder, provenance(session.versions, _self_check()), plots=plots)
         write_whole(folder / "timing.json", [json.dumps(_timing(own_elapsed_us), indent=2) + "\n"])
     except (UsageError, OSError) as error:
         # The verdict is shown even if its file cannot be written.

@@ -16,7 +16,6 @@ from gse.cli.progress_bar import time_left
 from gse.sessions.replay import MOST_THREADS, Replay, ReplayOptions, StationText, replay_session
 from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
-from gse.station.session_data import SessionData
 
 if TYPE_CHECKING:
     from gse.sessions.judged import Judged
@@ -60,12 +59,10 @@ def judged_with_progress(
     station: Callable[[StationText], StationText] = lambda recorded: recorded,
     anew: bool = False,
     threads: int = MOST_THREADS,
-    before: Callable[[SessionData], None] = lambda session: None,
 ) -> "Judged":
     """A session and its assessment, from kept results or, with progress, derived; stderr says which.
 
-    With options the session is another one: then results are neither used nor kept. ``before`` it is judged the
-    session is whole.
+    With options the session is another one: then results are neither used nor kept.
     """
     from gse.assessment.verdict import judge
     from gse.sessions.judged import Judged, judged_session
@@ -78,9 +75,8 @@ def judged_with_progress(
 
     if options not in (None, ReplayOptions()):
         replay = derive()
-        before(replay.session)
         return Judged(replay.session, judge(replay.session), replay.own_elapsed_us)
-    return judged_session(path, station=station, derive=derive, tell=say, anew=anew, before=before)
+    return judged_session(path, station=station, derive=derive, tell=say, anew=anew)
 
 
 class ReplayedShare:

@@ -1,7 +1,6 @@
 """``gse report``: the report of a session, or of several side by side."""
 
 import json
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,7 +33,6 @@ from gse.errors import UsageError
 from gse.sign_of_life import working
 from gse.station.exclusions import Exclusion
 from gse.station.results import Verdict
-from gse.station.session_data import SessionData
 from gse.truth.iers_tables import GivenTables
 
 if TYPE_CHECKING:
@@ -54,10 +52,8 @@ class _Judging:
     anew: bool
     threads: int
 
-    def judged(
-        self, path: Path, *, anew: bool = False, before: Callable[[SessionData], None] = lambda session: None
-    ) -> "Judged":
-        """A session as it is judged with these options; ``anew``: not from kept results. ``before`` gets it first."""
+    def judged(self, path: Path, *, anew: bool = False) -> "Judged":
+        """A session as it is judged with these options; ``anew``: not from kept results."""
         from gse.cli.progress import judged_with_progress
         from gse.sessions.replay import ReplayOptions
 
@@ -67,7 +63,6 @@ class _Judging:
             station=self.station,
             anew=anew or self.anew,
             threads=self.threads,
-            before=before,
         )
         if self.clock_error_s is None and not self.excluded:
             return found
@@ -163,18 +158,14 @@ def command(ctx: click.Context, *, paths: tuple[Path, ...], judging: _Judging, o
 
 def _report_one(path: Path, judging: _Judging, output: _Output) -> int:
     """Write and show the report of a session; the exit code."""
-    from gse.report.drawn_beside import DrawnBeside
     from gse.report.printing import find_browser, print_to_pdf, save_picture
 
     browser = find_browser() if output.pdf or output.screenshot else None
     _say_if_running(path)
-    with DrawnBeside() as beside:
-        is_saved = output.plots and "matplotlib" not in sys.modules  # the wait for its import
-        judged = judging.judged(path, before=beside.start if is_saved else lambda session: None)
-        folder = _new_folder(output.out, path)
-        of_session = judged.session, judged.assessment
-        with working("drawing the report"):
-            report = conclude(*of_session, folder, judged.own_elapsed_us, plots=output.plots, beside=beside)
+    judged = judging.judged(path)
+    folder = _new_folder(output.out, path)
+    with working("drawing the report"):
+        report = conclude(judged.session, judged.assessment, folder, judged.own_elapsed_us, plots=output.plots)
     if browser and output.pdf:
         click.echo(f"PDF: {print_to_pdf(browser, folder / 'report.html')}", err=True)
     if browser and output.screenshot:

@@ -9,7 +9,6 @@ from typing import Any
 from drivers.whole_file import write_whole
 from gse.assessment.verdict import Assessment
 from gse.errors import UsageError
-from gse.report.drawn_beside import DrawnBeside
 from gse.report.fingerprint import report_sha256
 from gse.report.frames_csv import frames_csv
 from gse.report.junit import junit_xml
@@ -28,14 +27,12 @@ def write_report(
     made_by: Provenance | None = None,
     *,
     plots: bool = True,
-    beside: DrawnBeside | None = None,
 ) -> dict[str, Path]:
     """Write report.json, report.html, frames.csv, junit.xml and provenance.json; their paths by name.
 
     All but provenance.json and the last page of report.html, which say what the report is ``made_by``, follow from the
     session, its station file and the version alone. An earlier report in the folder is replaced, each file whole or
-    not at all. report.json comes last: where it stands, the report is whole. ``plots`` are most of the time it takes;
-    those of the process ``beside`` are taken, which was asked for them.
+    not at all. report.json comes last: where it stands, the report is whole. ``plots`` are most of the time it takes.
     """
     if not folder.is_dir():
         raise UsageError(f"cannot write the report into {folder}: there is no such folder")
@@ -44,10 +41,9 @@ def write_report(
     rows = frames_csv(session.frames.columns, assessment.statistics.own, session.subject, session.statuses)
     paths = {name: folder / name for name in _FILES}
     try:
-        with ThreadPoolExecutor(1) as thread:  # most of frames.csv is Arrow's work, which lets the plots be drawn
-            csv = thread.submit(write_whole, paths["frames.csv"], rows)
-            page = report_html(session, assessment, report, made_by, plots=plots, beside=beside)
-            write_whole(paths["report.html"], [page])
+        with ThreadPoolExecutor(1) as beside:  # most of frames.csv is Arrow's work, which lets the plots be drawn
+            csv = beside.submit(write_whole, paths["frames.csv"], rows)
+            write_whole(paths["report.html"], [report_html(session, assessment, report, made_by, plots=plots)])
         csv.result()
         write_whole(paths["junit.xml"], [junit_xml(report)])
         write_whole(paths["provenance.json"], [_json(made_by | {"report_sha256": report_sha256(report)})])

@@ -8,15 +8,14 @@ from importlib import resources
 from typing import Any
 
 import jinja2
+import numpy as np
 from markupsafe import Markup, escape
 
 from drivers.outside_text import plain_lines
 from gse import instant
 from gse.assessment.verdict import Assessment
-from gse.report.drawn_beside import DrawnBeside
 from gse.report.fingerprint import canonical, fingerprint
 from gse.report.metric_table import metric_table
-from gse.report.plot_data import times_recorded
 from gse.report.provenance import Provenance
 from gse.report.terminal import is_simple, quantity, risk_text
 from gse.station.results import Subject
@@ -57,14 +56,11 @@ def report_html(
     made_by: Provenance | None = None,
     *,
     plots: bool = True,
-    beside: DrawnBeside | None = None,
 ) -> str:
-    """The page of a session; all but its last section, which says what it is ``made_by``, follows from the session.
-
-    Plots come from the process ``beside`` where there is one.
-    """
+    """The page of a session; all but its last section, which says what it is ``made_by``, follows from the session."""
+    times_recorded = bool((np.nan_to_num(session.frames.columns["elapsed_us"]) > 0).any())
     sends_panoramas = session.subject is not Subject.SENSOR
-    drawn = _drawn(session, assessment, beside) if plots else None
+    drawn = _drawn(session, assessment, times_recorded=times_recorded) if plots else None
     return _template().render(
         report=report,
         simple=is_simple(report),
@@ -73,7 +69,7 @@ def report_html(
         caption=numbered("Table", "caption"),
         without_plots=NO_PLOTS if drawn is None else "",
         plot=_plot(drawn),
-        times_recorded=times_recorded(session),
+        times_recorded=times_recorded,
         sends_panoramas=sends_panoramas,
         zero_point_mag=zero_point_mag(session.frames.columns),
         axis_names=_AXIS_NAMES,
@@ -87,13 +83,10 @@ def report_html(
     )
 
 
-def _drawn(session: SessionData, assessment: Assessment, beside: DrawnBeside | None) -> dict[str, str]:
-    drawn = beside.plots() if beside is not None else None
-    if drawn is not None:
-        return drawn
+def _drawn(session: SessionData, assessment: Assessment, *, times_recorded: bool) -> dict[str, str]:
     from gse.report.session_plots import session_plots  # a page without plots does not wait for matplotlib
 
-    return session_plots(session, assessment.statistics)
+    return session_plots(session, assessment.statistics, times_recorded=times_recorded)
 
 
 @functools.cache

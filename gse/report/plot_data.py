@@ -90,11 +90,6 @@ def _gaps(utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.flatnonzero(steps > max(_GAP_STEPS * usual_ns, NS_PER_S)) + 1
 
 
-def times_recorded(session: SessionData) -> bool:
-    """Whether a frame has the time that its identification took."""
-    return bool((np.nan_to_num(session.frames.columns["elapsed_us"]) > 0).any())
-
-
 def unit_of(edge_arcsec: float) -> tuple[float, str]:
     """The unit of an axis that reaches to this edge, and its size: degrees from one degree on."""
     return (1 / 3600, "deg") if edge_arcsec >= _ARCSEC_PER_DEG else (1.0, "arcsec")

@@ -4,7 +4,7 @@ from functools import partial
 
 from gse.report.condition_plots import draw_sky_condition
 from gse.report.distribution_plots import draw_histogram, draw_scatter, draw_spectrum
-from gse.report.plot_data import PlotData, times_recorded
+from gse.report.plot_data import PlotData
 from gse.report.sky_plots import draw_residual_map, draw_sky
 from gse.report.svg import Draw, svgs_of
 from gse.report.time_plots import draw_errors, draw_identification_time, draw_paper, draw_timelines
@@ -32,14 +32,11 @@ _OF_STARS = ("sky_condition", "residuals")
 """A sensor that sends its own answers alone shows no stars."""
 
 
-def session_plots(session: SessionData, stats: Statistics, part: tuple[int, int] = (0, 1)) -> dict[str, str]:
-    """SVG elements by name; those of a subject have its name before theirs.
-
-    With ``part`` (k, n) each n-th plot from the k-th on: others draw the rest.
-    """
+def session_plots(session: SessionData, stats: Statistics, *, times_recorded: bool) -> dict[str, str]:
+    """SVG elements by name; those of a subject have its name before theirs."""
     plotted = _plot_data(session, stats)
     of_stars = _OF_STARS if session.subject is Subject.SENSOR else ()
-    without = {*(() if times_recorded(session) else ("identification",)), *of_stars}
+    without = {*(() if times_recorded else ("identification",)), *of_stars}
     wanted: list[tuple[str, float, Draw]] = [
         (name, height_in, partial(draw, data=plotted[0])) for name, height_in, draw in _PLOTS if name not in without
     ]
@@ -48,7 +45,7 @@ def session_plots(session: SessionData, stats: Statistics, part: tuple[int, int]
             (f"{of_subject.subject}-{name}", height_in, partial(draw, data=of_subject))
             for name, height_in, draw in _PLOTS_OF_SUBJECT
         ]
-    return svgs_of(wanted[part[0] :: part[1]])
+    return svgs_of(wanted)
 
 
 def _plot_data(session: SessionData, stats: Statistics) -> list[PlotData]:

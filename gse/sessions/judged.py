@@ -45,29 +45,20 @@ class _Place:
 
 
 def judged_session(
-    path: Path,
-    *,
-    station: Change,
-    derive: Callable[[], Replay],
-    tell: Callable[[str], None],
-    anew: bool = False,
-    before: Callable[[SessionData], None] = lambda session: None,
+    path: Path, *, station: Change, derive: Callable[[], Replay], tell: Callable[[str], None], anew: bool = False
 ) -> Judged:
     """The session of a recording and its assessment, from kept results, or from ``derive`` and then kept.
 
     ``station`` changes the recorded station, as ``derive`` does. ``tell`` gets a line about the results that are used,
-    or why they are not. ``anew`` uses none. ``before`` gets the session before it is judged. Results of a recording
-    that has no station of its own, of one that is still written, or of a station file that names files besides itself
-    are not kept: such a file may change.
+    or why they are not. ``anew`` uses none. Results of a recording that has no station of its own, of one that is
+    still written, or of a station file that names files besides itself are not kept: such a file may change.
     """
     place = _place(path, station)
     session = _kept(place, tell) if place and not anew else None
     if session is not None:
-        before(session)
         return Judged(session, judge(session), array("d"))
     replay = derive()
     clear_caches()
-    before(replay.session)
     assessment = judge(replay.session)
     if place:
         _keep(replay.session, assessment, place, tell)
