@@ -6,10 +6,16 @@ from scipy.spatial.transform import Rotation
 
 from gse.calibration.camera_fit import (
     StarField,
+    _chi_square,
+    _covariance,
+    _Fit,
+    _improve,
     _map,
     _misfit,
     _parameters,
+    _prior,
     _residuals,
+    _sigma_axis_px,
     _softness,
     _turned,
     _weight,
@@ -355,3 +361,131 @@ def test_a_rotation_is_turned_by_a_vector_and_by_none_at_all_stays():
     by = np.array([0.01, -0.02, 0.03])
     assert np.abs(_turned(stated.as_matrix(), by) - (Rotation.from_rotvec(by) * stated).as_matrix()).max() < 1e-14
     assert (_turned(stated.as_matrix(), np.zeros(3)) == stated.as_matrix()).all()
+
+
+WIDE = Camera(800, 1200, 4000.0, (610.0, 390.0), (0.02, -0.01), False, (0.003, -0.002))
+"""Not square: which of the two sides counts must show."""
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_residual_of_a_camera_without_distortion_is_how_far_an_object_is_off(mirrored):
+    camera = Camera(800, 1200, 4000.0, (610.0, 390.0), mirrored=mirrored)
+    xy = np.random.default_rng(1).uniform(0, 799, (20, 2))
+    off = np.random.default_rng(2).normal(0, 1.0, (20, 2))
+    turn = Rotation.from_euler("xyz", [0.3, 0.5, 0.2]).as_matrix()
+    residual, _, _ = _misfit(camera, StarField(xy + off, camera.directions(xy) @ turn, np.arange(20)), turn)
+    assert residual == pytest.approx(off, abs=1e-9)
+
+
+def test_a_star_on_its_place_has_no_residual_whatever_the_lens():
+    xy = np.random.default_rng(1).uniform(0, 799, (20, 2))
+    turn = Rotation.from_euler("xyz", [0.3, 0.5, 0.2]).as_matrix()
+    residual, _, _ = _misfit(WIDE, StarField(xy, WIDE.directions(xy) @ turn, np.arange(20)), turn)
+    assert np.abs(residual).max() < 1e-9
+
+
+def test_without_stars_a_focal_length_is_known_to_a_tenth_and_so_is_the_principal_point():
+    assert _prior(WIDE) ** -0.5 == pytest.approx(np.array([400.0, 120.0, 120.0, 0.1, 0.1, 0.1, 0.1]))
+
+
+def test_the_parameters_of_a_camera_are_in_the_order_of_its_covariance():
+    assert _parameters(WIDE).tolist() == [4000.0, 610.0, 390.0, 0.02, -0.01, 0.003, -0.002]
+    assert _with(Camera(800, 1200, 1.0, (0.0, 0.0)), _parameters(WIDE)) == WIDE
+
+
+def test_a_change_is_measured_in_its_uncertainty():
+    covariance = np.diag([1.0, 4.0, 9.0, 16.0])
+    covariance[1, 2] = covariance[2, 1] = 3.0
+    # The inverse of ((4, 3), (3, 9)) is ((9, -3), (-3, 4)) / 27.
+    change = np.array([100.0, 2.0, -1.0, 100.0])
+    assert _chi_square(change, covariance, [1, 2]) == pytest.approx((9 * 4 + 2 * 3 * 2 + 4) / 27)
+
+
+@pytest.mark.parametrize(
+    ("residual_px", "sigma_px"), [(0.2, 1.4826 * 0.2), (1e-6, 1.4826e-6), (0.5e-6, 1e-6), (0, 1e-6)]
+)
+def test_the_scatter_is_that_of_the_median_and_never_less_than_a_millionth_of_a_pixel(residual_px, sigma_px):
+    residual = np.array([[residual_px, -residual_px], [-residual_px, 1000.0], [residual_px, residual_px]])
+    assert _sigma_axis_px(residual) == pytest.approx(sigma_px, rel=1e-12)
+
+
+def dense(camera, fields, rotations, count):
+    """All equations at once: the derivatives (2 N, count + 3 P), the residuals (2 N,) and the weights (2 N,)."""
+    rows, residuals = [], []
+    for number, (field, rotation) in enumerate(zip(fields, rotations, strict=True)):
+        residual, by_camera, by_rotation = _misfit(camera, field, rotation)
+        part = np.zeros((len(residual), 2, count + 3 * len(fields)))
+        part[:, :, :count] = by_camera[:, :, :count]
+        part[:, :, count + 3 * number : count + 3 * number + 3] = by_rotation
+        rows.append(part.reshape(2 * len(residual), -1))
+        residuals.append(residual)
+    residual = np.concatenate(residuals)
+    sigma = 1.4826 * np.median(np.abs(residual))
+    weight = 1 / (sigma**2 + (residual**2).sum(axis=1) / 2.4**2)
+    return np.concatenate(rows), residual, weight, sigma
+
+
+@pytest.mark.parametrize("count", [5, 7])
+def test_a_step_is_that_of_all_equations_at_once(count):
+    """The camera, its prior, and three angles of each panorama: without the Schur complement."""
+    fields = random_fields(WIDE, np.random.default_rng(4), panoramas=8, stars=12)
+    rotations = [Rotation.align_vectors(WIDE.directions(f.xy_px), f.stars)[0].as_matrix() for f in fields]
+    camera = Camera(800, 1200, 4010.0, (600.0, 400.0), (0.01, 0.0), False, (0.001, 0.001))
+    anchor, prior = Camera(800, 1200, 3900.0, (580.0, 410.0), (0.1, 0.1)), np.linspace(1e-3, 2.0, count)
+    equations, residual, weight, _ = dense(camera, fields, rotations, count)
+    pull = prior * (_parameters(anchor) - _parameters(camera))[:count]
+    weighted = equations * np.repeat(weight, 2)[:, None]
+    whole = weighted.T @ equations
+    whole[:count, :count] += np.diag(prior)
+    right = -weighted.T @ residual.ravel()
+    right[:count] += pull
+    step = np.linalg.solve(whole, right)
+    fit, step_px = _improve(_Fit(camera, rotations, np.eye(count)), anchor, fields, prior)
+    moved = _parameters(camera)
+    moved[:count] += step[:count]
+    assert _parameters(fit.camera) == pytest.approx(moved, rel=1e-8, abs=1e-10)
+    for number, (after, before) in enumerate(zip(fit.rotations, rotations, strict=True)):
+        turned = Rotation.from_rotvec(step[count + 3 * number :][:3]).as_matrix() @ before
+        assert np.abs(after - turned).max() < 1e-9
+    schur = np.linalg.inv(np.linalg.inv(whole)[:count, :count])
+    assert fit.normal == pytest.approx(schur, rel=1e-5, abs=1e-6 * np.abs(schur).max())
+    # At the edge of the detector, 600 px from its middle: a focal length moves it by 600 / 4010 of its change.
+    at_edge = np.abs(step[:count] * np.array([600 / 4010, 1, 1, 600, 600, 1800, 1800])[:count])
+    assert step_px == pytest.approx(at_edge.max(), rel=1e-8)
+
+
+@pytest.mark.parametrize("count", [5, 7])
+def test_the_covariance_is_that_of_all_equations_at_once(count):
+    """Stars that differ have one variance along each axis; the fit took K parameters and three of each panorama."""
+    fields = random_fields(WIDE, np.random.default_rng(6), panoramas=10, stars=12)
+    rotations = [Rotation.align_vectors(WIDE.directions(f.xy_px), f.stars)[0].as_matrix() for f in fields]
+    equations, residual, weight, sigma = dense(WIDE, fields, rotations, count)
+    whole = (equations * np.repeat(weight, 2)[:, None]).T @ equations
+    whole[:count, :count] += np.diag(np.full(count, 1e-3))
+    inverse = np.linalg.inv(whole)[:count]
+    shifts = equations.reshape(len(residual), 2, -1) @ inverse.T
+    variance = ((weight[:, None] * residual) ** 2).mean(axis=0)
+    s2 = (residual**2).sum(axis=1) / (2.4 * sigma) ** 2
+    softness = (1 / (1 + s2) ** 2).reshape(10, 12).mean(axis=1) / (1 / (1 + s2)).reshape(10, 12).mean(axis=1)
+    left = (1 - 3 / (2 * 12)) * (1 - count / (2 * 120))
+    normal = np.linalg.inv(inverse[:, :count])
+    expected = np.einsum("nac,nad,a->cd", shifts, shifts, variance) / (softness.mean() * left) ** 2
+    found = _covariance(_Fit(WIDE, rotations, normal), fields)
+    assert found == pytest.approx(expected, rel=1e-6, abs=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("chi_square", "held"), [(15.5, True), (16.5, False)])
+@pytest.mark.parametrize(("name", "places"), [("principal point", [1, 2]), ("distortion", [3, 4])])
+def test_a_change_is_held_below_a_chi_square_of_sixteen(name, places, chi_square, held):
+    fields = random_fields(TRUE, np.random.default_rng(9), panoramas=40)
+    far = Camera(1024, 1024, 4169.9, (700.0, 300.0), (0.3, 0.3))
+    free = calibrate(TRUE, fields, anchor=far)
+    assert free.held == ()
+    change = np.sqrt(np.diag(free.covariance))[places] * np.array([1.0, -0.5])
+    change *= np.sqrt(chi_square / (change @ np.linalg.solve(free.covariance[np.ix_(places, places)], change)))
+    parameters = _parameters(far)
+    parameters[places] = _parameters(free.camera)[places] + change
+    found = calibrate(TRUE, fields, anchor=_with(far, parameters))
+    assert (name in found.held) is held
+    expected = parameters[places] if held else _parameters(free.camera)[places]
+    assert _parameters(found.camera)[places] == pytest.approx(expected, rel=2e-3 if not held else 1e-6, abs=1e-4)
