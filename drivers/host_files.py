@@ -17,7 +17,7 @@ _OF_A_SHELL = ("/dev/fd/", "/proc/self/fd/", "/dev/stdin")
 
 
 def only_a_file(path: str, flags: int) -> int:
-    """The ``opener`` of a file that somebody names: OSError for a pipe or a device, which nobody may ever write to."""
+    """The ``opener`` of a file that a user names: OSError for a pipe or a device, where a read could wait for ever."""
     mode = os.stat(path).st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # a folder is refused by ``open``, in its own words
         raise OSError(errno.EINVAL, "it is a pipe or a device; expected a file", path)

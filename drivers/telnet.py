@@ -1,8 +1,8 @@
 """Bytes of a telnet connection (RFC 854) taken apart, for an rfc2217:// port.
 
-It stands in the place of pyserial's own read loop, which keeps a suboption without an end, and bytes that nobody
-fetches, without a bound, dies of an end without a beginning, and loses what came just before a hang-up. A server that
-does not double the byte 255 of its line sends any of them: with pyserial, the station then hears nothing for ever.
+It replaces pyserial's own read loop, which has four faults: it keeps a suboption without an end, and unread bytes,
+without a bound; it stops at an end without a beginning; it loses the bytes before a hang-up. A server that does not
+double the byte 255 of its line sends any of these: with pyserial, the station then receives nothing more.
 """
 
 import contextlib

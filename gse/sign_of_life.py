@@ -3,7 +3,7 @@
 A process has one terminal, so there is one sign. ``start`` replaces stdout and stderr by streams that tell it of each
 text; the line is erased before the next text. It is shown only where both are terminals, and only at the start of a
 line: a prompt, a progress bar or a status line is a sign of its own. A terminal that takes no text (Ctrl-S) ends it:
-the sign never waits, and nobody waits for it.
+the sign never blocks.
 
 This module is imported before all others, so it imports little.
 """

@@ -13,7 +13,7 @@ class _NoPandas(MetaPathFinder):
 
 
 def spare_pandas() -> None:
-    """Let pyarrow look for pandas in vain: it does so once. Whoever imports pandas himself still finds it."""
+    """Let pyarrow find no pandas in its only look for it. A later ``import pandas`` still finds it."""
     import pyarrow as pa
 
     if "pandas" in sys.modules:

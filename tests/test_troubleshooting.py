@@ -51,7 +51,7 @@ def messages():
 
 _CAUSES = (
     *("gross_causes", "gross_hypotheses", "gross_turns", "fine_causes", "fine_findings"),
-    *("diagnosis", "plain_findings", "out_of_place", "focus", "unexplained"),
+    *("diagnosis", "plain_findings", "misplaced_stars", "focus", "unexplained"),
     *("sensor_convention", "sensor_findings", "sensor_health", "beside_panoramas"),
 )
 

@@ -48,7 +48,7 @@ class Assessment:
     """The verdict, a line per reason, the rows it was made from, and what the errors look like.
 
     ``relative`` where the mount was fitted on the same sky: then absolute pointing, site and clock were not tested.
-    ``damaged`` where a part of the session file is missing: nobody knows what that part showed.
+    ``damaged`` where a part of the session file is missing: what that part showed is unknown.
     ``not_tested`` are lines on what the verdict says nothing of. A ``simulated`` session proves nothing of a sensor.
     """
 

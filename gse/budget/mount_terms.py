@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from gse.budget.changed_truth import LARGEST_STEP_ARCSEC, ChangedTruth, Vector, scaled, together
+from gse.budget.truth_sensitivity import LARGEST_STEP_ARCSEC, ChangedTruth, Vector, scaled, together
 from gse.budget.uncertainty import AXES, TO_STANDARD, Distribution, Term
 from gse.mount import Mount
 from gse.truth import Alignment

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from gse.budget.changed_truth import LARGEST_STEP_ARCSEC, ChangedTruth, Vector, absolute, scaled, together
+from gse.budget.truth_sensitivity import LARGEST_STEP_ARCSEC, ChangedTruth, Vector, absolute, scaled, together
 from gse.budget.uncertainty import TO_STANDARD, Distribution, Term
 from gse.constants import ARCSEC_RAD
 from gse.mount import Mount

@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gse.budget.changed_truth import ChangedTruth
 from gse.budget.inertial_terms import inertial_terms
 from gse.budget.mount_terms import clock, fitted_mount, stability, stated_mount, time_stamp
 from gse.budget.sky_terms import air_terms, earth_terms, model_terms, site_terms
 from gse.budget.star_terms import OWN_STARS, FieldOfStars, own_stars, star_terms
+from gse.budget.truth_sensitivity import ChangedTruth
 from gse.budget.uncertainty import AXES, AxisUncertainty, Term, combined
 from gse.mount import Mount
 from gse.site import Site

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, ndtri
 
-from gse.campaign.own_share import left_out
+from gse.campaign.leverage import left_out
 from gse.campaign.rounding import Harmonics, without_rounding
 
 DEGREE = 3

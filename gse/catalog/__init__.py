@@ -1,6 +1,6 @@
 """Star catalogues: unit vectors, magnitudes and names of stars, brightest first.
 
-May import no room above itself: a catalogue does not know who searches in it.
+May import no room above itself.
 """
 
 from gse.catalog.mission import brightest_per_field, merge_doubles, mission_catalog, stars_for_field, stars_searched

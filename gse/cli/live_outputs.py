@@ -50,7 +50,7 @@ class LiveOptions:
 
     def __post_init__(self) -> None:
         if self.view != "web" and (self.http_port or self.bind != LOOPBACK):
-            raise UsageError("--http-port and --bind are of the web pages, which nobody asked for: add --view web")
+            raise UsageError("--http-port and --bind are for the web pages: add --view web")
 
 
 live_options = gathered(

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
-from gse.diagnosis.ideas_of_truth import by_each_idea
+from gse.diagnosis.answer_definitions import by_each_idea
 from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.station.frame_columns import Columns
 from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
 from gse.station.session_data import SessionData
-from gse.statistics.answers_apart import answers_apart
+from gse.statistics.answer_differences import answer_differences
 from gse.statistics.onboard_equivalence import OnboardEquivalence
 from gse.statistics.sensor_answers import SensorAnswers
 
@@ -202,7 +202,7 @@ def _noisy(session: SessionData, own: SensorAnswers, explained_arcsec: float) ->
     ``explained_arcsec`` is what other stars from frame to frame make of it.
     """
     frames = session.frames.columns
-    offsets_arcsec = answers_apart(own, frames)
+    offsets_arcsec = answer_differences(own, frames)
     both = np.flatnonzero(np.isfinite(offsets_arcsec[:, 0]) & np.isfinite(own.cross_x_arcsec))
     if len(both) < _FEWEST:
         return

@@ -14,10 +14,10 @@ from gse.diagnosis.field_patterns import field_of_errors, unexplained_residuals
 from gse.diagnosis.fine_causes import forget_fits
 from gse.diagnosis.fine_findings import Setting, fine_findings
 from gse.diagnosis.focus import focus_finding, focus_loss
-from gse.diagnosis.known_steps import without_steps
+from gse.diagnosis.known_clock_steps import without_steps
 from gse.diagnosis.late_frames import LateFrames
 from gse.diagnosis.low_field import without_shaking
-from gse.diagnosis.out_of_place import STARS_FALL_OUT, most_unmatched, stars_fall_out
+from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, most_unmatched, stars_fall_out
 from gse.diagnosis.plain_findings import (
     event_findings,
     faulty_panoramas,

@@ -94,7 +94,7 @@ def error_series(frames: Columns, used: NDArray[np.bool_]) -> ErrorSeries | None
 def with_left_out(series: ErrorSeries, matches: NDArray[np.void], camera: Camera) -> ErrorSeries:
     """The errors as they are with the stars (rows of MATCH) that answers left out; between frames without rows linear.
 
-    Those that an identifier names are chosen by their distances, which biases them (gse.station.left_out_stars).
+    Those that an identifier names are chosen by their distances, which biases them (gse.station.unnamed_stars).
     """
     matches = matches[np.isin(matches["frame"], series.rows)]
     residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)

@@ -33,7 +33,7 @@ _LATENCY_S = 2.5
 _SURE_S = 0.2
 """An offset that is known worse is near to a whole second by chance."""
 CLOCK_SCALES = {"clock set to GPS time": 18.0, "clock set to TAI": 37.0}
-"""How fast a host's clock is that was set to another time scale than UTC, in s, since 2017."""
+"""Error in s of a host's clock that was set to another time scale than UTC, since 2017."""
 _SAME_DELAY_S = 0.02
 """The latency that a USB adapter may have."""
 _DOUBTFUL = 2.0

@@ -8,7 +8,7 @@ from drivers.chunk import LinkEvent, LinkKind
 from gse.count_text import count_text
 from gse.diagnosis.late_frames import CRYSTAL_PPM
 from gse.diagnosis.low_field import air_in_field, only_reference_answers
-from gse.diagnosis.out_of_place import FALLEN_OUT_SHARE
+from gse.diagnosis.misplaced_stars import FALLEN_OUT_SHARE
 from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.station.event_kinds import ClockStep, StationKind

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gse.budget.star_terms import roll_of_a_fix
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.diagnosis.beside_panoramas import Explained, beside_panoramas
-from gse.diagnosis.out_of_place import STARS_FALL_OUT
+from gse.diagnosis.misplaced_stars import STARS_FALL_OUT
 from gse.finding import Finding
 from gse.station.attitude_table import ANGLES, QUATERNION
 from gse.station.session_data import SessionData

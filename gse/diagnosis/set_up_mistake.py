@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.diagnosis.fine_findings import CLOCK_SCALES
-from gse.diagnosis.out_of_place import STARS_FALL_OUT, stars_fall_out
+from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, stars_fall_out
 from gse.diagnosis.session_gross_cause import gross_cause_of, left_under
 from gse.finding import Finding
 from gse.limits import Limits

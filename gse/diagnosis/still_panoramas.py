@@ -1,6 +1,6 @@
 """Panoramas that show the same objects on the same pixels while the sky moves: a sensor whose picture is frozen.
 
-Repeated frames with one time tag are told by the link (FROZEN); this one counts on and sends its last picture again.
+The link detects repeated frames with one time tag (FROZEN); this sensor counts on and sends its last picture again.
 Errors then grow with the Earth's turn, which looks like a driven mount or a mount that moves.
 """
 

@@ -1,6 +1,6 @@
-"""Watch for a camera that the station file states wrongly: looked for while nothing is identified.
+"""Search for a camera that the station file states wrongly, while nothing is identified.
 
-A mirrored image is told as that alone, unless its focal length is wrong by more than an identifier tolerates too.
+A mirrored image gets that finding alone, unless its focal length is also wrong by more than an identifier tolerates.
 """
 
 from collections.abc import Iterable

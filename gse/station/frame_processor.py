@@ -20,10 +20,10 @@ from gse.station.attitude_error import attitude_errors
 from gse.station.frame_results import ERRORS, FrameResults
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.identified import Identified
-from gse.station.left_out_stars import LeftOutStars, SolvedFrames
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.results import AnswerCheck, MatchColumns, Starlights, Status
 from gse.station.starlight import rows_of, starlights
+from gse.station.unnamed_stars import LeftOutStars, SolvedFrames
 from gse.truth import SiderealTruth
 
 CENTROID_SIGMA_PX = 0.3

@@ -104,7 +104,7 @@ MATCH = np.dtype(
 )
 """One row per star of the frames that keep theirs; ``frame`` is the row of its panorama, ``star`` that of its star in
 the mission catalogue, ``brightness`` its index value. The answer has ``named`` it, or has left it out
-(gse.station.left_out_stars)."""
+(gse.station.unnamed_stars)."""
 
 
 class _Rows:

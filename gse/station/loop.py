@@ -65,7 +65,6 @@ from gse.station.frame_processor import FrameProcessor
 from gse.station.frame_results import FrameResults, NewResults
 from gse.station.housekeeping import fill_housekeeping
 from gse.station.identified import Identified
-from gse.station.left_out_stars import LeftOutStars
 from gse.station.mount_alignment import FirstSeconds
 from gse.station.non_stellar import NonStellarObjects
 from gse.station.own_answer_results import OwnAnswerProcessor
@@ -76,6 +75,7 @@ from gse.station.session_data import SessionData
 from gse.station.setup import Setup, versions
 from gse.station.sky_watch import SkyWatch
 from gse.station.truth_source import TruthSource
+from gse.station.unnamed_stars import LeftOutStars
 from gse.station.unreadable_bytes import what_fits
 from gse.truth import EarthOrientation
 from gse.truth.iers_tables import GivenTables

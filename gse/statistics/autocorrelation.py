@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.statistics.mixed_student import MixedStudent
+from gse.statistics.student_mixture import MixedStudent
 
 ORDINATES = 32
 """More would separate short correlation times from white noise, but would ask more of the shape."""

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.statistics.autocorrelation import mean_error, weighted_sum_error
-from gse.statistics.mixed_student import MixedStudent
+from gse.statistics.student_mixture import MixedStudent
 
 MIN_FRAMES = 30
 """Fewer frames get no bounds."""

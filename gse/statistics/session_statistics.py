@@ -12,7 +12,7 @@ from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
 from gse.station.frame_table import ANSWER_CHECKS, STATUSES
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
-from gse.statistics.answers_apart import answers_apart
+from gse.statistics.answer_differences import answer_differences
 from gse.statistics.clock_health import ClockHealth, clock_health
 from gse.statistics.convention_search import ConventionSearch
 from gse.statistics.counted_frames import CountedFrames, counted_frames, explained_arcsec
@@ -145,7 +145,7 @@ def sensor_masks(
         x, y = own.cross_x_arcsec, own.cross_y_arcsec
         separation_arcsec = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
         false = own.acquired & (separation_arcsec > explained_arcsec(frames, counted.exclusions))
-    offsets_arcsec = answers_apart(own, frames)
+    offsets_arcsec = answer_differences(own, frames)
     correct = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.CORRECT)
     confirmed = np.isfinite(offsets_arcsec[:, 0]) & correct
     if confirmed.any():

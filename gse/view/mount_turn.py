@@ -30,7 +30,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class MountTurn:
-    """The turn that brings the boresight to the stated direction, as seen by one who looks along the sensor.
+    """The turn that brings the boresight to the stated direction, seen in the viewing direction of the sensor.
 
     ``across`` is along the horizon, to the right where positive, and ``up`` at right angles to it; near the zenith they
     are to the east and to the north. ``roll`` is clockwise where positive.

@@ -1,4 +1,4 @@
-"""The pages of a view's web server, and who may ask for them."""
+"""The pages of a view's web server, with the check of each request's origin."""
 
 import asyncio
 import base64

@@ -128,7 +128,7 @@ class RerunFeed:
         self._put(event)
 
     def hurry(self) -> None:
-        """Show what waits for its batch: there is no more to come."""
+        """Show the last, incomplete batch at once: the session has ended."""
         self._awake.set()
 
     def piece_after(self, place: str, *, last: bool = False) -> Piece:

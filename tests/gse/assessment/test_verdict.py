@@ -14,7 +14,7 @@ from gse.budget.mount_terms import STABILITY
 from gse.budget.truth_budget import TruthUncertaintyBudget
 from gse.budget.uncertainty import Term, combined
 from gse.config.station import BUILT_IN_TEXT
-from gse.diagnosis.ideas_of_truth import by_each_idea
+from gse.diagnosis.answer_definitions import by_each_idea
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount, MountUncertainty

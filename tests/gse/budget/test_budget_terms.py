@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, TABLE
 
-from gse.budget.changed_truth import ChangedTruth
 from gse.budget.mount_terms import fitted_mount
 from gse.budget.truth_budget import SessionFacts, truth_budget
+from gse.budget.truth_sensitivity import ChangedTruth
 from gse.budget.uncertainty import Distribution
 from gse.instant import from_text
 from gse.mount import Mount

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from skies.drifting_stars import drifting_stars
 
-from gse.campaign import own_share
+from gse.campaign import leverage
 from gse.campaign.atlas import Residuals, session_atlas, sigmas_of
-from gse.campaign.own_share import left_out
+from gse.campaign.leverage import left_out
 from gse.campaign.star_places import SIGMAS, named_stars, star_offsets, to_sky
 from gse.catalog import load_catalog
 
@@ -84,6 +84,6 @@ def test_stars_are_freed_of_their_own_share_in_parts_as_all_together(monkeypatch
     stars = rng.normal(0, 5, (len(frame), 2)), rng.uniform(-6, 6, (len(frame), 2)), frame
     together = left_out(*stars)
     for most in (1, 10, 31):
-        monkeypatch.setattr(own_share, "_ROWS_AT_ONCE", most)
+        monkeypatch.setattr(leverage, "_ROWS_AT_ONCE", most)
         for one, other in zip(left_out(*stars), together, strict=True):
             np.testing.assert_array_equal(one, other)

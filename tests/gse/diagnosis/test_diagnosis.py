@@ -12,7 +12,7 @@ from drivers.chunk import LinkEvent
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
 from gse.diagnosis.diagnosis import causes_so_far
-from gse.diagnosis.out_of_place import most_unmatched, stars_fall_out
+from gse.diagnosis.misplaced_stars import most_unmatched, stars_fall_out
 from gse.diagnosis.plain_findings import faulty_panoramas
 from gse.instant import NS_PER_S
 from gse.mount import InertialDirection, Mount

@@ -17,8 +17,8 @@ from gse.instant import NS_PER_S
 from gse.statistics.autocorrelation import cosines, mean_error
 from gse.statistics.axis_statistics import axis_statistics, drift
 from gse.statistics.guard_band import exceeds, further_share, guard, keeps
-from gse.statistics.mixed_student import MixedStudent
 from gse.statistics.sampling import effective_number, error_bounds, mean_bounds, root_mean_square_bounds, slope_bounds
+from gse.statistics.student_mixture import MixedStudent
 
 
 def axis(error, step_s=1.0):

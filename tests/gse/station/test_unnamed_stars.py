@@ -13,7 +13,7 @@ from gse.identifier import Answers, Identification, ObjectColumns
 from gse.identifier.neighbour import NeighbourIdentifier
 from gse.identifier_options import IdentifierOptions
 from gse.site import Site
-from gse.station.left_out_stars import LeftOutStars, SolvedFrames, _nearest
+from gse.station.unnamed_stars import LeftOutStars, SolvedFrames, _nearest
 from gse.truth import EarthOrientation, Refraction, SiderealTruth
 
 AIR = Refraction.at(Site(latitude_deg=48.0, longitude_deg=11.0, height_m=300.0))

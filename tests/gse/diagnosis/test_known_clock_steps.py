@@ -5,7 +5,7 @@ import pytest
 from skies.star_errors import SETTINGS, START_NS, Truth, made
 
 from gse.diagnosis.error_series import error_series
-from gse.diagnosis.known_steps import without_steps
+from gse.diagnosis.known_clock_steps import without_steps
 from gse.instant import NS_PER_S
 from gse.station.event_kinds import ClockStep, StationKind
 

@@ -1,4 +1,4 @@
-"""How far a sensor's answers lie off those here, by each idea of what it answers.
+"""Definitions of a sensor's own answer, and its offset from the answer here by each of them.
 
 Air and aberration part the stars of a field unevenly. A sensor may answer the mean over its stars, as the one here does
 from the same panorama, over the whole field, or its boresight alone. What no idea explains is an error of its own.

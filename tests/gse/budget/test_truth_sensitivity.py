@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, TABLE
 
-from gse.budget.changed_truth import ChangedTruth, absolute, scaled, together
+from gse.budget.truth_sensitivity import ChangedTruth, absolute, scaled, together
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.mount import Mount
 from gse.site import Site

@@ -7,7 +7,7 @@ import pytest
 
 from gse.attitude import Attitude
 from gse.station.frame_table import FRAME
-from gse.statistics.answers_apart import answers_apart
+from gse.statistics.answer_differences import answer_differences
 from gse.statistics.sensor_answers import SensorAnswers
 
 ARCSEC_PER_RAD = 180 * 3600 / math.pi
@@ -20,7 +20,7 @@ def apart(here, sensor):
         frames[name] = column
     own = {name: np.full(len(here), np.nan) for name in SensorAnswers.__slots__}
     own["ra_deg"], own["de_deg"] = np.array(sensor, dtype=float).T
-    return answers_apart(SensorAnswers(**own), frames)
+    return answer_differences(SensorAnswers(**own), frames)
 
 
 @pytest.mark.parametrize("ra_deg", [10.0, 70.0, 200.0])

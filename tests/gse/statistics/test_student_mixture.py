@@ -7,7 +7,7 @@ import pytest
 import scipy.optimize
 import scipy.stats
 
-from gse.statistics.mixed_student import MixedStudent
+from gse.statistics.student_mixture import MixedStudent
 
 
 @pytest.mark.parametrize(

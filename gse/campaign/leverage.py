@@ -1,4 +1,4 @@
-"""Residuals as if each star had no part in the fit of its frame's attitude.
+"""Leave-one-out residuals: each star's, as if it had no part in the fit of its frame's attitude.
 
 A star pulls the attitude of its frame towards itself: its residual is smaller than its error, and its place on the
 pixel, which the attitude tells, follows its own error. With H, the share of its error that the fit takes over, the

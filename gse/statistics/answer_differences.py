@@ -1,4 +1,4 @@
-"""How far the sensor's own answers lie from those to the same panoramas here: in the sensor frame, without truth."""
+"""Differences between the sensor's own answers and the station's to the same panoramas, in the sensor frame."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ _ROWS_AT_ONCE = 1 << 14
 """Rotations of more rows than these are large."""
 
 
-def answers_apart(own: SensorAnswers, frames: Columns) -> NDArray[np.float64]:
+def answer_differences(own: SensorAnswers, frames: Columns) -> NDArray[np.float64]:
     """The sensor's boresight (M, 2) along columns and rows from the one here, in arcsec; NaN where one is missing.
 
     Another body frame makes all of them alike, a wrong clock, site or mount none.
