@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gse.attitude import Attitude
 from gse.camera import Camera
-from gse.diagnosis.raw_attitudes import RawAttitudes
+from gse.diagnosis.raw_attitudes import RawAttitudes, central
 from gse.station.frame_table import FRAME
 
 
@@ -45,3 +46,13 @@ def test_some_of_them_are_the_first_the_middle_and_the_last_of_a_mask():
     raw = RawAttitudes(np.arange(9), np.zeros((9, 3, 3)), np.zeros((5, 3)))
     mask = np.array([0, 1, 1, 0, 1, 1, 1, 1, 0], dtype=bool)
     assert raw.some(mask).utc_ns.tolist() == [1, 5, 7]
+
+
+@pytest.mark.parametrize("false_first", [True, False])
+def test_the_central_one_of_some_attitudes_is_no_false_answer(false_first):
+    turns_deg = [0.0, 0.3, 0.1, 0.2, 0.15]
+    false_deg = [-170.0, 90.0, -60.0]
+    all_deg = false_deg + turns_deg if false_first else turns_deg + false_deg
+    found = central(Rotation.from_rotvec(np.outer(all_deg, [0, 0, 1]), degrees=True).as_matrix())
+    # of eight, half are nearest to the middle of the five that are alike
+    assert all_deg[found] == 0.15
