@@ -96,6 +96,19 @@ def test_failures_of_a_program_are_counted_and_told_with_their_frame(session):
     assert (session.external_counts.answers, session.external_counts.failures["CRASH"]) == (2, 1)
 
 
+def test_a_program_that_is_given_up_is_told_once_with_the_first_frame_without_an_answer(session):
+    given_up = Given(Failure(FailureKind.GIVEN_UP, "it failed too often"), 1.0)
+    results = results_of(3, session, failed=0)
+    results = replace(results, made=tuple(replace(one, given=given_up) for one in results.made))
+    ((place, told),) = ResultEvents(Sky(), Camera()).of(results, session, 0)
+    assert (place, told.kind) == (0, "IDENTIFIER_GIVEN_UP")
+    assert told.text == "no answer from frame 0 on: it failed too often"
+    assert session.external_counts.failures["GIVEN_UP"] == 3
+    more = results_of(2, session, failed=0)
+    more = replace(more, made=tuple(replace(one, given=given_up) for one in more.made))
+    assert list(ResultEvents(Sky(), Camera()).of(more, session, 3)) == []
+
+
 @pytest.mark.parametrize(("end", "kinds"), [("", ["NO_STARS"]), ("it is wrong", ["WRONG_CAMERA", "NO_STARS"])])
 def test_at_the_end_the_camera_and_the_sky_have_their_say(session, end, kinds):
     results_of(3, session)
