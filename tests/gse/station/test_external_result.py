@@ -6,29 +6,35 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from skies.made_frames import FIELD_14_DEG
 
 from gse.attitude import Attitude
 from gse.catalog import load_catalog
 from gse.external.answers import ExternalAnswer, Failure, FailureKind
 from gse.external.identifier import ExternalIdentifier, Given
-from gse.identifier import Identification
+from gse.identifier import Identification, Reason, Unidentified
 from gse.instant import from_text
 from gse.mount import Mount
 from gse.panorama import Panorama, Panoramas
 from gse.site import Site
 from gse.station.attitude_error import attitude_errors
 from gse.station.external_result import (
+    _CROSS,
+    answers_of,
     geometric_of,
     has_roll,
     identification_of,
     matches_of,
+    results_of,
     status_of,
     with_roll,
 )
 from gse.station.frame_processor import FrameProcessor
+from gse.station.frame_table import ANSWER_CHECKS
+from gse.station.identified import Identified
 from gse.station.non_stellar import NonStellarObjects
-from gse.station.results import Status
+from gse.station.results import AnswerCheck, Starlight, Starlights, Status
 from gse.truth import EarthOrientation, SiderealTruth
 
 ARCSEC = math.pi / 648_000
@@ -163,3 +169,167 @@ def test_the_stars_that_an_answer_names_are_those_that_the_catalogue_has_the_fir
     assert found.stars.tolist() == [7, 0]
     assert found.objects.tolist() == [0, 2]
     assert attitude is ATTITUDE
+
+
+# Answers and results by hand, without an identifier
+
+PLACES = np.array([[100.0, 200.0], [300.0, 500.0], [800.0, 700.0]])
+
+
+def made_panorama(number, objects=3):
+    return Panorama(UTC_NS + number, PLACES[:objects], np.array([300.0, 200.0, 100.0])[:objects], number)
+
+
+def no_answer(status="TOO_FEW", detail="two objects"):
+    none = np.zeros(0, dtype=np.int64)
+    return ExternalAnswer({}, None, False, status, detail, none, none, None)
+
+
+def answer_of(catalog, rows, objects):
+    return ExternalAnswer({}, ATTITUDE, True, "IDENTIFIED", "", np.array(objects), catalog.ids[np.array(rows)], None)
+
+
+class Timed:
+    """Answers made on purpose, each with its time; it notes the panoramas that it is asked for."""
+
+    identity: ClassVar[dict[str, str]] = {"name": "made", "version": "1"}
+
+    def __init__(self, *given):
+        self._given, self.asked = list(given), []
+
+    def answers(self, panoramas):
+        self.asked += [panorama.frame_no for panorama in panoramas]
+        return self._given
+
+
+FAULT = Unidentified(Reason.SENSOR_FAULT, "the sensor reports detector fault")
+
+
+def test_panoramas_without_a_fault_are_asked_for_and_what_is_given_for_each_has_its_place(catalog):
+    crash = Failure(FailureKind.CRASH, "it ended")
+    source = Timed(Given(answer_of(catalog, [3, 8], [0, 2]), 42.06), Given(no_answer(), None), Given(crash, 1000.04))
+    panoramas = Panoramas.of([made_panorama(number) for number in range(4)])
+    identifier = ExternalIdentifier(catalog, source)
+    answers, attitudes, elapsed_us, given = answers_of(identifier, panoramas, {1: FAULT})
+    assert source.asked == [0, 2, 3]
+    assert sorted(given) == [0, 2, 3]
+    assert (answers[0].objects.tolist(), answers[0].stars.tolist()) == ([0, 2], [3, 8])
+    assert math.isnan(answers[0].false_match_probability)
+    assert answers[1] is FAULT
+    assert answers[2] == Unidentified(Reason.NO_MATCH, "TOO_FEW: two objects")
+    assert answers[3] == Unidentified(Reason.NO_MATCH, "CRASH: it ended")
+    assert attitudes[0].icrs_to_sensor.tolist() == ATTITUDE.icrs_to_sensor.tolist()
+    assert [attitudes[k] for k in (1, 2, 3)] == [None] * 3
+    assert elapsed_us.tolist() == pytest.approx([42.1, math.nan, math.nan, 1000.0], nan_ok=True)
+
+
+def identified_of(catalog, *given, panoramas=None):
+    """What follows from three panoramas, of which the second is a fault of the sensor."""
+    identifier = ExternalIdentifier(catalog, Timed(*given))
+    panoramas = panoramas or Panoramas.of([made_panorama(number) for number in range(3)])
+    answers, attitudes, elapsed_us, by_panorama = answers_of(identifier, panoramas, {1: FAULT})
+    light = Starlights.of([Starlight(k, 14.0 + k, 5.0, 100.0) for k in range(3)])
+    checks = [ANSWER_CHECKS.index(one) for one in (AnswerCheck.FALSE, AnswerCheck.UNKNOWN, AnswerCheck.ABSENT)]
+    identified = Identified(
+        FIELD_14_DEG.directions(panoramas.xy_px),
+        np.array([True, False, True]),
+        answers,
+        attitudes,
+        np.array(checks, dtype=np.uint8),
+        np.full(3, np.nan),
+        light,
+        elapsed_us,
+        by_panorama,
+    )
+    return identifier, panoramas, identified
+
+
+def test_results_of_an_answer_a_fault_and_no_answer_say_what_each_is(catalog):
+    given = Given(answer_of(catalog, [3, 8], [0, 2]), 42.0), Given(no_answer(), 7.0)
+    identifier, panoramas, identified = identified_of(catalog, *given)
+    one, fault, none = results_of(identifier, panoramas, identified, [42.0, math.nan, 7.0], None, None)
+    assert (one.status, one.detail, one.identifier) == (Status.IDENTIFIED, "", "external")
+    assert (one.elapsed_us, one.answer_check, one.light.stars, one.has_roll) == (42.0, AnswerCheck.FALSE, 0, True)
+    assert one.given is given[0]
+    assert one.attitude.icrs_to_sensor.tolist() == ATTITUDE.icrs_to_sensor.tolist()
+    assert (one.attitude_geometric, one.attitude_true, one.attitude_error) == (None, None, None)
+    assert [(match.object, match.star) for match in one.matches] == [(0, catalog.name(3)), (2, catalog.name(8))]
+    assert (fault.status, fault.detail) == (Status.SENSOR_FAULT, "the sensor reports detector fault")
+    assert (fault.identification, fault.elapsed_us, fault.given) == (None, None, None)
+    assert (none.status, none.detail, none.elapsed_us) == (Status.TOO_FEW, "TOO_FEW: two objects", 7.0)
+    assert (none.identification, none.attitude, none.given) == (None, None, given[1])
+    assert (none.answer_check, none.light.zero_point_mag, none.has_roll) == (AnswerCheck.ABSENT, 16.0, True)
+    assert [len(result.matches) for result in (fault, none)] == [0, 0]
+
+
+def test_objects_of_a_result_are_those_of_its_own_panorama(catalog):
+    """The residuals of the third panorama, whose objects stand elsewhere, by the geometry of a pinhole."""
+    panoramas = Panoramas.of([made_panorama(0, 2), made_panorama(1, 1), made_panorama(2)])
+    stars = np.argsort(-(catalog.icrs @ ATTITUDE.boresight_icrs))[:2]
+    given = Given(no_answer(), None), Given(answer_of(catalog, stars, [1, 2]), None)
+    identifier, panoramas, identified = identified_of(catalog, *given, panoramas=panoramas)
+    found = results_of(identifier, panoramas, identified, [math.nan] * 3, None, None)[2]
+    assert found.elapsed_us is None
+    offset = np.column_stack([PLACES[1:] - 511.5, np.full(2, FIELD_14_DEG.focal_length_px)])
+    seen = offset / np.sqrt((offset**2).sum(axis=1))[:, None]
+    expected = (seen - catalog.icrs[stars] @ ATTITUDE.icrs_to_sensor.T)[:, :2] / ARCSEC
+    assert found.matches.residuals_arcsec == pytest.approx(expected, abs=1e-6)
+
+
+class StillSky:
+    """A sky without aberration, whose air lowers what it shows by a milliradian along x, towards a zenith on x."""
+
+    def icrs_to_horizon(self, utc_ns):
+        return np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+
+    def attitude_true(self, utc_ns, mount):
+        return Attitude.from_angles(0.0, 90.0, mount.roll_deg)
+
+    def apparent(self, stars_icrs, utc_ns):
+        return stars_icrs.copy()
+
+    def unrefracted(self, directions_sensor, zenith_sensor):
+        turn = Rotation.from_rotvec(-1e-3 * np.cross([0.0, 0.0, 1.0], zenith_sensor)).as_matrix()
+        return directions_sensor @ turn.T
+
+
+POLE = Attitude.from_angles(0.0, 90.0, 40.0)
+
+
+def at_the_pole(*, has_roll, roll_deg=40.0, truth=None, mount=None):
+    """The result of an answer that looks at the pole and names no star."""
+    attitude = Attitude.from_angles(0.0, 90.0, roll_deg)
+    catalog = load_catalog(stars=100)
+    given = Given(external(attitude, has_roll=has_roll), 1.0), Given(no_answer(), None)
+    identifier, panoramas, identified = identified_of(catalog, *given)
+    return results_of(identifier, panoramas, identified, [1.0, math.nan, math.nan], truth, mount)[0]
+
+
+def test_an_answer_is_compared_with_truth_where_there_are_a_sky_and_a_mount():
+    sky, mount = StillSky(), Mount(roll_deg=40.0)
+    for truth, of in ((None, None), (None, mount), (sky, None), (sky, mount)):
+        found = at_the_pole(has_roll=True, truth=truth, mount=of)
+        assert (found.attitude_geometric is None) is (truth is None)
+        assert (found.attitude_true is None) is (truth is None or of is None)
+        assert (found.attitude_error is None) is (truth is None or of is None)
+    assert found.attitude_true.icrs_to_sensor == pytest.approx(POLE.icrs_to_sensor, abs=1e-15)
+    apart = np.hypot(found.attitude_error.cross_x_arcsec, found.attitude_error.cross_y_arcsec)
+    assert apart == pytest.approx(1e-3 / ARCSEC, rel=1e-6)
+
+
+def test_a_roll_that_was_not_answered_is_that_of_the_truth_and_has_no_error():
+    sky, mount = StillSky(), Mount(roll_deg=40.0)
+    without = at_the_pole(has_roll=False, roll_deg=0.0, truth=sky, mount=mount)
+    assert without.attitude.roll_deg == pytest.approx(40.0)
+    assert math.isnan(without.attitude_error.d_roll_arcsec)
+    assert math.isfinite(without.attitude_error.d_de_arcsec)
+    assert at_the_pole(has_roll=False, roll_deg=0.0, truth=sky).attitude.roll_deg == pytest.approx(0.0)
+    answered = at_the_pole(has_roll=True, roll_deg=41.0, truth=sky, mount=mount)
+    assert answered.attitude.roll_deg == pytest.approx(41.0)
+    assert answered.attitude_error.d_roll_arcsec == pytest.approx(3600.0, abs=1e-3)
+
+
+def test_the_cross_that_stands_for_objects_has_arms_of_three_degrees_about_the_boresight():
+    places = _CROSS[:, :2] / _CROSS[:, 2:]
+    assert places == pytest.approx(np.array([[0.05, 0], [-0.05, 0], [0, 0.05], [0, -0.05]]), abs=1e-15)
+    assert np.linalg.norm(_CROSS, axis=1) == pytest.approx(np.ones(4), abs=1e-15)

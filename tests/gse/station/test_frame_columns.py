@@ -1,5 +1,6 @@
 """Frames of a long session lie in a temporary file: the same columns in little memory."""
 
+import mmap
 import resource
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from skies.synthetic_night import synthetic_night
 
 from gse.assessment.verdict import judge
 from gse.report.summary import summarise
-from gse.station.frame_columns import ColumnStore
+from gse.station.frame_columns import ColumnStore, FrameColumns, InOrder
 from gse.station.frame_table import FRAME, MATCH, FrameTable
 
 MIB = 1 << 20
@@ -115,3 +116,127 @@ def test_a_session_on_the_disk_is_judged_as_one_in_memory():
     moved.frames.use_disk(0)
     assert moved.frames._frames.is_on_disk
     assert summarise(moved, judge(moved)) == summarise(kept, judge(kept))
+
+
+# A store of columns, by hand
+
+SMALL = np.dtype([("a", "i8"), ("b", "f4"), ("c", "u1")])
+
+
+def small_rows(count, first=0):
+    rows = np.zeros(count, SMALL)
+    for name in SMALL.names:
+        rows[name] = np.arange(first, first + count)
+    return rows
+
+
+def small_store(count, *, on_disk=False, room=0):
+    """A store with so many rows and no more room, or with ``room`` of it."""
+    store = ColumnStore(SMALL, 0).with_room(max(count, room), on_disk=on_disk)
+    store.extend(small_rows(count))
+    return store
+
+
+def test_a_store_has_the_room_that_it_was_given_and_no_rows_yet():
+    store = ColumnStore(SMALL, 7)
+    assert (store.rows, store.used, store.is_on_disk, store.dtype) == (7, 0, False, SMALL)
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_rows_follow_each_other_and_a_part_of_a_column_is_a_view(on_disk):
+    store = small_store(3, on_disk=on_disk, room=5)
+    store.extend(small_rows(2, 3))
+    assert (store.used, store.rows, store.is_on_disk) == (5, 5, on_disk)
+    assert [store.column(name, 1, 4).tolist() for name in SMALL.names] == [[1, 2, 3]] * 3
+    store.column("a", 2, 3)[:] = 77
+    assert store.column("a", 0, 5).tolist() == [0, 1, 77, 3, 4]
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_more_room_leaves_the_rows_as_they_are(on_disk):
+    larger = small_store(3, on_disk=on_disk, room=4).with_room(9, on_disk=on_disk)
+    assert (larger.used, larger.rows, larger.is_on_disk) == (3, 9, on_disk)
+    larger.extend(small_rows(6, 3))
+    assert [larger.column(name, 0, 9).tolist() for name in SMALL.names] == [list(range(9))] * 3
+
+
+def test_a_copy_lies_in_memory_and_has_no_part_in_what_comes_later():
+    store = small_store(3, on_disk=True, room=5)
+    copy = store.copied()
+    store.column("a", 0, 3)[:] = 9
+    assert (copy.used, copy.rows, copy.is_on_disk) == (3, 3, False)
+    assert copy.column("a", 0, 3).tolist() == [0, 1, 2]
+
+
+def test_columns_in_a_file_begin_with_a_page_each_and_do_not_overlap():
+    """Rows of 8, 4 and 1 bytes, one byte more than a page in the longest."""
+    count = mmap.PAGESIZE // 8 + 1
+    store = small_store(count, on_disk=True)
+    places = [store.column(name, 0, count).ctypes.data for name in SMALL.names]
+    assert [place % mmap.PAGESIZE for place in places] == [0, 0, 0]
+    assert [(place - places[0]) // mmap.PAGESIZE for place in places] == [0, 2, 3]
+
+
+def test_a_file_that_is_refused_says_so():
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+    try:
+        assert ColumnStore(SMALL, 0)._map_file(1000) is False
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_pages_are_given_back_after_sixteen_mebibytes_were_looked_at():
+    """Two columns of a day at 10 Hz, of 8 bytes a frame, take 13 MiB."""
+    store = small_store(100, on_disk=True)
+    assert store._touched == 100 * (8 + 4 + 1)
+    store.column("b", 10, 30)
+    assert store._touched == 1300 + 80
+    store._touch(16 * MIB - 1380)
+    assert store._touched == 16_777_216
+    store.column("c", 0, 1)
+    assert store._touched == 0
+    assert store.column("a", 0, 100).tolist() == list(range(100))
+
+
+def test_rows_that_move_to_a_file_are_looked_at_once_there():
+    store = small_store(100, on_disk=True).with_room(200, on_disk=True)
+    assert store._touched == 1300
+
+
+def test_columns_in_memory_are_not_given_back():
+    store = small_store(100)
+    store.column("a", 0, 100)
+    assert store._touched == 0
+
+
+@pytest.mark.parametrize(
+    ("part", "numbers"),
+    [
+        (slice(None), [2, 3, 4, 5, 6]),
+        (slice(1, 3), [3, 4]),
+        (slice(3), [2, 3, 4]),
+        (slice(-2, None), [5, 6]),
+        (slice(4, 2), []),
+        (slice(5, 9), []),
+        (slice(0, 1), [2]),
+    ],
+)
+def test_a_part_of_columns_counts_from_the_begin_of_its_whole(part, numbers):
+    whole = FrameColumns(small_store(9), 2, 7)
+    found = whole[part]
+    assert (len(whole), len(found), found.dtype) == (5, len(numbers), SMALL)
+    assert found["a"].tolist() == found.rows()["a"].tolist() == numbers
+    assert found[1:]["c"].tolist() == numbers[1:]
+
+
+@pytest.mark.parametrize("step", [2, -1, 0])
+def test_rows_of_columns_follow_each_other(step):
+    whole = FrameColumns(small_store(9), 2, 7)
+    with pytest.raises(ValueError, match="follow each other; got the step 2" if step == 2 else "step"):
+        whole[::step]
+
+
+def test_a_column_is_put_in_order_when_it_is_asked_for():
+    ordered = InOrder(small_rows(4), np.array([3, 1, 0]))
+    assert (len(ordered), ordered["a"].tolist()) == (3, [3, 1, 0])

@@ -76,3 +76,81 @@ def test_a_replay_of_two_hours_lies_in_memory_and_a_longer_one_on_the_disk():
         table.use_disk()
         table.extend(np.zeros(count, FRAME), np.zeros(0, MATCH))
         assert table._frames.is_on_disk is on_disk
+
+
+def rows_of_frames(count):
+    rows = np.zeros(count, FRAME)
+    rows["frame_no"] = np.arange(count)
+    return rows
+
+
+def matches_of(*frames):
+    rows = np.zeros(len(frames), MATCH)
+    rows["frame"] = frames
+    return rows
+
+
+def test_a_table_has_room_for_fourteen_hours_at_ten_hertz_from_the_first():
+    """504,000 frames; memory that is not written takes none."""
+    assert 504_000 <= FrameTable()._frames.rows < 600_000
+
+
+def test_a_table_that_is_full_gets_twice_the_room_that_it_needs_and_not_before():
+    table = FrameTable.of(rows_of_frames(1), matches_of())
+    rooms = []
+    for number in range(1, 6):
+        rooms.append((len(table), table._frames.rows))
+        table.extend(rows_of_frames(number + 1)[number:], matches_of(0))
+    assert rooms == [(1, 1), (2, 4), (3, 4), (4, 4), (5, 10)]
+    assert table.columns["frame_no"].tolist() == [0, 1, 2, 3, 4, 5]
+    assert table.matches["frame"].tolist() == [1, 2, 3, 4, 5]
+
+
+def test_a_table_of_given_rows_is_what_they_are_and_takes_more():
+    table = FrameTable.of(rows_of_frames(3), matches_of(0, 2))
+    assert (len(table), table.columns["frame_no"].tolist()) == (3, [0, 1, 2])
+    table.extend(rows_of_frames(2), matches_of(0, 1, 1))
+    assert table.columns["frame_no"].tolist() == [0, 1, 2, 0, 1]
+    assert table.matches["frame"].tolist() == [0, 2, 3, 4, 4]
+
+
+def test_rows_that_are_filled_by_column_begin_as_nothing():
+    table = FrameTable.with_rows(4, matches_of(3))
+    assert (len(table), table.columns["utc_ns"].tolist(), table.matches["frame"].tolist()) == (4, [0] * 4, [3])
+    assert not table._frames.is_on_disk
+
+
+@pytest.mark.parametrize(("count", "on_disk"), [(9, False), (10, False), (11, True)])
+def test_given_rows_lie_on_the_disk_where_they_are_more_than_memory_may_hold(count, on_disk):
+    table = FrameTable.with_rows(count, matches_of(), most_in_memory=10)
+    assert table._frames.is_on_disk is on_disk
+    assert (len(table), table.columns["frame_no"].tolist()) == (count, [0] * count)
+
+
+@pytest.mark.parametrize(("count", "on_disk"), [(0, False), (10, False), (11, True), (12, True)])
+def test_a_table_moves_to_the_disk_at_once_where_it_holds_more_than_memory_may(count, on_disk):
+    table = FrameTable()
+    table.extend(rows_of_frames(count), matches_of())
+    table.use_disk(10)
+    assert table._frames.is_on_disk is on_disk
+    assert table.columns["frame_no"].tolist() == list(range(count))
+
+
+@pytest.mark.parametrize(("count", "latest_frame"), [(250_000, 1), (250_001, 0)])
+def test_a_quarter_of_a_million_matches_are_kept_and_one_more_costs_those_of_every_second_frame(count, latest_frame):
+    """All of them but the last are of the first frame."""
+    table = FrameTable()
+    table.extend(rows_of_frames(1), np.zeros(count - 1, MATCH))
+    table.extend(rows_of_frames(1), matches_of(0))
+    assert (len(table), len(table.matches)) == (2, 250_000)
+    assert table.matches["frame"][-1] == latest_frame
+
+
+def test_a_snapshot_stays_as_it_was_while_the_table_goes_on():
+    table = FrameTable.of(rows_of_frames(2), matches_of(1))
+    taken = table.snapshot()
+    table.extend(rows_of_frames(1), matches_of(0))
+    table.columns["frame_no"] = 9
+    assert (len(taken), taken.columns["frame_no"].tolist(), taken.matches["frame"].tolist()) == (2, [0, 1], [1])
+    taken.extend(rows_of_frames(1), matches_of(0))
+    assert (len(taken), len(table)) == (3, 3)
