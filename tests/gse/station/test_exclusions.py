@@ -113,6 +113,38 @@ def test_frames_that_waited_for_more_than_twenty_milliseconds_are_told(late_ms, 
     assert any(item.cause is Cause.BACKLOG for item in exclusions([], made)) is is_told
 
 
+@pytest.mark.parametrize(
+    ("late_ns", "time_error_s"),
+    [
+        ([20_000_000], None),
+        ([20_000_001], 0.020000001),
+        ([50_000_000, 20_000_000], 0.03),  # the second is near enough to the least that is seen
+        ([50_000_000, 20_000_001], 0.05),
+        ([40_000_000, 20_000_000], None),
+        ([40_000_001, 20_000_000], 0.020000001),
+    ],
+)
+def test_twenty_milliseconds_are_no_wait_to_the_nanosecond(late_ns, time_error_s):
+    """The first frames are read in one go, so much later than those behind them."""
+    made = np.zeros(60, dtype=FRAME)
+    taken_ns = np.arange(60) * NS_PER_S
+    made["time_us"], made["utc_ns"] = taken_ns // 1000, START_NS + taken_ns
+    made["utc_ns"][: len(late_ns)] += np.array(late_ns)
+    made["host_utc_ns"] = START_NS + np.where(np.arange(60) < 3, np.arange(60) * 1000, taken_ns)
+    found = [item.time_error_s for item in exclusions([], made)]
+    assert found == ([] if time_error_s is None else [time_error_s])
+
+
+@pytest.mark.parametrize("rows", [(1,), (0,), (299,), (300,), (0, 1, 299)])
+def test_steps_beside_a_single_frame_or_none_leave_out_what_is_around_them_alone(rows):
+    """Frames at 10 Hz that nothing is wrong with."""
+    made = np.zeros(300, dtype=FRAME)
+    made["time_us"] = np.arange(300) * 100_000
+    made["utc_ns"] = made["host_utc_ns"] = START_NS + np.arange(300) * NS_PER_S // 10
+    events = [ClockStep(START_NS + row * NS_PER_S // 10, 0, StationKind.CLOCK_STEP, "", -1000) for row in rows]
+    assert [item.time_error_s for item in exclusions(events, made)] == [1e-6] * len(rows)
+
+
 # Frames out of a buffer, by hand
 
 SECOND = NS_PER_S

@@ -1,6 +1,7 @@
 """What an external identifier gave as a result of the station: status, roll, residuals, by hand."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import ClassVar
 
@@ -277,7 +278,10 @@ def test_objects_of_a_result_are_those_of_its_own_panorama(catalog):
 
 
 class StillSky:
-    """A sky without aberration, whose air lowers what it shows by a milliradian along x, towards a zenith on x."""
+    """A sky without aberration, whose air turns all that it shows by a milliradian; it notes what that is."""
+
+    def __init__(self):
+        self.shown = []
 
     def icrs_to_horizon(self, utc_ns):
         return np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -289,6 +293,7 @@ class StillSky:
         return stars_icrs.copy()
 
     def unrefracted(self, directions_sensor, zenith_sensor):
+        self.shown.append(directions_sensor.tolist())
         turn = Rotation.from_rotvec(-1e-3 * np.cross([0.0, 0.0, 1.0], zenith_sensor)).as_matrix()
         return directions_sensor @ turn.T
 
@@ -333,3 +338,24 @@ def test_the_cross_that_stands_for_objects_has_arms_of_three_degrees_about_the_b
     places = _CROSS[:, :2] / _CROSS[:, 2:]
     assert places == pytest.approx(np.array([[0.05, 0], [-0.05, 0], [0, 0.05], [0, -0.05]]), abs=1e-15)
     assert np.linalg.norm(_CROSS, axis=1) == pytest.approx(np.ones(4), abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("objects", "moved"), [([0, 2], [0, 2]), ([2, 0, 1], [2, 0, 1]), ([1], [0, 1, 2]), ([], [0, 1, 2])]
+)
+def test_air_is_taken_off_the_stars_of_an_answer_and_off_all_objects_where_it_names_fewer_than_two(
+    catalog, objects, moved
+):
+    sky = StillSky()
+    answer = ExternalAnswer({}, POLE, True, "IDENTIFIED", "", *[np.array(objects, dtype=np.int64)] * 2, None)
+    answer = replace(answer, star_ids=catalog.ids[answer.objects])
+    identifier, panoramas, identified = identified_of(catalog, Given(answer, 1.0), Given(no_answer(), None))
+    results_of(identifier, panoramas, identified, [1.0, math.nan, math.nan], sky, None)
+    assert sky.shown[0] == FIELD_14_DEG.directions(PLACES[moved]).tolist()
+
+
+@pytest.mark.parametrize(("objects", "shown"), [(0, 4), (1, 4), (2, 2), (3, 3)])
+def test_two_objects_are_enough_to_stand_for_themselves(objects, shown):
+    sky = StillSky()
+    geometric_of(POLE, FIELD_14_DEG.directions(PLACES[:objects]), sky, UTC_NS)
+    assert len(sky.shown[0]) == shown

@@ -348,9 +348,11 @@ class KnownAir:
         (180.0 + 3 * 60.0 - 0.1, 60.0, AnswerCheck.CORRECT),
         (180.0 + 3 * 60.0 + 0.1, 60.0, AnswerCheck.FALSE),
         (180.1, 0.0, AnswerCheck.FALSE),
+        (180.0, 0.0, AnswerCheck.FALSE),
         (179.9, 0.0, AnswerCheck.CORRECT),
         (1799.9, 1000.0, AnswerCheck.CORRECT),
-        (1800.1, 1000.0, AnswerCheck.FALSE),  # air does nothing of the kind
+        (1800.0, 1000.0, AnswerCheck.FALSE),  # air does nothing of the kind
+        (1800.1, 1000.0, AnswerCheck.FALSE),
         (float("nan"), 1000.0, AnswerCheck.FALSE),
     ],
 )

@@ -205,3 +205,123 @@ def starry_session(rng, catalogue_arcsec):
         panorama = Panorama(START_NS + number * NS_PER_S, xy_px, np.ones(25), number)
         add_frame(session.frames, FrameResult(panorama, Status.IDENTIFIED, "", "neighbour", matches=matches))
     return session
+
+
+# Halves of a recording to the nanosecond, and by a turn of a known size
+
+
+def turned(*arcsec):
+    """The first mount after a small turn about the sensor's x, y and z."""
+    return Rotation.from_rotvec(np.array(arcsec) * ARCSEC).as_matrix() @ horizon_to_sensor(MOUNTS[1])
+
+
+def measured_at(after_ns, rotations):
+    measured = MeasuredMounts()
+    for ns, rotation in zip(after_ns, rotations, strict=True):
+        attitude = Attitude(rotation @ TRUTH.icrs_to_horizon(START_NS + ns), np.zeros((3, 3)))
+        panorama = Panorama(START_NS + ns, np.empty((0, 2)), np.empty(0))
+        measured.add(FrameResult(panorama, Status.IDENTIFIED, "", "neighbour", attitude_geometric=attitude), TRUTH)
+    return measured
+
+
+def validated(after_ns, is_moved, *, by_arcsec=(0.0, 20.0, 0.0)):
+    """The validation of frames at these instants, of which some are turned by a known angle."""
+    rotations = [turned(*by_arcsec) if moved else turned(0, 0, 0) for moved in is_moved]
+    return cross_validated(measured_at(after_ns, rotations), SESSION)
+
+
+def test_what_is_measured_is_kept_with_its_instant_and_in_its_order():
+    measured = measured_at([0, 5], [turned(0, 0, 0), turned(0, 20, 0)])
+    assert (len(measured), measured.utc_ns.tolist()) == (2, [START_NS, START_NS + 5])
+    expected = np.array([turned(0, 0, 0), turned(0, 20, 0)])
+    assert measured.horizon_to_sensor == pytest.approx(expected, abs=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("after_ns", "is_odd"),
+    [
+        (range(13), [0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1, 0]),  # a sixth of 12 ns, and one more, are 3
+        (range(12), [0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1]),  # a sixth of 11 ns is 1, and one more are 2
+        ([0, 60 * NS_PER_S - 1, 60 * NS_PER_S, 120 * NS_PER_S - 1, 120 * NS_PER_S, 700 * NS_PER_S], [0, 0, 1, 1, 0, 1]),
+    ],
+)
+def test_parts_of_a_recording_judge_each_other_by_turns(after_ns, is_odd):
+    """Where all frames of the odd parts are turned, and no others, each half fits its own exactly."""
+    found = validated(after_ns, is_odd)
+    for values in (found.repeatability_arcsec, found.mean_abs_arcsec, found.rms_arcsec):
+        assert values == pytest.approx((20.0, 0.0, 0.0), abs=1e-4)
+
+
+def test_two_frames_in_one_part_judge_each_other():
+    """Both have the same instant: no part is odd, so every second frame stands for one."""
+    found = validated([0, 0], [0, 1])
+    assert found.repeatability_arcsec == pytest.approx((20.0, 0.0, 0.0), abs=1e-4)
+    assert found.alignment.n == 2
+    many = validated([0] * 6, [0, 1, 0, 1, 0, 1])
+    assert many.rms_arcsec == pytest.approx((20.0, 0.0, 0.0), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("by_arcsec", "shown"),
+    [((0.0, 20.0, 0.0), (20, 0, 0)), ((30.0, 0.0, 0.0), (0, 30, 0)), ((0.0, 0.0, -40.0), (0, 0, 40))],
+)
+def test_a_turn_about_rows_moves_the_boresight_along_columns_and_one_about_columns_along_rows(by_arcsec, shown):
+    found = validated(range(12), [0, 0, 1, 1] * 3, by_arcsec=by_arcsec)
+    for values in (found.repeatability_arcsec, found.mean_abs_arcsec, found.rms_arcsec):
+        assert values == pytest.approx(shown, abs=1e-4)
+
+
+def test_the_mean_of_an_error_is_less_than_its_root_mean_square():
+    """Each half is fitted by its median mount; in one of them every third frame is off by 30 arcsec."""
+    off = [turned(0, 30, 0) if k % 12 == 2 else turned(0, 0, 0) for k in range(48)]
+    found = cross_validated(measured_at(range(48), off), SESSION)
+    assert 0 < found.mean_abs_arcsec[0] < found.rms_arcsec[0]
+
+
+@pytest.mark.parametrize(("frames_before", "after_s", "is_fitted"), [
+    (10, 20.0, True), (10, 20.0 - 1e-9, False), (9, 20.0, False), (9, 3600.0, False), (11, 3600.0, True),
+])  # fmt: skip
+def test_the_mount_is_fitted_once_the_seconds_are_over_and_ten_frames_are_there(frames_before, after_s, is_fitted):
+    first = FirstSeconds(20.0, SESSION)
+    assert first.alignment(START_NS) is None
+    for result in frames(MOUNTS[1], frames_before):
+        first.add(result, TRUTH)
+    assert (first.alignment(START_NS + round(after_s * NS_PER_S)) is not None) is is_fitted
+
+
+class Listened:
+    """What the loop gives a listener: the station, and its Earth orientation or none."""
+
+    def __init__(self, earth_orientation):
+        self.station, self.earth_orientation = SESSION.station, earth_orientation
+
+
+def test_frames_are_taken_from_the_loop_once_the_sky_is_known():
+    measured = MeasuredMounts()
+    results = list(frames(MOUNTS[1], 3, sigma_arcsec=(0.0, 0.0, 0.0)))
+    measured.on_results(results, Listened(None))
+    assert len(measured) == 0
+    measured.on_results(results, Listened(TRUTH.earth_orientation))
+    assert len(measured) == 3
+    expected = horizon_to_sensor(MOUNTS[1])
+    assert measured.horizon_to_sensor[2] == pytest.approx(expected, abs=1e-12)
+    measured.on_results(results[:1], Listened(None))  # the sky that was known is kept
+    assert len(measured) == 4
+    assert measured.on_event("anything") is None
+
+
+def test_stars_of_false_answers_and_stars_that_were_left_out_say_nothing_of_the_catalogue():
+    """Two stars of ten frames, each of whose residuals lasts; a third of the rows must count alone."""
+    rng = np.random.default_rng(7)
+    session = starry_session(rng, 10.0)
+    whole = persistent_arcsec2(session)
+    matches = session.frames.matches
+    matches["named"][matches["frame"] >= 150] = False
+    half = persistent_arcsec2(session)
+    matches["named"] = True
+    false = list(AnswerCheck).index(AnswerCheck.FALSE)
+    session.frames.columns["answer_check"][150:] = false
+    assert persistent_arcsec2(session).tolist() == half.tolist()
+    assert np.diag(half)[:2] == pytest.approx(np.diag(whole)[:2], rel=0.3)
+    session.frames.columns["answer_check"] = false
+    assert persistent_arcsec2(session).tolist() == np.zeros((3, 3)).tolist()

@@ -66,8 +66,10 @@ EMPTY = replace(FULL, shows_stars=False, seen_share=math.nan, objects=0.0, zero_
         (CLEAR, {"seen_share": 0.62, "empty_share": 0.1}, CLEAR),
         (CLEAR, {"seen_share": 0.62, "empty_share": 0.3}, CLOUDED),
         (CLEAR, {"seen_share": 0.64, "empty_share": 0.9}, CLEAR),
+        (CLOUDED, {"seen_share": 0.7 * 0.9, "empty_share": 0.9}, CLEAR),
         # The Moon hides stars as a cloud does.
         (CLEAR, {"seen_share": 0.34, "moon_glares": True}, CLEAR),
+        (CLEAR, {"seen_share": 1 / 3, "moon_glares": True}, CLEAR),
         (CLEAR, {"seen_share": 0.33, "moon_glares": True}, UNKNOWN),
     ],
 )
@@ -75,7 +77,7 @@ def test_stars_that_are_seen_tell_a_cloud(before, changes, condition):
     assert condition_of(replace(FULL, **changes), USUAL, before) is condition
 
 
-@pytest.mark.parametrize(("seen_share", "condition"), [(0.34, CLEAR), (0.33, CLOUDED)])
+@pytest.mark.parametrize(("seen_share", "condition"), [(0.34, CLEAR), (1 / 3, CLEAR), (0.33, CLOUDED)])
 @pytest.mark.parametrize("usual_share", [math.nan, 0.4])
 def test_less_than_a_third_of_the_stars_is_no_clear_sky_whatever_was_seen_before(usual_share, seen_share, condition):
     few = replace(FULL, seen_share=seen_share)
@@ -97,6 +99,7 @@ def test_less_than_a_third_of_the_stars_is_no_clear_sky_whatever_was_seen_before
         (CLOUDED, {}, CLOUDED),
         (CLEAR, {"objects": 30.0}, NO_STARS),
         (CLEAR, {"objects": 30.0, "expected": 9.0}, UNKNOWN),
+        (CLEAR, {"objects": 30.0, "expected": 10.0}, NO_STARS),
         (CLEAR, {"objects": 30.0, "expected": 9.0, "overexposed": True}, NO_STARS),
         (CLEAR, {"objects": 2.0, "expected": 9.0}, NO_STARS),
         (CLEAR, {"objects": 3.0, "expected": 9.0}, UNKNOWN),
@@ -138,6 +141,7 @@ def test_a_sky_without_stars_is_told_by_what_is_there_instead(changes, words):
         (FULL, "27 of 30 expected stars are seen, to magnitude 5.5; Sun 12 deg below the horizon, Moon down"),
         (replace(FULL, limiting_mag=math.nan), "27 of 30 expected stars are seen; Sun"),
         (replace(FULL, seen_share=math.nan), "stars are identified, to magnitude 5.5; Sun"),
+        (replace(FULL, seen_share=0.0, lights=TWILIGHT), "0 of 30 expected stars are seen, to magnitude 5.5; Sun"),
         (replace(FULL, seen_share=0.8), "24 of 30 expected stars are seen, to magnitude 5.5; Sun"),
         (replace(FULL, seen_share=0.79), "24 of 30 expected stars are seen, to magnitude 5.5 (or thin cloud"),
         (replace(FULL, seen_share=0.5, lights=TWILIGHT), "15 of 30 expected stars are seen, to magnitude 5.5; Sun"),
@@ -153,6 +157,7 @@ def test_a_clear_sky_is_told_by_its_stars_and_with_its_doubt(found, words):
     ("zero_point_mag", "words"),
     [
         (16.9, ", 0.1 mag fainter than the stated zero point says; Sun"),
+        (17.0, ", 0.0 mag fainter than the stated zero point says; Sun"),
         (17.1, ", 0.1 mag brighter than the stated zero point says; Sun"),
         (17.74, ", 0.7 mag brighter than the stated zero point says; Sun"),
         (17.75, ", 0.8 mag brighter than the stated zero point says: it is not this sensor's; Sun"),
@@ -161,6 +166,21 @@ def test_a_clear_sky_is_told_by_its_stars_and_with_its_doubt(found, words):
 def test_a_clear_sky_is_compared_with_the_stated_zero_point(zero_point_mag, words):
     told = words_of(CLEAR, replace(FULL, zero_point_mag=zero_point_mag), replace(USUAL, is_stated=True))
     assert words in told
+
+
+def test_a_stated_zero_point_that_stars_without_brightness_do_not_meet_leaves_the_doubt():
+    told = words_of(CLEAR, replace(FULL, seen_share=0.5, zero_point_mag=math.nan), replace(USUAL, is_stated=True))
+    assert told.startswith("15 of 30 expected stars are seen, to magnitude 5.5 (or thin cloud")
+
+
+def test_what_is_not_said_of_a_sky_is_not_known():
+    assert (FULL.unmatched, FULL.moon_glares) == (0.0, False)
+    unknown = ClearSky()
+    numbers = unknown.zero_point_mag, unknown.seen_share, unknown.exposure_s, unknown.objects
+    assert all(math.isnan(number) for number in numbers)
+    assert unknown.is_stated is False
+    assert math.isnan(Lights(1.0, 2.0).sun_separation_deg)
+    assert math.isnan(Lights(1.0, 2.0).moon_separation_deg)
 
 
 def test_a_cloud_without_a_star_and_daylight_have_their_words():
@@ -172,7 +192,9 @@ def test_a_cloud_without_a_star_and_daylight_have_their_words():
     ("lights", "words"),
     [
         (Lights(20.4, -5.0), "Sun 20 deg above the horizon, Moon down"),
+        (Lights(0.6, -0.6), "Sun 1 deg above the horizon, Moon down"),
         (Lights(0.0, -5.0), "Sun 0 deg above the horizon, Moon down"),
+        (Lights(-0.6, 0.6), "Sun 1 deg below the horizon (twilight), Moon 1 deg up"),
         (Lights(-5.0, 0.0), "Sun 5 deg below the horizon (twilight), Moon down"),
         (Lights(-11.0, 10.0), "Sun 11 deg below the horizon (twilight), Moon 10 deg up"),
         (Lights(-12.0, 10.0, 90.0, 33.3), "Sun 12 deg below the horizon, Moon 10 deg up, 33 deg from the boresight"),
@@ -221,6 +243,31 @@ def test_frames_show_their_medians_and_a_zero_point_for_one_second():
     assert math.isnan(evidence_of(frames(zero_point_mag=np.nan), 20.0, DARK, 20.0).zero_point_mag)
 
 
+@pytest.mark.parametrize(
+    ("expected", "share"), [(0.0, math.nan), (1.0, 1.0), (5.0, 1.0), (10.0, 1.0), (12.5, 0.8), (math.nan, math.nan)]
+)
+def test_the_share_of_ten_stars_is_one_at_most_and_of_none_expected_unknown(expected, share):
+    assert evidence_of(frames(), expected, DARK, 20.0).seen_share == pytest.approx(share, nan_ok=True)
+
+
+def test_nothing_shown_has_no_share_though_stars_are_expected():
+    part = frames(status=STATUSES.index(Status.NO_MATCH), answer_check=ANSWER_CHECKS.index(AnswerCheck.UNKNOWN))
+    found = evidence_of(part, 20.0, DARK, 20.0)
+    assert math.isnan(found.seen_share)
+    assert (found.unmatched, found.empty_share, found.shows_stars) == (0.0, 0.0, False)
+
+
+@pytest.mark.parametrize(
+    "values", [[3.0], [1.0, 8.0], [7.0, 1.0, 2.0], [9.0, 4.0, 1.0, 2.0], [5.0, 5.0, 1.0, 0.0, 8.0]]
+)
+def test_what_frames_show_is_their_median_as_numpy_has_it(values):
+    part = frames(len(values), limiting_mag=values, objects=values, exposure_s=values)
+    found = evidence_of(part, 20.0, DARK, 20.0)
+    assert (found.limiting_mag, found.objects, found.exposure_s) == (np.median(values),) * 3
+    many = frames(len(values) + 2, limiting_mag=[*values, math.nan, math.inf])
+    assert evidence_of(many, 20.0, DARK, 20.0).limiting_mag == np.median(values)
+
+
 def test_a_frame_without_a_stated_exposure_is_taken_as_it_is():
     assert evidence_of(frames(exposure_s=0.0), 20.0, DARK, 20.0).zero_point_mag == pytest.approx(14.5)
 
@@ -266,6 +313,8 @@ def test_the_clear_sky_is_the_clearest_twentieth_of_the_dark_without_the_moon():
     assert not found.is_stated
     few = [replace(one, expected=9.0, seen_share=1.0) for one in night]
     assert clear_sky(night + few).seen_share == pytest.approx(0.95)
+    enough = [replace(one, expected=10.0, seen_share=1.0) for one in night]
+    assert clear_sky(night + enough).seen_share == 1.0
 
 
 def test_a_stated_zero_point_is_that_of_the_clear_sky_even_where_there_is_none():

@@ -9,6 +9,7 @@ import pytest
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
 from gse.attitude import Attitude
+from gse.camera import Camera
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S, from_text
@@ -22,7 +23,7 @@ from gse.station.results import AnswerCheck, SkyCondition, Status
 from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up
 from gse.station.sky_condition import ClearSky, Lights, SkyEvidence, condition_of, evidence_of, words_of
-from gse.station.sky_watch import WINDOW_NS, SkyWatch, separation_deg
+from gse.station.sky_watch import WINDOW_NS, SkyWatch, _is_outside, separation_deg, stars_in_field
 from gse.truth.mounting import horizon_to_sensor
 from gse.truth.solar_system import icrs_to_horizon, sun_and_moon_horizon
 
@@ -325,3 +326,155 @@ def test_an_event_of_the_sky_has_the_time_of_the_last_frame_of_its_seconds() -> 
     watch = SkyWatch(STATION.site, STATION.sensor.camera(), CATALOG, STATION.mount)
     ((_, (event, *_)),) = watch.take(frames[: WINDOW_NS * 2 // NS_PER_S + 1], 0)
     assert event.utc_ns == NIGHT_NS + WINDOW_NS - NS_PER_S // 2
+
+
+# One window and its rows, by hand
+
+
+def instants(*seconds: float, begin_ns: int = NIGHT_NS) -> np.ndarray:
+    return begin_ns + np.array([round(second * NS_PER_S) for second in seconds], dtype=np.int64)
+
+
+def watch_of(mount: Mount | None = STATION.mount, **changes: object) -> SkyWatch:
+    return SkyWatch(STATION.site, STATION.sensor.camera(), CATALOG, mount, **changes)
+
+
+@pytest.mark.parametrize(
+    ("since_ns", "is_outside"), [(-1, True), (0, False), (5 * NS_PER_S - 1, False), (5 * NS_PER_S, True)]
+)
+def test_a_window_holds_its_begin_and_five_seconds(since_ns: int, is_outside: bool) -> None:
+    assert _is_outside(np.array([since_ns])).tolist() == [is_outside]
+
+
+@pytest.mark.parametrize("begin_ns", [NIGHT_NS, 0])
+@pytest.mark.parametrize("pieces", [[12], [1] * 12, [5, 7], [11, 1]])
+def test_windows_begin_with_the_first_frame_behind_the_one_before_however_frames_come(
+    begin_ns: int, pieces: list[int]
+) -> None:
+    """At 1970 as well. The clock steps back by a minute, and forward again."""
+    frames = rows(12, stars=14)
+    frames["utc_ns"] = instants(60, 61, 64.9, 65, 69.9, 75, 79, 10, 14.9, 60, 64, 65, begin_ns=begin_ns)
+    watch, found, first = watch_of(), [], 0
+    for piece in pieces:
+        found += [row for row, _ in watch.take(frames[: first + piece], first)]
+        first += piece
+    assert found == [3, 5, 7, 9, 11]
+
+
+def test_a_session_without_frames_ends_without_events() -> None:
+    assert watch_of().finish(rows(0, stars=0)) == []
+
+
+def test_rows_are_filled_window_by_window_with_the_sky_of_its_middle_frame() -> None:
+    """The Sun goes down by 15 arcsec in a second."""
+    frames = rows(9, stars=14)
+    frames["utc_ns"] = instants(0, 1, 2.5, 3, 4.9, 6, 7, 7.5, 8)
+    watch = watch_of()
+    watch.take(frames, 0)
+    watch.finish(frames)
+    sun, moon = sun_and_moon_horizon(STATION.site, frames["utc_ns"])
+    for name, vectors in (("sun_altitude_deg", sun), ("moon_altitude_deg", moon)):
+        altitude_deg = np.degrees(np.arcsin(vectors[:, 2]))
+        assert np.abs(np.diff(altitude_deg)).min() > 1e-4
+        assert frames[name] == pytest.approx(altitude_deg[[2] * 5 + [7] * 4], abs=2e-5)
+
+
+def test_the_direction_is_that_of_the_middle_one_of_the_confirmed_answers_of_a_window() -> None:
+    """Rows 0, 3 and 4 are identified and not called false; the third of them has no roll."""
+    frames = rows(6, stars=14)
+    frames["utc_ns"] = instants(0, 0.5, 1, 1.5, 2, 2.5)
+    frames["ra_deg"], frames["de_deg"] = [10, 20, 30, 40, 50, 60], [-1, -2, -3, -4, -5, -6]
+    frames["roll_deg"] = [5, 5, 5, 65, math.nan, 5]
+    frames["answer_check"][[1, 5]] = ANSWER_CHECKS.index(AnswerCheck.FALSE)
+    frames["answer_check"][4] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    frames["status"][2] = STATUSES.index(Status.NO_MATCH)
+    watch = watch_of()
+    watch.finish(frames)
+    to_horizon = icrs_to_horizon(STATION.site, frames["utc_ns"][3:4])[0]
+    expected = Attitude.from_angles(40.0, -4.0, 65.0).icrs_to_sensor @ to_horizon.T
+    assert watch._horizon_to_sensor == pytest.approx(expected, abs=1e-12)
+    moon = sun_and_moon_horizon(STATION.site, frames["utc_ns"][3:4])[1][0]
+    assert frames["moon_separation_deg"] == pytest.approx([math.degrees(math.acos(moon @ expected[2]))] * 6, abs=1e-4)
+    frames["status"][[0, 3]] = STATUSES.index(Status.NO_MATCH)
+    other = watch_of()
+    other.finish(frames)
+    to_horizon = icrs_to_horizon(STATION.site, frames["utc_ns"][4:5])[0]
+    without_roll = Attitude.from_angles(50.0, -5.0, 0.0).icrs_to_sensor @ to_horizon.T
+    assert other._horizon_to_sensor == pytest.approx(without_roll, abs=1e-12)
+
+
+def test_without_a_confirmed_answer_the_direction_is_that_of_the_station_file_or_unknown() -> None:
+    frames = rows(4, stars=0)
+    frames["utc_ns"] = instants(0, 1, 2, 3)
+    watch = watch_of()
+    watch.finish(frames)
+    zenith = np.array([0.0, 0.0, 1.0])
+    sun = sun_and_moon_horizon(STATION.site, frames["utc_ns"][2:3])[0][0]
+    assert frames["sun_separation_deg"] == pytest.approx([math.degrees(math.acos(sun @ zenith))] * 4, abs=1e-4)
+    assert 0 < frames["stars_expected"][0] <= 30
+    watch_of(None).finish(frames)
+    for name in ("sun_separation_deg", "moon_separation_deg", "stars_expected"):
+        assert np.isnan(frames[name]).all()
+    assert np.isfinite(frames["sun_altitude_deg"]).all()
+
+
+def test_a_sensor_that_shows_no_objects_expects_no_stars_and_has_an_unknown_sky() -> None:
+    frames = rows(12, stars=0, objects=0)
+    frames["utc_ns"] = instants(*range(12))
+    watch = watch_of()
+    assert watch.sees_objects
+    watch.sees_objects = False
+    events = [event for _, some in watch.take(frames, 0) for event in some] + watch.finish(frames)
+    assert events == []
+    assert np.isnan(frames["stars_expected"]).all()
+    assert set(frames["sky_condition"].tolist()) == {SKY_CONDITIONS.index(SkyCondition.UNKNOWN)}
+    assert np.isfinite(frames["sun_separation_deg"]).all()
+
+
+@pytest.mark.parametrize(
+    ("zero_point_mag", "transparency"),
+    [(14.0, 1.0), (14.5, 1.0), (13.0, 10**-0.4), (11.5, 0.1), (9.0, 0.01), (-11.0, 1e-8), (math.nan, math.nan)],
+)
+def test_transparency_is_the_share_of_light_of_a_clear_night_one_at_most(
+    zero_point_mag: float, transparency: float
+) -> None:
+    """Of a night with 17.25 mag at 1 s, which is 14 mag at 0.05 s; 20 mag is the end of the scale."""
+    frames = rows(4, stars=14, zero_point_mag=zero_point_mag)
+    frames["utc_ns"] = instants(0, 1, 2, 3)
+    watch_of(stated_mag=14.0 - 2.5 * math.log10(0.05)).finish(frames)
+    assert frames["transparency"] == pytest.approx([transparency] * 4, rel=1e-5, nan_ok=True)
+
+
+def test_the_clear_sky_is_sought_anew_when_the_session_is_longer_by_a_tenth() -> None:
+    watch, due = watch_of(), []
+    frames = rows(40, stars=14)
+    frames["utc_ns"] = instants(*range(0, 240, 6))
+    for row in range(40):
+        watch.take(frames[: row + 1], row)
+        due.append(watch._reference_due)
+    assert due[0] == 1
+    assert due[1:5] == [2, 3, 4, 5]
+    assert 20 < due[20] <= 22
+    assert 36 < due[36] <= 40
+
+
+def test_stars_in_the_field_are_those_that_a_pinhole_shows() -> None:
+    rotation = Attitude.from_angles(83.0, 20.0, 40.0).icrs_to_sensor
+    x, y, z = rotation @ CATALOG.icrs.T
+    for focal_length_px in (300.0, 2000.0):
+        camera = Camera(800, 1200, focal_length_px, (599.5, 399.5))
+        wide, high = 600 / focal_length_px, 400 / focal_length_px
+        expected = ((z > 0) & (np.abs(x) <= wide * z) & (np.abs(y) <= high * z)).sum()
+        assert expected > 30
+        assert stars_in_field(CATALOG, camera, rotation) == expected
+
+
+def test_stars_far_beyond_the_field_are_not_folded_into_it_by_distortion() -> None:
+    """With k1 = 1 the detector's corner shows what an undistorted one has at three times the distance."""
+    rotation = Attitude.from_angles(83.0, 20.0, 40.0).icrs_to_sensor
+    camera = Camera(1000, 1000, 2000.0, (499.5, 499.5), radial_distortion=(1.0, 0.0))
+    corner_rad = math.atan2(math.hypot(500, 500), 2000.0)
+    near = (rotation @ CATALOG.icrs.T)[2] > math.cos(1.1 * corner_rad)
+    seen = camera.contains(camera.pixels(CATALOG.icrs @ rotation.T))
+    assert (seen & ~near).sum() > 10
+    assert stars_in_field(CATALOG, camera, rotation) == (seen & near).sum()
