@@ -47,3 +47,59 @@ def test_many_errors_at_once_are_those_one_by_one_also_at_the_pole_and_without_a
     expected = [dataclasses.astuple(attitude_error(*(Attitude(one, np.zeros((3, 3))) for one in pair)))
                 for pair in zip(measured, true, strict=True)]  # fmt: skip
     assert attitude_errors(measured, true) == pytest.approx(np.array(expected), abs=1e-6)
+
+
+# Against a calculation of its own: the sphere by vectors, the roll by scipy's quaternion
+
+
+def by_vectors(measured, true):
+    """The five errors, in arcsec: the arc from the true boresight, split along east, north, columns and rows."""
+    boresight, seen = true[2], measured[2]
+    east = np.cross([0.0, 0.0, 1.0], boresight)
+    east /= np.linalg.norm(east)
+    north = np.cross(boresight, east)
+    arc = math.atan2(np.linalg.norm(np.cross(boresight, seen)), boresight @ seen)
+    towards = seen - (seen @ boresight) * boresight
+    towards /= np.linalg.norm(towards)
+    _, _, z, w = Rotation.from_matrix(measured @ true.T).as_quat()
+    roll = math.remainder(2 * math.atan2(z, w), math.tau)
+    parts = [towards @ east, towards @ north, None, towards @ true[0], towards @ true[1]]
+    return [math.degrees(roll if part is None else arc * part) * 3600 for part in parts]
+
+
+@pytest.mark.parametrize("size_rad", [1e-6, 1e-3, 0.2, 1.5])
+def test_errors_are_those_of_vectors_and_quaternions(size_rad):
+    true = Rotation.random(20, rng=np.random.default_rng(8)).as_matrix()
+    measured = Rotation.from_rotvec(np.random.default_rng(9).normal(0, size_rad, (20, 3))).as_matrix() @ true
+    expected = [by_vectors(*pair) for pair in zip(measured, true, strict=True)]
+    assert attitude_errors(measured, true) == pytest.approx(np.array(expected), rel=1e-9, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("pole", "towards_deg", "east", "north"),
+    [
+        (1.0, 0.0, 0.0, -10.0),  # at the north pole the meridian RA = 0 leads south
+        (1.0, 90.0, 10.0, 0.0),
+        (1.0, 180.0, 0.0, 10.0),
+        (-1.0, 0.0, 0.0, 10.0),
+        (-1.0, 90.0, 10.0, 0.0),
+        (-1.0, 270.0, -10.0, 0.0),
+    ],
+)
+def test_at_a_pole_itself_east_and_north_are_those_of_the_meridian_ra_zero(pole, towards_deg, east, north):
+    true = np.diag([1.0, pole, pole])
+    towards = math.radians(towards_deg)
+    off = np.array([math.cos(towards), math.sin(towards), 0.0]) * math.radians(10 / 3600)
+    turn = Rotation.from_rotvec(np.cross(true[2], off)).as_matrix()
+    error = attitude_errors((true @ turn.T)[None], true[None])[0]
+    assert error[:3] == pytest.approx([east, north, 0.0], abs=1e-5)
+    assert error[3:] == pytest.approx(true[:2] @ off * 206_264.806247, abs=1e-5)
+
+
+def test_where_there_is_no_error_each_part_is_nothing_and_a_turn_about_the_boresight_is_all_roll():
+    true = Rotation.random(5, rng=np.random.default_rng(3)).as_matrix()
+    assert attitude_errors(true, true) == pytest.approx(np.zeros((5, 5)), abs=1e-9)
+    exact = np.eye(3)[None]
+    assert attitude_errors(exact, exact).tolist() == [[0.0] * 5]
+    turned = Rotation.from_rotvec([0.0, 0.0, math.radians(30)]).as_matrix()
+    assert abs(attitude_errors(turned[None] @ exact, exact)[0]).tolist() == pytest.approx([0, 0, 108_000, 0, 0])

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from gse.station.attitude_table import OWN_ANSWER, AttitudeTable, has_answer
@@ -63,4 +64,40 @@ def test_a_table_that_is_full_doubles_and_keeps_its_rows():
     ],
 )
 def test_a_message_is_an_answer_where_it_holds_an_attitude(values, is_answer):
+    assert has_answer(AttitudeMessage(**values)) is is_answer
+
+
+def test_a_table_has_room_for_1024_answers_and_then_for_twice_as_many():
+    table = AttitudeTable()
+    for number in range(1024):
+        table.append(number, AttitudeMessage(**ANGLES))
+    assert len(table._room) == 1024
+    table.append(1024, AttitudeMessage(**ANGLES))
+    assert len(table._room) == 2048
+    assert table.columns["host_utc_ns"].tolist() == list(range(1025))
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_a_table_of_given_rows_takes_more(count):
+    rows = np.zeros(count, dtype=OWN_ANSWER)
+    rows["frame_no"] = 5
+    table = AttitudeTable.of(rows)
+    assert len(table) == count
+    for number in (6, 7):
+        table.append(number, AttitudeMessage(**ANGLES | {"frame_no": number}))
+    assert table.columns["frame_no"].tolist() == [5] * count + [6, 7]
+
+
+@pytest.mark.parametrize(
+    ("values", "is_answer"),
+    [
+        (ANGLES | {"ra_deg": math.nan}, False),
+        (ANGLES | {"de_deg": math.inf}, False),
+        (ANGLES | {"ra_deg": math.nan, "q1": 0.0, "q2": 0.0, "q3": 0.0, "q4": 0.5}, True),
+        (NONE | {"q1": 1e-9, "q2": 0.0, "q3": 0.0, "q4": 0.0}, True),
+        (NONE | {"q1": math.nan, "q2": 0.0, "q3": 0.0, "q4": 1.0}, False),
+        (NONE | {"q1": 0.0, "q2": 0.0, "q3": 0.0, "q4": 1.0, "state": "lost"}, False),
+    ],
+)
+def test_half_an_answer_is_none_and_a_quaternion_may_have_any_length(values, is_answer):
     assert has_answer(AttitudeMessage(**values)) is is_answer

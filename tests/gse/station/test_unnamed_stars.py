@@ -5,15 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 from skies.made_frames import FIELD_14_DEG
 
 from gse.attitude import Attitude, solve_attitude
 from gse.catalog import load_catalog
-from gse.identifier import Answers, Identification, ObjectColumns
+from gse.identifier import Answers, Identification, ObjectColumns, Reason, Unidentified
 from gse.identifier.neighbour import NeighbourIdentifier
 from gse.identifier_options import IdentifierOptions
 from gse.site import Site
-from gse.station.unnamed_stars import LeftOutStars, SolvedFrames, _nearest
+from gse.station.unnamed_stars import LeftOutStars, SolvedFrames, _free, _nearest
 from gse.truth import EarthOrientation, Refraction, SiderealTruth
 
 AIR = Refraction.at(Site(latitude_deg=48.0, longitude_deg=11.0, height_m=300.0))
@@ -151,3 +152,88 @@ def test_residuals_are_free_of_aberration_and_air_where_the_sky_is_known(stars):
     unknown = replace(known, truth=None, icrs_to_horizon=None)
     (found,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([seen]), Answers.of([named]), unknown)
     assert np.abs(found.residuals_arcsec).max() > 10
+
+
+# The nearest place, by numbers that a float holds exactly
+
+
+@pytest.mark.parametrize(
+    ("places", "seen", "row", "apart"),
+    [
+        ([[0.0, 0.0, 0.75]], [0.0, 0.0, 0.5], 0, 0.25),  # as far as is allowed, above
+        ([[0.0, 0.0, 0.25]], [0.0, 0.0, 0.5], 0, 0.25),  # and below
+        ([[0.25, 0.0, 0.5]], [0.0, 0.0, 0.5], 0, 0.25),
+        ([[0.0, -0.25, 0.5]], [0.0, 0.0, 0.5], 0, 0.25),
+        ([[0.0, 0.0, 0.75 + 2**-50]], [0.0, 0.0, 0.5], 0, np.inf),
+        ([[0.0, 0.0, 0.25 - 2**-50]], [0.0, 0.0, 0.5], 0, np.inf),
+        ([[0.25 + 2**-50, 0.0, 0.5]], [0.0, 0.0, 0.5], 0, np.inf),
+        ([], [0.0, 0.0, 0.5], 0, np.inf),
+        ([[0.0, 0.0, 0.0], [0.125, 0.0, 0.5], [0.0, 0.0625, 0.5], [0.25, 0.0, 0.5]], [0.0, 0.0, 0.5], 2, 0.0625),
+        ([[0.0, 0.0, 0.4], [0.0, 0.0, 0.5], [0.0, 0.0, 0.6]], [0.0, 0.0, 0.5], 1, 0.0),
+        ([[0.0, 0.0, 0.1], [0.0, 0.0, 0.2], [0.0, 0.0, 0.5]], [0.0, 0.0, 0.625], 2, 0.125),
+    ],
+)
+def test_the_nearest_place_is_at_most_as_far_as_is_allowed(places, seen, row, apart):
+    found_apart, found_row = _nearest(np.array([seen]), np.array(places).reshape(-1, 3), 0.25)
+    assert (found_apart.tolist(), found_row.tolist()) == ([apart], [row])
+
+
+def test_each_direction_has_a_nearest_place_of_its_own():
+    places = np.array([[0.0, 0.0, -0.5], [0.0, 0.5, 0.0], [0.0, 0.0, 0.5]])
+    seen = np.array([[0.0, 0.0, 0.5], [0.0, 0.4375, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -0.5]])
+    apart, row = _nearest(seen, places, 0.25)
+    assert apart.tolist() == [0.0, 0.0625, np.inf, 0.0]
+    assert row.tolist() == [2, 1, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("key", "apart", "taken", "free"),
+    [
+        ([], [], [], []),
+        ([7], [1.0], [], [0]),
+        ([7], [1.0], [7], []),
+        ([7, 5, 9], [1.0, 2.0, 3.0], [5, 6, 8, 10], [0, 2]),
+        ([7, 7, 5, 7], [3.0, 1.0, 9.0, 2.0], [], [1, 2]),  # of several the nearest
+        ([7, 7, 5], [3.0, 1.0, 9.0], [7, 7], [2]),
+        ([9, 8, 7], [1.0, 1.0, 1.0], [9, 7, 1], [1]),
+    ],
+)
+def test_a_star_is_free_that_is_not_taken_and_goes_to_the_nearest_object(key, apart, taken, free):
+    found = _free(np.array(key, dtype=np.int64), np.array(apart), np.array(taken, dtype=np.int64))
+    assert found.tolist() == free
+
+
+@pytest.mark.parametrize(("off_px", "is_found"), [(3.95, True), (4.05, False)])
+def test_an_object_within_four_pixels_of_the_place_of_a_star_is_it(stars, off_px, is_found):
+    rows, exact = shown(stars)
+    px = FIELD_14_DEG.pixels(exact[:4])
+    centre_px = px[3] - 511.5
+    px[3] += off_px * np.array([-centre_px[1], centre_px[0]]) / np.hypot(*centre_px)
+    named = Identification(np.arange(3), rows[:3], 1e-9)
+    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(
+        objects_of([FIELD_14_DEG.directions(px)]), Answers.of([named]), frames(1)
+    )
+    assert found.stars.tolist() == ([rows[3]] if is_found else [])
+
+
+def test_a_panorama_without_an_answer_leaves_out_no_star_and_those_beside_it_keep_their_own(stars):
+    rows, exact = shown(stars)
+    named = Identification(np.arange(3), rows[:3], 1e-9)
+    answers = Answers.of([Unidentified(Reason.NO_MATCH, ""), named, Unidentified(Reason.NO_MATCH, ""), named])
+    found = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([exact, exact[:4], exact, exact[:5]]), answers, frames(2))
+    assert [one.objects.tolist() for one in found] == [[], [3], [], [3, 4]]
+    assert [one.stars.tolist() for one in found] == [[], [rows[3]], [], rows[3:5].tolist()]
+    assert found.name_of(int(rows[3])) == stars.name(int(rows[3]))
+
+
+def test_before_air_is_taken_off_a_star_is_sought_within_eight_pixels_of_its_place(stars):
+    """The raw attitude is 7 px off, as air may lift it, the geometric one is right; at 9 px no star is found."""
+    rows, exact = shown(stars)
+    named = Identification(np.arange(3), rows[:3], 1e-9)
+    found = []
+    for off_px in (7.0, 9.0):
+        lift = Rotation.from_rotvec([off_px * FIELD_14_DEG.pixel_rad, 0.0, 0.0]).as_matrix()
+        lifted = replace(frames(1), raw=(lift @ LOOKING)[None])
+        (one,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([exact[:4]]), Answers.of([named]), lifted)
+        found.append(one.stars.tolist())
+    assert found == [[rows[3]], []]

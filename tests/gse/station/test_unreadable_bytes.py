@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.uart import USUAL_BAUDS, received_at
-from gse.station.unreadable_bytes import what_fits
+from gse.station.unreadable_bytes import _explained, _frames, _other_protocol, _slower_baud, what_fits
 from protocols import PanoramaMessage, load_protocol
 
 PROTOCOL = load_protocol("panorama-v1")
@@ -41,3 +41,66 @@ def test_a_faster_sensor_and_noise_are_left_open(sensor: int) -> None:
     assert what_fits(heard, PROTOCOL, 115200) == ""
     assert what_fits(random.Random(2).randbytes(4096), PROTOCOL, 115200) == ""
     assert what_fits(b"", PROTOCOL, 115200) == ""
+
+
+# Limits, by hand
+
+
+@pytest.mark.parametrize(("count", "words"), [(1, ""), (2, "they are frames of panorama-v1-subpixel: write")])
+def test_two_frames_of_another_protocol_are_enough(count: int, words: str) -> None:
+    assert what_fits(b"".join(frames("panorama-v1-subpixel", count)), PROTOCOL, 9600).startswith(words)
+    assert bool(what_fits(b"".join(frames("panorama-v1-subpixel", count)), PROTOCOL, 9600)) is bool(words)
+
+
+def test_frames_of_the_protocol_itself_are_no_other_protocol() -> None:
+    slip = load_protocol("panorama-slip")
+    assert _other_protocol(b"".join(frames("panorama-slip")), slip) == ""
+    assert _frames(b"".join(frames("panorama-slip", 3)), slip) == 3
+
+
+@pytest.mark.parametrize(
+    ("sync_word", "baud", "head"),
+    [
+        (b"\xaa", 19200, b"\x00\xe0\xe0"),  # of three bytes, as a UART of 115200 baud reads it
+        (b"\x55\xaa", 57600, b""),  # two bytes are found by chance
+        (b"\xaa", 9600, b""),  # nothing but zeros
+    ],
+)
+@pytest.mark.parametrize(("count", "is_told"), [(0, False), (2, False), (3, True), (5, True)])
+def test_a_head_of_three_bytes_that_comes_three_times_explains_as_many_bytes_as_it_has(
+    sync_word: bytes, baud: int, head: bytes, count: int, is_told: bool
+) -> None:
+    received = received_at(sync_word, baud, 115200)[:-1]
+    sample = (received + b"\x01") * count
+    assert _explained(sample, sync_word, baud, 115200) == (3 * count if head and is_told else 0)
+    assert head in (received, b"")
+
+
+def test_the_rate_is_told_that_explains_most_bytes() -> None:
+    """Three heads of 38400 baud and four of 57600: 18 bytes against 20."""
+    word = PROTOCOL.frame_layout.sync_word
+    slow, fast = (received_at(word, baud, 115200)[:-1] for baud in (38400, 57600))
+    assert (len(slow), len(fast)) == (6, 5)
+    mixed = (slow + b"\x01") * 3 + (fast + b"\x01") * 4
+    assert what_fits(mixed, PROTOCOL, 115200) == "wrong baud rate: they fit port.baudrate: 57600 (here 115200)"
+    assert _slower_baud((slow + b"\x01") * 4 + (fast + b"\x01") * 4, PROTOCOL, 115200) == 38400
+
+
+@pytest.mark.parametrize("baudrate", [9600, 57600, 115200])
+def test_sync_words_that_come_as_they_should_are_of_no_other_rate(baudrate: int) -> None:
+    word = PROTOCOL.frame_layout.sync_word
+    assert _slower_baud((word + b"\x01") * 9, PROTOCOL, baudrate) == 0
+    assert what_fits((word + b"\x01") * 9, PROTOCOL, baudrate) == ""
+
+
+@pytest.mark.parametrize(
+    ("sample", "words"),
+    [
+        (b"\x00", "wrong baud rate: they fit 9600 or less (here 115200)"),
+        (b"\x00" * 50, "wrong baud rate: they fit 9600 or less (here 115200)"),
+        (b"\x00" * 50 + b"\x01", ""),
+        (b"", ""),
+    ],
+)
+def test_nothing_but_zeros_is_a_sensor_that_is_a_dozen_times_slower(sample: bytes, words: str) -> None:
+    assert what_fits(sample, PROTOCOL, 115200) == words
