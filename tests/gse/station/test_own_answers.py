@@ -4,12 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from skies.known_nights import START_NS, TABLE, TRUTH
 
 from drivers.chunk import Chunk
 from drivers.clock import ClockReading
 from gse.assessment.verdict import judge
+from gse.attitude import Attitude
 from gse.attitude_convention import AttitudeConvention, state_angles, state_quaternions
+from gse.camera import Camera
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.instant import NS_PER_S
 from gse.mount import Mount
@@ -19,7 +22,7 @@ from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import OWN_ANSWER
 from gse.station.loop import StationLoop
 from gse.station.own_answer_results import OwnAnswerProcessor
-from gse.station.own_answers import OwnAnswerTruth, field_of, measured_rotations
+from gse.station.own_answers import _NEAR, OwnAnswerTruth, _fitted, _triad, field_of, measured_rotations
 from gse.station.reception import Reception
 from gse.station.results import OwnAnswer, Status, Subject, Verdict
 from gse.station.setup import set_up
@@ -234,3 +237,180 @@ def test_the_panorama_behind_an_answer_holds_no_object():
     assert panorama.xy_px.shape == (0, 2)
     assert (panorama.utc_ns, panorama.host_utc_ns, panorama.time_us) == (START_NS, START_NS + 5, 7)
     assert (panorama.frame_no, panorama.sequence, len(panorama.brightness)) == (3, 9, 0)
+
+
+# The parts of it, by hand
+
+
+class FixedSky:
+    """A sky that does not turn, over a sensor that looks along the pole; air and aberration are what a test makes them.
+
+    Sensor, ICRS and horizon axes differ by a permutation, so that the zenith stands along ``up``.
+    """
+
+    def __init__(self, up=(0.0, 0.0, 1.0), *, air=lambda seen: seen, aberration=lambda stars: stars):
+        self._up, self._air, self._aberration = np.array(up), air, aberration
+        self.asked_ns = []
+
+    def attitude_true(self, utc_ns, mount):
+        self.asked_ns.append(utc_ns)
+        return Attitude(np.eye(3), np.zeros((3, 3)))
+
+    def icrs_to_horizon(self, utc_ns):
+        return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], self._up])
+
+    def unrefracted(self, seen, zenith_sensor):
+        assert zenith_sensor.tolist() == self._up.tolist()
+        return self._air(seen)
+
+    def apparent(self, stars, utc_ns):
+        return self._aberration(stars)
+
+
+def units(*vectors):
+    made = np.array(vectors, dtype=float)
+    return made / np.linalg.norm(made, axis=1)[:, None]
+
+
+def test_a_field_is_nine_by_nine_directions_in_the_middle_of_its_parts():
+    """A detector of 90 columns and 180 rows has parts of 10 by 20 pixels; pixel 0 begins at -0.5."""
+    camera = Camera(180, 90, 500.0, (44.5, 89.5))
+    places = camera.pixels(field_of(camera))
+    x, y = np.arange(4.5, 90, 10), np.arange(9.5, 180, 20)
+    assert places == pytest.approx(np.array([(column, row) for row in y for column in x]), abs=1e-9)
+    assert len(places) == 81
+
+
+def test_a_row_is_read_by_its_angles_or_else_by_its_quaternion_each_in_its_place():
+    utc_ns = START_NS + np.arange(4) * NS_PER_S
+    convention = AttitudeConvention()
+    true = OwnAnswerTruth(TRUTH, STATION.mount).expected(utc_ns)
+    answers = np.zeros(4, dtype=OWN_ANSWER)
+    for name in ("ra_deg", "de_deg", "roll_deg", "q1", "q2", "q3", "q4"):
+        answers[name] = np.nan
+    angles, quaternions = state_angles(true, convention), state_quaternions(true, convention)
+    for row in (0, 3):
+        answers["ra_deg"][row], answers["de_deg"][row], answers["roll_deg"][row] = angles[row]
+    for row in (1, 2):
+        for place, name in enumerate(("q1", "q2", "q3", "q4")):
+            answers[name][row] = quaternions[row, place]
+    answers["q1"][0], answers["roll_deg"][1] = 0.5, 30.0  # half of the other is no answer
+    read = measured_rotations(answers, utc_ns, convention)
+    assert np.abs(attitude_errors(read, true)).max() < 1e-4
+
+
+def test_a_small_field_is_its_middle_and_two_directions_a_milliradian_beside_it():
+    assert _NEAR[:, :2] / _NEAR[:, 2:] == pytest.approx(np.array([[0, 0], [1e-3, 0], [0, 1e-3]]), abs=1e-15)
+    assert np.linalg.norm(_NEAR, axis=1) == pytest.approx(np.ones(3), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("sines", "used"),
+    [
+        ([0.3, 0.2, 0.1, 0.06], [0, 1, 2, 3]),
+        ([0.3, 0.2, 0.06, 0.05], [0, 1, 2]),  # a sine of 0.05 is 2.87 deg
+        ([0.3, 0.04, 0.06, 0.0501], [0, 2, 3]),
+        ([0.3, 0.2, 0.049, -0.5], None),  # fewer than three: the middle stands for all
+        ([-0.3, -0.2, -0.1, 0.0], None),
+    ],
+)
+def test_stars_below_three_degrees_are_left_out_as_long_as_three_remain(sines, used):
+    """The zenith stands along x; so much of each direction points there."""
+    field_sensor = np.array([[sine, 0.0, np.sqrt(1 - sine**2)] for sine in sines])
+    sky = FixedSky((1.0, 0.0, 0.0))
+    seen, stars = OwnAnswerTruth(sky, None, True, field_sensor)._stars(START_NS)
+    assert seen.tolist() == (_NEAR if used is None else field_sensor[used]).tolist()
+    assert stars.tolist() == seen.tolist()
+
+
+def test_a_small_field_is_kept_whole_however_low_it_stands():
+    seen, _ = OwnAnswerTruth(FixedSky((0.0, 0.0, -1.0)), None, True)._stars(START_NS)
+    assert seen is _NEAR
+
+
+def test_shifts_are_those_of_the_middle_of_each_minute_and_computed_once():
+    sky = FixedSky()
+    truth = OwnAnswerTruth(sky, None, True)
+    minute_ns = START_NS // (60 * NS_PER_S)
+    utc_ns = np.array([minute_ns + 2, minute_ns, minute_ns + 1, minute_ns + 2]) * 60 * NS_PER_S + [
+        0,
+        1,
+        2,
+        59 * NS_PER_S,
+    ]
+    assert truth.shifts(utc_ns).shape == (4, 3, 3)
+    assert sky.asked_ns == [(minute_ns + k) * 60 * NS_PER_S + 30 * NS_PER_S for k in range(3)]
+    truth.shifts(utc_ns[:1])
+    assert len(sky.asked_ns) == 3
+    assert truth.shifts(utc_ns[:0]).shape == (0, 3, 3)
+
+
+def test_each_instant_has_the_shift_of_its_own_minute():
+    truth = OwnAnswerTruth(FixedSky(), None, True)
+    minutes = START_NS // (60 * NS_PER_S) + np.array([5, 3, 4])
+    for place, minute in enumerate(minutes.tolist()):
+        truth._shifts[minute] = np.eye(3) * (place + 2)
+    assert truth.shifts(minutes * 60 * NS_PER_S + 1)[:, 0, 0].tolist() == [2.0, 3.0, 4.0]
+
+
+@pytest.mark.parametrize(("kept", "then"), [(4095, 4096), (4096, 1)])
+def test_shifts_of_4096_minutes_are_kept(kept, then):
+    """Three days: then all are computed anew."""
+    truth = OwnAnswerTruth(FixedSky(), None, True, _shifts=dict.fromkeys(range(kept), np.eye(3)))
+    truth.shifts(np.array([START_NS]))
+    assert len(truth._shifts) == then
+
+
+@pytest.mark.parametrize(("corrected", "asked"), [(True, False), (False, True)])
+def test_aberration_is_left_in_where_it_is_not_corrected(corrected, asked):
+    """A twentieth of a radian of it along x, of which the catalogue knows nothing."""
+    by = 0.05
+
+    def aberration(stars):
+        moved = stars + np.array([by, 0.0, 0.0])
+        return moved / np.linalg.norm(moved, axis=1)[:, None]
+
+    truth = OwnAnswerTruth(FixedSky(aberration=aberration), None, corrected)
+    places = truth._stars(START_NS)[1]
+    seen = aberration(places) if asked else places
+    assert np.abs(seen - _NEAR).max() < (2e-5 if asked else 1e-15)
+    assert np.abs(places - _NEAR).max() > (0.04 if asked else -1)
+    assert np.linalg.norm(places, axis=1) == pytest.approx(np.ones(3), abs=1e-12)
+
+
+def test_how_unevenly_air_parts_the_stars_of_a_field_is_its_rms_without_their_mean():
+    """Four stars at 0.1 rad; air parts those along x by 1e-4 rad each, and lifts all by another angle."""
+    field_sensor = units([0.1, 0, 1], [-0.1, 0, 1], [0, 0.1, 1], [0, -0.1, 1])
+    lift = Rotation.from_rotvec([0.0, 2e-3, 0.0]).as_matrix()
+
+    def air(seen):
+        parted = seen + np.array([[1e-4], [-1e-4], [0], [0]]) * np.cross([0.0, 1.0, 0.0], seen)
+        return parted / np.linalg.norm(parted, axis=1)[:, None] @ lift.T
+
+    truth = OwnAnswerTruth(FixedSky(air=air), None, True, field_sensor)
+    assert truth.uneven_arcsec(START_NS) == pytest.approx(1e-4 * np.sqrt(2 / 4) * 206_265, rel=1e-3)
+    even = OwnAnswerTruth(FixedSky(air=lambda seen: seen @ lift.T), None, True, field_sensor)
+    assert even.uneven_arcsec(START_NS) == pytest.approx(0.0, abs=1e-6)
+    assert even.shifts(np.array([START_NS]))[0] == pytest.approx(lift.T, abs=1e-12)
+    small = OwnAnswerTruth(FixedSky(air=lambda seen: seen @ lift.T), None, True)
+    assert small.shifts(np.array([START_NS]))[0] == pytest.approx(lift.T, abs=1e-12)
+
+
+def test_the_rotation_between_two_fields_is_that_of_scipy():
+    rng = np.random.default_rng(5)
+    for count in (3, 12):
+        true = units(*rng.normal(0, 1, (count, 3)))
+        seen = units(*(Rotation.random(rng=rng).apply(true) + rng.normal(0, 0.05, (count, 3))))
+        expected, _ = Rotation.align_vectors(seen, true)
+        assert _fitted(seen, true) == pytest.approx(expected.as_matrix(), abs=1e-7)
+
+
+def test_axes_stand_along_the_first_direction_whatever_the_lengths_and_are_the_mean_of_the_two_beside_it():
+    axes = Rotation.random(rng=np.random.default_rng(6)).as_matrix()
+    beside = np.array([[0.0, 0.0, 2.0], [0.3, 0.0, 3.0], [0.0, 0.02, 0.5]]) @ axes.T
+    assert _triad(beside) == pytest.approx(axes, abs=1e-12)
+    sheared = np.array([[0.0, 0.0, 1.0], [np.cos(0.1), np.sin(0.1), 5.0], [np.sin(0.1), np.cos(0.1), 0.1]]) @ axes.T
+    assert _triad(sheared) == pytest.approx(axes, abs=1e-12)
+    turned = np.array([[0.0, 0.0, 1.0], [np.cos(0.2), np.sin(0.2), 1.0], [0.0, 1.0, 1.0]]) @ axes.T
+    expected = axes @ Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix()
+    assert _triad(turned) == pytest.approx(expected, abs=1e-12)
