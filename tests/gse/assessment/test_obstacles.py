@@ -34,7 +34,7 @@ def steady():
 
 
 def seconds(first, until, cause, reason="a reason"):
-    return Exclusion(START_NS + first * NS_PER_S, START_NS + until * NS_PER_S, reason, cause)
+    return Exclusion(START_NS + round(first * NS_PER_S), START_NS + round(until * NS_PER_S), reason, cause)
 
 
 def lines(made, *left_out, rows=TESTED):
@@ -94,6 +94,19 @@ def test_more_than_a_minute_and_one_frame_in_fifty_left_out_for_clock_or_link_is
     told = lines(session(frames, step_s=1.0), seconds(100, 100 + left_out, cause))
     line = f"{left_out} of {frames} frames are left out for {words}: too many to say anything of the session"
     assert told == [line] * is_told
+
+
+@pytest.mark.parametrize(("left_out_s", "is_told"), [(60, False), (60.5, True)])
+def test_a_minute_is_a_minute_whatever_the_rate(left_out_s, is_told):
+    """Two frames a second: one in fifty is 20 of them, a minute 120."""
+    told = lines(session(1000, step_s=0.5), seconds(100, 100 + left_out_s, Cause.BACKLOG))
+    assert [line.split(" are ")[0] for line in told] == [f"{2 * left_out_s:.0f} of 1000 frames"] * is_told
+
+
+@pytest.mark.parametrize(("frames", "words"), [(1, "the only frame is"), (2, "all 2 frames are")])
+def test_of_a_session_of_one_frame_the_only_one_is_left_out(frames, words):
+    told = lines(session(frames, step_s=1.0), seconds(0, 9, Cause.OPERATOR, "a test"))
+    assert told == [f"{words} left out: operator: a test"]
 
 
 def test_what_the_operator_leaves_out_is_never_too_much_unless_it_is_all(steady):
@@ -176,12 +189,20 @@ def test_a_fitted_mount_has_nothing_to_keep_to_where_none_is_stated(steady):
 
 
 @pytest.mark.parametrize(
-    ("sun_deg", "align", "is_told"), [(5.0, "first 60 s", True), (-5.0, "first 60 s", False), (5.0, None, False)]
+    ("sun_deg", "align", "is_told"),
+    [
+        (5.0, "first 60 s", True),
+        (0.6, "first 60 s", True),
+        (0.0, "first 60 s", False),
+        (-0.6, "first 60 s", False),
+        (-5.0, "first 60 s", False),
+        (5.0, None, False),
+    ],
 )
 def test_stars_by_day_are_told_on_a_mount_that_is_fitted(steady, sun_deg, align, is_told):
     made = fitted(session(200), STATED, replace(STATED, align=align))
     made.frames.columns["sun_altitude_deg"] = sun_deg
-    words = "stars are identified though the Sun stands 5 deg above the horizon"
+    words = f"stars are identified though the Sun stands {sun_deg:.0f} deg above the horizon"
     assert [line.startswith(words) for line in lines(made)] == [True] * is_told
 
 

@@ -1,10 +1,13 @@
 """Frames and answers that no count covers: the numbers at which they leave a share open."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from skies.known_nights import START_NS, session
+from skies.known_nights import START_NS, STATION, session
 
-from gse.assessment.uncounted import missing_by_time, uncounted
+from gse.assessment.uncounted import _answers_not_compared, missing_by_time, uncounted
 from gse.instant import NS_PER_S
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.exclusions import Cause, Exclusion
@@ -80,6 +83,22 @@ def test_three_restarts_are_too_many(restarts, missing):
     assert missing_by_time(frames(seconds, tags_s=tags_s)) == missing
 
 
+def test_tags_that_stand_still_tell_no_rate_and_so_no_missing_frame():
+    made = frames(spaced(5.0), tags_s=np.zeros(20))
+    made["host_utc_ns"] = 0
+    assert missing_by_time(made) == 0
+
+
+def test_the_rate_is_that_of_the_fifteen_frames_about_a_pause():
+    """A sensor that is told to send every two seconds misses none; two pauses among its slow frames are its own."""
+    seconds = np.cumsum(np.r_[np.ones(30), np.full(30, 2.0)])
+    assert missing_by_time(frames(seconds)) == 0
+    seconds[45:] += 6.0
+    assert missing_by_time(frames(seconds)) == 3
+    seconds[15:] += 3.0
+    assert missing_by_time(frames(seconds)) == 6
+
+
 # In a session
 
 
@@ -97,7 +116,15 @@ def lines(made):
 
 @pytest.mark.parametrize(
     ("missing", "lost", "told"),
-    [(6, 0, ["by time 6"]), (6, 1, ["by time 5"]), (6, 6, []), (5, 0, []), (10, 8, ["by time 2"])],
+    [
+        (6, 0, ["by time 6"]),
+        (6, 1, ["by time 5"]),
+        (6, 5, ["by time 1"]),
+        (6, 6, []),
+        (6, 7, []),
+        (5, 0, []),
+        (10, 8, ["by time 2"]),
+    ],
 )
 def test_frames_that_the_sequence_numbers_tell_are_not_told_again(missing, lost, told):
     assert lines(night(missing, lost=lost)) == told
@@ -145,6 +172,27 @@ def test_more_answers_than_may_be_false_must_have_a_panorama_but_for_those_lost_
     made = with_answers(others, lost=lost)
     told = [line for line in uncounted(made, statistics(made)) if line.startswith("sensor")]
     assert [line.split(" belong")[0] for line in told] == [f"sensor: {count} of its answers"] * (count > 0)
+
+
+@pytest.mark.parametrize(
+    ("false_share", "others", "given", "is_told"),
+    [
+        (0.5, 1, 0, True),  # one of one
+        (0.5, 1, 1, False),  # one of two
+        (0.5, 2, 1, True),
+        (1.0, 1, 0, False),
+        (0.25, 3, 9, False),
+        (0.25, 4, 9, True),
+    ],
+)
+def test_answers_to_nothing_count_among_those_that_were_compared_and_themselves(false_share, others, given, is_told):
+    station = STATION.model_copy(update={"limits": replace(STATION.limits, false_share=false_share)})
+    made = session(0, station=station)
+    for number in range(others):
+        made.sensor_attitudes.append(START_NS, AttitudeMessage(10**9 + number, 10.0, 20.0, 30.0, 0, 12, "acquired"))
+    own = SimpleNamespace(acquired=np.arange(20) < given) if given else None
+    told = list(_answers_not_compared(made, SimpleNamespace(own=own)))
+    assert [line.split(" belong")[0] for line in told] == [f"sensor: {others} of its answers"] * is_told
 
 
 def test_answers_alone_are_the_subject_and_answers_to_nothing_are_not_compared():

@@ -2,14 +2,27 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, TRUTH, frame, session, unanswered
 from skies.one_by_one import add_frame
 
+from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
-from gse.assessment.verdict import _settles, judge
+from gse.assessment.verdict import (
+    _causes,
+    _complaints,
+    _not_tested,
+    _relative_to,
+    _rows,
+    _settles,
+    _time,
+    _verdict,
+    is_simulated,
+    judge,
+)
 from gse.budget.mount_terms import STABILITY
 from gse.budget.truth_budget import TruthUncertaintyBudget
 from gse.budget.uncertainty import Term, combined
@@ -17,20 +30,24 @@ from gse.config.station import BUILT_IN_TEXT
 from gse.diagnosis.answer_definitions import by_each_idea
 from gse.errors import UsageError
 from gse.instant import NS_PER_S, from_text
+from gse.limits import Limits
 from gse.mount import Mount, MountUncertainty
 from gse.site import SiteUncertainty
 from gse.station.attitude_table import AttitudeTable
+from gse.station.event_kinds import StationKind
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.frame_table import SKY_CONDITIONS, STATUSES
 from gse.station.results import AnswerCheck, AttitudeError, SkyCondition, Status, Subject, Verdict
 from gse.station.session_data import SessionData
+from gse.statistics.axis_statistics import axis_statistics
 from gse.statistics.clock_health import clock_health, stated_error_s
-from gse.statistics.decision import Outcome
+from gse.statistics.decision import Outcome, Row, share_of
+from gse.statistics.sampling import Bounds
 from gse.statistics.sensor_answers import not_compared, own_truth, sensor_answers
 from gse.statistics.session_statistics import statistics
 from gse.statistics.subject_statistics import about_circular_mean
 from gse.truth import Alignment, EarthOrientation
-from protocols import AttitudeMessage
+from protocols import AttitudeMessage, StatusMessage
 
 TURN = 360 * 3600.0
 
@@ -77,7 +94,8 @@ def test_a_bias_over_the_limit_fails_by_its_axis_only():
     assert assessment.verdict is Verdict.FAIL
     failed = [name for name, outcome in outcomes(assessment).items() if outcome is Outcome.FAIL]
     assert failed == ["mean |dDE|", "95 % of |dDE|"]
-    assert any("onboard mean |dDE| is 90" in reason for reason in assessment.reasons)
+    assert assessment.reasons[0].startswith("onboard mean |dDE| is 90")
+    assert assessment.reasons[-1].startswith("mount: it is off by +90")  # a cause that is not gross comes last
 
 
 def test_the_row_that_fails_is_named_before_those_that_are_undecided():
@@ -545,3 +563,224 @@ def test_rows_of_own_answers_have_the_truth_of_own_answers():
             axes = assessment.budget.own_axes if row.subject is Subject.SENSOR else assessment.budget.axes
             axis = {"mean |dRA*|": "d_ra_cosde", "mean |dDE|": "d_de", "mean |roll|": "d_roll"}[row.name]
             assert row.truth_uncertainty == pytest.approx(axes[axis].one_sided_arcsec / 1.645, rel=1e-9)
+
+
+# Parts, by hand
+
+
+def one_row(outcome, name="mean |dDE|", reason="because"):
+    return Row(Subject.ONBOARD, name, 1.0, "arcsec", 2.0, outcome, reason)
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "in_the_way", "verdict"),
+    [
+        ((), (), Verdict.PASS),
+        ((Outcome.PASS, Outcome.NOT_TESTED), (), Verdict.PASS),
+        ((Outcome.PASS, Outcome.INCONCLUSIVE), (), Verdict.INCONCLUSIVE),
+        ((Outcome.PASS,), ("an obstacle",), Verdict.INCONCLUSIVE),
+        ((Outcome.INCONCLUSIVE,), ("an obstacle",), Verdict.INCONCLUSIVE),
+        ((Outcome.PASS, Outcome.FAIL), (), Verdict.FAIL),
+        ((Outcome.FAIL, Outcome.INCONCLUSIVE), ("an obstacle",), Verdict.FAIL),
+    ],
+)
+def test_one_row_that_fails_decides_and_what_is_open_or_in_the_way_forbids_pass(outcomes, in_the_way, verdict):
+    assert _verdict(tuple(one_row(outcome) for outcome in outcomes), in_the_way) is verdict
+
+
+def test_a_mistake_of_the_set_up_is_told_first_and_other_obstacles_after_the_rows():
+    made = session(200, bias=(0.0, 90.0, 0.0))
+    made.events.append(LinkEvent(START_NS, 0, StationKind.NO_STATION, "the file has none"))
+    made.statuses.append((START_NS, StatusMessage(problems=("temperature is nan: no number of ordinary size",))))
+    assessment = judge(made)
+    assert assessment.verdict is Verdict.INCONCLUSIVE
+    told = assessment.reasons
+    assert told[0].startswith("set-up: station file: the file has none")
+    of_rows = [place for place, reason in enumerate(told) if reason.endswith("by the set-up (station file)")]
+    assert of_rows == [1, 2]
+    assert told.index("sensor: the temperature in 1 of 1 STATUS frames is not a number") > of_rows[-1]
+    assert told[-1].startswith("mount: it is off by +90")
+    assert not any(reason.startswith("station file") for reason in told)
+
+
+def budget_of(ra_arcsec, de_arcsec, own_arcsec=0.0):
+    """Truth with these standard uncertainties, and more of them for the sensor's own answers."""
+    terms = term("clock", ra_arcsec, de_arcsec), term("own choice of stars", own_arcsec, own_arcsec)
+    axes, own_axes = (
+        {axis: combined(some, axis) for axis in ("d_ra_cosde", "d_de", "d_roll")} for some in (terms[:1], terms)
+    )
+    return TruthUncertaintyBudget(terms, axes, own_axes)
+
+
+@pytest.mark.parametrize(
+    ("arcsec", "answers", "heads"),
+    [
+        # Of a limit of 60 arcsec a third is 20, which is 95 % of a standard uncertainty of 10.2.
+        ((10.2, 10.2), 0, []),
+        ((10.3, 10.2), 0, ["dRA*"]),
+        ((10.2, 10.3), 0, ["dDE"]),
+        ((11.0, 11.0), 9, ["dRA*", "dDE"]),
+        ((1.0, 1.0, 11.0), 0, []),
+        ((1.0, 1.0, 11.0), 9, ["the sensor's dRA*", "the sensor's dDE"]),
+        ((11.0, 1.0, 11.0), 9, ["dRA*"]),
+    ],
+)
+def test_truth_is_complained_of_beyond_a_third_of_a_limit_and_the_sensors_only_where_it_answers(arcsec, answers, heads):
+    asked = SimpleNamespace(station=STATION, sensor_attitudes=[0] * answers)
+    lines = _complaints(asked, budget_of(*arcsec))
+    assert [line.removeprefix("truth is not good enough for ").split(":")[0] for line in lines] == heads
+
+
+@pytest.mark.parametrize(
+    ("subjects", "own_answers", "relative", "heads"),
+    [
+        ((Subject.ONBOARD, Subject.SENSOR), 9, False, []),
+        ((Subject.ONBOARD,), 0, False, ["sensor: it sent no answers of its own (no ATTITUDE frames)"]),
+        ((Subject.ONBOARD,), 9, False, ["sensor: 9 answers of its own came, and no panorama that they are of"]),
+        ((Subject.SENSOR,), 9, False, ["onboard: no panoramas came"]),
+        ((Subject.ONBOARD, Subject.SENSOR), 9, True, ["absolute pointing, site and clock: the mount was fitted"]),
+    ],
+)
+def test_what_was_not_tested_is_told_after_the_rows_without_a_test(subjects, own_answers, relative, heads):
+    rows = one_row(Outcome.FAIL), one_row(Outcome.NOT_TESTED, reason="no limit is stated"), one_row(Outcome.PASS)
+    told = list(_not_tested(SimpleNamespace(subjects=subjects), rows, relative, own_answers))
+    assert told[0] == "no limit is stated"
+    assert len(told) == 1 + len(heads)
+    assert all(line.startswith(head) for line, head in zip(told[1:], heads, strict=True))
+
+
+@pytest.mark.parametrize(("align", "seconds"), [("first 90 s", "90"), ("first 2.5 s", "2.5")])
+def test_a_relative_verdict_says_on_how_many_seconds_the_mount_was_fitted(align, seconds):
+    asked = SimpleNamespace(station=SimpleNamespace(mount=Mount(align=align)))
+    assert _relative_to(asked).startswith(f"relative to a mount fitted on the first {seconds} s: ")
+
+
+@pytest.mark.parametrize(
+    ("url", "sources", "simulated"),
+    [
+        ("sim://", [], True),
+        ("/dev/ttyUSB0", [], False),
+        ("/dev/ttyUSB0", ["kernel PLL", "simulated"], True),
+        ("/dev/ttyUSB0", ["kernel PLL"], False),
+    ],
+)
+def test_a_session_is_simulated_by_its_port_or_by_any_reading_of_its_clock(url, sources, simulated):
+    asked = SimpleNamespace(
+        station=SimpleNamespace(port=SimpleNamespace(url=url)), clock=[SimpleNamespace(source=one) for one in sources]
+    )
+    assert is_simulated(asked) is simulated
+
+
+def timed(slow, of, *, is_stated=False, p99=123.45):
+    return SimpleNamespace(
+        subject=Subject.SENSOR,
+        time_is_stated=is_stated,
+        slow=share_of(slow, of),
+        time_ms=SimpleNamespace(p99=p99),
+    )
+
+
+@pytest.mark.parametrize(
+    ("slow", "of", "outcome", "reason"),
+    [
+        (0, 299, Outcome.PASS, ""),  # 0.99 ** 299 is below 5 %, 0.99 ** 298 is not
+        (
+            0,
+            298,
+            Outcome.INCONCLUSIVE,
+            "sensor identification time on this host, 99 % is 123.5 ms, the limit is 150 ms (0 of 298 frames are "
+            "slower, which shows at most 1.0 %: a longer session decides)",
+        ),
+        (
+            9,
+            299,
+            Outcome.FAIL,
+            "sensor identification time on this host, 99 % is 123.5 ms, the limit is 150 ms (9 of 299 frames are "
+            "slower)",
+        ),
+        (0, 0, Outcome.NOT_TESTED, "sensor identification time on this host, 99 %: no frame has it"),
+    ],
+)
+def test_one_frame_in_a_hundred_may_be_slow(slow, of, outcome, reason):
+    row = _time(timed(slow, of, p99=123.46), Limits(identification_ms=150.0))
+    assert (row.outcome, row.reason) == (outcome, reason)
+    assert (row.value, row.unit, row.limit) == (123.46, "ms", 150.0)
+    assert math.isnan(row.uncertainty)
+
+
+def test_a_time_that_the_sensor_states_is_called_so():
+    assert _time(timed(0, 9, is_stated=True), Limits()).name == "processing time as it states, 99 %"
+
+
+def test_without_panoramas_or_before_a_star_simulator_nothing_is_looked_for_in_the_sky():
+    """They would need the frames, which are not there."""
+    for subjects, inertial in (((Subject.SENSOR,), None), ((Subject.ONBOARD,), "a direction")):
+        asked = SimpleNamespace(station=SimpleNamespace(mount=SimpleNamespace(inertial=inertial)))
+        assert _causes(asked, SimpleNamespace(subjects=subjects)) == ()
+
+
+AXIS = replace(
+    axis_statistics(np.array([], dtype=np.int64), np.array([])),
+    n=500,
+    n_eff=400.0,
+    mean_abs_arcsec=20.0,
+    mean_abs_bounds_arcsec=Bounds(17.0, 23.0, 18.0, 22.0),
+    p95_abs_arcsec=50.0,
+    p95_abs_bounds_arcsec=Bounds(40.0, 60.0, 42.0, 58.0),
+)
+
+
+def rows_of(subject=Subject.ONBOARD, *, star_fields=0, lost=0, relative=False, **limits):
+    """The rows of a subject whose axes are all alike, on truth of 3 and 4 arcsec, of 12 more for own answers."""
+    given = SimpleNamespace(
+        subject=subject,
+        axes=dict.fromkeys(("d_ra_cosde", "d_de", "d_roll"), AXIS),
+        half_cone_95=AXIS,
+        available=share_of(900, 1000),
+        false_answers=share_of(50, 900),
+        star_fields=star_fields,
+        time_is_stated=False,
+        slow=share_of(0, 1000),
+        time_ms=SimpleNamespace(p99=1.0),
+    )
+    counted = SimpleNamespace(expected=np.arange(1000) < 1000 - lost)
+    stats = SimpleNamespace(duration_s=600.0, frames_expected=1000, counted=counted)
+    budget = budget_of(3.0, 4.0, own_arcsec=12.0)
+    return {row.name: row for row in _rows(given, stats, budget, Limits(**limits), relative)}
+
+
+@pytest.mark.parametrize("relative", [False, True])
+def test_each_axis_is_judged_by_its_own_limit_and_truth(relative):
+    found = rows_of(relative=relative, d_ra_cosde_arcsec=61.0, d_de_arcsec=62.0, d_roll_arcsec=63.0)
+    truths = {"dRA*": (61.0, 3.0), "dDE": (62.0, 4.0), "roll": (63.0, 0.0)}
+    for label, (limit, truth) in truths.items():
+        mean, most = found[f"mean |{label}|"], found[f"95 % of |{label}|"]
+        assert (mean.value, most.value, mean.limit, most.limit) == (20.0, 50.0, limit, limit)
+        assert mean.uncertainty == pytest.approx(math.hypot(2.0, 1.645 * truth), rel=1e-4)
+        assert most.uncertainty == pytest.approx(math.hypot(8.0, 1.645 * truth), rel=1e-4)
+        assert mean.truth_uncertainty == most.truth_uncertainty == pytest.approx(truth, rel=1e-4)
+        assert (mean.n_eff, mean.relative, most.relative, mean.unit) == (400.0, relative, relative, "arcsec")
+    cone = found["half-cone of 95 % of the boresights"]
+    assert (cone.value, cone.outcome, cone.relative) == (50.0, Outcome.NOT_TESTED, relative)
+    assert cone.truth_uncertainty == pytest.approx(5.0, rel=1e-4)
+    assert rows_of(boresight_arcsec=64.0)["half-cone of 95 % of the boresights"].limit == 64.0
+    own = rows_of(Subject.SENSOR)
+    assert own["mean |dDE|"].truth_uncertainty == pytest.approx(math.hypot(4.0, 12.0), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("fields", "lost", "beside_available", "beside_false"),
+    [(0, 0, "", ""), (1, 1, ", 1 of which never came", " in 1 star field"),
+     (2, 30, ", 30 of which never came", " in 2 star fields")],
+)  # fmt: skip
+def test_shares_tell_what_never_came_and_how_many_fields_false_answers_were_in(
+    fields, lost, beside_available, beside_false
+):
+    found = rows_of(star_fields=fields, lost=lost)
+    available, false = found["availability"], found["false answers"]
+    assert (
+        available.reason
+        == f"onboard availability: 900 of 1000 frames{beside_available} (90.00 %), the limit is 95.00 %"
+    )
+    assert false.reason == f"onboard false answers: 50 of 900 frames{beside_false} (5.56 %), the limit is 1.00 %"
+    assert (available.limit, false.limit, available.unit, false.unit) == (0.95, 0.01, "", "")

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy.stats
 from scipy.spatial.transform import Rotation
 from skies.known_nights import START_NS, STATION, TRUTH, session
 
@@ -25,7 +26,17 @@ from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount
 from gse.station.own_answers import OwnAnswerTruth
 from gse.station.results import Subject, Verdict
-from gse.statistics.convention_search import FEWEST, Evidence, search_convention, with_aberration
+from gse.statistics.convention_search import (
+    FEWEST,
+    Evidence,
+    _candidates,
+    _cosines,
+    _mean_and_change,
+    _misfit,
+    _plainness,
+    search_convention,
+    with_aberration,
+)
 from gse.statistics.decision import Outcome
 from gse.statistics.sensor_convention import in_words, session_convention
 from gse.truth import EarthOrientation, SiderealTruth
@@ -341,6 +352,122 @@ def test_a_quaternion_turns_axes_as_scipy_says():
     ours = from_quaternions(rotations.as_quat())
     assert np.abs(ours - rotations.inv().as_matrix()).max() < 1e-12
     assert np.abs(from_quaternions(to_quaternions(ours)) - ours).max() < 1e-12
+
+
+# Parts, by hand
+
+
+@pytest.mark.parametrize(
+    ("keys", "plainness"),
+    [
+        ({}, (0, 0, False)),
+        ({"conjugate": True}, (0, 0, True)),
+        ({"body_axes": "-x -y z"}, (1, 2, False)),  # two signs, in their order
+        ({"body_axes": "-y x z"}, (1, 2, False)),  # one sign, and moved
+        ({"reference_axes": "y z x"}, (1, 1, False)),
+        ({"reference_axes": "-x -y z", "body_axes": "-z -y -x"}, (2, 6, False)),
+        ({"reference_axes": "y z x", "body_axes": "z x y", "conjugate": True}, (2, 2, True)),
+    ],
+)
+def test_the_plainest_convention_has_the_fewest_axes_that_are_not_x_y_z_then_the_fewest_signs_and_moves(
+    keys, plainness
+):
+    assert _plainness(AttitudeConvention(**keys)) == plainness
+
+
+def test_each_pair_of_axes_has_the_cosine_of_its_greatest_turn_in_a_few_answers():
+    """Three of five answers count, each against the truth, by scipy's size of a rotation."""
+    rng, words = np.random.default_rng(7), list(proper_axes())
+    quaternions = Rotation.random(5, rng=rng).as_quat()
+    true = Rotation.random(5, rng=rng).as_matrix()
+    evidence, some = Evidence(UTC_NS[:5], quaternions, true, true, 1.0), np.array([0, 2, 4])
+    found = _cosines(evidence, some, AttitudeConvention(frame="date", scalar="first"))
+    assert found.shape == (24, 24)
+    to_date = icrs_to_frame("date", UTC_NS[some])
+    for body, reference in rng.integers(0, 24, (20, 2)).tolist():
+        stated = AttitudeConvention(
+            frame="date", scalar="first", body_axes=words[body], reference_axes=words[reference]
+        )
+        read = read_quaternions(quaternions[some], stated) @ to_date
+        turns = Rotation.from_matrix(read @ true[some].transpose(0, 2, 1)).magnitude()
+        assert found[body, reference] == pytest.approx(np.cos(turns.max()), abs=1e-12)
+
+
+@pytest.mark.parametrize(("turned_deg", "is_near"), [(1.95, True), (2.05, False)])
+def test_a_convention_is_tried_where_it_leaves_less_than_two_degrees(turned_deg, is_near):
+    """Beyond that the axes of B1950 still leave less, which lie two thirds of a degree from those of ICRS."""
+    evidence = sent(AttitudeConvention(), state_quaternions, body_arcsec=(0, 0, turned_deg * 3600), noise_arcsec=0)
+    tried = list(_candidates(evidence))
+    assert (AttitudeConvention() in tried) is is_near
+    assert AttitudeConvention(frame="B1950") in tried
+
+
+def test_where_none_leaves_so_little_the_best_of_each_frame_and_order_is_tried():
+    evidence = sent(AttitudeConvention(), state_quaternions, body_arcsec=(10 * 3600, 0, 0), noise_arcsec=0)
+    tried, words, some = list(_candidates(evidence)), list(proper_axes()), np.array([0, 14, 29, 44, 59])
+    assert len({(one.frame, one.scalar, one.conjugate) for one in tried}) == len(tried) == 3 * 2 * 2
+    for one in tried:
+        cosines = _cosines(evidence, some, one)
+        assert cosines[words.index(one.body_axes), words.index(one.reference_axes)] == cosines.max()
+
+
+def test_five_answers_from_first_to_last_tell_which_conventions_are_searched():
+    good = sent(AttitudeConvention(), state_quaternions)
+    wild = good.sent.copy()
+    others = np.setdiff1d(np.arange(60), [0, 14, 29, 44, 59])
+    wild[others] = Rotation.random(len(others), rng=np.random.default_rng(4)).as_quat()
+    assert list(_candidates(dataclasses.replace(good, sent=wild))) == list(_candidates(good))
+    for row in (0, 14, 29, 44, 59):
+        one = good.sent.copy()
+        one[row] = wild[1]
+        assert list(_candidates(dataclasses.replace(good, sent=one))) != list(_candidates(good))
+
+
+def test_angles_have_each_frame_unit_sense_and_zero_and_without_a_roll_the_usual_one_alone():
+    evidence = sent(AttitudeConvention(), state_angles)
+    every = list(_candidates(evidence))
+    assert len(set(every)) == len(every) == 3 * 2 * 2 * 4
+    evidence.sent[7, 2] = np.nan
+    without = list(_candidates(evidence))
+    assert len(set(without)) == 3 * 2
+    assert {(one.roll_through, one.roll_zero_deg) for one in without} == {("east", 0)}
+
+
+@pytest.mark.parametrize(("count", "blocks"), [(10, 5), (11, 5), (38, 19), (40, 20), (100, 20)])
+def test_a_turn_and_its_change_are_those_of_medians_of_up_to_twenty_blocks(count, blocks):
+    """In whatever order answers came; a line through the medians by scipy."""
+    rng = np.random.default_rng(count)
+    course = np.linspace(-0.5, 0.5, count)
+    turns = rng.normal(0, 2.0, (count, 3)) + np.outer(course, [60.0, 0.0, -45.0]) + [5.0, -7.0, 1.0]
+    shuffled = rng.permutation(count)
+    mean, change, error = _mean_and_change(UTC_NS[0] + shuffled, turns[shuffled])
+    medians = np.array([np.median(part, axis=0) for part in np.array_split(turns, blocks)])
+    place = np.linspace(-0.5, 0.5, blocks)
+    lines = [scipy.stats.linregress(place, medians[:, axis]) for axis in range(3)]
+    counts = [line.slope if abs(line.slope) > 5 * line.stderr + 1 else 0.0 for line in lines]
+    scatter = max(line.stderr for line in lines) * np.sqrt((place**2).sum())
+    assert mean == pytest.approx(medians.mean(axis=0))
+    assert change == pytest.approx(np.linalg.norm(counts))
+    assert error == pytest.approx(scatter / np.sqrt(blocks))
+    assert counts[0] != 0.0 == counts[1]
+
+
+def test_a_misfit_is_the_turn_with_a_tenth_of_that_about_the_boresight_and_its_change():
+    steady = turned(np.tile([3.0, -4.0, 120.0], (60, 1)), state_angles)
+    size, uncertainty = _misfit(steady, AttitudeConvention(), steady.true)
+    assert size == pytest.approx(13.0, rel=1e-3)
+    assert uncertainty == 1.0
+    course = np.linspace(-0.5, 0.5, 60)
+    moving = turned(np.tile([3.0, -4.0, 0.0], (60, 1)) + np.outer(course, [0, 0, 600.0]), state_angles)
+    whole = 600 * 57 / 59 * 0.1  # from the middle of the first of twenty blocks to that of the last
+    assert _misfit(moving, AttitudeConvention(), moving.true)[0] == pytest.approx(np.hypot(5.0, whole), rel=1e-3)
+    assert _misfit(dataclasses.replace(steady, truth_arcsec=7.0), AttitudeConvention(), steady.true)[1] == 7.0
+
+
+def test_without_a_roll_only_the_boresight_counts():
+    evidence = turned(np.tile([3.0, -4.0, 120.0], (60, 1)), state_angles)
+    evidence.sent[3, 2] = np.nan
+    assert _misfit(evidence, AttitudeConvention(), evidence.true)[0] == pytest.approx(5.0, rel=1e-3)
 
 
 def with_answers(convention, count=600, **stated):

@@ -105,3 +105,13 @@ def test_less_than_one_independent_value_counts_as_one_and_very_many_know_their_
     assert further_share(10.0, 20.0, 0.0, 0.3) == further_share(10.0, 20.0, 0.0, 1.0)
     assert further_share(10.0, 20.0, 0.0, 1e12) == pytest.approx(3.0)
     assert further_share(10.0, 20.0, 0.0, 1.2) != further_share(10.0, 20.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(("sampling", "n_eff"), [(20.0, 3.0), (35.0, 6.0), (300.0, 10.0)])
+def test_the_length_is_one_of_five_hundred_of_even_ratios_from_that_of_the_session_to_that_of_a_known_scatter(
+    sampling, n_eff
+) -> None:
+    most = (sampling / 10) ** 2
+    steps = math.log(further_share(10.0, sampling, 0.0, n_eff) + 1) / math.log(most) * 499
+    assert 0 < steps < 499
+    assert steps == pytest.approx(round(steps), abs=1e-6)

@@ -251,6 +251,21 @@ def test_the_sun_is_that_of_the_middle_frame_above_or_below_the_horizon(blind, m
         assert reason == f"Sun {abs(sun_deg):.0f} deg {side} the horizon: no dark sky for {duration_s} s"
 
 
+@pytest.mark.parametrize(
+    ("altitude_deg", "words"), [(0.3, "Sun 0 deg above"), (-0.3, "Sun 0 deg below"), (-0.7, "Sun 1 deg below")]
+)
+def test_the_horizon_itself_parts_above_and_below(altitude_deg, words):
+    """In the morning of this day the Sun rises here between two and three o'clock."""
+    low_ns, high_ns = from_text("2026-03-20T21:00:00Z"), from_text("2026-03-21T05:00:00Z")
+    while high_ns - low_ns > NS_PER_S:
+        middle_ns = (low_ns + high_ns) // 2
+        is_lower = sun_altitude_deg(STATION.site, middle_ns) < altitude_deg
+        low_ns, high_ns = (middle_ns, high_ns) if is_lower else (low_ns, middle_ns)
+    made = few(np.arange(100.0), range(40, 61))
+    made["utc_ns"] += low_ns - int(made["utc_ns"][50])
+    assert found(made)[0][1].startswith(f"{words} the horizon")
+
+
 @pytest.mark.parametrize(("row", "explains"), [(39, True), (40, False), (60, False), (61, True)])
 def test_a_fault_of_the_detector_counts_within_the_stretch_alone(row, explains):
     made = few(np.arange(100.0), range(40, 61), objects=0)

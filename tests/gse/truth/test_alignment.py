@@ -272,3 +272,17 @@ def test_a_fit_of_many_frames_begins_at_one_of_at_most_some_two_hundred(count, m
     found = _most_central(three_directions(count, middle))
     assert found != middle
     assert found % step == 0
+
+
+def test_the_mount_is_where_the_turns_to_all_frames_add_up_to_nothing():
+    """Degrees apart, where one mean of small turns is not enough."""
+    vectors = np.radians(np.random.default_rng(5).uniform(-8, 8, (40, 3)))
+    rotations = Rotation.from_rotvec(vectors).as_matrix() @ horizon_to_sensor(MOUNT)
+    fitted = fit_mount(instants(40), rotations)
+    assert fitted.n == 40
+    left = small_rotations(rotations, horizon_to_sensor(fitted.mount))
+    assert np.abs(left.mean(axis=0)).max() < 1e-9
+
+
+def test_the_blocks_of_one_instant_are_one():
+    assert time_blocks(np.full(5, START_NS)).tolist() == [0] * 5
