@@ -598,8 +598,9 @@ def test_a_mistake_of_the_set_up_is_told_first_and_other_obstacles_after_the_row
     assert told[0].startswith("set-up: station file: the file has none")
     of_rows = [place for place, reason in enumerate(told) if reason.endswith("by the set-up (station file)")]
     assert of_rows == [1, 2]
-    assert told.index("sensor: the temperature in 1 of 1 STATUS frames is not a number") > of_rows[-1]
-    assert told[-1].startswith("mount: it is off by +90")
+    obstacle = told.index("sensor: the temperature in 1 of 1 STATUS frames is not a number")
+    (cause,) = (place for place, reason in enumerate(told) if reason.startswith("mount: it is off by +90"))
+    assert of_rows[-1] < obstacle < cause
     assert not any(reason.startswith("station file") for reason in told)
 
 

@@ -10,6 +10,7 @@ import pytest
 from skies.known_nights import START_NS, STATION, TABLE
 
 from gse.budget.mount_terms import fitted_mount
+from gse.budget.sky_terms import _other_humidity
 from gse.budget.truth_budget import SessionFacts, truth_budget
 from gse.budget.truth_sensitivity import ChangedTruth
 from gse.budget.uncertainty import Distribution
@@ -280,3 +281,48 @@ def test_what_truth_does_not_correct_for_is_told_apart():
 @pytest.mark.parametrize(("name", "turns"), [("azimuth", 1.0), ("altitude", math.sqrt(2)), ("roll", 1.0)])
 def test_an_arcsecond_of_an_angle_of_the_mount_is_an_arcsecond_of_the_sky(name, turns):
     assert turned(stated()[f"mount {name}"]) == pytest.approx(TEN * turns, rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("humidity", "by", "other"), [(0.5, 0.125, 0.625), (0.75, 0.25, 1.0), (0.875, 0.25, 0.625), (0.0, 0.25, 0.25)]
+)
+def test_air_is_as_much_wetter_unless_it_would_be_more_than_saturated(humidity, by, other):
+    assert _other_humidity(replace(STATION.site, relative_humidity=humidity), by) == other
+
+
+def test_at_the_zenith_the_air_bends_nothing_by_whatever_colour():
+    model = terms(replace(FACTS, mount=Mount()))["refraction: model"]
+    assert (model.ra_arcsec, model.de_arcsec, model.roll_arcsec, model.size_arcsec) == (0.0, 0.0, 0.0, 0.0)
+    assert model.standard == pytest.approx(0.005 / math.sqrt(3))
+
+
+def test_little_air_bends_little():
+    thin = terms(replace(FACTS, site=replace(STATION.site, pressure_hpa=1.0)))
+    assert thin["refraction: model"].size_arcsec == pytest.approx(bend_arcsec(1.0, 25.0, 0.8), rel=1e-3)
+
+
+@pytest.mark.parametrize("latitude_deg", [90.0, -90.0, 89.9])
+def test_near_a_pole_east_is_a_hundredfold_turn_of_azimuth_at_most(latitude_deg):
+    """Ten metres turn a level by 0.165 arcsec, and 64 km from the pole a meridian by a hundred times as much."""
+    polar = terms(replace(FACTS, site=replace(STATION.site, latitude_deg=latitude_deg)))["site position"]
+    angle = TEN / 6_371_000 * 206_265
+    assert turned(polar) == pytest.approx(angle * math.hypot(1, 100), rel=2e-3)
+
+
+def test_each_model_leaves_half_a_milliarcsecond_on_each_axis():
+    for name in ("precession", "nutation", "annual aberration", "diurnal aberration", "light deflection"):
+        term = stated()[name]
+        assert (term.standard, term.ra_arcsec, term.de_arcsec, term.roll_arcsec) == (0.0005,) * 4
+        assert 0 < term.size_arcsec < 1400
+
+
+def test_a_leap_second_that_is_not_announced_may_be_one():
+    """Where the list of leap seconds ends before the session, and UT1 is measured all the same."""
+    ended = replace(TABLE, leap_seconds=replace(TABLE.leap_seconds, known_until_mjd=60_000))
+    term = terms(replace(FACTS, earth_orientation=ended))["leap seconds"]
+    leap_s = ended.at(START_NS).leap_error_s
+    assert 0.9 < leap_s <= 1.0
+    assert term.standard == pytest.approx(leap_s / math.sqrt(3))
+    assert (term.unit, term.distribution, term.corrected) == ("s", RECTANGULAR, True)
+    assert turned(term) == pytest.approx(15.041067 * leap_s / math.sqrt(3), rel=1e-4)
+    assert "leap seconds" not in stated()

@@ -107,3 +107,34 @@ def test_a_small_term_counts_and_half_an_interval_of_95_percent_is_two_standard_
     found = combined((replace(TERM, ra_arcsec=0.3), replace(TERM, ra_arcsec=0.4)), "d_ra_cosde")
     assert found.standard_arcsec == pytest.approx(0.5)
     assert pytest.approx(scipy.stats.norm.ppf(0.975), rel=1e-7) == 1 / TO_STANDARD
+
+
+def test_of_student_two_a_grid_of_eighty_standard_uncertainties_to_either_side_is_kept() -> None:
+    """What lies beyond is left out of the whole: a hundred and fifty-six millionths."""
+    kept = 1 - 2 * scipy.stats.t.sf(80.0, 2)
+    expected = scipy.stats.t.ppf((1 + 0.95 * kept) / 2, 2)
+    assert half_width(((1.0, STUDENT, 2.0),), 0.95) == pytest.approx(expected, rel=2e-4)
+
+
+@pytest.mark.parametrize("size", [0.01, 1.0, 300.0])
+@pytest.mark.parametrize(
+    ("kind", "freedom", "quantile"),
+    [
+        (RECTANGULAR, math.inf, 0.95 * math.sqrt(3)),
+        (STUDENT, 29.0, scipy.stats.t.ppf(0.975, 29)),
+        (STUDENT, 30.0, scipy.stats.t.ppf(0.975, 30)),
+        (STUDENT, 1e4, scipy.stats.t.ppf(0.975, 1e4)),
+        (STUDENT, math.inf, scipy.stats.norm.ppf(0.975)),
+    ],
+)
+def test_a_half_width_grows_with_its_standard_uncertainty(size, kind, freedom, quantile) -> None:
+    assert half_width(((size, kind, freedom),), 0.95) == pytest.approx(size * quantile, rel=4e-5)
+
+
+def test_a_large_and_a_small_rectangle_make_a_trapezium() -> None:
+    """Half-widths of 5 and 1: flat to 4, then a slope; nine tenths lie within 4 and what the slope adds."""
+    parts = ((5 / math.sqrt(3), RECTANGULAR, math.inf), (1 / math.sqrt(3), RECTANGULAR, math.inf))
+    # Beyond w between 4 and 6 lie (6 - w)^2 / 20 on both sides together.
+    assert half_width(parts, 0.95) == pytest.approx(6 - math.sqrt(20 * 0.05), rel=1e-5)
+    assert half_width(parts, 0.9) == pytest.approx(6 - math.sqrt(20 * 0.1), rel=1e-5)
+    assert half_width(parts, 0.5) == pytest.approx(2.5, rel=1e-5)
