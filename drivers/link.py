@@ -301,10 +301,23 @@ class _Receiver:
 
 
 def _read(port: serial.Serial) -> bytes:
-    """The waiting bytes, or the first one within the port's timeout; a request for more would lose all at a hang-up."""
-    if not str(port.port).startswith("socket://"):
-        return port.read(port.in_waiting or 1)
-    # A socket does not know the number of waiting bytes.
+    """The waiting bytes, or the first one within the port's timeout and those that came with it.
+
+    A request for more than is waiting would lose all at a hang-up.
+    """
+    if str(port.port).startswith("socket://"):
+        return _read_socket(port)
+    first = port.read(port.in_waiting or 1)
+    if first:
+        # A sensor's frame comes at once: without this its first byte would be a chunk of its own, and the station would
+        # be busy with it while the others wait.
+        with contextlib.suppress(*_HANG_UPS):
+            return first + port.read(port.in_waiting)
+    return first
+
+
+def _read_socket(port: serial.Serial) -> bytes:
+    """The same of a socket, which does not know the number of waiting bytes."""
     first = port.read(1)
     if not first:
         return first
