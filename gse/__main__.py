@@ -19,10 +19,15 @@ _NEW_OBJECTS = 300_000
 """Python looks for garbage each time so many objects are new: more than a start imports, since what is imported stays.
 By default 700, which made a quarter of every start; with 50,000 it was a tenth still."""
 
+_TURN_S = 1e-4
+"""Longest that a thread works in Python while another one waits: by default 5 ms, which is more than a panorama takes,
+so that its answer went out only after all that follows on it."""
+
 
 def main() -> None:
     """Run the command line; Ctrl-C while its packages are still being imported ends it without a word."""
     gc.set_threshold(_NEW_OBJECTS)
+    sys.setswitchinterval(_TURN_S)
     _compute_as_on_any_processor()
     _share_one_allocator()
     atexit.register(_leave_garbage)
