@@ -82,6 +82,18 @@ def test_receive_does_not_wait_longer_than_asked(terminal: Terminal) -> None:
     assert min(waited_s) < 1.0, "a busy machine makes one of them longer, not all"
 
 
+def test_a_frame_that_comes_after_a_silence_is_one_chunk(terminal: Terminal) -> None:
+    frame = bytes(216)
+    with SerialLink(str(terminal.path)) as link:
+        fetch(link, bool)
+        pieces = []
+        for _ in range(5):
+            assert link.receive(0.05) == []
+            terminal.write(frame)
+            pieces.append(len(fetch(link, lambda items: len(data_of(items)) >= len(frame))))
+    assert min(pieces) == 1, "the system may part one of them, not all"
+
+
 def test_a_slow_signal_handler_does_not_make_receive_wait_for_ever(terminal: Terminal) -> None:
     before = signal.signal(signal.SIGALRM, lambda number, frame: time.sleep(0.2))
     rescue = threading.Timer(PATIENCE_S / 2, terminal.write, [b"what would end an endless wait"])
