@@ -1,0 +1,108 @@
+"""What a field of stars makes of the noise of each, by sums over a few stars."""
+
+import math
+
+import numpy as np
+import pytest
+from skies.known_nights import session
+
+from gse.diagnosis.field_content import field_content
+from gse.station.frame_table import ANSWER_CHECKS
+from gse.station.results import AnswerCheck
+
+FOCAL_PX, CENTRE_PX = 4169.905, 511.5
+SIDE_PX = 200.0
+LINE = tuple((CENTRE_PX - SIDE_PX, CENTRE_PX + 40.0 * k) for k in (-5, -3, -1, 1, 3, 5))
+"""Six stars on one column, left of the middle and about it."""
+FRAMES = 80
+"""One a second: eight stretches of time of ten frames."""
+
+
+def night(places=LINE, *, roll_deg=0.0, residual=lambda frame, star: (0.0 * frame, 0.0 * frame)):
+    made = session(FRAMES, step_s=1.0, noise=0.0, matches=tuple((x, y, 0.0, 0.0) for x, y in places))
+    made.frames.columns["roll_true_deg"] = roll_deg
+    matches = made.frames.matches
+    x, y = residual(matches["frame"].astype(float), matches["star"])
+    matches["residual_x_arcsec"], matches["residual_y_arcsec"] = x, y
+    return made
+
+
+def along_and_across(count=6):
+    """By hand, of small angles: a boresight beside a line of stars goes along it with what turns about them leave."""
+    lever = SIDE_PX**2 / (40.0**2 * 2 * (1 + 9 + 25))
+    return math.sqrt(1 / count), math.sqrt(1 / count + lever)
+
+
+@pytest.mark.parametrize(("roll_deg", "is_north"), [(0.0, True), (180.0, True), (90.0, False), (-90.0, False)])
+def test_an_arcsec_of_each_star_is_one_over_the_root_of_their_number_and_more_where_they_stand_aside(
+    roll_deg, is_north
+):
+    """Image up is north where the roll is 0; a turn about a line that is beside the middle moves that along rows."""
+    found = field_content(night(roll_deg=roll_deg))
+    plain, levered = along_and_across()
+    de, ra = (levered, plain) if is_north else (plain, levered)
+    assert found["d_ra_cosde"].geometry == pytest.approx(ra, rel=0.01)
+    assert found["d_de"].geometry == pytest.approx(de, rel=0.01)
+
+
+@pytest.mark.parametrize(("roll_deg", "ra_share"), [(45.0, 0.5), (30.0, 0.25), (60.0, 0.75)])
+def test_both_axes_share_what_is_along_columns_and_rows_by_the_roll(roll_deg, ra_share):
+    found = field_content(night(roll_deg=roll_deg))
+    plain, levered = (one**2 for one in along_and_across())
+    ra, de = (found[axis].geometry ** 2 for axis in ("d_ra_cosde", "d_de"))
+    assert ra == pytest.approx((1 - ra_share) * plain + ra_share * levered, rel=0.02)
+    assert de == pytest.approx(ra_share * plain + (1 - ra_share) * levered, rel=0.02)
+
+
+@pytest.mark.parametrize(("stars", "is_told"), [(4, False), (5, True)])
+def test_five_stars_are_needed(stars, is_told):
+    assert set(field_content(night(LINE[:stars]))) == ({"d_ra_cosde", "d_de"} if is_told else set())
+
+
+def test_errors_that_stay_with_each_star_are_left_in_the_bias():
+    """3 arcsec to and fro, 12 by 6 / 4.5 in the square of them before the fit; an eighth is within one stretch."""
+    found = field_content(night(residual=lambda frame, star: (3.0 * (-1.0) ** star, 3.0 * (-1.0) ** (star // 2))))
+    for one in found.values():
+        before_fit = 3.0 * math.sqrt(6 / 4.5)
+        assert one.bias_error_arcsec == pytest.approx(one.geometry * before_fit * math.sqrt(7 / 8), rel=1e-6)
+        assert (one.noise_error_share, one.spread_error_share) == (0.0, 0.0)
+
+
+def test_noise_of_every_frame_leaves_nothing_in_the_bias_and_tells_itself_to_one_over_the_root_of_twice_the_frames():
+    """The errors of the stars about their means of ten seconds, less the turn that fits those of a frame best."""
+    noise = np.random.default_rng(2).normal(size=(8, 10, 6, 2))
+    noise -= noise.mean(axis=1, keepdims=True)
+    x, y = (np.array(LINE).T - CENTRE_PX) / FOCAL_PX
+    zeros, ones = np.zeros(6), np.ones(6)
+    turns = np.stack([np.column_stack([zeros, ones, -y]), np.column_stack([-ones, zeros, x])], axis=1).reshape(12, 3)
+    left = noise.reshape(FRAMES, 12) @ (np.eye(12) - turns @ np.linalg.pinv(turns))
+    found = field_content(night(residual=lambda frame, star: left.reshape(FRAMES, 6, 2)[frame.astype(int), star].T))
+    for one in found.values():
+        assert one.bias_error_arcsec == pytest.approx(0.0, abs=1e-3)
+        for share in (one.noise_error_share, one.spread_error_share):
+            assert share == pytest.approx(1 / math.sqrt(2 * FRAMES), rel=0.3)
+
+
+def test_errors_that_change_from_one_stretch_of_time_to_the_next_are_in_the_spread_alone():
+    """Ten seconds each: eight values tell their spread much worse than eighty do."""
+    step = np.random.default_rng(3).normal(size=(8, 6, 2))
+    found = field_content(night(residual=lambda frame, star: step[(frame // 10).astype(int), star].T))
+    for one in found.values():
+        assert one.noise_error_share == pytest.approx(0.0, abs=1e-6)
+        assert one.spread_error_share > 0.15
+
+
+def test_frames_without_a_truth_false_answers_and_stars_that_no_answer_names_do_not_count():
+    """Those that are left are of five stars of the line, and of the last forty frames."""
+    made = night()
+    frames, matches = made.frames.columns, made.frames.matches
+    frames["roll_true_deg"][:20] = np.nan
+    frames["answer_check"][20:40] = ANSWER_CHECKS.index(AnswerCheck.FALSE)
+    matches["named"][matches["star"] == 5] = False
+    matches["residual_x_arcsec"][matches["frame"] < 40] = 1000.0
+    found = field_content(made)
+    # the middle is a fifth of the line's half away from that of the stars: a turn about them moves it along too
+    assert found["d_ra_cosde"].geometry == pytest.approx(math.sqrt(1 / 5 + 1 / (16 + 4 + 0 + 4 + 16)), rel=0.01)
+    assert found["d_ra_cosde"].bias_error_arcsec == 0.0
+    frames["roll_true_deg"] = np.nan
+    assert field_content(made) == {}
