@@ -468,3 +468,23 @@ def test_a_vibration_has_its_size_and_a_frequency_where_one_stands_out(frequency
     )
     assert finding.equals == ("seeing or exposures that smear",)
     assert finding.next_step == "stop what shakes (fan, wind, steps on the roof) and repeat the session"
+
+
+@pytest.mark.parametrize(
+    ("cause", "words"),
+    [
+        ("clock offset", "clock is 0.0000 s slow (+- 0 s)"),
+        ("focal length", "it is 0.000 % too long (+- 0 %)"),
+        ("distortion", "0.00 px too far out"),
+        ("clock drift", "runs 0 ppm slow"),
+    ],
+)
+def test_what_is_off_by_nothing_has_the_side_of_what_is_less(cause, words):
+    assert words in found(cause, 0.0).size
+
+
+def test_a_time_that_is_off_by_nothing_is_early():
+    assert "latency: frames that are stamped 0.000 s early" in found("clock offset", 0.0).equals
+    link, slip = found("clock step", 0.0, at_s=60.0).equals
+    assert link == "a link or a proxy by which frames come 0.000 s earlier from then on"
+    assert slip == "a slip of the mount about the pole by +0.0 arcsec"
