@@ -385,3 +385,24 @@ def test_what_is_explained_of_roll_and_scatter_is_let_pass(still):
         (replace(nothing, scatter_arcsec=110.0), ["sensor roll"]),
     ):
         assert [one.cause for one in beside_panoramas(still, own, None, explained)] == causes
+
+
+def test_a_shift_that_is_not_told_explains_no_roll():
+    """12 arcsec at 85 deg of declination, within what pixels leave: a delay of as much would turn by 165."""
+    made = night()
+    made.frames.columns["de_true_deg"] = 85.0
+    nothing = Explained(0.0, math.inf, 0.0, 0.0)
+    for explained, roll in ((nothing, 140.0), (replace(nothing, roll_arcsec=300.0), 300.5)):
+        found = beside_panoramas(made, answers(made, ra=12.0, roll=roll), None, explained)
+        assert [one.cause for one in found] == ["sensor roll"]
+
+
+def test_answers_are_compared_with_those_here_whatever_both_are_off_by():
+    made = night()
+    frames = made.frames.columns
+    frames["d_ra_cosde_arcsec"], frames["d_de_arcsec"], frames["d_roll_arcsec"] = 500.0, -700.0, 9000.0
+    explained = Explained(0.0, math.inf, 0.0, 0.0)
+    found = list(beside_panoramas(made, answers(made, ra=30.0, de=-40.0, roll=200.0), None, explained))
+    assert "lie +30.0 arcsec east and -40.0 arcsec north" in found[0].size
+    assert found[1].size.startswith("its roll lies +200.0 arcsec off")
+    assert list(beside_panoramas(made, answers(made), None, explained)) == []

@@ -263,6 +263,13 @@ def test_stars_that_scatter_three_times_as_much_as_their_light_explains_are_coun
     assert noise_of(steady, [0.1] * 8 + [0.28, 5.0], [500.0] * 10).noisy_stars == 1
 
 
+def test_a_bright_star_may_scatter_less_than_a_faint_one_only(steady: SessionData) -> None:
+    """Of index value 10 000 they scatter by 0.02 px: three times as much is 0.06, whatever those of 100 do."""
+    for noise_px, count in ((0.0605, 1), (0.0595, 0)):
+        index = [10_000.0] * 7 + [100.0] * 3
+        assert noise_of(steady, [0.02] * 6 + [noise_px] + [0.05] * 3, index).noisy_stars == count
+
+
 def test_brighter_stars_that_scatter_more_have_a_floor_and_no_light(steady: SessionData) -> None:
     found = noise_of(steady, [0.1, 0.11, 0.12, 0.13, 0.14] * 2, [100.0, 200.0, 300.0, 400.0, 500.0] * 2)
     assert found.photon_px == 0.0
