@@ -18,6 +18,8 @@ from gse.truth.mounting import horizon_to_sensor, mount_of
 _REJECT_SIGMA = 5.0
 _MAD_TO_SIGMA = 1.4826
 _ROUNDS = 20
+_MOST_COMPARED = 200
+"""Frames of which each is compared with each other: 200 are 3 MB."""
 _BLOCK_NS = 20_000_000_000
 """Frames within 20 s share the errors of the same pixels: their means count as independent, not they."""
 _MIN_BLOCKS = 8
@@ -120,10 +122,11 @@ def small_rotations(rotations: NDArray[np.float64], about: NDArray[np.float64]) 
 
 
 def _most_central(rotations: NDArray[np.float64]) -> int:
-    """A frame among the majority: the one nearest to half of the others, of at most 200."""
-    some = rotations[:: max(len(rotations) // 200, 1)]
+    """A frame among the majority: the one nearest to half of the others, of at most _MOST_COMPARED."""
+    step = math.ceil(len(rotations) / _MOST_COMPARED)
+    some = rotations[::step]
     distance2 = ((some[:, None] - some[None]) ** 2).sum(axis=(2, 3))
-    return int(np.median(distance2, axis=1).argmin()) * max(len(rotations) // 200, 1)
+    return int(np.median(distance2, axis=1).argmin()) * step
 
 
 def time_blocks(utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -79,25 +79,14 @@ class SiderealTruth:
         if "diurnal aberration" in omit:
             self._site_speed_c = 0.0
         self._cells: dict[int, _Cell] = {}
-        self._latest: tuple[int, NDArray[np.float64]] = -1, np.eye(3)
 
     def icrs_to_horizon(self, utc_ns: int) -> NDArray[np.float64]:
-        """The rotation (3, 3) from ICRS (GCRS) axes to the horizon frame: no aberration, no refraction.
-
-        Needed several times per frame: the latest is kept, and read-only.
-        """
-        latest_ns, rotation = self._latest
-        if latest_ns == utc_ns:
-            return rotation
-        cell = self._cell(utc_ns // _CELL_NS)
-        angle = (utc_ns - cell.middle_ns) * (EARTH_RATE_RAD_PER_S / NS_PER_S)
-        rotation = cell.still + cell.cosine * math.cos(angle) + cell.sine * math.sin(angle)
-        rotation.flags.writeable = False
-        self._latest = utc_ns, rotation
+        """The rotation (3, 3) from ICRS (GCRS) axes to the horizon frame: no aberration, no refraction."""
+        rotation: NDArray[np.float64] = self.icrs_to_horizon_at(np.array([utc_ns]))[0]
         return rotation
 
     def icrs_to_horizon_at(self, utc_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The rotations (M, 3, 3) at many instants (M,); the same values as one by one."""
+        """The rotations (M, 3, 3) at many instants (M,), each as of ``icrs_to_horizon``."""
         numbers = utc_ns // _CELL_NS
         rotations = np.empty((len(utc_ns), 3, 3))
         for number in np.unique(numbers):

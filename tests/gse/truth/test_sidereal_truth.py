@@ -300,15 +300,6 @@ def test_no_instant_before_1972_has_a_rotation(table):
             truth.icrs_to_horizon(utc_ns)
 
 
-def test_the_latest_rotation_is_kept_and_cannot_be_written_to(table):
-    truth = SiderealTruth(ROOF, table)
-    rotation = truth.icrs_to_horizon(NOW_NS)
-    assert truth.icrs_to_horizon(NOW_NS) is rotation
-    assert truth.icrs_to_horizon(NOW_NS + 1) is not rotation
-    with pytest.raises(ValueError, match="read-only"):
-        rotation[0, 0] = 1.0
-
-
 def test_the_sky_of_three_and_a_half_days_is_kept_at_most(table):
     truth = SiderealTruth(ROOF, table)
     truth.icrs_to_horizon(NOW_NS)
