@@ -310,8 +310,8 @@ def _read(port: serial.Serial) -> bytes:
     first = port.read(port.in_waiting or 1)
     if first:
         # A sensor's frame comes at once: without this its first byte would be a chunk of its own, and the station would
-        # be busy with it while the others wait.
-        with contextlib.suppress(*_HANG_UPS):
+        # be busy with it while the others wait. Whatever goes wrong here, the next read meets again.
+        with contextlib.suppress(Exception):
             return first + port.read(port.in_waiting)
     return first
 

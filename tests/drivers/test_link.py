@@ -17,7 +17,7 @@ from devices.terminal import Terminal
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import PortError
-from drivers.link import NOT_RUN_NS, SerialLink
+from drivers.link import NOT_RUN_NS, SerialLink, _read
 from drivers.ports import PortInfo, explain, holders
 from drivers.session_file.reader import messages
 from drivers.session_file.records import EVENTS, RX, TX
@@ -92,6 +92,26 @@ def test_a_frame_that_comes_after_a_silence_is_one_chunk(terminal: Terminal) -> 
             terminal.write(frame)
             pieces.append(len(fetch(link, lambda items: len(data_of(items)) >= len(frame))))
     assert min(pieces) == 1, "the system may part one of them, not all"
+
+
+class PortThatFailsAfterOneByte:
+    """As a driver of pyserial that meets an error of its own kind once a byte was read."""
+
+    port = "another://handler"
+
+    def __init__(self) -> None:
+        self._in_waiting = iter([0])
+
+    @property
+    def in_waiting(self) -> int:
+        return next(self._in_waiting)
+
+    def read(self, size: int) -> bytes:
+        return b"x"[:size]
+
+
+def test_a_byte_is_not_lost_where_the_driver_fails_right_after_it() -> None:
+    assert _read(PortThatFailsAfterOneByte()) == b"x"
 
 
 def test_a_slow_signal_handler_does_not_make_receive_wait_for_ever(terminal: Terminal) -> None:
@@ -263,7 +283,7 @@ def test_whoever_holds_a_device_is_named(tmp_path: Path) -> None:
 
 LISTEN = """
 import sys
-from drivers.link import NOT_RUN_NS, SerialLink
+from drivers.link import NOT_RUN_NS, SerialLink, _read
 with SerialLink(sys.argv[1]) as link:
     while True:
         for item in link.receive(1.0):
