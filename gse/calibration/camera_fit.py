@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import solve_attitude
+from gse.attitude import solve_attitudes
 from gse.camera import Camera
 from gse.errors import UsageError
 from gse.star_influence import star_covariance
@@ -112,7 +112,7 @@ def calibrate(
     for places in held.values():
         prior[places] *= _HOLD
     fit = _fitted(free.camera, anchor, fields, prior) if held else free
-    before = _residuals(camera, fields, [_attitude(camera, field) for field in fields])
+    before = _residuals(camera, fields, _attitudes(camera, fields))
     after = _residuals(fit.camera, fields, fit.rotations)
     return Calibration(
         fit.camera, before, after, covariance, _map(fit.camera, fields, fit.rotations), len(fields), tuple(held)
@@ -120,15 +120,15 @@ def calibrate(
 
 
 class _Fit(NamedTuple):
-    """A camera, an attitude (3, 3) for each panorama, and the normal matrix (K, K) of the camera's K parameters."""
+    """A camera, an attitude for each panorama (P, 3, 3), and the normal matrix (K, K) of the camera's K parameters."""
 
     camera: Camera
-    rotations: list[NDArray[np.float64]]
+    rotations: NDArray[np.float64]
     normal: NDArray[np.float64]
 
 
 def _fitted(camera: Camera, anchor: Camera, fields: Sequence[StarField], prior: NDArray[np.float64]) -> _Fit:
-    fit = _Fit(camera, [_attitude(camera, field) for field in fields], np.eye(len(prior)))
+    fit = _Fit(camera, _attitudes(camera, fields), np.eye(len(prior)))
     for _ in range(_ROUNDS):
         fit, step_px = _improve(fit, anchor, fields, prior)
         if step_px < _STEADY_PX:
@@ -141,8 +141,22 @@ def _chi_square(change: NDArray[np.float64], covariance: NDArray[np.float64], pl
     return float(part @ np.linalg.solve(covariance[np.ix_(places, places)], part))
 
 
-def _attitude(camera: Camera, field: StarField) -> NDArray[np.float64]:
-    return solve_attitude(camera.directions(field.xy_px), field.stars, camera.pixel_rad).icrs_to_sensor
+def _attitudes(camera: Camera, fields: Sequence[StarField]) -> NDArray[np.float64]:
+    whole, place = _together(fields)
+    ends = np.bincount(place).cumsum()
+    return solve_attitudes(camera.directions(whole.xy_px), whole.stars, ends, camera.pixel_rad).icrs_to_sensor
+
+
+def _together(fields: Sequence[StarField]) -> tuple[StarField, NDArray[np.int64]]:
+    """All stars of all panoramas, and the panorama of each (N,): sums over each take a tenth of the time of a loop."""
+    columns = [(field.xy_px, field.stars, field.numbers) for field in fields]
+    place = np.repeat(np.arange(len(fields)), [len(field.numbers) for field in fields])
+    return StarField(*(np.concatenate(column) for column in zip(*columns, strict=True))), place
+
+
+def _summed(values: NDArray[np.float64], place: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Sums (P, ...) of the values (N, ...) of each panorama."""
+    return np.add.reduceat(values, np.flatnonzero(np.diff(place, prepend=-1)), axis=0)
 
 
 def _parameters(camera: Camera) -> NDArray[np.float64]:
@@ -165,12 +179,15 @@ def _prior(camera: Camera) -> NDArray[np.float64]:
 def _misfit(
     camera: Camera, field: StarField, rotation: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Residuals (N, 2), their derivatives by the camera (N, 2, 7) and by a small rotation of the attitude (N, 2, 3)."""
+    """Residuals (N, 2), their derivatives by the camera (N, 2, 7) and by a small rotation of the attitude (N, 2, 3).
+
+    The rotation (3, 3) is that of all stars, or there is one for each (N, 3, 3).
+    """
     offset = field.xy_px - camera.principal_point_px
     s2 = (offset**2).sum(axis=1) / (camera.columns / 2) ** 2
     k1, k2 = camera.radial_distortion
     stretch = 1 + s2 * (k1 + s2 * k2)
-    x, y, z = (field.stars @ rotation.T).T
+    x, y, z = (rotation * field.stars[:, None, :]).sum(axis=-1).T
     flip = np.array([-1.0 if camera.mirrored else 1.0, 1.0])
     pinhole = np.column_stack([x / z, y / z]) * flip
     half = camera.columns / 2
@@ -201,26 +218,20 @@ def _misfit(
 
 def _improve(fit: _Fit, anchor: Camera, fields: Sequence[StarField], prior: NDArray[np.float64]) -> tuple[_Fit, float]:
     """One Gauss-Newton step, and how far it moves a corner."""
-    camera, rotations = fit.camera, fit.rotations
-    parts = [_misfit(camera, field, rotation) for field, rotation in zip(fields, rotations, strict=True)]
-    sigma = _sigma_axis_px(np.concatenate([residual for residual, _, _ in parts]))
-    normal, count = np.diag(prior), len(prior)
+    camera, count = fit.camera, len(prior)
+    stars, place = _together(fields)
+    residual, by_all, by_rotation = _misfit(camera, stars, fit.rotations[place])
+    by_camera, weight = by_all[:, :, :count], _weight(residual, _sigma_axis_px(residual))
+    rotation_normal, cross = _of_attitudes(by_rotation, by_camera, weight, place)
+    rotation_right = -_summed(np.einsum("n,nki,nk->ni", weight, by_rotation, residual), place)
+    eliminated = np.linalg.solve(rotation_normal, np.concatenate([cross, rotation_right[:, :, None]], axis=2))
+    flat, flat_cross = by_camera.reshape(-1, count), cross.reshape(-1, count)
+    weighted = np.repeat(weight, 2)[:, None] * flat
+    normal = np.diag(prior) + weighted.T @ flat - flat_cross.T @ eliminated[:, :, :count].reshape(-1, count)
     right = prior * (_parameters(anchor) - _parameters(camera))[:count]
-    solved = []
-    for residual, by_all, by_rotation in parts:
-        by_camera, weight = by_all[:, :, :count], _weight(residual, sigma)
-        rotation_normal = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_rotation)
-        cross = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_camera)
-        rotation_right = -np.einsum("n,nki,nk->i", weight, by_rotation, residual)
-        eliminated = np.linalg.solve(rotation_normal, np.column_stack([cross, rotation_right]))
-        normal = normal + np.einsum("n,nki,nkj->ij", weight, by_camera, by_camera) - cross.T @ eliminated[:, :count]
-        right = right - np.einsum("n,nki,nk->i", weight, by_camera, residual) - cross.T @ eliminated[:, count]
-        solved.append(eliminated)
+    right = right - weighted.T @ residual.ravel() - flat_cross.T @ eliminated[:, :, count].ravel()
     step = np.linalg.solve(normal, right)
-    turned = [
-        _turned(rotation, eliminated[:, count] - eliminated[:, :count] @ step)
-        for rotation, eliminated in zip(rotations, solved, strict=True)
-    ]
+    turned = _turned(fit.rotations, eliminated[:, :, count] - eliminated[:, :, :count] @ step)
     half = camera.columns / 2
     reach = np.array([half / camera.focal_length_px, 1, 1, half, half, 3 * half, 3 * half])[:count]
     moved = _parameters(camera)
@@ -228,25 +239,31 @@ def _improve(fit: _Fit, anchor: Camera, fields: Sequence[StarField], prior: NDAr
     return _Fit(_with(camera, moved), turned, normal), float(np.abs(step * reach).max())
 
 
+def _of_attitudes(
+    by_rotation: NDArray[np.float64],
+    by_camera: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    place: NDArray[np.int64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of each panorama: the normal matrix of its attitude (P, 3, 3), and of that and the camera (P, 3, K)."""
+    weighted = (weight[:, None, None] * by_rotation).transpose(0, 2, 1)
+    return _summed(weighted @ by_rotation, place), _summed(weighted @ by_camera, place)
+
+
 def _covariance(fit: _Fit, fields: Sequence[StarField]) -> NDArray[np.float64]:
     """Covariance (K, K) of an M-estimate (Huber 1981, section 7.6) whose errors depend on each other star by star."""
     camera, rotations, normal = fit
-    sigma = _sigma_axis_px(_all_residuals(camera, fields, rotations))
-    operators, pulls, softness = [], [], []
-    for field, rotation in zip(fields, rotations, strict=True):
-        residual, by_all, by_rotation = _misfit(camera, field, rotation)
-        by_camera, weight = by_all[:, :, : len(normal)], _weight(residual, sigma)
-        rotation_normal = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_rotation)
-        cross = np.einsum("n,nki,nkj->ij", weight, by_rotation, by_camera)
-        operators.append((by_camera - by_rotation @ np.linalg.solve(rotation_normal, cross)).transpose(0, 2, 1))
-        pulls.append(weight[:, None] * residual)
-        softness.append(_softness(residual, sigma))
-    numbers = np.concatenate([field.numbers for field in fields])
-    blocks = np.repeat(np.arange(len(fields)), [len(field.numbers) for field in fields])
-    summed = star_covariance(np.concatenate(operators), np.concatenate(pulls), numbers, blocks, within_blocks=True)
+    stars, place = _together(fields)
+    residual, by_all, by_rotation = _misfit(camera, stars, rotations[place])
+    by_camera, sigma = by_all[:, :, : len(normal)], _sigma_axis_px(residual)
+    weight = _weight(residual, sigma)
+    rotation_normal, cross = _of_attitudes(by_rotation, by_camera, weight, place)
+    operators = (by_camera - by_rotation @ np.linalg.solve(rotation_normal, cross)[place]).transpose(0, 2, 1)
+    softness = [_softness(residual[place == panorama], sigma) for panorama in range(len(fields))]
+    summed = star_covariance(operators, weight[:, None] * residual, stars.numbers, place, within_blocks=True)
     # What the fit takes out of the residuals: its parameters from all stars, three angles from each panorama.
-    stars, per_panorama = len(np.unique(numbers)), len(numbers) / len(fields)
-    left = (1 - 1.5 / per_panorama) * (1 - len(normal) / 2 / stars)
+    different, per_panorama = len(np.unique(stars.numbers)), len(place) / len(fields)
+    left = (1 - 1.5 / per_panorama) * (1 - len(normal) / 2 / different)
     inverse = np.linalg.inv(normal) / (float(np.concatenate(softness).mean()) * left)
     return np.asarray(inverse @ summed @ inverse, dtype=np.float64)
 
@@ -262,28 +279,26 @@ def _weight(residual: NDArray[np.float64], sigma_px: float) -> NDArray[np.float6
     return np.asarray(weight, dtype=np.float64)
 
 
-def _turned(rotation: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:
-    angle = float(np.linalg.norm(by))
-    if angle == 0:
-        return rotation
-    x, y, z = by / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
-    return np.asarray(turn @ rotation, dtype=np.float64)
+def _turned(rotations: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotations (..., 3, 3) turned by rotation vectors (..., 3) after them: Rodrigues' formula."""
+    x, y, z = np.moveaxis(by, -1, 0)
+    none = np.zeros_like(x)
+    cross = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1).reshape(*by.shape, 3)
+    turns_by = np.linalg.norm(by, axis=-1)[..., None, None] / np.pi
+    turn = np.eye(3) + np.sinc(turns_by) * cross + np.sinc(turns_by / 2) ** 2 / 2 * (cross @ cross)
+    return np.asarray(turn @ rotations, dtype=np.float64)
 
 
-def _all_residuals(
-    camera: Camera, fields: Sequence[StarField], rotations: Sequence[NDArray[np.float64]]
-) -> NDArray[np.float64]:
-    pairs = zip(fields, rotations, strict=True)
-    return np.concatenate([_misfit(camera, field, rotation)[0] for field, rotation in pairs])
+def _all_residuals(camera: Camera, fields: Sequence[StarField], rotations: NDArray[np.float64]) -> NDArray[np.float64]:
+    stars, place = _together(fields)
+    return _misfit(camera, stars, rotations[place])[0]
 
 
 def _sigma_axis_px(residual: NDArray[np.float64]) -> float:
     return max(_MAD_TO_SIGMA * float(np.median(np.abs(residual))), _NOISE_FLOOR_PX)
 
 
-def _residuals(camera: Camera, fields: Sequence[StarField], rotations: Sequence[NDArray[np.float64]]) -> Residuals:
+def _residuals(camera: Camera, fields: Sequence[StarField], rotations: NDArray[np.float64]) -> Residuals:
     residual = _all_residuals(camera, fields, rotations)
     length = np.hypot(residual[:, 0], residual[:, 1])
     sigma = _sigma_axis_px(residual)
@@ -292,7 +307,7 @@ def _residuals(camera: Camera, fields: Sequence[StarField], rotations: Sequence[
     return Residuals(len(length), rms, float(np.median(length)), sigma, int((~good).sum()))
 
 
-def _map(camera: Camera, fields: Sequence[StarField], rotations: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+def _map(camera: Camera, fields: Sequence[StarField], rotations: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean residual along x and y and number of stars in 8 x 8 cells of the detector, without outliers."""
     residual = _all_residuals(camera, fields, rotations)
     xy_px = np.concatenate([field.xy_px for field in fields])

@@ -201,7 +201,7 @@ def test_an_outlier_lies_further_off_than_five_sigma(error_px, outliers):
     xy = np.random.default_rng(1).uniform(100, 900, (100, 2))
     errors = np.where(np.random.default_rng(2).random((100, 2)) < 0.5, 0.1, -0.1)
     errors[17] = error_px, 0.0
-    found = _residuals(camera, [StarField(xy + errors, camera.directions(xy), np.arange(100))], [np.eye(3)])
+    found = _residuals(camera, [StarField(xy + errors, camera.directions(xy), np.arange(100))], np.eye(3)[None])
     assert (found.n, found.outliers) == (100, outliers)
     assert found.sigma_axis_px == pytest.approx(0.14826)
     assert found.median_px == pytest.approx(0.1 * np.sqrt(2))
@@ -332,7 +332,7 @@ def test_the_cells_of_the_map_begin_half_a_pixel_before_their_first_pixel(axis):
     camera = Camera(1024, 1024, 4169.9, (511.5, 511.5))
     xy = np.full((2, 2), 60.0)
     xy[:, axis] = 127.4, 127.6
-    counted = _map(camera, [StarField(xy, camera.directions(xy), np.arange(2))], [np.eye(3)])[:, :, 2]
+    counted = _map(camera, [StarField(xy, camera.directions(xy), np.arange(2))], np.eye(3)[None])[:, :, 2]
     assert [counted[0, 0], counted[0, 1] if axis == 0 else counted[1, 0]] == [1, 1]
     assert counted.sum() == 2
 
@@ -429,7 +429,7 @@ def dense(camera, fields, rotations, count):
 def test_a_step_is_that_of_all_equations_at_once(count):
     """The camera, its prior, and three angles of each panorama: without the Schur complement."""
     fields = random_fields(WIDE, np.random.default_rng(4), panoramas=8, stars=12)
-    rotations = [Rotation.align_vectors(WIDE.directions(f.xy_px), f.stars)[0].as_matrix() for f in fields]
+    rotations = np.array([Rotation.align_vectors(WIDE.directions(f.xy_px), f.stars)[0].as_matrix() for f in fields])
     camera = Camera(800, 1200, 4010.0, (600.0, 400.0), (0.01, 0.0), False, (0.001, 0.001))
     anchor, prior = Camera(800, 1200, 3900.0, (580.0, 410.0), (0.1, 0.1)), np.linspace(1e-3, 2.0, count)
     equations, residual, weight, _ = dense(camera, fields, rotations, count)
@@ -458,7 +458,7 @@ def test_a_step_is_that_of_all_equations_at_once(count):
 def test_the_covariance_is_that_of_all_equations_at_once(count):
     """Stars that differ have one variance along each axis; the fit took K parameters and three of each panorama."""
     fields = random_fields(WIDE, np.random.default_rng(6), panoramas=10, stars=12)
-    rotations = [Rotation.align_vectors(WIDE.directions(f.xy_px), f.stars)[0].as_matrix() for f in fields]
+    rotations = np.array([Rotation.align_vectors(WIDE.directions(f.xy_px), f.stars)[0].as_matrix() for f in fields])
     equations, residual, weight, sigma = dense(WIDE, fields, rotations, count)
     whole = (equations * np.repeat(weight, 2)[:, None]).T @ equations
     whole[:count, :count] += np.diag(np.full(count, 1e-3))
