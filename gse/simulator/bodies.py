@@ -10,7 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from astropy.coordinates import get_body
+from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord, get_body
+from astropy.time import Time
 from numpy.typing import NDArray
 
 from gse.constants import AU_M
@@ -30,7 +31,7 @@ MAGNITUDE_TERMS = {
 NAMES = ("sun", "moon", *MAGNITUDE_TERMS)
 SUN, MOON, FIRST_PLANET = 0, 1, 2
 _KEPT_CELLS = 32
-"""Each takes 0.15 s to make and 1 kB to keep."""
+"""Each takes 0.05 s to make and 1 kB to keep."""
 _MOON_RADIUS_AU = 1_737_400.0 / AU_M
 
 
@@ -54,12 +55,11 @@ def bodies_over(site: AstropySite, utc_ns: int) -> BodyCell:
 
 @functools.lru_cache(maxsize=_KEPT_CELLS)
 def _cell(site: AstropySite, start_ns: int) -> BodyCell:
-    times = times_of(start_ns)
+    times, location = times_of(start_ns), site.location
     with earth_orientation():
-        frame = site.horizon(times)
-        seen = [get_body(name, times, site.location).transform_to(frame) for name in NAMES]
-    nodes = np.stack([horizon_vectors(body) for body in seen], axis=1)
-    to_earth_au = np.array([float(body.distance.au[0]) for body in seen])
+        seen = _together([get_body(name, times, location) for name in NAMES], times)
+        seen = seen.transform_to(site.horizon(times[:, None]))
+    nodes, to_earth_au = horizon_vectors(seen), seen.distance.au[0]
     from_earth = nodes[0] * to_earth_au[:, None]
     to_sun_au = np.linalg.norm(from_earth - from_earth[SUN], axis=1)
     phase_rad = [
@@ -72,6 +72,14 @@ def _cell(site: AstropySite, start_ns: int) -> BodyCell:
         by_phase = sum(term * phase_deg**power for power, term in enumerate(terms))
         magnitude[number] = by_phase + 5 * math.log10(to_sun_au[number] * to_earth_au[number])
     return BodyCell(Track(start_ns, nodes), magnitude, phase_rad[MOON], _MOON_RADIUS_AU / float(to_earth_au[MOON]))
+
+
+def _together(bodies: list[SkyCoord], times: Time) -> SkyCoord:
+    """Bodies as seen at M instants, as one (M, N): to turn them one by one takes four times as long."""
+    places_au = np.stack([body.cartesian.xyz.to_value("AU") for body in bodies], axis=-1)
+    site = {name: getattr(bodies[0], name)[:, None] for name in ("obsgeoloc", "obsgeovel")}
+    frame = GCRS(CartesianRepresentation(places_au, unit="AU", copy=False), obstime=times[:, None], **site)
+    return SkyCoord(frame)
 
 
 def _angle_of(side_a: float, side_b: float, opposite: float) -> float:
