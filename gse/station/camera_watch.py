@@ -58,7 +58,8 @@ class CameraWatch:
         """The same at the end of the session, where the latest panoramas were not searched yet."""
         if self._is_over or self._first is None or self._latest is None:
             return None
-        panoramas, self._latest = (self._first, self._latest), None
+        panoramas = (self._first,) if self._latest is self._first else (self._first, self._latest)
+        self._latest = None
         found = find_camera(panoramas, self._camera, mission_catalog(self._catalog, self._camera, "auto"))
         self._is_over = found is not None
         return _in_words(self._camera, found.camera) if found else None
