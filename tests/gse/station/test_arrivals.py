@@ -309,3 +309,21 @@ def test_a_number_that_makes_no_sense_is_told_whole():
         "makes no sense, and no frames count as lost"
     )
     assert chaos_in_words(7, 7) == "frame 7 on the wire follows another frame 7: its sequence number stands still"
+
+
+@pytest.mark.parametrize(("late_s", "arrival"), [(100.0, Arrival.GAP), (1.0, Arrival.CHAOS)])
+def test_the_hosts_time_counts_from_the_frame_before_and_not_from_its_start(late_s, arrival):
+    """A host that has been up for a month."""
+    arrivals, _ = arrivals_of()
+    month_s = 30 * 86_400.0
+    for number in range(3):
+        accepted(arrivals, number, b"%d" % number, month_s + number, tag_us=number * 10**6)
+    assert accepted(arrivals, 102, b"102", month_s + 2.0 + late_s) is arrival
+
+
+def test_copies_are_counted_from_the_first_of_them_on_though_no_panorama_was_told():
+    arrivals, counters = arrivals_of()
+    frame = Frame(0, 40, "PANORAMA", 0, 9, b"")
+    arrivals.accept(frame, 0, None, restarted=False)
+    assert [len(arrivals.repeated(frame, 70, 1, 1)) for _ in range(4)] == [0, 0, 1, 0]
+    assert counters.frames_repeated == 4

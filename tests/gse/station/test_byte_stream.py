@@ -98,3 +98,22 @@ def test_stamps_of_decoded_bytes_are_forgotten():
     for place in range(30):
         bytes_in.feed(Chunk(place, place, frame(place)))
     assert len(bytes_in._stamps) == 1
+
+
+def test_a_frame_comes_with_its_last_byte_when_bytes_come_one_by_one():
+    bytes_in, _ = stream()
+    data = frame(1) + frame(2)
+    came = [place for place in range(len(data)) if bytes_in.feed(Chunk(place, place, data[place : place + 1]))]
+    assert came == [len(frame(1)) - 1, len(data) - 1]
+
+
+def test_a_frame_that_a_broken_one_swallowed_bears_the_stamps_of_its_own_first_byte():
+    """The begin of a frame, and another frame behind it, which is known once the first has all of its length."""
+    whole = frame(2)
+    broken = frame(9)[:30]
+    until = len(whole) - len(broken)
+    bytes_in, counters = stream()
+    pieces = [broken, whole[:10], whole[10:until], whole[until:]]
+    found = [stamps(bytes_in.feed(Chunk(100 * n, n, piece))) for n, piece in enumerate(pieces, start=1)]
+    assert found == [[], [], [], [(2, 200, 2, 400)]]
+    assert (counters.bytes_discarded, counters.frames) == (30, 1)

@@ -10,7 +10,7 @@ from gse.camera import Camera
 from gse.catalog import load_catalog, mission_catalog
 from gse.instant import NS_PER_S
 from gse.panorama import Panorama
-from gse.station.camera_watch import CameraWatch
+from gse.station.camera_watch import CameraWatch, _in_words
 from gse.station.event_kinds import StationKind
 from gse.station.results import FrameResult, Status
 
@@ -91,3 +91,73 @@ def test_a_mirrored_image_is_no_focal_length_as_well_unless_that_is_wrong_too(ca
     assert kind is StationKind.MIRRORED
     assert said.startswith(text)
     assert ("focal" in said) == (scale > 1.01)
+
+
+# Of few objects, which fit no camera
+
+
+def few(objects, at_s, status=Status.NO_MATCH):
+    return seen(np.random.default_rng(2).uniform(0, 1023, (objects, 2)), at_s, status)
+
+
+@pytest.mark.parametrize(("objects", "begins"), [(6, False), (7, True), (8, True)])
+def test_seven_objects_begin_the_watch(catalog, objects, begins):
+    watch = CameraWatch(STATED, catalog)
+    assert watch.look([few(objects, 3)]) == []
+    assert (watch._first is not None) is begins
+
+
+@pytest.mark.parametrize(
+    ("times_s", "after_s"),
+    [
+        ([0, 4.999999999], 5.0),
+        ([0, 5.0], 50.0),
+        ([100, 105.0, 149.999999999], 50.0),
+        ([100, 105.0, 150.0], 500.0),
+    ],
+)
+def test_it_is_searched_after_five_seconds_then_after_fifty_of_the_first_panorama(catalog, times_s, after_s):
+    watch = CameraWatch(STATED, catalog)
+    assert watch.look([few(7, at_s) for at_s in times_s]) == []
+    assert watch._after_s == after_s
+
+
+@pytest.mark.parametrize("status", [Status.TOO_FEW, Status.AMBIGUOUS, Status.SENSOR_FAULT, Status.IDENTIFIER_FAULT])
+def test_only_panoramas_without_a_match_are_looked_at(catalog, status):
+    watch = CameraWatch(STATED, catalog)
+    watch.look([few(7, 0, status)])
+    assert (watch._first, watch.finish()) == (None, None)
+
+
+def test_of_results_that_come_together_all_are_looked_at_until_one_is_identified(catalog):
+    watch = CameraWatch(STATED, catalog)
+    assert watch.look([few(7, 0), few(7, 1), few(7, 2, Status.IDENTIFIED), few(7, 60)]) == []
+    assert watch._latest.utc_ns == NS_PER_S
+    assert watch.finish() is None
+    assert watch.look([few(7, 100), few(7, 200)]) == []
+    assert watch._after_s == 5.0
+
+
+@pytest.mark.parametrize(
+    ("stated_px", "is_mirrored", "said"),
+    [
+        (4429.0, False, "the stars fit sensor.focal_length_px: 4300.0; stated is 4429, 3.0 % too long"),
+        (4171.0, False, "the stars fit sensor.focal_length_px: 4300.0; stated is 4171, 3.0 % too short"),
+        (4295.7, False, "the stars fit sensor.focal_length_px: 4300.0; stated is 4295.7, 0.1 % too short"),
+        (4300.0, True, "the image is mirrored: the stars fit sensor.mirrored: true"),
+        (
+            4429.0,
+            True,
+            "the image is mirrored: the stars fit sensor.mirrored: true and sensor.focal_length_px: 4300.0; "
+            "stated is 4429, 3.0 % too long",
+        ),
+    ],
+)
+def test_a_camera_is_told_with_its_value_and_by_how_much_the_stated_one_is_off(stated_px, is_mirrored, said):
+    kind, text = _in_words(replace(TRUE, focal_length_px=stated_px), replace(TRUE, mirrored=is_mirrored))
+    assert (kind, text) == (StationKind.MIRRORED if is_mirrored else StationKind.WRONG_CAMERA, said)
+
+
+def test_an_image_that_is_stated_as_mirrored_and_is_not_is_told_so():
+    _, text = _in_words(replace(TRUE, mirrored=True), TRUE)
+    assert text == "the image is mirrored: the stars fit sensor.mirrored: false"

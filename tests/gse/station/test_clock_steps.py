@@ -40,6 +40,8 @@ def test_steps_are_picked_out_of_the_events_in_their_order():
     ("host", "step_at", "by", "row"),
     [
         ([], 5, 1, 0),
+        ([980], 1002, 20, 1),
+        ([1002], 1002, 20, 0),
         ([980, 981, 1002, 1003], 1002, 20, 2),  # forward: the new clock's first stamp
         ([980, 981, 1003, 1004], 1002, 20, 2),
         ([980, 981, 1001], 1002, 20, 3),  # nothing follows

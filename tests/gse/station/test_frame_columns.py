@@ -2,6 +2,7 @@
 
 import mmap
 import resource
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -240,3 +241,18 @@ def test_rows_of_columns_follow_each_other(step):
 def test_a_column_is_put_in_order_when_it_is_asked_for():
     ordered = InOrder(small_rows(4), np.array([3, 1, 0]))
     assert (len(ordered), ordered["a"].tolist()) == (3, [3, 1, 0])
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="the files of a process are read from Linux's list")
+def test_a_file_lies_where_the_user_wants_it_or_else_where_files_last(monkeypatch, tmp_path):
+    """A system may hold /tmp in memory."""
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    for folder, stated in ((tmp_path, str(tmp_path)), (Path("/var/tmp"), None)):
+        if stated is None:
+            monkeypatch.delenv("TMPDIR", raising=False)
+        else:
+            monkeypatch.setenv("TMPDIR", stated)
+        store = small_store(10, on_disk=True)
+        begin = f"{store.column('a', 0, 10).ctypes.data:x}-"
+        (line,) = [line for line in Path("/proc/self/maps").read_text().splitlines() if line.startswith(begin)]
+        assert f" {folder}/" in line

@@ -441,3 +441,11 @@ def test_the_pixel_seen_longest_ago_is_forgotten_first():
     assert sightings.stay(seen, np.repeat(4 * MOVED, 3, axis=0)).tolist() == [True, True, False]
     again = np.array([*crowd[3:5], crowd[2]])
     assert sightings.stay(again, np.repeat(5 * MOVED, 3, axis=0)).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("cell", [0, 1, 2_956_698])
+def test_bodies_are_looked_up_in_any_ten_minutes_those_of_1970_too(cell):
+    names = NonStellarObjects(CAMERA, SITE)
+    expected = bodies_icrs(SITE, (600 * cell + 300) * NS_PER_S)
+    assert names._bodies_of(cell).tolist() == expected.tolist()
+    assert names._bodies_of(cell) is names._bodies_of(cell)

@@ -1,19 +1,23 @@
 """Bytes become panoramas in UTC, and every byte is counted."""
 
+import math
 import zlib
 
 import numpy as np
 import pytest
+from devices.float_protocol import PROTOCOL as FLOATS
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.chunk import Chunk, LinkEvent
 from gse.instant import LAST_NS
 from gse.panorama import Panorama
+from gse.parts import Parts
 from gse.station.arrivals import chaos_in_words
-from gse.station.reception import News, Reception
+from gse.station.reception import News, Reception, _brightest_first
+from gse.station.results import OwnAnswer
 from gse.station.sensor_clock import SensorClock
-from protocols import PanoramaMessage, load_protocol
+from protocols import Ack, AttitudeMessage, PanoramaMessage, StatusMessage, load_protocol, parse_protocol
 from protocols.frame_budget import SLACK
 
 PROTOCOL = load_protocol("panorama-v1")
@@ -326,3 +330,204 @@ def test_a_line_that_doubles_every_frame_is_not_a_frozen_sensor() -> None:
 )
 def test_why_a_sequence_number_makes_no_sense_is_told(before, words):
     assert f"frame 7 on the wire follows {words}" in chaos_in_words(7, before)
+
+
+# Instants to the nanosecond, and what comes beside panoramas
+
+OWN = """
+version: 1
+name: own
+byte_order: little
+framing: {kind: slip}
+header: [{name: type, type: u8}]
+checksum: {name: crc32}
+messages:
+  ATTITUDE:
+    code: 3
+    direction: from sensor
+    fields:
+      - {name: time, type: u64, unit: us}
+      - {name: frame_no, type: u32}
+      - {name: ra, type: f64, unit: deg}
+      - {name: de, type: f64, unit: deg}
+      - {name: state, type: u8, values: {0: lost, 1: acquired}}
+      - {name: latency, type: f64, unit: s}
+"""
+
+
+def own(time_us: int, latency_s: float = 0.25) -> AttitudeMessage:
+    return AttitudeMessage(
+        time_us, ra_deg=10.0, de_deg=20.0, roll_deg=30.0, frame_no=7, state="acquired", latency_s=latency_s
+    )
+
+
+def at_exposure(number: int, exposure_s: float, temperature_c: float = 20.0) -> bytes:
+    message = PanoramaMessage(number, number, exposure_s, frozenset(), temperature_c, np.zeros((0, 2)), np.zeros(0))
+    return FLOATS.encode(message, sequence=number)
+
+
+@pytest.mark.parametrize(
+    ("exposure_s", "half_ns"),
+    [(0.0, 0), (0.25, 125_000_000), (3600.0, 1800 * 10**9), (3600.5, 0), (-0.25, 0), (math.nan, 0), (math.inf, 0)],
+)
+def test_a_panorama_is_half_an_exposure_and_a_byte_before_it_came_and_without_a_valid_one_a_byte(
+    exposure_s: float, half_ns: int
+) -> None:
+    """A byte of ten bits takes 1 ms at 10,000 baud."""
+    reception = Reception(FLOATS, baudrate=10_000)
+    (panorama,) = panoramas(received(reception, Chunk(START_NS, BOOTED_NS, at_exposure(1, exposure_s))))
+    assert panorama.utc_ns == START_NS - 1_000_000 - half_ns
+    assert panorama.host_utc_ns == START_NS
+    is_valid = 0 <= exposure_s <= 3600
+    assert panorama.exposure_s == pytest.approx(exposure_s if is_valid else math.nan, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("came_c", "kept_c"), [(1e6, 1e6), (1.001e6, math.nan), (-1e6, -1e6), (-2e6, math.nan), (0.0, 0.0)]
+)
+def test_a_temperature_beyond_a_million_degrees_is_none(came_c: float, kept_c: float) -> None:
+    reception = Reception(FLOATS, baudrate=BAUDRATE)
+    (panorama,) = panoramas(received(reception, Chunk(START_NS, BOOTED_NS, at_exposure(1, 0.1, came_c))))
+    assert panorama.temperature_c == pytest.approx(kept_c, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("latency_s", "before_ns"),
+    [(0.25, 250_000_000), (0.0, 0), (3600.0, 3600 * 10**9), (3600.5, 0), (-0.25, 0), (math.nan, 0)],
+)
+def test_an_answer_of_a_sensor_without_panoramas_is_its_processing_time_and_a_byte_before_it_came(
+    latency_s: float, before_ns: int
+) -> None:
+    protocol = parse_protocol(OWN, "own")
+    reception = Reception(protocol, baudrate=10_000)
+    (answer,) = received(reception, Chunk(START_NS, BOOTED_NS, protocol.encode(own(5, latency_s), 0)))
+    assert isinstance(answer, OwnAnswer)
+    assert (answer.host_utc_ns, answer.sequence) == (START_NS, 0)
+    assert answer.utc_ns == START_NS - 1_000_000 - before_ns
+
+
+def test_an_answer_beside_panoramas_has_no_instant_of_its_own_and_its_number() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    items = received(reception, Chunk(START_NS, BOOTED_NS, frame(1, 5) + PROTOCOL.encode(own(5), 2)))
+    assert [type(item) for item in items] == [Panorama, OwnAnswer]
+    assert (items[1].utc_ns, items[1].host_utc_ns, items[1].sequence) == (None, START_NS, 2)
+    assert items[0].sequence == 1
+
+
+def status(time_us: int = 5) -> StatusMessage:
+    return StatusMessage(time_us, temperature_c=20.0, supply_v=5.0, mode="streaming", firmware=(1, 2, 3), serial=1)
+
+
+def test_news_stand_in_their_order_with_the_number_of_panoramas_before_them() -> None:
+    """A STATUS bears the instant of its last byte; copies are dropped."""
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    data = PROTOCOL.encode(status(), 1) + frame(2, 5) + frame(3, 6) + PROTOCOL.encode(Ack("START", 9), 4)
+    frames = [
+        *reception.stream.feed(Chunk(START_NS, BOOTED_NS, data[:5])),
+        *reception.stream.feed(Chunk(START_NS + 700, BOOTED_NS + 700, data[5:] + PROTOCOL.encode(Ack("START", 9), 4))),
+    ]
+    event = LinkEvent(START_NS, 0, "NOTE", "clouds")
+    got = reception.receive([*frames[:2], event, *frames[2:]])
+    places = [(before, type(item)) for before, item in got.news]
+    assert places == [(0, tuple), (1, LinkEvent), (2, Ack)]
+    assert got.news[0][1] == (START_NS + 700, status())
+    assert [p.frame_no for p in got.panoramas] == [2, 3]
+    assert [type(item) for item in got] == [tuple, Panorama, LinkEvent, Panorama, Ack]
+    assert reception.counters.duplicates == 1
+
+
+def test_the_time_of_a_status_tells_a_host_that_slept_and_no_restart() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    first, slept = Chunk(START_NS, BOOTED_NS, PROTOCOL.encode(status(50_000_000), 1)), 15 * 10**9
+    later = Chunk(START_NS + slept, BOOTED_NS, PROTOCOL.encode(status(65_000_000), 2))
+    back = Chunk(START_NS + slept + 10, BOOTED_NS + 10, PROTOCOL.encode(status(3), 3))
+    (step,) = [item for item in received(reception, first, later, back) if isinstance(item, LinkEvent)]
+    assert (step.kind, step.utc_kept, step.step_ns) == ("CLOCK_STEP", True, slept)
+    assert reception.counters.sensor_resets == 0
+
+
+@pytest.mark.parametrize(("tag_us", "late_ns"), [(15_000_000, 0), (0, 900_000)])
+def test_after_a_host_slept_the_clock_of_the_sensor_is_learned_anew_and_after_a_step_of_utc_it_is_not(
+    tag_us: int, late_ns: int
+) -> None:
+    """The first panorama came 1 ms late, the second 0.1 ms, the third 1 ms after a step of 15 s."""
+    reception, made = Reception(PROTOCOL, baudrate=BAUDRATE), []
+    for number, time_us, late, slept_s in ((1, 0, 1_000_000, 0), (2, 100_000, 100_000, 0), (3, 200_000, 1_000_000, 15)):
+        utc_ns, mono_ns = arrival(time_us, late)
+        tag = time_us + tag_us * (slept_s > 0)
+        made += panoramas(received(reception, Chunk(utc_ns + slept_s * 10**9, mono_ns, frame(number, tag))))
+    told_ns = made[2].utc_ns - START_NS - 200_000_000 - 15 * 10**9
+    assert abs(told_ns - (1_000_000 - late_ns)) < 20
+
+
+def test_only_an_answer_of_a_sensor_without_panoramas_tells_a_restart_by_its_time() -> None:
+    protocol = parse_protocol(OWN, "own")
+    reception = Reception(protocol, baudrate=BAUDRATE)
+    chunks = [Chunk(*arrival(time_us), protocol.encode(own(tag), 0)) for time_us, tag in ((0, 9_000_000), (10**6, 5))]
+    assert events(received(reception, *chunks)) == ["SENSOR_RESET"]
+    beside = Reception(PROTOCOL, baudrate=BAUDRATE)
+    chunks = [
+        Chunk(*arrival(time_us), PROTOCOL.encode(own(tag), number))
+        for number, time_us, tag in ((1, 0, 9_000_000), (2, 10**6, 5))
+    ]
+    assert events(received(beside, *chunks)) == []
+
+
+def test_a_restart_is_told_with_its_frame_and_its_instants() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    later = arrival(60_000_000)
+    items = received(reception, Chunk(*arrival(50_000_000), frame(500, 50_000_000)), Chunk(*later, frame(1, 1_000)))
+    (reset,) = [item for item in items if isinstance(item, LinkEvent)]
+    assert (reset.utc_ns, reset.mono_ns) == later
+    assert reset.text == "the sensor started anew: frame 1 on the wire, its clock or counter jumped back"
+
+
+def test_a_raw_capture_may_begin_in_1970() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE, anchor_utc_ns=0)
+    items = received(reception, Chunk(START_NS, 0, frame(1, 7_000_000) + frame(2, 7_100_000)))
+    assert [p.utc_ns for p in panoramas(items)] == [0, 100_000_000]
+    protocol = parse_protocol(OWN, "own")
+    captured = Reception(protocol, baudrate=BAUDRATE, anchor_utc_ns=0)
+    (answer,) = received(captured, Chunk(START_NS, 0, protocol.encode(own(7_000_000), 0)))
+    assert (answer.utc_ns, answer.host_utc_ns) == (0, 0)
+
+
+def test_numbers_that_make_no_sense_in_a_raw_capture_stand_at_its_latest_instant() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE, anchor_utc_ns=START_NS)
+    data = [frame(number, 100_000 * number) for number in (1, 2, 3)] + [frame(3, 400_000)]
+    (chaos,) = [item for item in received(reception, Chunk(5, 0, b"".join(data))) if isinstance(item, LinkEvent)]
+    assert (chaos.kind, chaos.utc_ns) == ("SEQUENCE_CHAOS", START_NS + 200_000_000)
+    assert chaos.text == "frame 3 on the wire follows another frame 3: its sequence number stands still"
+
+
+@pytest.mark.parametrize(
+    ("index", "counts", "order"),
+    [
+        ([], [], []),
+        ([3, 2, 1], [3], [0, 1, 2]),
+        ([1, 2, 3], [3], [2, 1, 0]),
+        ([5, 7, 7, 5], [4], [1, 2, 0, 3]),
+        ([9, 8, 10, 2], [2, 2], [0, 1, 2, 3]),
+        ([8, 9, 10, 2], [2, 2], [1, 0, 2, 3]),
+        ([3, 1, 2], [2, 0, 1], [0, 1, 2]),
+        ([1, 2], [1, 1], [0, 1]),
+    ],
+)
+def test_objects_stand_brightest_first_within_their_panorama_and_equal_ones_as_they_came(index, counts, order) -> None:
+    found = _brightest_first(np.array(index, dtype=float), Parts.of_counts(counts))
+    assert np.arange(len(index))[found].tolist() == order
+
+
+def test_panoramas_keep_the_rows_of_their_objects_on_the_wire() -> None:
+    """The second of three messages is a copy, whose objects belong to nobody."""
+    index = [[1.0, 3.0, 2.0], [9.0, 9.0], [5.0, 6.0]]
+    messages = []
+    for number, one in enumerate(index):
+        xy_px = np.array([[number, number + row] for row in range(len(one))], dtype=float)
+        messages.append(PanoramaMessage(number, number, 0.1, frozenset(), 20.0, xy_px, np.array(one)))
+    frames = [PROTOCOL.encode(messages[k], sequence=k) for k in (0, 2)]
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    first, last = panoramas(received(reception, Chunk(*arrival(0), frames[0] + frames[0] + frames[1])))
+    assert (first.brightness.tolist(), first.wire_rows.tolist()) == ([3.0, 2.0, 1.0], [1, 2, 0])
+    assert (last.brightness.tolist(), last.wire_rows.tolist()) == ([6.0, 5.0], [1, 0])
+    assert last.xy_px[:, 1].tolist() == [3.0, 2.0]

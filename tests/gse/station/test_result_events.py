@@ -13,6 +13,7 @@ from gse.external.answers import Failure, FailureKind
 from gse.external.identifier import Given
 from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.instant import NS_PER_S
+from gse.mount import InertialDirection, Mount
 from gse.panorama import Panorama
 from gse.station.frame_results import FrameResults
 from gse.station.result_events import ResultEvents
@@ -85,6 +86,7 @@ def test_events_stand_before_the_results_that_bring_them_in_their_order(session)
         (4, "CLOUDED"),
     ]
     assert [(one.utc_ns - START_NS) / NS_PER_S for _, one in found[2:4]] == [6.0, 7.0]
+    assert [one.mono_ns for _, one in found] == [0] * 6
     assert [one.text for _, one in found[2:4]] == ["the focal length is another one", "once flipped, it fits"]
 
 
@@ -92,7 +94,7 @@ def test_failures_of_a_program_are_counted_and_told_with_their_frame(session):
     results = results_of(3, session, failed=1)
     ((place, told),) = ResultEvents(Sky(), Camera()).of(results, session, 0)
     assert (place, told.kind, told.utc_ns) == (1, "IDENTIFIER_FAULT", START_NS + NS_PER_S)
-    assert told.text == "CRASH at frame 1: it ended"
+    assert (told.text, told.mono_ns) == ("CRASH at frame 1: it ended", 0)
     assert (session.external_counts.answers, session.external_counts.failures["CRASH"]) == (2, 1)
 
 
@@ -114,4 +116,16 @@ def test_at_the_end_the_camera_and_the_sky_have_their_say(session, end, kinds):
     results_of(3, session)
     told = ResultEvents(Sky(), Camera(end=end)).finish(session)
     assert [one.kind for one in told] == kinds
-    assert all(one.utc_ns == START_NS + 2 * NS_PER_S for one in told if one.kind == "WRONG_CAMERA")
+    assert [(one.utc_ns, one.mono_ns, one.text) for one in told if one.kind == "WRONG_CAMERA"] == (
+        [(START_NS + 2 * NS_PER_S, 0, end)] if end else []
+    )
+
+
+def test_before_a_star_simulator_there_is_no_sky(session):
+    mount = Mount(inertial=InertialDirection(ra_deg=83.0, de_deg=0.0))
+    shown = STATION.model_copy(update={"mount": mount})
+    simulated = SessionData(shown, BUILT_IN_TEXT, "panorama-v1")
+    for of, places in ((session, [0, 0]), (simulated, [])):
+        results = results_of(2, of)
+        assert [place for place, _ in ResultEvents(Sky(0), Camera()).of(results, of, 0)] == places
+        assert len(ResultEvents(Sky(), Camera()).finish(of)) == len(places) // 2

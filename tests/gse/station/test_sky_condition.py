@@ -294,7 +294,9 @@ def test_objects_that_match_none_are_those_of_the_frames_that_show_stars():
     check = codes(ANSWER_CHECKS, [AnswerCheck.CORRECT] * 4 + [AnswerCheck.UNKNOWN] * 6)
     false_objects = [3, 4, 5, 6, 60, 60, 60, 60, 60, 60]
     part = frames(status=status, answer_check=check, false_objects=false_objects)
-    assert evidence_of(part, 20.0, DARK, 20.0).unmatched == 4.5
+    found = evidence_of(part, 20.0, DARK, 20.0)
+    assert found.unmatched == 4.5
+    assert (found.seen_share, found.shows_stars, found.empty_share) == (0.5, True, 0.0)
 
 
 def test_the_clear_sky_is_the_clearest_twentieth_of_the_dark_without_the_moon():

@@ -325,7 +325,15 @@ def test_an_event_of_the_sky_has_the_time_of_the_last_frame_of_its_seconds() -> 
     frames["utc_ns"] = NIGHT_NS + np.arange(len(frames)) * (NS_PER_S // 2)
     watch = SkyWatch(STATION.site, STATION.sensor.camera(), CATALOG, STATION.mount)
     ((_, (event, *_)),) = watch.take(frames[: WINDOW_NS * 2 // NS_PER_S + 1], 0)
-    assert event.utc_ns == NIGHT_NS + WINDOW_NS - NS_PER_S // 2
+    assert (event.kind, event.utc_ns, event.mono_ns) == ("CLEAR", NIGHT_NS + WINDOW_NS - NS_PER_S // 2, 0)
+
+
+def test_the_sun_has_its_own_event_with_the_time_of_the_last_frame_of_its_seconds() -> None:
+    frames = rows(3, stars=0, objects=0)
+    frames["utc_ns"] = instants(0, 1, 2, begin_ns=from_text("2026-03-20T05:00:00Z"))
+    (event,) = watch_of().finish(frames)
+    assert (event.kind, event.utc_ns, event.mono_ns) == ("DAYLIGHT", frames["utc_ns"][2], 0)
+    assert event.text.startswith("Sun ")
 
 
 # One window and its rows, by hand
@@ -351,9 +359,9 @@ def test_a_window_holds_its_begin_and_five_seconds(since_ns: int, is_outside: bo
 def test_windows_begin_with_the_first_frame_behind_the_one_before_however_frames_come(
     begin_ns: int, pieces: list[int]
 ) -> None:
-    """At 1970 as well. The clock steps back by a minute, and forward again."""
+    """In 1970 as well. The clock steps back, and forward by a minute."""
     frames = rows(12, stars=14)
-    frames["utc_ns"] = instants(60, 61, 64.9, 65, 69.9, 75, 79, 10, 14.9, 60, 64, 65, begin_ns=begin_ns)
+    frames["utc_ns"] = instants(0, 1, 4.9, 5, 9.9, 15, 19, 2, 6.9, 60, 64, 65, begin_ns=begin_ns)
     watch, found, first = watch_of(), [], 0
     for piece in pieces:
         found += [row for row, _ in watch.take(frames[: first + piece], first)]
@@ -380,27 +388,39 @@ def test_rows_are_filled_window_by_window_with_the_sky_of_its_middle_frame() -> 
 
 
 def test_the_direction_is_that_of_the_middle_one_of_the_confirmed_answers_of_a_window() -> None:
-    """Rows 0, 3 and 4 are identified and not called false; the third of them has no roll."""
-    frames = rows(6, stars=14)
-    frames["utc_ns"] = instants(0, 0.5, 1, 1.5, 2, 2.5)
-    frames["ra_deg"], frames["de_deg"] = [10, 20, 30, 40, 50, 60], [-1, -2, -3, -4, -5, -6]
-    frames["roll_deg"] = [5, 5, 5, 65, math.nan, 5]
+    """Rows 0, 3, 4, 6 and 7 are identified and not called false; without the first two the middle one has no roll."""
+    frames = rows(8, stars=14)
+    frames["utc_ns"] = instants(*np.arange(0, 4, 0.5))
+    frames["ra_deg"], frames["de_deg"] = np.arange(10, 90, 10), -np.arange(1, 9)
+    frames["roll_deg"] = [5, 5, 5, 5, 65, 5, math.nan, 5]
     frames["answer_check"][[1, 5]] = ANSWER_CHECKS.index(AnswerCheck.FALSE)
     frames["answer_check"][4] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
     frames["status"][2] = STATUSES.index(Status.NO_MATCH)
-    watch = watch_of()
-    watch.finish(frames)
-    to_horizon = icrs_to_horizon(STATION.site, frames["utc_ns"][3:4])[0]
-    expected = Attitude.from_angles(40.0, -4.0, 65.0).icrs_to_sensor @ to_horizon.T
-    assert watch._horizon_to_sensor == pytest.approx(expected, abs=1e-12)
-    moon = sun_and_moon_horizon(STATION.site, frames["utc_ns"][3:4])[1][0]
-    assert frames["moon_separation_deg"] == pytest.approx([math.degrees(math.acos(moon @ expected[2]))] * 6, abs=1e-4)
-    frames["status"][[0, 3]] = STATUSES.index(Status.NO_MATCH)
-    other = watch_of()
-    other.finish(frames)
-    to_horizon = icrs_to_horizon(STATION.site, frames["utc_ns"][4:5])[0]
-    without_roll = Attitude.from_angles(50.0, -5.0, 0.0).icrs_to_sensor @ to_horizon.T
-    assert other._horizon_to_sensor == pytest.approx(without_roll, abs=1e-12)
+    for row, roll_deg in ((4, 65.0), (6, 0.0)):
+        watch = watch_of()
+        watch.finish(frames)
+        at = frames["utc_ns"][row : row + 1]
+        looking = Attitude.from_angles(10.0 * (row + 1), -1.0 * (row + 1), roll_deg).icrs_to_sensor
+        expected = looking @ icrs_to_horizon(STATION.site, at)[0].T
+        assert watch._horizon_to_sensor == pytest.approx(expected, abs=1e-12)
+        moon = sun_and_moon_horizon(STATION.site, frames["utc_ns"][4:5])[1][0]
+        apart_deg = math.degrees(math.acos(moon @ expected[2]))
+        assert frames["moon_separation_deg"] == pytest.approx([apart_deg] * 8, abs=1e-4)
+        frames["status"][[0, 3]] = STATUSES.index(Status.NO_MATCH)
+
+
+@pytest.mark.parametrize(("stars", "expected"), [(4200, 30.0), (60, 0.0)])
+def test_stars_are_expected_as_many_as_the_field_has_and_a_panorama_holds(stars: int, expected: float) -> None:
+    """A field of 53 deg holds more than 30 of the brightest 4200 stars, and a few of the brightest 60."""
+    frames = rows(3, stars=0)
+    frames["utc_ns"] = instants(0, 1, 2)
+    camera, few = Camera(1000, 1000, 1000.0, (499.5, 499.5)), CATALOG.rows(slice(0, stars))
+    SkyWatch(STATION.site, camera, few, STATION.mount).finish(frames)
+    to_sensor = horizon_to_sensor(STATION.mount) @ icrs_to_horizon(STATION.site, frames["utc_ns"][1:2])[0]
+    x, y, z = to_sensor @ few.icrs.T
+    inside = int(((z > 0) & (np.abs(x) <= 0.5 * z) & (np.abs(y) <= 0.5 * z)).sum())
+    assert inside > 30 if expected else 0 < inside < 30
+    assert frames["stars_expected"].tolist() == [expected or inside] * 3
 
 
 def test_without_a_confirmed_answer_the_direction_is_that_of_the_station_file_or_unknown() -> None:
