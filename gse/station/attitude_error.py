@@ -19,7 +19,8 @@ def attitude_error(measured: Attitude, true: Attitude) -> AttitudeError:
     another, so that neither the poles nor RA = 0 nor an error of many degrees is a special case. At a pole itself
     "east" is that of the meridian RA = 0.
     """
-    return AttitudeError(*attitude_errors(measured.icrs_to_sensor[None], true.icrs_to_sensor[None])[0].tolist())
+    (error,) = attitude_errors(measured.icrs_to_sensor[None], true.icrs_to_sensor[None])
+    return AttitudeError(*error.tolist())
 
 
 def attitude_errors(measured: NDArray[np.float64], true: NDArray[np.float64]) -> NDArray[np.float64]:

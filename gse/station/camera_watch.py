@@ -39,8 +39,6 @@ class CameraWatch:
         for k, result in enumerate(() if self._is_over else results):
             if said := self._look(result.status, result.panorama):
                 found.append((k, said))
-            if self._is_over:
-                break
         return found
 
     def _look(self, status: Status, panorama: Panorama) -> Said | None:

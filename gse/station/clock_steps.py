@@ -73,11 +73,10 @@ def first_rows(host_utc_ns: NDArray[np.int64], steps: Sequence[ClockStep]) -> li
 
 def _first_row(host_utc_ns: NDArray[np.int64], step: ClockStep) -> int:
     """The old clock had not come to the step before this row, and the new one has; of such rows the largest fall."""
-    if len(host_utc_ns) == 0:
-        return 0
     old_ns = min(max(step.utc_ns, step.utc_ns - step.step_ns), LAST_NS + 1)
     latest_ns = np.maximum.accumulate(host_utc_ns)
-    before = np.concatenate([[True], latest_ns[:-1] < old_ns])
+    before = np.ones(len(host_utc_ns), dtype=np.bool_)
+    before[1:] = latest_ns[:-1] < old_ns
     rows = np.flatnonzero(before & (host_utc_ns >= step.utc_ns))
     if len(rows) == 0:
         return len(host_utc_ns)

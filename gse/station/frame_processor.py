@@ -153,7 +153,7 @@ class FrameProcessor:
         suspect = (counts > MAX_OBJECTS) | (brightest > self.index_max) | np.array(told, dtype=np.bool_)
         return {
             k: Unidentified(Reason.SENSOR_FAULT, self._fault(panoramas, k, int(counts[k]), float(brightest[k])))
-            for k in suspect.nonzero()[0].tolist()
+            for k in np.flatnonzero(suspect).tolist()
         }
 
     def _fault(self, panoramas: Panoramas, k: int, count: int, brightest: float) -> str:
@@ -180,7 +180,7 @@ class FrameProcessor:
         ends = answers.parts.first[1:][named]
         attitudes = solve_attitudes(measured, stars_icrs, ends, CENTROID_SIGMA_PX * self.camera.pixel_rad)
         if self.paper_mean:
-            for k, rows in enumerate(map(answers.parts.rows, named.nonzero()[0].tolist())):
+            for k, rows in enumerate(map(answers.parts.rows, np.flatnonzero(named).tolist())):
                 if (solved := attitudes[k]) is not None:
                     attitudes.icrs_to_sensor[k] = paper_mean(solved, measured[rows], stars_icrs[rows]).icrs_to_sensor
         return attitudes.among(named)

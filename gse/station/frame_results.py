@@ -106,7 +106,7 @@ class FrameResults(Sequence[FrameResult]):
             else NO_MATCHES,
             elapsed_us=None if np.isnan(self.elapsed_us[k]) else float(self.elapsed_us[k]),
             attitude_geometric=self.geometric[k],
-            attitude_error=None if np.isnan(error[0]) else AttitudeError(*error.tolist()),
+            attitude_error=None if np.isnan(error).all() else AttitudeError(*error.tolist()),
             attitude_true=self.true[k],
             answer_check=ANSWER_CHECKS[self.answer_check[k]],
             others=self.others[k],

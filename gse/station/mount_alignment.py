@@ -130,15 +130,15 @@ def cross_validated(measured: MeasuredMounts, session: SessionData) -> CrossVali
     if len(utc_ns) < 2:
         raise UsageError(f"{count_text(len(utc_ns), 'frame')} identified; an alignment needs at least 2, better 100")
     part_ns = min(MINUTE_NS, int(utc_ns[-1] - utc_ns[0]) // 6 + 1)
-    odd = ((utc_ns - utc_ns[0]) // part_ns) % 2 == 1
-    if odd.all() or not odd.any():
-        odd = np.arange(len(utc_ns)) % 2 == 1
+    odd = ((utc_ns - utc_ns[0]) // part_ns % 2).astype(np.bool_)
+    if not odd.any():
+        odd = (np.arange(len(utc_ns)) % 2).astype(np.bool_)
     fits = [fit_mount(utc_ns[half], rotations[half]) for half in (~odd, odd)]
     mounts = [horizon_to_sensor(fit.mount) for fit in fits]
     residual = np.empty((len(utc_ns), 3))
     for half, fitted in ((odd, mounts[0]), (~odd, mounts[1])):
         residual[half] = small_rotations(rotations[half], fitted) * ARCSEC_PER_RAD
-    apart = small_rotations(mounts[1][None], mounts[0])[0] * ARCSEC_PER_RAD
+    (apart,) = small_rotations(mounts[1][None], mounts[0]) * ARCSEC_PER_RAD
     return CrossValidation(
         measured.fit(session),
         _boresight_first(np.abs(apart)),

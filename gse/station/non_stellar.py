@@ -103,11 +103,11 @@ class NonStellarObjects:
         """
         left = np.repeat(answers.named, panoramas.parts.counts)
         left[rows_of(panoramas.parts, answers)] = False
-        rows = left.nonzero()[0]
+        rows = np.flatnonzero(left)
         frame_of = panoramas.parts.of_row.take(rows)
         xy_px, kinds = panoramas.xy_px.take(rows, axis=0), np.zeros(len(rows), dtype=np.uint8)
         parts = Parts.of_counts(np.bincount(frame_of, minlength=len(panoramas)))
-        named = answers.named.nonzero()[0]
+        named = np.flatnonzero(answers.named)
         utc_ns, begin = panoramas.utc_ns.take(named), 0
         for k in named[self._looks(utc_ns.tolist())].tolist():
             here = parts.rows(k)

@@ -31,11 +31,11 @@ class OwnAnswerProcessor:
     @staticmethod
     def panorama(answer: OwnAnswer) -> Panorama:
         """The exposure behind an answer: its time and number, without objects."""
-        message, nothing = answer.message, np.empty(0)
+        message = answer.message
         return Panorama(
             utc_ns=answer.utc_ns or 0,
-            xy_px=nothing.reshape(0, 2),
-            brightness=nothing,
+            xy_px=np.empty((0, 2)),
+            brightness=np.empty(0),
             frame_no=message.frame_no,
             exposure_s=math.nan,
             time_us=message.time_us,
@@ -52,15 +52,16 @@ class OwnAnswerProcessor:
         table.append(panorama.host_utc_ns, message)
         elapsed_us = None if math.isnan(message.latency_s) else message.latency_s * 1e6
         who = Subject.SENSOR.value
-        if not table.columns["acquired"][0]:
+        (is_answer,) = table.columns["acquired"]
+        if not is_answer:
             status = Status.SENSOR_FAULT if message.problems else Status.NO_MATCH
             detail = message.problems[0] if message.problems else f"the sensor says {message.state or 'nothing'}"
             return FrameResult(panorama, status, detail, who, elapsed_us=elapsed_us)
         utc_ns = np.array([panorama.utc_ns])
-        measured = measured_rotations(table.columns, utc_ns, self._convention)[0]
+        (measured,) = measured_rotations(table.columns, utc_ns, self._convention)
         geometric = true = None
         if truth is not None:
-            shift = self._of(truth, mount or _looking_at(measured, truth, panorama.utc_ns)).shifts(utc_ns)[0]
+            (shift,) = self._of(truth, mount or _looking_at(measured, truth, panorama.utc_ns)).shifts(utc_ns)
             geometric = Attitude(shift.T @ measured, _NO_COVARIANCE)
             true = truth.attitude_true(panorama.utc_ns, mount) if mount else None
         return FrameResult(

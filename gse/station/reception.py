@@ -76,8 +76,6 @@ HOTTEST_C = 1e6
 LONGEST_PAUSE_NS = 366 * 86_400 * NS_PER_S
 """A sensor clock that is this far ahead of the panorama before is out of order: no capture pauses for a year."""
 
-_EVENTFUL = Arrival.CHAOS, Arrival.RESET
-
 HostedStatus = tuple[int, StatusMessage]
 """The host's UTC at which a STATUS was complete, and its message."""
 
@@ -201,17 +199,15 @@ class Reception:
         """The class of a frame by its sequence number; its event is added to ``events``."""
         before = self._arrivals.last
         arrival = self._arrivals.accept(at.frame, mono_ns, time_us, restarted=restarted)
-        if arrival not in _EVENTFUL:
-            return arrival
         utc_ns = host_utc_ns if self._anchor_utc_ns is None else max(self._anchor_utc_ns, self._latest_utc_ns)
         if arrival is Arrival.CHAOS:
             text = chaos_in_words(at.frame.sequence, before)
             events.append(LinkEvent(utc_ns, mono_ns, StationKind.SEQUENCE_CHAOS, text))
-            return arrival
-        self._clock.reset()
-        self._anchor_time_us = None
-        text = f"the sensor started anew: frame {at.frame.sequence} on the wire, its clock or counter jumped back"
-        events.append(LinkEvent(utc_ns, mono_ns, StationKind.SENSOR_RESET, text))
+        elif arrival is Arrival.RESET:
+            self._clock.reset()
+            self._anchor_time_us = None
+            text = f"the sensor started anew: frame {at.frame.sequence} on the wire, its clock or counter jumped back"
+            events.append(LinkEvent(utc_ns, mono_ns, StationKind.SENSOR_RESET, text))
         return arrival
 
     def _own_answer(self, message: AttitudeMessage, at: FrameAt, host_utc_ns: int, mono_ns: int) -> OwnAnswer:

@@ -143,7 +143,7 @@ def clear_sky(evidence: list[SkyEvidence], stated_mag: float | None = None) -> C
     fit = [item for item in evidence if item.shows_stars and item.lights.is_dark and not item.moon_glares]
     zero_point_mag = _highest([item.zero_point_mag for item in fit]) if stated_mag is None else stated_mag
     if not fit:
-        return ClearSky(zero_point_mag if stated_mag is not None else math.nan, is_stated=stated_mag is not None)
+        return ClearSky(zero_point_mag, is_stated=stated_mag is not None)
     return ClearSky(
         zero_point_mag,
         _highest([item.seen_share for item in fit if item.expected >= FEWEST_EXPECTED]),

@@ -70,7 +70,8 @@ class SkyWatch:
         self._field_radius_deg = math.degrees(camera.diagonal_rad) / 2
         self._horizon_to_sensor = None if mount is None else horizon_to_sensor(mount)
         self.sees_objects = True
-        self._first, self._begun_ns = 0, -1
+        self._first = 0
+        self._begun_ns: int | None = None
         self._windows: list[tuple[int, int, SkyEvidence]] = []
         self._stated_mag = stated_mag
         self._clear = clear_sky([], stated_mag)
@@ -81,10 +82,10 @@ class SkyWatch:
     def take(self, frames: FrameColumns, first: int) -> list[tuple[int, list[LinkEvent]]]:
         """Look at the frames (all rows of FRAME so far), new from row ``first`` on: the events, and at which row."""
         utc_ns = frames["utc_ns"]
-        if self._begun_ns < 0:
+        if self._begun_ns is None:
             self._begun_ns = int(utc_ns[first])
         found = []
-        while len(beyond := (_is_outside(utc_ns[first:] - self._begun_ns)).nonzero()[0]):
+        while len(beyond := np.flatnonzero(_is_outside(utc_ns[first:] - self._begun_ns))):
             first += int(beyond[0])
             found.append((first, list(self._close_window(frames, first))))
             self._begun_ns = int(utc_ns[first])
@@ -140,10 +141,10 @@ class SkyWatch:
 
     def _expectation(self, rows: FrameColumns) -> tuple[Lights, float]:
         """Where Sun and Moon stand in the middle of a window, and how many catalogue stars are in the field."""
-        utc_ns = rows["utc_ns"][len(rows) // 2 :][:1]
-        to_horizon = icrs_to_horizon(self._site, utc_ns)[0]
+        utc_ns = rows["utc_ns"][[len(rows) // 2]]
+        (to_horizon,) = icrs_to_horizon(self._site, utc_ns)
         self._look(rows)
-        sun, moon = (vectors[0] for vectors in sun_and_moon_horizon(self._site, utc_ns))
+        (sun,), (moon,) = sun_and_moon_horizon(self._site, utc_ns)
         altitudes = math.degrees(math.asin(sun[2])), math.degrees(math.asin(moon[2]))
         if self._horizon_to_sensor is None:
             return Lights(*altitudes), math.nan
@@ -162,7 +163,7 @@ class SkyWatch:
         middle = confirmed[len(confirmed) // 2]
         ra_deg, de_deg, roll_deg = (rows[f"{angle}_deg"][middle] for angle in ("ra", "de", "roll"))
         attitude = Attitude.from_angles(ra_deg, de_deg, np.nan_to_num(roll_deg))
-        at_row = icrs_to_horizon(self._site, rows["utc_ns"][middle : middle + 1])[0]
+        (at_row,) = icrs_to_horizon(self._site, rows["utc_ns"][[middle]])
         self._horizon_to_sensor = attitude.icrs_to_sensor @ at_row.T
 
 
@@ -181,5 +182,5 @@ def separation_deg(one: NDArray[np.float64], other: NDArray[np.float64]) -> floa
 def stars_in_field(catalog: StarCatalog, camera: Camera, icrs_to_sensor: NDArray[np.float64]) -> int:
     """How many stars of a catalogue stand on the detector."""
     stars_sensor = catalog.icrs @ icrs_to_sensor.T
-    near = stars_sensor[:, 2] > math.cos(min(_BESIDE * camera.diagonal_rad / 2, math.pi / 2))
+    near = stars_sensor[:, 2] > math.cos(_BESIDE * camera.diagonal_rad / 2)
     return int(camera.contains(camera.pixels(stars_sensor[near])).sum())

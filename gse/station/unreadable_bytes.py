@@ -40,12 +40,14 @@ def _frames(sample: bytes, protocol: Protocol) -> int:
 def _slower_baud(sample: bytes, protocol: Protocol, baudrate: int) -> int:
     """The usual rate whose sync words explain most of the bytes; 0 where none is there."""
     sync_word = protocol.frame_layout.sync_word
-    found = [(_explained(sample, sync_word, baud, baudrate), baud) for baud in USUAL_BAUDS if baud < baudrate]
-    explained, baud = max(found, default=(0, 0))
-    return baud if explained else 0
+    slower = [baud for baud in reversed(USUAL_BAUDS) if baud < baudrate]
+    explained = {baud: _explained(sample, sync_word, baud, baudrate) for baud in slower}
+    return max(slower, key=explained.__getitem__) if any(explained.values()) else 0
 
 
 def _explained(sample: bytes, sync_word: bytes, baud: int, baudrate: int) -> int:
     head = received_at(sync_word, baud, baudrate)[:-1]
-    count = sample.count(head) if len(head) >= _FEWEST_BYTES and any(head) else 0
+    if len(head) < _FEWEST_BYTES or not any(head):
+        return 0
+    count = sample.count(head)
     return count * len(head) if count >= _FEWEST_HEADS else 0
