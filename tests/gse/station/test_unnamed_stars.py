@@ -237,3 +237,10 @@ def test_before_air_is_taken_off_a_star_is_sought_within_eight_pixels_of_its_pla
         (one,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([exact[:4]]), Answers.of([named]), lifted)
         found.append(one.stars.tolist())
     assert found == [[rows[3]], []]
+
+
+def test_an_object_that_bears_a_wrong_name_is_not_found_as_the_star_at_whose_place_it_is(stars):
+    rows, exact = shown(stars)
+    named = Identification(np.arange(3), rows[3:6], 1e-9)
+    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([exact[:3]]), Answers.of([named]), frames(1))
+    assert len(found) == 0

@@ -84,6 +84,7 @@ def test_the_rate_is_told_that_explains_most_bytes() -> None:
     mixed = (slow + b"\x01") * 3 + (fast + b"\x01") * 4
     assert what_fits(mixed, PROTOCOL, 115200) == "wrong baud rate: they fit port.baudrate: 57600 (here 115200)"
     assert _slower_baud((slow + b"\x01") * 4 + (fast + b"\x01") * 4, PROTOCOL, 115200) == 38400
+    assert _slower_baud((slow + b"\x01") * 5 + (fast + b"\x01") * 6, PROTOCOL, 115200) == 57600  # as many of each
 
 
 @pytest.mark.parametrize("baudrate", [9600, 57600, 115200])
