@@ -2,6 +2,7 @@
 
 import functools
 import hashlib
+import importlib.metadata
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -21,6 +22,12 @@ def source_sha256() -> str:
 def code_sha256() -> str:
     """SHA-256 over names and contents of the Python files of ``gse``, in the order of their names."""
     return _sha256([_GSE], ".py")
+
+
+@functools.cache
+def package_version(name: str) -> str:
+    """Of an installed package; PackageNotFoundError where there is none. A millisecond the first time."""
+    return importlib.metadata.version(name)
 
 
 def _sha256(packages: Iterable[Path], ending: str) -> str:

@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 _YOUNG = 1
@@ -22,6 +23,26 @@ _MAPPING = re.compile(r"^([0-9a-f]+)-([0-9a-f]+) r-[-x]p .*\.so[.\d]*\n((?:\w+: 
 _IS_CLEAN = re.compile(r"^Anonymous: +0 kB\n(?:.*\n)*?Swap: +0 kB$", re.MULTILINE)
 
 
+@dataclass(slots=True)
+class _Policy:
+    """Whether memory is given back: in a process of many sessions the next one needs it again."""
+
+    gives_back: bool = True
+
+
+_POLICY = _Policy()
+
+
+def keep_for_many_sessions() -> None:
+    """Give nothing back from now on: for a process of many short sessions, each of which it would cost 0.05 s."""
+    _POLICY.gives_back = False
+
+
+def gives_back() -> bool:
+    """Whether this process does without what only its next session would need."""
+    return _POLICY.gives_back
+
+
 def give_back() -> None:
     """Give back pages of libraries, once they have done their first work, and what the allocator keeps though free.
 
@@ -29,7 +50,7 @@ def give_back() -> None:
     loaded. Only pages that are as in their file: what is needed all the same comes back by itself. On other systems
     than Linux nothing happens.
     """
-    if not sys.platform.startswith("linux"):
+    if not sys.platform.startswith("linux") or not gives_back():
         return
     libc = ctypes.CDLL(None)
     for first, last in _unchanged(tuple(_LIBRARY.findall(Path("/proc/self/maps").read_text()))):
@@ -51,7 +72,13 @@ def _unchanged(libraries: tuple[str, ...]) -> list[tuple[int, int]]:
 
 @contextmanager
 def all_else_kept() -> Iterator[None]:
-    """No search for garbage among what is there already: 0.1 s where much was imported just now."""
+    """No search for garbage among what is there already: 0.1 s where much was imported just now.
+
+    What somebody has frozen before stays so.
+    """
+    if gc.get_freeze_count():
+        yield
+        return
     gc.freeze()
     try:
         yield
@@ -62,7 +89,8 @@ def all_else_kept() -> Iterator[None]:
 def give_back_garbage() -> None:
     """Give back the memory of young objects that only each other know, and what the allocator keeps though free."""
     gc.collect(_YOUNG)
-    _trim()
+    if gives_back():
+        _trim()
 
 
 def _trim() -> None:

@@ -16,7 +16,11 @@ from astropy.utils import iers
 from devices.command_line import Gse, runner
 from hypothesis import settings
 
+from gse.release_memory import keep_for_many_sessions
+
 TESTS = Path(__file__).parent
+
+keep_for_many_sessions()  # which the tests of memory, in processes of their own, do not
 
 gc.disable()  # until all tests are collected: what they import lasts
 
@@ -70,7 +74,6 @@ def _turn(item: pytest.Item) -> int:
 def pytest_collection_finish() -> None:
     """Look for garbage as seldom as the program does (gse.__main__), and not in all that the tests imported."""
     gc.set_threshold(50_000)
-    gc.collect()
     gc.freeze()
     gc.enable()
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.outside_text import plain_lines
+from gse.installation import package_version
 
 SCHEMA = "gse.provenance/1"
 _DRAWN_WITH = ("matplotlib", "jinja2", "scipy")
@@ -24,7 +25,7 @@ def provenance(versions: dict[str, str], self_check: dict[str, Any] | None) -> P
     ``versions`` are those of the packages that the numbers depend on. No time of the host is in it: a report that is
     made again on the same host has the same bytes.
     """
-    drawn_with = {name: metadata.version(name) for name in _DRAWN_WITH}
+    drawn_with = {name: package_version(name) for name in _DRAWN_WITH}
     return {
         "schema": SCHEMA,
         "version": versions.get("gse-star-sensor"),

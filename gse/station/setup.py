@@ -2,7 +2,6 @@
 
 import functools
 import hashlib
-import importlib.metadata
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -21,9 +20,10 @@ from gse.external.plugs import plug_of
 from gse.identifier import Identification, Identifier, make_identifier
 from gse.identifier.first_compilation import FirstCompilation, is_compiled
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
+from gse.installation import package_version
 from gse.instant import NS_PER_S, to_julian_year
 from gse.panorama import MAX_OBJECTS
-from gse.release_memory import give_back
+from gse.release_memory import give_back, gives_back
 from protocols import Protocol, load_protocol, parse_protocol
 
 ORION_RA_DE_DEG = (83.0, 0.0)
@@ -154,7 +154,12 @@ def sensor_description(station: Station, protocol: Protocol) -> SensorDescriptio
 
 
 def clear_caches() -> None:
-    """Drop cached catalogues and tables, so that their memory is free for the report."""
+    """Drop cached catalogues and tables, so that their memory is free for the report.
+
+    A process that keeps its memory for many sessions keeps the last few of them too.
+    """
+    if not gives_back():
+        return
     _reference.cache_clear()
     _catalog.cache_clear()
     give_back()
@@ -168,7 +173,7 @@ def keep_one_sky() -> None:
 
 def versions() -> dict[str, str]:
     """Versions of the packages that the numbers depend on."""
-    return {name: importlib.metadata.version(name) for name in PACKAGES}
+    return {name: package_version(name) for name in PACKAGES}
 
 
 @functools.lru_cache(maxsize=4)

@@ -156,7 +156,7 @@ def _likelihood(first: int, count: int) -> tuple[NDArray[np.float64], NDArray[np
 def _shapes() -> _Shapes:
     places = np.arange(ORDINATES + 1)
     correlated = np.array([exponential_spectrum(time, places) + 1 / much for time in _TIMES for much in _STRENGTHS])
-    waves = np.array([_sinusoid(cycles, places) for cycles in _CYCLES])
+    waves = _sinusoids(_CYCLES, places)
     power = (_PEAKS / waves[:, 1:].max(axis=1)[:, None]).ravel()
     sinusoids = 1 + power[:, None] * np.repeat(waves, len(_PEAKS), axis=0)
     changes = 1 + (_PEAKS[:, None, None] * _changes(places)).reshape(-1, len(places))
@@ -198,9 +198,13 @@ def exponential_spectrum(time: float, places: NDArray[np.int64]) -> NDArray[np.f
     return np.asarray(variance)
 
 
-def _sinusoid(cycles: float, places: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Variances of the cosines (the mean at place 0) of a sinusoid of random phase, mean square 1 / M, by the sum."""
+def _sinusoids(cycles: NDArray[np.float64], places: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Variances of the cosines (the mean at place 0) of sinusoids (rows), by the sum.
+
+    Each has a random phase and the mean square 1 / M.
+    """
     place = (np.arange(_PHASES) + 0.5) / _PHASES
-    wave = np.exp(2j * math.pi * cycles * place) / _PHASES
+    basis = np.cos(math.pi * places[:, None] * place)
     size = np.where(places == 0, 1.0, 2.0)
-    return np.asarray(size * np.abs(np.cos(math.pi * places[:, None] * place) @ wave) ** 2)
+    waves = (np.exp(2j * math.pi * number * place) / _PHASES for number in cycles)
+    return np.array([size * np.abs(basis @ wave) ** 2 for wave in waves])

@@ -13,7 +13,7 @@ from gse.statistics.autocorrelation import (
     _changes,
     _response,
     _shapes,
-    _sinusoid,
+    _sinusoids,
     cosines,
     exponential_spectrum,
     mean_error,
@@ -54,7 +54,7 @@ def test_the_spectrum_of_a_sinusoid_is_the_mean_over_its_phases(cycles):
     phases = np.arange(24) * math.pi / 12
     waves = [math.sqrt(2) * np.sin(2 * math.pi * cycles * S + phase) for phase in phases]
     mean = np.mean([[np.mean(wave) ** 2, *squares(wave)] for wave in waves], axis=0)
-    assert _sinusoid(cycles, PLACES) == pytest.approx(mean, abs=1e-3)
+    assert _sinusoids(np.array([cycles]), PLACES)[0] == pytest.approx(mean, abs=1e-3)
 
 
 def test_a_weighted_sum_answers_a_sinusoid_by_its_mean_square_over_the_phases():
@@ -138,7 +138,7 @@ def test_each_change_stands_above_white_noise_by_each_height():
 
 def test_each_sinusoid_has_a_height_of_its_greatest_ordinate_and_a_mean_square_that_makes_it():
     shapes = _shapes()
-    unit = np.array([_sinusoid(cycles, PLACES) for cycles in CYCLES])
+    unit = _sinusoids(CYCLES, PLACES)
     power = (np.array(PEAKS) / unit[:, 1:].max(axis=1)[:, None]).ravel()
     assert len(shapes.spectra) == 1 + 20 * 6 + 8 * 5 + 56 * 5
     assert shapes.power == pytest.approx(power, rel=1e-9)
@@ -167,7 +167,7 @@ def test_the_spectrum_of_a_sinusoid_is_that_of_its_integrals(cycles):
     for place in (0, 1, 2, 5, 32):
         size = 2.0 if place else 1.0
         expected = size * abs(np.mean(np.cos(math.pi * place * s) * wave)) ** 2
-        assert _sinusoid(cycles, PLACES)[place] == pytest.approx(expected, abs=1e-5)
+        assert _sinusoids(np.array([cycles]), PLACES)[0][place] == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize(("row", "place"), list(enumerate((0.1, 0.2, 0.3, 0.4, 0.5))))
