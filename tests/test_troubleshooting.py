@@ -1,6 +1,7 @@
 """docs/troubleshooting.md has each finding, and a word of each message that ends a session."""
 
 import ast
+import functools
 import re
 from pathlib import Path
 
@@ -33,11 +34,23 @@ def first_cells(text):
     return [word for row in re.findall(r"^\| (`.*?) \|", text, re.M) for word in re.findall(r"`([^`]+)`", row)]
 
 
+@functools.cache
+def sources():
+    """The text of each module."""
+    paths = (path for room in ("gse", "drivers", "protocols") for path in (ROOT / room).rglob("*.py"))
+    return {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in paths}
+
+
+@functools.cache
+def everything():
+    """All modules in one text, in small letters."""
+    return "".join(sources().values()).lower()
+
+
 def messages():
     """Class, place and constant text of each error that is raised."""
-    for path in (path for room in ("gse", "drivers", "protocols") for path in (ROOT / room).rglob("*.py")):
-        name = path.relative_to(ROOT).as_posix()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for name, text in sources().items():
+        for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args:
                 kind = ast.unparse(node.exc.func)
                 text = "".join(
@@ -122,6 +135,4 @@ def test_each_message_that_ends_a_session_bears_a_word_of_the_page():
 
 @pytest.mark.parametrize("word", first_cells(MESSAGES))
 def test_each_word_of_the_page_is_in_a_message(word):
-    everything = "".join(path.read_text(encoding="utf-8") for room in ("gse", "drivers", "protocols")
-                         for path in (ROOT / room).rglob("*.py"))  # fmt: skip
-    assert word.lower() in everything.lower()
+    assert word.lower() in everything()

@@ -1,5 +1,6 @@
 """Protocol descriptions: the built-in ones, one's own, and wrong ones, which are refused by file, key and reason."""
 
+import copy
 import re
 import struct
 from pathlib import Path
@@ -260,11 +261,14 @@ KEYS = st.sampled_from([*Description.model_fields, *MessageDescription.model_fie
 LEAVES = st.one_of(st.none(), st.booleans(), st.integers(-(2**70), 2**70), st.floats(), st.text(max_size=8))
 
 
+THREE_MESSAGES = yaml.safe_load(V1)
+THREE_MESSAGES["messages"] = {name: THREE_MESSAGES["messages"][name] for name in ("PANORAMA", "NAK", "STOP")}
+
+
 @given(data=st.data())
 @settings(max_examples=80)
 def test_a_description_with_anything_in_any_place_is_compiled_or_refused(data: st.DataObject) -> None:
-    document = yaml.safe_load(V1)
-    document["messages"] = {name: document["messages"][name] for name in ("PANORAMA", "NAK", "STOP")}
+    document = copy.deepcopy(THREE_MESSAGES)
     for _ in range(data.draw(st.integers(1, 3))):
         node = document
         while True:

@@ -45,6 +45,18 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def plain(session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the session's report without plots, which take a second to draw."""
+    from gse.cli import main
+
+    out = tmp_path_factory.mktemp("plain") / "report"
+    with pytest.raises(SystemExit) as ended:
+        main(["report", str(session), "--no-plots", "--out", str(out)])
+    assert not ended.value.code
+    return out
+
+
 def only_folder(out: Path) -> Path:
     (folder,) = out.iterdir()
     return folder
@@ -85,21 +97,22 @@ def test_a_replay_keeps_the_identifier_that_the_run_was_told_to_use(gse: Gse, tm
 
 
 def test_replays_give_the_report_of_the_run_to_the_byte_each_in_a_folder_of_its_own(
-    gse: Gse, session: Path, tmp_path: Path
+    gse: Gse, session: Path, plain: Path, tmp_path: Path
 ) -> None:
+    """The one at full speed with plots, the other without."""
     copy = Path(shutil.copy(session / "session.mcap", tmp_path))
-    for speed in ("max", "60"):
-        assert gse("replay", copy, "--speed", speed, "--plots", "--out", tmp_path / "out").code == 0
-    folders = list((tmp_path / "out").iterdir())
+    for options in (("--plots",), ("--speed", "60")):
+        assert gse("replay", copy, *options, "--out", tmp_path / "out").code == 0
+    folders = sorted((tmp_path / "out").iterdir(), key=lambda folder: "</svg>" in (folder / "report.html").read_text())
     assert len(folders) == 2
     assert "</svg>" in (session / "report.html").read_text()
-    for folder, name in itertools.product(folders, REPORTS):
-        assert (folder / name).read_bytes() == (session / name).read_bytes(), name
+    for (folder, of), name in itertools.product(zip(folders, (plain, session), strict=True), REPORTS):
+        assert (folder / name).read_bytes() == (of / name).read_bytes(), name
     assert copy.read_bytes() == (session / "session.mcap").read_bytes()
 
 
 def test_a_session_whose_chunks_are_cut_to_single_bytes_gives_the_same_report(
-    gse: Gse, session: Path, tmp_path: Path
+    gse: Gse, session: Path, plain: Path, tmp_path: Path
 ) -> None:
     with CaptureWriter(tmp_path / "cut.mcap") as writer:
         for record in read_capture(session / "session.mcap"):
@@ -110,10 +123,10 @@ def test_a_session_whose_chunks_are_cut_to_single_bytes_gives_the_same_report(
                     writer.rx(Chunk(record.utc_ns, record.mono_ns, bytes([byte])))
             elif isinstance(record, Message):
                 writer.write(record)
-    assert gse("replay", tmp_path / "cut.mcap", "--plots", "--out", tmp_path / "out").code == 0
+    assert gse("replay", tmp_path / "cut.mcap", "--out", tmp_path / "out").code == 0
     again = only_folder(tmp_path / "out")
     for name in REPORTS:
-        assert (again / name).read_bytes() == (session / name).read_bytes(), name
+        assert (again / name).read_bytes() == (plain / name).read_bytes(), name
 
 
 def test_a_session_without_its_station_file_neither_passes_nor_fails(gse: Gse, session: Path, tmp_path: Path) -> None:

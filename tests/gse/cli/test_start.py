@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from devices.command_line import Gse
+
 LATE = ("astropy.coordinates", "jinja2", "matplotlib", "pandas", "pyarrow", "rerun")
 TABLES_NEED = "scipy.spatial"
 """Where those of the identifiers are not cached yet."""
@@ -31,11 +33,11 @@ def imported(*codes: str) -> list[set[str]]:
     return [set(line.split()) for line in done.stderr.splitlines()]
 
 
-def test_a_panorama_is_identified_before_anything_that_draws_or_judges_is_imported() -> None:
+def test_a_panorama_is_identified_before_anything_that_draws_or_judges_is_imported(gse: Gse) -> None:
     arguments = [str(part) for part in IDENTIFY]
     run = f"from gse.cli import cli\ncli.main({arguments!r}, standalone_mode=False)"
 
-    imported(run)  # from here on tables and machine code are kept
+    assert gse(*IDENTIFY).code == 0  # from here on tables and machine code are kept
     assert imported(run) == [set()]
 
 

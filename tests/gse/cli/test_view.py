@@ -27,7 +27,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     out = tmp_path_factory.mktemp("night")
     with pytest.raises(SystemExit):
-        main(["run", "--port", f"sim://?frames={FRAMES}", "--out", str(out)])
+        main(["run", "--port", f"sim://?frames={FRAMES}", "--no-plots", "--out", str(out)])
     (folder,) = out.iterdir()
     return folder
 
@@ -89,7 +89,7 @@ def test_the_web_view_serves_the_session_until_it_is_interrupted(session: Path) 
 
 
 def test_the_report_command_gives_the_report_of_the_run_beside_the_session(gse: Gse, session: Path) -> None:
-    done = gse("report", session / "session.mcap", "--plots")
+    done = gse("report", session / "session.mcap")
     assert done.code == 0
     for name in ("report.json", "report.html", "frames.csv", "junit.xml"):
         assert (session / "report" / name).read_bytes() == (session / name).read_bytes(), name
