@@ -1,5 +1,7 @@
 """The likelihood by which causes compete, against scipy's densities and sums of its own shapes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import logsumexp
@@ -223,3 +225,30 @@ def test_a_slow_column_in_slow_noise_is_known_worse_than_one_in_white_noise():
     spectrum = 1 + 1e4 * exponential_spectrum(3.0, np.arange(3))[2]
     errors = [np.sqrt(fitted(observed(cosines=noise), column).covariance[0, 0]) for noise in (SLOW, NOISE)]
     assert errors[0] / errors[1] == pytest.approx(np.sqrt(spectrum), rel=0.5)
+
+
+def test_columns_in_units_a_million_million_times_apart_are_both_fitted():
+    """As they are in like units: coefficients and errors are in those of each."""
+    rng = np.random.default_rng(7)
+    like = Columns(np.zeros((3, 2)), rng.normal(size=(K, 3, 2)), np.zeros((2, 2)))
+    units = np.array([1e6, 1e-6])
+    unlike = replace(like, cosines=like.cosines * units)
+    cosines = NOISE + like.cosines @ [3.0, -2.0]
+    one, other = (fitted(observed(cosines=cosines), columns) for columns in (like, unlike))
+    assert other.coefficients * units == pytest.approx(one.coefficients, rel=1e-6)
+    assert other.covariance * np.outer(units, units) == pytest.approx(one.covariance, rel=1e-6)
+    assert other.twice_log_likelihood == pytest.approx(one.twice_log_likelihood, abs=1e-6)
+
+
+def test_a_column_of_nothing_has_neither_a_coefficient_nor_an_error():
+    columns = Columns(np.zeros((3, 2)), np.zeros((K, 3, 2)), np.zeros((2, 2)))
+    columns.cosines[:, :, 0] = np.random.default_rng(7).normal(size=(K, 3))
+    found = fitted(observed(cosines=NOISE + 3.0 * columns.cosines[:, :, 0]), columns)
+    assert found.coefficients == pytest.approx([3.0, 0.0], abs=0.3)
+    assert found.covariance[1] == pytest.approx([0.0, 0.0])
+
+
+def test_axes_without_errors_are_as_likely_as_those_of_a_millionth_of_a_unit_half_of_it_noise():
+    """The scale of each axis is left open: half the square is likelier by the root of two for each ordinate."""
+    nothing, millionth = (twice_log(cosines=np.full((K, 3), size)) for size in (0.0, 1e-6))
+    assert nothing - millionth == pytest.approx(3 * K * np.log(2), rel=1e-6)
