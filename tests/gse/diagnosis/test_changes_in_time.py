@@ -1,10 +1,12 @@
 """Where steps and swings are looked for, in series that are made of nothing else."""
 
+import functools
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.fft
 from skies.star_errors import SETTINGS
 
 from gse.diagnosis.changes_in_time import _step, _wave, sinusoids, steps
@@ -14,6 +16,7 @@ from gse.diagnosis.field_patterns import PARAMETERS
 from gse.diagnosis.fine_causes import _is_rest, _refined, fine_causes, told
 from gse.diagnosis.fine_hypotheses import constant_causes
 from gse.diagnosis.session_model import SessionModel
+from gse.diagnosis.turns import pole
 
 SITE, MOUNT = SETTINGS[0]
 
@@ -97,6 +100,97 @@ def test_a_swing_is_not_faster_than_once_in_four_ordinates(cycles, is_tried):
     errors[:, 0] += 40 * np.sin(2 * math.pi * cycles * time_s / time_s[-1])
     periods_s = [one.at_s for one in tried(sinusoids, model_of(errors, 120.0))]
     assert (pytest.approx(time_s[-1] / cycles) in periods_s) is is_tried
+
+
+# Steps and swings, by hand
+
+PLAIN = SessionModel(
+    ErrorSeries(np.arange(40), 3.0 * np.arange(40), np.zeros((40, 3))), None, SITE, MOUNT, False, np.eye(3)
+)
+"""Forty frames, 3 s apart, in the coordinates of their errors."""
+
+
+def cosines_of(course):
+    """The lowest half of scipy's transform, without the mean."""
+    return scipy.fft.dct(course, axis=0, norm="ortho")[1:21]
+
+
+@pytest.mark.parametrize(
+    ("place", "first"),
+    [(-5.0, 1), (0.0, 1), (0.6, 1), (1.0, 1), (1.6, 2), (20.4, 20), (38.6, 39), (39.0, 39), (40.0, 39), (900.0, 39)],
+)
+@pytest.mark.parametrize("is_before", [False, True])
+def test_a_step_is_at_a_frame_after_the_first_and_up_to_the_last(place, first, is_before):
+    """One of the azimuth, of an arcsec: from that frame on, or the opposite one until then."""
+    found = _step(PLAIN, 7, "slip of the mount", "azimuth", is_before, place)
+    assert (found.place, found.at_s, found.searched, found.is_change) == (first, 3.0 * first, 7, True)
+    assert found.spacing == 40 / 97
+    course = np.where(np.arange(40) >= first, 1.0, 0.0) - is_before
+    shift = PLAIN.shift(np.array([0.0, 0.0, 1.0]))
+    assert found.columns.mean[:, 0] == pytest.approx(course.mean() * shift)
+    assert found.columns.cosines[:, :, 0] == pytest.approx(cosines_of(np.outer(course, shift)), abs=1e-9)
+    moved = found.moved(17.0)
+    assert (moved.place, moved.kind, moved.cause, moved.searched) == (17, "azimuth", "slip of the mount", 7)
+    assert moved.columns.mean[:, 0] == pytest.approx((23 / 40 - is_before) * shift)
+
+
+def test_a_step_of_the_clock_turns_the_sky_by_15_arcsec_a_second_and_a_slip_has_three_angles():
+    clock = _step(PLAIN, 1, "clock step", "clock step", False, 20)
+    about_pole = PLAIN.shift(np.array([0.0, math.cos(math.radians(-6.53)), math.sin(math.radians(-6.53))]))
+    assert clock.columns.mean[:, 0] == pytest.approx(15.04107 / 2 * about_pole, rel=1e-5)
+    slip = _step(PLAIN, 1, "slip of the mount", "slip", False, 20)
+    assert slip.columns.count == 3
+    for column, kind in ((1, "altitude"), (2, "roll")):
+        alone = _step(PLAIN, 1, "slip of the mount", kind, False, 20).columns.mean[:, 0]
+        assert slip.columns.mean[:, column] == pytest.approx(alone, abs=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "axes"), [("sinusoid", [0, 1]), ("columns", [0]), ("rows", [1])])
+@pytest.mark.parametrize("cycles", [1.0, 2.25])
+def test_a_swing_is_a_sine_and_a_cosine_along_each_axis(kind, axes, cycles):
+    """Of so many cycles from the first frame to the last, 117 s later."""
+    found = _wave(PLAIN, 9, kind, cycles)
+    assert (found.cause, found.kind, found.searched, found.is_change) == ("thermal sinusoid", kind, 9, True)
+    assert (found.place, found.spacing) == (cycles, 0.25)
+    assert found.at_s == pytest.approx(117.0 / cycles)
+    phase = 2 * np.pi * cycles * np.arange(40) / 39
+    courses = [np.outer(wave, np.eye(3)[axis]) for axis in axes for wave in (np.sin(phase), np.cos(phase))]
+    assert found.columns.count == len(courses)
+    for column, course in enumerate(courses):
+        assert found.columns.mean[:, column] == pytest.approx(course.mean(axis=0), abs=1e-12)
+        assert found.columns.cosines[:, :, column] == pytest.approx(cosines_of(course), abs=1e-9)
+    assert (found.moved(3.5).place, found.moved(3.5).kind, found.moved(3.5).searched) == (3.5, kind, 9)
+
+
+@pytest.mark.parametrize(("count", "frame_s", "most"), [(40, 120.0, 5.0), (41, 120.0, 5.0), (400, 3.0, 19.75)])
+def test_swings_are_tried_in_quarters_of_a_cycle_up_to_a_quarter_of_the_ordinates_and_one_a_minute(
+    count, frame_s, most
+):
+    """20 ordinates; 1197 s are 19.95 minutes."""
+    errors = 0.1 * np.random.default_rng(4).normal(size=(count, 3))
+    errors[:, 0] += 40 * np.sin(2 * math.pi * most * np.arange(count) / (count - 1))
+    found = tried(sinusoids, model_of(errors, frame_s))
+    assert {one.searched for one in found} == {round(4 * (most - 1)) + 1}
+    assert max(one.place for one in found) == most
+    assert {one.kind for one in found} == {"sinusoid", "columns", "rows"}
+
+
+@pytest.mark.parametrize("search", [steps, sinusoids])
+def test_what_is_named_already_is_not_searched_for_again(search):
+    """A step of 100 arcsec or a swing of it, beside a smaller one elsewhere: places are six or seven frames apart."""
+    place = np.arange(600)
+    if search is steps:
+        great, small, shift, other = place >= 100, place >= 400, PLAIN.shift(pole(SITE)), 400
+        named = functools.partial(_step, searched=1, cause="clock step", kind="clock step", is_before=False, place=100)
+    else:
+        great, small = (np.sin(2 * np.pi * cycles * place / 599) for cycles in (2.0, 5.0))
+        shift, other = np.array([1.0, 0.0, 0.0]), 5.0
+        named = functools.partial(_wave, searched=1, kind="columns", cycles=2.0)
+    errors = 0.1 * np.random.default_rng(4).normal(size=(600, 3)) + np.outer(100.0 * great + 20.0 * small, shift)
+    model = model_of(errors)
+    observed, columns = model.observed(), named(model).columns
+    places = {one.place for one in search(model, observed, fitted(observed, columns), columns)}
+    assert all(abs(found - other) <= 7 * (search is steps) for found in places)
 
 
 # What fine_causes makes of them

@@ -319,6 +319,7 @@ def test_a_thousand_stars_at_most_show_how_far_parameters_move_them(sky):
     rows = len(field_of(sky, sky[1]).stars.frames)
     assert len(field_of(sky, sky[1]).moved_px) == -(-rows // -(-rows // 1000))
     assert len(field_of(sky, sky[1][:1000]).moved_px) == 1000
+    assert len(field_of(sky, sky[1][:1001]).moved_px) == 501
     assert len(field_of(sky, sky[1][:1020]).moved_px) == 510
 
 

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from skies.astropy_attitudes import BOGOR, FIELD, MOUNT, MUNICH, SITES, START_NS, TABLE, attitudes
 
-from gse.diagnosis.gross_causes import gross_cause
+from gse.diagnosis.gross_causes import gross_cause, left_with
 from gse.diagnosis.gross_turns import _of_angle, wrong_dates
 from gse.diagnosis.raw_attitudes import RawAttitudes
 from gse.instant import NS_PER_S
@@ -166,7 +167,10 @@ def test_a_mount_that_is_driven_with_the_sky_is_named():
     raw = RawAttitudes(START_NS + np.arange(5) * 600 * NS_PER_S, np.repeat(still, 5, axis=0), FIELD)
     cause = gross_cause(raw, MUNICH, MOUNT, TABLE)
     assert cause.finding.cause == "mount follows the sky"
-    assert len(cause.left_arcsec) == 0
+    assert cause.left_arcsec.shape == (0, 3)
+    # the second is as near to half of the five as the third, and 1800 s of 15.041 arcsec from the last
+    assert cause.finding.size.endswith("while the ground turned by 7.52 deg")
+    assert cause.finding.is_gross
 
 
 def test_an_error_of_a_fifth_of_a_degree_is_not_gross():
@@ -237,3 +241,87 @@ def test_an_angle_that_is_off_is_told_as_a_station_file_takes_it(name, turned_de
 )  # fmt: skip
 def test_each_turn_of_a_set_up_is_a_gross_finding(true, true_site):
     assert found(MUNICH, MOUNT, true_site=true_site, true_mount=replace(MOUNT, **true)).is_gross
+
+
+# Limits
+
+
+@pytest.mark.parametrize(("altitude_deg", "equals"), [(89.99, ["azimuth off by 90 deg"]), (89.9, [])])
+def test_a_mistake_that_leaves_more_by_an_arcminute_is_no_equal(altitude_deg, equals):
+    """Near the zenith azimuth is as good as roll: a quarter turn of it leaves 1.4 times the distance."""
+    stated = replace(MOUNT, altitude_deg=altitude_deg)
+    finding = found(MUNICH, stated, true_mount=replace(stated, roll_deg=115.0))
+    assert finding.cause == ("azimuth off by 90 deg" if equals else "roll off by 90 deg")
+    assert [one.split(" (")[0] for one in finding.equals] == ["roll off by 90 deg"] * bool(equals)
+
+
+@pytest.mark.parametrize(
+    ("true_azimuth_deg", "words"),
+    [
+        # Stated is 0.5, westwards it is 359.5: of 0.8 deg 0.2 would be left, of 0.9 0.1
+        (359.7, "its azimuth is off by -0.800 deg: the stars fit mount.azimuth_deg: 359.700"),
+        (359.6, "the stars fit mount.azimuth_deg: 359.5; that explains 0.90 deg, all but 360 arcsec"),
+    ],
+)
+def test_a_mistake_must_leave_less_than_a_fifth_of_the_error(true_azimuth_deg, words):
+    stated = replace(MOUNT, azimuth_deg=0.5)
+    finding = found(MUNICH, stated, true_mount=replace(MOUNT, azimuth_deg=true_azimuth_deg))
+    assert finding.size == words
+
+
+def tilted(off_deg, *frames):
+    """Five answers of a mount that is turned by 20 deg, some of them turned about the boresight."""
+    raw = attitudes(MUNICH, replace(MOUNT, azimuth_deg=150.0), frames=5)
+    rotations = raw.icrs_to_sensor.copy()
+    for frame in frames:
+        rotations[frame] = Rotation.from_rotvec([0.0, 0.0, off_deg], degrees=True).as_matrix() @ rotations[frame]
+    return gross_cause(replace(raw, icrs_to_sensor=rotations), MUNICH, MOUNT, TABLE)
+
+
+def test_what_a_turn_leaves_are_the_errors_of_all_frames_about_their_mean():
+    """360 arcsec of one of five are 288 and four times -72."""
+    left = tilted(0.1, 3).left_arcsec
+    assert left[:, 2] == pytest.approx([-72.0, -72.0, -72.0, 288.0, -72.0], abs=1.0)
+    assert left[:, :2] == pytest.approx(0.0, abs=1.0)
+
+
+def test_what_a_mistake_leaves_are_the_errors_of_all_frames_under_it():
+    raw = attitudes(MUNICH, replace(MOUNT, roll_deg=115.0), frames=5)
+    rotations = raw.icrs_to_sensor.copy()
+    rotations[1] = Rotation.from_rotvec([0.0, 0.0, 0.1], degrees=True).as_matrix() @ rotations[1]
+    cause = gross_cause(replace(raw, icrs_to_sensor=rotations), MUNICH, MOUNT, TABLE)
+    assert cause.finding.cause == "roll off by 90 deg"
+    assert cause.left_arcsec[:, 2] == pytest.approx([0.0, 360.0, 0.0, 0.0, 0.0], abs=1.0)
+
+
+@pytest.mark.parametrize(("off_deg", "count"), [(0.19, 5), (0.21, 4), (-0.19, 5), (-0.21, 4)])
+def test_a_frame_that_is_off_by_a_fifth_of_a_degree_from_the_others_does_not_count(off_deg, count):
+    assert len(tilted(off_deg, 3).left_arcsec) == count
+
+
+def test_three_of_five_frames_must_hold_still():
+    assert len(tilted(30.0, 1, 2).left_arcsec) == 3
+    raw = attitudes(MUNICH, replace(MOUNT, azimuth_deg=150.0), frames=5)
+    rotations = raw.icrs_to_sensor.copy()
+    for frame, off_deg in ((0, 30.0), (2, -50.0), (4, 90.0)):
+        rotations[frame] = Rotation.from_rotvec([0.0, 0.0, off_deg], degrees=True).as_matrix() @ rotations[frame]
+    assert gross_cause(replace(raw, icrs_to_sensor=rotations), MUNICH, MOUNT, TABLE) is None
+
+
+@pytest.mark.parametrize(("share", "is_driven"), [(0.19, True), (0.21, False)])
+def test_a_mount_follows_the_sky_where_the_sensor_sees_it_turn_by_less_than_a_fifth_of_the_ground(share, is_driven):
+    """Of five answers half lie 600 s from the middle one, the last 1800 s; the mount goes with the sky otherwise."""
+    fixed = 3 * share / (1 + 3 * share)
+    still, places = attitudes(MUNICH, MOUNT).icrs_to_sensor[0], np.array([-3, -1, 0, 1, 3])
+    turns_deg = np.outer(-fixed * 600 * 15.041067 / 3600 * places, [0.0, 0.0, 1.0])
+    rotations = still @ Rotation.from_rotvec(turns_deg, degrees=True).as_matrix()
+    cause = gross_cause(RawAttitudes(START_NS + (places + 3) * 600 * NS_PER_S, rotations, FIELD), MUNICH, MOUNT, TABLE)
+    assert (cause is not None and cause.finding.cause == "mount follows the sky") is is_driven
+
+
+def test_what_is_left_with_another_clock_is_the_turn_of_the_sky():
+    """10 s are 150.4 arcsec about the pole."""
+    raw = attitudes(MUNICH, MOUNT, 10.0, frames=3)
+    assert left_with(raw, MUNICH, MOUNT, TABLE, 10.0) == pytest.approx(np.zeros((3, 3)), abs=0.5)
+    off = np.linalg.norm(left_with(raw, MUNICH, MOUNT, TABLE, 0.0), axis=1)
+    assert off == pytest.approx([150.41] * 3, abs=0.5)

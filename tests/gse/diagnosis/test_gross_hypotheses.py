@@ -105,6 +105,8 @@ def test_a_hypothesis_of_the_mount_says_what_to_write():
         ({"azimuth_deg": 90.0}, {"azimuth and altitude exchanged", "zenith distance for altitude"}),
         ({"azimuth_deg": 90.1}, {"zenith distance for altitude"}),
         ({"azimuth_deg": -300.0}, {"azimuth and altitude exchanged", "zenith distance for altitude"}),
+        ({"azimuth_deg": -270.0}, {"azimuth and altitude exchanged", "zenith distance for altitude"}),
+        ({"azimuth_deg": -269.5}, {"zenith distance for altitude"}),
         ({"altitude_deg": 0.0}, {"azimuth and altitude exchanged", "zenith distance for altitude"}),
         ({"altitude_deg": -1.0}, set()),  # nor is a zenith distance above 90 deg an altitude
     ],

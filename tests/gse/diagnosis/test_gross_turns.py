@@ -141,6 +141,9 @@ def test_a_clock_is_refined_to_a_tenth_of_a_second_from_half_a_minute_off(clock_
     ("fast_s", "size", "fits_deg"),
     [
         (59.994, "the host's clock is 59.99 s fast", 11.3493),
+        (0.5, "the host's clock is 0.50 s fast", 11.5979),
+        (-0.5, "the host's clock is 0.50 s slow", 11.6021),
+        (0.0, "the host's clock is 0.00 s slow", 11.6),
         (-60.0, "the host's clock is 0 h 1 min 0 s slow", 11.8507),
         (-3661.4, "the host's clock is 1 h 1 min 1 s slow", 26.8976),
         (43200.0, "the host's clock is 12 h 0 min 0 s fast", -168.8928),
@@ -195,7 +198,8 @@ def test_a_latitude_grows_with_the_turn_about_east():
 
 
 @pytest.mark.parametrize(
-    ("angle_deg", "text"), [(12.345, "12.35 deg"), (0.1, "0.10 deg"), (0.0999, "360 arcsec"), (0.05, "180 arcsec")]
+    ("angle_deg", "text"),
+    [(12.345, "12.35 deg"), (0.1, "0.10 deg"), (0.09985, "359 arcsec"), (0.09988, "360 arcsec"), (0.05, "180 arcsec")],
 )
 def test_an_angle_below_a_tenth_of_a_degree_is_told_in_arcseconds(angle_deg, text):
     assert angle_text(angle_deg) == text

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from skies.star_errors import SETTINGS, START_NS, Truth, made
 
-from gse.diagnosis.error_series import error_series
+from gse.diagnosis.error_series import ErrorSeries, error_series
 from gse.diagnosis.known_clock_steps import without_steps
 from gse.instant import NS_PER_S
+from gse.mount import Mount
+from gse.site import Site
 from gse.station.event_kinds import ClockStep, StationKind
+from gse.truth import horizon_to_sensor
 
 SITE, MOUNT = SETTINGS[0]
 
@@ -30,3 +33,27 @@ def test_a_known_step_leaves_the_errors_of_the_right_clock(step_s, wrong_before)
 def _jump(series, at_s):
     late = series.time_s > at_s
     return series.errors_arcsec[late].mean(axis=0) - series.errors_arcsec[~late].mean(axis=0)
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 45.0, 90.0, 135.0])
+@pytest.mark.parametrize("wrong_first", [True, False])
+def test_the_right_clock_is_the_one_under_which_the_boresight_errs_least_on_average(roll_deg, wrong_first):
+    """Off by two seconds in half of the frames; all have an error of the roll that speaks for the wrong clock."""
+    mount = Mount(azimuth_deg=180.0, altitude_deg=40.0, roll_deg=roll_deg)
+    site = Site(latitude_deg=48.0, longitude_deg=11.0)
+    axis = horizon_to_sensor(mount) @ np.array([0.0, np.cos(np.radians(48.0)), np.sin(np.radians(48.0))])
+    by_second = 15.041067 * np.array([-axis[1], axis[0], axis[2]])
+    across, about = np.hypot(*by_second[:2]), by_second[2]
+    late = np.arange(40) >= 20
+    wrong = ~late if wrong_first else late
+    off_s = -2.0 if wrong_first else 2.0
+    errors = np.outer(off_s * wrong, by_second) + np.array([0.0, 0.0, -off_s * 1.5 * (across**2 + about**2) / about])
+    errors[:, :2] += 30.0 * ((-1.0) ** np.arange(40))[:, None]
+    stamps_ns = START_NS + np.round((np.arange(40) + 2.0 * late) * NS_PER_S).astype(np.int64)
+    step = ClockStep(int(stamps_ns[20]), 0, StationKind.CLOCK_STEP, "stepped", 2 * NS_PER_S)
+    rows = np.arange(0, 40, 3)
+    series = ErrorSeries(rows, rows.astype(float), errors[rows])
+    left = without_steps(series, stamps_ns, [step], site, mount)
+    right = errors - np.outer(off_s * wrong, by_second)
+    assert left.errors_arcsec == pytest.approx(right[rows], abs=1e-3)
+    assert left.rows is rows

@@ -95,6 +95,13 @@ def test_steps_to_and_fro_or_of_the_monotonic_clock_do_not_run_away():
     assert ran_away_s(made) == 0.0
 
 
+@pytest.mark.parametrize(("last_ns", "total_s"), [(1, 0.1), (-1, 0.0), (0, 0.0)])
+def test_each_step_goes_the_same_way_however_small(last_ns, total_s):
+    made = session(0)
+    made.events.extend([*[step()] * 20, step(last_ns)])
+    assert ran_away_s(made) == pytest.approx(total_s, abs=1e-6)
+
+
 # Nothing identified
 
 

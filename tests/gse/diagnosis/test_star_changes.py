@@ -5,7 +5,7 @@ import pytest
 
 from gse.camera import Camera
 from gse.diagnosis.error_series import ErrorSeries
-from gse.diagnosis.star_changes import sampled_matches, without_star_changes
+from gse.diagnosis.star_changes import _Cells, sampled_matches, without_star_changes
 from gse.star_influence import attitude_operators, boresight_shifts
 from gse.station.frame_table import MATCH
 
@@ -91,3 +91,52 @@ def test_a_star_of_great_lasting_error_is_told_among_noise():
     stepped, rest = series.errors_arcsec - plain.errors_arcsec, left - plain.errors_arcsec
     assert stepped[:, 0].std() > 0.4
     assert rest[:, 0].std() < 0.5 * stepped[:, 0].std()
+
+
+# By hand
+
+
+def test_a_lasting_error_is_the_mean_of_a_star_as_far_as_it_is_more_than_chance():
+    """Two stars in two stretches of time, of 5 and 7 arcsec to either side: means of 6.
+
+    Two of four stretches are free, each with two axes: they scatter by 1 arcsec, and means of two by half of that
+    square. The square of 6 on one of two axes is 18 on each, of which a half is chance: 17.5 of 18 are lasting.
+    """
+    cells = _Cells.of(np.array([3, 3, 9, 9]), np.array([0, 4, 0, 4]))
+    errors = np.array([[5.0, 0.0], [7.0, 0.0], [-5.0, 0.0], [-7.0, 0.0]])
+    kept = np.array([6.0, 6.0, -6.0, -6.0]) * 17.5 / 18
+    assert cells.lasting(errors) == pytest.approx(np.column_stack([kept, np.zeros(4)]))
+
+
+def test_a_star_of_more_stretches_is_known_better():
+    """Means of 6 and of 8: 3 x 36 and 1 x 64 are 86 on each axis of four stretches, the chance of two stars is 2.
+
+    The three differ by -1, 0 and 1 on both axes: four over two times two is 1. 84 / 4 is lasting, of three stretches
+    with a third of chance, of one with the whole.
+    """
+    cells = _Cells.of(np.array([3, 3, 3, 3, 9]), np.array([0, 1, 2, 2, 0]))
+    x = np.array([5.0, 6.0, 6.5, 7.5, 8.0])
+    found = cells.lasting(np.column_stack([x, x - [6.0, 6.0, 6.0, 6.0, 8.0]]))
+    assert found[:, 0] == pytest.approx([6 * 21 / (21 + 1 / 3)] * 4 + [8 * 21 / 22])
+    assert found[:, 1] == pytest.approx(np.zeros(5))
+
+
+@pytest.mark.parametrize("blocks", [[0, 0, 0, 0], [0, 1, 0, 1]])
+def test_what_is_chance_or_was_seen_in_one_stretch_alone_is_kept_of_no_star(blocks):
+    """Means of a half, which chance makes as well."""
+    cells = _Cells.of(np.array([3, 3, 9, 9]), np.array(blocks))
+    errors = np.array([[1.5, 0.0], [-0.5, 0.0], [-1.5, 0.0], [0.5, 0.0]])
+    assert cells.lasting(errors).tolist() == np.zeros((4, 2)).tolist()
+
+
+@pytest.mark.parametrize(("count", "every"), [(0, 1), (20, 1), (40_000, 1), (40_001, 2), (80_000, 2), (80_001, 3)])
+def test_of_more_than_forty_thousand_matches_those_of_every_second_or_third_frame_are_taken(count, every):
+    """Twenty of each frame; others that no answer names, or of frames without an error, do not count."""
+    series = ErrorSeries(np.arange(0, 8100, 2), np.arange(4050.0), np.zeros((4050, 3)))
+    matches = np.zeros(count + 200, dtype=MATCH)
+    matches["frame"], matches["named"] = np.arange(count + 200) // 20 * 2, True
+    matches["frame"][count:] = 8001
+    matches["frame"][count + 100 :] = 8000
+    matches["named"][count + 100 :] = False
+    frames = np.arange(count) // 20
+    assert sampled_matches(matches, series)["frame"].tolist() == (2 * frames[frames % every == 0]).tolist()
