@@ -115,3 +115,33 @@ def test_the_finding_names_both_quarters():
         "as bright as before; this session cannot tell it apart from: seeing that grows, a vibration that smears "
         "single stars; next: look at focus and temperature of the lens, and repeat the session"
     )
+
+
+def with_sizes(size_px, stars):
+    """Residuals of each frame (rows) and star in px, on both axes together."""
+    places = [(60.0 + 50 * k, 900.0 - 45 * k, 0.0, 0.0) for k in range(stars)]
+    made = session(len(size_px), step_s=1.0, matches=places)
+    frames, matches = made.frames.columns, made.frames.matches
+    size = PIXEL_ARCSEC * size_px[matches["frame"], matches["star"]]
+    matches["residual_x_arcsec"], matches["residual_y_arcsec"] = 1.4 * size, 0.2 * size
+    frames["transparency"] = 1.0
+    return focus_loss(made, counted_frames(made))
+
+
+def test_the_first_quarter_ends_before_a_quarter_and_the_last_begins_at_three_of_the_time():
+    """Of 21 frames the first five and the last six; a frame scatters by a tenth of a pixel more than the one before."""
+    size_px = 0.1 * np.arange(1.0, 22.0)
+    found = with_sizes(np.tile(size_px[:, None], 10), 10)
+    assert found.first_px == pytest.approx(np.sqrt(np.mean(size_px[:5] ** 2)), rel=1e-3)
+    assert found.last_px == pytest.approx(np.sqrt(np.mean(size_px[15:] ** 2)), rel=1e-3)
+
+
+@pytest.mark.parametrize(("stars", "is_told"), [(12, False), (18, True)])
+def test_residuals_below_a_tenth_of_a_pixel_are_as_good_as_none(stars, is_told):
+    """Half of the stars grow from nothing to a tenth of a pixel, half to one: by the logarithms of 2 and of 101.
+
+    Of 12 stars the mean of these is 4.7 standard errors, of 18 it is 5.7; as few add a tenth to them.
+    """
+    size_px = np.zeros((24, stars))
+    size_px[12:] = np.where(np.arange(stars) % 2, 0.1, 1.0)
+    assert (with_sizes(size_px, stars) is not None) is is_told

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, session, unanswered
 from skies.one_by_one import add_frame
@@ -9,10 +10,11 @@ from skies.one_by_one import add_frame
 from drivers.chunk import LinkEvent
 from gse.config.station import BUILT_IN_TEXT
 from gse.diagnosis.session_gross_cause import gross_finding
-from gse.diagnosis.set_up_mistake import excused, set_up_mistake
+from gse.diagnosis.set_up_mistake import _keeps, excused, lost_station, set_up_mistake
 from gse.finding import Finding
 from gse.instant import NS_PER_S
-from gse.station.results import Subject
+from gse.station.frame_table import STATUSES
+from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import counted_frames
 from gse.statistics.decision import Outcome, Row
@@ -116,3 +118,85 @@ def test_a_row_is_excused_where_the_mistake_made_it_fail(cause, judged, is_excus
     found = excused(judged, Finding(cause, ""))
     assert found.outcome is (Outcome.INCONCLUSIVE if is_excused else judged.outcome)
     assert found.reason == (f"it is too much: by the set-up ({cause})" if is_excused else "it is too much")
+
+
+# Limits
+
+
+@pytest.mark.parametrize(
+    ("left_arcsec", "is_kept"),
+    [
+        # Of 30 and 40 arcsec 50 are left to the boresight, wherever it lies
+        ((50.0, 0.0, 0.0), True),
+        ((0.0, -50.0, 0.0), True),
+        ((30.0, 40.0, 100.0), True),
+        ((30.1, 40.0, 0.0), False),
+        ((-30.0, 40.1, 0.0), False),
+        ((0.0, 0.0, 100.0), True),
+        ((0.0, 0.0, -100.0), True),
+        ((0.0, 0.0, 100.1), False),
+        ((0.0, 0.0, -100.1), False),
+    ],
+)
+def test_what_is_left_keeps_the_limits_up_to_them(left_arcsec, is_kept):
+    limits = replace(STATION.limits, d_ra_cosde_arcsec=30.0, d_de_arcsec=40.0, d_roll_arcsec=100.0)
+    assert _keeps(np.array([left_arcsec]), limits) is is_kept
+
+
+@pytest.mark.parametrize(("inside", "outside", "is_kept"), [(9, 1, True), (8, 1, False), (18, 2, True), (0, 0, False)])
+def test_one_frame_in_ten_may_lie_outside_and_no_frames_keep_nothing(inside, outside, is_kept):
+    left_arcsec = np.zeros((inside + outside, 3))
+    left_arcsec[inside:, 0] = 1e6
+    assert _keeps(left_arcsec, STATION.limits) is is_kept
+
+
+def partly_seen(identified, *, unmatched=13):
+    """Of twenty frames so many are identified, each with twelve stars and objects that are none."""
+    made = session(20)
+    frames = made.frames.columns
+    frames["status"][identified:] = STATUSES.index(Status.NO_MATCH)
+    frames["matched"], frames["false_objects"] = 12, unmatched
+    return made
+
+
+@pytest.mark.parametrize("identified", [1, 20])
+@pytest.mark.parametrize(
+    ("causes", "unmatched", "mistake"),
+    [
+        (["distortion"], 13, "distortion"),
+        (["mount", "principal point", "focal length"], 13, "principal point"),
+        (["focal length"], 3, None),
+        (["mount"], 13, None),
+        ([], 13, None),
+    ],
+)
+def test_a_camera_of_which_stars_fall_out_is_the_mistake_and_the_first_of_them(identified, causes, unmatched, mistake):
+    made = partly_seen(identified, unmatched=unmatched)
+    found = set_up_mistake(made, counted_frames(made), tuple(Finding(cause, "") for cause in causes))
+    assert (found.cause if found else None) == mistake
+
+
+def test_a_session_that_lost_its_station_file_says_so():
+    made = session(1)
+    made.events = [LinkEvent(START_NS, 0, "NOTE", "a note"), LinkEvent(START_NS, 0, "NO_STATION", "it is gone")]
+    found = lost_station(made)
+    assert (found.cause, found.size, found.equals) == ("station file", "it is gone", ())
+    assert found.next_step == "give the right one: gse report SESSION --station FILE"
+    assert lost_station(session(1)) is None
+
+
+@pytest.mark.parametrize(
+    ("cause", "judged", "is_excused"),
+    [
+        ("station file", row("identification time on this host, 99 %", "ms"), True),
+        ("station file", row("availability", "", subject=Subject.SENSOR), True),
+        ("station file", row("availability", "", Outcome.PASS), False),
+        ("distortion", row("availability", ""), True),
+        ("distortion", row("mean |dDE|", "arcsec", subject=Subject.SENSOR), False),
+        ("principal point", row("false answers", ""), True),
+        ("refraction", row("mean |dDE|", "arcsec", subject=Subject.SENSOR), True),
+        ("clock set to TAI", row("false answers", ""), False),
+    ],
+)
+def test_a_lost_station_file_excuses_every_row_and_a_camera_those_of_the_identifier(cause, judged, is_excused):
+    assert (excused(judged, Finding(cause, "")).outcome is Outcome.INCONCLUSIVE) is is_excused

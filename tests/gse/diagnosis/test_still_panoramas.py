@@ -47,3 +47,27 @@ def test_of_the_longest_run_of_one_picture_the_first_and_the_last_are_told():
     assert _longest_run(rows, pictures) == (5, 14)
     assert _longest_run(np.where(rows < 8, rows, rows + 1), pictures) == (8, 14)
     assert _longest_run(rows, np.zeros((20, 1))) == (0, 19)
+
+
+def test_at_the_pole_the_field_turns_about_its_middle():
+    """Half of the diagonal of 1024 pixels at 4170 of focal length is 9.85 deg, as far as stars turn about it."""
+    half_rad = math.atan(math.hypot(512, 512) / STATION.sensor.camera().focal_length_px)
+    assert math.degrees(half_rad) == pytest.approx(9.85, abs=0.01)
+    moved_px = 15.04107 * 6000 * half_rad / PIXEL_ARCSEC
+    assert f"for 6000 s in which the sky moves by {moved_px:.0f} px" in frozen(6000.0, de_deg=90.0).size
+
+
+@pytest.mark.parametrize("column", range(3))
+def test_another_number_of_stars_or_other_sums_of_their_places_are_another_picture(column):
+    pictures = np.ones((20, 3))
+    pictures[13:, column] = 2.0
+    assert _longest_run(np.arange(20), pictures) == (0, 12)
+
+
+def test_the_same_stars_at_other_places_of_the_same_sum_along_columns_are_another_picture():
+    """The picture is their number and the sums of both places."""
+    made = session(21, step_s=60.0, matches=SAME_STARS)
+    assert still_panoramas(made) is not None
+    matches = made.frames.matches
+    matches["y_px"] += matches["frame"]
+    assert still_panoramas(made) is None

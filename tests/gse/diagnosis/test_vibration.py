@@ -232,6 +232,7 @@ def test_what_stars_explain_is_the_scatter_of_each_about_its_mean_as_the_fit_tak
     assert _predicted(field, rows, np.array([3, 3])) == pytest.approx([5 * 2 / 4, 5 * 2.0])
     assert _predicted(field, rows, np.array([0, 1])) == pytest.approx([0.0, 0.0])
     assert _predicted(field, rows[:1], np.array([0])) == pytest.approx([0.0, 0.0])
+    assert _predicted(field, rows[1:], np.array([1])) == pytest.approx([0.0, 0.0])  # the first frame is of no block
 
 
 def sine(amplitude, cycles, count=200):
@@ -258,6 +259,14 @@ def test_a_line_between_two_ordinates_counts_with_both():
     """0.405 of its power is in either, 0.045 in the next ones."""
     found = _line_hz(0.1 * np.arange(200), sine(1.0, 10.5), 0.1, 0.8 / 0.3)
     assert found in (pytest.approx(0.5), pytest.approx(0.55))
+
+
+@pytest.mark.parametrize("other", [8, 12])
+def test_a_line_two_ordinates_away_does_not_count(other):
+    """Of both together three tenths of the excess are exceeded, of the greater one alone they are not."""
+    values = sine(1.0, 10) + sine(0.9, other)
+    assert math.isnan(_line_hz(0.1 * np.arange(200), values, 0.1, 4.0))
+    assert _line_hz(0.1 * np.arange(200), values, 0.1, 3.0) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(("late", "by", "is_named"), [(2, 1.25, True), (3, 1.25, False), (50, 1.19, True)])
@@ -300,3 +309,17 @@ def test_few_frames_must_scatter_by_five_standard_errors(sky, ratio, is_told):
     explained = _predicted(field, np.arange(48), blocks)[0]
     size = math.sqrt(ratio * explained / of_one) / one
     assert (shaken(sky, size * sign[:, None] * [1, 0, 0]) is not None) is is_told
+
+
+def test_the_frequency_is_that_of_the_axis_with_most_beyond_what_its_stars_explain(sky):
+    """Stars explain ten times as much along rows: a fifth more there is less than six times what they do along columns.
+
+    Only along columns the mount swings.
+    """
+    series, field, one = sky
+    operators = field.stars.operators.copy()
+    operators[:, 0] *= math.sqrt(10)
+    uneven = replace(field, stars=replace(field.stars, operators=operators))
+    errors = one * with_line(math.sqrt(2 * 6), 1.0) * [1.0, math.sqrt(12), 1.0]
+    found = vibration(replace(series, errors_arcsec=errors), uneven)
+    assert found.frequency_hz == pytest.approx(2.0, abs=0.02)
