@@ -68,6 +68,18 @@ def search_many(
 
 
 @compiled
+def best_evidence(
+    sky: tuple[Any, ...],
+    directions: NDArray[np.float64],
+    brightness: NDArray[np.float64],
+    plan: NDArray[np.float64],
+    known: NDArray[np.float64],
+) -> float:
+    """The logarithm of the evidence that ``search`` finds."""
+    return search(sky, directions, brightness, plan, known)[0]
+
+
+@compiled_part
 def search(
     sky: tuple[Any, ...],
     directions: NDArray[np.float64],

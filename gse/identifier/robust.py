@@ -58,7 +58,7 @@ from gse.camera import Camera
 from gse.catalog import StarCatalog, merge_doubles
 from gse.catalog.mission import MERGED_WITHIN_PX
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_UNAMBIGUOUS, TRUSTED_SCALE_SIGMA
-from gse.identifier.hypotheses import search, search_many
+from gse.identifier.hypotheses import best_evidence, search_many
 from gse.identifier.input_checks import refusal, refusals
 from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified, answered
 from gse.identifier.robust_tables import sky_tables
@@ -172,7 +172,7 @@ class RobustIdentifier:
     ) -> float:
         """False match probability of the best attitude found, even one that is not good enough for an answer."""
         directions, brightness = _contiguous(directions_sensor, brightness)
-        return _false_match_probability(search(self._sky, directions, brightness, self._plan, self._noise)[0])
+        return _false_match_probability(best_evidence(self._sky, directions, brightness, self._plan, self._noise))
 
     def identify_many(self, objects: ObjectColumns) -> Answers:
         """The answers to many panoramas, each as for ``identify``, by one search that lets other threads run."""
