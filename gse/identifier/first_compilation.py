@@ -1,10 +1,11 @@
 """Compilation of the robust identifier by a process of its own, for the first run on a computer.
 
-Its code takes as long to compile as all other code of a session, so two processes halve the wait. The other process
-leaves code in numba's cache on disk, where this one finds it. If it comes to nothing, this process compiles at the
-first call, as always.
+With that of the attitudes, its code takes as long to compile as all other code of a session: two processes halve the
+wait. The other process leaves code in numba's cache on disk, where this one finds it. If it comes to nothing, this
+process compiles at the first call, as always.
 """
 
+import gc
 import subprocess
 import sys
 import tempfile
@@ -13,7 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gse.attitude import solve_attitude, solve_attitudes
 from gse.end_with_parent import end_with_parent
+from gse.identifier.acceptance import wahba_residual_rad
 from gse.identifier.hypotheses import search_many
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
@@ -60,6 +63,14 @@ def _started() -> "subprocess.Popen[bytes] | None":
         return None
 
 
+def compile_attitudes() -> None:
+    """Compile what follows each identification: the session's own process comes to it last, and finds it on disk."""
+    stars = np.eye(3)
+    solve_attitude(stars, stars, 1e-4)
+    solve_attitudes(stars, stars, np.array([len(stars)]), 1e-4)
+    wahba_residual_rad(stars, stars)
+
+
 def compile_robust() -> None:
     """Compile the search by calling it with few stars, for the types are those of all."""
     rng = np.random.default_rng(0)
@@ -74,5 +85,7 @@ def compile_robust() -> None:
 
 
 if __name__ == "__main__":
+    gc.disable()  # a twentieth of the time; the process ends before its garbage matters
     end_with_parent()
+    compile_attitudes()
     compile_robust()

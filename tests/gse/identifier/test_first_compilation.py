@@ -10,11 +10,17 @@ from pathlib import Path
 import numpy as np
 from devices.patience import PATIENCE_S
 
+from gse.attitude import _solve, _solve_each
 from gse.camera import Camera
 from gse.catalog import load_catalog
-from gse.identifier.first_compilation import FirstCompilation, compile_robust, is_compiled
+from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.identifier.acceptance import wahba_residual_rad
+from gse.identifier.first_compilation import FirstCompilation, compile_attitudes, compile_robust, is_compiled
 from gse.identifier.hypotheses import search_many
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
+from gse.panorama import Panorama
+from gse.station.loop import StationLoop
+from gse.station.setup import example_places, set_up
 
 
 def test_the_other_process_compiles_for_the_types_of_a_session() -> None:
@@ -25,6 +31,16 @@ def test_the_other_process_compiles_for_the_types_of_a_session() -> None:
     xy_px = np.random.default_rng(1).uniform(0.0, 700.0, (5, 2))
     identifier.identify(camera.directions(xy_px), np.linspace(400.0, 100.0, 5))
     assert set(search_many.signatures) == compiled
+
+
+def test_the_other_process_compiles_the_attitudes_for_the_types_of_a_session() -> None:
+    compile_attitudes()
+    functions = _solve, _solve_each, wahba_residual_rad
+    compiled = [set(function.signatures) for function in functions]
+    setup = set_up(parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT)
+    xy_px, brightness = example_places(setup.identifier.catalog, setup.camera)
+    assert StationLoop(setup).observe(Panorama(0, xy_px, brightness)).attitude
+    assert [set(function.signatures) for function in functions] == compiled
 
 
 def test_no_process_is_started_once_the_code_is_on_disk() -> None:
