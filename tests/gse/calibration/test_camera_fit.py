@@ -454,6 +454,21 @@ def test_a_step_is_that_of_all_equations_at_once(count):
     assert step_px == pytest.approx(at_edge.max(), rel=1e-8)
 
 
+@pytest.mark.parametrize(
+    ("place", "edge_px"), [(0, 600 / 4000), (1, 1.0), (2, 1.0), (3, 600.0), (4, 600.0), (5, 1800.0), (6, 1800.0)]
+)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_step_is_measured_by_how_far_it_moves_the_edge_of_the_detector(place, edge_px, sign):
+    """600 px from the middle, where k moves a star by as much times k, and p1 or p2 by three times that."""
+    fields = random_fields(WIDE, np.random.default_rng(4), panoramas=3, stars=8)
+    rotations = [Rotation.align_vectors(WIDE.directions(f.xy_px), f.stars)[0].as_matrix() for f in fields]
+    by = sign * 1e-3 * np.eye(7)[place]
+    anchor = _with(WIDE, _parameters(WIDE) + by)
+    fit, step_px = _improve(_Fit(WIDE, rotations, np.eye(7)), anchor, fields, np.full(7, 1e18))
+    assert _parameters(fit.camera) == pytest.approx(_parameters(anchor), rel=1e-9, abs=1e-9)
+    assert step_px == pytest.approx(1e-3 * edge_px, rel=1e-6)
+
+
 @pytest.mark.parametrize("count", [5, 7])
 def test_the_covariance_is_that_of_all_equations_at_once(count):
     """Stars that differ have one variance along each axis; the fit took K parameters and three of each panorama."""
