@@ -83,6 +83,12 @@ def test_three_restarts_are_too_many(restarts, missing):
     assert missing_by_time(frames(seconds, tags_s=tags_s)) == missing
 
 
+def test_a_frame_that_comes_early_makes_up_for_none_that_is_missing():
+    seconds = spaced(2.0)
+    seconds[15:] -= 0.6  # two fifths of a second after the frame before it
+    assert missing_by_time(frames(seconds)) == 1
+
+
 def test_tags_that_stand_still_tell_no_rate_and_so_no_missing_frame():
     made = frames(spaced(5.0), tags_s=np.zeros(20))
     made["host_utc_ns"] = 0

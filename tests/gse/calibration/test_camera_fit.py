@@ -461,7 +461,7 @@ def test_a_step_is_that_of_all_equations_at_once(count):
 def test_a_step_is_measured_by_how_far_it_moves_the_edge_of_the_detector(place, edge_px, sign):
     """600 px from the middle, where k moves a star by as much times k, and p1 or p2 by three times that."""
     fields = random_fields(WIDE, np.random.default_rng(4), panoramas=3, stars=8)
-    rotations = [Rotation.align_vectors(WIDE.directions(f.xy_px), f.stars)[0].as_matrix() for f in fields]
+    rotations = np.array([Rotation.align_vectors(WIDE.directions(f.xy_px), f.stars)[0].as_matrix() for f in fields])
     by = sign * 1e-3 * np.eye(7)[place]
     anchor = _with(WIDE, _parameters(WIDE) + by)
     fit, step_px = _improve(_Fit(WIDE, rotations, np.eye(7)), anchor, fields, np.full(7, 1e18))

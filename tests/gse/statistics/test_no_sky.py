@@ -195,10 +195,19 @@ def test_ten_seconds_to_the_end_of_the_last_exposure_are_a_stretch(last_s, expos
     assert stretches_s(made) == [(30.0, pytest.approx(last_s))] * is_long
 
 
+@pytest.mark.parametrize(("row", "is_long"), [(36, True), (30, False), (35, False)])
+def test_the_exposure_that_counts_is_that_of_the_last_frame(row, is_long):
+    """Six seconds from the first to the last, and an exposure of four."""
+    made = few([*range(30), *np.linspace(30.0, 36.0, 7), 50.0, 51.0], range(30, 37), objects=0, exposure_s=0.1)
+    made["exposure_s"][row] = 4.0
+    assert bool(stretches_s(made)) is is_long
+
+
 def test_a_whole_session_that_is_short_counts_and_one_frame_is_a_session():
     assert stretches_s(few([5.0], [0], objects=0)) == [(5.0, 5.0)]
     assert stretches_s(few([0.0, 1.0], [0, 1], objects=0)) == [(0.0, 1.0)]
     assert stretches_s(few([0.0, 1.0, 2.0], [0, 1], objects=0)) == []
+    assert stretches_s(few([0.0, 10.0], [0, 1], objects=0)) == [(0.0, 10.0)]  # the time between both is theirs
     assert no_sky(few([]), STATION.site) == ()
 
 

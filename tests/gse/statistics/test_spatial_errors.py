@@ -10,7 +10,7 @@ from skies.known_nights import STATION
 from gse.constants import ARCSEC_PER_RAD
 from gse.station.frame_table import MATCH
 from gse.statistics.first_fix import first_fixes_s
-from gse.statistics.spatial_errors import _noise, _part, spatial_errors
+from gse.statistics.spatial_errors import _field_basis, _noise, _part, _pixel_basis, spatial_errors
 from gse.statistics.thermal import thermal_error
 
 CAMERA = STATION.sensor.camera()
@@ -242,3 +242,52 @@ def test_two_harmonics_of_the_place_on_a_pixel_are_of_the_pixel(cycles, is_pixel
     assert (x.pixel.rms_arcsec > 3.3) is is_pixel
     assert (x.temporal.rms_arcsec > 3.3) is not is_pixel
     assert (x.stars, x.n) == (60, 9000)
+
+
+def at_places(places):
+    """One star in one frame at each place."""
+    rows = np.zeros(len(places), dtype=MATCH)
+    rows["star"] = np.arange(len(places))
+    rows["x_px"], rows["y_px"] = np.array(places, dtype=float).T
+    return rows
+
+
+def test_powers_of_the_place_reach_from_minus_one_to_one_over_the_detector_and_are_about_their_means():
+    """On 800 columns and 1200 rows: two corners, the middle, the middle of a side, a place between."""
+    basis = _field_basis(at_places([(0, 0), (800, 1200), (400, 600), (800, 600), (600, 300)]), (800, 1200))
+    x, y = [-1.0, 1.0, 0.0, 1.0, 0.5], [-1.0, 1.0, 0.0, 0.0, -0.5]
+    powers = [(0, 1), (0, 2), (0, 3), (1, 0), (1, 1), (1, 2), (2, 0), (2, 1), (3, 0)]
+    expected = np.array([[a**i * b**j for i, j in powers] for a, b in zip(x, y, strict=True)])
+    assert basis == pytest.approx(expected - expected.mean(axis=0), abs=1e-12)
+
+
+def test_harmonics_of_the_place_on_a_pixel_are_two_waves_of_each_axis():
+    """At an eighth and a quarter of a pixel."""
+    half = math.sqrt(0.5)
+    waves = _pixel_basis(at_places([(5.125, 9.25), (7.0, 2.5)]))
+    assert waves == pytest.approx(
+        np.array([[half, half, 1.0, 0.0, 1.0, 0.0, 0.0, -1.0], [0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 1.0]]), abs=1e-12
+    )
+
+
+def test_noise_along_rows_moves_the_boresight_more_where_all_stars_are_to_one_side_of_it():
+    """Stars on a line of columns beside the boresight: their roll is told along rows alone, from far away.
+
+    The value of a straight line at the boresight has the variance (1 + n m^2 / S) / n, with the mean place m and the
+    sum of squares S about it; along columns no roll counts.
+    """
+    count, frames = 25, 400
+    places = np.linspace(600.0, 1000.0, count)
+    rng = np.random.default_rng(3)
+    rows = np.zeros(count * frames, dtype=MATCH)
+    rows["frame"], rows["star"] = np.repeat(np.arange(frames), count), np.tile(np.arange(count), frames)
+    rows["x_px"], rows["y_px"] = np.tile(places, frames) + 0.37 * rows["frame"] % 1, 511.5
+    rows["residual_x_arcsec"], rows["residual_y_arcsec"] = rng.normal(0, 10.0, (2, len(rows)))
+    x, y = found(rows)
+    mean, squares = (places - 511.5 + 0.5).mean(), ((places - places.mean()) ** 2).sum()
+    left = math.sqrt(1 - 1.5 / count)  # what the fit of a frame took is put back in the noise of a star alone
+    along_x = left / math.sqrt(count)
+    along_y = along_x * math.sqrt(1 + count * mean**2 / squares)
+    assert along_y > 2 * along_x
+    assert x.temporal.boresight_arcsec == pytest.approx(along_x * x.temporal.rms_arcsec, rel=0.02)
+    assert y.temporal.boresight_arcsec == pytest.approx(along_y * y.temporal.rms_arcsec, rel=0.02)

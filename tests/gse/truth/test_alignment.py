@@ -124,6 +124,7 @@ def test_one_frame_is_a_mount_of_unknown_precision():
     fitted = fit_mount(instants(1), turned([[5.0, 0.0, 0.0]]))
     assert np.isnan(fitted.scatter_arcsec).all()
     assert np.isnan(fitted.covariance_arcsec2).all()
+    assert np.shape(fitted.covariance_arcsec2) == (3, 3)
     assert (fitted.n, fitted.rejected) == (1, 0)
 
 
