@@ -111,7 +111,7 @@ def site_terms(site: Site, at: ChangedTruth) -> list[Term]:
     def moved(north: float, east: float) -> Callable[[float], Vector]:
         def change(by_m: float) -> Vector:
             angle_deg = math.degrees(by_m / _EARTH_M)
-            latitude = site.latitude_deg + north * angle_deg * (-1 if site.latitude_deg > 0 else 1)
+            latitude = site.latitude_deg + north * angle_deg
             longitude = site.longitude_deg + east * angle_deg / cos_latitude
             return at.changed(site=replace(site, latitude_deg=latitude, longitude_deg=longitude))
 

@@ -261,8 +261,6 @@ def judge_share(asked: Requirement, share: Share, *, at_least: bool, beside: str
 
 def _share_risk(share: Share, limit: float, at_least: bool) -> float:
     """As _risk for a share, all true shares being as likely beforehand; NaN of nothing."""
-    if share.of == 0:
-        return _NAN
     happened = share.n_eff * share.value
     below = float(betainc(happened + 1, share.n_eff - happened + 1, limit))
     return below if at_least else 1 - below

@@ -73,7 +73,7 @@ def _axis(
     left = values - basis @ fit
     scores = np.stack([np.bincount(star, weights=part * left) for part in basis.T], axis=1)
     stars = len(scores)
-    few = stars / max(stars - basis.shape[1], 1)
+    few = stars / (stars - basis.shape[1])
     covariance = few * inverse @ (scores.T @ scores) @ inverse
     column = 0 if axis == "x" else 1
     shifts = boresight_shifts(operators[:, :, column])[:, column]

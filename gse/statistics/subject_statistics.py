@@ -164,13 +164,7 @@ def _axis(used_ns: NDArray[np.int64], errors_arcsec: NDArray[np.float64]) -> Axi
 def _thermal(
     used_ns: NDArray[np.int64], errors: Callable[[str], NDArray[np.float64]], temperature_c: NDArray[np.float32]
 ) -> dict[str, ThermalError | None]:
-    found: dict[str, ThermalError | None] = {}
-    for axis in _THERMAL_AXES:
-        error_arcsec = errors(axis)
-        known = np.isfinite(error_arcsec)
-        rows = slice(None) if known.all() else known
-        found[axis] = thermal_error(used_ns[rows], error_arcsec[rows], temperature_c[rows])
-    return found
+    return {axis: thermal_error(used_ns, errors(axis), temperature_c) for axis in _THERMAL_AXES}
 
 
 def available_share(good: NDArray[np.bool_], *, missing: int) -> Share:
@@ -211,13 +205,13 @@ def figure_of(axis: AxisStatistics, name: str, duration_s: float) -> Figure:
 def _star_fields(ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64], field_rad: float) -> int:
     """How many fields of stars the boresights were in, one next to the other: cells of half a field's width."""
     cells = np.empty(0, dtype=np.int64)
-    most = math.ceil(1 / field_rad) + 1
+    most = math.ceil(1 / field_rad)
     place = (2 * most + 1) ** np.arange(3)  # one number for a cell: three take ten times as long to sort
     for first in range(0, len(ra_deg), _ROWS_AT_ONCE):
         rows = slice(first, first + _ROWS_AT_ONCE)
         ra, de = np.radians(ra_deg[rows]), np.radians(de_deg[rows])
         vectors = np.column_stack([np.cos(de) * np.cos(ra), np.cos(de) * np.sin(ra), np.sin(de)])
-        cells = np.unique(np.concatenate([cells, (np.floor(vectors / field_rad).astype(np.int64) + most) @ place]))
+        cells = np.unique(np.concatenate([cells, np.floor(vectors / field_rad).astype(np.int64) @ place]))
     return len(cells)
 
 
