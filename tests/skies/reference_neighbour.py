@@ -4,7 +4,8 @@ What the compiled identifier must answer, object for object and star for star.
 """
 
 import math
-from itertools import combinations
+from bisect import bisect_left
+from itertools import combinations, takewhile
 
 MOST_CANDIDATES = 64
 VOTERS, BRIGHT_OBJECTS, STARS_TRIED, FEWEST_VOTES = 10, 15, 12, 2
@@ -68,13 +69,15 @@ class ReferenceNeighbour:
 
     def level_1(self, star, distances):
         """Fn (eq 2-5), and which object may be which neighbour."""
-        candidates = [
-            (k, neighbour)
-            for listed, neighbour in self.table[star]
-            for distance, k in distances
-            if abs(listed - distance) < self.tolerance_urad
-        ]
+        candidates = [(k, neighbour) for listed, neighbour in self.table[star] for k in self.fitting(listed, distances)]
         return len({neighbour for _, neighbour in candidates}), candidates[:MOST_CANDIDATES]
+
+    def fitting(self, listed, distances):
+        """The objects, nearest first, whose distance fits a listed one; those are looked at that lie about it."""
+        reach = self.tolerance_urad + 1
+        about = distances[bisect_left(distances, (listed - reach,)) :]
+        about = takewhile(lambda each: each[0] < listed + reach, about)
+        return [k for distance, k in about if abs(listed - distance) < self.tolerance_urad]
 
     def level_2(self, objects, candidates, fewest):
         """The largest group, of ``fewest`` or more, whose members fit each other pairwise (Fn2, eq 2-6)."""
@@ -113,6 +116,6 @@ class ReferenceNeighbour:
         votes = [0] * len(self.stars)
         for star, neighbours in enumerate(self.table):
             for listed, _ in neighbours:
-                votes[star] += sum(abs(listed - distance) < self.tolerance_urad for distance, _ in distances)
+                votes[star] += len(self.fitting(listed, distances))
         voted = [star for star in range(len(votes)) if votes[star] >= FEWEST_VOTES]
         return sorted(voted, key=lambda star: -votes[star])[:STARS_TRIED]
