@@ -44,6 +44,24 @@ def astropy_night(setup):
     return AstropyNight(setup.identifier.catalog.icrs)
 
 
+@pytest.fixture(scope="module")
+def noisy_night(astropy_night):
+    """Two panoramas of each pointing."""
+    return list(burst(astropy_night, count=2, noise_px=NOISE_PX))
+
+
+@pytest.fixture(scope="module")
+def exact_panoramas(astropy_night):
+    """Two panoramas of some pointings, without noise."""
+    return list(burst(astropy_night, count=2, pointings=POINTINGS[5::9]))
+
+
+@pytest.fixture(scope="module")
+def with_whole_truth(setup, exact_panoramas):
+    """The results of these."""
+    return watched(setup, exact_panoramas).frames.columns.rows()
+
+
 def watched(setup: Setup, panoramas, *, omit=frozenset(), mount=None):
     """The night that the station makes of panoramas; ``omit`` leaves corrections out of its truth."""
     station = setup.station
@@ -102,12 +120,12 @@ def expected_noise_arcsec(setup, astropy_night):
         ("refraction", 29, 34),
     ],
 )
-def test_each_effect_left_out_of_the_truth_shows_its_own_size(setup, astropy_night, name, least_arcsec, most_arcsec):
-    few = POINTINGS[5::9]
-    full = watched(setup, burst(astropy_night, count=2, pointings=few)).frames.columns.rows()
-    without = watched(setup, burst(astropy_night, count=2, pointings=few), omit={name}).frames.columns.rows()
-    assert np.abs(full["d_ra_cosde_arcsec"]).max() < 0.02
-    assert np.abs(full["d_de_arcsec"]).max() < 0.02
+def test_each_effect_left_out_of_the_truth_shows_its_own_size(
+    setup, exact_panoramas, with_whole_truth, name, least_arcsec, most_arcsec
+):
+    without = watched(setup, exact_panoramas, omit={name}).frames.columns.rows()
+    assert np.abs(with_whole_truth["d_ra_cosde_arcsec"]).max() < 0.02
+    assert np.abs(with_whole_truth["d_de_arcsec"]).max() < 0.02
     left = without[1::2]  # the first of each loop still had its whole truth
     sizes = np.hypot(left["d_ra_cosde_arcsec"], left["d_de_arcsec"])
     assert least_arcsec < sizes.max() < most_arcsec
@@ -123,26 +141,23 @@ def looks_like(setup, panoramas, **options):
     return "\n".join(map(str, judge(watched(setup, panoramas, **options)).findings))
 
 
-def test_a_mount_error_is_named(setup, astropy_night):
-    text = looks_like(setup, burst(astropy_night, count=2, noise_px=NOISE_PX), mount={"altitude_deg": 60.02})
+def test_a_mount_error_is_named(setup, noisy_night):
+    text = looks_like(setup, noisy_night, mount={"altitude_deg": 60.02})
     assert text.startswith("mount: it is off by -72.")
 
 
-def test_a_clock_that_is_slow_is_named_with_its_offset(setup, astropy_night):
-    panoramas = (
-        dataclasses.replace(panorama, utc_ns=panorama.utc_ns - 3 * NS_PER_S)
-        for panorama in burst(astropy_night, count=2, noise_px=NOISE_PX)
-    )
+def test_a_clock_that_is_slow_is_named_with_its_offset(setup, noisy_night):
+    panoramas = (dataclasses.replace(panorama, utc_ns=panorama.utc_ns - 3 * NS_PER_S) for panorama in noisy_night)
     text = looks_like(setup, panoramas)
     found = re.search(r"clock offset: the host's clock is (\d+\.\d+) s slow", text)
     assert found is not None
     assert float(found[1]) == pytest.approx(3.0, abs=0.05)
 
 
-def test_a_drifting_clock_is_named_with_its_rate(setup, astropy_night):
+def test_a_drifting_clock_is_named_with_its_rate(setup, noisy_night):
     panoramas = (
         dataclasses.replace(panorama, utc_ns=START_NS + round((panorama.utc_ns - START_NS) * (1 + 50e-6)))
-        for panorama in burst(astropy_night, count=2, noise_px=NOISE_PX)
+        for panorama in noisy_night
     )
     text = looks_like(setup, panoramas)
     found = re.search(r"clock drift: the host's clock runs (\d+) ppm fast", text)
