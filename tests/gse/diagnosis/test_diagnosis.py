@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, TRUTH, session, unanswered
 from skies.one_by_one import add_frame
+from skies.own_answers import with_answers, without_error
 
 from drivers.chunk import LinkEvent
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
-from gse.diagnosis.diagnosis import causes_so_far
+from gse.diagnosis.diagnosis import _facts, causes_so_far, session_model
 from gse.diagnosis.misplaced_stars import most_unmatched, stars_fall_out
 from gse.diagnosis.plain_findings import faulty_panoramas
 from gse.instant import NS_PER_S
@@ -21,6 +22,8 @@ from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
 from gse.station.results import AnswerCheck, Status
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import counted_frames
+from gse.statistics.session_statistics import statistics
+from gse.truth import Alignment
 
 
 def found(made):
@@ -295,3 +298,155 @@ def test_stars_are_out_of_place_by_air_where_the_field_reaches_down_to_ten_degre
     counted = replace(counted_frames(made), answered=np.ones(60, dtype=bool), false=np.ones(60, dtype=bool))
     (finding,) = most_unmatched(made, counted)
     assert finding.cause == cause
+
+
+# What the parts of a diagnosis say to each other
+
+
+def facts(made, *named, false=False, ppm=0.0):
+    """The causes that facts tell beside named ones, of answers that are all false or none."""
+    counted = counted_frames(made)
+    if false:
+        counted = replace(counted, false=np.ones(len(made.frames.columns), dtype=bool))
+    stats = statistics(session(2))
+    stats = replace(
+        stats, counted=counted, clock=replace(stats.clock, sensor_drift_ppm=ppm, sensor_drift_error_ppm=0.0)
+    )
+    return [finding.cause for finding in _facts(made, stats, set(named))]
+
+
+def defocused():
+    """Ten stars in twenty frames that scatter ever more, as bright as before."""
+    made = session(20, step_s=1.0, matches=[(100.0 + 80 * k, 900.0 - 70 * k, 0.0, 0.0) for k in range(10)])
+    matches = made.frames.matches
+    for name in ("residual_x_arcsec", "residual_y_arcsec"):
+        matches[name] = 10.0 * 1.1 ** matches["frame"] * (-1.0) ** (matches["frame"] + matches["star"])
+    made.frames.columns["transparency"] = 1.0
+    return made
+
+
+def unmatched(count=13):
+    """Twenty frames of twelve stars and objects that are none, where thirty stars ought to be."""
+    made = session(20)
+    frames = made.frames.columns
+    frames["matched"], frames["false_objects"], frames["stars_expected"] = 12, count, 30
+    return made
+
+
+@pytest.mark.parametrize(
+    ("named", "causes"),
+    [((), ["defocus"]), (("mount",), ["defocus"]), (("distortion",), []), (("mount", "focal length"), [])],
+)
+def test_stars_that_scatter_more_are_out_of_focus_unless_a_camera_is_named(named, causes):
+    assert facts(defocused(), *named) == causes
+
+
+@pytest.mark.parametrize(("named", "causes"), [((), ["camera"]), (("mount",), []), (("distortion",), [])])
+def test_objects_that_are_no_stars_are_told_where_nothing_is_named(named, causes):
+    assert facts(unmatched(), *named, false=True) == causes
+
+
+def test_out_of_focus_stars_are_told_before_a_camera():
+    made = defocused()
+    frames = made.frames.columns
+    frames["matched"], frames["false_objects"], frames["stars_expected"] = 12, 13, 30
+    assert facts(made) == ["defocus"]
+
+
+@pytest.mark.parametrize(
+    ("ppm", "named", "causes"),
+    [(150.0, (), ["sensor clock drift"]), (150.0, ("clock drift",), []), (150.0, ("mount",), ["sensor clock drift"]),
+     (50.0, (), [])],
+)  # fmt: skip
+def test_a_clock_of_the_sensor_drifts_unless_the_hosts_does(ppm, named, causes):
+    assert facts(session(20), *named, ppm=ppm) == causes
+
+
+@pytest.mark.parametrize(
+    ("count", "named", "is_told"),
+    [(13, (), True), (13, ("mount",), True), (13, ("distortion",), False), (3, ("distortion",), True)],
+)
+def test_objects_that_stand_still_are_hot_pixels_unless_stars_fall_out_by_a_named_camera(count, named, is_told):
+    made = unmatched(count)
+    made.frames.columns["hot_pixels"] = 5
+    assert ("hot pixels" in facts(made, *named)) is is_told
+
+
+def test_beside_a_camera_of_which_stars_fall_out_all_others_are_guesses():
+    """Of a lens that is off in two ways, on a mount that shakes, the greater one is told then."""
+    made = session(100, matches=radial_matches(np.zeros(12), 4e-3), bias=(300.0, 500.0, 0.0))
+    made.frames.columns["matched"], made.frames.columns["false_objects"] = 12, 0
+    all_of_them = [finding.cause for finding in causes_so_far(made)]
+    of_camera = [cause for cause in all_of_them if cause in ("distortion", "principal point")]
+    assert len(of_camera) == 2
+    assert "vibration" in all_of_them
+    made.frames.columns["false_objects"] = 11
+    assert [finding.cause for finding in causes_so_far(made)] == of_camera[:1]
+
+
+def test_the_sensors_own_answers_are_compared_unless_the_set_up_is_wrong_or_they_are_what_is_tested():
+    made = session(60, noise=0.5)
+    made.frames.columns["matched"] = 20
+    assert causes_so_far(made) == ()
+    angles = without_error(made, whole_field=True)
+    angles[:, 1] += 0.5
+    made = with_answers(made, angles, np.full(60, 20))
+    assert "sensor bias" in {finding.cause for finding in causes_so_far(made)}
+    turned = replace(STATION.mount, roll_deg=STATION.mount.roll_deg + 90)
+    made.station = STATION.model_copy(update={"mount": turned})
+    (gross,) = causes_so_far(made)
+    assert gross.is_gross
+
+
+# What fine causes are worded with
+
+
+def test_a_model_has_the_first_instant_the_usual_exposure_and_the_rate_of_the_frames_that_count():
+    made = session(60, step_s=0.5)
+    frames = made.frames.columns
+    frames["exposure_s"] = np.where(np.arange(60) < 31, 0.2, 0.4)
+    frames["exposure_s"][:5] = math.nan
+    frames["d_roll_arcsec"][0] = math.nan
+    frames["utc_ns"][40:] += 7 * NS_PER_S  # one gap
+    found = session_model(made, counted_frames(made))
+    assert found.setting.first_ns == START_NS + NS_PER_S // 2
+    assert found.setting.exposure_s == pytest.approx(0.4)
+    assert found.setting.frame_hz == pytest.approx(2.0)
+    assert found.setting.late is not None
+    assert (found.setting.site, found.setting.mount) == (STATION.site, STATION.mount)
+    assert found.setting.camera == STATION.sensor.camera()
+    assert len(found.series.rows) == 59
+    assert found.model.field is None
+    assert not found.model.is_fitted
+
+
+def test_a_fitted_mount_is_that_of_the_model_and_tells_no_constant_error():
+    made = session(60)
+    fitted = replace(STATION.mount, roll_deg=33.0)
+    made.alignment = Alignment(fitted, ((0.0,) * 3,) * 3, (0.0,) * 3, 4, 0, START_NS, START_NS + NS_PER_S)
+    found = session_model(made, counted_frames(made))
+    assert (found.setting.mount, found.model.mount, found.model.is_fitted) == (fitted, fitted, True)
+
+
+@pytest.mark.parametrize("count", [19, 20])
+def test_few_frames_and_a_star_simulator_have_no_model(count):
+    made = session(count)
+    assert (session_model(made, counted_frames(made)) is not None) is (count == 20)
+    shown = replace(STATION.mount, inertial=InertialDirection(ra_deg=83.0, de_deg=-2.0))
+    made.station = STATION.model_copy(update={"mount": shown})
+    assert session_model(made, counted_frames(made)) is None
+
+
+@pytest.mark.parametrize(("times", "is_taken_out"), [(1, True), (41, False)])
+def test_steps_of_the_host_that_are_known_are_taken_out_of_the_errors_unless_its_clock_runs_away(times, is_taken_out):
+    """Frames from the middle on are stamped by a clock that was set 2 s ahead, in which the sky turns by 30 arcsec."""
+    made = session(60, step_s=1.0, noise=0.0)
+    frames = made.frames.columns
+    frames["host_utc_ns"][30:] += 2 * NS_PER_S
+    frames["cross_x_arcsec"] = 30.0 * (np.arange(60) >= 30)
+    at_ns = int(frames["host_utc_ns"][30])
+    counted = counted_frames(made)
+    made.events = [ClockStep(at_ns, 0, StationKind.CLOCK_STEP, "the clock stepped", 2 * NS_PER_S)] * times
+    found = session_model(made, counted).series.errors_arcsec
+    changed = not np.allclose(found[:, :2], [[30.0 * (row >= 30), 0.0] for row in range(60)], atol=0.1)
+    assert changed is is_taken_out
