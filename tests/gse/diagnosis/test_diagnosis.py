@@ -19,7 +19,7 @@ from gse.instant import NS_PER_S
 from gse.mount import InertialDirection, Mount
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_table import ANSWER_CHECKS, FRAME, STATUSES
-from gse.station.results import AnswerCheck, Status
+from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import counted_frames
 from gse.statistics.session_statistics import statistics
@@ -392,6 +392,9 @@ def test_the_sensors_own_answers_are_compared_unless_the_set_up_is_wrong_or_they
     angles[:, 1] += 0.5
     made = with_answers(made, angles, np.full(60, 20))
     assert "sensor bias" in {finding.cause for finding in causes_so_far(made)}
+    made.subject = Subject.SENSOR
+    assert causes_so_far(made) == ()
+    made.subject = Subject.ONBOARD
     turned = replace(STATION.mount, roll_deg=STATION.mount.roll_deg + 90)
     made.station = STATION.model_copy(update={"mount": turned})
     (gross,) = causes_so_far(made)
