@@ -12,7 +12,8 @@ from skies.own_answers import with_answers, without_error
 from drivers.chunk import LinkEvent
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT
-from gse.diagnosis.diagnosis import _facts, causes_so_far, session_model
+from gse.diagnosis.diagnosis import _facts, causes_so_far, findings, session_model
+from gse.diagnosis.field_patterns import PARAMETERS
 from gse.diagnosis.misplaced_stars import most_unmatched, stars_fall_out
 from gse.diagnosis.plain_findings import faulty_panoramas
 from gse.instant import NS_PER_S
@@ -453,3 +454,24 @@ def test_steps_of_the_host_that_are_known_are_taken_out_of_the_errors_unless_its
     found = session_model(made, counted).series.errors_arcsec
     changed = not np.allclose(found[:, :2], [[30.0 * (row >= 30), 0.0] for row in range(60)], atol=0.1)
     assert changed is is_taken_out
+
+
+def test_a_picture_that_stands_still_is_told_of_a_whole_session_and_of_one_that_runs():
+    """On a mount that is described wrongly too, which it hides."""
+    stars = tuple((100.0 + 60 * star, 900.0 - 50 * star, 0.0, 0.0) for star in range(12))
+    made = session(21, step_s=60.0, noise=0.0, matches=stars)
+    assert findings(made, statistics(made))[0].cause == causes_so_far(made)[0].cause == "frozen sensor"
+    made.station = STATION.model_copy(update={"mount": replace(STATION.mount, roll_deg=STATION.mount.roll_deg + 90)})
+    assert findings(made, statistics(made))[0].cause == causes_so_far(made)[0].cause == "frozen sensor"
+    made.frames.matches["x_px"] += 0.1 * made.frames.matches["frame"]
+    assert findings(made, statistics(made))[0].is_gross
+
+
+@pytest.mark.parametrize(("azimuth_deg", "roll_deg", "axis"), [(90.0, 0.0, 1), (200.0, 90.0, 0)])
+def test_more_air_lifts_the_stars_of_a_model_towards_the_zenith_of_its_mount(azimuth_deg, roll_deg, axis):
+    """Image up is the zenith where the roll is 0, image left or right where it is 90 deg."""
+    made = session(40, matches=radial_matches(np.zeros(12), 4e-3))
+    mount = replace(STATION.mount, azimuth_deg=azimuth_deg, altitude_deg=45.0, roll_deg=roll_deg)
+    made.station = STATION.model_copy(update={"mount": mount})
+    by_air = session_model(made, counted_frames(made)).model.field.shifts[:, :2, PARAMETERS.index("pressure")]
+    assert np.abs(by_air[:, axis]).min() > 10 * np.abs(by_air[:, 1 - axis]).max()

@@ -21,7 +21,7 @@ def announced_after_s(times_s, fails_from_s=0.0):
             made.frames.columns["status"] = list(Status).index(Status.NO_MATCH)
         panorama = Panorama(START_NS + round(at_s * NS_PER_S), np.empty((0, 2)), np.empty(0))
         listener.on_results(NewResults.of([FrameResult(panorama, Status.NO_MATCH, "", "neighbour")]), made)
-    assert all(isinstance(event, FindingEvent) for event in told)
+    assert all(isinstance(event, FindingEvent) and event.mono_ns == 0 for event in told)
     return [(event.utc_ns - START_NS) / NS_PER_S for event in told]
 
 

@@ -1,5 +1,6 @@
 """What is said where air parts the stars of a low field by more than an identifier allows."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -54,6 +55,28 @@ def test_no_vibration_is_told_where_air_chooses_the_stars():
     found = (Finding("mount", "it is off"), Finding("vibration", "the boresight shakes"))
     assert without_shaking(found, night(16.0)) == found[:1]
     assert without_shaking(found, night(50.0)) == found
+
+
+def test_a_vibration_alone_is_not_told_either_and_others_stay():
+    shaking, mount = Finding("vibration", "the boresight shakes"), Finding("mount", "it is off")
+    assert without_shaking((shaking,), night(16.0)) == ()
+    assert without_shaking((mount,), night(16.0)) == (mount,)
+    assert without_shaking((), night(16.0)) == ()
+
+
+@pytest.mark.parametrize(("share", "is_told"), [(0.47, False), (0.53, True)])
+def test_half_of_what_an_identifier_tolerates_is_too_much_air(share, is_told):
+    """Whatever it tolerates: the pixels, two and more, are told to a tenth."""
+    made = night(12.0)
+    told = re.fullmatch(
+        r"air parts the stars of this low field by (\d+) arcsec \(([\d.]+) px, rms\)", air_in_field(made)
+    )
+    arcsec, pixels = map(float, told.groups())
+    assert pixels == pytest.approx(arcsec * 4169.905 / 206_264.8, abs=0.06)
+    assert pixels >= 2
+    identifier = replace(made.station.identifier, tolerance_px=pixels / share)
+    made.station = made.station.model_copy(update={"identifier": identifier})
+    assert air_in_field(made) == (told[0] if is_told else "")
 
 
 def test_without_a_truth_nothing_is_known_of_the_air():
