@@ -46,3 +46,12 @@ def test_where_one_has_no_answer_there_is_no_number():
     found = apart(here, [(10.0, 20.0), (10.0, 20.0), (10.0, 20.0), (10.0, 20.0), (nan, 20.0)])
     assert np.isfinite(found).tolist() == [[True, True]] + [[False, False]] * 4
     assert found[0] == pytest.approx([0.0, 0.0], abs=1e-6)
+
+
+def test_each_of_many_answers_is_seen_from_its_own_panorama():
+    """More than are turned at once."""
+    count = 35_000
+    rng = np.random.default_rng(1)
+    here = np.column_stack([rng.uniform(0, 360, count), rng.uniform(-80, 80, count), rng.uniform(0, 360, count)])
+    found = apart(here, here[:, :2] + np.column_stack([np.zeros(count), np.linspace(0.0, 100.0, count) / 3600]))
+    assert np.hypot(*found.T) == pytest.approx(np.linspace(0.0, 100.0, count), abs=1e-4)

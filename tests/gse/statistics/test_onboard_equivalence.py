@@ -1,10 +1,16 @@
 """The sensor's own answers beside the onboard-equivalent ones."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 from skies.known_nights import session
 
 from gse.diagnosis.sensor_findings import sensor_findings
-from gse.station.results import Subject
+from gse.station.frame_table import FRAME, STATUSES
+from gse.station.results import Status, Subject
+from gse.statistics.onboard_equivalence import OnboardEquivalence, equivalence
+from gse.statistics.percentiles import Percentiles
 from gse.statistics.session_statistics import sensor_masks, statistics
 from protocols import AttitudeMessage
 
@@ -97,3 +103,65 @@ def test_an_answer_is_false_where_it_lies_further_from_a_confirmed_one_than_two_
     stats = statistics(made)
     assert stats.subjects[Subject.SENSOR].false_answers.count == is_false
     assert stats.subjects[Subject.SENSOR].axes["d_de"].n == 100 - is_false
+
+
+# By hand
+
+
+def mask(text):
+    return np.array([sign == "x" for sign in text])
+
+
+def both_sides(count, identified=None):
+    """Frames that are all identified, and a sensor that answers them alike."""
+    frames = np.zeros(count, dtype=FRAME)
+    frames["status"] = STATUSES.index(Status.NO_MATCH)
+    frames["status"][mask(identified) if identified else slice(None)] = STATUSES.index(Status.IDENTIFIED)
+    frames["ra_deg"], frames["de_deg"], frames["roll_deg"], frames["matched"] = 10.0, 60.0, 30.0, 9
+    columns = {name: frames[name].astype(np.float64) for name in ("ra_deg", "de_deg", "roll_deg")}
+    every = np.ones(count, dtype=bool)
+    own = SimpleNamespace(sent=every, acquired=every.copy(), latency_ms=np.arange(float(count)), **columns)
+    return frames, own
+
+
+def test_answers_are_counted_by_the_side_that_gave_them_without_what_is_excluded_or_was_not_sent():
+    frames, own = both_sides(9, identified="xxxx..x.x")
+    own.acquired, own.sent = mask("xxx.xx.xx"), mask("xxxxxxxx.")
+    matched = np.array([9, 8, 9, 9, 9, 9, 9, 9, 9], dtype=np.uint16)
+    found = equivalence(frames, mask(".......x."), matched, own)
+    assert (found.answers, found.both, found.only_sensor, found.only_station) == (7, 3, 2, 2)
+    assert found.same_number == 2
+    assert (found.separation_arcsec.n, found.roll_arcsec.n, found.latency_ms.n) == (3, 3, 7)
+    assert found.latency_ms.max == 6.0
+    assert equivalence(frames, mask("xxxxxxxx."), matched, own) is None
+
+
+def test_boresights_lie_as_far_from_each_other_as_a_chord_on_the_sphere():
+    frames, own = both_sides(3)
+    own.ra_deg, own.de_deg = np.array([10.0, 10.01, 10.0]), np.array([60.0, 60.0, 59.99])
+    found = equivalence(frames, mask("..."), frames["matched"], own)
+    assert found.separation_arcsec.p50 == pytest.approx(18.0, rel=1e-5)  # half of 36 arcsec, at 60 deg
+    assert found.separation_arcsec.max == pytest.approx(36.0, rel=1e-5)
+
+
+def test_each_of_many_answers_is_compared_with_its_own():
+    """More than are taken at once."""
+    frames, own = both_sides(40_000)
+    rng = np.random.default_rng(2)
+    frames["ra_deg"] = own.ra_deg = rng.uniform(0, 360, 40_000)
+    frames["de_deg"] = own.de_deg = rng.uniform(-80, 80, 40_000)
+    own.de_deg = own.de_deg + np.linspace(0.0, 100.0, 40_000) / 3600
+    found = equivalence(frames, np.zeros(40_000, dtype=bool), frames["matched"], own)
+    sizes = found.separation_arcsec
+    assert (sizes.n, sizes.p50, sizes.p95, sizes.max) == pytest.approx((40_000, 50.0, 95.0, 100.0), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("only_sensor", "only_station", "greatest_arcsec", "is_same"),
+    [(0, 0, 1.0, True), (0, 0, 1.0001, False), (1, 0, 0.0, False), (0, 1, 0.0, False), (0, 0, np.nan, True)],
+)
+def test_both_sides_are_the_same_within_an_arcsecond_where_neither_answers_alone(
+    only_sensor, only_station, greatest_arcsec, is_same
+):
+    size, other = Percentiles(9, 0.1, 0.2, 0.3, greatest_arcsec), Percentiles(9, 50.0, 60.0, 70.0, 80.0)
+    assert OnboardEquivalence(9, 9, only_sensor, only_station, 0, size, other, other).same is is_same

@@ -8,10 +8,13 @@ from skies.known_nights import START_NS, frame, session, unanswered
 from skies.one_by_one import add_frame
 
 from gse.instant import NS_PER_S
+from gse.mount import InertialDirection, Mount
 from gse.station.exclusions import Cause, Exclusion
 from gse.station.frame_table import STATUSES
-from gse.station.results import AnswerCheck, AttitudeError, Status
-from gse.statistics.session_statistics import statistics
+from gse.station.results import AnswerCheck, AttitudeError, Status, Subject
+from gse.station.session_data import ExternalCounts
+from gse.statistics.counted_frames import counted_frames
+from gse.statistics.session_statistics import _spatial, statistics
 from gse.statistics.subject_statistics import _star_fields, about_circular_mean
 
 
@@ -199,3 +202,42 @@ def test_a_sky_of_boresights_has_as_many_fields_as_cells_of_the_sphere():
     vectors /= np.linalg.norm(vectors, axis=1)[:, None]
     ra, de = np.degrees(np.arctan2(vectors[:, 1], vectors[:, 0])), np.degrees(np.arcsin(vectors[:, 2]))
     assert _star_fields(ra, de, 0.25) == len({tuple(cell) for cell in np.floor(vectors / 0.25).tolist()})
+
+
+@pytest.mark.parametrize(
+    ("answers", "own_times", "is_stated"), [(0, 0, False), (1, 1, True), (4, 3, False), (4, 4, True)]
+)
+def test_a_time_is_stated_where_every_answer_of_another_identifier_came_with_its_own(answers, own_times, is_stated):
+    made = at_seconds(range(4))
+    made.external_counts = ExternalCounts(answers=answers, own_times=own_times)
+    assert statistics(made).onboard.time_is_stated is is_stated
+    made.subject = Subject.SENSOR
+    assert statistics(made).onboard.time_is_stated
+
+
+def test_before_a_star_simulator_no_earth_turns():
+    made = at_seconds(range(40))
+    made.station = made.station.model_copy(update={"mount": Mount(inertial=InertialDirection(ra_deg=1.0, de_deg=2.0))})
+    rate = statistics(made).onboard.earth_rate
+    assert math.isnan(rate.expected_arcsec_per_s)
+    assert math.isnan(rate.measured_arcsec_per_s)
+
+
+@pytest.mark.parametrize(("frames", "kept"), [(200, 200), (201, 101), (401, 134)])
+def test_of_more_than_twenty_thousand_star_errors_every_second_or_third_frame_counts(frames, kept):
+    """A hundred stars in each frame."""
+    xy = np.random.default_rng(1).uniform(0, 1023, (100, 2)).tolist()
+    made = session(frames, matches=[(*place, 1.0, -1.0) for place in xy])
+    found = _spatial(made, counted_frames(made))
+    assert [axis.n for axis in found] == [100 * kept] * 2
+    assert [axis.stars for axis in found] == [100] * 2
+
+
+def test_star_errors_of_frames_that_do_not_count_are_left_out_and_none_are_none():
+    xy = np.random.default_rng(1).uniform(0, 1023, (30, 2)).tolist()
+    made = session(10, matches=[(*place, 1.0, -1.0) for place in xy])
+    made.excluded = (Exclusion(START_NS, START_NS + NS_PER_S // 2, "wind", Cause.OPERATOR),)
+    assert _spatial(made, counted_frames(made))[0].n == 5 * 30
+    made.excluded = (Exclusion(START_NS, START_NS + 9 * NS_PER_S, "wind", Cause.OPERATOR),)
+    assert _spatial(made, counted_frames(made)) is None
+    assert _spatial(session(10), counted_frames(session(10))) is None

@@ -92,3 +92,40 @@ def test_the_zero_point_is_that_of_clear_dark_frames_with_an_exposure_taken_to_a
     frames["exposure_s"] = [0.1, 0.1, 0.0, 0.1, 0.1]
     frames["sun_altitude_deg"] = [-30.0, -30.0, -30.0, -30.0, 5.0]
     assert zero_point_mag(frames) == pytest.approx(14.0 + 2.5)
+
+
+def test_each_number_of_the_sky_has_its_own_range_or_median():
+    nan = math.nan
+    frames = frames_of([CLEAR] * 4 + [CLOUDED])
+    frames["stars_seen"], frames["stars_expected"] = [9, 7, 20, 8, 1], [10, 10, 10, 0, 30]
+    frames["sun_altitude_deg"] = [-30.0, -31.0, nan, -29.0, -32.0]
+    frames["moon_altitude_deg"] = [5.0, 6.0, 7.0, nan, 4.0]
+    frames["moon_separation_deg"] = [80.0, nan, 70.0, 90.0, 85.0]
+    frames["limiting_mag"] = [5.0, nan, 6.0, 5.8, 1.0]
+    frames["transparency"] = [0.9, 0.7, 0.8, nan, 0.1]
+    found = sky_summary(frames)
+    assert found.stars_expected == (0.0, 30.0)
+    assert found.sun_altitude_deg == (-32.0, -29.0)
+    assert found.moon_altitude_deg == (4.0, 7.0)
+    assert found.moon_separation_deg == (70.0, 90.0)
+    assert found.seen_share == pytest.approx(0.9)  # of 0.9, 0.7 and 1
+    assert found.limiting_mag == pytest.approx(5.8)
+    clear, clouded = found.stretches
+    assert (clear.seen_share, clear.transparency, clear.limiting_mag) == pytest.approx((0.9, 0.8, 5.8))
+    assert (clouded.seen_share, clouded.transparency, clouded.limiting_mag) == pytest.approx((1 / 30, 0.1, 1.0))
+    frames["sun_altitude_deg"] = nan
+    assert all(map(math.isnan, sky_summary(frames).sun_altitude_deg))
+
+
+def test_a_stretch_lasts_from_its_earliest_frame_to_its_latest():
+    frames = frames_of([CLEAR, CLEAR, CLEAR])
+    frames["utc_ns"][:] = [30, 10, 20]  # the clock stepped
+    (stretch,) = sky_summary(frames).stretches
+    assert (stretch.from_ns, stretch.until_ns) == (10, 30)
+
+
+@pytest.mark.parametrize(("sun_deg", "is_dark"), [(-12.0, True), (-11.99, False)])
+def test_it_is_dark_until_nautical_twilight(sun_deg, is_dark):
+    frames = frames_of([CLEAR])
+    frames["zero_point_mag"], frames["exposure_s"], frames["sun_altitude_deg"] = 10.0, 100.0, sun_deg
+    assert zero_point_mag(frames) == pytest.approx(5.0 if is_dark else math.nan, nan_ok=True)
