@@ -14,6 +14,7 @@ from markupsafe import Markup, escape
 from drivers.outside_text import plain_lines
 from gse import instant
 from gse.assessment.verdict import Assessment
+from gse.release_memory import all_else_kept
 from gse.report.fingerprint import canonical, fingerprint
 from gse.report.metric_table import metric_table
 from gse.report.provenance import Provenance
@@ -84,8 +85,8 @@ def report_html(
 
 
 def _drawn(session: SessionData, assessment: Assessment, *, times_recorded: bool) -> dict[str, str]:
-    from gse.report.session_plots import session_plots  # a page without plots does not wait for matplotlib
-
+    with all_else_kept():
+        from gse.report.session_plots import session_plots  # a page without plots does not wait for matplotlib
     return session_plots(session, assessment.statistics, times_recorded=times_recorded)
 
 

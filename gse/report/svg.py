@@ -42,7 +42,7 @@ _STYLE = {
 _MANY_DECIMALS = re.compile(r"(?<=\.\d{3})(?<!scale\(0\.\d{3})\d+")
 """A thousandth of a point is enough for a place, and not every machine has the last of six decimals alike."""
 
-_IDS = re.compile(r'(\bid="|href="#|url\(#)([^")]+)')
+_IDS = re.compile(r'( id="|href="#|url\(#)([^")]+)')
 
 
 Draw = Callable[[Figure], None]
