@@ -10,7 +10,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from gse.instant import NS_PER_S
 from gse.station.clock_steps import clock_steps, first_rows
@@ -23,6 +22,8 @@ from gse.statistics.session_statistics import Statistics
 
 _WINDOW = 15
 """Frames that tell the usual time between two: a sensor may be told to send more or fewer of them."""
+_ALIKE = 1.4
+"""Where no time is longer than another by this factor, none holds two frames: 1.5 is rounded to two."""
 LONGEST_S = 60.0
 """A longer time without a frame is a pause of the session, which its events and plots show."""
 FEW_RESTARTS = 2
@@ -74,11 +75,16 @@ def missing_by_time(frames: Columns, excused: NDArray[np.bool_] | None = None) -
     if not (frames["host_utc_ns"] > 0).all():
         return _missing(tags_s, here)
     host_s: NDArray[np.float64] = np.diff(frames["host_utc_ns"]) / NS_PER_S
-    return min(_missing(np.where(tags_s > 0, tags_s, host_s), here), _missing(host_s, here))
+    by_tags = _missing(np.where(tags_s > 0, tags_s, host_s), here)
+    return min(by_tags, _missing(host_s, here)) if by_tags else 0
 
 
 def _missing(seconds: NDArray[np.float64], here: NDArray[np.bool_]) -> int:
     """Whole frames that fit between two that came, by the median time between those about them."""
+    if seconds.max() < _ALIKE * seconds.min():
+        return 0
+    from scipy.ndimage import median_filter  # 40 ms, which a session without a gap need not wait
+
     usual_s = median_filter(seconds, _WINDOW, mode="nearest")
     known = here & (usual_s > 0) & (seconds <= LONGEST_S)
     return int(np.maximum(np.rint(seconds[known] / usual_s[known]) - 1, 0).sum())
