@@ -3,6 +3,7 @@
 astropy reads the installed tables whatever the date, and signals are not ignored.
 """
 
+import functools
 import gc
 import os
 import signal
@@ -60,15 +61,16 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the tutorial, with what needs no machine code, and with the longest files."""
-    items.sort(key=lambda item: (_turn(item), item.path))
+    items.sort(key=lambda item: (_turn(item.path), str(item.path)))
 
 
-def _turn(item: pytest.Item) -> int:
-    if item.path.name == "test_tutorial.py":
+@functools.cache
+def _turn(path: Path) -> int:
+    if path.name == "test_tutorial.py":
         return 0
-    if item.path.relative_to(TESTS).parts[0] in WITHOUT_MACHINE_CODE:
+    if path.relative_to(TESTS).parts[0] in WITHOUT_MACHINE_CODE:
         return 1
-    return 2 if item.path.name in LONG else 3
+    return 2 if path.name in LONG else 3
 
 
 def pytest_collection_finish() -> None:

@@ -42,7 +42,7 @@ SETTINGS = (
 )
 FRAMES = 1200
 STARS = 20
-STARS_ICRS = load_catalog().icrs[:6000]
+STARS_ICRS = load_catalog(stars=6000).icrs
 
 
 @dataclass(frozen=True)

@@ -99,19 +99,19 @@ LIST = b"id,ra_deg,de_deg,magnitude,epoch\n"
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("head", "pattern", "told"),
     [
-        (b"H|" * 10_000_000, "line 1: no Hipparcos star"),
-        (LIST + b"1," * 10_000_000, "line 2: this is not a flight catalogue: at most"),
-        (LIST + b"1\n" * 10_000_000, "line 100002: this is not a flight catalogue: at most"),
-        (b"id," + b" " * 40_000_000, "more than 32000000 bytes"),
+        (b"", b"H|", "line 1: no Hipparcos star"),
+        (LIST, b"1,", "line 2: this is not a flight catalogue: at most"),
+        (LIST, b"1\n", "line 100002: this is not a flight catalogue: at most"),
+        (b"id,", b"    ", "more than 32000000 bytes"),
     ],
     ids=["one line", "one row", "short rows", "too large"],
 )
 def test_a_catalogue_of_20_mb_in_few_or_many_lines_is_refused_in_little_memory(
-    tmp_path: Path, gse: Gse, content: bytes, told: str
+    tmp_path: Path, gse: Gse, head: bytes, pattern: bytes, told: str
 ) -> None:
-    (tmp_path / "catalog").write_bytes(content)
+    (tmp_path / "catalog").write_bytes(head + pattern * 10_000_000)
     (tmp_path / "station.yaml").write_text(f"{BUILT_IN_TEXT}catalog: {tmp_path / 'catalog'}\n")
     before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     done = gse("catalog", "info", "--station", tmp_path / "station.yaml")

@@ -78,7 +78,7 @@ def test_why_tells_when_the_sky_was_clear_again(gse, tmp_path):
 def test_a_blurred_bundle_tells_no_instant_of_dawn_or_dusk(gse, tmp_path):
     """The line on the Earth where it is dawn moves by 0.02 deg in the 5 s in which it is told."""
     path = tmp_path / "session.mcap"
-    assert gse("simulate", "--scenario", "twilight", "--seconds", 6600, "--rate-hz", 0.05, "--file", path).code == 0
+    assert gse("simulate", "--scenario", "twilight", "--seconds", 6600, "--rate-hz", 0.02, "--file", path).code == 0
     assert gse("why", path, "--bundle", tmp_path / "blurred.zip").code == 0
     assert gse("why", path, "--bundle", tmp_path / "plain.zip", "--with-site").code == 0
     of_the_sun = re.compile("(.*) (DAYLIGHT|DARK_NIGHT): ")
