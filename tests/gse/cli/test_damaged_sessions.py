@@ -25,7 +25,7 @@ COMMANDS = (
     "session export {cut} --format parquet --out {new}",
     "session export {cut} --format mcap --out {new}",
     "decode {cut}",
-    "report {cut} --plots --out {new}",
+    "report {cut} --out {new}",
 )
 
 
