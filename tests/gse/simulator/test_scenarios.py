@@ -79,7 +79,7 @@ def test_without_noise_the_truth_is_where_the_simulated_sensor_looks(tmp_path: P
 
 @pytest.mark.parametrize("level", ["image", "image-sub-pixel"])
 def test_whole_images_are_identified_as_well(level: str, setup: Setup) -> None:
-    assessment = judge(night_of(f"sim://?level={level}&rate_hz=1&frames=15", setup))
+    assessment = judge(night_of(f"sim://?level={level}&rate_hz=1&frames=8", setup))
     assert assessment.statistics.onboard.available.value == 1.0
     assert assessment.statistics.onboard.axes["d_de"].rms_arcsec < 15
 
