@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from skies.known_nights import session
 
-from gse.diagnosis.field_content import field_content
+from gse.diagnosis.field_content import SeenStars, field_content, share_error
 from gse.station.frame_table import ANSWER_CHECKS
 from gse.station.results import AnswerCheck
 
@@ -52,6 +52,28 @@ def test_both_axes_share_what_is_along_columns_and_rows_by_the_roll(roll_deg, ra
     ra, de = (found[axis].geometry ** 2 for axis in ("d_ra_cosde", "d_de"))
     assert ra == pytest.approx((1 - ra_share) * plain + ra_share * levered, rel=0.02)
     assert de == pytest.approx(ra_share * plain + (1 - ra_share) * levered, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("roll_deg", "ra_px", "de_px"),
+    [
+        (0.0, 100.0, 200.0),
+        (30.0, 186.60, 123.21),
+        (-30.0, 13.40, 223.21),
+        (120.0, 123.21, 186.60),
+        (90.0, 200.0, 100.0),
+    ],
+)
+def test_stars_that_stand_aside_and_below_move_the_boresight_across_the_line_to_them(roll_deg, ra_px, de_px):
+    """A turn about stars that stand 200 px left and 100 px below moves it by 100 px right and 200 px down, or back.
+
+    East of that are 100 cos + 200 sin of the roll, north 200 cos - 100 sin.
+    """
+    aside = tuple((x, y + 100.0) for x, y in LINE)
+    found = field_content(night(aside, roll_deg=roll_deg))
+    for axis, lever_px in (("d_ra_cosde", ra_px), ("d_de", de_px)):
+        expected = 1 / 6 + lever_px**2 / (40.0**2 * 2 * (1 + 9 + 25))
+        assert found[axis].geometry ** 2 == pytest.approx(expected, rel=0.03)
 
 
 @pytest.mark.parametrize(("stars", "is_told"), [(4, False), (5, True)])
@@ -106,3 +128,33 @@ def test_frames_without_a_truth_false_answers_and_stars_that_no_answer_names_do_
     assert found["d_ra_cosde"].bias_error_arcsec == 0.0
     frames["roll_true_deg"] = np.nan
     assert field_content(made) == {}
+
+
+@pytest.mark.parametrize(
+    ("sizes", "alone", "variance", "whole"),
+    [
+        # Squares are 4 of each: twice what is expected of a star, 12 over 6, is 2; pairs are 2 (0 + 2 / 4 of 4)
+        ((1.0, 1.0, 1.0), None, 2 * 6 * 4.0**2, 2.0 * 12),
+        # 4, 8 and 12 differ from their mean by 4, twice that counts; a half more of three stars; pairs are 2 (0 + 4)
+        ((1.0, 2.0, 3.0), None, 3 / 2 * 2 * 8.0**2 + 2 * 6 * 8.0**2, 4.0 * 12),
+        # A star of which the fit takes all counts as if a tenth were left: ten times 0.6. The others lose 0.1 each
+        ((1.0, 1.0, 1.0), 0.6, 4 / 3 * (3 * 0.4**2 + 6.0**2) + 2 * 6 * 4.2**2, 2.1 * 13),
+    ],
+)
+def test_the_error_of_a_root_mean_square_is_that_of_stars_and_of_pairs_of_them(sizes, alone, variance, whole):
+    """Three stars at right angles to each other in four frames, whose errors across the middle make a combination.
+
+    A fit of them takes half of the square of each, and a quarter of it in common with each of the two others. Their
+    errors go to and fro so that no two of them do so together. ``alone`` is the square of one in a frame of its own.
+    """
+    turn = 2 * np.pi / 3 * np.arange(3)
+    directions = np.column_stack([np.cos(turn) * 2, np.sin(turn) * 2, np.full(3, math.sqrt(2))]) / math.sqrt(6)
+    across = np.column_stack([-np.sin(turn), np.cos(turn)])
+    course = np.sqrt(sizes) * np.array([[1, 1, 1], [1, -1, 1], [1, 1, -1], [1, -1, -1]])
+    operators, residuals = np.tile(across, (4, 1)), course.reshape(-1, 1) * np.tile(across, (4, 1))
+    seen = SeenStars(np.tile(directions, (4, 1)), np.tile([5, 6, 9], 4), np.repeat(np.arange(4), 3))
+    if alone is not None:
+        operators, residuals = np.vstack([operators, [1.0, 0.0]]), np.vstack([residuals, [math.sqrt(alone), 0.0]])
+        one = np.vstack([seen.directions, [0.0, 0.0, 1.0]])
+        seen = SeenStars(one, np.append(seen.stars, 12), np.append(seen.frames, 7))
+    assert share_error(operators, residuals, seen) == pytest.approx(math.sqrt(variance) / 2 / whole)

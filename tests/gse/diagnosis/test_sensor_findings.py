@@ -278,6 +278,8 @@ def test_one_angle_that_is_not_zero_is_no_answer_of_zeros(name):
     assert list(_zeros(made)) == []
     made.sensor_attitudes.append(START_NS, AttitudeMessage(0, state="acquired", ra_deg=0.0, de_deg=0.0))
     assert [finding.size.split(",")[0] for finding in _zeros(made)] == ["1 of 2 say RA 0"]
+    made.sensor_attitudes.append(START_NS, AttitudeMessage(0, state="lost"))
+    assert [finding.size.split(",")[0] for finding in _zeros(made)] == ["1 of 3 say RA 0"]
 
 
 def test_answers_stand_still_from_five_on_and_a_pause_between_ends_nothing():
@@ -305,6 +307,7 @@ def test_half_of_the_answers_may_stand_still_beside_a_bias(night, alike, is_bias
         (16, 20, math.sqrt(16 * (1 / 16 - 1 / 20))),
         (25, 20, math.inf),
         (15, 20, math.inf),
+        (1, 1, math.sqrt(2)),
         (0, 20, math.inf),
         (20, 0, math.inf),
     ],
@@ -312,12 +315,14 @@ def test_half_of_the_answers_may_stand_still_beside_a_bias(night, alike, is_bias
 def test_few_other_stars_part_two_fixes_by_the_root_of_the_stars_that_are_not_common(
     night, of_sensor, of_station, share
 ):
-    """The mean over n of N stars has the variance 1/n - 1/N of one; one star exchanged 2/N^2 of it."""
+    """The mean over n of N stars has the variance 1/n - 1/N of one; one star exchanged 2/N^2 of it.
+
+    Answers that name no star do not count, though they are most.
+    """
     made = copy.deepcopy(night)
-    made.frames.columns["matched"] = of_station
+    made.frames.columns["matched"] = np.where(np.arange(FRAMES) % 3, 0, of_station)
     own = beside(made)
-    matched = np.full(FRAMES, of_sensor, dtype=np.uint16)
-    matched[::3] = 0
+    matched = np.where(np.arange(FRAMES) % 3 == 1, of_sensor, 0).astype(np.uint16)
     own = replace(own, matched=matched)
     found = _by_few_other_stars_arcsec(made, own)
     assert found == (math.inf if share == math.inf else pytest.approx(share * by_other_stars_arcsec(made)))

@@ -158,7 +158,9 @@ def test_a_leap_is_more_than_half_a_second_and_a_frame_and_a_half_for_each_that_
 def test_a_sensor_whose_numbers_stand_or_run_back_misses_no_frame(numbers):
     made = frames(20, 1.0)
     made["frame_no"] = numbers
-    made["time_us"][10:] += 2_100_000
+    made["time_us"][10:] += 1_900_000
+    assert faults(made) == ()
+    made["time_us"][10:] += 200_000
     assert any("leapt by +2.10 s" in line for line in faults(made))
 
 
@@ -214,3 +216,13 @@ def test_of_two_stretches_the_one_that_is_off_by_more_is_told_whichever_its_sign
     steps_s = np.repeat([1.06, 0.9, 1.0], 40)
     made["time_us"][1:] = 1_000_000 + np.round(np.cumsum(steps_s) * 1e6).astype(np.int64)
     assert faults(made) == ("sensor time tag: it ran 10 % slow from 2026-03-20T18:30:40.0Z",)
+
+
+@pytest.mark.parametrize(("host_s", "is_told"), [(0.45, False), (0.5, False), (0.55, True)])
+def test_frames_that_the_host_reads_faster_than_twice_as_fast_as_usual_tell_no_rate(host_s, is_told):
+    """Eighty a second apart, then forty whose tags run by a fifth too fast."""
+    made = frames(121, 1.0)
+    steps_s = np.repeat([1.0, host_s], [80, 40])
+    made["host_utc_ns"][1:] = START_NS + np.round(np.cumsum(steps_s) * NS_PER_S).astype(np.int64)
+    made["time_us"][1:] = 1_000_000 + np.round(np.cumsum(steps_s * np.repeat([1.0, 1.2], [80, 40])) * 1e6).astype(int)
+    assert faults(made) == ("sensor time tag: it ran 20 % fast from 2026-03-20T18:31:20.0Z",) * is_told

@@ -9,6 +9,8 @@ from skies.known_nights import STATION, session
 
 from gse.constants import ARCSEC_PER_RAD
 from gse.diagnosis.unexplained import unexplained
+from gse.station.frame_table import STATUSES
+from gse.station.results import Status
 from gse.statistics.session_statistics import statistics
 
 PLACES = [(100.0 + 90 * k, 900.0 - 80 * k) for k in range(9)]
@@ -66,3 +68,22 @@ def test_a_roll_alone_is_not_the_noise_of_stars():
     (finding,) = said(made)
     assert finding.cause == "none of these"
     assert finding.size.startswith("95 % of |roll| is")
+
+
+def test_frames_without_an_answer_are_not_asked_for_their_stars():
+    """A tenth of the frames has none; the others have nine stars each, as before."""
+    made = night(80.0, noise=29.0)
+    frames = made.frames.columns
+    frames["status"][::10], frames["matched"][::10] = STATUSES.index(Status.NO_MATCH), 0
+    (finding,) = said(made)
+    assert finding.cause == "centroid noise"
+    assert "so that 9 of them leave 29 arcsec" in finding.size
+
+
+def test_a_fit_takes_all_that_one_star_and_a_half_show():
+    made = night(80.0, noise=29.0)
+    made.frames.columns["matched"] = np.arange(300) % 2 + 1
+    assert [finding.cause for finding in said(made)] == ["none of these"]
+    made.frames.columns["matched"] = 2
+    (finding,) = said(made)
+    assert "single stars scatter by 160 arcsec" in finding.size  # half of the square of two is left
