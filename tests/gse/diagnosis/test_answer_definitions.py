@@ -4,16 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies import known_nights
 from skies.own_answers import by_stars, with_answers, without_error
 from skies.wrong_night import Plan, World, session, station_text
 
 from gse.config.station import parse_station
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
+from gse.diagnosis.answer_definitions import by_each_idea
 from gse.diagnosis.sensor_findings import sensor_findings
 from gse.instant import from_text
+from gse.mount import InertialDirection, Mount
 from gse.site import Site
 from gse.station.setup import set_up
-from gse.statistics.sensor_answers import sensor_answers
+from gse.statistics.sensor_answers import SensorAnswers, sensor_answers
 
 SITE = Site(latitude_deg=48.2, longitude_deg=11.6, height_m=500.0, pressure_hpa=955.0, temperature_c=8.0)
 ARCTIC = Site(latitude_deg=71.3, longitude_deg=-179.4, height_m=10.0, pressure_hpa=1012.0, temperature_c=-20.0)
@@ -93,3 +96,44 @@ def test_a_bias_of_its_own_is_one_that_a_turned_body_frame_has(night, catalog, r
     assert finding.equals[0] == "a body frame that is turned by as much"
     assert [text for text in finding.equals if "answers of 0.25 s after" in text] == list(finding.equals[1:])
     assert len(finding.equals) == 1 + may_be_late
+
+
+# By hand
+
+
+def known(**changes):
+    """Sixty answers here without an error, and those of a sensor that are 3 arcsec east and 4 south of them."""
+    made = known_nights.session(60, noise=0.0)
+    made.station = made.station.model_copy(update=changes)
+    frames = made.frames.columns
+    own = {name: np.full(60, np.nan) for name in SensorAnswers.__slots__}
+    for name, off in (("d_ra_cosde_arcsec", 3.0), ("d_de_arcsec", -4.0)):
+        own[name] = frames[name] + off
+    return made, SensorAnswers(**own)
+
+
+def test_at_the_zenith_field_and_boresight_are_one_and_answers_by_stars_lack_aberration():
+    """The Earth's way shifts stars by 20.5 arcsec at most, and by as much in all these frames."""
+    rows, (by_its_stars, by_field, by_boresight) = by_each_idea(*known(), np.arange(5, 60, 6))
+    assert rows.tolist() == list(range(5, 60, 6))
+    assert by_field == pytest.approx(np.tile([3.0, -4.0], (10, 1)), abs=1e-3)
+    assert by_boresight == pytest.approx(by_field, abs=0.05)
+    shift = by_its_stars - by_field
+    assert 18 < np.hypot(*shift[0]) < 20.9
+    assert shift == pytest.approx(np.tile(shift[0], (10, 1)), abs=0.05)
+
+
+@pytest.mark.parametrize(("count", "taken"), [(1, 1), (16_384, 16_384), (16_385, 8_193), (32_769, 10_923)])
+def test_of_many_rows_every_second_or_third_is_taken(count, taken):
+    rows = np.arange(count) % 60
+    found, ideas = by_each_idea(*known(), rows)
+    assert found.tolist() == rows[:: -(-count // 16_384)].tolist()
+    assert [len(one) for one in (found, *ideas)] == [taken] * 4
+
+
+def test_without_a_truth_and_before_a_star_simulator_there_is_no_idea():
+    made, own = known()
+    made.earth_orientation = None
+    assert by_each_idea(made, own, np.arange(60)) is None
+    shown = Mount(inertial=InertialDirection(ra_deg=83.0, de_deg=-2.0))
+    assert by_each_idea(*known(mount=shown), np.arange(60)) is None
