@@ -253,6 +253,7 @@ def test_a_mistake_that_leaves_more_by_an_arcminute_is_no_equal(altitude_deg, eq
     finding = found(MUNICH, stated, true_mount=replace(stated, roll_deg=115.0))
     assert finding.cause == ("azimuth off by 90 deg" if equals else "roll off by 90 deg")
     assert [one.split(" (")[0] for one in finding.equals] == ["roll off by 90 deg"] * bool(equals)
+    assert finding.size.endswith("; that explains 90.00 deg, all but 0 arcsec")
 
 
 @pytest.mark.parametrize(
