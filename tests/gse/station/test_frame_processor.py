@@ -3,15 +3,18 @@
 import threading
 import time
 from dataclasses import astuple, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
-from skies.known_nights import TRUTH
+from skies.known_nights import START_NS, TRUTH
 from skies.made_frames import FIELD_14_DEG
 
 from gse.attitude import Attitude, Attitudes, paper_mean
 from gse.catalog import load_catalog
 from gse.config.station import BUILT_IN_TEXT, parse_station
+from gse.external.answers import ExternalAnswer
+from gse.external.identifier import ExternalIdentifier, Given
 from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.identifier.robust import RobustIdentifier
 from gse.mount import InertialDirection, Mount
@@ -225,6 +228,8 @@ def test_the_time_of_panoramas_that_came_together_is_their_mean(reference, panor
         ({"xy_px": np.zeros((31, 2)), "brightness": np.linspace(5000, 1, 31)},
          "31 objects came, at most 30 were expected"),
         ({"brightness": np.linspace(4097.0, 200.0, 25)}, "index value 4097 came, at most 4096 was expected"),
+        ({"xy_px": np.zeros((30, 2)), "brightness": np.linspace(4097, 1, 30)},
+         "index value 4097 came, at most 4096 was expected"),
     ],
 )  # fmt: skip
 def test_a_fault_of_the_sensor_is_told_whole_and_stands_beside_its_panorama(reference, panorama, change, detail):
@@ -442,3 +447,64 @@ def test_nothing_is_looked_for_where_no_panorama_has_an_answer(reference, panora
     assert not hasattr(left_out, "frames")
     assert (results[0].attitude, results[0].attitude_geometric, results[0].attitude_true) == (None, None, None)
     assert (len(results[0].matches), len(results[0].left_out)) == (0, 0)
+
+
+class InTurn(Silent):
+    """An identifier that names two stars of the first panorama of each call, and nothing of the others."""
+
+    def identify_many(self, objects):
+        found = Identification(np.array([0, 1]), np.array([5, 9]), 0.0)
+        return Answers.of([found] + [NO_MATCH] * (len(objects) - 1))
+
+
+def test_panoramas_without_an_answer_show_the_sky_of_the_reference_identifier_and_the_others_their_own(
+    reference, panorama
+):
+    light = processor(InTurn(reference.catalog), reference).identify(Panoramas.of([panorama] * 3)).light
+    assert light.stars.tolist() == [2, 25, 25]
+    assert processor(InTurn(reference.catalog), None).identify(Panoramas.of([panorama] * 3)).light.stars.tolist() == [
+        2, 0, 0,
+    ]  # fmt: skip
+
+
+class Source:
+    """A program that names two stars of each panorama."""
+
+    identity: ClassVar[dict[str, str]] = {"name": "made"}
+
+    def __init__(self, catalog):
+        self._ids = catalog.ids[[5, 9]]
+
+    def answers(self, panoramas):
+        answer = ExternalAnswer({}, BORESIGHT, True, "IDENTIFIED", "", np.array([0, 1]), self._ids, None)
+        return [Given(answer, 1.0) for _ in panoramas]
+
+
+def test_the_sky_of_an_external_identifier_is_that_of_the_reference_identifier_where_this_has_an_answer(
+    reference, panorama
+):
+    """It cannot know the second panorama, whose objects stand anywhere."""
+    anywhere = replace(panorama, xy_px=np.random.default_rng(4).uniform(0, 1023, (25, 2)))
+    external = ExternalIdentifier(reference.catalog, Source(reference.catalog))
+    made, panoramas = processor(external, reference), Panoramas.of([panorama, anywhere])
+    identified = made.identify(panoramas)
+    assert identified.light.stars.tolist() == [25, 2]
+    results = made.conclude(panoramas, identified, identified.elapsed_us)
+    assert [one.status for one in results] == [Status.IDENTIFIED] * 2
+    assert results.rows()["stars_seen"].tolist() == [25, 2]
+
+
+def test_stars_as_a_mount_shows_them_through_air_have_no_error(reference):
+    """At 40 deg of altitude, where air lifts them by 60 arcsec and aberration moves them by up to 20 arcsec."""
+    utc_ns, mount = START_NS, Mount(azimuth_deg=200.0, altitude_deg=40.0, roll_deg=50.0)
+    true = TRUTH.attitude_true(utc_ns, mount).icrs_to_sensor
+    apparent = TRUTH.apparent(reference.catalog.icrs, utc_ns) @ true.T
+    rows = np.flatnonzero((apparent[:, 2] > 0.9) & FIELD_14_DEG.contains(FIELD_14_DEG.pixels(apparent)))[:25]
+    seen = TRUTH.refraction.added(apparent[rows], true @ TRUTH.icrs_to_horizon(utc_ns)[2])
+    panorama = Panorama(utc_ns, FIELD_14_DEG.pixels(seen), np.linspace(4000.0, 200.0, 25), 1)
+    identified, results, _ = concluded(Turned(reference, 0.0), [panorama], truth=TRUTH, mount=mount)
+    assert len(results[0].matches) == 25
+    assert np.abs(astuple(results[0].attitude_error)).max() < 0.05
+    assert np.abs(results.residuals_arcsec).max() < 0.05
+    raw = attitude_error(identified.attitudes[0], Attitude(true, np.zeros((3, 3))))
+    assert np.hypot(raw.cross_x_arcsec, raw.cross_y_arcsec) > 40

@@ -5,6 +5,7 @@ import zlib
 
 import numpy as np
 import pytest
+from devices.float_protocol import DESCRIPTION
 from devices.float_protocol import PROTOCOL as FLOATS
 from hypothesis import given
 from hypothesis import strategies as st
@@ -505,6 +506,7 @@ def test_numbers_that_make_no_sense_in_a_raw_capture_stand_at_its_latest_instant
     [
         ([], [], []),
         ([3, 2, 1], [3], [0, 1, 2]),
+        ([9, 3, 5], [3], [0, 2, 1]),
         ([1, 2, 3], [3], [2, 1, 0]),
         ([5, 7, 7, 5], [4], [1, 2, 0, 3]),
         ([9, 8, 10, 2], [2, 2], [0, 1, 2, 3]),
@@ -531,3 +533,27 @@ def test_panoramas_keep_the_rows_of_their_objects_on_the_wire() -> None:
     assert (first.brightness.tolist(), first.wire_rows.tolist()) == ([3.0, 2.0, 1.0], [1, 2, 0])
     assert (last.brightness.tolist(), last.wire_rows.tolist()) == ([6.0, 5.0], [1, 0])
     assert last.xy_px[:, 1].tolist() == [3.0, 2.0]
+
+
+def test_copies_alone_bring_nothing() -> None:
+    reception = Reception(PROTOCOL, baudrate=BAUDRATE)
+    (first,) = panoramas(received(reception, Chunk(*arrival(0), frame(1, 5))))
+    again = reception.receive(reception.stream.feed(Chunk(*arrival(1000), frame(1, 5))))
+    assert (list(again), len(again.panoramas), first.frame_no) == ([], 0, 1)
+
+
+@pytest.mark.parametrize("number", [0, 1, 65_535])
+def test_a_panorama_bears_its_number_on_the_wire(number: int) -> None:
+    message = PanoramaMessage(5, 7, EXPOSURE_S, frozenset(), 20.0, np.zeros((0, 2)), np.zeros(0))
+    chunk = Chunk(*arrival(0), PROTOCOL.encode(message, number))
+    (panorama,) = panoramas(received(Reception(PROTOCOL, baudrate=BAUDRATE), chunk))
+    assert panorama.sequence == number
+
+
+def test_a_panorama_of_a_wire_without_numbers_bears_number_zero() -> None:
+    protocol = parse_protocol(DESCRIPTION.replace("  - {name: sequence, type: u16}\n", ""), "floats")
+    message = PanoramaMessage(5, 7, EXPOSURE_S, frozenset(), 20.0, np.zeros((0, 2)), np.zeros(0))
+    (panorama,) = panoramas(
+        received(Reception(protocol, baudrate=BAUDRATE), Chunk(*arrival(0), protocol.encode(message, 0)))
+    )
+    assert panorama.sequence == 0
