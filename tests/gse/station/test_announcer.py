@@ -28,3 +28,13 @@ def test_a_second_full_disk_is_said_like_the_first() -> None:
         teller.on_event(LinkEvent(0, 0, "RECORDER_RECOVERED", "it takes bytes again"))
     teller.conclude()
     assert len(said) == 4
+
+
+def test_one_repetition_is_counted_and_a_single_event_is_not() -> None:
+    said: list[str] = []
+    teller = Announcer(said.append)
+    for kind, count in (("LOST", 2), ("FROZEN", 1), ("BACKLOG", 3)):
+        for number in range(count):
+            teller.on_event(LinkEvent(1, 0, kind, f"{kind} {number}"))
+    teller.conclude()
+    assert said[-1] == "repeated events: LOST 1 x, BACKLOG 2 x"

@@ -2,6 +2,7 @@
 
 import mmap
 import resource
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -256,3 +257,10 @@ def test_a_file_lies_where_the_user_wants_it_or_else_where_files_last(monkeypatc
         begin = f"{store.column('a', 0, 10).ctypes.data:x}-"
         (line,) = [line for line in Path("/proc/self/maps").read_text().splitlines() if line.startswith(begin)]
         assert f" {folder}/" in line
+
+
+def test_a_file_that_would_take_more_than_an_eighth_of_the_free_disk_is_not_made(monkeypatch, tmp_path):
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    seventh = shutil.disk_usage(tmp_path).free * 2 // 15
+    assert ColumnStore(SMALL, 0)._map_file(seventh // (8 + 4 + 1)) is False

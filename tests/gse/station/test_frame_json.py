@@ -17,7 +17,7 @@ ATTITUDE = Attitude.from_angles(123.456789312, -45.678901234, 12.345678901)
 
 def made(**changes):
     result = frame(START_NS, 7, ERROR, matches=((10.0, 20.0, 3.0, 4.0), (30.0, 40.0, 0.004, 0.0)))
-    matches = Matches(np.array([0, 1]), np.array([5, 9]), np.array([[3.0, 4.0], [0.004, 0.0]]), {5: "Vega", 9: "9"}.get)
+    matches = Matches(np.array([0, 1]), np.array([5, 9]), np.array([[3.0, 4.0], [0.126, 0.0]]), {5: "Vega", 9: "9"}.get)
     found = Identification(np.array([0, 1]), np.array([5, 9]), 1.23456e-9)
     return frame_json(
         replace(result, attitude=ATTITUDE, identification=found, matches=matches, others=((1, "Mars"),), **changes)
@@ -25,14 +25,14 @@ def made(**changes):
 
 
 def test_every_number_of_an_answer_is_told():
-    found = made(elapsed_us=150.04)
+    found = made(elapsed_us=150.26)
     assert (found["schema"], found["status"], found["frame_no"]) == ("gse.frame/1", "IDENTIFIED", 7)
     assert (found["ra_deg"], found["de_deg"], found["roll_deg"]) == (123.4567893, -45.6789012, 12.345679)
     assert (found["matched"], found["objects"], found["chance"]) == (2, 2, 1.23e-9)
-    assert found["elapsed_us"] == 150.0
+    assert found["elapsed_us"] == 150.3
     assert (found["d_ra_cosde_arcsec"], found["d_de_arcsec"], found["d_roll_arcsec"]) == (1.235, -2.346, 345.679)
     assert found["answer_check"] == "correct"
-    assert [(one["object"], one["residual_arcsec"]) for one in found["matches"]] == [(0, 5.0), (1, 0.0)]
+    assert [(one["object"], one["residual_arcsec"]) for one in found["matches"]] == [(0, 5.0), (1, 0.13)]
     assert found["others"] == [{"object": 1, "kind": "Mars"}]
 
 

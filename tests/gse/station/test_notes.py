@@ -2,13 +2,13 @@
 
 import pytest
 
-from gse.station.notes import MOST_CHARACTERS, MOST_WAITING, Notes, note_text
+from gse.station.notes import MOST_CHARACTERS, Notes, note_text
 
 
 def test_notes_are_fetched_once_in_their_order_and_too_many_are_refused():
     notes = Notes()
-    assert [notes.put(str(number)) for number in range(MOST_WAITING + 1)] == [True] * MOST_WAITING + [False]
-    assert notes.take() == [str(number) for number in range(MOST_WAITING)]
+    assert [notes.put(str(number)) for number in range(21)] == [True] * 20 + [False]
+    assert notes.take() == [str(number) for number in range(20)]
     assert notes.take() == []
     assert notes.put("again") is True
 

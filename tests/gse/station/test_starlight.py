@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gse.identifier import Answers, Identification
+from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.parts import Parts
 from gse.station.results import NO_STARLIGHT, Starlight, Starlights
 from gse.station.sky_condition import Lights, SkyEvidence, glared
-from gse.station.starlight import starlights
+from gse.station.starlight import _medians, rows_of, starlights
 
 CATALOG = SimpleNamespace(magnitude=np.array([1.0, 2.0, 3.0, 5.0, 6.5]))
 
@@ -52,3 +52,44 @@ def test_the_light_of_panoramas_one_by_one_is_that_of_all_of_them():
     assert (made.stars.tolist(), made.faintest_index.tolist()) == ([7, 0, 9], [30.0, math.inf, 40.0])
     assert made.zero_point_mag == pytest.approx([14.5, math.nan, 13.5], nan_ok=True)
     assert made.limiting_mag == pytest.approx([5.5, math.nan, 4.5], nan_ok=True)
+
+
+NO_MATCH = Unidentified(Reason.NO_MATCH, "")
+
+
+def named(objects, stars):
+    return Identification(np.array(objects, dtype=np.int64), np.array(stars, dtype=np.int64), 1e-9)
+
+
+def test_the_light_of_many_panoramas_stands_at_those_with_named_stars():
+    """Of five panoramas two have an answer: the second names both of its objects, the fourth two of its three."""
+    answers = Answers.of([NO_MATCH, named([1, 0], [3, 0]), NO_MATCH, named([2, 0], [2, 4]), named([], [])])
+    brightness = np.array([50.0, 100.0, 10.0, 7.0, 1000.0, 5.0, 100.0, 4.0])
+    found = starlights(brightness, Parts.of_counts([1, 2, 1, 3, 1]), answers, CATALOG)
+    assert found.stars.tolist() == [0, 2, 0, 2, 0]
+    # 2.5 log10 of the index values: 10 -> 2.5, 100 -> 5, 1000 -> 7.5.
+    zero_points = [math.nan, ((5.0 + 2.5) + (1.0 + 5.0)) / 2, math.nan, ((3.0 + 5.0) + (6.5 + 7.5)) / 2, math.nan]
+    assert found.zero_point_mag == pytest.approx(zero_points, nan_ok=True)
+    assert found.limiting_mag == pytest.approx([math.nan, 5.0, math.nan, 6.5, math.nan], nan_ok=True)
+    faintest = [10 ** (0.4 * (zero - 6.5 + 1.0)) if zero == zero else math.inf for zero in zero_points]
+    assert found.faintest_index == pytest.approx(faintest)
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_without_an_answer_there_is_no_light(count):
+    found = starlights(np.ones(count), Parts.of_counts([1] * count), Answers.of([NO_MATCH] * count), CATALOG)
+    assert (found.stars.tolist(), found.faintest_index.tolist()) == ([0] * count, [math.inf] * count)
+
+
+def test_rows_of_all_panoramas_are_those_of_each_behind_the_ones_before():
+    answers = Answers.of([named([1], [0]), NO_MATCH, named([2, 0], [1, 2])])
+    assert rows_of(Parts.of_counts([2, 4, 3]), answers).tolist() == [1, 8, 6]
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [[[3.0]], [[1.0, 8.0]], [[7.0, 1.0, 2.0]], [[9.0, 1.0], [5.0, 4.0, 3.0, 8.0], [2.0], [6.0, 0.0, 7.0, 3.0, 1.0]]],
+)
+def test_the_median_of_each_part_is_that_of_numpy(parts):
+    found = _medians(np.concatenate(parts), np.array([len(part) for part in parts]))
+    assert found.tolist() == [np.median(part) for part in parts]

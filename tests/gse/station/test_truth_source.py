@@ -43,7 +43,7 @@ def test_a_frozen_orientation_stays_and_says_where_it_does_not_reach():
     truth, event = source.at(OTHER_NS)
     assert truth is not None
     assert event.kind == "EARTH_ORIENTATION"
-    assert event.utc_ns == OTHER_NS
+    assert (event.utc_ns, event.mono_ns) == (OTHER_NS, 0)
     assert source.orientation is frozen
 
 
@@ -51,7 +51,7 @@ def test_a_date_before_the_tables_has_no_truth_and_an_event():
     source = TruthSource(SITE, None, None, None)
     truth, event = source.at(BEFORE_NS)
     assert truth is None
-    assert (event.kind, event.utc_ns) == ("NO_TRUTH", BEFORE_NS)
+    assert (event.kind, event.utc_ns, event.mono_ns) == ("NO_TRUTH", BEFORE_NS, 0)
     assert "1971-06-01" in event.text
     assert not source.reaches(BEFORE_NS)
 
@@ -68,3 +68,29 @@ def test_a_star_simulator_needs_no_earth(utc_ns):
             np.sin(np.radians(-2)),
         ]
     )
+
+
+def test_before_all_tables_the_orientation_at_hand_does_not_reach():
+    source = TruthSource(SITE, None, None, None)
+    source.at(NOW_NS)
+    assert source.reaches(NOW_NS) is True
+    assert source.reaches(BEFORE_NS) is False
+
+
+LATER_NS = from_text("2250-01-01T00:00:00Z")
+"""Beyond all tables: the Earth's turn is only known to some seconds."""
+
+
+def test_beyond_all_tables_the_orientation_at_hand_stays_and_without_one_the_last_is_taken():
+    source = TruthSource(SITE, None, None, None)
+    source.at(NOW_NS)
+    at_hand = source.orientation
+    truth, event = source.at(LATER_NS)
+    assert source.orientation is at_hand
+    assert truth.earth_orientation is at_hand
+    assert (event.kind, event.utc_ns) == ("EARTH_ORIENTATION", LATER_NS)
+    first = TruthSource(SITE, None, None, None)
+    truth, event = first.at(LATER_NS)
+    assert event.kind == "EARTH_ORIENTATION"
+    assert truth.earth_orientation is first.orientation is not None
+    assert first.orientation is not at_hand
