@@ -235,7 +235,7 @@ def test_stamps_that_mean_nothing_bound_no_loss():
     assert counters.frames_lost == 0
 
 
-@pytest.mark.parametrize(("flags", "arrival"), [(0, Arrival.RESET), (1, Arrival.NEXT)])
+@pytest.mark.parametrize(("flags", "arrival"), [(0, Arrival.RESET), (1, Arrival.NEXT), (2, Arrival.RESET)])
 def test_a_stored_frame_looks_never_like_a_restart(flags, arrival):
     """Its clock is older, and it may still bear the word of a restart."""
     for tag_us, restarted in ((4, False), (6, True)):

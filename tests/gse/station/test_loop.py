@@ -317,7 +317,7 @@ def test_a_step_of_the_clock_before_the_first_panorama_leaves_the_sky_to_be_soug
     loop = StationLoop(setup)
     loop.on_event(ClockStep(START_NS, 0, StationKind.CLOCK_STEP, "", NS_PER_S))
     assert loop._truth_sought is False
-    loop.observe(empty(0)[0])
+    assert loop.observe(empty(0)[0]).panorama.utc_ns == START_NS
     assert loop._truth_sought is True
     loop.on_event(ClockStep(START_NS + NS_PER_S, 0, StationKind.CLOCK_STEP, "", NS_PER_S))
     assert loop._truth_sought is True
@@ -401,7 +401,8 @@ def test_listeners_see_results_in_their_order_with_the_events_that_they_bring_be
 def test_an_answer_without_a_panorama_shows_no_sky(setup: Setup) -> None:
     loop = StationLoop(setup)
     message = AttitudeMessage(5, frame_no=3, state="lost", latency_s=0.1)
-    loop._identify(Received([(0, OwnAnswer(message, START_NS + 5, START_NS))], empty()))
+    (results,) = loop._identify(Received([(0, OwnAnswer(message, START_NS + 5, START_NS))], empty()))
+    assert [(one.status, one.identifier) for one in results] == [(Status.NO_MATCH, "sensor")]
     assert loop.sky.sees_objects is False
     assert loop.session.frames.columns["frame_no"].tolist() == [3]
     assert loop.session.earth_orientation is not None
