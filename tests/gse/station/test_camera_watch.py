@@ -93,7 +93,9 @@ def test_a_mirrored_image_is_no_focal_length_as_well_unless_that_is_wrong_too(ca
     assert ("focal" in said) == (scale > 1.01)
 
 
-# Of few objects, which fit no camera
+# Of few objects and few stars, which fit no camera
+
+FEW_STARS = load_catalog(stars=200)
 
 
 def few(objects, at_s, status=Status.NO_MATCH):
@@ -101,8 +103,8 @@ def few(objects, at_s, status=Status.NO_MATCH):
 
 
 @pytest.mark.parametrize(("objects", "begins"), [(6, False), (7, True), (8, True)])
-def test_seven_objects_begin_the_watch(catalog, objects, begins):
-    watch = CameraWatch(STATED, catalog)
+def test_seven_objects_begin_the_watch(objects, begins):
+    watch = CameraWatch(STATED, FEW_STARS)
     assert watch.look([few(objects, 3)]) == []
     assert (watch._first is not None) is begins
 
@@ -116,21 +118,21 @@ def test_seven_objects_begin_the_watch(catalog, objects, begins):
         ([100, 105.0, 150.0], 500.0),
     ],
 )
-def test_it_is_searched_after_five_seconds_then_after_fifty_of_the_first_panorama(catalog, times_s, after_s):
-    watch = CameraWatch(STATED, catalog)
+def test_it_is_searched_after_five_seconds_then_after_fifty_of_the_first_panorama(times_s, after_s):
+    watch = CameraWatch(STATED, FEW_STARS)
     assert watch.look([few(7, at_s) for at_s in times_s]) == []
     assert watch._after_s == after_s
 
 
 @pytest.mark.parametrize("status", [Status.TOO_FEW, Status.AMBIGUOUS, Status.SENSOR_FAULT, Status.IDENTIFIER_FAULT])
-def test_only_panoramas_without_a_match_are_looked_at(catalog, status):
-    watch = CameraWatch(STATED, catalog)
+def test_only_panoramas_without_a_match_are_looked_at(status):
+    watch = CameraWatch(STATED, FEW_STARS)
     watch.look([few(7, 0, status)])
     assert (watch._first, watch.finish()) == (None, None)
 
 
-def test_of_results_that_come_together_all_are_looked_at_until_one_is_identified(catalog):
-    watch = CameraWatch(STATED, catalog)
+def test_of_results_that_come_together_all_are_looked_at_until_one_is_identified():
+    watch = CameraWatch(STATED, FEW_STARS)
     assert watch.look([few(7, 0), few(7, 1), few(7, 2, Status.IDENTIFIED), few(7, 60)]) == []
     assert watch._latest.utc_ns == NS_PER_S
     assert watch.finish() is None

@@ -433,14 +433,14 @@ def test_five_thousand_pixels_are_remembered(more, all_stay):
 
 def test_the_pixel_seen_longest_ago_is_forgotten_first():
     """Two of a full memory are seen again before a new one comes: they are kept, the third is forgotten."""
-    crowd = np.array([(place % 100, place // 100) for place in range(5000)], dtype=float)
+    crowd = np.array([(place // 100, place % 100) for place in range(5000)], dtype=float)
     sightings = _Sightings(1.0)
     for number in range(4):
         sightings.stay(crowd, np.repeat(number * MOVED, len(crowd), axis=0))
     seen = np.array([*crowd[:2], (500.0, 500.0)])
     assert sightings.stay(seen, np.repeat(4 * MOVED, 3, axis=0)).tolist() == [True, True, False]
-    again = np.array([*crowd[3:5], crowd[2]])
-    assert sightings.stay(again, np.repeat(5 * MOVED, 3, axis=0)).tolist() == [True, True, False]
+    again = np.array([*crowd[3:5], crowd[0], crowd[2]])
+    assert sightings.stay(again, np.repeat(5 * MOVED, 4, axis=0)).tolist() == [True, True, True, False]
 
 
 @pytest.mark.parametrize("cell", [0, 1, 2_956_698])
