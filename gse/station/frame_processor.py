@@ -224,8 +224,9 @@ class FrameProcessor:
         An external identifier may name some stars of a full panorama: the sky is that of the reference identifier.
         """
         light = starlights(objects.brightness, objects.parts, answers, self.identifier.catalog)
-        if self.reference is None or true_stars is None:
+        if true_stars is None:
             return light
+        assert self.reference is not None
         unnamed = answers.parts.counts == 0
         if isinstance(self.identifier, ExternalIdentifier):
             unnamed |= true_stars.named
@@ -239,8 +240,9 @@ class FrameProcessor:
     ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
         """The check (K,) of each answer's attitude by the stars that the reference identifier found; how far apart."""
         checks, all_separations_rad = np.full(len(objects), _UNKNOWN, dtype=np.uint8), np.full(len(objects), np.nan)
-        if self.reference is None or true_stars is None:
+        if true_stars is None:
             return checks, all_separations_rad
+        assert self.reference is not None
         known = true_stars.named
         measured = objects.directions_sensor.take(rows_of(objects.parts, true_stars), axis=0)
         stars_icrs = self.reference.catalog.icrs.take(true_stars.stars, axis=0)
@@ -259,7 +261,7 @@ class FrameProcessor:
         checks = checks.copy()
         for k in np.flatnonzero(close).tolist():
             stars = identified.directions_sensor[panoramas.parts.rows(k)]
-            up = self.truth.icrs_to_horizon_at(panoramas.utc_ns[k : k + 1])[0, 2]
+            ((_, _, up),) = self.truth.icrs_to_horizon_at(panoramas.utc_ns[[k]])
             lifted = stars - self.truth.unrefracted(stars, identified.attitudes.icrs_to_sensor[k] @ up)
             by_air_rad = _TIMES_PARTED * float(np.sqrt(lifted.var(axis=0).sum()))
             if identified.separation_rad[k] < _SAME_BORESIGHT_RAD + by_air_rad:

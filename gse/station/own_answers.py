@@ -35,10 +35,10 @@ def measured_rotations(
 ) -> NDArray[np.float64]:
     """Rotations (M, 3, 3) from ICRS to the sensor that rows of OWN_ANSWER state for instants (M,).
 
-    Angles count where a row has them, else its quaternion.
+    Angles count where a row has RA and DE, else its quaternion.
     """
     angles = np.column_stack([answers[name] for name in ANGLES])
-    by_angle = np.isfinite(angles[:, 0])
+    by_angle = np.isfinite(angles[:, :2]).all(axis=1)
     read = np.empty((len(answers), 3, 3))
     read[by_angle] = read_angles(angles[by_angle], convention)
     quaternions = np.column_stack([answers[name][~by_angle] for name in QUATERNION])
@@ -49,7 +49,7 @@ def measured_rotations(
 def field_of(camera: Camera) -> NDArray[np.float64]:
     """Directions (N, 3) evenly over the detector of a camera."""
     x, y = ((np.arange(_GRID) + 0.5) * size / _GRID - 0.5 for size in (camera.columns, camera.rows))
-    return camera.directions(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    return camera.directions(np.stack(np.meshgrid(x, y), axis=-1))
 
 
 @dataclass(slots=True)
@@ -102,7 +102,7 @@ class OwnAnswerTruth:
         zenith_sensor = geometric @ self.truth.icrs_to_horizon(utc_ns)[2]
         seen = _NEAR if self.field_sensor is None else self.field_sensor
         up = seen @ zenith_sensor > _LOWEST
-        if seen is not _NEAR and not up.all():
+        if not up.all():
             seen = seen[up] if up.sum() >= len(_NEAR) else _NEAR
         stars = self.truth.unrefracted(seen, zenith_sensor) @ geometric
         if not self.aberration_corrected:

@@ -26,7 +26,6 @@ class SensorClock:
     def reset(self) -> None:
         """Forget all: the sensor's clock has started anew."""
         self._least.clear()
-        self._count = 0
 
     def utc_ns(self, time_us: int, *, arrived_mono_ns: int, utc_minus_mono_ns: int) -> int:
         """UTC of a time tag whose event would have been seen at ``arrived_mono_ns`` or a little before."""
