@@ -125,15 +125,15 @@ def both_sides(count, identified=None):
 
 
 def test_answers_are_counted_by_the_side_that_gave_them_without_what_is_excluded_or_was_not_sent():
-    frames, own = both_sides(9, identified="xxxx..x.x")
-    own.acquired, own.sent = mask("xxx.xx.xx"), mask("xxxxxxxx.")
-    matched = np.array([9, 8, 9, 9, 9, 9, 9, 9, 9], dtype=np.uint16)
-    found = equivalence(frames, mask(".......x."), matched, own)
-    assert (found.answers, found.both, found.only_sensor, found.only_station) == (7, 3, 2, 2)
+    frames, own = both_sides(10, identified="xxxx..x.x.")
+    own.acquired, own.sent = mask("xxx.xx.xx."), mask("xxxxxxxx.x")
+    matched = np.array([9, 8, 9, 9, 9, 9, 9, 9, 9, 9], dtype=np.uint16)
+    found = equivalence(frames, mask(".......x.."), matched, own)
+    assert (found.answers, found.both, found.only_sensor, found.only_station) == (8, 3, 2, 2)
     assert found.same_number == 2
-    assert (found.separation_arcsec.n, found.roll_arcsec.n, found.latency_ms.n) == (3, 3, 7)
-    assert found.latency_ms.max == 6.0
-    assert equivalence(frames, mask("xxxxxxxx."), matched, own) is None
+    assert (found.separation_arcsec.n, found.roll_arcsec.n, found.latency_ms.n) == (3, 3, 8)
+    assert (found.latency_ms.p50, found.latency_ms.max) == (3.5, 9.0)
+    assert equivalence(frames, mask("xxxxxxxx.x"), matched, own) is None
 
 
 def test_boresights_lie_as_far_from_each_other_as_a_chord_on_the_sphere():
@@ -158,7 +158,14 @@ def test_each_of_many_answers_is_compared_with_its_own():
 
 @pytest.mark.parametrize(
     ("only_sensor", "only_station", "greatest_arcsec", "is_same"),
-    [(0, 0, 1.0, True), (0, 0, 1.0001, False), (1, 0, 0.0, False), (0, 1, 0.0, False), (0, 0, np.nan, True)],
+    [
+        (0, 0, 1.0, True),
+        (0, 0, 1.0001, False),
+        (1, 0, 0.0, False),
+        (0, 1, 0.0, False),
+        (1, 1, 0.0, False),
+        (0, 0, np.nan, True),
+    ],
 )
 def test_both_sides_are_the_same_within_an_arcsecond_where_neither_answers_alone(
     only_sensor, only_station, greatest_arcsec, is_same

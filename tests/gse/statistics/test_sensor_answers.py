@@ -201,6 +201,15 @@ def test_angles_and_errors_of_an_answer_stand_in_its_row_and_unknown_ones_are_no
     assert found.matched.tolist() == [0, 7, 8, 3]
 
 
+def test_an_answer_arrives_so_long_after_the_middle_of_the_exposure_unless_nobody_stamped_it():
+    made = night([100, 200, 300])
+    for tag_us, late_ns in ((100, 120_000_000), (300, -5_000_000)):
+        at_ns = int(made.frames.columns["utc_ns"][tag_us // 100 - 1]) + late_ns
+        made.sensor_attitudes.append(at_ns, AttitudeMessage(tag_us, 10.0, 20.0, 30.0, 0, 9, "acquired"))
+    made.sensor_attitudes.append(0, AttitudeMessage(200, 10.0, 20.0, 30.0, 0, 9, "acquired"))  # of a file
+    assert sensor_answers(made).arrival_ms == pytest.approx([120.0, math.nan, -5.0], nan_ok=True)
+
+
 def test_the_roll_of_an_answer_is_that_of_the_mount():
     made = night([100])
     zenith = own_truth(made).expected(made.frames.columns["utc_ns"])[0]
