@@ -69,6 +69,7 @@ def test_an_answer_belongs_to_the_panorama_of_its_tag_and_number_the_later_of_tw
         ([(100, {}), (500, {})], 1),
         ([(100, {}), (50, {}), (500, {})], 2),
         ([(100, {}), (100, {}), (200, {})], 0),
+        ([(100, {}), (300, {}), (300, {})], 0),
         ([(100, {"ra_deg": 11.0}), (100, {}), (200, {})], 1),
         ([(100, {"de_deg": 21.0}), (100, {"roll_deg": 31.0}), (100, {}), (300, {})], 2),
         ([(100, {"roll_deg": math.nan}), (100, {})], 1),
@@ -208,6 +209,15 @@ def test_an_answer_arrives_so_long_after_the_middle_of_the_exposure_unless_nobod
         made.sensor_attitudes.append(at_ns, AttitudeMessage(tag_us, 10.0, 20.0, 30.0, 0, 9, "acquired"))
     made.sensor_attitudes.append(0, AttitudeMessage(200, 10.0, 20.0, 30.0, 0, 9, "acquired"))  # of a file
     assert sensor_answers(made).arrival_ms == pytest.approx([120.0, math.nan, -5.0], nan_ok=True)
+
+
+def test_of_answers_about_the_begin_of_all_truth_the_later_ones_are_compared():
+    made = night([100, 200, 300])
+    made.frames.columns["utc_ns"][0] = 0
+    for tag_us in (100, 200, 300):
+        answer(made, tag_us)
+    assert np.isfinite(sensor_answers(made).d_de_arcsec).tolist() == [False, True, True]
+    assert np.isfinite(sensor_answers(made).de_deg).all()
 
 
 def test_the_roll_of_an_answer_is_that_of_the_mount():
