@@ -1,6 +1,7 @@
 """What changed inputs make of the truth, against rates and angles that are known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,6 +50,16 @@ def test_air_moves_what_is_measured_by_how_it_bends():
                                    temperature_c=10.0))  # fmt: skip
     assert across(thicker) == pytest.approx(AT.refraction_arcsec * 10 / 955, rel=0.02)
     assert AT.refraction_arcsec == pytest.approx(58.3 * 955 / 1010 * 283 / 283, rel=0.03)  # at 45 deg and 10 degC
+
+
+@pytest.mark.parametrize("pressure_hpa", [945.0, 965.0])
+def test_air_that_bends_more_than_is_thought_leaves_what_a_mount_that_is_higher_than_stated_leaves(pressure_hpa):
+    """Stars are lifted and the boresight is taken for too low, by as much as the air bends more."""
+    other = replace(SITE, pressure_hpa=pressure_hpa)
+    more_arcsec = AT.refraction_arcsec * (pressure_hpa / 955 - 1)  # in proportion to the pressure
+    higher = AT.changed(mount=replace(LEANING, altitude_deg=45.0 + more_arcsec / 3600))
+    assert AT.changed(site=other) == pytest.approx(higher, rel=5e-3, abs=1e-4)
+    assert across(higher) > 0.5
 
 
 @pytest.mark.parametrize("seconds", [0.01, 2.0])
