@@ -330,6 +330,16 @@ def test_pairs_of_frames_that_differ_are_heads_and_tails(first, second, p, sign)
     assert found == pytest.approx(sign * scipy.stats.norm.isf(p))
 
 
+def test_each_frame_is_compared_with_its_own_pair():
+    """The first frame of the one is the last of the other: one pair happened in both, three in the second alone."""
+    every, both = np.arange(100), [happened(0), happened(96, 97, 98, 99)]
+    for pairs in ((every, every[::-1]), (every[::-1], every)):
+        assert _more_often(both, pairs, (0, 100), (0, 100)) == pytest.approx(scipy.stats.norm.isf(0.5**3))
+    assert _more_often(both[::-1], (every, every[::-1]), (0, 100), (0, 100)) == pytest.approx(
+        -scipy.stats.norm.isf(0.5**3)
+    )
+
+
 @pytest.mark.parametrize(("first", "second", "sign"), [((1, 50), (9, 60), 1), ((9, 60), (1, 50), -1)])
 def test_what_has_no_pair_is_compared_by_fishers_test(first, second, sign):
     """The hypergeometric tail of nine or more among ten."""

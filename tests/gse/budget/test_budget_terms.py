@@ -336,3 +336,13 @@ def test_a_leap_second_that_is_not_announced_may_be_one():
     assert (term.unit, term.distribution, term.corrected) == ("s", RECTANGULAR, True)
     assert turned(term) == pytest.approx(15.041067 * leap_s / math.sqrt(3), rel=1e-4)
     assert "leap seconds" not in stated()
+
+
+def test_an_axis_without_a_drift_has_none_and_a_level_is_told_along_and_across():
+    still = terms(replace(FACTS, drift_arcsec_per_h={"d_ra_cosde": 6.0}))["mount stability"]
+    assert (still.de_arcsec, still.roll_arcsec) == (0.0, 0.0)
+    assert still.ra_arcsec == pytest.approx(6.0 / 4 / math.sqrt(3))
+    told = {angle: stated()[f"mount {angle}"].explanation for angle in ("azimuth", "altitude", "roll")}
+    assert told == {
+        "azimuth": "as surveyed", "altitude": "the level of the mount, along and across", "roll": "as surveyed"
+    }  # fmt: skip

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, TABLE, session
 
-from gse.budget.truth_budget import SessionFacts, session_facts, truth_budget
-from gse.budget.uncertainty import Distribution, half_width
+from gse.budget.truth_budget import SessionFacts, TruthUncertaintyBudget, session_facts, truth_budget
+from gse.budget.uncertainty import AXES, Distribution, Term, combined, half_width
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.instant import from_text
 from gse.mount import Mount, MountUncertainty
@@ -203,3 +203,98 @@ def test_the_budget_holds_the_error_of_sites_and_mounts_that_are_drawn():
         error = attitude_error(true, SiderealTruth(facts.site, TABLE).attitude_true(START_NS, mount))
         inside.append(abs(error.d_ra_cosde_arcsec) <= axes["d_ra_cosde"].expanded_arcsec)
     assert 0.91 <= np.mean(inside) <= 0.985
+
+
+# What is said of it
+
+
+def part(name, arcsec, remedy="", *, de_arcsec=None):
+    return Term(name, arcsec, "arcsec", arcsec, arcsec if de_arcsec is None else de_arcsec, 0.0, "B", "", remedy)
+
+
+def budget_of(*parts, own=0.0):
+    """Of normal errors; the sensor's own answers have a term more."""
+    own_part = part("own choice of stars", own, "point the sensor higher")
+    axes, own_axes = ({axis: combined(some, axis) for axis in AXES} for some in (parts, (*parts, own_part)))
+    return TruthUncertaintyBudget((*parts, own_part), axes, own_axes)
+
+
+@pytest.mark.parametrize(
+    ("parts", "whole"),
+    [
+        (
+            [part("clock", 10.0, "set it")],
+            "clock leaves 19.6 of 19.6 arcsec, and a third of the limit is 2 arcsec; set it",
+        ),
+        ([part("clock", 10.0)], "clock leaves 19.6 of 19.6 arcsec, and a third of the limit is 2 arcsec"),
+        # 3 and 4 make 5: both are more than half of it, and the greater comes first, with its remedy.
+        (
+            [part("clock", 3.0, "set it"), part("mount", 4.0, "fit it")],
+            "mount leaves 7.8 and clock leaves 5.9 of 9.8 arcsec, and a third of the limit is 2 arcsec; fit it",
+        ),
+        # 4 of 9.85 is less than half, though more than a third.
+        (
+            [part("clock", 9.0, "set it"), part("mount", 4.0, "fit it")],
+            "clock leaves 17.6 of 19.3 arcsec, and a third of the limit is 2 arcsec; set it",
+        ),
+        # Of five that are equal none is half of the root of their squares, of four each is.
+        (
+            [part(name, 1.0, "do it") for name in "abcde"],
+            "all terms together of 4.4 arcsec, and a third of the limit is 2 arcsec",
+        ),
+        (
+            [part("clock", math.inf, "set it"), part("mount", 9.0, "fit it")],
+            "clock leaves an unknown error, and a third of the limit is 2 arcsec; set it",
+        ),
+    ],
+)  # fmt: skip
+def test_a_complaint_names_what_is_half_of_the_whole_or_more_the_greatest_first(parts, whole):
+    said = budget_of(*parts).complaint("dRA*", 6.0, 3.0)
+    assert said == f"truth is not good enough for dRA*: {whole}"
+
+
+@pytest.mark.parametrize(("axis", "arcsec"), [("dRA*", 2.0), ("dDE", 5.0)])
+@pytest.mark.parametrize("share", [3.0, 4.0])
+def test_a_complaint_is_made_beyond_the_share_of_a_limit_of_each_axis(axis, arcsec, share):
+    budget = budget_of(part("clock", 2.0, de_arcsec=5.0))
+    most = 1.959963984540054 * arcsec * share
+    assert budget.complaint(axis, most * (1 + 1e-12), share) is None
+    assert budget.complaint(axis, most * (1 - 1e-6), share) is not None
+    assert budget.complaint("roll", 1e-9, share) is None
+    assert (budget.ra_arcsec, budget.de_arcsec) == pytest.approx((1.96 * 2.0, 1.96 * 5.0), rel=1e-4)
+
+
+def test_the_sensors_choice_of_stars_is_complained_of_with_its_own_answers_alone():
+    budget = budget_of(part("clock", 3.0, "set it"), own=4.0)
+    assert budget.complaint("dDE", 6.0, 3.0) == (
+        "truth is not good enough for dDE: clock leaves 5.9 of 5.9 arcsec, and a third of the limit is 2 arcsec; set it"
+    )
+    assert budget.complaint("dDE", 6.0, 3.0, own=True) == (
+        "truth is not good enough for the sensor's dDE: own choice of stars leaves 7.8 and clock leaves 5.9 of 9.8 "
+        "arcsec, and a third of the limit is 2 arcsec; point the sensor higher"
+    )
+    assert budget.complaint("dDE", 18.0, 3.0) is None
+    assert budget.complaint("dDE", 18.0, 3.0, own=True) is not None
+
+
+def test_without_earth_orientation_one_unknown_term_leaves_all_open():
+    budget = truth_budget(replace(FACTS, earth_orientation=None))
+    (term,) = budget.terms
+    assert (term.name, term.standard) == ("sidereal truth", math.inf)
+    for axes in (budget.axes, budget.own_axes):
+        assert [(axis.known, axis.expanded_arcsec) for axis in axes.values()] == [(False, math.inf)] * 3
+
+
+def test_a_session_without_frames_has_no_instant_and_no_length_and_sends_no_answers():
+    facts = session_facts(session(0), clock_error_s=0.5, drift_arcsec_per_h={"d_de": 1.0})
+    assert (facts.utc_ns, facts.duration_s, facts.own_stars_arcsec) == (0, 0.0, 0.0)
+    assert facts.drift_arcsec_per_h == {"d_de": 1.0}
+    assert facts.site is STATION.site
+    assert facts.mount is STATION.mount
+    assert facts.alignment is None
+
+
+def test_facts_that_are_not_given_are_those_of_a_usual_link_and_a_short_session():
+    assert (FACTS.baudrate, FACTS.duration_s, FACTS.own_stars_arcsec) == (115_200, 0.0, 0.0)
+    assert FACTS.alignment is FACTS.drift_arcsec_per_h is None
+    assert FACTS.stars.stars == 10.0
