@@ -13,6 +13,7 @@ from gse.diagnosis.gross_hypotheses import CORRECT, SET_CLOCK, Hypothesis
 from gse.diagnosis.gross_turns import (
     _about_the_pole,
     _duration,
+    _elsewhere,
     _moved,
     _of_latitude,
     angle_text,
@@ -203,3 +204,25 @@ def test_a_latitude_grows_with_the_turn_about_east():
 )
 def test_an_angle_below_a_tenth_of_a_degree_is_told_in_arcseconds(angle_deg, text):
     assert angle_text(angle_deg) == text
+
+
+@pytest.mark.parametrize(
+    ("stated_deg", "true_deg", "is_found"),
+    [((48.2, 11.6), (46.9, 9.5), True), ((48.2, 11.6), (50.0, -3.0), True), ((89.0, 11.6), (89.5, 11.6), True),
+     ((89.0, 11.6), (89.95, 11.6), False)],
+)  # fmt: skip
+def test_another_place_is_found_by_what_all_three_angles_say_but_for_the_very_pole(stated_deg, true_deg, is_found):
+    """North of 89.9 deg a longitude says next to nothing: no place is looked for there."""
+    stated, true = (replace(MUNICH, latitude_deg=one[0], longitude_deg=one[1]) for one in (stated_deg, true_deg))
+    found = _elsewhere(attitudes(true, MOUNT), replace(STATED, site=stated), TABLE)
+    assert (found is not None) is is_found
+    if found is not None:
+        assert (found.cause, found.is_gross, found.next_step) == ("site", True, CORRECT)
+        fits = re.fullmatch(
+            r"the stars fit site.latitude_deg: ([\d.-]+) and longitude_deg: ([\d.-]+), stated are (\S+) and (\S+)",
+            found.size,
+        )
+        latitude_deg, longitude_deg, *told = map(float, fits.groups())
+        assert tuple(told) == stated_deg
+        assert latitude_deg == pytest.approx(true_deg[0], abs=0.003)
+        assert longitude_deg == pytest.approx(true_deg[1], abs=0.003 / math.cos(math.radians(true_deg[0])))

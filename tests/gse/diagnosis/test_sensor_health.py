@@ -12,7 +12,18 @@ from skies.known_nights import START_NS, session
 from drivers.link import SerialLink
 from drivers.urlhandlers.protocol_sim import register
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.diagnosis.sensor_health import CentroidNoise, Trend, _slope_within, _trend, health_findings, sensor_health
+from gse.diagnosis.sensor_health import (
+    CentroidNoise,
+    SensorHealth,
+    Trend,
+    _hot_pixel_trend,
+    _slope_within,
+    _supply,
+    _thermometer,
+    _trend,
+    health_findings,
+    sensor_health,
+)
 from gse.instant import NS_PER_S
 from gse.recording.session_format import RecordedTimings
 from gse.simulator import device_factory
@@ -252,7 +263,7 @@ def test_the_noise_of_centroids_follows_their_light(steady: SessionData) -> None
     found = noise_of(steady, np.sqrt(0.1**2 + 2.0**2 / index), index)
     assert (found.stars, found.noisy_stars) == (10, 0)
     assert (found.floor_px, found.photon_px) == (pytest.approx(0.1, rel=1e-3), pytest.approx(2.0, rel=1e-3))
-    assert found.median_px == pytest.approx(np.median(np.sqrt(0.01 + 4 / index)), rel=1e-3)
+    assert found.median_px == pytest.approx(np.median(np.sqrt(0.01 + 4 / index)), rel=1e-4)
 
 
 def test_stars_that_scatter_three_times_as_much_as_their_light_explains_are_counted(steady: SessionData) -> None:
@@ -595,3 +606,126 @@ def test_housekeeping_is_what_status_frames_said_each_once_in_their_order() -> N
     assert math.isnan(kept.temperature_c[1])
     made.statuses = []
     assert sensor_health(made).housekeeping is None
+
+
+# Each rule by itself
+
+
+def thermometer(values: list[float], *, every_s: float = 10.0, may_stand_still: bool = False) -> list[str]:
+    utc_ns = START_NS + np.round(np.arange(len(values)) * every_s * NS_PER_S).astype(np.int64)
+    told = list(_thermometer("frames", utc_ns, np.array(values), may_stand_still=may_stand_still))
+    assert all(one.equals in ((), ("a coarse thermometer",)) for one in told)
+    return [one.size + (", or coarse" if one.equals else "") for one in told]
+
+
+@pytest.mark.parametrize(
+    ("values", "options", "told"),
+    [
+        ([], {}, []),
+        ([math.nan] * 200, {}, []),
+        ([20.0, 21.0] * 100, {}, []),
+        ([20.0] * 100, {}, ["the temperature is 20.00 degC in all 100 frames, or coarse"]),
+        ([20.0] * 99, {}, []),
+        ([20.0] * 99, {"every_s": 100.0}, []),
+        ([20.0] * 101, {"every_s": 6.0}, ["the temperature is 20.00 degC in all 101 frames, or coarse"]),
+        ([20.0] * 101, {"every_s": 5.999}, []),
+        ([20.0] * 100, {"may_stand_still": True}, []),
+        ([20.0] * 99 + [20.5], {}, []),
+        ([0.0] * 30, {}, ["the temperature is 0.00 degC in all 30 frames"]),
+        ([0.0] * 30, {"may_stand_still": True}, ["the temperature is 0.00 degC in all 30 frames"]),
+        ([0.0] * 29, {}, []),
+        ([0.5] * 30, {}, []),
+        ([1.0] * 30, {}, []),
+        ([-1.0] * 30, {}, []),
+        ([1.0] * 100, {}, ["the temperature is 1.00 degC in all 100 frames, or coarse"]),
+        ([-1.0] * 100, {}, ["the temperature is -1.00 degC in all 100 frames, or coarse"]),
+        ([0.0] * 100, {}, ["the temperature is 0.00 degC in all 100 frames"]),
+        ([20.0, math.nan, 21.0, math.nan, 20.0], {}, ["the temperature is not a number in 2 of 5 frames"]),
+        (
+            [math.nan] + [20.0] * 100,
+            {},
+            [
+                "the temperature is not a number in 1 of 101 frames",
+                "the temperature is 20.00 degC in all 100 frames, or coarse",
+            ],
+        ),
+        ([math.nan] + [20.0] * 99, {}, ["the temperature is not a number in 1 of 100 frames"]),
+        # 600 s with the one that is no number, 594 without
+        ([math.nan] + [20.0] * 100, {"every_s": 6.0}, ["the temperature is not a number in 1 of 101 frames"]),
+    ],
+)
+def test_a_thermometer_is_told_that_gives_no_number_nought_or_always_the_same(
+    values: list[float], options: dict[str, float], told: list[str]
+) -> None:
+    assert thermometer(values, **options) == told
+
+
+@pytest.mark.parametrize(
+    ("volts", "told"),
+    [
+        ([], []),
+        ([math.nan] * 9, []),
+        ([5.0] * 9, []),
+        ([math.nan, 5.0, 5.0, math.nan], ["the supply voltage is not a number in 2 of 4 STATUS frames"]),
+        ([0.0] * 5 + [5.0] * 4, ["the supply voltage is 0 V in most of 9 STATUS frames"]),
+        ([5.0] * 4 + [0.0] * 5, ["the supply voltage is 0 V in most of 9 STATUS frames"]),
+        ([5.0] * 8 + [4.5], []),
+        ([5.0] * 8 + [4.49], ["it fell to 4.49 V from 5.00 V"]),
+        ([4.4] * 5 + [5.0] * 6, ["it fell to 4.40 V from 5.00 V"]),
+        ([6.0] * 3 + [5.0] * 9, ["it fell to 5.00 V from 6.00 V"]),  # the median of the first five
+        ([6.0] * 2 + [5.0] * 9, []),
+        ([1.0] * 9, []),
+        ([0.4] * 8 + [0.3], ["it fell to 0.30 V from 0.40 V"]),
+    ],
+)
+def test_a_supply_is_told_that_is_nought_gives_no_number_or_falls_by_a_tenth(
+    volts: list[float], told: list[str]
+) -> None:
+    assert [one.size for one in _supply(np.array(volts))] == told
+
+
+@pytest.mark.parametrize(("range_k", "is_told"), [(1.99, False), (2.0, True)])
+def test_hot_pixels_have_a_trend_over_two_kelvins_whatever_the_order_of_the_frames(
+    range_k: float, is_told: bool
+) -> None:
+    """Three of them for each."""
+    order = np.random.default_rng(1).permutation(64)
+    temperature_c = 8.0 + range_k * np.arange(64) / 63
+    hot_pixels = 3 * (temperature_c - 8.0)
+    with_gap = np.append(temperature_c[order], math.nan).astype(np.float64)
+    found = _hot_pixel_trend(with_gap, np.append(hot_pixels[order], 250.0))
+    assert (found is not None) is is_told
+    if found is not None:
+        assert (found.slope, found.low, found.high) == pytest.approx((3.0, 3.0, 3.0))
+
+
+def health(**known: object) -> SensorHealth:
+    nothing = {"objects": 0.0, "hot_pixels": 0.0, "hot_pixels_per_k": None, "false_objects": 0.0}
+    nothing |= {"brightness_mag_per_h": None, "centroid_noise": None, "housekeeping": None}
+    return SensorHealth(**(nothing | known))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("stars", "noisy", "is_told"), [(10, 5, False), (10, 6, True), (11, 5, False), (11, 6, True)])
+def test_centroids_are_noisy_where_more_than_half_of_the_stars_are(stars: int, noisy: int, is_told: bool) -> None:
+    found = list(health_findings(session(1), health(centroid_noise=CentroidNoise(stars, 0.3, 0.1, 0.0, noisy))))
+    assert [one.cause for one in found] == ["centroid noise"] * is_told
+
+
+@pytest.mark.parametrize(
+    ("slope", "low", "high", "words"),
+    [
+        (0.11, 0.01, 0.2, "brighter by 0.11"),
+        (-0.11, -0.2, -0.01, "fainter by 0.11"),
+        (1.6, 1.0, 2.0, "brighter by 1.60"),
+        (0.1, 0.01, 0.2, None),
+        (-0.1, -0.2, -0.01, None),
+        (0.5, -0.01, 1.0, None),
+        (-0.5, -1.0, 0.01, None),
+        (0.5, 0.0, 1.0, None),
+    ],
+)
+def test_a_scale_of_brightness_drifts_by_more_than_a_tenth_that_is_certain(
+    slope: float, low: float, high: float, words: str | None
+) -> None:
+    found = list(health_findings(session(1), health(brightness_mag_per_h=Trend(slope, low, high))))
+    assert [one.size for one in found] == ([f"the same stars become {words} mag/h under a clear sky"] if words else [])
