@@ -152,3 +152,10 @@ def test_a_drift_is_the_rise_from_quarter_to_quarter_over_three_quarters_of_the_
 
 def test_frames_of_one_instant_have_no_drift():
     assert at(np.zeros(40), np.arange(40.0)).drift == 0.0
+
+
+@pytest.mark.parametrize(("first_s", "found"), [(0.3, (24.0, 0.5)), (0.44, (24.0, 0.5)), (0.46, (20.0, 0.46))])
+def test_a_delay_that_comes_in_two_stages_is_told_at_that_which_has_nine_tenths_of_it(first_s, found):
+    late_s = np.repeat([0.0, first_s, 0.5], [20, 4, 16])
+    at_ns, step_s = at(np.arange(40.0), late_s).step(START_NS + 20 * NS_PER_S)
+    assert ((at_ns - START_NS) / NS_PER_S, step_s) == found

@@ -323,3 +323,10 @@ def test_the_frequency_is_that_of_the_axis_with_most_beyond_what_its_stars_expla
     errors = one * with_line(math.sqrt(2 * 6), 1.0) * [1.0, math.sqrt(12), 1.0]
     found = vibration(replace(series, errors_arcsec=errors), uneven)
     assert found.frequency_hz == pytest.approx(2.0, abs=0.02)
+
+
+@pytest.mark.parametrize(("power", "is_named"), [(69.0, False), (71.0, True)])
+def test_the_mean_is_no_ordinate_of_which_the_median_is_taken(power, is_named):
+    """Of 1, 3, 4 and the line itself it is 3.5, and the line twenty times as strong; with a nought it would be 3."""
+    values = np.fft.irfft(np.sqrt([0.0, 3.0, power, 1.0, 4.0]))
+    assert math.isfinite(_line_hz(0.1 * np.arange(8), values, 0.1, 0.0)) is is_named
