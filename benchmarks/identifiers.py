@@ -245,8 +245,8 @@ def calibration(catalog: StarCatalog, count: int, seed: int) -> None:
         print(f"{name}, {objects} objects: {reached}", flush=True)
 
 
-def many_and_tracking(catalog: StarCatalog, seed: int) -> None:
-    """Panoramas per second in one call, and the time of tracking, camera B nominal."""
+def many(catalog: StarCatalog, seed: int) -> None:
+    """Panoramas per second in one call, camera B nominal."""
     identifier = robust_for(OPTICS["B"], catalog)
     frames = frames_of(OPTICS["B"], CONDITIONS["nominal"], catalog, 1000, seed)
     panoramas = ObjectColumns.of([(frame.directions_sensor, frame.brightness) for frame in frames])
@@ -254,13 +254,6 @@ def many_and_tracking(catalog: StarCatalog, seed: int) -> None:
     started = time.thread_time()
     identifier.identify_many(panoramas)
     print(f"many panoramas in one call, B nominal: {len(panoramas) / (time.thread_time() - started):.0f} per second")
-    times_us = []
-    for frame in frames[::20]:
-        for _ in range(50):
-            started_ns = time.thread_time_ns()
-            identifier.track(frame.directions_sensor, frame.brightness, frame.attitude)
-            times_us.append((time.thread_time_ns() - started_ns) / 1000)
-    print(f"tracking, 50 panoramas of each of 50 places: median {np.median(times_us):.1f} us", flush=True)
 
 
 def main() -> None:
@@ -295,7 +288,7 @@ def main() -> None:
         few_stars(catalog, arguments.frames, arguments.seed)
         random_only(catalog, arguments.random, arguments.seed)
         calibration(catalog, arguments.random, arguments.seed)
-        many_and_tracking(catalog, arguments.seed)
+        many(catalog, arguments.seed)
     print(f"load {os.getloadavg()[0]:.1f} at the end")
 
 

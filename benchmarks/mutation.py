@@ -76,7 +76,7 @@ ROOMS = {
             "gse/identifier/evidence.py:LOG_STRONG",
             "gse/identifier/hypotheses.py:_LOG_MIRRORED",
             "gse/identifier/hypotheses.py:search_many",
-            "gse/identifier/robust.py:_answer",
+            "gse/identifier/robust.py:_believed",
             "gse/identifier/robust.py:_false_match_probability",
         ),
         ("tests/gse/identifier",),

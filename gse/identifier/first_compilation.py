@@ -20,7 +20,6 @@ from gse.identifier.acceptance import wahba_residual_rad
 from gse.identifier.hypotheses import search_many
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
-from gse.identifier.tangent_plane import Noise
 from gse.jit import is_on_disk
 
 _LONGEST_S = 300.0
@@ -80,7 +79,7 @@ def compile_robust() -> None:
     with tempfile.TemporaryDirectory() as folder:
         sky = tuple(sky_tables(stars, magnitude, field, Path(folder)))
     plan = search_plan(1e-3, 300.0, widest_px=np.inf, sigma_px=None)
-    known = np.array(Noise(1e-3, 1e-4, 6, 2.5e-3, np.nan, 0.5), dtype=np.float64)
+    known = np.array([1e-4, 6, 2.5e-3, np.nan, 0.5])
     search_many(sky, stars[:3].copy(), magnitude[:3].copy(), np.cumsum([0, 3]), plan, known)
 
 

@@ -90,9 +90,9 @@ def search(
     """Find the attitude with the most evidence: its logarithm, that of the second best, objects (M,), their stars (M,).
 
     ``directions`` (N, 3) and ``brightness`` (N,) of the objects, brightest first; stars are rows of the tables. Each
-    row of ``plan`` is a pass (see ``search_plan``) with a noise of its own. ``sky`` is SkyTables and ``known`` is
-    Noise, as plain tuple and array: these are twice as fast to hand over. The search ends with the alpha star that
-    gives strong evidence, at the end of the plan or after MAX_HYPOTHESES.
+    row of ``plan`` is a pass (see ``search_plan``) with a noise of its own. ``sky`` is SkyTables and ``known`` what
+    ``noise_of`` takes, as plain tuple and array: these are twice as fast to hand over. The search ends with the alpha
+    star that gives strong evidence, at the end of the plan or after MAX_HYPOTHESES.
     """
     tables = SkyTables(*sky)
     objects = objects_of(directions, brightness)

@@ -39,9 +39,6 @@ a stricter threshold. It is reported as a reason and never answered, because the
 **Brightness is used weakly** (0.5 mag, with a share of stars whose brightness is anything), because colours, clouds and
 saturation change it. Positions decide.
 
-**Tracking** (``track``) starts from a previous attitude instead of from votes. Verification and evidence are the same,
-so a wrong previous attitude can cost time, never an answer: without evidence the whole sky is searched.
-
 The compiled searches take plain arrays and release Python's lock; the same input gives the same answer on any
 machine. The sources of the parts are in docs/references.md.
 """
@@ -53,18 +50,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.attitude import Attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog, merge_doubles
 from gse.catalog.mission import MERGED_WITHIN_PX
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_UNAMBIGUOUS, TRUSTED_SCALE_SIGMA
 from gse.identifier.hypotheses import best_evidence, search_many
-from gse.identifier.input_checks import refusal, refusals
+from gse.identifier.input_checks import refusals
 from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified, answered
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
-from gse.identifier.tangent_plane import Noise, outside_field, outside_fields
-from gse.identifier.tracking import follow
+from gse.identifier.tangent_plane import outside_fields
 from gse.parts import Parts
 
 _FEWEST_OBJECTS = 3
@@ -79,11 +74,6 @@ _SIGMA_STEPS = 6
 
 _MAGNITUDE_SIGMA = 0.5
 """Brightness is used weakly: colours, extinction and peak pixels make errors of this size."""
-
-_TRACKING_SIGMA_PX = 1.0
-
-_TRACKING_REACH_PX = 12.0
-"""How far the sky may have moved between panoramas; 40 s of the Earth's rotation with 49 arcsec per pixel."""
 
 _SCALE_SIGMA = 2.5e-3
 """How far the focal length may be off: 0.5 % is two sigma."""
@@ -138,11 +128,8 @@ class RobustIdentifier:
         self._sky = tuple(sky_tables(self.catalog.icrs, self.catalog.magnitude, field))
         smallest, steps = (_SMALLEST_SIGMA_PX, _SIGMA_STEPS) if sigma_px is None else (sigma_px, 1)
         zero_point = math.nan if known.zero_point is None else known.zero_point
-        tracking_px = _TRACKING_SIGMA_PX if sigma_px is None else sigma_px
         scale_sigma = _SCALE_SIGMA if sigma_px is None else TRUSTED_SCALE_SIGMA
-        noise = Noise(tracking_px * pixel, smallest * pixel, steps, scale_sigma, zero_point, known.magnitude_sigma)
-        self._noise = np.array(noise, dtype=np.float64)
-        self._reach = _TRACKING_REACH_PX * pixel
+        self._noise = np.array([smallest * pixel, steps, scale_sigma, zero_point, known.magnitude_sigma])
         widest = math.inf if sigma_px is None else _WINDOW_SIGMAS * sigma_px
         self._plan = search_plan(pixel, fields_on_sky, widest_px=widest, sigma_px=sigma_px)
 
@@ -151,21 +138,6 @@ class RobustIdentifier:
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
         return self.identify_many(ObjectColumns.of([(directions_sensor, brightness)]))[0]
-
-    def track(
-        self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64], previous: Attitude
-    ) -> Identification | Unidentified:
-        """The same where the sky is expected within 12 px of the previous attitude; elsewhere the sky is searched."""
-        directions, brightness = _contiguous(directions_sensor, brightness)
-        refused = self._refusal(directions, brightness)
-        if refused:
-            return refused
-        evidence, objects, stars = follow(
-            self._sky, directions, brightness, previous.icrs_to_sensor, self._reach, self._noise
-        )
-        if evidence < LOG_ACCEPTED:
-            return self.identify(directions, brightness)
-        return _answer(evidence, -math.inf, False, objects, stars, len(brightness))
 
     def best_false_match_probability(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
@@ -188,27 +160,7 @@ class RobustIdentifier:
         evidence, mirrored, ends, found, stars = search_many(
             self._sky, objects.directions_sensor, objects.brightness, objects.parts.first, self._plan, self._noise
         )
-        best, second = evidence.T
-        probability = np.array([_false_match_probability(value) for value in best.tolist()])
-        answers = Answers(Parts(ends), found, stars, probability, {})
-        alone = np.where(best < LOG_ACCEPTED, math.inf, best)  # minus infinity less minus infinity is not a number
-        wrong = (mirrored | (best < LOG_ACCEPTED) | (alone - second < LOG_UNAMBIGUOUS)).nonzero()[0].tolist()
-        counts = answers.parts.counts, objects.parts.counts
-        return answers.but(
-            {
-                k: _unidentified(float(best[k]), float(second[k]), bool(mirrored[k]), *(int(n[k]) for n in counts))
-                for k in wrong
-            }
-        )
-
-    def _refusal(self, directions: NDArray[np.float64], brightness: NDArray[np.float64]) -> Unidentified | None:
-        refused = refusal(directions, brightness, _FEWEST_OBJECTS)
-        if refused:
-            return refused
-        outside = outside_field(directions, self._field)
-        if outside >= 0:
-            return _outside(outside)
-        return None
+        return _believed(evidence, mirrored, Parts(ends), found, stars, objects.parts.counts)
 
 
 def stars_looked_at(camera: Camera, field_of_view_deg: float | None = None) -> int:
@@ -227,13 +179,27 @@ def _outside(row: int) -> Unidentified:
     return Unidentified(Reason.SENSOR_FAULT, f"object {row} lies outside the detector")
 
 
-def _answer(
-    best: float, second: float, mirrored: bool, objects: NDArray[np.int64], stars: NDArray[np.int64], count: int
-) -> Identification | Unidentified:
-    """The answer to a panorama of ``count`` objects."""
-    if mirrored or best < LOG_ACCEPTED or best - second < LOG_UNAMBIGUOUS:
-        return _unidentified(best, second, mirrored, len(stars), count)
-    return Identification(objects, stars, _false_match_probability(best))
+def _believed(
+    evidence: NDArray[np.float64],
+    mirrored: NDArray[np.bool_],
+    parts: Parts,
+    objects: NDArray[np.int64],
+    stars: NDArray[np.int64],
+    counts: NDArray[np.int64],
+) -> Answers:
+    """What of the best attitudes of K panoramas is an answer, of which ``counts`` (K,) are the objects.
+
+    ``evidence`` (K, 2) are the logarithms of the best and of the second best. Rows (M,) of objects and stars are parts.
+    """
+    best, second = evidence.T
+    probability = np.array([_false_match_probability(value) for value in best.tolist()])
+    alone = np.where(best < LOG_ACCEPTED, math.inf, best)  # minus infinity less minus infinity is not a number
+    wrong = np.flatnonzero(mirrored | (best < LOG_ACCEPTED) | (alone - second < LOG_UNAMBIGUOUS)).tolist()
+    refused = {
+        k: _unidentified(float(best[k]), float(second[k]), bool(mirrored[k]), int(parts.counts[k]), int(counts[k]))
+        for k in wrong
+    }
+    return Answers(parts, objects, stars, probability, {}).but(refused)
 
 
 def _unidentified(best: float, second: float, mirrored: bool, stars: int, count: int) -> Unidentified:

@@ -64,8 +64,8 @@ class Noise(NamedTuple):
 
 @compiled_part
 def noise_of(known: NDArray[np.float64], sigma: float) -> Noise:
-    """What is known of a sensor, given as an array (6,), with another noise of a place."""
-    return Noise(sigma, known[1], int(known[2]), known[3], known[4], known[5])
+    """What is known of a sensor, given as an array (5,) without the noise of a place, with that noise."""
+    return Noise(sigma, known[0], int(known[1]), known[2], known[3], known[4])
 
 
 @compiled_part
@@ -74,7 +74,7 @@ def with_noise(noise: Noise, sigma: float, scale_sigma: float) -> Noise:
     return Noise(sigma, noise.smallest_sigma, noise.sigma_steps, scale_sigma, noise.zero_point, noise.magnitude_sigma)
 
 
-@compiled
+@compiled_part
 def outside_field(directions: NDArray[np.float64], field: NDArray[np.float64]) -> int:
     """The first object that no pixel of the detector can be, a hundredth of its width allowed; -1 where all can."""
     left, right, top, bottom, radius2, _ = field

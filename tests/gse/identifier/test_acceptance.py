@@ -12,7 +12,8 @@ from gse.catalog import StarCatalog
 from gse.identifier import Identification, Reason, Unidentified
 from gse.identifier.acceptance import RandomSky, accepted, wahba_residual_rad
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS
-from gse.identifier.robust import _answer
+from gse.identifier.robust import _believed
+from gse.parts import Parts
 
 ARCSEC = math.radians(1 / 3600)
 MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -137,7 +138,8 @@ def evidence_of(false_match_probability):
 
 def by_evidence(best, second=-math.inf, *, mirrored=False):
     rows = np.arange(8)
-    return _answer(best, second, mirrored, rows, rows, 10)
+    eight = Parts.of_counts(np.array([8]))
+    return _believed(np.array([[best, second]]), np.array([mirrored]), eight, rows, rows, np.array([10]))[0]
 
 
 def test_the_robust_identifier_answers_where_chance_would_in_one_of_a_thousand_or_less():
