@@ -19,7 +19,7 @@ from gse.mount import Mount
 from gse.report import summarise
 from gse.report.frames_csv import frames_csv
 from gse.station.attitude_error import attitude_errors
-from gse.station.attitude_table import OWN_ANSWER
+from gse.station.attitude_table import OWN_ANSWER, QUATERNION
 from gse.station.loop import StationLoop
 from gse.station.own_answer_results import OwnAnswerProcessor
 from gse.station.own_answers import _NEAR, OwnAnswerTruth, _fitted, _triad, field_of, measured_rotations
@@ -297,6 +297,13 @@ def test_a_row_is_read_by_its_angles_or_else_by_its_quaternion_each_in_its_place
     answers["q1"][0], answers["ra_deg"][1], answers["roll_deg"][2] = 0.5, 10.0, 30.0  # half of the other is none
     read = measured_rotations(answers, utc_ns, convention)
     assert np.abs(attitude_errors(read, true)).max() < 1e-4
+
+
+def test_an_answer_of_ra_and_de_alone_is_read_with_a_roll_of_zero():
+    answers = np.full(1, np.nan, dtype=[(name, "f8") for name in ("ra_deg", "de_deg", "roll_deg", *QUATERNION)])
+    answers["ra_deg"], answers["de_deg"] = 120.0, -35.0
+    (read,) = measured_rotations(answers, np.array([START_NS]), AttitudeConvention())
+    assert read == pytest.approx(Attitude.from_angles(120.0, -35.0, 0.0).icrs_to_sensor, abs=1e-12)
 
 
 def test_a_small_field_is_its_middle_and_two_directions_a_milliradian_beside_it():
