@@ -241,6 +241,7 @@ def test_what_is_measured_is_kept_with_its_instant_and_in_its_order():
     ("after_ns", "is_odd"),
     [
         (range(13), [0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1, 0]),  # a sixth of 12 ns, and one more, are 3
+        (range(1, 14), [0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1, 0]),  # they count from the first frame
         (range(12), [0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1]),  # a sixth of 11 ns is 1, and one more are 2
         ([0, 60 * NS_PER_S - 1, 60 * NS_PER_S, 120 * NS_PER_S - 1, 120 * NS_PER_S, 700 * NS_PER_S], [0, 0, 1, 1, 0, 1]),
     ],

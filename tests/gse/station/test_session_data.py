@@ -5,6 +5,7 @@ from skies.known_nights import STATION
 
 from gse.config.station import BUILT_IN_TEXT
 from gse.station.event_kinds import ClockStep, StationKind
+from gse.station.frame_table import FrameTable
 from gse.station.results import LinkCounters, Subject
 from gse.station.session_data import SessionData
 
@@ -20,6 +21,8 @@ def test_a_session_begins_with_nothing():
     assert (made.events_not_kept, made.others_lost, made.panoramas_lost) == (0, 0, 0)
     assert (made.raw_sha256, made.catalog, made.versions, made.excluded) == ("", {}, {}, ())
     assert made.truncated is False
+    frames = FrameTable()
+    assert SessionData(STATION, BUILT_IN_TEXT, "panorama-v1", frames).frames is frames
     nothing = made.stars, made.earth_orientation, made.alignment, made.clock_error_s, made.external
     assert nothing == (None,) * 5
     assert (made.external_counts.answers, made.external_counts.own_times) == (0, 0)

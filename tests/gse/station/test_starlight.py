@@ -75,6 +75,12 @@ def test_the_light_of_many_panoramas_stands_at_those_with_named_stars():
     assert found.faintest_index == pytest.approx(faintest)
 
 
+def test_one_named_star_shows_a_magnitude_and_no_zero_point():
+    found = light([300.0, 7.0], [3])
+    assert (found.stars[0], found.limiting_mag[0], found.faintest_index[0]) == (1, 5.0, math.inf)
+    assert math.isnan(found.zero_point_mag[0])
+
+
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_without_an_answer_there_is_no_light(count):
     found = starlights(np.ones(count), Parts.of_counts([1] * count), Answers.of([NO_MATCH] * count), CATALOG)
