@@ -191,7 +191,8 @@ def test_what_stars_keep_for_a_session_is_in_the_covariance_though_frames_do_not
     sessions = [starry_session(rng, catalogue_arcsec) for catalogue_arcsec in (0.0, 10.0)]
     still, wrong = (np.sqrt(np.diag(persistent_arcsec2(one))) for one in sessions)
     assert wrong[:2] == pytest.approx(10 / np.sqrt(25), rel=0.4)
-    assert still[0] < 0.2
+    noise_arcsec = 5 / np.sqrt(25 * 300)  # of the mean: what frames show of themselves is not what lasts
+    assert still[:2].max() < noise_arcsec / 2
 
 
 def starry_session(rng, catalogue_arcsec):
