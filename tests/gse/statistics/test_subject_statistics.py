@@ -129,6 +129,16 @@ def test_an_answer_without_roll_counts_for_the_other_angles():
     assert found(answers(columns=columns)).axes["d_roll"].n == 0
 
 
+def test_only_a_roll_goes_round():
+    """About half a turn a roll scatters by little; another error that is as large has its own mean."""
+    around = np.resize([HALF_TURN_ARCSEC - 10.0, 10.0 - HALF_TURN_ARCSEC], 10)
+    stats = found(answers(columns=answers().columns | {"d_roll_arcsec": around, "d_de_arcsec": around}))
+    assert abs(stats.axes["d_roll"].bias_arcsec) == pytest.approx(HALF_TURN_ARCSEC, abs=1e-3)
+    assert stats.axes["d_roll"].std_arcsec == pytest.approx(10.0 * math.sqrt(10 / 9), rel=1e-6)
+    assert stats.axes["d_de"].bias_arcsec == pytest.approx(0.0, abs=1e-6)
+    assert stats.axes["d_de"].std_arcsec > 6e5
+
+
 def test_the_declination_is_that_of_the_answer_where_there_is_no_truth():
     rows, columns = frames(), answers().columns | {"de_deg": np.full(10, -45.0)}
     rows["de_true_deg"][5:] = np.nan
