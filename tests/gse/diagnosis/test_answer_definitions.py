@@ -123,6 +123,15 @@ def test_at_the_zenith_field_and_boresight_are_one_and_answers_by_stars_lack_abe
     assert shift == pytest.approx(np.tile(shift[0], (10, 1)), abs=0.05)
 
 
+def test_by_the_field_an_answer_is_compared_with_the_one_here_whatever_that_is_off_by():
+    made, own = known()
+    frames = made.frames.columns
+    frames["d_ra_cosde_arcsec"], frames["d_de_arcsec"] = 500.0, -700.0
+    own.d_ra_cosde_arcsec[:], own.d_de_arcsec[:] = 503.0, -704.0
+    _, (_, by_field, _) = by_each_idea(made, own, np.arange(60))
+    assert by_field == pytest.approx(np.tile([3.0, -4.0], (60, 1)))
+
+
 @pytest.mark.parametrize(("count", "taken"), [(1, 1), (16_384, 16_384), (16_385, 8_193), (32_769, 10_923)])
 def test_of_many_rows_every_second_or_third_is_taken(count, taken):
     rows = np.arange(count) % 60

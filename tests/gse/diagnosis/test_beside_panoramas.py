@@ -283,12 +283,14 @@ def test_a_roll_that_scatters_is_told_beyond_five_standard_errors(still):
         assert bool(list(_turned(still, answers(still, roll=roll + to_and_fro), 0.0))) is is_told
 
 
-def test_the_sky_turns_about_the_boresight_by_the_tangent_of_the_declination(still):
-    frames = still.frames.columns
+def test_the_sky_turns_about_the_boresight_by_the_tangent_of_the_declination():
+    made = night()
+    frames = made.frames.columns
+    frames["d_ra_cosde_arcsec"] = 700.0
     tangent = math.tan(math.radians(float(np.median(frames["de_true_deg"]))))
-    own = answers(still, ra=-100.0)
+    own = answers(made, ra=-100.0)
     own.d_ra_cosde_arcsec[:5] = np.nan
-    assert _roll_of_delay_arcsec(still, own) == pytest.approx(1.2 * 100 * abs(tangent), rel=1e-3)
+    assert _roll_of_delay_arcsec(made, own) == pytest.approx(1.2 * 100 * abs(tangent), rel=1e-3)
 
 
 STEP = 2 / math.sqrt(2) / 0.6745

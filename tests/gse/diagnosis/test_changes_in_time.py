@@ -256,3 +256,12 @@ def test_a_swing_is_named_in_slow_noise_too():
     errors = wandering(18)
     errors[:, 0] += 30 * np.sin(2 * math.pi * 3 * np.arange(600) / 600)
     assert [one.hypothesis.cause for one in fine_causes(model_of(errors))] == ["thermal sinusoid"]
+
+
+def test_three_causes_are_named_at_most():
+    """Of four swings that are alike."""
+    place = np.arange(240)
+    errors = 0.5 * np.random.default_rng(8).normal(size=(240, 3))
+    errors[:, 0] += sum(30 * np.sin(2 * math.pi * cycles * place / 239 + cycles) for cycles in (2, 5, 9, 14))
+    causes = fine_causes(model_of(errors, 10.0))
+    assert [one.hypothesis.cause for one in causes] == ["thermal sinusoid"] * 3
