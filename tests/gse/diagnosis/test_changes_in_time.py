@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.fft
+import scipy.stats
+from scipy.optimize import brentq
 from skies.star_errors import SETTINGS
 
 from gse.diagnosis.changes_in_time import _step, _wave, sinusoids, steps
 from gse.diagnosis.competing_models import Columns, fitted
 from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.field_patterns import PARAMETERS
-from gse.diagnosis.fine_causes import _is_rest, _refined, fine_causes, told
+from gse.diagnosis.fine_causes import _is_rest, _refined, fine_causes, together, told
 from gse.diagnosis.fine_hypotheses import constant_causes
 from gse.diagnosis.session_model import SessionModel
 from gse.diagnosis.turns import pole
@@ -265,3 +267,24 @@ def test_three_causes_are_named_at_most():
     errors[:, 0] += sum(30 * np.sin(2 * math.pi * cycles * place / 239 + cycles) for cycles in (2, 5, 9, 14))
     causes = fine_causes(model_of(errors, 10.0))
     assert [one.hypothesis.cause for one in causes] == ["thermal sinusoid"] * 3
+
+
+@pytest.mark.parametrize(("beyond", "causes"), [(-0.5, []), (0.5, ["altitude"])])
+def test_a_cause_is_named_that_gains_what_noise_does_in_one_of_12500_sessions(beyond, causes):
+    """An altitude that is off, in eighty frames: twice the logarithm of likelihood, whatever a column costs."""
+    noise = 0.5 * np.random.default_rng(9).normal(size=(80, 3))
+    noise -= noise.mean(axis=0)
+    worth = float(scipy.stats.chi2.isf(0.002 / 25, 1))
+
+    def off(arcsec):
+        return model_of(noise + arcsec * PLAIN.shift(PLAIN.axes()["altitude"]))
+
+    def gain(arcsec):
+        model = off(arcsec)
+        (altitude,) = (one for one in constant_causes(model) if one.kind == "altitude")
+        nothing = together(model.observed(), [])
+        with_it, without = (fitted(model.observed(), columns) for columns in (altitude.columns, nothing))
+        return with_it.twice_log_likelihood - without.twice_log_likelihood
+
+    arcsec = brentq(lambda arcsec: gain(arcsec) - worth - beyond, 0.1, 10.0)
+    assert [one.hypothesis.kind for one in fine_causes(off(arcsec))] == causes

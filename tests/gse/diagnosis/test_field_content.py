@@ -138,14 +138,15 @@ def test_frames_without_a_truth_false_answers_and_stars_that_no_answer_names_do_
         # 4, 8 and 12 differ from their mean by 4, twice that counts; a half more of three stars; pairs are 2 (0 + 4)
         ((1.0, 2.0, 3.0), None, 3 / 2 * 2 * 8.0**2 + 2 * 6 * 8.0**2, 4.0 * 12),
         # A star of which the fit takes all counts as if a tenth were left: ten times 0.6. The others lose 0.1 each
-        ((1.0, 1.0, 1.0), 0.6, 4 / 3 * (3 * 0.4**2 + 6.0**2) + 2 * 6 * 4.2**2, 2.1 * 13),
+        ((1.0, 1.0, 1.0), 0.6, 4 / 3 * (3 * 0.4**2 + 6.0**2) + 2 * 6 * 4.2**2, 2.1 * 16),
     ],
 )
 def test_the_error_of_a_root_mean_square_is_that_of_stars_and_of_pairs_of_them(sizes, alone, variance, whole):
     """Three stars at right angles to each other in four frames, whose errors across the middle make a combination.
 
     A fit of them takes half of the square of each, and a quarter of it in common with each of the two others. Their
-    errors go to and fro so that no two of them do so together. ``alone`` is the square of one in a frame of its own.
+    errors go to and fro so that no two of them do so together. ``alone`` is the square of one in a frame of its own,
+    which counts four times as much.
     """
     turn = 2 * np.pi / 3 * np.arange(3)
     directions = np.column_stack([np.cos(turn) * 2, np.sin(turn) * 2, np.full(3, math.sqrt(2))]) / math.sqrt(6)
@@ -154,7 +155,7 @@ def test_the_error_of_a_root_mean_square_is_that_of_stars_and_of_pairs_of_them(s
     operators, residuals = np.tile(across, (4, 1)), course.reshape(-1, 1) * np.tile(across, (4, 1))
     seen = SeenStars(np.tile(directions, (4, 1)), np.tile([5, 6, 9], 4), np.repeat(np.arange(4), 3))
     if alone is not None:
-        operators, residuals = np.vstack([operators, [1.0, 0.0]]), np.vstack([residuals, [math.sqrt(alone), 0.0]])
+        operators, residuals = np.vstack([operators, [2.0, 0.0]]), np.vstack([residuals, [math.sqrt(alone) / 2, 0.0]])
         one = np.vstack([seen.directions, [0.0, 0.0, 1.0]])
         seen = SeenStars(one, np.append(seen.stars, 12), np.append(seen.frames, 7))
     assert share_error(operators, residuals, seen) == pytest.approx(math.sqrt(variance) / 2 / whole)

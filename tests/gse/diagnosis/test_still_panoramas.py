@@ -71,3 +71,16 @@ def test_the_same_stars_at_other_places_of_the_same_sum_along_columns_are_anothe
     matches = made.frames.matches
     matches["y_px"] += matches["frame"]
     assert still_panoramas(made) is None
+
+
+@pytest.mark.parametrize(("alike", "is_frozen"), [(9, False), (10, True)])
+def test_ten_panoramas_are_counted_from_the_first_that_is_alike(alike, is_frozen):
+    """After five whose pictures differ."""
+    made = session(5 + alike, step_s=60.0, matches=SAME_STARS)
+    matches = made.frames.matches
+    matches["x_px"] += np.maximum(5 - matches["frame"].astype(int), 0)
+    found = still_panoramas(made)
+    assert (found is not None) is is_frozen
+    assert found is None or found.size.startswith(
+        "10 panoramas in a row show the same objects on the same pixels, for 540 s"
+    )
