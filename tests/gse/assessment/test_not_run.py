@@ -118,3 +118,26 @@ def test_an_availability_that_would_keep_its_limit_without_the_stop_is_undecided
     assert judged.reason == "too few" + ": 4 were lost while this computer did not run the station" * is_excused
     made.events.clear()
     assert under_stop(row, made, stats) is row
+
+
+def test_one_frame_that_was_lost_in_a_stop_is_excused_too():
+    """Forty of forty-one came."""
+    made = interrupted(gap_s=2.0, lost=1)
+    row = Row(Subject.ONBOARD, "availability", 40 / 41, "", 1.0, Outcome.FAIL, "too few")
+    judged = under_stop(row, made, statistics(made))
+    assert judged.outcome is Outcome.INCONCLUSIVE
+    assert judged.reason == "too few: 1 were lost while this computer did not run the station"
+
+
+@pytest.mark.parametrize(("name", "outcome"), [("false answers", Outcome.FAIL), ("availability", Outcome.PASS)])
+def test_a_stop_excuses_no_other_row(name, outcome):
+    made = interrupted(lost=4)
+    row = Row(Subject.ONBOARD, name, 0.9, "", 1.0, outcome, "so")
+    assert under_stop(row, made, statistics(made)) is row
+
+
+def test_a_frame_that_comes_early_makes_up_for_none_that_was_lost_after_a_stop():
+    """Six seconds in place of one, then one that comes a tenth of a second after it."""
+    made = interrupted(gap_s=6.0)
+    made.frames.columns["time_us"][21:] -= 900_000
+    assert lost_while_not_run(made) == 5
