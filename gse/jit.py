@@ -10,9 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-import numba.core.codegen
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
-from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.runtime import rtsys
 from platformdirs import user_cache_dir
 
@@ -110,43 +108,6 @@ class _CodeOnDisk(FunctionCache):  # type: ignore[misc]
         """Keep the machine code; a disk that is full is not an error."""
         with suppress(OSError):
             self._save_overload(sig, data)
-
-
-class _Module(JITCodeLibrary):  # type: ignore[misc]
-    """A module of numba's, whose machine code is made once the address of a function in it is asked for.
-
-    numba makes it of each module at once, also of parts, which run within others only: a sixth of all compilation.
-    """
-
-    _waits = False
-
-    def _finalize_final_module(self) -> None:
-        if self._object_caching_enabled and self._compiled_object is not None:  # it came from disk
-            super()._finalize_final_module()
-        else:
-            self._finalized = self._waits = True
-
-    def get_pointer_to_function(self, name: str) -> int:
-        self._ensure_finalized()
-        if self._waits and any(function.name == name for function in self.get_defined_functions()):
-            self._waits = False
-            super()._finalize_final_module()
-        address: int = super().get_pointer_to_function(name)
-        return address
-
-
-class _Compiler(JITCPUCodegen):  # type: ignore[misc]
-    """numba's, with modules whose machine code waits."""
-
-    _library_class = _Module
-
-    def set_env(self, env_name: str, env: Any) -> None:
-        """Put the Python objects that a function uses where its machine code finds them: a part has no place yet."""
-        if self._engine.get_global_value_address(env_name):
-            super().set_env(env_name, env)
-
-
-numba.core.codegen.JITCPUCodegen = _Compiler  # before numba's first compilation, which makes one
 
 
 def compiled(function: _Function) -> _Function:

@@ -5,9 +5,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
-import numba
 import pytest
 
 import gse
@@ -80,20 +78,3 @@ def test_a_part_of_machine_code_gives_the_same_where_python_calls_it() -> None:
     assert _third(2.0) == 2.0 / 3.0
     assert _ninth(2.0) == _third(_third(2.0))
     assert (_third.__name__, _third.__doc__) == ("_third", "A third, with numpy's division.")
-
-
-def test_a_part_has_no_machine_code_but_within_that_of_others() -> None:
-    def fifth(number: float) -> float:
-        return number / 5.0
-
-    part: Any = compiled_part(fifth)
-    function: Any = compiled(fifth)
-    assert not has_machine_code(part._machine_code)
-    assert has_machine_code(function)
-
-
-def has_machine_code(function: Any) -> bool:
-    """Whether the processor's instructions of a function were made, once its types are known."""
-    function.compile((numba.float64,))
-    (overload,) = function.overloads.values()
-    return bool(overload.library.codegen._engine.is_symbol_defined(overload.fndesc.llvm_func_name))
