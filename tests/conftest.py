@@ -40,10 +40,10 @@ for name, handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.
     if number is not None and signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, handler)
 
-WITHOUT_MACHINE_CODE = ("protocols", "drivers")
-"""Folders whose tests compile nothing: in a fresh clone they run while the tutorial compiles for all."""
+WITH_LITTLE_MACHINE_CODE = tuple(TESTS / folder for folder in ("drivers", "gse/statistics", "protocols"))
+"""Folders whose tests compile next to nothing: in a fresh clone they run while the tutorial compiles for all."""
 
-LONG = ("test_cluster.py", "test_later_dates.py", "test_without_posix.py", "test_endings.py", "test_neighbour.py")
+LONG = ("test_cluster.py", "test_without_posix.py", "test_neighbour.py", "test_browser.py")
 """Files that take long and wait much: begun last, they would leave a processor without work at the end.
 
 And one that compiles a search of which others would else compile a second copy at the same time.
@@ -60,7 +60,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the tutorial, with what needs no machine code, and with the longest files."""
+    """Begin with the tutorial, with what needs little machine code, and with the longest files."""
     items.sort(key=lambda item: (_turn(item.path), str(item.path)))
 
 
@@ -68,7 +68,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def _turn(path: Path) -> int:
     if path.name == "test_tutorial.py":
         return 0
-    if path.relative_to(TESTS).parts[0] in WITHOUT_MACHINE_CODE:
+    if any(path.is_relative_to(folder) for folder in WITH_LITTLE_MACHINE_CODE):
         return 1
     return 2 if path.name in LONG else 3
 
