@@ -12,7 +12,7 @@ from gse.catalog import StarCatalog
 from gse.identifier import Identification, Reason, Unidentified
 from gse.identifier.acceptance import RandomSky, accepted, wahba_residual_rad
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_STRONG, LOG_UNAMBIGUOUS
-from gse.identifier.robust import _believed
+from gse.identifier.robust import _believed, _false_match_probability
 from gse.parts import Parts
 
 ARCSEC = math.radians(1 / 3600)
@@ -162,3 +162,8 @@ def test_a_mirrored_image_tells_how_many_objects_are_stars_once_flipped():
     found = by_evidence(evidence_of(1e-9), mirrored=True)
     assert found.reason is Reason.MIRRORED
     assert "8 of 10 objects" in found.detail
+
+
+@pytest.mark.parametrize("evidence", [-math.inf, math.log(0.01), math.log(0.05)])
+def test_what_tells_nothing_may_be_chance_with_certainty(evidence):
+    assert _false_match_probability(evidence) == 1.0
