@@ -105,7 +105,8 @@ def test_a_clock_that_falls_back_to_1970_in_a_session_lengthens_it_by_nothing(
     terminal = Terminal(tmp_path / "tty")
     words = ("--station", midnight_station, "--port", terminal.path, "--duration", "5", "--no-plots")
     environment = {**ENVIRONMENT, "FAKETIME_START_AFTER_SECONDS": "5"}
-    command = at("-56y", "run", *words, "--out", tmp_path / "out")
+    in_april_1970 = f"-{(datetime.now(UTC) - datetime(1970, 4, 11, tzinfo=UTC)).days}d"
+    command = at(in_april_1970, "run", *words, "--out", tmp_path / "out")
     with subprocess.Popen(command, env=environment, start_new_session=True) as running:
         try:
             assert running.wait(PATIENCE_S) == EXIT_INCONCLUSIVE
