@@ -39,24 +39,53 @@ class StarCells:
 
     def means(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Mean (C, 2) of values (N, 2) over each cell."""
-        count = np.bincount(self.of_row)
-        return np.column_stack([np.bincount(self.of_row, weights=part) / count for part in values.T])
+        return np.asarray(_sums(values, self.of_row) / np.bincount(self.of_row)[:, None])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameFits:
+    """The fits of frames ``numbers`` (L,) to their stars in ``directions_sensor`` (N, 3).
+
+    ``place`` (N,) is the place of each star's frame among them. ``inverse`` (L, 3, 3) is F^-1, zero in frames with less
+    than three stars.
+    """
+
+    numbers: NDArray[np.int64]
+    place: NDArray[np.int64]
+    directions_sensor: NDArray[np.float64]
+    inverse: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, directions_sensor: NDArray[np.float64], frames: NDArray[np.int64]) -> "FrameFits":
+        """Of stars whose frames (N,) these are."""
+        numbers, place = np.unique(frames, return_inverse=True)
+        few = np.bincount(place) < _MIN_STARS
+        fisher = _fisher(directions_sensor, place, len(numbers))
+        fisher[few] = np.eye(3)
+        inverse = np.asarray(np.linalg.inv(fisher), dtype=np.float64)
+        inverse[few] = 0.0
+        return cls(numbers, place, directions_sensor, inverse)
+
+    def operators(self) -> NDArray[np.float64]:
+        """Matrices (N, 3, 2) that take a star's error (columns, rows) to the small rotation it makes of its frame.
+
+        The rotation is of the measured attitude, in the sensor frame.
+        """
+        return np.asarray(self.inverse[self.place] @ _turns(self.directions_sensor), dtype=np.float64)
+
+    def turns(self, errors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The small rotations (L, 3, ...) of the frames that errors (N, 2, ...) of all stars make together."""
+        each = errors.reshape(len(errors), 2, -1)
+        (x, y, z), (along, across) = self.directions_sensor.T[:, :, None], each.transpose(1, 0, 2)
+        out = -(x * along + y * across) / z
+        moments = y * out - z * across, z * along - x * out, x * across - y * along
+        sums = np.stack([_sums(moment, self.place) for moment in moments], axis=1)
+        return np.asarray((self.inverse @ sums).reshape(-1, 3, *errors.shape[2:]))
 
 
 def attitude_operators(directions_sensor: NDArray[np.float64], frames: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Matrices (N, 3, 2) that take a star's error (columns, rows) to the small rotation that it makes of its frame.
-
-    ``directions_sensor`` (N, 3), ``frames`` (N,) the frame of each row. The rotation is of the measured attitude, in
-    the sensor frame. Zeros in frames with less than three stars.
-    """
-    _, place = np.unique(frames, return_inverse=True)
-    count = np.bincount(place)
-    few = count < _MIN_STARS
-    fisher = _fisher(directions_sensor, place, len(count))
-    fisher[few] = np.eye(3)
-    inverse = np.linalg.inv(fisher)
-    inverse[few] = 0.0
-    return np.asarray(inverse[place] @ _turns(directions_sensor), dtype=np.float64)
+    """``FrameFits.operators`` (N, 3, 2) of stars in directions (N, 3), whose frames (N,) these are."""
+    return FrameFits.of(directions_sensor, frames).operators()
 
 
 def unfitted(residuals: NDArray[np.float64], frames: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -105,8 +134,7 @@ def star_covariance(
     """
     cells = StarCells.of(stars, blocks)
     flat = operators.reshape(len(operators), -1)
-    sums = np.column_stack([np.bincount(cells.of_row, weights=part) for part in flat.T])
-    sums = sums.reshape(-1, *operators.shape[1:])
+    sums = _sums(flat, cells.of_row).reshape(-1, *operators.shape[1:])
     groups = np.split(np.arange(len(cells.star)), np.flatnonzero(np.diff(cells.star)) + 1)
     autocovariance = _autocovariance(cells.means(errors), cells.block, groups)
     within = np.einsum("nia,nja,a->ij", sums, sums, autocovariance[:, 0])
@@ -148,9 +176,14 @@ def _turns(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     """r x e as matrices (N, 3, 2) of e along columns and rows: an error has no part along the line of sight."""
     x, y, z = directions.T
     turns = np.empty((len(directions), 3, 2))
-    turns[:, :, 0] = np.cross(directions, np.column_stack([np.ones_like(x), np.zeros_like(x), -x / z]))
-    turns[:, :, 1] = np.cross(directions, np.column_stack([np.zeros_like(x), np.ones_like(x), -y / z]))
+    turns[:, 0, 0], turns[:, 1, 0], turns[:, 2, 0] = y * (-x / z), z - x * (-x / z), -y
+    turns[:, 0, 1], turns[:, 1, 1], turns[:, 2, 1] = y * (-y / z) - z, -x * (-y / z), x
     return turns
+
+
+def _sums(values: NDArray[np.float64], place: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Sums (L, P) of values (N, P) over the rows of each place (N,)."""
+    return np.column_stack([np.bincount(place, weights=part) for part in values.T])
 
 
 def _fisher(directions: NDArray[np.float64], place: NDArray[np.int64], frames: int) -> NDArray[np.float64]:

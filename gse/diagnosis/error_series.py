@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
-from gse.star_influence import attitude_operators, boresight_shifts
+from gse.star_influence import FrameFits, boresight_shifts
 from gse.station.frame_columns import Columns
 
 MOST_ORDINATES = 128
@@ -96,20 +96,17 @@ def with_left_out(series: ErrorSeries, matches: NDArray[np.void], camera: Camera
 
     Those that an identifier names are chosen by their distances, which biases them (gse.station.unnamed_stars).
     """
-    matches = matches[np.isin(matches["frame"], series.rows)]
+    matches = matches.compress(np.isin(matches["frame"], series.rows))
     residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
     length = np.hypot(*residuals.T)
     sound = matches["named"] | (length <= _OUTLIER * np.median(length)) if len(matches) else matches["named"]
     if sound.sum() == (matches["named"] & sound).sum():
         return series
-    matches, residuals = matches[sound], residuals[sound]
+    matches, residuals = matches.compress(sound), residuals[sound]
     xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
-    operators = attitude_operators(camera.directions(xy_px), matches["frame"])
-    numbers, place = np.unique(matches["frame"], return_inverse=True)
-    turns = np.zeros((len(numbers), 3))
-    np.add.at(turns, place, np.einsum("nij,nj->ni", operators, residuals))
-    shifts = boresight_shifts(turns)
-    more = np.column_stack([np.interp(series.rows, numbers, shift) for shift in shifts.T])
+    fits = FrameFits.of(camera.directions(xy_px), matches["frame"])
+    shifts = boresight_shifts(fits.turns(residuals))
+    more = np.column_stack([np.interp(series.rows, fits.numbers, shift) for shift in shifts.T])
     return replace(series, errors_arcsec=series.errors_arcsec + more)
 
 

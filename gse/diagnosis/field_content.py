@@ -50,7 +50,7 @@ def field_content(session: SessionData) -> dict[str, FieldContent]:
     """By axis (``d_ra_cosde``, ``d_de``); empty where the matches are of too few stars."""
     frames, matches = session.frames.columns, session.frames.matches
     good = np.isfinite(frames["roll_true_deg"]) & ~false_answers(frames)
-    matches = matches[good[matches["frame"]] & matches["named"]]
+    matches = matches.compress(good[matches["frame"]] & matches["named"])
     stars = matches["star"]
     if len(np.unique(stars)) < MIN_STARS:
         return {}

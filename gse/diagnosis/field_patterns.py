@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
 from gse.site import Site
-from gse.star_influence import attitude_operators, boresight_shifts, star_covariance, unfitted
+from gse.star_influence import FrameFits, boresight_shifts, star_covariance, unfitted
+from gse.station.frame_table import thinned
 from gse.truth import Refraction, time_blocks
 
 PARAMETERS = ("focal length", "k1", "k2", "p1", "p2", "principal point x", "principal point y", "pressure")
@@ -106,18 +107,17 @@ def field_of_errors(
     zenith_sensor: NDArray[np.float64],
 ) -> FieldOfErrors | None:
     """Of matches (rows of MATCH) in used (M,) frames at instants (M,); None where they are too few to tell."""
-    matches = matches[used[matches["frame"]]]
+    matches = matches.compress(used[matches["frame"]])
     if len(matches) < _FEWEST_ROWS:
         return None
-    numbers = np.unique(matches["frame"])
-    matches = matches[np.isin(matches["frame"], numbers[:: -(-len(matches) // _MOST_ROWS)])]
+    matches = thinned(matches, _MOST_ROWS)
     residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
     length = np.hypot(residuals[:, 0], residuals[:, 1])
     good = length <= _OUTLIER * max(float(np.median(length)), 1e-6)
-    matches, residuals = matches[good], residuals[good]
-    numbers, place, count = np.unique(matches["frame"], return_inverse=True, return_counts=True)
+    matches, residuals = matches.compress(good), residuals[good]
+    _, place, count = np.unique(matches["frame"], return_inverse=True, return_counts=True)
     full = count[place] >= _FEWEST_STARS
-    matches, residuals = matches[full], residuals[full]
+    matches, residuals = matches.compress(full), residuals[full]
     if len(matches) < _FEWEST_ROWS:
         return None
     return _fitted(matches, residuals, utc_ns, camera, site, zenith_sensor)
@@ -132,11 +132,9 @@ def _fitted(
     zenith_sensor: NDArray[np.float64],
 ) -> FieldOfErrors:
     xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
-    directions = camera.directions(xy_px)
-    operators = attitude_operators(directions, matches["frame"])
+    fits = FrameFits.of(camera.directions(xy_px), matches["frame"])
     patterns = np.stack(list(_patterns(camera, site, zenith_sensor, xy_px)), axis=2)
-    numbers = np.unique(matches["frame"])
-    left, turns = _unabsorbed(patterns, directions, operators, matches["frame"])
+    left, turns = _unabsorbed(patterns, fits)
     design = left.reshape(-1, len(PARAMETERS))
     normal, right = design.T @ design, design.T @ residuals.ravel()
     fit = _solved(normal, right)
@@ -152,7 +150,7 @@ def _fitted(
         frames,
         utc_ns[frames],
         matches["star"].astype(np.int64),
-        operators,
+        fits.operators(),
         of_stars,
         phases,
         math.sqrt(2) * abs(complex((of_stars * phases).mean())),
@@ -166,7 +164,7 @@ def _fitted(
         _of_each(np.einsum("nip,niq->npq", left, left).reshape(len(left), -1), star).reshape(-1, *normal.shape)
         / variance,
         _of_each(np.einsum("nip,ni->np", left, residuals), star) / variance,
-        numbers.astype(np.int64),
+        fits.numbers.astype(np.int64),
         shifts,
         errors,
         moved_px,
@@ -174,17 +172,10 @@ def _fitted(
     )
 
 
-def _unabsorbed(
-    patterns: NDArray[np.float64],
-    directions: NDArray[np.float64],
-    operators: NDArray[np.float64],
-    frames: NDArray[np.int64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _unabsorbed(patterns: NDArray[np.float64], fits: FrameFits) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Patterns (N, 2, F) without the turns (L, 3, F) of each frame that an attitude makes of them, and these."""
-    numbers, place = np.unique(frames, return_inverse=True)
-    turns = np.zeros((len(numbers), 3, patterns.shape[2]))
-    np.add.at(turns, place, operators @ patterns)
-    x, y, z = directions.T[:, :, None]
+    turns, place = fits.turns(patterns), fits.place
+    x, y, z = fits.directions_sensor.T[:, :, None]
     turn_x, turn_y, turn_z = np.moveaxis(turns, 1, 0)
     left = patterns.copy()
     left[:, 0] -= turn_y[place] * z - turn_z[place] * y
@@ -201,9 +192,8 @@ def unexplained_residuals(
 ) -> NDArray[np.float64]:
     """Residuals (N, 2) of matches (rows of MATCH) in arcsec, without the patterns as they fit the field."""
     xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
-    directions = camera.directions(xy_px)
     patterns = np.stack(list(_patterns(camera, site, zenith_sensor, xy_px)), axis=2)
-    left, _ = _unabsorbed(patterns, directions, attitude_operators(directions, matches["frame"]), matches["frame"])
+    left, _ = _unabsorbed(patterns, FrameFits.of(camera.directions(xy_px), matches["frame"]))
     residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
     return np.asarray(residuals - left @ _solved(field.normal, field.right))
 

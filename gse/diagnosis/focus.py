@@ -32,7 +32,7 @@ class FocusLoss:
 def focus_loss(session: SessionData, counted: CountedFrames) -> FocusLoss | None:
     """None where the scatter does not grow, or the stars fade; from the same stars, so that fainter ones do no harm."""
     frames, matches = session.frames.columns, session.frames.matches
-    matches = matches[counted.used[matches["frame"]]]
+    matches = matches.compress(counted.used[matches["frame"]])
     if len(matches) < _FEWEST_ROWS or _fades(frames["transparency"][counted.used]):
         return None
     pixel_arcsec = session.station.sensor.camera().pixel_rad * ARCSEC_PER_RAD

@@ -141,7 +141,7 @@ def _brightness_trend(session: SessionData) -> Trend | None:
     """
     frames, matches = session.frames.columns, session.frames.matches
     clear = (frames["sky_condition"] == SKY_CONDITIONS.index(SkyCondition.CLEAR)) & np.isfinite(frames["transparency"])
-    matches = matches[clear[matches["frame"]] & (matches["brightness"] > 0)]
+    matches = matches.compress(clear[matches["frame"]] & (matches["brightness"] > 0))
     if not len(matches):
         return None
     utc_ns = frames["utc_ns"][matches["frame"]]
@@ -182,8 +182,7 @@ def _trend(at: NDArray[np.float64], values: NDArray[np.float64]) -> Trend | None
 def _centroid_noise(session: SessionData) -> CentroidNoise | None:
     """Scatter of each star's residual from frame to frame, against its index value."""
     matches = session.frames.matches
-    order = np.lexsort((matches["frame"], matches["star"]))
-    matches = matches[order]
+    matches = matches.take(np.lexsort((matches["frame"], matches["star"])))
     pixel_arcsec = math.degrees(session.station.sensor.camera().pixel_rad) * 3600
     noise_px, index = [], []
     for part in np.split(matches, np.flatnonzero(np.diff(matches["star"])) + 1):

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from gse.camera import Camera
 from gse.diagnosis.error_series import ErrorSeries
 from gse.instant import NS_PER_S
-from gse.star_influence import StarCells, attitude_operators, boresight_shifts
+from gse.star_influence import FrameFits, StarCells, boresight_shifts
+from gse.station.frame_table import thinned
 from gse.truth import time_blocks
 
 _MOST_ROWS = 40_000
@@ -25,9 +26,7 @@ _ROUNDS = 5
 
 def sampled_matches(matches: NDArray[np.void], series: ErrorSeries) -> NDArray[np.void]:
     """Those that answers name in the frames of a series, of every second, third, ... frame where they are many."""
-    matches = matches[matches["named"] & np.isin(matches["frame"], series.rows)]
-    numbers = np.unique(matches["frame"])
-    return matches[np.isin(matches["frame"], numbers[:: max(-(-len(matches) // _MOST_ROWS), 1)])]
+    return thinned(matches.compress(matches["named"] & np.isin(matches["frame"], series.rows)), _MOST_ROWS)
 
 
 def without_star_changes(
@@ -39,17 +38,14 @@ def without_star_changes(
     """
     xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
     directions = camera.directions(xy_px)
-    operators = attitude_operators(directions, matches["frame"])
-    numbers, place = np.unique(matches["frame"], return_inverse=True)
+    fits = FrameFits.of(directions, matches["frame"])
     at_s = np.interp(matches["frame"], series.rows, series.time_s)
     cells = _Cells.of(matches["star"], time_blocks(np.asarray(at_s * NS_PER_S, dtype=np.int64)))
-    turns = np.zeros((len(numbers), 3))
+    turns = np.zeros((len(fits.numbers), 3))
     for _ in range(_ROUNDS):
-        kept = cells.lasting(residuals_arcsec + np.cross(turns[place], directions)[:, :2])
-        turns = np.zeros((len(numbers), 3))
-        np.add.at(turns, place, np.einsum("nij,nj->ni", operators, kept))
+        turns = fits.turns(cells.lasting(residuals_arcsec + np.cross(turns[fits.place], directions)[:, :2]))
     shifts = boresight_shifts(turns)
-    made = np.column_stack([np.interp(series.rows, numbers, shift) for shift in shifts.T])
+    made = np.column_stack([np.interp(series.rows, fits.numbers, shift) for shift in shifts.T])
     return replace(series, errors_arcsec=series.errors_arcsec - (made - made.mean(axis=0)))
 
 

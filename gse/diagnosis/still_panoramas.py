@@ -22,10 +22,10 @@ _LEAST_MOVED_PX = 5.0
 def still_panoramas(session: SessionData) -> Finding | None:
     """The longest run of them, where the sky moved by some pixels meanwhile; None of a sensor that follows the sky."""
     frames, station = session.frames.columns, session.station
-    rows = np.unique(session.frames.matches["frame"])
+    rows, place = np.unique(session.frames.matches["frame"], return_inverse=True)
     if station.mount.inertial is not None or len(rows) < _FEWEST:
         return None
-    first, last = _longest_run(rows, _pictures(session.frames.matches))
+    first, last = _longest_run(rows, _pictures(session.frames.matches, place))
     camera = station.sensor.camera()
     declination = math.radians(float(np.nan_to_num(frames["de_true_deg"][rows[first]])))
     across = max(math.cos(declination), camera.diagonal_rad / 2)  # at the pole the field turns about its middle
@@ -42,9 +42,8 @@ def still_panoramas(session: SessionData) -> Finding | None:
     )
 
 
-def _pictures(matches: NDArray[np.void]) -> NDArray[np.float64]:
+def _pictures(matches: NDArray[np.void], place: NDArray[np.int64]) -> NDArray[np.float64]:
     """Number and sums of the places (L, 3) of the stars of each frame, the same where the stars are the same."""
-    _, place = np.unique(matches["frame"], return_inverse=True)
     x, y = matches["x_px"].astype(np.float64), matches["y_px"].astype(np.float64)
     return np.column_stack([np.bincount(place, weights=part) for part in (np.ones(len(place)), x, y)])
 

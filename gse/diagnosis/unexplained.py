@@ -46,7 +46,7 @@ def unexplained(session: SessionData, stats: Statistics) -> Iterator[Finding]:
 def _noise_of_stars(session: SessionData, stats: Statistics) -> str:
     """What single stars leave of the boresight's errors, in words, where that is nearly all; else nothing."""
     used, matches = stats.counted.used, session.frames.matches
-    frames, matches = session.frames.columns, matches[used[matches["frame"]]]
+    frames, matches = session.frames.columns, matches.compress(used[matches["frame"]])
     count = float(np.median(frames["matched"][used])) if used.any() else 0.0
     if count <= _FITTED or not len(matches):
         return ""

@@ -149,7 +149,7 @@ class FrameResults(Sequence[FrameResult]):
         if not len(self.left_out.objects):
             return rows
         rows = np.concatenate([rows, self._match_rows(self.left_out, False)])
-        return rows[np.argsort(rows["frame"], kind="stable")]
+        return rows.take(np.argsort(rows["frame"], kind="stable"))
 
     def _match_rows(self, matches: MatchColumns, named: bool) -> NDArray[np.void]:
         rows = np.empty(len(matches.objects), dtype=MATCH)

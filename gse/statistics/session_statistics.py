@@ -9,7 +9,7 @@ from gse.station.clock_steps import instants_ns
 from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_columns import Columns
 from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES, thinned
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.answer_differences import answer_differences
@@ -157,12 +157,8 @@ def sensor_masks(
 def _spatial(session: SessionData, counted: CountedFrames) -> tuple[SpatialErrors, SpatialErrors] | None:
     """Of the counted frames; of a long session evenly spaced ones."""
     matches, camera = session.frames.matches, session.station.sensor.camera()
-    rows = np.flatnonzero(counted.used[matches["frame"]]) if len(matches) else np.empty(0, dtype=np.int64)
-    if not len(rows):
+    part = thinned(matches.compress(counted.used[matches["frame"]]), _MOST_STAR_ERRORS)
+    if not len(part):
         return None
-    numbers = np.unique(matches["frame"][rows])
-    kept = numbers[:: -(-len(rows) // _MOST_STAR_ERRORS)]
-    rows = rows[np.isin(matches["frame"][rows], kept)]
-    part = matches[rows]
     xy_px = np.column_stack([part["x_px"], part["y_px"]]).astype(np.float64)
     return spatial_errors(part, camera.directions(xy_px), (camera.columns, camera.rows))
