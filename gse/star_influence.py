@@ -71,7 +71,7 @@ class FrameFits:
 
         The rotation is of the measured attitude, in the sensor frame.
         """
-        return np.asarray(self.inverse[self.place] @ _turns(self.directions_sensor), dtype=np.float64)
+        return np.asarray(self.inverse.take(self.place, axis=0) @ _turns(self.directions_sensor), dtype=np.float64)
 
     def turns(self, errors: NDArray[np.float64]) -> NDArray[np.float64]:
         """The small rotations (L, 3, ...) of the frames that errors (N, 2, ...) of all stars make together."""
@@ -110,7 +110,7 @@ def taken_by_fit(
     fisher[count < _MIN_STARS] = np.eye(3)
     root = np.linalg.cholesky(np.linalg.inv(fisher))
     turned = np.einsum("nij,nj->ni", _turns(directions_sensor), operators)
-    return np.asarray(np.einsum("nij,ni->nj", root[place], turned), dtype=np.float64)
+    return np.asarray(np.einsum("nij,ni->nj", root.take(place, axis=0), turned), dtype=np.float64)
 
 
 def boresight_shifts(rotations: NDArray[np.float64]) -> NDArray[np.float64]:

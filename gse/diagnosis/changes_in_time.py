@@ -27,9 +27,9 @@ def steps(model: SessionModel, observed: Observed, base: Fitted, named: Columns)
     places = np.unique(np.linspace(0, count, _STEPS + 2)[:-1].astype(np.int64))[1:]
     if not len(places):
         return
-    each = [model.series.cosines((np.arange(count) >= place).astype(np.float64)) for place in places]
+    courses = model.series.cosines((np.arange(count)[:, None] >= places).astype(np.float64))
     left = observed.cosines - named.cosines @ base.coefficients
-    gains = _gains(np.column_stack(each), left, base.precision)
+    gains = _gains(courses, left, base.precision)
     of_place = functools.partial(_step, model, len(places))
     for first in {int(places[gain.argmax()]) for gain in gains}:
         for is_before in (False, True):
@@ -70,11 +70,11 @@ def sinusoids(model: SessionModel, observed: Observed, base: Fitted, named: Colu
     if not len(cycles):
         return
     left = observed.cosines - named.cosines @ base.coefficients
-    gains = np.zeros((2, len(cycles)))
-    for row, cycle in enumerate(cycles.tolist()):
-        wave = np.exp(2j * math.pi * cycle / duration_s * time_s)
-        orthogonal, _ = np.linalg.qr(model.series.cosines(np.column_stack([wave.real, wave.imag])))
-        gains[:, row] = _gains(orthogonal, left, base.precision).sum(axis=1)
+    phases = np.outer(time_s, 2 * math.pi / duration_s * cycles)
+    waves = model.series.cosines(np.stack([np.cos(phases), np.sin(phases)], axis=2))
+    orthogonal, _ = np.linalg.qr(waves.transpose(1, 0, 2))
+    courses = orthogonal.transpose(1, 0, 2).reshape(len(left), -1)
+    gains = _gains(courses, left, base.precision).reshape(2, -1, 2).sum(axis=2)
     for cycle in {float(cycles[gain.argmax()]) for gain in gains}:
         for kind in _SWINGS:
             yield _wave(model, len(cycles), kind, cycle)

@@ -102,7 +102,7 @@ def with_left_out(series: ErrorSeries, matches: NDArray[np.void], camera: Camera
     sound = matches["named"] | (length <= _OUTLIER * np.median(length)) if len(matches) else matches["named"]
     if sound.sum() == (matches["named"] & sound).sum():
         return series
-    matches, residuals = matches.compress(sound), residuals[sound]
+    matches, residuals = matches.compress(sound), residuals.compress(sound, axis=0)
     xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
     fits = FrameFits.of(camera.directions(xy_px), matches["frame"])
     shifts = boresight_shifts(fits.turns(residuals))

@@ -142,6 +142,7 @@ def _fitted(
     _, star, sightings = np.unique(matches["star"], return_inverse=True, return_counts=True)
     variance, freedom = _variance_of_sums(rest, star, sightings, len(PARAMETERS))
     variance = max(variance, _variance_of_pulls(left, rest, star, normal))
+    of_each_star = np.split(left.take(np.argsort(star, kind="stable"), axis=0), np.cumsum(sightings)[:-1])
     frames = matches["frame"].astype(np.int64)
     pixel_arcsec = camera.pixel_rad * ARCSEC_PER_RAD
     of_stars = unfitted(rest, frames)
@@ -161,8 +162,7 @@ def _fitted(
         normal / variance,
         right / variance,
         freedom,
-        _of_each(np.einsum("nip,niq->npq", left, left).reshape(len(left), -1), star).reshape(-1, *normal.shape)
-        / variance,
+        np.array([np.tensordot(rows, rows, ([0, 1], [0, 1])) for rows in of_each_star]) / variance,
         _of_each(np.einsum("nip,ni->np", left, residuals), star) / variance,
         fits.numbers.astype(np.int64),
         shifts,
@@ -174,12 +174,12 @@ def _fitted(
 
 def _unabsorbed(patterns: NDArray[np.float64], fits: FrameFits) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Patterns (N, 2, F) without the turns (L, 3, F) of each frame that an attitude makes of them, and these."""
-    turns, place = fits.turns(patterns), fits.place
+    turns = fits.turns(patterns)
     x, y, z = fits.directions_sensor.T[:, :, None]
-    turn_x, turn_y, turn_z = np.moveaxis(turns, 1, 0)
+    turn_x, turn_y, turn_z = np.moveaxis(turns.take(fits.place, axis=0), 1, 0)
     left = patterns.copy()
-    left[:, 0] -= turn_y[place] * z - turn_z[place] * y
-    left[:, 1] -= turn_z[place] * x - turn_x[place] * z
+    left[:, 0] -= turn_y * z - turn_z * y
+    left[:, 1] -= turn_z * x - turn_x * z
     return left, turns
 
 

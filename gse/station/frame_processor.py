@@ -202,14 +202,14 @@ class FrameProcessor:
             frame_of = np.repeat(np.arange(len(utc_ns)), answers.parts.counts[named])
             icrs_to_horizon = self.truth.icrs_to_horizon_at(utc_ns)
             zenith_sensor = np.einsum("kij,kj->ki", seen_from.icrs_to_sensor[named], icrs_to_horizon[:, 2])
-            measured = self.truth.unrefracted(measured, zenith_sensor[frame_of])
+            measured = self.truth.unrefracted(measured, zenith_sensor.take(frame_of, axis=0))
             stars_icrs = self.truth.apparent_at(stars_icrs, utc_ns, icrs_to_horizon, frame_of)
             seen_from = geometric = self._attitudes(measured, stars_icrs, answers)
             if self.mount is not None:
                 true = self.truth.attitudes_true(icrs_to_horizon, self.mount).among(named)
                 errors_arcsec[named] = attitude_errors(geometric.icrs_to_sensor[named], true.icrs_to_sensor[named])
-        expected_sensor = np.einsum("mij,mj->mi", seen_from.icrs_to_sensor[answers.parts.of_row], stars_icrs)
-        residuals_arcsec = (measured - expected_sensor)[:, :2] * ARCSEC_PER_RAD
+        across = seen_from.icrs_to_sensor[:, :2].take(answers.parts.of_row, axis=0)
+        residuals_arcsec = (measured[:, :2] - np.einsum("mij,mj->mi", across, stars_icrs)) * ARCSEC_PER_RAD
         left_out = MatchColumns.none(len(panoramas))
         if self.left_out is not None and named.any():
             objects = ObjectColumns(identified.directions_sensor, panoramas.brightness, panoramas.parts)

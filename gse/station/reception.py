@@ -254,12 +254,12 @@ def _columns(columns: PanoramaColumns, made: Sequence[_Made]) -> Panoramas:
     parts = Parts.of_counts(counts)
     wire_rows = np.arange(parts.first[-1]) - np.repeat(parts.first[:-1], counts)
     at = wire_rows + np.repeat(columns.first[list(rows)], counts)
-    order = _brightest_first(columns.index[at], parts)
+    order = _brightest_first(columns.index.take(at), parts)
     temperature_c = np.array([columns.temperature_c[row] for row in rows], dtype=np.float64)
     return Panoramas(
         parts,
-        columns.xy_px[at[order]],
-        columns.index[at[order]],
+        columns.xy_px.take(at[order], axis=0),
+        columns.index.take(at[order]),
         wire_rows[order],
         np.array(utc_ns, dtype=np.int64),
         np.array(host_utc_ns, dtype=np.int64),

@@ -52,9 +52,9 @@ class LeftOutStars:
         left = np.repeat(named, objects.parts.counts)
         left[rows_of(objects.parts, answers)] = False
         rows = np.flatnonzero(left)
-        panorama_of, place = objects.parts.of_row[rows], np.cumsum(named) - 1
-        frame_of, seen = place[panorama_of], objects.directions_sensor[rows]
-        icrs = np.einsum("nji,nj->ni", frames.raw[frame_of], seen)
+        panorama_of, place = objects.parts.of_row.take(rows), np.cumsum(named) - 1
+        frame_of, seen = place.take(panorama_of), objects.directions_sensor.take(rows, axis=0)
+        icrs = np.einsum("nji,nj->ni", frames.raw.take(frame_of, axis=0), seen)
         apart, nearest = _nearest(icrs, self._places, _BEFORE_AIR_PX * self._pixel_rad)
         star = self._by_z[nearest]
         near = np.flatnonzero(np.isfinite(apart))

@@ -117,11 +117,12 @@ class SiderealTruth:
         cells = [self._cell(number) for number in (utc_ns // _CELL_NS).tolist()]
         velocity_c = np.array([cell.earth_velocity_c for cell in cells]) + self._site_speed_c * icrs_to_horizon[:, 0]
         lorentz = np.sqrt(1 - np.einsum("ki,ki->k", velocity_c, velocity_c))
-        distance_au = np.array([cell.sun_distance_au for cell in cells])[instant_of]
+        distance_au = np.array([cell.sun_distance_au for cell in cells]).take(instant_of)
         seen = np.asarray(stars_icrs, dtype=np.float64)
         if "light deflection" not in self.omit:
-            seen = erfa.ufunc.ldsun(seen, np.array([cell.sun_to_earth_icrs for cell in cells])[instant_of], distance_au)
-        seen = erfa.ufunc.ab(seen, velocity_c[instant_of], distance_au, lorentz[instant_of])
+            sun_to_earth_icrs = np.array([cell.sun_to_earth_icrs for cell in cells]).take(instant_of, axis=0)
+            seen = erfa.ufunc.ldsun(seen, sun_to_earth_icrs, distance_au)
+        seen = erfa.ufunc.ab(seen, velocity_c.take(instant_of, axis=0), distance_au, lorentz.take(instant_of))
         return np.asarray(seen, dtype=np.float64)
 
     def unrefracted(
