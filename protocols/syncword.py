@@ -58,8 +58,8 @@ class SyncWordScanner:
         if len(self._buffer) < self._wanted:
             return out  # The frame that has begun is not whole yet.
         self._wanted = 0
-        at = self._take(out, final=False)
-        self._drop(at)
+        if at := self._take(out, final=False):
+            self._drop(at)
         return out
 
     def finish(self) -> list[Frame | Discard]:

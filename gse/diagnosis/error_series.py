@@ -17,6 +17,7 @@ from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
 from gse.star_influence import FrameFits, boresight_shifts
 from gse.station.frame_columns import Columns
+from gse.station.frame_table import residuals_of, xy_px_of
 
 MOST_ORDINATES = 128
 """A step is known to a 250th of the session, a sinusoid of up to 60 cycles is seen."""
@@ -97,13 +98,13 @@ def with_left_out(series: ErrorSeries, matches: NDArray[np.void], camera: Camera
     Those that an identifier names are chosen by their distances, which biases them (gse.station.unnamed_stars).
     """
     matches = matches.compress(np.isin(matches["frame"], series.rows))
-    residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
+    residuals = residuals_of(matches)
     length = np.hypot(*residuals.T)
     sound = matches["named"] | (length <= _OUTLIER * np.median(length)) if len(matches) else matches["named"]
     if sound.sum() == (matches["named"] & sound).sum():
         return series
     matches, residuals = matches.compress(sound), residuals.compress(sound, axis=0)
-    xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
+    xy_px = xy_px_of(matches)
     fits = FrameFits.of(camera.directions(xy_px), matches["frame"])
     shifts = boresight_shifts(fits.turns(residuals))
     more = np.column_stack([np.interp(series.rows, fits.numbers, shift) for shift in shifts.T])

@@ -20,6 +20,7 @@ from gse.star_influence import (
     taken_by_fit,
     unfitted,
 )
+from gse.station.frame_table import residuals_of, xy_px_of
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import false_answers
 from gse.truth import time_blocks
@@ -54,8 +55,8 @@ def field_content(session: SessionData) -> dict[str, FieldContent]:
     stars = matches["star"]
     if len(np.unique(stars)) < MIN_STARS:
         return {}
-    xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
-    residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
+    xy_px = xy_px_of(matches)
+    residuals = residuals_of(matches)
     directions = session.station.sensor.camera().directions(xy_px)
     rotations = attitude_operators(directions, matches["frame"])
     operators = _towards_east_and_north(rotations, np.radians(frames["roll_true_deg"][matches["frame"]]))

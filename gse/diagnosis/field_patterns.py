@@ -16,7 +16,7 @@ from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
 from gse.site import Site
 from gse.star_influence import FrameFits, boresight_shifts, star_covariance, unfitted
-from gse.station.frame_table import thinned
+from gse.station.frame_table import residuals_of, thinned, xy_px_of
 from gse.truth import Refraction, time_blocks
 
 PARAMETERS = ("focal length", "k1", "k2", "p1", "p2", "principal point x", "principal point y", "pressure")
@@ -111,7 +111,7 @@ def field_of_errors(
     if len(matches) < _FEWEST_ROWS:
         return None
     matches = thinned(matches, _MOST_ROWS)
-    residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
+    residuals = residuals_of(matches)
     length = np.hypot(residuals[:, 0], residuals[:, 1])
     good = length <= _OUTLIER * max(float(np.median(length)), 1e-6)
     matches, residuals = matches.compress(good), residuals[good]
@@ -131,7 +131,7 @@ def _fitted(
     site: Site,
     zenith_sensor: NDArray[np.float64],
 ) -> FieldOfErrors:
-    xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
+    xy_px = xy_px_of(matches)
     fits = FrameFits.of(camera.directions(xy_px), matches["frame"])
     patterns = np.stack(list(_patterns(camera, site, zenith_sensor, xy_px)), axis=2)
     left, turns = _unabsorbed(patterns, fits)
@@ -191,10 +191,10 @@ def unexplained_residuals(
     zenith_sensor: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Residuals (N, 2) of matches (rows of MATCH) in arcsec, without the patterns as they fit the field."""
-    xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
+    xy_px = xy_px_of(matches)
     patterns = np.stack(list(_patterns(camera, site, zenith_sensor, xy_px)), axis=2)
     left, _ = _unabsorbed(patterns, FrameFits.of(camera.directions(xy_px), matches["frame"]))
-    residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
+    residuals = residuals_of(matches)
     return np.asarray(residuals - left @ _solved(field.normal, field.right))
 
 

@@ -16,7 +16,7 @@ from gse.camera import Camera
 from gse.diagnosis.error_series import ErrorSeries
 from gse.instant import NS_PER_S
 from gse.star_influence import FrameFits, StarCells, boresight_shifts
-from gse.station.frame_table import thinned
+from gse.station.frame_table import thinned, xy_px_of
 from gse.truth import time_blocks
 
 _MOST_ROWS = 40_000
@@ -36,7 +36,7 @@ def without_star_changes(
 
     ``residuals_arcsec`` (N, 2) are those of matches (rows of MATCH), of some frames at least.
     """
-    xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
+    xy_px = xy_px_of(matches)
     directions = camera.directions(xy_px)
     fits = FrameFits.of(directions, matches["frame"])
     at_s = np.interp(matches["frame"], series.rows, series.time_s)

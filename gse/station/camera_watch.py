@@ -3,7 +3,7 @@
 A mirrored image gets that finding alone, unless its focal length is also wrong by more than an identifier tolerates.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from gse.camera import Camera
 from gse.catalog import StarCatalog, mission_catalog
@@ -33,10 +33,13 @@ class CameraWatch:
         self._after_s = _FIRST_AFTER_S
         self._is_over = False
 
-    def look(self, results: Iterable[FrameResult]) -> list[tuple[int, Said]]:
+    def look(self, results: Sequence[FrameResult]) -> list[tuple[int, Said]]:
         """What the stars say of the stated camera, each with the place of its result; mostly nothing."""
         found = []
-        for k, result in enumerate(() if self._is_over else results):
+        for k in range(len(results)):
+            if self._is_over:
+                break
+            result = results[k]
             if said := self._look(result.status, result.panorama):
                 found.append((k, said))
         return found

@@ -114,6 +114,16 @@ def thinned(matches: NDArray[np.void], most: int) -> NDArray[np.void]:
     return matches.compress(number % max(-(-len(matches) // most), 1) == 0)
 
 
+def xy_px_of(matches: NDArray[np.void]) -> NDArray[np.float64]:
+    """Where the stars (N, 2) of rows of MATCH are seen."""
+    return np.stack([matches["x_px"], matches["y_px"]], axis=1, dtype=np.float64)
+
+
+def residuals_of(matches: NDArray[np.void]) -> NDArray[np.float64]:
+    """The residuals (N, 2) of rows of MATCH, in arcsec."""
+    return np.stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]], axis=1, dtype=np.float64)
+
+
 class _Rows:
     """Rows of one dtype in memory that is reserved ahead; unused pages take no physical memory."""
 

@@ -12,7 +12,7 @@ from gse.errors import UsageError
 from gse.instant import NS_PER_S
 from gse.star_influence import attitude_operators, star_covariance, unfitted
 from gse.station.frame_results import NewResults
-from gse.station.frame_table import ANSWER_CHECKS
+from gse.station.frame_table import ANSWER_CHECKS, residuals_of, xy_px_of
 from gse.station.results import AnswerCheck, FrameResult
 from gse.station.session_data import SessionData
 from gse.truth import Alignment, SiderealTruth, fit_mount, horizon_to_sensor, small_rotations, time_blocks, truth_of
@@ -76,8 +76,8 @@ def persistent_arcsec2(session: SessionData) -> NDArray[np.float64]:
     matches = matches[matches["named"] & (frames["answer_check"][matches["frame"]] != false)]
     if len(matches) == 0:
         return np.zeros((3, 3))
-    xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
-    residuals = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]]).astype(np.float64)
+    xy_px = xy_px_of(matches)
+    residuals = residuals_of(matches)
     errors = unfitted(residuals, matches["frame"])
     operators = attitude_operators(session.station.sensor.camera().directions(xy_px), matches["frame"])
     blocks = time_blocks(frames["utc_ns"])[matches["frame"]]

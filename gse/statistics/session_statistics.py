@@ -9,7 +9,7 @@ from gse.station.clock_steps import instants_ns
 from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_columns import Columns
 from gse.station.frame_processor import SAME_BORESIGHT_ARCSEC
-from gse.station.frame_table import ANSWER_CHECKS, STATUSES, thinned
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES, thinned, xy_px_of
 from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.answer_differences import answer_differences
@@ -160,5 +160,5 @@ def _spatial(session: SessionData, counted: CountedFrames) -> tuple[SpatialError
     part = thinned(matches.compress(counted.used[matches["frame"]]), _MOST_STAR_ERRORS)
     if not len(part):
         return None
-    xy_px = np.column_stack([part["x_px"], part["y_px"]]).astype(np.float64)
+    xy_px = xy_px_of(part)
     return spatial_errors(part, camera.directions(xy_px), (camera.columns, camera.rows))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gse.camera import Camera
 from gse.catalog.stars import ListedStars
 from gse.constants import ARCSEC_PER_RAD
-from gse.station.frame_table import MATCH
+from gse.station.frame_table import MATCH, xy_px_of
 from gse.station.session_data import SessionData
 from gse.tables.frames import KEY, arrow_column, numbers, same_key, table_of
 from gse.tables.parquet import ROWS_AT_ONCE
@@ -89,7 +89,7 @@ def _names(rows: NDArray[np.int32], stars: ListedStars | None) -> dict[str, pa.A
 
 def _places(matches: NDArray[np.void], camera: Camera) -> dict[str, pa.Array]:
     """Phase on the pixel and angles from the boresight of matches (N,)."""
-    xy_px = np.column_stack([matches["x_px"], matches["y_px"]]).astype(np.float64)
+    xy_px = xy_px_of(matches)
     directions_sensor = camera.directions(xy_px)
     field_deg = np.degrees(np.arctan2(directions_sensor[:, :2], directions_sensor[:, 2:]))
     residuals_arcsec = np.column_stack([matches["residual_x_arcsec"], matches["residual_y_arcsec"]])
