@@ -75,12 +75,13 @@ class FrameFits:
 
     def turns(self, errors: NDArray[np.float64]) -> NDArray[np.float64]:
         """The small rotations (L, 3, ...) of the frames that errors (N, 2, ...) of all stars make together."""
-        each = errors.reshape(len(errors), 2, -1)
-        (x, y, z), (along, across) = self.directions_sensor.T[:, :, None], each.transpose(1, 0, 2)
-        out = -(x * along + y * across) / z
-        moments = y * out - z * across, z * along - x * out, x * across - y * along
-        sums = np.stack([_sums(moment, self.place) for moment in moments], axis=1)
-        return np.asarray((self.inverse @ sums).reshape(-1, 3, *errors.shape[2:]))
+        x, y, z = self.directions_sensor.T
+        sums = []
+        for along, across in errors.reshape(len(errors), 2, -1).transpose(2, 1, 0):
+            out = -(x * along + y * across) / z
+            moments = y * out - z * across, z * along - x * out, x * across - y * along
+            sums.append([np.bincount(self.place, weights=moment) for moment in moments])
+        return np.asarray((self.inverse @ np.array(sums).transpose(2, 1, 0)).reshape(-1, 3, *errors.shape[2:]))
 
 
 def attitude_operators(directions_sensor: NDArray[np.float64], frames: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from gse.constants import ARCSEC_PER_RAD
+from gse.diagnosis.slope_within import slope_within
 from gse.finding import Finding
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import CountedFrames
@@ -40,9 +40,9 @@ def focus_loss(session: SessionData, counted: CountedFrames) -> FocusLoss | None
     squares = (residuals**2).mean(axis=0)
     utc_ns = frames["utc_ns"][matches["frame"]]
     at = (utc_ns - utc_ns.min()) / max(int(np.ptp(utc_ns)), 1)
-    slope, error = _slope_within(at, np.log(squares + _HIDDEN_PX**2), matches["star"])
+    found = slope_within(at, np.log(squares + _HIDDEN_PX**2), matches["star"], _FEWEST_STARS)
     parts = squares[at < 1 / 4], squares[at >= 3 / 4]
-    if not slope > _LEAST_SIGMAS * error or not all(len(part) for part in parts):
+    if found is None or not found[0] > _LEAST_SIGMAS / 1.96 * found[1] or not all(len(part) for part in parts):
         return None
     first_px, last_px = (math.sqrt(float(part.mean())) for part in parts)
     return FocusLoss(first_px, last_px) if last_px >= LEAST_RATIO * first_px else None
@@ -65,19 +65,3 @@ def _fades(transparency: NDArray[np.float32]) -> bool:
     return bool(len(transparency)) and bool(
         np.median(transparency[-part:]) < _AS_BRIGHT * np.median(transparency[:part])
     )
-
-
-def _slope_within(
-    at: NDArray[np.float64], values: NDArray[np.float64], group: NDArray[np.int32]
-) -> tuple[float, float]:
-    """The slope of values (N,) within each group, and its standard error, clustered by group; 0 of few groups."""
-    _, place, count = np.unique(group, return_inverse=True, return_counts=True)
-    if len(count) < _FEWEST_STARS:
-        return 0.0, math.inf
-    about = at - (np.bincount(place, at) / count)[place]
-    left = values - (np.bincount(place, values) / count)[place]
-    squares = max(float(about @ about), 1e-300)
-    slope = float(about @ left) / squares
-    scores = np.bincount(place, about * (left - slope * about))
-    of_few = float(stdtrit(len(count) - 1, 0.975)) / 1.96
-    return slope, of_few * math.sqrt(float(scores @ scores)) / squares

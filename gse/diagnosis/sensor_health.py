@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
+from gse.diagnosis.slope_within import slope_within
 from gse.finding import Finding
 from gse.instant import NS_PER_S
 from gse.station.frame_table import SKY_CONDITIONS
@@ -149,24 +149,8 @@ def _brightness_trend(session: SessionData) -> Trend | None:
         return None
     exposure_s = frames["exposure_s"][matches["frame"]].astype(np.float64)
     light_mag = 2.5 * np.log10(matches["brightness"] / np.where(exposure_s > 0, exposure_s, 1.0))
-    return _slope_within((utc_ns - utc_ns.min()) / (3600 * NS_PER_S), light_mag, matches["star"])
-
-
-def _slope_within(at: NDArray[np.float64], values: NDArray[np.float64], group: NDArray[np.int32]) -> Trend | None:
-    """The slope that the values (N,) have over ``at`` (N,) within each group."""
-    _, place = np.unique(group, return_inverse=True)
-    count = np.bincount(place)
-    if len(count) < MIN_STARS:
-        return None
-    about = at - (np.bincount(place, at) / count)[place]
-    left = values - (np.bincount(place, values) / count)[place]
-    squares = float(about @ about)
-    if squares == 0:
-        return None
-    slope = float(about @ left) / squares
-    scores = np.bincount(place, about * (left - slope * about))
-    half = float(stdtrit(len(count) - 1, 0.975)) * math.sqrt(float(scores @ scores)) / squares
-    return Trend(slope, slope - half, slope + half)
+    found = slope_within((utc_ns - utc_ns.min()) / (3600 * NS_PER_S), light_mag, matches["star"], MIN_STARS)
+    return Trend(found[0], found[0] - found[1], found[0] + found[1]) if found else None
 
 
 def _trend(at: NDArray[np.float64], values: NDArray[np.float64]) -> Trend | None:

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-import scipy.stats
 from skies.known_nights import session
 
-from gse.diagnosis.focus import FocusLoss, _fades, _slope_within, focus_finding, focus_loss
+from gse.diagnosis.focus import FocusLoss, _fades, focus_finding, focus_loss
 from gse.statistics.counted_frames import counted_frames
 
 STARS = [(100.0 + 80 * k, 900.0 - 70 * k, 0.0, 0.0) for k in range(10)]
@@ -52,20 +51,6 @@ def test_stars_fade_where_most_of_the_last_quarter_is_darker_by_more_than_a_quar
     transparency = np.where(np.arange(20) < 20 - last, 1.0, 0.74).astype(np.float32)
     assert _fades(transparency) is fades
     assert not _fades(np.where(np.arange(20) < 15, 1.0, 0.76).astype(np.float32))
-
-
-def test_the_slope_within_stars_and_its_error_are_those_of_a_regression_clustered_by_star():
-    rng = np.random.default_rng(4)
-    star = np.repeat(np.arange(7), 30).astype(np.int32)
-    at = rng.uniform(0, 1, 210)
-    values = 5.0 * star + 0.7 * at + rng.normal(0, 0.3, 210)
-    design = np.column_stack([at, star[:, None] == np.arange(7)])
-    fit, *_ = np.linalg.lstsq(design, values, rcond=None)
-    left, about = values - design @ fit, at - np.array([at[star == one].mean() for one in star])
-    scores = np.array([(about * left)[star == one].sum() for one in range(7)])
-    error = np.sqrt((scores**2).sum()) / (about**2).sum() * scipy.stats.t.ppf(0.975, 6) / 1.96
-    assert _slope_within(at, values, star) == pytest.approx((fit[0], error))
-    assert _slope_within(at[:150], values[:150], star[:150])[1] == np.inf  # five stars tell too little
 
 
 # Where it begins to count

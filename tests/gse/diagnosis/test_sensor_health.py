@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.stats
 from skies.known_nights import START_NS, session
 
 from drivers.link import SerialLink
@@ -17,7 +16,6 @@ from gse.diagnosis.sensor_health import (
     SensorHealth,
     Trend,
     _hot_pixel_trend,
-    _slope_within,
     _supply,
     _thermometer,
     _trend,
@@ -148,21 +146,6 @@ def test_hot_pixels_per_kelvin_are_those_that_were_put_in() -> None:
     assert found is not None
     assert found.slope == pytest.approx(1.5, rel=0.05)
     assert found.low < 1.5 < found.high
-
-
-def test_the_slope_of_light_has_the_interval_of_a_regression_clustered_by_star() -> None:
-    random = np.random.default_rng(3)
-    stars, at = np.repeat(np.arange(6), 40), np.tile(np.linspace(0, 2, 40), 6)
-    values = 0.3 * at + random.normal(size=6)[stars] * (1 + at) + random.normal(scale=0.1, size=240)
-    design = np.column_stack([at, *(stars == star for star in range(6))]).astype(float)
-    inverse = np.linalg.inv(design.T @ design)
-    fit = inverse @ design.T @ values
-    scores = [design[stars == star].T @ (values - design @ fit)[stars == star] for star in range(6)]
-    sigma = math.sqrt((inverse @ np.transpose(scores) @ scores @ inverse)[0, 0])
-    half = float(scipy.stats.t(5).ppf(0.975)) * sigma
-    found = _slope_within(at, values, stars.astype(np.int32))
-    assert found is not None
-    assert (found.slope, found.low, found.high) == pytest.approx((fit[0], fit[0] - half, fit[0] + half))
 
 
 def test_sound_telemetry_is_no_finding() -> None:
@@ -530,12 +513,6 @@ def test_ten_minutes_exactly_tell_a_drift_of_brightness() -> None:
     made = fading()
     made.frames.columns["utc_ns"] = START_NS + np.linspace(0, 600 * NS_PER_S, 40).astype(np.int64)
     assert sensor_health(made).brightness_mag_per_h is not None
-
-
-def test_stars_of_one_instant_have_no_slope() -> None:
-    group = np.arange(12, dtype=np.int32) % 6
-    assert _slope_within(np.zeros(12), np.arange(12.0), group) is None
-    assert _slope_within(np.arange(12.0) // 6, np.arange(12.0), group) is not None
 
 
 def test_of_a_supply_the_median_of_the_first_five_is_its_start() -> None:
