@@ -93,7 +93,7 @@ class TimestampedSerial(SerialBase):
         self._pace = Pace(speed)
         self._next: Item | None = None
         self._rest = b""
-        self._stamp = (0, 0)
+        self._latest: Item = Chunk(0, 0, b"")
         self._ended = False
         self.is_open = True
 
@@ -117,13 +117,13 @@ class TimestampedSerial(SerialBase):
             raise PortNotOpenError()
         if self._rest:
             rest, self._rest = self._rest, b""
-            yield Chunk(*self._stamp, rest)
+            yield Chunk(*self.stamp(), rest)
         pace, items = self._pace, self._items
         while (item := self._next or next(items, None)) is not None:
             if not (pace.is_endless or pace.wait(item.mono_ns, self.timeout)):
                 self._next = item
                 return
-            self._next, self._stamp = None, (item.utc_ns, item.mono_ns)
+            self._next, self._latest = None, item
             yield item
         self._ended = True
 
@@ -164,7 +164,7 @@ class TimestampedSerial(SerialBase):
 
     def stamp(self) -> tuple[int, int]:
         """UTC and monotonic nanoseconds of the last chunk given: the port's own now."""
-        return self._stamp
+        return self._latest.utc_ns, self._latest.mono_ns
 
     def reset_input_buffer(self) -> None:
         """Nothing: a recording is never thrown away."""

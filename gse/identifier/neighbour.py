@@ -77,13 +77,12 @@ class NeighbourIdentifier:
         directions, first = objects.directions_sensor, objects.parts.first
         found = self._search(directions, first, self.catalog.icrs, self._table, self._blocks, self._limits)
         parts = Parts(found.ends)
-        columns = objects.parts.counts.tolist(), parts.counts.tolist(), found.alphas.tolist()
-        probability = np.array(
-            [
-                self._sky.false_match_probability(n, m - 1, alphas) if m else math.nan
-                for n, m, alphas in zip(*columns, strict=True)
-            ]
-        )
+        fits = list(zip(objects.parts.counts.tolist(), parts.counts.tolist(), found.alphas.tolist(), strict=True))
+        bounds = {
+            (n, m, alphas): self._sky.false_match_probability(n, m - 1, alphas) if m else math.nan
+            for n, m, alphas in set(fits)
+        }
+        probability = np.array([bounds[fit] for fit in fits])
         size = int(found.ends[-1])
         answers = Answers(parts, found.objects[:size], found.stars[:size], probability, {})
         off = found.rms_rad > self._tolerance_rad if self._check else np.zeros(len(objects), dtype=np.bool_)

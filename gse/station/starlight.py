@@ -41,10 +41,10 @@ def rows_of(panoramas: Parts, matches: Answers | MatchColumns) -> NDArray[np.int
 
 def _medians(values: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray[np.float64]:
     """The median of each part of the values (M,), of these lengths."""
-    part = np.repeat(np.arange(len(counts)), counts)
-    ordered = values[np.lexsort((values, part))]
-    ends = np.cumsum(counts)
-    medians: NDArray[np.float64] = (
-        ordered[ends - counts + (counts - 1) // 2] + ordered[ends - counts + counts // 2]
-    ) / 2
+    places = np.arange(counts.max())
+    ordered = np.full((len(counts), len(places)), np.nan)
+    ordered[places < counts[:, None]] = values
+    ordered.sort(axis=1)  # of few each: a sort of all by part and value takes five times as long
+    part = np.arange(len(counts))
+    medians: NDArray[np.float64] = (ordered[part, (counts - 1) // 2] + ordered[part, counts // 2]) / 2
     return medians

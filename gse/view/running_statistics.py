@@ -155,7 +155,8 @@ class Running:
             return
         utc_ns = rows["utc_ns"].tolist()
         self.frames += len(rows)
-        self.by_status.update(STATUSES[code].value for code in rows["status"].tolist())
+        for code, count in Counter(rows["status"].tolist()).items():
+            self.by_status[STATUSES[code].value] += count
         self.false_answers += int(np.count_nonzero(rows["answer_check"] == _FALSE))
         self.utc_ns, self.objects = utc_ns[-1], int(rows["objects"][-1])
         is_answered = rows["status"] == _IDENTIFIED
