@@ -95,9 +95,9 @@ class SessionModel:
     def columns(self, *series_arcsec: NDArray[np.float64], field: NDArray[np.float64] | None = None) -> Columns:
         """Columns of errors (M, 3) each, with the parameters (F, P) of the field."""
         stacked = np.stack(series_arcsec, axis=2)
-        turned = np.einsum("ij,mjp->mip", self.decorrelate, stacked)
+        cosines = np.einsum("ij,kjp->kip", self.decorrelate, self.series.cosines(stacked))
         none = np.zeros((len(PARAMETERS), len(series_arcsec)))
-        return Columns(turned.mean(axis=0), self.series.cosines(turned), none if field is None else field)
+        return Columns(self.decorrelate @ stacked.mean(axis=0), cosines, none if field is None else field)
 
     def shift(self, axis_horizon: NDArray[np.float64]) -> NDArray[np.float64]:
         """Shifts (3,) of the error where the measured mount is turned by 1 about an axis of the horizon frame."""
