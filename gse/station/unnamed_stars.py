@@ -76,11 +76,10 @@ class LeftOutStars:
         """Measured less expected directions (N, 2), in radians."""
         stars_icrs = self._catalog.icrs.take(star, axis=0)
         if frames.truth is not None and frames.icrs_to_horizon is not None:
-            utc_ns, icrs_to_horizon = frames.utc_ns[frame_of], frames.icrs_to_horizon.take(frame_of, axis=0)
-            zenith_sensor = np.einsum("nij,nj->ni", frames.raw.take(frame_of, axis=0), icrs_to_horizon[:, 2])
-            seen = frames.truth.unrefracted(seen, zenith_sensor)
-            stars_icrs = frames.truth.apparent_at(stars_icrs, utc_ns, icrs_to_horizon, np.arange(len(star)))
-        expected = np.einsum("nij,nj->ni", frames.geometric.take(frame_of, axis=0), stars_icrs)
+            zenith_sensor = np.einsum("kij,kj->ki", frames.raw, frames.icrs_to_horizon[:, 2])
+            seen = frames.truth.unrefracted(seen, zenith_sensor[frame_of])
+            stars_icrs = frames.truth.apparent_at(stars_icrs, frames.utc_ns, frames.icrs_to_horizon, frame_of)
+        expected = np.einsum("nij,nj->ni", frames.geometric[frame_of], stars_icrs)
         return np.asarray((seen - expected)[:, :2])
 
 
