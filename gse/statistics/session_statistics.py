@@ -15,7 +15,7 @@ from gse.station.session_data import SessionData
 from gse.statistics.answer_differences import answer_differences
 from gse.statistics.clock_health import ClockHealth, clock_health
 from gse.statistics.convention_search import ConventionSearch
-from gse.statistics.counted_frames import CountedFrames, counted_frames, explained_arcsec
+from gse.statistics.counted_frames import OUTLIER_ARCSEC, CountedFrames, counted_frames, explained_arcsec
 from gse.statistics.onboard_equivalence import OnboardEquivalence, equivalence
 from gse.statistics.percentiles import Percentiles
 from gse.statistics.sensor_answers import SensorAnswers, sensor_answers
@@ -138,19 +138,24 @@ def sensor_masks(
 
     False is an answer far from the median of all; or one that lies further from the answer to the same panorama here
     than two answers of the same stars do, the usual separation aside, where the reference identifier confirms that.
+    An answer that lies with a confirmed one is right however far from the median it is, as after a kick to the mount,
+    unless the time of its stretch is uncertain: it is then false beyond what that explains, as answers here are.
     """
     known = own.acquired & np.isfinite(own.d_de_arcsec) & ~counted.excluded
     false = np.zeros(len(known), dtype=bool)
+    within_arcsec = explained_arcsec(frames, counted.exclusions)
     if known.any():
         x, y = own.cross_x_arcsec, own.cross_y_arcsec
         separation_arcsec = np.hypot(x - np.median(x[known]), y - np.median(y[known]))
-        false = own.acquired & (separation_arcsec > explained_arcsec(frames, counted.exclusions))
+        false = own.acquired & (separation_arcsec > within_arcsec)
     offsets_arcsec = answer_differences(own, frames)
     correct = frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.CORRECT)
     confirmed = np.isfinite(offsets_arcsec[:, 0]) & correct
     if confirmed.any():
         off = offsets_arcsec - np.median(offsets_arcsec[confirmed], axis=0)
-        false |= confirmed & (np.hypot(*off.T) > SAME_BORESIGHT_ARCSEC)
+        elsewhere = np.hypot(*off.T) > SAME_BORESIGHT_ARCSEC
+        false &= ~confirmed | elsewhere | (within_arcsec > OUTLIER_ARCSEC)
+        false |= confirmed & elsewhere
     return false, known & ~false
 
 

@@ -303,6 +303,17 @@ def test_own_answers_beside_confirmed_ones_are_false_further_than_three_minutes_
     assert false_and_left_out(own, frames, counted) == ([], [])
 
 
+def test_own_answers_far_from_the_median_are_right_with_confirmed_ones_if_their_time_is_certain():
+    """A mount that is kicked takes the answers here along: the sensor saw what was there."""
+    own, frames, counted = own_answers(confirmed=range(8))
+    frames["utc_ns"] = np.arange(9)
+    own.cross_x_arcsec[5:] += 7200.0
+    assert false_and_left_out(own, frames, counted) == ([8], [8])
+    counted.exclusions = (Exclusion(5, 6, "a step", Cause.CLOCK_STEP, 10.0),)
+    own.de_deg[6] += 0.1
+    assert false_and_left_out(own, frames, counted) == ([5, 6, 8], [5, 6, 8])
+
+
 def test_without_an_answer_that_is_compared_none_is_false():
     own, frames, counted = own_answers()
     own.d_de_arcsec[:], own.cross_x_arcsec[3] = np.nan, 1e6
