@@ -13,6 +13,7 @@ from gse.diagnosis.fine_hypotheses import Hypothesis
 from gse.diagnosis.session_model import SessionModel
 from gse.diagnosis.turns import all_turns, pole
 
+STEPS = ("clock step", "slip of the mount")
 _STEPS = 96
 _FEWEST_CYCLES, _CYCLE_STEP = 1.0, 0.25
 _SINUSOID_MOST_SHARE = 0.25

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.diagnosis.changes_in_time import sinusoids, steps
+from gse.diagnosis.changes_in_time import STEPS, sinusoids, steps
 from gse.diagnosis.competing_models import Columns, Fitted, Observed, by_its_noise, fitted, forget_observed
 from gse.diagnosis.field_patterns import FieldOfErrors
 from gse.diagnosis.fine_hypotheses import Hypothesis, causes_of_field, constant_causes, drifts
@@ -29,6 +29,8 @@ _EXCLUSIVE = (
 )
 _LEAST_WITHOUT_ONE = 0.5
 """Of what a cause must be worth: in a field of few stars one at the edge may tell half of a distortion."""
+_AROUND = 5
+"""Frames next to one whose median says what it would be if it were no outlier."""
 _REFINEMENTS = 6
 _REST_SHARE = 0.2
 """Of the size of an earlier change over time."""
@@ -59,9 +61,11 @@ def fine_causes(model: SessionModel) -> tuple[Named, ...]:
         tried += changes
         gains = [(score(observed, [*named, one]) - base.twice_log_likelihood, one) for one in tried]
         seen = [item for item in gains if _is_seen(model, observed, named, item[1])]
-        if not seen:
+        seen.sort(key=lambda item: item[0], reverse=True)
+        found = next((item for item in seen if not _is_of_one_frame(model, observed, named, item[1])), None)
+        if found is None:
             break
-        gain, best = max(seen, key=lambda item: item[0])
+        gain, best = found
         gain -= _of_its_noise(observed, named, best)
         if gain + best.cost < best.is_worth or not _outlasts_stars(model, observed, named, best):
             break
@@ -93,6 +97,27 @@ def _is_seen(model: SessionModel, observed: Observed, named: list[Hypothesis], o
         return False
     moved_px = model.field.moved_px @ (one.columns.field @ coefficients)
     return bool((moved_px**2).sum(axis=1).mean() >= model.field.least_px**2)
+
+
+def _is_of_one_frame(model: SessionModel, observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bool:
+    """Whether a single frame near an end of the session tells a step: that is an outlier, and nothing that stays."""
+    if one.cause not in STEPS:
+        return False
+    series, first = model.series, int(one.place)
+    count = len(series.time_s)
+    after = count - first
+    side = np.arange(first, count) if after <= first else np.arange(first)
+    off = (series.errors_arcsec[side] - np.median(series.errors_arcsec, axis=0)) @ model.decorrelate.T
+    row = int(side[(off**2).sum(axis=1).argmax()])
+    around = np.argsort(np.abs(np.arange(count) - row), kind="stable")[1 : _AROUND + 1]
+    alone = np.zeros_like(series.errors_arcsec)
+    alone[row] = (series.errors_arcsec[row] - np.median(series.errors_arcsec[around], axis=0)) @ model.decorrelate.T
+    others = replace(
+        observed, mean=observed.mean - alone.mean(axis=0), cosines=observed.cosines - series.cosines(alone)
+    )
+    gain = fitted(others, together(others, [*named, one])).twice_log_likelihood
+    gain -= fitted(others, together(others, named)).twice_log_likelihood
+    return gain < _LEAST_WITHOUT_ONE * one.is_worth
 
 
 def _refined(observed: Observed, named: list[Hypothesis], found: Hypothesis) -> Hypothesis:

@@ -260,6 +260,25 @@ def test_a_swing_is_named_in_slow_noise_too():
     assert [one.hypothesis.cause for one in fine_causes(model_of(errors))] == ["thermal sinusoid"]
 
 
+def glared(seed, outliers, last):
+    """Ten minutes with answers of false stars, some within them and the ``last`` frames."""
+    rng = np.random.default_rng(seed)
+    errors = rng.normal(0, (1.0, 1.0, 10.0), (600, 3))
+    for frame in rng.integers(100, 500, outliers):
+        errors[frame] += rng.normal(0, (20.0, 20.0, 250.0))
+    errors[-last:] += [-25.0, 12.0, -444.0]
+    return errors
+
+
+@pytest.mark.parametrize(("seed", "outliers"), [(0, 6), (8, 12)])
+@pytest.mark.parametrize(("last", "causes"), [(1, []), (12, ["slip of the mount"])])
+@pytest.mark.parametrize("order", [1, -1])
+def test_one_frame_at_an_end_of_the_session_is_no_slip_and_twelve_are(seed, outliers, last, causes, order):
+    """A false star turns one answer by minutes of arc; a mount that slipped stays there."""
+    errors = glared(seed, outliers, last)[::order]
+    assert [one.hypothesis.cause for one in fine_causes(model_of(errors))] == causes
+
+
 def test_three_causes_are_named_at_most():
     """Of four swings that are alike."""
     place = np.arange(240)
