@@ -5,17 +5,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gse.camera import Camera
-from gse.constants import ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
+from gse.constants import ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S, EARTH_RATE_RAD_PER_S
 from gse.diagnosis.error_series import ErrorSeries
 from gse.diagnosis.fine_causes import Named, fine_causes
 from gse.diagnosis.fine_hypotheses import MOST_HPA, TANGENTIAL, ZERO_C_K, Hypothesis
-from gse.diagnosis.gross_turns import wrong_dates
+from gse.diagnosis.gross_turns import DATE_S, wrong_dates
 from gse.diagnosis.late_frames import CRYSTAL_PPM, LateFrames
 from gse.diagnosis.session_model import SessionModel
-from gse.diagnosis.turns import all_turns
+from gse.diagnosis.turns import about, all_turns, pole
 from gse.diagnosis.vibration import Vibration, vibration, without_waves
 from gse.finding import Finding
 from gse.instant import NS_PER_S, to_text
@@ -96,7 +97,7 @@ def _clock_offset(one: Named, setting: Setting) -> Finding:
             equals.append(f"a time stamp of {end} of the exposure ({setting.exposure_s:g} s)")
     equals += wrong_dates(fast_s)
     size = f"the host's clock is {abs(fast_s):.{_digits(error_s)}f} s {'fast' if fast_s > 0 else 'slow'}"
-    size += f" (+- {2 * error_s:.2g} s)"
+    size += f" (+- {_digits_of(2 * error_s, 2)} s)"
     if _is_whole(abs(fast_s), 1.0, error_s):
         size += ": a leap second"
     scales = (cause for cause, ahead_s in CLOCK_SCALES.items() if _is_whole(fast_s, ahead_s, error_s))
@@ -107,8 +108,24 @@ def _is_whole(fast_s: float, expected_s: float, error_s: float) -> bool:
     return error_s <= _SURE_S and abs(fast_s - expected_s) <= _SIGMAS * error_s
 
 
+def _digits_of(value: float, digits: int) -> str:
+    """A positive figure with so many digits, without an exponent."""
+    rounded = float(f"{value:.{digits}g}")
+    return f"{rounded:.0f}" if rounded >= 10 ** (digits - 1) else f"{value:.{digits}g}"
+
+
 def _mount(one: Named, setting: Setting) -> Finding:
-    return Finding("mount", f"it is off by {_angles(one, setting)}", _equals(one), _ALIGN)
+    dates = _dates_like(one, setting) if len(one.coefficients) > 1 else ()
+    return Finding("mount", f"it is off by {_angles(one, setting)}", _equals(one, *dates), _ALIGN)
+
+
+def _dates_like(one: Named, setting: Setting) -> tuple[str, ...]:
+    """Wrong dates that turn the sky as three angles of the mount do, but for precession and aberration."""
+    turn = horizon_to_sensor(setting.mount).T @ _turned(one, setting.mount)
+    angle_rad, left_rad = about(pole(setting.site), turn)
+    if left_rad > DATE_S * EARTH_RATE_RAD_PER_S:
+        return ()
+    return tuple(wrong_dates(angle_rad / EARTH_RATE_RAD_PER_S))
 
 
 def _angles(one: Named, setting: Setting) -> str:
@@ -117,14 +134,21 @@ def _angles(one: Named, setting: Setting) -> str:
         name = one.hypothesis.kind
         arcsec, error = size.item(), one.errors.item()
         fits = getattr(mount, f"{name}_deg") + arcsec / 3600
-        return f"{arcsec:+.1f} arcsec (+- {2 * error:.2g}) in {name}: the stars fit {_fits(mount, name, fits)}"
-    across, up, roll = (Rotation.from_rotvec(axis * arcsec * ARCSEC_RAD)
-                        for axis, arcsec in zip(all_turns(mount), size, strict=True))  # fmt: skip
-    fitted = mount_of(horizon_to_sensor(mount) @ (across * up * roll).as_matrix())
+        return (
+            f"{arcsec:+.1f} arcsec (+- {_digits_of(2 * error, 2)}) in {name}: the stars fit {_fits(mount, name, fits)}"
+        )
+    fitted = mount_of(_turned(one, mount))
     return (
         f"{_three(one)}: the stars fit azimuth {fitted.azimuth_deg:.5f}, altitude {fitted.altitude_deg:.5f}, roll "
         f"{fitted.roll_deg:.4f} deg"
     )
+
+
+def _turned(one: Named, mount: Mount) -> NDArray[np.float64]:
+    """The rotation (3, 3) from the horizon frame to the sensor of a mount that three angles turn."""
+    across, up, roll = (Rotation.from_rotvec(axis * arcsec * ARCSEC_RAD)
+                        for axis, arcsec in zip(all_turns(mount), one.coefficients, strict=True))  # fmt: skip
+    return np.asarray(horizon_to_sensor(mount) @ (across * up * roll).as_matrix())
 
 
 def _fits(mount: Mount, name: str, fits_deg: float) -> str:
@@ -145,7 +169,7 @@ def _site(one: Named, setting: Setting) -> Finding:
     arcsec, error = one.coefficients.item(), one.errors.item()
     fits = setting.site.latitude_deg + arcsec / 3600
     size = f"latitude: the stars fit site.latitude_deg: {fits:.5f}, stated is {setting.site.latitude_deg:g} "
-    size += f"({arcsec:+.1f} +- {2 * error:.2g} arcsec, {arcsec * 30.9:+.0f} m on the ground)"
+    size += f"({arcsec:+.1f} +- {_digits_of(2 * error, 2)} arcsec, {arcsec * 30.9:+.0f} m on the ground)"
     return Finding(
         "site",
         size,
@@ -157,7 +181,9 @@ def _site(one: Named, setting: Setting) -> Finding:
 def _focal_length(one: Named, setting: Setting) -> Finding:
     share, error = one.coefficients.item(), one.errors.item()
     fits = setting.camera.focal_length_px * (1 + share)
-    size = f"it is {percent(abs(share), 3)} too {'short' if share > 0 else 'long'} (+- {200 * error:.1g} %): "
+    size = (
+        f"it is {percent(abs(share), 3)} too {'short' if share > 0 else 'long'} (+- {_digits_of(200 * error, 1)} %): "
+    )
     size += "the stars fit "
     return Finding("focal length", f"{size}sensor.focal_length_px: {fits:.2f}", _equals(one), _CALIBRATE)
 
@@ -184,9 +210,8 @@ def _tangential(one: Named, setting: Setting) -> Finding:
 def _principal_point(one: Named, setting: Setting) -> Finding:
     dx, dy = one.coefficients.tolist()
     x, y = setting.camera.principal_point_px
-    size = (
-        f"it is off by {dx:+.2f} px in x and {dy:+.2f} px in y (+- {2 * float(one.errors.max()):.2g}): the stars fit "
-    )
+    error = _digits_of(2 * float(one.errors.max()), 2)
+    size = f"it is off by {dx:+.2f} px in x and {dy:+.2f} px in y (+- {error}): the stars fit "
     arcsec = math.hypot(dx, dy) * math.degrees(setting.camera.pixel_rad) * 3600
     mount = f"a mount turned by {arcsec:.0f} arcsec, were it not for the field's edges"
     return Finding(
@@ -202,14 +227,14 @@ def _refraction(one: Named, setting: Setting) -> Finding:
     stated_hpa, stated_c = setting.site.air_pressure_hpa, setting.site.air_temperature_c
     fits_hpa = stated_hpa + off
     pressure = f"pressure: the stars fit site.pressure_hpa: {fits_hpa:.0f}, in force is {stated_hpa:.0f}"
-    size, equals = f"{pressure} (+- {2 * error:.1g})", []
+    size, equals = f"{pressure} (+- {_digits_of(2 * error, 1)})", []
     if abs(off) < _MOST_PRESSURE_SHARE * stated_hpa:
         kelvin = -off / fits_hpa * (stated_c + ZERO_C_K)
         equals.append(f"temperature ({kelvin:+.0f} K)")
         if fits_hpa > MOST_HPA:
             error_k = error / fits_hpa * (stated_c + ZERO_C_K)
             size = f"temperature: the stars fit site.temperature_c: {stated_c + kelvin:.0f}, in force is {stated_c:.0f}"
-            size, equals = f"{size} (+- {2 * error_k:.1g})", []
+            size, equals = f"{size} (+- {_digits_of(2 * error_k, 1)})", []
     return Finding(
         "refraction", size, _equals(one, *equals), "enter pressure and temperature at the mount in the station file"
     )
@@ -217,7 +242,7 @@ def _refraction(one: Named, setting: Setting) -> Finding:
 
 def _clock_drift(one: Named, setting: Setting) -> Finding:
     ppm, error = one.coefficients.item(), one.errors.item()
-    size = f"the host's clock runs {abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'} (+- {2 * error:.2g}), "
+    size = f"the host's clock runs {abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'} (+- {_digits_of(2 * error, 2)}), "
     size += f"{abs(ppm) * 3.6e-3:.3f} s in an hour"
     return Finding("clock drift", size, _equals(one, "a mount that turns about the pole"), _SYNC)
 

@@ -17,7 +17,7 @@ from gse.mount import Mount
 from gse.site import Site
 from gse.truth import EarthOrientation, horizon_to_sensor, mount_of, small_rotations
 
-_DATE_S = 4.0
+DATE_S = 4.0
 """A date that is off by days moves the stars by aberration and precession too, by 40 arcsec at most in half a year."""
 _AXIS_SHARE = 0.05
 _SITE_ROUNDS, _SITE_STEP_DEG, _MOST_LATITUDE_DEG = 6, 0.01, 89.9
@@ -105,7 +105,7 @@ def wrong_dates(fast_s: float) -> Iterator[str]:
     for days in (*range(2, 184), 365, 366):
         for off in (days, -days):
             turned_s = 86_400 * off - SIDEREAL_DAY_S * round((86_400 * off - fast_s) / SIDEREAL_DAY_S)
-            if abs(turned_s - fast_s) < _DATE_S:
+            if abs(turned_s - fast_s) < DATE_S:
                 yield f"a date that is {days} days {'ahead' if off > 0 else 'behind'}"
 
 

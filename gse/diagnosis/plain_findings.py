@@ -19,6 +19,8 @@ from gse.station.sky_condition import FEWEST_UNMATCHED
 from gse.statistics.session_statistics import Statistics
 
 _FEWEST_DRIFTING = 10
+_ENOUGH = 2
+"""Times the stars that an answer needs: a catalogue that holds so many of the field is not short of stars."""
 _EQUALS_OF_EVENT: dict[str, tuple[str, ...]] = {
     StationKind.WRONG_CAMERA: ("distortion of the lens",),
     StationKind.MIRRORED: ("x and y exchanged (in the protocol description, or by the sensor)",),
@@ -134,7 +136,8 @@ def _without_answer(session: SessionData) -> Finding:
     known = f", of which its catalogue holds {expected:.0f}" if 0 <= expected < seen else ""
     known += f"; {objects - seen:.0f} of {objects:.0f} objects are none of them" if objects > seen else ""
     equals = ["a fault of the identifier"]
-    if objects - seen >= max(FEWEST_UNMATCHED, FALLEN_OUT_SHARE * seen):
+    has_enough = min(expected, seen) >= _ENOUGH * session.station.identifier.min_fit
+    if has_enough or objects - seen >= max(FEWEST_UNMATCHED, FALLEN_OUT_SHARE * seen):
         equals.append("a distortion of the lens, or a principal point that is not as stated: gse calibrate SESSION")
     is_external = session.station.identifier.algorithm == "external"
     more_stars = "a catalogue of its own with more stars" if is_external else "more stars (identifier.catalog_stars)"

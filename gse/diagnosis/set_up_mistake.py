@@ -4,7 +4,9 @@ The identifier named the right stars, only not where site, clock and mount of th
 that are left without the mistake keep the limits, no row fails for it: the word is INCONCLUSIVE, and the mistake is the
 first reason. A mirrored image or a focal length under which nothing can be identified is one too, a camera with which
 many stars lie too far off to be named, air that is not that of the height, and a host whose clock shows GPS time or
-TAI: no latency of a sensor is 18 or 37 s. What the sensor answers itself no camera of the station file excuses.
+TAI: no latency of a sensor is 18 or 37 s. Where the reference identifier names no star in the whole session either,
+sky, station file and sensor cannot be told apart, and no row of the identifier fails. What the sensor answers itself no
+camera of the station file excuses.
 
 A session that lost its station file is judged on the built-in one, whose limits are not its own: it neither passes nor
 fails.
@@ -21,14 +23,15 @@ from gse.diagnosis.session_gross_cause import gross_cause_of, left_under
 from gse.finding import Finding
 from gse.limits import Limits
 from gse.station.event_kinds import StationKind
-from gse.station.frame_table import STATUSES
-from gse.station.results import Status, Subject
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import CountedFrames
 from gse.statistics.decision import Outcome, Row
 
 _OF_CAMERA = {"mirrored image": StationKind.MIRRORED, "focal length": StationKind.WRONG_CAMERA}
 _NO_STATION = "station file"
+_NOTHING = "nothing identified"
 _KEPT_SHARE = 0.9
 """Of some 15 frames: one may lie outside."""
 _OF_IDENTIFICATION = ("availability", "false answers")
@@ -71,6 +74,8 @@ def _hides_all(session: SessionData, counted: CountedFrames, finding: Finding) -
     frames = session.frames.columns
     if (frames["status"] == STATUSES.index(Status.IDENTIFIED)).any():
         return finding.cause in STARS_FALL_OUT and stars_fall_out(frames, counted.used)
+    if finding.cause == _NOTHING:
+        return bool((frames["answer_check"] == ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)).all())
     kinds = {event.kind for event in session.events}
     return _OF_CAMERA.get(finding.cause) in kinds
 
@@ -88,7 +93,7 @@ def excused(row: Row, mistake: Finding) -> Row:
     is_accuracy = row.unit == "arcsec"
     if mistake.cause == _NO_STATION:
         by_it = True
-    elif mistake.cause in _OF_CAMERA or mistake.cause in STARS_FALL_OUT:
+    elif mistake.cause in (*_OF_CAMERA, *STARS_FALL_OUT, _NOTHING):
         by_it = is_identification or (is_accuracy and row.subject is Subject.ONBOARD)
     else:
         by_it = is_accuracy

@@ -207,8 +207,17 @@ def test_an_identifier_without_an_answer_is_told_with_the_stars_of_the_sky(value
     [(20, 25, False), (20, 26, True), (40, 51, False), (40, 52, True), (10, 16, True), (10, 15, False)],
 )
 def test_six_objects_and_three_in_ten_that_are_no_stars_may_be_a_lens(seen, objects, is_lens):
-    equals = without_answer(seen=seen, objects=objects).equals
+    equals = without_answer(seen=seen, objects=objects, expected=5.0).equals
     assert equals[0] == "a fault of the identifier"
+    assert [text.split(" of")[0] for text in equals[1:]] == ["a distortion"] * is_lens
+
+
+@pytest.mark.parametrize(
+    ("expected", "seen", "is_lens"), [(12.0, 20, True), (11.0, 20, False), (30.0, 12, True), (30.0, 11, False)]
+)
+def test_a_catalogue_of_twice_the_stars_of_an_answer_is_not_short_so_that_it_may_be_a_lens(expected, seen, is_lens):
+    """Six stars make an answer."""
+    equals = without_answer(seen=seen, objects=seen, expected=expected).equals
     assert [text.split(" of")[0] for text in equals[1:]] == ["a distortion"] * is_lens
 
 

@@ -13,8 +13,8 @@ from gse.diagnosis.session_gross_cause import gross_finding
 from gse.diagnosis.set_up_mistake import _keeps, excused, lost_station, set_up_mistake
 from gse.finding import Finding
 from gse.instant import NS_PER_S
-from gse.station.frame_table import STATUSES
-from gse.station.results import Status, Subject
+from gse.station.frame_table import ANSWER_CHECKS, STATUSES
+from gse.station.results import AnswerCheck, Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import counted_frames
 from gse.statistics.decision import Outcome, Row
@@ -50,6 +50,16 @@ def blind(*kinds):
 def test_a_camera_stated_wrongly_is_one_where_nothing_was_identified(cause, kinds, is_mistake):
     found = mistake_of(blind(*kinds), cause)
     assert (found is not None and found.cause == cause) == is_mistake
+
+
+@pytest.mark.parametrize(("check", "is_mistake"), [(AnswerCheck.UNKNOWN, True), (AnswerCheck.ABSENT, False)])
+def test_without_a_star_for_the_reference_identifier_either_nothing_tells_sky_and_station_from_the_sensor(
+    check, is_mistake
+):
+    made = blind()
+    made.frames.columns["answer_check"] = ANSWER_CHECKS.index(AnswerCheck.UNKNOWN)
+    made.frames.columns["answer_check"][3] = ANSWER_CHECKS.index(check)
+    assert (mistake_of(made, "nothing identified") is not None) == is_mistake
 
 
 def test_a_camera_under_which_one_panorama_was_identified_is_none():
@@ -107,6 +117,8 @@ def row(name, unit, outcome=Outcome.FAIL, subject=Subject.ONBOARD):
         ("azimuth from south", row("availability", ""), False),
         ("azimuth from south", row("identification time on this host, 99 %", "ms"), False),
         ("mirrored image", row("availability", ""), True),
+        ("nothing identified", row("availability", ""), True),
+        ("nothing identified", row("availability", "", subject=Subject.SENSOR), False),
         ("mirrored image", row("availability", "", subject=Subject.SENSOR), False),
         ("mirrored image", row("false answers", ""), True),
         ("focal length", row("mean |dDE|", "arcsec"), True),
