@@ -29,6 +29,7 @@ _CALIBRATE = "gse calibrate SESSION --write FILE"
 _ALIGN = "gse align SESSION --write FILE"
 _SYNC = "see whether the clock is synchronised: gse preflight; then repeat the session"
 _LEAVE_OUT = "fix the mount; judge the rest of the session: gse report SESSION --leave-out FROM/TO=moved"
+_STEP_OF_TAGS = "a step of the sensor's own time tags, or its restart: the time of a raw capture is made of them"
 _SIGMAS = 3.0
 _LATENCY_S = 2.5
 _SURE_S = 0.2
@@ -280,7 +281,10 @@ def _clock_step(one: Named, setting: Setting) -> Finding:
     if setting.late is None:
         delay = f"a link or a proxy by which frames come {abs(step_s):.3f} s {later} from then on"
         return Finding(
-            "clock step", f"the host's clock stepped by {step_s:+.3f} s at {when}", _equals(one, delay, slip), _SYNC
+            "clock step",
+            f"the host's clock stepped by {step_s:+.3f} s at {when}",
+            _equals(one, delay, _STEP_OF_TAGS, slip),
+            _SYNC,
         )
     _, delay_s = _delay(one, setting)
     if abs(delay_s - step_s) <= max(_SAME_DELAY_S, _SIGMAS * one.errors.item()) < abs(delay_s):

@@ -454,6 +454,15 @@ def test_a_slip_is_the_links_where_its_delay_turns_the_sky_half_as_much(coeffici
     assert found("slip of the mount", *coefficients, at_s=90.0, rivals=rivals, setting=setting).cause == cause
 
 
+def test_without_stamps_a_step_of_time_may_be_the_sensors_own():
+    """The time of a raw capture is that of its tags, from the stated start on: the host's clock has no part in it."""
+    equals = found("clock step", -0.994, at_s=299.0).equals
+    assert [text.split(",")[0] for text in equals[1:]] == [
+        "a step of the sensor's own time tags",
+        "a slip of the mount about the pole by -15.0 arcsec",
+    ]
+
+
 def test_without_stamps_a_slip_is_the_mounts():
     rivals = [("clock step", "clock step"), ("clock drift", "clock drift")]
     finding = found("slip of the mount", 4.0, 0.0, 0.0, kind="slip", at_s=30.0, rivals=rivals)
@@ -510,6 +519,6 @@ def test_what_is_off_by_nothing_has_the_side_of_what_is_less(cause, words):
 
 def test_a_time_that_is_off_by_nothing_is_early():
     assert "latency: frames that are stamped 0.000 s early" in found("clock offset", 0.0).equals
-    link, slip = found("clock step", 0.0, at_s=60.0).equals
+    link, _, slip = found("clock step", 0.0, at_s=60.0).equals
     assert link == "a link or a proxy by which frames come 0.000 s earlier from then on"
     assert slip == "a slip of the mount about the pole by +0.0 arcsec"
