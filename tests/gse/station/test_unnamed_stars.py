@@ -149,6 +149,9 @@ def test_residuals_are_free_of_aberration_and_air_where_the_sky_is_known(stars):
     (found,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([seen]), Answers.of([named]), known)
     assert found.stars.tolist() == rows[1:].tolist()
     assert np.abs(found.residuals_arcsec).max() < 0.01
+    twice = seen[[0, 0]]  # a second object at the place of the one star, which has its name already
+    (found,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([twice]), Answers.of([named]), known)
+    assert len(found) == 0
     unknown = replace(known, truth=None, icrs_to_horizon=None)
     (found,) = LeftOutStars(FIELD_14_DEG, stars).of(objects_of([seen]), Answers.of([named]), unknown)
     assert np.abs(found.residuals_arcsec).max() > 10
