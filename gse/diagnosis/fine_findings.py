@@ -117,7 +117,8 @@ def _digits_of(value: float, digits: int) -> str:
 
 def _mount(one: Named, setting: Setting) -> Finding:
     dates = _dates_like(one, setting) if len(one.coefficients) > 1 else ()
-    return Finding("mount", f"it is off by {_angles(one, setting)}", _equals(one, *dates), _ALIGN)
+    advice = f"see whether the host's date is right; where it is: {_ALIGN}" if dates else _ALIGN
+    return Finding("mount", f"it is off by {_angles(one, setting)}", _equals(one, *dates), advice)
 
 
 def _dates_like(one: Named, setting: Setting) -> tuple[str, ...]:

@@ -241,8 +241,9 @@ def test_a_mount_that_is_turned_as_by_a_wrong_year_may_be_one(days, side, aside_
     """
     short_s = 366 * 86_164.0905 - 365 * 86_400
     turns = turned_about_the_pole(math.copysign(15.04107 * short_s, days), aside_arcsec)
-    equals = found("mount", *turns, kind="mount").equals
-    assert equals == (f"a date that is 365 days {side}",) * is_told
+    finding = found("mount", *turns, kind="mount")
+    assert finding.equals == (f"a date that is 365 days {side}",) * is_told
+    assert finding.next_step.startswith("see whether the host's date is right" if is_told else "gse align")
 
 
 @pytest.mark.parametrize(
