@@ -413,7 +413,12 @@ def test_daylight_is_no_fault_of_the_sensor(frames):
 
 
 def test_five_seconds_under_a_dark_sky_without_an_answer_are_not_excused():
-    assert judge(clouded(first=0, last=50, frames=50)).verdict is Verdict.FAIL
+    made = clouded(first=0, last=50, frames=50)
+    assert statistics(made).exclusions == ()
+    assert (statistics(made).onboard.available.count, statistics(made).onboard.available.of) == (0, 50)
+    assessment = judge(made)
+    assert assessment.verdict is Verdict.INCONCLUSIVE  # the reference names no star either
+    assert assessment.reasons[0].startswith("set-up: nothing identified")
 
 
 def test_a_short_gap_is_not_the_sky():
