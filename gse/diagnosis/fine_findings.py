@@ -111,8 +111,7 @@ def _is_whole(fast_s: float, expected_s: float, error_s: float) -> bool:
 
 def _digits_of(value: float, digits: int) -> str:
     """A positive figure with so many digits, without an exponent."""
-    rounded = float(f"{value:.{digits}g}")
-    return f"{rounded:.0f}" if rounded >= 10 ** (digits - 1) else f"{value:.{digits}g}"
+    return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
 
 
 def _mount(one: Named, setting: Setting) -> Finding:

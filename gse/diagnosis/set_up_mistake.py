@@ -70,7 +70,7 @@ def _left_without(session: SessionData, counted: CountedFrames, finding: Finding
 
 
 def _hides_all(session: SessionData, counted: CountedFrames, finding: Finding) -> bool:
-    """Whether it is a camera stated wrongly, under which no panorama was identified, or only with some of its stars."""
+    """Whether under it no panorama was identified, by the reference neither, or only with some of its stars."""
     frames = session.frames.columns
     if (frames["status"] == STATUSES.index(Status.IDENTIFIED)).any():
         return finding.cause in STARS_FALL_OUT and stars_fall_out(frames, counted.used)
