@@ -62,7 +62,7 @@ def fine_causes(model: SessionModel) -> tuple[Named, ...]:
         gains = [(score(observed, [*named, one]) - base.twice_log_likelihood, one) for one in tried]
         seen = [item for item in gains if _is_seen(model, observed, named, item[1])]
         seen.sort(key=lambda item: item[0], reverse=True)
-        found = next((item for item in seen if not _is_of_one_frame(model, observed, named, item[1])), None)
+        found = next((item for item in seen if not _is_of_one_frame(model, named, item[1])), None)
         if found is None:
             break
         gain, best = found
@@ -99,7 +99,7 @@ def _is_seen(model: SessionModel, observed: Observed, named: list[Hypothesis], o
     return bool((moved_px**2).sum(axis=1).mean() >= model.field.least_px**2)
 
 
-def _is_of_one_frame(model: SessionModel, observed: Observed, named: list[Hypothesis], one: Hypothesis) -> bool:
+def _is_of_one_frame(model: SessionModel, named: list[Hypothesis], one: Hypothesis) -> bool:
     """Whether a single frame near an end of the session tells a step: that is an outlier, and nothing that stays."""
     if one.cause not in STEPS:
         return False
@@ -107,14 +107,12 @@ def _is_of_one_frame(model: SessionModel, observed: Observed, named: list[Hypoth
     count = len(series.time_s)
     after = count - first
     side = np.arange(first, count) if after <= first else np.arange(first)
-    off = (series.errors_arcsec[side] - np.median(series.errors_arcsec, axis=0)) @ model.decorrelate.T
+    errors = series.errors_arcsec.copy()
+    off = (errors[side] - np.median(errors, axis=0)) @ model.decorrelate.T
     row = int(side[(off**2).sum(axis=1).argmax()])
     around = np.argsort(np.abs(np.arange(count) - row), kind="stable")[1 : _AROUND + 1]
-    alone = np.zeros_like(series.errors_arcsec)
-    alone[row] = (series.errors_arcsec[row] - np.median(series.errors_arcsec[around], axis=0)) @ model.decorrelate.T
-    others = replace(
-        observed, mean=observed.mean - alone.mean(axis=0), cosines=observed.cosines - series.cosines(alone)
-    )
+    errors[row] = np.median(errors[around], axis=0)
+    others = replace(model, series=replace(series, errors_arcsec=errors)).observed()
     gain = fitted(others, together(others, [*named, one])).twice_log_likelihood
     gain -= fitted(others, together(others, named)).twice_log_likelihood
     return gain < _LEAST_WITHOUT_ONE * one.is_worth

@@ -1,9 +1,14 @@
+import math
+
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
+from scipy.stats import binom
 from skies.made_frames import FIELD_14_DEG, Noise, made_frame, sky_of
 
 from gse.catalog import load_catalog
 from gse.identifier import Identification, Reason, Unidentified, make_identifier
+from gse.identifier.tables import field_diameter_rad, tolerance_rad
 from gse.identifier_options import IdentifierOptions
 from gse.spiral import spiral_directions
 
@@ -39,6 +44,24 @@ def test_stars_are_named_right_among_three_false_objects(identifiers, frames, se
     assert len(named) >= 99
     assert all(labels_are_right(a, f, identifier) for a, f in named)
     assert all(len(a.objects) >= 7 and a.false_match_probability < 1e-3 for a, _ in named)
+
+
+def test_the_false_match_probability_is_binomial_and_the_alpha_star_is_no_fit_of_its_own(identifiers, frames):
+    """Each alpha object that was tried adds as much as the first. Sixteen squares of the tolerance are a place."""
+    identifier = identifiers["first-fit"]
+    icrs, widest_rad = identifier.catalog.icrs, field_diameter_rad(FIELD_14_DEG)
+    error_rad = tolerance_rad(FIELD_14_DEG, IdentifierOptions().tolerance_px)
+    pairs = len(cKDTree(icrs).query_pairs(2 * math.sin(widest_rad / 2)))
+    begun = 2 * pairs * 4 * error_rad / widest_rad
+    third = len(icrs) / (4 * math.pi) * 16 * error_rad**2
+    tried = []
+    for frame in frames:
+        answer = identifier.identify(FIELD_14_DEG.directions(frame.xy_px), frame.brightness)
+        others, fits = len(frame.xy_px) - 1, len(answer.objects) - 1
+        of_one = others * begun * binom.sf(fits - 2, others - 1, third)
+        tried.append(answer.false_match_probability / of_one)
+    assert np.round(tried) == pytest.approx(tried, rel=1e-3)
+    assert np.median(tried) == pytest.approx(1.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("selection", SELECTIONS)
