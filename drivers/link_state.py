@@ -12,8 +12,9 @@ even if that is noticed later; of a slow sensor, when a frame and the next one s
 """
 
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import pairwise
+from operator import lt, sub
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
 
@@ -85,6 +86,40 @@ class LinkMonitor:
             self._sample += chunk.data[: SAMPLE_BYTES - len(self._sample)]
             self._reasons.update(reasons)
         return changes
+
+    def received_all(
+        self, chunks: Sequence[Chunk], framed: Sequence[int], reasons: Mapping[int, Collection[str]]
+    ) -> list[tuple[int, LinkEvent]]:
+        """The same of chunks that came together, each change with the place of its chunk.
+
+        ``framed`` are the places of chunks that completed frames, in order; ``reasons`` are by place.
+        """
+        first = self._steady(chunks, framed)
+        completed = set(framed)
+        return [
+            (k, change)
+            for k in range(first, len(chunks))
+            for change in self.received(chunks[k], k in completed, reasons.get(k, ()))
+        ]
+
+    def _steady(self, chunks: Sequence[Chunk], framed: Sequence[int]) -> int:
+        """Process the chunks up to the last valid frame where no change can be among them; how many those are.
+
+        So it nearly always is, and a look at each of them takes a tenth of a replay's time.
+        """
+        if not framed or self.state != LinkKind.STREAMING:
+            return 0
+        begun = chunks[: framed[-1] + 1]
+        mono_ns = [chunk.mono_ns for chunk in begun]
+        frames_ns = [mono_ns[k] for k in dict.fromkeys(framed)]
+        pauses_ns = map(sub, frames_ns, [self._since_ns, *frames_ns])
+        if any(map(lt, mono_ns, [self._now_ns, *mono_ns])) or max(pauses_ns) > self._silence_ns:
+            return 0
+        self._utc_minus_mono_ns = begun[-1].utc_ns - begun[-1].mono_ns
+        self._now_ns = self._bytes_ns = mono_ns[-1]
+        self._begin(mono_ns[-1])
+        self._frames_ns += frames_ns
+        return len(begun)
 
     def pass_time(self, utc_ns: int, mono_ns: int) -> list[LinkEvent]:
         """Changes of state by the time without bytes."""

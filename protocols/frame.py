@@ -20,7 +20,8 @@ class Frame(NamedTuple):
     """A frame whose type, length and checksum are right; a tuple, because a night has a million of them.
 
     ``start`` is its offset in the stream, ``size`` its bytes there; ``type`` the name of its message; ``sequence`` is
-    -1 in a protocol without sequence numbers.
+    -1 in a protocol without sequence numbers. ``known_at`` is how many bytes of the stream had to come until it was
+    known: up to its last one, or more where the begin of a broken frame before it claims them.
     """
 
     start: int
@@ -29,20 +30,31 @@ class Frame(NamedTuple):
     flags: int
     sequence: int
     payload: bytes
+    known_at: int
 
 
 @dataclass(frozen=True, slots=True)
 class Discard:
-    """Bytes from offset ``start`` on that are not a frame, and the reason."""
+    """Bytes from offset ``start`` on that are not a frame, and the reason; ``known_at`` as of a frame."""
 
     start: int
     data: bytes
     reason: Reason
+    known_at: int
 
 
-def discards(start: int, data: bytes, reason: Reason) -> list[Discard]:
-    """These bytes in pieces; what follows the first piece is garbage that no frame began."""
-    return [
-        Discard(start + at, data[at : at + MAX_DISCARD_BYTES], NO_SYNC if at else reason)
-        for at in range(0, len(data), MAX_DISCARD_BYTES)
-    ]
+def discards(
+    start: int, data: bytes, reason: Reason, known_at: int, *, full_since: int | None = None, behind: int = 0
+) -> list[Discard]:
+    """These bytes in pieces; what follows the first piece is garbage that no frame began.
+
+    All are known at ``known_at``, but a full piece from ``full_since`` on, ``behind`` so many bytes after its end.
+    """
+    full_since = known_at if full_since is None else full_since
+    pieces = []
+    for at in range(start, start + len(data), MAX_DISCARD_BYTES):
+        piece = data[at - start : at - start + MAX_DISCARD_BYTES]
+        is_full = len(piece) == MAX_DISCARD_BYTES
+        piece_known_at = max(full_since, at + MAX_DISCARD_BYTES + behind) if is_full else known_at
+        pieces.append(Discard(at, piece, NO_SYNC if at > start else reason, piece_known_at))
+    return pieces

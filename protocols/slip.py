@@ -73,14 +73,15 @@ class SlipScanner:
         out: list[Frame | Discard] = []
         at = 0
         while (end := self._buffer.find(END, self._scan)) >= 0:
-            at = self._close(out, at, end)
             self._scan = end + 1
+            at = self._close(out, at, end)
         self._scan = len(self._buffer)
-        self._overlong = self._overlong or self._scan - at - self._ends > self._largest
+        since = self._overlong_since(at)
+        self._overlong = self._scan >= since
         if self._overlong:
             self._ends = 0
             whole = (self._scan - at) // MAX_DISCARD_BYTES * MAX_DISCARD_BYTES
-            at = self._discard(out, at, at + whole, NO_SYNC)
+            at = self._discard(out, at, at + whole, NO_SYNC, full_since=since)
         self._drop(at)
         return out
 
@@ -99,17 +100,26 @@ class SlipScanner:
         self._start += count
         self._scan -= count
 
-    def _discard(self, out: list[Frame | Discard], at: int, end: int, reason: Reason) -> int:
+    def _overlong_since(self, at: int) -> int:
+        """Where in the buffer what began at ``at`` becomes longer than a frame can be."""
+        return 0 if self._overlong else at + self._ends + self._largest + 1
+
+    def _discard(
+        self, out: list[Frame | Discard], at: int, end: int, reason: Reason, *, full_since: int | None = None
+    ) -> int:
+        """Discard bytes that are known now; with ``full_since`` full pieces were known before the END was."""
         if end > at:
-            out += discards(self._start + at, bytes(self._buffer[at:end]), reason)
+            full_since = None if full_since is None else self._start + full_since
+            known_at = self._start + self._scan
+            out += discards(self._start + at, bytes(self._buffer[at:end]), reason, known_at, full_since=full_since)
         return end
 
     def _close(self, out: list[Frame | Discard], at: int, end: int) -> int:
         """Takes the packet that this END closes; returns where in the buffer the rest begins."""
         if end == at + self._ends and not self._overlong:
             return self._idle(out, at)
-        if self._overlong or end - at - self._ends > self._largest:
-            at = self._discard(out, at, end + 1, NO_SYNC)
+        if end >= (since := self._overlong_since(at)):
+            at = self._discard(out, at, end + 1, NO_SYNC, full_since=since)
         else:
             at = self._discard(out, at, at + max(0, self._ends - 1), NO_SYNC)
             synced = self._synced or self._ends > 0
@@ -148,4 +158,5 @@ class SlipScanner:
         if not layout.is_checksum_right(content):
             return BAD_CRC
         payload = content[layout.header.size : layout.header.size + size]
-        return Frame(self._start + start, end + 1 - start, layout.names[code], flags, sequence, payload)
+        known_at = self._start + end + 1
+        return Frame(self._start + start, end + 1 - start, layout.names[code], flags, sequence, payload, known_at)

@@ -34,6 +34,7 @@ class SyncWordScanner:
         self._scan = 0
         self._reason: Reason = NO_SYNC
         self._wanted = 0
+        self._claimed = 0
 
     @property
     def pending(self) -> int:
@@ -49,7 +50,8 @@ class SyncWordScanner:
     def refused(self) -> Discard | None:
         """What is held back, where it is known already that it begins with no frame, and why."""
         is_known = self._reason not in (NO_SYNC, TRUNCATED)
-        return Discard(self._start, bytes(self._buffer), self._reason) if is_known else None
+        known_at = self._start + len(self._buffer)
+        return Discard(self._start, bytes(self._buffer), self._reason, known_at) if is_known else None
 
     def feed(self, data: bytes) -> list[Frame | Discard]:
         """Frames and discards that these bytes complete."""
@@ -57,7 +59,7 @@ class SyncWordScanner:
         out: list[Frame | Discard] = []
         if len(self._buffer) < self._wanted:
             return out  # The frame that has begun is not whole yet.
-        self._wanted = 0
+        self._wanted = self._claimed = 0
         if at := self._take(out, final=False):
             self._drop(at)
         return out
@@ -65,12 +67,14 @@ class SyncWordScanner:
     def finish(self) -> list[Frame | Discard]:
         """Frames and discards at the end of the stream: an incomplete frame is truncated."""
         out: list[Frame | Discard] = []
+        self._claimed = len(self._buffer)
         at = self._take(out, final=True)
         tail = max(self._scan, len(self._buffer) - self._begun_sync_word())
         if self._reason is TRUNCATED:
             tail = len(self._buffer)
-        out += discards(self._start + at, bytes(self._buffer[at:tail]), self._reason)
-        out += discards(self._start + tail, bytes(self._buffer[tail:]), TRUNCATED)
+        known_at = self._start + len(self._buffer)
+        out += discards(self._start + at, bytes(self._buffer[at:tail]), self._reason, known_at)
+        out += discards(self._start + tail, bytes(self._buffer[tail:]), TRUNCATED, known_at)
         self._drop(len(self._buffer))
         self._scan, self._reason, self._wanted = 0, NO_SYNC, 0
         return out
@@ -95,13 +99,13 @@ class SyncWordScanner:
                 scan = max(scan, len(buffer) - len(self._sync_word) + 1)
                 whole = (scan - at) // MAX_DISCARD_BYTES * MAX_DISCARD_BYTES
                 if whole:
-                    out += discards(self._start + at, bytes(buffer[at : at + whole]), reason)
+                    out += self._discards(at, at + whole, reason)
                     at, reason = at + whole, NO_SYNC
                 if at == scan:
-                    self._wanted = at + self._headed
+                    self._wanted = at + len(self._sync_word)
                 break
             if found > at:
-                out += discards(self._start + at, bytes(buffer[at:found]), reason)
+                out += self._discards(at, found, reason)
             at, scan = found, found
             verdict = self._examine(found)
             if isinstance(verdict, Frame):
@@ -116,13 +120,22 @@ class SyncWordScanner:
         self._scan, self._reason = scan, reason
         return at
 
+    def _discards(self, at: int, end: int, reason: Reason) -> list[Discard]:
+        """The bytes before a sync word, which tells their end; a full piece is known once none can begin in it."""
+        start, mark = self._start, len(self._sync_word)
+        known_at, full_since = start + max(self._claimed, end + mark), start + self._claimed
+        return discards(
+            start + at, bytes(self._buffer[at:end]), reason, known_at, full_since=full_since, behind=mark - 1
+        )
+
     def _examine(self, at: int) -> Frame | Reason:
-        """The frame at a sync word, or why there is none."""
+        """The frame at a sync word, or why there is none; nothing after it is known before what it claims has come."""
         layout, buffer = self._layout, self._buffer
         payload_at = at + self._headed
         if len(buffer) < payload_at:
             self._wanted = payload_at
             return TRUNCATED
+        self._claimed = max(self._claimed, payload_at)
         code, flags, length, sequence = layout.header.read(buffer, at + len(self._sync_word))
         size = layout.sizes.get(code)
         if size is None:
@@ -133,8 +146,10 @@ class SyncWordScanner:
         if len(buffer) < end:
             self._wanted = end
             return TRUNCATED
+        self._claimed = max(self._claimed, end)
         frame = bytes(buffer[at:end])
         if not layout.is_checksum_right(frame):
             return BAD_CRC
         payload = frame[self._headed : self._headed + size]
-        return Frame(self._start + at, len(frame), layout.names[code], flags, sequence, payload)
+        start, known_at = self._start + at, self._start + self._claimed
+        return Frame(start, len(frame), layout.names[code], flags, sequence, payload, known_at)

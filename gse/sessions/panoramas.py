@@ -43,8 +43,7 @@ class Recording:
         with SerialLink(self.options.url(self.path), self.station.port.baudrate) as link:
             while not link.at_end:
                 chunks = (item for item in link.receive(RECEIVE_TIMEOUT_S) if isinstance(item, Chunk))
-                frames = [found for chunk in chunks for found in reception.stream.feed(chunk)]
-                yield from reception.receive(frames).panoramas
+                yield from reception.receive(reception.stream.feed(*chunks)).panoramas
             yield from reception.receive(reception.stream.finish()).panoramas
 
 

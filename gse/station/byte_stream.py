@@ -1,42 +1,43 @@
 """Stream of received bytes: the frames in it, each with the host time of its first byte."""
 
 import hashlib
-from collections import deque
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
+from itertools import accumulate
 from typing import NamedTuple
 
 from drivers.chunk import Chunk
 from gse.station.results import LinkCounters
 from protocols import Discard, Frame, FrameDecoder, Protocol
 
-_Stamp = tuple[int, int, int]
-"""Offset of a chunk in the stream, UTC and monotonic time at which it was read, as they came."""
-
 
 class FrameAt(NamedTuple):
-    """A frame with the stamps of the chunk that holds its first byte, and the UTC of the chunk that completed it."""
+    """A frame with the stamps of the chunk that holds its first byte, and the UTC of the chunk that completed it.
+
+    ``completed_by`` is the place of that chunk among those which came together.
+    """
 
     frame: Frame
     utc_ns: int
     mono_ns: int
     completed_utc_ns: int
+    completed_by: int
 
 
 class ByteStream:
-    """Finds frames in chunks and counts every byte; ``latest_reasons`` are of the latest chunk's discards.
+    """Finds frames in chunks and counts every byte.
 
     Chunks are kept with the offset of their first byte until a frame begins in a later one. However the stream is cut,
-    a frame finds the same chunk.
+    and however many chunks come together, a frame finds the same chunk. ``latest_reasons`` are of the discards that
+    the latest chunks made known, by the place of the chunk.
     """
 
     def __init__(self, protocol: Protocol, counters: LinkCounters) -> None:
-        self.latest_reasons: set[str] = set()
+        self.latest_reasons: dict[int, set[str]] = {}
         self._counters = counters
         self._decoder = FrameDecoder(protocol, from_sensor=True)
-        self._stamps: deque[_Stamp] = deque()
-        self._held: list[bytes] = []
-        self._wanted = 1
-        self._completed_utc_ns = 0
+        self._chunks: list[Chunk] = []
+        self._starts: list[int] = []
         self._sha256 = hashlib.sha256()
 
     @property
@@ -44,59 +45,42 @@ class ByteStream:
         """SHA-256 of all bytes received."""
         return self._sha256.hexdigest()
 
-    def feed(self, chunk: Chunk) -> list[FrameAt]:
-        """The frames that a chunk completes."""
-        utc_ns, mono_ns, data = chunk
-        if self.latest_reasons:
-            self.latest_reasons.clear()
+    def feed(self, *chunks: Chunk) -> list[FrameAt]:
+        """The frames that chunks complete."""
         counters = self._counters
-        self._stamps.append((counters.bytes_in, utc_ns, mono_ns))
-        counters.bytes_in += len(data)
-        self._held.append(data)
-        self._wanted -= len(data)
-        if self._wanted > 0:
-            return []
-        self._completed_utc_ns = utc_ns
-        pieces = self._decode_held()
-        if not pieces:
-            return []
-        frames = self._take(pieces)
-        self._forget_before(self._counters.bytes_in - self._decoder.pending)
+        kept = len(self._chunks)
+        self._chunks += chunks
+        *starts, end = accumulate((len(chunk.data) for chunk in chunks), initial=counters.bytes_in)
+        self._starts += starts
+        counters.bytes_in = end
+        data = b"".join([chunk.data for chunk in chunks])
+        self._sha256.update(data)
+        frames = self._take(self._decoder.feed(data), kept)
+        decoded = bisect_right(self._starts, end - self._decoder.pending) - 1
+        del self._chunks[:decoded], self._starts[:decoded]
         return frames
 
     def finish(self) -> list[FrameAt]:
         """The frames in the bytes left at the end of the stream."""
-        return self._take([*self._decode_held(), *self._decoder.finish()])
+        return self._take(self._decoder.finish(), len(self._chunks) - 1)
 
-    def _decode_held(self) -> list[Frame | Discard]:
-        """What the bytes held back complete: most chunks only bring a part of a frame, which need not be looked at."""
-        data = b"".join(self._held)
-        self._held.clear()
-        self._sha256.update(data)
-        pieces = self._decoder.feed(data)
-        self._wanted = self._decoder.wanted
-        return pieces
-
-    def _take(self, pieces: Sequence[Frame | Discard]) -> list[FrameAt]:
+    def _take(self, pieces: Sequence[Frame | Discard], kept: int) -> list[FrameAt]:
+        """The frames of pieces; ``kept`` chunks are older than those that completed them."""
+        self.latest_reasons = {}
         frames = []
         for piece in pieces:
+            completed = bisect_left(self._starts, piece.known_at) - 1
             if isinstance(piece, Discard):
                 self._count_discard(piece)
+                self.latest_reasons.setdefault(completed - kept, set()).add(piece.reason)
                 continue
             self._counters.frames += 1
             self._counters.bytes_framed += piece.size
-            self._forget_before(piece.start)
-            _, utc_ns, mono_ns = self._stamps[0]
-            frames.append(FrameAt(piece, utc_ns, mono_ns, self._completed_utc_ns))
+            utc_ns, mono_ns, _ = self._chunks[bisect_right(self._starts, piece.start) - 1]
+            frames.append(FrameAt(piece, utc_ns, mono_ns, self._chunks[completed].utc_ns, completed - kept))
         return frames
 
     def _count_discard(self, discard: Discard) -> None:
         self._counters.bytes_discarded += len(discard.data)
-        self.latest_reasons.add(discard.reason)
         by_reason = self._counters.discarded_bytes_by_reason
         by_reason[discard.reason] = by_reason.get(discard.reason, 0) + len(discard.data)
-
-    def _forget_before(self, start: int) -> None:
-        """Drop the stamps of decoded bytes; the rest belongs to one frame or discard at most."""
-        while len(self._stamps) > 1 and self._stamps[1][0] <= start:
-            self._stamps.popleft()

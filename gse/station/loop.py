@@ -46,6 +46,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
@@ -207,8 +208,15 @@ class StationLoop:
     def take(self, items: Sequence[Chunk | LinkEvent]) -> list[FrameResults]:
         """Decode the items and identify the panoramas that are complete."""
         stream: list[FrameAt | LinkEvent] = []
+        chunks: list[Chunk] = []
         for item in items:
-            stream += self._port_event(item) if isinstance(item, LinkEvent) else self._framed(item)
+            if isinstance(item, LinkEvent):
+                stream += self._framed(chunks)
+                stream += self._port_event(item)
+                chunks = []
+            else:
+                chunks.append(item)
+        stream += self._framed(chunks)
         return self._identify(self.reception.receive(stream)) if stream else []
 
     def _port_event(self, event: LinkEvent) -> list[LinkEvent]:
@@ -216,11 +224,15 @@ class StationLoop:
         silence = self._monitor.pass_time(event.utc_ns, event.mono_ns)
         return [*silence, event, *self._monitor.port_event(event)]
 
-    def _framed(self, chunk: Chunk) -> Sequence[FrameAt | LinkEvent]:
-        """The changes of state by a chunk, and the frames that it completes."""
-        frames = self.reception.stream.feed(chunk)
-        changes = self._monitor.received(chunk, len(frames), self.reception.stream.latest_reasons)
-        return [*changes, *frames] if changes else frames
+    def _framed(self, chunks: Sequence[Chunk]) -> Sequence[FrameAt | LinkEvent]:
+        """The changes of state by each chunk, and the frames that it completes."""
+        frames = self.reception.stream.feed(*chunks)
+        completed_by = [at.completed_by for at in frames]
+        changes = self._monitor.received_all(chunks, completed_by, self.reception.stream.latest_reasons)
+        if not changes:
+            return frames
+        found: list[tuple[int, FrameAt | LinkEvent]] = [*changes, *zip(completed_by, frames, strict=True)]
+        return [item for _, item in sorted(found, key=itemgetter(0))]
 
     def pass_time(self, utc_ns: int, mono_ns: int) -> None:
         """Update the state of the link: no bytes came until now."""

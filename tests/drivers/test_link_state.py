@@ -2,7 +2,7 @@
 
 from itertools import pairwise
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
@@ -150,3 +150,42 @@ def test_a_sensor_that_is_fast_again_is_soon_missed() -> None:
     for s in (0, 20, 40, 60, 80, *range(81, 90)):
         monitor.received(chunk(s), 1, ())
     assert seconds_of(monitor.pass_time(*at(93))) == [(LinkKind.STALE, 92)]
+
+
+@given(st.data())
+@settings(max_examples=300)
+def test_chunks_that_come_together_change_the_state_as_one_by_one(data: st.DataObject) -> None:
+    """Pauses of all lengths, a clock that jumps back, chunks with and without a frame, noise."""
+    steps_s = st.sampled_from([0, 0.01, 0.1, 1, 2.9, 3, 3.1, 7, 100, -0.1, -50])
+    kinds = st.sampled_from(["frame", "frame", "part", "noise"])
+    drawn = data.draw(st.lists(st.tuples(steps_s, kinds), max_size=40))
+    together, one_by_one = LinkMonitor(115200), LinkMonitor(115200)
+    now_s, chunks, framed, noisy = 1000.0, [], [], {}
+    for k, (step_s, kind) in enumerate(drawn):
+        now_s += step_s
+        chunks.append(chunk(now_s, NOISE[:8]))
+        framed += [k] if kind == "frame" else []
+        noisy |= {k: {"bad crc"}} if kind == "noise" else {}
+    expected = [
+        (k, event)
+        for k in range(len(chunks))
+        for event in one_by_one.received(chunks[k], int(k in framed), noisy.get(k, ()))
+    ]
+    cut = data.draw(st.integers(0, len(chunks)))
+    found = together.received_all(chunks[:cut], [k for k in framed if k < cut], noisy)
+    rest = {k - cut: reasons for k, reasons in noisy.items() if k >= cut}
+    found += [
+        (k + cut, event)
+        for k, event in together.received_all(chunks[cut:], [k - cut for k in framed if k >= cut], rest)
+    ]
+    assert found == expected
+    assert together.pass_time(*at(now_s + 500)) == one_by_one.pass_time(*at(now_s + 500))
+    assert together.state == one_by_one.state
+
+
+def test_a_clock_that_jumps_back_behind_frames_that_came_together_starts_the_silence_anew() -> None:
+    monitor = LinkMonitor(115200)
+    monitor.received_all([chunk(0), chunk(1)], [0, 1], {})
+    monitor.received_all([chunk(1.5), chunk(2)], [0, 1], {})
+    assert monitor.received_all([chunk(1.9)], [], {}) == []
+    assert seconds_of(monitor.pass_time(*at(10))) == [("SYNCING", 4.9)]

@@ -114,6 +114,18 @@ def test_cuts_change_neither_frames_nor_discards(protocol: Protocol, data: st.Da
 
 
 @both
+@given(data=st.data())
+@settings(max_examples=60, deadline=None)
+def test_what_is_found_says_with_which_byte_it_was_known(protocol: Protocol, data: st.DataObject) -> None:
+    """Byte for byte it comes with that one; what comes at the end of the stream, with the last one."""
+    stream = data.draw(stream_of(protocol))
+    decoder = FrameDecoder(protocol)
+    came = [(item, n + 1) for n in range(len(stream)) for item in decoder.feed(stream[n : n + 1])]
+    came += [(item, len(stream)) for item in decoder.finish()]
+    assert [(item, item.known_at) for item in decode(protocol, stream)] == came
+
+
+@both
 def test_one_byte_at_a_time_gives_the_same_as_all_at_once(protocol: Protocol) -> None:
     noise = random.Random(3).randbytes(9_000)
     stream = noise + panorama(protocol, 1) + noise[:50] + panorama(protocol, 2)[:-1]

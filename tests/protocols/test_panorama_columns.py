@@ -16,7 +16,8 @@ def frames_of(protocol: Protocol, fills: Sequence[tuple[int, bytes]]) -> list[Fr
     code = next(code for code, name in protocol.frame_layout.names.items() if name == "PANORAMA")
     size = protocol.frame_layout.sizes[code]
     return [
-        Frame(0, size, "PANORAMA", 0, 0, (b"\0" * min(at, size) + data).ljust(size, b"\0")[:size]) for at, data in fills
+        Frame(0, size, "PANORAMA", 0, 0, (b"\0" * min(at, size) + data).ljust(size, b"\0")[:size], size)
+        for at, data in fills
     ]
 
 

@@ -10,7 +10,7 @@ from gse.station.event_kinds import StationKind
 from gse.station.results import LinkCounters
 from protocols import Arrival, Frame, load_protocol
 
-FRAME = Frame(0, 40, "PANORAMA", 0, 1, b"")
+FRAME = Frame(0, 40, "PANORAMA", 0, 1, b"", 40)
 START_NS = 1_774_018_800 * NS_PER_S
 
 
@@ -20,7 +20,7 @@ def stepped(*, utc_s, mono_s, tag_s, has_times=True):
     found = []
     for went_on in (0, 1):
         utc_ns, mono_ns = START_NS + round(went_on * utc_s * NS_PER_S), round((5000 + went_on * mono_s) * NS_PER_S)
-        at = FrameAt(FRAME, utc_ns, mono_ns, utc_ns)
+        at = FrameAt(FRAME, utc_ns, mono_ns, utc_ns, 0)
         tag_us = None if tag_s is None else round((1000 + went_on * tag_s) * 1e6)
         found.append(arrivals.clock_step(at, tag_us))
     assert found[0] is None
@@ -94,9 +94,9 @@ def test_a_step_is_told_in_the_words_of_the_clock_that_made_it(step_s, utc_kept,
 def step_of(utc_ns, mono_ns, tag_us=None, *, has_times=True):
     """The step between two frames between which the clocks went on by so much."""
     arrivals = Arrivals(load_protocol("panorama-v1"), LinkCounters(), has_times=has_times)
-    arrivals.clock_step(FrameAt(FRAME, START_NS, 10**13, 0), 10**9)
+    arrivals.clock_step(FrameAt(FRAME, START_NS, 10**13, 0, 0), 10**9)
     return arrivals.clock_step(
-        FrameAt(FRAME, START_NS + utc_ns, 10**13 + mono_ns, 0), None if tag_us is None else 10**9 + tag_us
+        FrameAt(FRAME, START_NS + utc_ns, 10**13 + mono_ns, 0, 0), None if tag_us is None else 10**9 + tag_us
     )
 
 
@@ -149,8 +149,8 @@ def test_utc_was_right_where_the_sensors_clock_went_on_rather_as_it_did(utc_ns, 
 
 def test_a_frame_after_one_without_a_time_tag_tells_no_suspension():
     arrivals = Arrivals(load_protocol("panorama-v1"), LinkCounters(), has_times=True)
-    arrivals.clock_step(FrameAt(FRAME, START_NS, 0, 0), None)
-    assert arrivals.clock_step(FrameAt(FRAME, START_NS + 15 * NS_PER_S, 0, 0), 15_000_000).utc_kept is False
+    arrivals.clock_step(FrameAt(FRAME, START_NS, 0, 0, 0), None)
+    assert arrivals.clock_step(FrameAt(FRAME, START_NS + 15 * NS_PER_S, 0, 0, 0), 15_000_000).utc_kept is False
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ def test_a_step_is_told_whole(step_ns, utc_kept, text):
 
 
 def accepted(arrivals, sequence, payload=b"", second=0.0, *, tag_us=None, flags=0, restarted=False):
-    frame = Frame(0, 40, "PANORAMA", flags, sequence, payload)
+    frame = Frame(0, 40, "PANORAMA", flags, sequence, payload, 40)
     return arrivals.accept(frame, round(second * NS_PER_S), tag_us, restarted=restarted)
 
 
@@ -190,7 +190,7 @@ def arrivals_of(*, has_times=True):
 )
 def test_the_same_bytes_among_the_latest_sixty_four_frames_are_a_copy(others, is_copy):
     arrivals, _ = arrivals_of()
-    copies = [arrivals._is_copy(Frame(0, 40, "PANORAMA", 0, 1, payload)) for payload in
+    copies = [arrivals._is_copy(Frame(0, 40, "PANORAMA", 0, 1, payload, 40)) for payload in
               (b"same", *(b"%d" % number for number in range(others)), b"same")]  # fmt: skip
     assert copies == [False] * (others + 1) + [is_copy]
 
@@ -199,7 +199,7 @@ def test_the_same_bytes_among_the_latest_sixty_four_frames_are_a_copy(others, is
 def test_of_two_copies_the_later_one_counts(others, is_copy):
     arrivals, _ = arrivals_of()
     payloads = [b"same", b"same", *(b"%d" % number for number in range(others)), b"same"]
-    copies = [arrivals._is_copy(Frame(0, 40, "PANORAMA", 0, 1, payload)) for payload in payloads]
+    copies = [arrivals._is_copy(Frame(0, 40, "PANORAMA", 0, 1, payload, 40)) for payload in payloads]
     assert copies == [False, True] + [False] * others + [is_copy]
 
 
@@ -247,7 +247,7 @@ def test_a_stored_frame_looks_never_like_a_restart(flags, arrival):
 
 def test_the_third_copy_in_a_row_is_an_event_with_three_frames_and_each_later_one_counts_for_itself():
     arrivals, counters = arrivals_of()
-    frame = Frame(0, 40, "PANORAMA", 0, 9, b"")
+    frame = Frame(0, 40, "PANORAMA", 0, 9, b"", 40)
     arrivals.accept(frame, 0, None, restarted=False)
     arrivals.new_panorama(70)
     told, counted = [], []
@@ -266,7 +266,7 @@ def test_a_copy_of_an_earlier_frame_is_no_repetition():
     arrivals, counters = arrivals_of()
     for number in (8, 9):
         accepted(arrivals, number, b"%d" % number)
-    copy = Frame(0, 40, "PANORAMA", 0, 8, b"8")
+    copy = Frame(0, 40, "PANORAMA", 0, 8, b"8", 40)
     assert [arrivals.repeated(copy, 70, 1, 1) for _ in range(5)] == [[]] * 5
     assert counters.frames_repeated == 0
 
@@ -323,7 +323,7 @@ def test_the_hosts_time_counts_from_the_frame_before_and_not_from_its_start(late
 
 def test_copies_are_counted_from_the_first_of_them_on_though_no_panorama_was_told():
     arrivals, counters = arrivals_of()
-    frame = Frame(0, 40, "PANORAMA", 0, 9, b"")
+    frame = Frame(0, 40, "PANORAMA", 0, 9, b"", 40)
     arrivals.accept(frame, 0, None, restarted=False)
     assert [len(arrivals.repeated(frame, 70, 1, 1)) for _ in range(4)] == [0, 0, 1, 0]
     assert counters.frames_repeated == 4

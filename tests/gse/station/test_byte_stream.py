@@ -71,16 +71,16 @@ def test_discards_are_summed_by_their_reason_and_the_latest_reasons_are_those_of
     bytes_in.feed(Chunk(1, 1, b"\x00" * 7 + frame(1)))
     bytes_in.feed(Chunk(2, 2, b"\x00" * 5 + frame(2)))
     ((reason, count),) = counters.discarded_bytes_by_reason.items()
-    assert (count, counters.bytes_discarded, bytes_in.latest_reasons) == (12, 12, {reason})
+    assert (count, counters.bytes_discarded, bytes_in.latest_reasons) == (12, 12, {0: {reason}})
     bytes_in.feed(Chunk(3, 3, frame(3)))
-    assert bytes_in.latest_reasons == set()
+    assert bytes_in.latest_reasons == {}
 
 
 def test_a_chunk_of_part_of_a_frame_has_no_reasons_either():
     bytes_in, _ = stream()
     bytes_in.feed(Chunk(1, 1, b"\x00" * 7 + frame(1)))
     bytes_in.feed(Chunk(2, 2, frame(2)[:3]))
-    assert bytes_in.latest_reasons == set()
+    assert bytes_in.latest_reasons == {}
 
 
 def test_the_hash_is_that_of_all_bytes_once_the_stream_has_ended():
@@ -97,7 +97,7 @@ def test_stamps_of_decoded_bytes_are_forgotten():
     bytes_in, _ = stream()
     for place in range(30):
         bytes_in.feed(Chunk(place, place, frame(place)))
-    assert len(bytes_in._stamps) == 1
+    assert len(bytes_in._chunks) == 1
 
 
 def test_a_frame_comes_with_its_last_byte_when_bytes_come_one_by_one():
@@ -117,3 +117,26 @@ def test_a_frame_that_a_broken_one_swallowed_bears_the_stamps_of_its_own_first_b
     found = [stamps(bytes_in.feed(Chunk(100 * n, n, piece))) for n, piece in enumerate(pieces, start=1)]
     assert found == [[], [], [], [(2, 200, 2, 400)]]
     assert (counters.bytes_discarded, counters.frames) == (30, 1)
+
+
+def test_chunks_that_come_together_give_what_they_give_one_by_one():
+    """Frames in parts, noise between them, a broken frame that swallows the begin of another."""
+    data = frame(1) + b"\x00" * 9000 + frame(2) + frame(3)[:40] + frame(4) + frame(5) + b"\x00" * 7 + frame(6)[:11]
+    chunks = [Chunk(100 + n, n, data[place : place + 37]) for n, place in enumerate(range(0, len(data), 37))]
+    one_by_one, counters_one = stream()
+    expected, reasons = [], {}
+    for place, chunk in enumerate(chunks):
+        expected += [at._replace(completed_by=place) for at in one_by_one.feed(chunk)]
+        if one_by_one.latest_reasons:
+            reasons[place] = one_by_one.latest_reasons[0]
+    together, counters = stream()
+    assert together.feed(*chunks) == expected
+    assert together.latest_reasons == reasons
+    assert (together.finish(), counters) == (one_by_one.finish(), counters_one)
+    assert together.raw_sha256 == one_by_one.raw_sha256
+    assert [at.frame.sequence for at in expected] == [1, 2, 4, 5]
+
+
+def test_no_chunks_give_no_frames():
+    bytes_in, counters = stream()
+    assert (bytes_in.feed(), bytes_in.finish(), counters.bytes_in) == ([], [], 0)

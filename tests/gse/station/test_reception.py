@@ -300,7 +300,7 @@ def test_noise_leaves_no_stamps_behind() -> None:
     rng = np.random.default_rng(3)
     for number in range(2000):
         reception.stream.feed(Chunk(START_NS + number, number, rng.bytes(100)))
-    assert len(reception.stream._stamps) <= 4096 // 100 + 2  # one discard
+    assert len(reception.stream._chunks) <= 4096 // 100 + 2  # one discard
 
 
 def frozen_after_5() -> tuple[Reception, list[Item]]:
