@@ -188,4 +188,4 @@ def test_a_clock_that_jumps_back_behind_frames_that_came_together_starts_the_sil
     monitor.received_all([chunk(0), chunk(1)], [0, 1], {})
     monitor.received_all([chunk(1.5), chunk(2)], [0, 1], {})
     assert monitor.received_all([chunk(1.9)], [], {}) == []
-    assert seconds_of(monitor.pass_time(*at(10))) == [("SYNCING", 4.9)]
+    assert seconds_of(monitor.pass_time(*at(10))) == [("STALE", 4.9)]
