@@ -7,9 +7,9 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+import erfa
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from gse.attitude import Attitude
 from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S
@@ -57,13 +57,13 @@ class ChangedTruth:
         """By how much the error changes where mount or vertical is tilted about a level direction."""
         azimuth = math.radians(azimuth_deg)
         about = np.array([math.sin(azimuth), math.cos(azimuth), 0.0])
-        turn = Rotation.from_rotvec(about * arcsec * ARCSEC_RAD).as_matrix()
+        turn = erfa.rv2m(-about * arcsec * ARCSEC_RAD)  # ERFA's turns the axes, not what they see
         rotation = horizon_to_sensor(self._mount) @ turn @ self._truth.icrs_to_horizon(self._utc_ns)
         return _error(self._attitude, Attitude(rotation, np.zeros((3, 3))))
 
     def turned(self, rotation_arcsec: NDArray[np.float64]) -> Vector:
         """By how much the error changes where the mount is turned by a small rotation vector in the sensor frame."""
-        turn = Rotation.from_rotvec(rotation_arcsec * ARCSEC_RAD).as_matrix()
+        turn = erfa.rv2m(-rotation_arcsec * ARCSEC_RAD)
         return _error(self._attitude, Attitude(turn @ self._attitude.icrs_to_sensor, np.zeros((3, 3))))
 
     def without(self, correction: str) -> float:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
@@ -114,13 +113,23 @@ def with_left_out(series: ErrorSeries, matches: NDArray[np.void], camera: Camera
 def _rotation_vectors(x: NDArray[np.float64], y: NDArray[np.float64], roll: NDArray[np.float64]) -> NDArray[np.float64]:
     """The rotations (M, 3) that gse.station.attitude_error describes: first the boresight, then about it."""
     vectors = np.empty((len(x), 3))
-    for first in range(0, len(x), _ROWS_AT_ONCE):  # rotations of all would take six times the memory of the vectors
+    for first in range(0, len(x), _ROWS_AT_ONCE):  # all at once would take four times the memory of the vectors
         part = slice(first, first + _ROWS_AT_ONCE)
-        none = np.zeros_like(x[part])
-        across = Rotation.from_rotvec(np.column_stack([y[part], -x[part], none]))
-        about = Rotation.from_rotvec(np.column_stack([none, none, roll[part]]))
-        vectors[part] = (about * across).as_rotvec()
+        vectors[part] = _across_then_about(x[part], y[part], roll[part])
     return vectors
+
+
+def _across_then_about(
+    x: NDArray[np.float64], y: NDArray[np.float64], roll: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Rotation vectors (M, 3) of the products of quaternions: of (y, -x, 0), then of (0, 0, roll)."""
+    across = np.hypot(x, y)
+    cos_across, sin_per_angle = np.cos(across / 2), np.sinc(across / (2 * math.pi)) / 2
+    cos, sin = np.cos(roll / 2), np.sin(roll / 2)
+    axis = np.column_stack([sin_per_angle * (cos * y + sin * x), sin_per_angle * (sin * y - cos * x), sin * cos_across])
+    length, real = np.linalg.norm(axis, axis=1), cos * cos_across
+    angle = 2 * np.copysign(np.arctan2(length, np.abs(real)), real)
+    return np.asarray(axis * np.divide(angle, length, out=np.full_like(length, 2.0), where=length > 0)[:, None])
 
 
 @functools.lru_cache(maxsize=4)

@@ -4,9 +4,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import erfa
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from gse.camera import Camera
 from gse.constants import ARCSEC_RAD, EARTH_RATE_ARCSEC_PER_S, EARTH_RATE_RAD_PER_S
@@ -147,9 +147,9 @@ def _angles(one: Named, setting: Setting) -> str:
 
 def _turned(one: Named, mount: Mount) -> NDArray[np.float64]:
     """The rotation (3, 3) from the horizon frame to the sensor of a mount that three angles turn."""
-    across, up, roll = (Rotation.from_rotvec(axis * arcsec * ARCSEC_RAD)
+    across, up, roll = (erfa.rv2m(-axis * arcsec * ARCSEC_RAD)  # ERFA's turns the axes
                         for axis, arcsec in zip(all_turns(mount), one.coefficients, strict=True))  # fmt: skip
-    return np.asarray(horizon_to_sensor(mount) @ (across * up * roll).as_matrix())
+    return np.asarray(horizon_to_sensor(mount) @ across @ up @ roll)
 
 
 def _fits(mount: Mount, name: str, fits_deg: float) -> str:

@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from gse.constants import EARTH_RATE_RAD_PER_S
 from gse.diagnosis.gross_hypotheses import CORRECT, SAME_DEG, SET_CLOCK, SIDEREAL_DAY_S, Hypothesis
 from gse.diagnosis.raw_attitudes import RawAttitudes, mount_under
-from gse.diagnosis.turns import EAST, VERTICAL, about, level_axis, pole
+from gse.diagnosis.turns import EAST, VERTICAL, about, level_axis, pole, size_rad
 from gse.finding import Finding
 from gse.mount import Mount
 from gse.site import Site
@@ -34,7 +33,7 @@ def turned(raw: RawAttitudes, stated: Hypothesis, turn: NDArray[np.float64], ori
         (horizon_to_sensor(mount)[2], lambda angle: _of_angle("roll", angle, mount)),
         (EAST, lambda angle: _of_latitude(site, angle)),
     )
-    error_deg = math.degrees(float(Rotation.from_matrix(turn).magnitude()))
+    error_deg = math.degrees(size_rad(turn))
     fits = [(*about(axis, turn), said) for axis, said in axes]
     good = [(angle, said) for angle, left, said in fits if math.degrees(left) < max(_AXIS_SHARE * error_deg, SAME_DEG)]
     if good:

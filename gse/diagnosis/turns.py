@@ -2,9 +2,9 @@
 
 import math
 
+import erfa
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from gse.mount import Mount
 from gse.site import Site
@@ -18,10 +18,18 @@ EAST = np.array([1.0, 0.0, 0.0])
 def about(axis: NDArray[np.float64], turn: NDArray[np.float64]) -> tuple[float, float]:
     """The angle about an axis (3,) that is nearest to a rotation (3, 3), and the angle that is left; radians."""
     along = float(axis @ turn @ axis)
-    odd = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    angle = math.atan2(float(axis @ odd), float(np.trace(turn)) - along)
-    left = Rotation.from_matrix(turn @ Rotation.from_rotvec(angle * axis).as_matrix().T)
-    return angle, float(left.magnitude())
+    angle = math.atan2(float(axis @ _odd(turn)), float(np.trace(turn)) - along)
+    return angle, size_rad(turn @ erfa.rv2m(angle * axis))
+
+
+def size_rad(turn: NDArray[np.float64]) -> float:
+    """The angle of a rotation (3, 3), 0 to pi."""
+    return math.atan2(float(np.linalg.norm(_odd(turn))), float(np.trace(turn)) - 1)
+
+
+def _odd(turn: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Twice the sine of the angle of a rotation (3, 3), along its axis (3,)."""
+    return np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
 
 
 def pole(site: Site) -> NDArray[np.float64]:

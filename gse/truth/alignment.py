@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import erfa
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,8 +84,6 @@ def fit_mount(
     ``persistent_arcsec2`` (3, 3) is the covariance of what the stars keep (gse.star_influence): frames do not show it.
     Frames further than 5 sigma from the median are rejected. UsageError without a frame.
     """
-    from scipy.spatial.transform import Rotation  # a quarter of a second, which a run without a fit need not wait
-
     if len(utc_ns) == 0:
         raise UsageError("the mount cannot be fitted: no frame was identified; expected at least one")
     instants = np.asarray(utc_ns, dtype=np.int64)
@@ -96,7 +95,7 @@ def fit_mount(
         sigma = np.maximum(_MAD_TO_SIGMA * np.median(np.abs(residual[kept] - middle), axis=0), 1e-9)
         before, kept = kept, np.all(np.abs(residual - middle) <= _REJECT_SIGMA * sigma, axis=1)
         step = residual[kept].mean(axis=0)
-        fitted = Rotation.from_rotvec(step).as_matrix() @ fitted
+        fitted = erfa.rv2m(-step) @ fitted  # ERFA's turns the axes
         if (kept == before).all() and float(np.abs(step).max()) < 1e-12:
             break
     residual = small_rotations(horizon_to_sensor_each[kept], fitted) * ARCSEC_PER_RAD
@@ -115,9 +114,12 @@ def fit_mount(
 
 def small_rotations(rotations: NDArray[np.float64], about: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotation vectors (M, 3), in radians in the sensor frame, from one rotation (3, 3) to each of (M, 3, 3)."""
-    from scipy.spatial.transform import Rotation
+    turns = rotations @ about.T
+    if (np.trace(turns, axis1=1, axis2=2) > 0).all():
+        return np.asarray(-erfa.rm2v(turns))
+    from scipy.spatial.transform import Rotation  # of half a turn ERFA loses the axis; most runs need not wait for this
 
-    vectors: NDArray[np.float64] = Rotation.from_matrix(rotations @ about.T).as_rotvec().reshape(-1, 3)
+    vectors: NDArray[np.float64] = Rotation.from_matrix(turns).as_rotvec().reshape(-1, 3)
     return vectors
 
 

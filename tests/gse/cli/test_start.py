@@ -1,5 +1,6 @@
 """What a command imports before it answers: each of these packages takes a tenth of a second or more."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,8 @@ TABLES_NEED = "scipy.spatial"
 """Where those of the identifiers are not cached yet."""
 COMPILING_NEEDS = "scipy.linalg"
 """Where machine code is not kept yet, and where it holds a sum or a search of numba's own."""
-REPLAYS = Path(__file__).parents[3] / "replays/night-sky"
+GOLDEN = Path(__file__).parents[3] / "replays/golden"
+REPLAYS = GOLDEN.parent / "night-sky"
 IDENTIFY = ("identify", REPLAYS / "tables/rooftop-alt60-azi45.csv", "--station", REPLAYS / "rooftop-alt60-azi45.yaml")
 BEFORE_THE_FIRST_FRAME = (
     "gse.cli.run",
@@ -39,6 +41,14 @@ def test_a_panorama_is_identified_before_anything_that_draws_or_judges_is_import
 
     assert gse(*IDENTIFY).code == 0  # from here on tables and machine code are kept
     assert imported(run) == [set()]
+
+
+def test_a_report_from_kept_results_does_not_import_what_tables_and_compiling_need(gse: Gse, tmp_path: Path) -> None:
+    session = shutil.copy(GOLDEN / "clear.mcap", tmp_path / "session.mcap")
+    report = f"from gse.cli import cli\ncli.main(['report', {str(session)!r}, '--no-plots'], standalone_mode=False)"
+
+    assert gse("report", session).code == 0  # from here on results and machine code are kept
+    assert imported(report)[-1] & {TABLES_NEED, COMPILING_NEEDS} == set()
 
 
 def test_a_session_begins_before_anything_that_draws_or_judges_is_imported_and_a_simulated_one_needs_astropy() -> None:

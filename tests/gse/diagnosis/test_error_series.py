@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.fft
+from scipy.spatial.transform import Rotation
 
 from gse.camera import Camera
 from gse.diagnosis.error_series import (
@@ -183,6 +184,15 @@ def test_great_turns_are_rotation_vectors_of_first_the_boresight_and_then_about_
     assert found[0] == pytest.approx([third, third, third])
     found = _rotation_vectors(np.array([-np.pi / 2]), np.array([0.0]), np.array([np.pi / 2]))
     assert found[0] == pytest.approx([-third, third, third])
+
+
+@pytest.mark.parametrize("size_rad", [0.0, 1e-9, 1e-4, 1e-2, 1.0, 3.0])
+def test_turns_are_as_scipy_has_them(size_rad):
+    x, y, roll = size_rad * np.random.default_rng(3).uniform(-1, 1, size=(3, 100))
+    none = np.zeros(100)
+    about = Rotation.from_rotvec(np.column_stack([none, none, roll]))
+    turns = about * Rotation.from_rotvec(np.column_stack([y, -x, none]))
+    assert _rotation_vectors(x, y, roll) == pytest.approx(turns.as_rotvec(), rel=1e-12, abs=1e-14 * size_rad)
 
 
 def test_more_turns_than_are_made_at_once_are_made_all():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gse.diagnosis.turns import VERTICAL, about, all_turns, level_axis, pole
+from gse.diagnosis.turns import VERTICAL, about, all_turns, level_axis, pole, size_rad
 from gse.mount import Mount
 from gse.site import Site
 from gse.truth import horizon_to_sensor
@@ -57,3 +57,9 @@ def test_the_part_of_a_turn_about_an_axis_is_found_with_what_is_left(degrees):
     angle, left = about(VERTICAL, turn.as_matrix())
     assert math.degrees(angle) == pytest.approx(degrees, abs=1e-3)
     assert math.degrees(left) == pytest.approx(0.2, abs=1e-6)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 1e-6, 3.0, 120.0, 179.9999, 180.0])
+def test_the_size_of_a_turn_is_its_angle_up_to_half_a_turn(degrees):
+    turn = Rotation.from_rotvec(math.radians(degrees) * np.array([0.6, 0.0, -0.8])).as_matrix()
+    assert math.degrees(size_rad(turn)) == pytest.approx(degrees, rel=1e-9)

@@ -120,6 +120,14 @@ def test_false_answers_that_begin_a_session_half_a_turn_away_do_not_move_the_mou
     assert (np.abs(off) < 5 * SIGMA / math.sqrt(0.6 * count)).all()
 
 
+@pytest.mark.parametrize("degrees", [1e-6, 3.0, 80.0, 120.0, 180.0])
+def test_rotations_from_one_to_each_of_others_are_small_or_up_to_half_a_turn(degrees):
+    vectors = math.radians(degrees) * np.vstack([np.eye(3), [0.6, 0.0, 0.8]])
+    here = horizon_to_sensor(MOUNT)
+    found = small_rotations(Rotation.from_rotvec(vectors).as_matrix() @ here, here)
+    assert np.abs(found) == pytest.approx(vectors, abs=1e-12)
+
+
 def test_one_frame_is_a_mount_of_unknown_precision():
     fitted = fit_mount(instants(1), turned([[5.0, 0.0, 0.0]]))
     assert np.isnan(fitted.scatter_arcsec).all()
