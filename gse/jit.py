@@ -22,8 +22,8 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
 @functools.cache
-def _folder() -> Path | None:
-    """Where the machine code of exactly this program is kept, below the user's cache directory.
+def compiled_folder() -> Path | None:
+    """Where machine code, and else what is compiled, of exactly this program is kept, below the user's cache directory.
 
     Not beside the source, as numba has it: what an uninstalled program leaves there makes Python take that folder for
     the program. Not by the source of each function alone either: machine code holds the functions and constants of
@@ -72,7 +72,7 @@ class _Place(_CacheLocator):  # type: ignore[misc]
 
     @classmethod
     def from_function(cls, function: Any, source: str) -> "_Place | None":
-        folder = _folder()
+        folder = compiled_folder()
         is_ours = Path(source).is_relative_to(_PACKAGE)
         return cls(function, Path(source), folder) if is_ours and folder is not None else None
 

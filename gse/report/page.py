@@ -4,16 +4,19 @@ import functools
 import itertools
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from importlib import resources
 from typing import Any
 
 import jinja2
 import numpy as np
+from jinja2.bccache import Bucket
 from markupsafe import Markup, escape
 
 from drivers.outside_text import plain_lines
 from gse import instant
 from gse.assessment.verdict import Assessment
+from gse.jit import compiled_folder
 from gse.release_memory import all_else_kept
 from gse.report.fingerprint import canonical, fingerprint
 from gse.report.metric_table import metric_table
@@ -90,14 +93,29 @@ def _drawn(session: SessionData, assessment: Assessment, *, times_recorded: bool
     return session_plots(session, assessment.statistics, times_recorded=times_recorded)
 
 
+class _CodeOnDisk(jinja2.FileSystemBytecodeCache):
+    """The template as Python's code: to make it takes ten times as long as to read it."""
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        """Keep the code; a disk that is full is not an error."""
+        with suppress(OSError):
+            super().dump_bytecode(bucket)
+
+
 @functools.cache
 def _template() -> jinja2.Template:
+    folder = compiled_folder()
     environment = jinja2.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+        loader=jinja2.FunctionLoader(_resource),
+        bytecode_cache=None if folder is None else _CodeOnDisk(str(folder)),
     )
     environment.filters.update(quantity=quantity_text, number=_number, angle=_angle, given=_given, risk=risk_text)
     environment.filters["drift"] = _drift
-    return environment.from_string(_resource("report.html.jinja"))
+    return environment.get_template("report.html.jinja")
 
 
 def numbered(word: str, element: str) -> Callable[[str], Markup]:

@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 
+import jinja2
 import numpy as np
 import pytest
 from markupsafe import escape
@@ -18,11 +19,12 @@ from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
 from gse.assessment.verdict import judge
 from gse.errors import UsageError
+from gse.jit import compiled_folder
 from gse.report import summarise
 from gse.report.files import write_report
 from gse.report.frames_csv import frames_csv
 from gse.report.junit import junit_xml
-from gse.report.page import report_html
+from gse.report.page import _CodeOnDisk, report_html
 from gse.report.summary import plain
 from gse.report.terminal import facts, plain_lines, print_verdict
 from gse.report.why import why_page
@@ -58,6 +60,12 @@ def page(session, assessment, report) -> str:
 def failing() -> SessionData:
     """A night with a sensor that is off by 100 arcsec in RA."""
     return synthetic_night(200, bias_arcsec=(100.0, 0.0))
+
+
+def test_the_page_is_compiled_once_for_all_runs_and_without_a_place_for_it_each_time(tmp_path, page):
+    assert list(compiled_folder().glob("__jinja2_*.cache"))
+    without = jinja2.Environment(loader=jinja2.DictLoader({"a": "b"}), bytecode_cache=_CodeOnDisk(str(tmp_path / "no")))
+    assert without.get_template("a").render() == "b"
 
 
 def floats_in(value):
