@@ -72,7 +72,7 @@ def sinusoids(model: SessionModel, observed: Observed, base: Fitted, named: Colu
         return
     left = observed.cosines - named.cosines @ base.coefficients
     phases = np.outer(time_s, 2 * math.pi / duration_s * cycles)
-    waves = model.series.cosines(np.stack([np.cos(phases), np.sin(phases)], axis=2))
+    waves = np.stack([model.series.cosines(of(phases)) for of in (np.cos, np.sin)], axis=2)
     orthogonal, _ = np.linalg.qr(waves.transpose(1, 0, 2))
     courses = orthogonal.transpose(1, 0, 2).reshape(len(left), -1)
     gains = _gains(courses, left, base.precision).reshape(2, -1, 2).sum(axis=2)

@@ -94,10 +94,11 @@ class SessionModel:
 
     def columns(self, *series_arcsec: NDArray[np.float64], field: NDArray[np.float64] | None = None) -> Columns:
         """Columns of errors (M, 3) each, with the parameters (F, P) of the field."""
-        stacked = np.stack(series_arcsec, axis=2)
-        cosines = np.einsum("ij,kjp->kip", self.decorrelate, self.series.cosines(stacked))
+        means = np.stack([one.mean(axis=0) for one in series_arcsec], axis=1)
+        ordinates = np.stack([self.series.cosines(one) for one in series_arcsec], axis=2)
+        cosines = np.einsum("ij,kjp->kip", self.decorrelate, ordinates)
         none = np.zeros((len(PARAMETERS), len(series_arcsec)))
-        return Columns(self.decorrelate @ stacked.mean(axis=0), cosines, none if field is None else field)
+        return Columns(self.decorrelate @ means, cosines, none if field is None else field)
 
     def shift(self, axis_horizon: NDArray[np.float64]) -> NDArray[np.float64]:
         """Shifts (3,) of the error where the measured mount is turned by 1 about an axis of the horizon frame."""
