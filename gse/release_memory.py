@@ -87,10 +87,8 @@ def all_else_kept() -> Iterator[None]:
 
 
 def give_back_garbage() -> None:
-    """Give back the memory of young objects that only each other know, and what the allocator keeps though free."""
+    """Free young objects that only each other know: the system has their large arrays back, others the rest."""
     gc.collect(_YOUNG)
-    if gives_back():
-        _trim()
 
 
 def _trim() -> None:

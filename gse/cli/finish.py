@@ -59,7 +59,6 @@ def conclude(
 
     report = summarise(session, assessment)
     spare_pandas()
-    give_back()
     try:
         write_report(session, assessment, folder, provenance(session.versions, _self_check()), plots=plots)
         write_whole(folder / "timing.json", [json.dumps(_timing(own_elapsed_us), indent=2) + "\n"])
