@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from drivers.mock.playback import is_session
 from drivers.session_file.reader import messages
@@ -37,6 +36,8 @@ def replay_with_progress(
     console = Console(stderr=True)
     if not console.is_terminal or not path.exists():
         return replayed(make_listeners=make_listeners)
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn  # for a terminal
+
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("replaying", total=_bytes_of(path))
@@ -83,6 +84,8 @@ class ReplayedShare:
     """How far a replay with a status line of its own is: 43 % done, 12 s left."""
 
     def __init__(self, path: Path) -> None:
+        from rich.progress import Progress  # 10 ms, which kept results need not wait
+
         shown = Console(stderr=True).is_terminal and path.exists()
         self._progress = Progress(disable=True)  # it counts, and another line shows it
         self._task = self._progress.add_task("", total=_bytes_of(path) if shown else 0)

@@ -12,6 +12,8 @@ TABLES_NEED = "scipy.spatial"
 """Where those of the identifiers are not cached yet."""
 COMPILING_NEEDS = "scipy.linalg"
 """Where machine code is not kept yet, and where it holds a sum or a search of numba's own."""
+A_BAR_NEEDS = "rich.progress"
+"""On a terminal."""
 GOLDEN = Path(__file__).parents[3] / "replays/golden"
 REPLAYS = GOLDEN.parent / "night-sky"
 IDENTIFY = ("identify", REPLAYS / "tables/rooftop-alt60-azi45.csv", "--station", REPLAYS / "rooftop-alt60-azi45.yaml")
@@ -28,7 +30,7 @@ BEFORE_THE_FIRST_FRAME = (
 
 def imported(*codes: str) -> list[set[str]]:
     """Which of the late packages a program has imported after each of its parts."""
-    names = (*LATE, TABLES_NEED, COMPILING_NEEDS)
+    names = (*LATE, TABLES_NEED, COMPILING_NEEDS, A_BAR_NEEDS)
     report = f"\nimport sys\nprint(*[name for name in {names!r} if name in sys.modules], file=sys.stderr)\n"
     program = "".join(code + report for code in codes)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -43,12 +45,14 @@ def test_a_panorama_is_identified_before_anything_that_draws_or_judges_is_import
     assert imported(run) == [set()]
 
 
-def test_a_report_from_kept_results_does_not_import_what_tables_and_compiling_need(gse: Gse, tmp_path: Path) -> None:
+def test_a_report_from_kept_results_does_not_import_what_tables_compiling_and_a_bar_need(
+    gse: Gse, tmp_path: Path
+) -> None:
     session = shutil.copy(GOLDEN / "clear.mcap", tmp_path / "session.mcap")
     report = f"from gse.cli import cli\ncli.main(['report', {str(session)!r}, '--no-plots'], standalone_mode=False)"
 
     assert gse("report", session).code == 0  # from here on results and machine code are kept
-    assert imported(report)[-1] & {TABLES_NEED, COMPILING_NEEDS} == set()
+    assert imported(report)[-1] & {TABLES_NEED, COMPILING_NEEDS, A_BAR_NEEDS} == set()
 
 
 def test_a_session_begins_before_anything_that_draws_or_judges_is_imported_and_a_simulated_one_needs_astropy() -> None:
