@@ -70,7 +70,7 @@ def figures(name: str, rng: np.random.Generator) -> list[tuple[str, float, str]]
 
 def main() -> None:
     """Print the table."""
-    for name in built_in_names():
+    for name in (name for name in built_in_names() if load_protocol(name).slots):
         print(name)
         for what, value, unit in figures(name, np.random.default_rng(1)):
             print(f"    {what:<34}{value:>12.1f} {unit}")
