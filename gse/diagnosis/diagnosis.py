@@ -31,7 +31,7 @@ from gse.diagnosis.session_gross_cause import gross_finding
 from gse.diagnosis.session_model import SessionModel
 from gse.diagnosis.star_changes import sampled_matches, without_star_changes
 from gse.diagnosis.still_panoramas import still_panoramas
-from gse.diagnosis.time_tags import time_tag_faults
+from gse.diagnosis.time_tags import often_stand_still, time_tag_faults
 from gse.diagnosis.unexplained import unexplained
 from gse.finding import Finding
 from gse.station.clock_steps import clock_steps
@@ -55,8 +55,8 @@ class ModelledSession:
 
 def findings(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
     """The causes of what a session shows, a gross one alone: under it all fine ones are guesses."""
-    gross = still_panoramas(session) or gross_finding(session, stats.counted)
-    causes = (gross,) if gross else _fine(session, stats.counted)
+    gross, fine = _causes(session, stats.counted)
+    causes = (*gross, *fine)
     facts = tuple(_facts(session, stats, {finding.cause for finding in causes}))
     return (*causes, *facts) or tuple(unexplained(session, stats))
 
@@ -64,14 +64,21 @@ def findings(session: SessionData, stats: Statistics) -> tuple[Finding, ...]:
 def causes_so_far(session: SessionData) -> tuple[Finding, ...]:
     """The causes that a running session shows, without the statistics of a whole one."""
     counted = counted_frames(session)
-    gross = still_panoramas(session) or gross_finding(session, counted)
-    causes = (gross,) if gross else _fine(session, counted)
+    gross, fine = _causes(session, counted)
+    causes = (*gross, *fine)
     return (
         *causes,
         *event_findings(session, {finding.cause for finding in causes}),
         *nothing_identified(session),
-        *_of_sensor(session, causes, is_gross=gross is not None),
+        *_of_sensor(session, causes, is_gross=bool(gross)),
     )
+
+
+def _causes(session: SessionData, counted: CountedFrames) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
+    """The gross cause, or fine ones; none of these where the frames' own instants are not known."""
+    if gross := still_panoramas(session) or gross_finding(session, counted):
+        return (gross,), ()
+    return (), () if often_stand_still(session.frames.columns) else _fine(session, counted)
 
 
 def _of_sensor(session: SessionData, named: tuple[Finding, ...], *, is_gross: bool) -> tuple[Finding, ...]:

@@ -16,6 +16,8 @@ LEAP_S = 0.5
 """A tag that is ahead of the host by this much more than in the frame before, though no frame is missing, has leapt."""
 
 _FEWEST_STUCK = 3
+_OFTEN_STUCK = 0.1
+"""Of the frames: the instants of these are not known, and what fits their errors is no cause."""
 _RATE_FRAMES = 40
 _RATE_OFF = 0.05
 """A share that no oscillator is off by."""
@@ -31,12 +33,21 @@ def time_tag_faults(frames: Columns, events: Sequence[LinkEvent]) -> tuple[str, 
     return (*_stuck(frames), *_leaps(frames, events), *_rate(frames))
 
 
-def _stuck(frames: Columns) -> Iterator[str]:
+def often_stand_still(frames: Columns) -> bool:
+    """Whether so many tags stood still that the instants of the frames (rows of FRAME) tell no cause."""
+    return len(frames) >= _FEWEST_STUCK and _still(frames) > _OFTEN_STUCK * len(frames)
+
+
+def _still(frames: Columns) -> int:
+    """In how many frames the tag stood still while the host's clock went on."""
     tags_us = frames["time_us"].astype(np.int64)
     host_ns = np.diff(frames["host_utc_ns"])
-    still = (np.diff(tags_us) == 0) & (host_ns > np.median(host_ns) / 2)
-    if still.sum() >= _FEWEST_STUCK:
-        yield f"sensor time tag: it stood still in {int(still.sum())} frames while the host's clock went on"
+    return int(((np.diff(tags_us) == 0) & (host_ns > np.median(host_ns) / 2)).sum())
+
+
+def _stuck(frames: Columns) -> Iterator[str]:
+    if (still := _still(frames)) >= _FEWEST_STUCK:
+        yield f"sensor time tag: it stood still in {still} frames while the host's clock went on"
 
 
 def _leaps(frames: Columns, events: Sequence[LinkEvent]) -> Iterator[str]:

@@ -51,6 +51,21 @@ def test_a_turn_about_the_pole_is_named_as_clock_offset():
     assert "slow" in text
 
 
+def test_where_the_time_tag_stands_still_no_cause_is_told_from_instants_that_nobody_knows():
+    de = math.radians(TRUTH.attitude_true(START_NS, STATION.mount).de_deg)
+    turned = session(bias=(60 * math.cos(de), 0.0, -60 * math.sin(de)))
+    assert found(turned).startswith("clock offset")
+    rows = turned.frames.columns
+    rows["host_utc_ns"] = rows["utc_ns"]
+    rows["time_us"] = (rows["utc_ns"] - START_NS) // 1000
+    few, often = len(rows) // 20, len(rows) // 5
+    rows["time_us"][:few] = 0
+    assert found(turned).startswith("clock offset")
+    rows["time_us"][:often] = 0
+    assert {finding.cause for finding in judge(turned).findings} == {"sensor time tag"}
+    assert [finding.cause for finding in causes_so_far(turned)] == []
+
+
 def test_a_drifting_clock_is_named_in_ppm():
     per_h = 15.041067 * 3600 * 500e-6
     text = found(session(9000, step_s=0.2, drift_per_h=(per_h * 0.9935, 0.0)))

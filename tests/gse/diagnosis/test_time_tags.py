@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gse.diagnosis.time_tags import _off, time_tag_faults
+from gse.diagnosis.time_tags import _off, often_stand_still, time_tag_faults
 from gse.instant import NS_PER_S, from_text
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.frame_table import FRAME
@@ -49,6 +49,14 @@ def test_a_tag_stands_still_from_three_frames_on(still, is_told):
     made["time_us"][50 : 50 + still + 1] = made["time_us"][50]
     expected = f"sensor time tag: it stood still in {still} frames while the host's clock went on"
     assert (expected in faults(made)) == is_told
+
+
+@pytest.mark.parametrize(("still", "is_often"), [(0, False), (20, False), (21, True), (199, True)])
+def test_a_tag_that_stands_still_in_more_than_a_tenth_of_the_frames_does_so_often(still, is_often):
+    made = frames()
+    made["time_us"][: still + 1] = made["time_us"][0]
+    assert often_stand_still(made) == is_often
+    assert not often_stand_still(made[:0])
 
 
 def test_frames_that_are_read_at_once_with_one_tag_do_not_stand_still():
