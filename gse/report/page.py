@@ -89,13 +89,7 @@ def report_html(
 
 def _drawn(session: SessionData, assessment: Assessment, *, times_recorded: bool) -> dict[str, str]:
     with all_else_kept():
-        import matplotlib.artist as artist  # a page without plots does not wait for matplotlib
-
-        of_properties, artist.kwdoc = artist.kwdoc, lambda artist: ""  # for docstrings: a third of the time it takes
-        try:
-            from gse.report.session_plots import session_plots
-        finally:
-            artist.kwdoc = of_properties
+        from gse.report.session_plots import session_plots  # a page without plots does not wait for matplotlib
     return session_plots(session, assessment.statistics, times_recorded=times_recorded)
 
 
