@@ -30,8 +30,7 @@ def main() -> None:
     sys.setswitchinterval(_TURN_S)
     _compute_as_on_any_processor()
     _share_one_allocator()
-    ending = _Ending()
-    atexit.register(ending.leave)  # the first to be registered is the last that runs
+    atexit.register(_leave_garbage)
     _fill_standard_descriptors()
     sys.stdin = sys.stdin or os.fdopen(0, closefd=False)
     sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
@@ -45,9 +44,6 @@ def main() -> None:
     signal.signal(signal.SIGINT, before)
     try:
         command_line()
-    except SystemExit as exiting:
-        ending.code = exiting.code
-        raise
     finally:
         sign_of_life.stop()
 
@@ -66,25 +62,13 @@ def _share_one_allocator() -> None:
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 
 
-class _Ending:
-    """The end of the process, after threads and all that libraries do at an exit."""
+def _leave_garbage() -> None:
+    """Do without a last search for garbage in all that was imported: a tenth of a second.
 
-    code: object = None
-
-    def leave(self) -> None:
-        """End with an exit code that is known, without taking apart all that was imported: 0.05 s of each command.
-
-        duckdb complains on stderr of each of its objects that is left. Where the last words cannot be written, Python
-        says so.
-        """
-        if "duckdb" in sys.modules or not isinstance(self.code, int):
-            return
-        try:
-            sys.stdout.flush()
-            sys.stderr.flush()
-        except (OSError, ValueError):
-            return
-        os._exit(self.code)
+    duckdb complains on stderr of each of its objects that is left.
+    """
+    if "duckdb" not in sys.modules:
+        gc.freeze()
 
 
 def _fill_standard_descriptors() -> None:

@@ -67,6 +67,7 @@ def conclude(
         has_session = (folder / "session.mcap").exists()  # not where --out of a replay or report is
         following = f"make room, then: gse report {folder}" if has_session else "make room and repeat this command"
         click.echo(f"gse: {error}; {following}", err=True)
+    give_back()  # before the program's end, for which libraries come back
     return report
 
 

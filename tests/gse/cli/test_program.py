@@ -52,33 +52,6 @@ def test_the_program_starts_as_a_module() -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-NOTHING_IS_TAKEN_APART = """
-import atexit, runpy, sys
-
-class Part:
-    def __del__(self):
-        print("taken apart")
-
-class Finder:
-    @staticmethod
-    def find_spec(name, path=None, target=None):
-        if name == "numpy":
-            atexit.register(print, "at its exit")
-
-sys.meta_path.insert(0, Finder)
-sys.modules["part"] = Part()
-runpy.run_module("gse", run_name="__main__")
-"""
-
-
-@pytest.mark.parametrize(("argument", "code", "said"), [("--version", 0, "gse, "), ("xyzzy", 2, "")])
-def test_the_program_ends_with_its_code_and_all_that_was_said_but_takes_nothing_apart(argument, code, said) -> None:
-    done = subprocess.run([sys.executable, "-c", NOTHING_IS_TAKEN_APART, argument], capture_output=True, text=True)
-    assert done.returncode == code
-    assert done.stdout.startswith(said)
-    assert done.stdout.endswith("at its exit\n")
-
-
 def every_command() -> Iterator[tuple[str, click.Command]]:
     """All commands, and those below them, by what is typed after ``gse``."""
     for name in cli.list_commands(click.Context(cli)):
