@@ -1,7 +1,8 @@
 """Watch on the sky of a running session: conditions every few seconds, and an event where they change."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,18 +85,18 @@ class SkyWatch:
         utc_ns = frames["utc_ns"]
         if self._begun_ns is None:
             self._begun_ns = int(utc_ns[first])
-        found = []
+        bounds = [self._first]
         while len(beyond := np.flatnonzero(_is_outside(utc_ns[first:] - self._begun_ns))):
             first += int(beyond[0])
-            found.append((first, list(self._close_window(frames, first))))
+            bounds.append(first)
             self._begun_ns = int(utc_ns[first])
-        return found
+        return self._close_windows(frames, bounds)
 
     def finish(self, frames: FrameColumns) -> list[LinkEvent]:
         """Close the last window, and fill the columns that need the clearest part of the session."""
-        events = list(self._close_window(frames, len(frames))) if len(frames) > self._first else []
+        last = self._close_windows(frames, [self._first, len(frames)]) if len(frames) > self._first else []
         self.fill(frames)
-        return events
+        return [event for _, events in last for event in events]
 
     def fill(self, frames: FrameColumns) -> None:
         """Fill the columns that need the clearest part of the session, as it is so far."""
@@ -107,10 +108,17 @@ class SkyWatch:
             rows["sky_condition"] = SKY_CONDITIONS.index(condition)
             rows["transparency"] = 10 ** (-0.4 * min(max(faded_mag(found, clear), 0.0), 20.0))
 
-    def _close_window(self, frames: FrameColumns, until: int) -> Iterator[LinkEvent]:
-        rows = frames[self._first : until]
+    def _close_windows(self, frames: FrameColumns, bounds: Sequence[int]) -> list[tuple[int, list[LinkEvent]]]:
+        """Close windows, each from a row to the next of ``bounds``: the events, and at which row."""
+        windows = [frames[first:until] for first, until in pairwise(bounds)]
+        expectations = self._expectations(windows)
+        return [
+            (until, list(self._close_window(rows, until, *expected)))
+            for until, rows, expected in zip(bounds[1:], windows, expectations, strict=True)
+        ]
+
+    def _close_window(self, rows: FrameColumns, until: int, lights: Lights, expected: float) -> Iterator[LinkEvent]:
         utc_ns = int(rows["utc_ns"][-1])
-        lights, expected = self._expectation(rows)
         found = glared(evidence_of(rows, expected, lights, self._clear.objects), self._field_radius_deg)
         self._fill(rows, lights, expected if self.sees_objects else math.nan)
         self._windows.append((self._first, until, found))
@@ -139,32 +147,45 @@ class SkyWatch:
     def _judged(self, found: SkyEvidence, clear: ClearSky, before: SkyCondition) -> SkyCondition:
         return condition_of(found, clear, before) if self.sees_objects else SkyCondition.UNKNOWN
 
-    def _expectation(self, rows: FrameColumns) -> tuple[Lights, float]:
-        """Where Sun and Moon stand in the middle of a window, and how many catalogue stars are in the field."""
-        utc_ns = rows["utc_ns"][[len(rows) // 2]]
-        (to_horizon,) = icrs_to_horizon(self._site, utc_ns)
-        self._look(rows)
-        (sun,), (moon,) = sun_and_moon_horizon(self._site, utc_ns)
-        altitudes = math.degrees(math.asin(sun[2])), math.degrees(math.asin(moon[2]))
-        if self._horizon_to_sensor is None:
-            return Lights(*altitudes), math.nan
-        boresight = self._horizon_to_sensor[2]
-        separations = (separation_deg(body, boresight) for body in (sun, moon))
-        expected = stars_in_field(self._catalog, self._camera, self._horizon_to_sensor @ to_horizon)
-        return Lights(*altitudes, *separations), float(min(expected, MAX_OBJECTS))
+    def _expectations(self, windows: Sequence[FrameColumns]) -> Iterator[tuple[Lights, float]]:
+        """Where Sun and Moon stand in the middle of each window, and how many catalogue stars are in the field.
 
-    def _look(self, rows: FrameColumns) -> None:
-        """Take the direction from the stars where they are confirmed, rather than from the station file."""
-        confirmed = np.flatnonzero(
-            (rows["status"] == STATUSES.index(Status.IDENTIFIED)) & (rows["answer_check"] != _FALSE)
-        )
-        if not len(confirmed):
+        The direction is that of the stars where they are confirmed, rather than that of the station file.
+        """
+        if not windows:
             return
-        middle = confirmed[len(confirmed) // 2]
-        ra_deg, de_deg, roll_deg = (rows[f"{angle}_deg"][middle] for angle in ("ra", "de", "roll"))
-        attitude = Attitude.from_angles(ra_deg, de_deg, np.nan_to_num(roll_deg))
-        (at_row,) = icrs_to_horizon(self._site, rows["utc_ns"][[middle]])
-        self._horizon_to_sensor = attitude.icrs_to_sensor @ at_row.T
+        middles_ns = np.array([rows["utc_ns"][len(rows) // 2] for rows in windows])
+        to_horizon, seen = icrs_to_horizon(self._site, middles_ns), self._seen(windows)
+        suns, moons = sun_and_moon_horizon(self._site, middles_ns)
+        for k, (sun, moon) in enumerate(zip(suns, moons, strict=True)):
+            self._horizon_to_sensor = seen.get(k, self._horizon_to_sensor)
+            altitudes = math.degrees(math.asin(sun[2])), math.degrees(math.asin(moon[2]))
+            if self._horizon_to_sensor is None:
+                yield Lights(*altitudes), math.nan
+                continue
+            boresight = self._horizon_to_sensor[2]
+            separations = (separation_deg(body, boresight) for body in (sun, moon))
+            stars = stars_in_field(self._catalog, self._camera, self._horizon_to_sensor @ to_horizon[k])
+            yield Lights(*altitudes, *separations), float(min(stars, MAX_OBJECTS))
+
+    def _seen(self, windows: Sequence[FrameColumns]) -> dict[int, NDArray[np.float64]]:
+        """The rotation from the horizon frame to the sensor by window, of the middle one of its confirmed answers."""
+        confirmed = {k: np.flatnonzero(_is_confirmed(rows)) for k, rows in enumerate(windows)}
+        middles = {k: rows[len(rows) // 2] for k, rows in confirmed.items() if len(rows)}
+        if not middles:
+            return {}
+        utc_ns = np.array([windows[k]["utc_ns"][row] for k, row in middles.items()])
+        seen = {}
+        for (k, row), at_row in zip(middles.items(), icrs_to_horizon(self._site, utc_ns), strict=True):
+            ra_deg, de_deg, roll_deg = (windows[k][f"{angle}_deg"][row] for angle in ("ra", "de", "roll"))
+            attitude = Attitude.from_angles(ra_deg, de_deg, np.nan_to_num(roll_deg))
+            seen[k] = attitude.icrs_to_sensor @ at_row.T
+        return seen
+
+
+def _is_confirmed(rows: FrameColumns) -> NDArray[np.bool_]:
+    """Whether each frame is identified, and the reference identifier does not say otherwise."""
+    return np.asarray((rows["status"] == STATUSES.index(Status.IDENTIFIED)) & (rows["answer_check"] != _FALSE))
 
 
 def _is_outside(since_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
