@@ -5,7 +5,6 @@ import tempfile
 import threading
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -62,27 +61,29 @@ def command(
 
 def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -> tuple[tuple[str, str], int]:
     """Write it; returns the verdict and its level, for the bar of the page, and the exit code."""
-    from gse.assessment.verdict import judge
-    from gse.cli.progress import replay_with_progress
+    from gse.cli.finish import judge_as_stated
+    from gse.cli.progress import judged_with_progress
     from gse.report.metric_table import metrics_in_markdown
     from gse.report.terminal import headline
-    from gse.station.loop import Listener, StationLoop
+    from gse.station.setup import catalog_of
     from gse.view.glance_word import level_of
-    from gse.view.saved_view import SavedView
+    from gse.view.saved_view import save_view
 
-    views: list[Any] = []
-
-    def listeners_of(loop: StationLoop, folder: Path | None) -> list[Listener]:
-        views.append(SavedView(loop.setup.station, loop.setup.identifier.catalog, recording))
-        return list(views)
-
-    session = replay_with_progress(path, listeners_of).session
+    judged = judged_with_progress(path)
+    session, assessment = judged.session, judged.assessment
     if clock_error_s is not None:
-        session.clock_error_s = clock_error_s
-    assessment = judge(session)
-    metrics = metrics_in_markdown(assessment.statistics)
-    verdict = headline(assessment.word, simulated=assessment.simulated)
-    views[0].finish(session, verdict, assessment.reasons, metrics=metrics)
+        assessment = judge_as_stated(session, clock_error_s, ())
+    utc_ns = int(session.frames.columns["utc_ns"][0]) if len(session.frames) else None
+    statistics, verdict = assessment.statistics, headline(assessment.word, simulated=assessment.simulated)
+    save_view(
+        session,
+        catalog_of(session.station, utc_ns),
+        recording,
+        verdict,
+        assessment.reasons,
+        own=statistics.own,
+        metrics=metrics_in_markdown(statistics),
+    )
     shown = "; ".join([verdict, *assessment.reasons[:1]]), level_of(verdict)
     return shown, damage_code(path, damaged=session.truncated)
 

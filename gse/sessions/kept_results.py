@@ -3,6 +3,7 @@
     session.mcap
     session.results/<key>/   sessions.parquet, frames.parquet, stars.parquet   docs/tables.md
                              answers.parquet                                   the sensor's own answers as they came
+                             others.parquet                                    objects that no answer names
                              context.json                                      the rest, SHA-256 of each file, a seal
 
 The key is the SHA-256 of session, station file and software (gse.tables.ResultKey): whatever changes, the results are
@@ -22,7 +23,8 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-from pydantic import BaseModel
+from numpy.typing import NDArray
+from pydantic import BaseModel, PositiveInt
 
 from gse.assessment.verdict import Assessment
 from gse.config.station import Station
@@ -30,6 +32,7 @@ from gse.errors import TruthError
 from gse.sessions.kept_context import KeptContext
 from gse.sessions.own_seal import is_sealed, seal
 from gse.station.attitude_table import OWN_ANSWER, AttitudeTable
+from gse.station.frame_table import OTHER
 from gse.station.session_data import SessionData
 from gse.tables import ResultKey, frames_parts, frames_schema, sessions_table, stars_parts, stars_schema
 from gse.tables.parquet import ParquetColumns, read_parquet, write_parquet
@@ -50,10 +53,11 @@ class KeptResultsError(Exception):
 
 
 class _Manifest(BaseModel):
-    """context.json: hashes of the other files by name, and the context."""
+    """context.json: hashes of the other files by name, the stride of the frames with all objects, the context."""
 
     key: str
     files: dict[str, str]
+    picture_stride: PositiveInt
     context: KeptContext
 
 
@@ -100,9 +104,11 @@ def _write(session: SessionData, assessment: Assessment, key: ResultKey, part: P
     write_parquet([sessions_table(session, assessment, key)], part / "sessions.parquet")
     write_parquet(frames_parts(session, assessment.statistics, key.text), part / "frames.parquet")
     write_parquet(stars_parts(session, key.text), part / "stars.parquet")
-    write_parquet([_answers(session.sensor_attitudes)], part / "answers.parquet")
+    write_parquet([_table(session.sensor_attitudes.columns)], part / "answers.parquet")
+    write_parquet([_table(session.frames.others)], part / "others.parquet")
     files = {path.name: _sha256(path) for path in sorted(part.iterdir())}
-    manifest = _Manifest.model_construct(key=key.text, files=files, context=KeptContext.of(session))
+    stride, context = session.frames.picture_stride, KeptContext.of(session)
+    manifest = _Manifest.model_construct(key=key.text, files=files, picture_stride=stride, context=context)
     text = manifest.model_dump_json()
     (part / CONTEXT).write_text(f"{seal(text.encode())}\n{text}\n", encoding="utf-8")
 
@@ -115,18 +121,20 @@ def _read(key: ResultKey, whole: Path, station: Station, station_text: str) -> S
     session = SessionData(station, station_text, context.protocol_name)
     context.give_to(session)
     with contextlib.ExitStack() as files:
-        frames, stars, answers = (
+        frames, stars, answers, others = (
             files.enter_context(_columns(whole / name, manifest.files, schema)) for name, schema in _schemas().items()
         )
-        session.frames = restored_frames(frames, stars, context.subject)
+        stride = manifest.picture_stride
+        session.frames = restored_frames(frames, stars, context.subject, _rows(others, OTHER), stride)
         session.stars = restored_stars(stars, context.designation)
-        session.sensor_attitudes = _attitudes(answers)
+        session.sensor_attitudes = AttitudeTable.of(_rows(answers, OWN_ANSWER))
     return session
 
 
 def _schemas() -> dict[str, pa.Schema]:
-    own = pa.schema([(name, pa.from_numpy_dtype(OWN_ANSWER[name])) for name in OWN_ANSWER.names or ()])
-    return {"frames.parquet": frames_schema(), "stars.parquet": stars_schema(), "answers.parquet": own}
+    plain = {"answers.parquet": OWN_ANSWER, "others.parquet": OTHER}
+    own = {file: _table(np.zeros(0, dtype)).schema for file, dtype in plain.items()}
+    return {"frames.parquet": frames_schema(), "stars.parquet": stars_schema(), **own}
 
 
 def _manifest(whole: Path) -> _Manifest:
@@ -160,16 +168,16 @@ def _opened(path: Path) -> BufferedReader:
     return path.open("rb")
 
 
-def _answers(table: AttitudeTable) -> pa.Table:
-    rows = table.columns
-    return pa.table({name: pa.array(np.ascontiguousarray(rows[name])) for name in OWN_ANSWER.names or ()})
+def _table(rows: NDArray[np.void]) -> pa.Table:
+    """Rows of a dtype, a column for each of its fields."""
+    return pa.table({name: pa.array(np.ascontiguousarray(rows[name])) for name in rows.dtype.names or ()})
 
 
-def _attitudes(answers: ParquetColumns) -> AttitudeTable:
-    rows = np.zeros(answers.num_rows, dtype=OWN_ANSWER)
-    for name in OWN_ANSWER.names or ():
-        rows[name] = answers[name].to_numpy()
-    return AttitudeTable.of(rows)
+def _rows(columns: ParquetColumns, dtype: "np.dtype[np.void]") -> NDArray[np.void]:
+    rows = np.zeros(columns.num_rows, dtype=dtype)
+    for name in dtype.names or ():
+        rows[name] = columns[name].to_numpy()
+    return rows
 
 
 def _drop_oldest(folder: Path) -> None:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from gse.attitude import Attitudes, angles_deg
 from gse.identifier import Answers, Identification
 from gse.panorama import Panoramas
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, MATCH, STATUSES
-from gse.station.non_stellar import HOT_PIXEL, UNKNOWN, Others
+from gse.station.frame_table import ANSWER_CHECKS, FRAME, MATCH, OTHER, STATUSES
+from gse.station.non_stellar import HOT_PIXEL, KINDS, UNKNOWN, Others
 from gse.station.results import NO_MATCHES, AttitudeError, FrameResult, MatchColumns, Matches, Starlights
 from gse.station.starlight import rows_of
 
@@ -150,6 +150,20 @@ class FrameResults(Sequence[FrameResult]):
             return rows
         rows = np.concatenate([rows, self._match_rows(self.left_out, False)])
         return rows.take(np.argsort(rows["frame"], kind="stable"))
+
+    def other_rows(self) -> NDArray[np.void]:
+        """The rows (M,) of OTHER, by frame; those of panoramas without an answer too."""
+        panoramas, frame_of = self.panoramas, self.panoramas.parts.of_row
+        kinds = np.full(len(frame_of), KINDS.index(UNKNOWN), dtype=np.uint8)
+        kinds[panoramas.parts.first[self.others.parts.of_row] + self.others.objects] = self.others.kinds
+        left = np.ones(len(frame_of), dtype=np.bool_)
+        left[rows_of(panoramas.parts, self.answers)] = False
+        rows = np.empty(int(left.sum()), dtype=OTHER)
+        rows["frame"], rows["kind"] = frame_of[left], kinds[left]
+        with np.errstate(over="ignore", invalid="ignore"):  # a sensor at fault sends any number
+            rows["brightness"] = panoramas.brightness[left]
+            rows["x_px"], rows["y_px"] = panoramas.xy_px[left].T
+        return rows
 
     def _match_rows(self, matches: MatchColumns, named: bool) -> NDArray[np.void]:
         rows = np.empty(len(matches.objects), dtype=MATCH)

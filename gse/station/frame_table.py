@@ -18,7 +18,8 @@ _ROOM_ROWS = 1 << 19
 MOST_IN_MEMORY = 1 << 16
 """Frames of a replay: 12 MB, 1.8 h at 10 Hz; those of a longer one lie in a temporary file, 180 bytes each."""
 MOST_MATCHES = 250_000
-"""In a longer session only every second, fourth, ... frame keeps its matches: 5 MB are enough for maps and fits."""
+"""In a longer session only every second, fourth, ... frame keeps its matches: 5 MB are enough for maps and fits. And so
+for its other objects, which pictures show."""
 
 FRAME = np.dtype(
     [
@@ -107,6 +108,20 @@ the mission catalogue, ``brightness`` its index value. The answer has ``named`` 
 (gse.station.unnamed_stars). ``compress`` and ``take`` select rows in an eighth of the time of ``[]``."""
 
 
+OTHER = np.dtype(
+    [
+        ("frame", "u4"),
+        ("x_px", "f4"),
+        ("y_px", "f4"),
+        ("brightness", "f4"),
+        ("kind", "u1"),
+    ]
+)
+"""One row per object that no answer names, brightest first, of the frames that keep theirs; columns as of MATCH.
+``kind`` is a place in KINDS of gse.station.non_stellar."""
+NO_OTHERS = np.zeros(0, OTHER)
+
+
 def thinned(matches: NDArray[np.void], most: int) -> NDArray[np.void]:
     """Rows of MATCH, by frame; of more than ``most`` those of every second, third, ... frame that has any."""
     frames = matches["frame"]
@@ -148,14 +163,43 @@ class _Rows:
         return self._room[: self._used]
 
 
+class _Thinned:
+    """Rows with a ``frame``, of every frame, or where there are too many of every second, fourth, ... one."""
+
+    def __init__(self, dtype: "np.dtype[np.void]") -> None:
+        self._rows = _Rows(np.zeros(_ROOM_ROWS, dtype))
+        self.stride = 1
+
+    @classmethod
+    def of(cls, rows: NDArray[np.void], stride: int) -> Self:
+        made = cls.__new__(cls)
+        made._rows, made.stride = _Rows(rows, len(rows)), stride
+        return made
+
+    def extend(self, rows: NDArray[np.void]) -> None:
+        self._rows.extend(rows.compress(rows["frame"] % self.stride == 0))
+        if len(self._rows) > MOST_MATCHES:
+            self.stride *= 2
+            stored = self._rows.array()
+            self._rows = _Rows(np.zeros(_ROOM_ROWS, rows.dtype))
+            self._rows.extend(stored.compress(stored["frame"] % self.stride == 0))
+
+    def array(self) -> NDArray[np.void]:
+        return self._rows.array()
+
+    def snapshot(self) -> "_Thinned":
+        taken = copy.copy(self)
+        taken._rows = copy.copy(self._rows)
+        return taken
+
+
 class FrameTable:
-    """Frames of a session, in order: ``columns`` of FRAME, and ``matches``, a structured array of MATCH."""
+    """Frames of a session, in order: ``columns`` of FRAME, ``matches`` of MATCH and ``others`` of OTHER."""
 
     def __init__(self) -> None:
         self._frames = ColumnStore(FRAME, _ROOM_ROWS)
         self._most_in_memory: float = math.inf
-        self._matches = _Rows(np.zeros(_ROOM_ROWS, MATCH))
-        self._match_stride = 1
+        self._matches, self._others = _Thinned(MATCH), _Thinned(OTHER)
 
     @classmethod
     def of(cls, frames: NDArray[np.void], matches: NDArray[np.void]) -> Self:
@@ -166,31 +210,39 @@ class FrameTable:
         return table
 
     @classmethod
-    def with_rows(cls, count: int, matches: NDArray[np.void], most_in_memory: float = math.inf) -> Self:
-        """A table with so many rows of zeros, to be filled by column; of more than ``most_in_memory`` on the disk."""
+    def with_rows(
+        cls,
+        count: int,
+        matches: NDArray[np.void],
+        others: NDArray[np.void] = NO_OTHERS,
+        *,
+        stride: int = 1,
+        most_in_memory: float = math.inf,
+    ) -> Self:
+        """A table with so many rows of zeros, to be filled by column; of more than ``most_in_memory`` on the disk.
+
+        ``stride`` is that of ``pictures``.
+        """
         table = cls()
         table._frames = ColumnStore(FRAME, 0).with_room(count, on_disk=count > most_in_memory)
         table._frames.used = count
-        table._matches = _Rows(matches, len(matches))
+        table._matches, table._others = _Thinned.of(matches, stride), _Thinned.of(others, stride)
         return table
 
     def __len__(self) -> int:
         return self._frames.used
 
-    def extend(self, frames: NDArray[np.void], matches: NDArray[np.void]) -> None:
-        """Add rows of FRAME and of MATCH, whose ``frame`` counts from the first of these.
+    def extend(self, frames: NDArray[np.void], matches: NDArray[np.void], others: NDArray[np.void] = NO_OTHERS) -> None:
+        """Add rows of FRAME, and of MATCH and OTHER, whose ``frame`` counts from the first of these.
 
-        Drops every second frame's matches when there are too many.
+        Drops every second frame's matches when there are too many, and so its others.
         """
         matches["frame"] += len(self)
+        others["frame"] += len(self)
         self._make_room(len(frames))
         self._frames.extend(frames)
-        self._matches.extend(matches.compress(matches["frame"] % self._match_stride == 0))
-        if len(self._matches) > MOST_MATCHES:
-            self._match_stride *= 2
-            stored = self._matches.array()
-            self._matches = _Rows(np.zeros(_ROOM_ROWS, MATCH))
-            self._matches.extend(stored.compress(stored["frame"] % self._match_stride == 0))
+        self._matches.extend(matches)
+        self._others.extend(others)
 
     def use_disk(self, most_in_memory: int = MOST_IN_MEMORY) -> None:
         """From so many rows on, keep the frames in a temporary file.
@@ -211,7 +263,8 @@ class FrameTable:
     def snapshot(self) -> "FrameTable":
         """A table of the rows so far, for another thread: columns are copied, matches, which never change, shared."""
         taken = copy.copy(self)
-        taken._frames, taken._matches = self._frames.copied(), copy.copy(self._matches)
+        taken._frames = self._frames.copied()
+        taken._matches, taken._others = self._matches.snapshot(), self._others.snapshot()
         return taken
 
     @property
@@ -223,3 +276,13 @@ class FrameTable:
     def matches(self) -> NDArray[np.void]:
         """One row per star, dtype MATCH; in a long session not from every frame."""
         return self._matches.array()
+
+    @property
+    def others(self) -> NDArray[np.void]:
+        """One row per object that no answer names, dtype OTHER; in a long session not from every frame."""
+        return self._others.array()
+
+    @property
+    def picture_stride(self) -> int:
+        """Every so manieth frame keeps all of its objects."""
+        return max(self._matches.stride, self._others.stride)

@@ -340,7 +340,7 @@ class StationLoop:
         """Store results; the listeners see them in their order, with the events that they bring between them."""
         first, shown = len(self.session.frames), 0
         rows = results.rows()
-        self.session.frames.extend(rows, results.match_rows())
+        self.session.frames.extend(rows, results.match_rows(), results.other_rows())
         if self._first_seconds is not None and self._frame_processor.truth is not None:
             for result in results:
                 self._first_seconds.add(result, self._frame_processor.truth)

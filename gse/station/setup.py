@@ -118,19 +118,23 @@ def _loaded(
     station: Station, station_text: str, protocol: Protocol, utc_ns: int | None, recorded_answers: AnswerSource | None
 ) -> Setup:
     """The setup with its catalogue and tables."""
-    camera = station.sensor.camera()
-    epoch_jyear = None if utc_ns is None else _epoch_jyear(utc_ns)
-    stars = max(stars_searched(camera, station.identifier.catalog_stars), stars_looked_at(camera))
-    catalog = _catalog(station.catalog, epoch_jyear, stars)
+    camera, catalog = station.sensor.camera(), catalog_of(station, utc_ns)
     if station.identifier.algorithm == "external":
         answers = recorded_answers or _running(station, protocol)
         identifier: Identifier | ExternalIdentifier = ExternalIdentifier(catalog, answers)
     else:
         identifier = make_identifier(station.identifier, camera, catalog)
     # A flight catalogue is the sensor's alone: too short for the reference identifier, and perhaps wrong.
-    whole = _catalog(GAIA, epoch_jyear, stars) if catalog.is_flight else catalog
+    whole = catalog_of(station.model_copy(update={"catalog": GAIA}), utc_ns) if catalog.is_flight else catalog
     reference = None if station.identifier.algorithm == "robust" else _reference(camera, whole)
     return Setup(station, station_text, protocol, camera, identifier, reference)
+
+
+def catalog_of(station: Station, utc_ns: int | None) -> StarCatalog:
+    """The stars that the identifiers of a station look at, where they stand at the date of ``utc_ns``."""
+    camera = station.sensor.camera()
+    stars = max(stars_searched(camera, station.identifier.catalog_stars), stars_looked_at(camera))
+    return _catalog(station.catalog, None if utc_ns is None else _epoch_jyear(utc_ns), stars)
 
 
 def _running(station: Station, protocol: Protocol) -> RunningIdentifier:

@@ -15,12 +15,17 @@ from gse.tables.frames import WORDS, plain_name
 from gse.tables.parquet import ParquetColumns
 
 
-def restored_frames(frames: ParquetColumns, stars: ParquetColumns, subject: Subject) -> FrameTable:
-    """The frame table that the tables were made of; ``subject`` is whose answers it holds."""
+def restored_frames(
+    frames: ParquetColumns, stars: ParquetColumns, subject: Subject, others: NDArray[np.void], stride: int
+) -> FrameTable:
+    """The frame table that the tables were made of; ``subject`` is whose answers it holds.
+
+    ``others`` and ``stride`` are the table's own rows of OTHER and its ``picture_stride``.
+    """
     matches = np.zeros(stars.num_rows, dtype=MATCH)
     for name in MATCH.names or ():
         matches[name] = _numbers(stars["star_row" if name == "star" else name])
-    table = FrameTable.with_rows(frames.num_rows, matches, MOST_IN_MEMORY)
+    table = FrameTable.with_rows(frames.num_rows, matches, others, stride=stride, most_in_memory=MOST_IN_MEMORY)
     for name in FRAME.names or ():
         column = frames[f"{subject}_{name}" if name in ONBOARD_COLUMNS else plain_name(name)]
         table.columns[name] = _places(name, column) if name in WORDS else _numbers(column)

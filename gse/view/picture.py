@@ -1,6 +1,6 @@
 """Picture of the panorama: its objects on the detector, as rerun columns."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +11,7 @@ from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.constants import ARCSEC_RAD
 from gse.drawing.palette import GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
-from gse.station.non_stellar import HOT_PIXEL, UNKNOWN
-from gse.station.results import FrameResult
+from gse.station.non_stellar import HOT_PIXEL, KINDS, UNKNOWN
 from gse.view.series import times
 
 RESIDUAL_SCALE = 100
@@ -21,6 +20,7 @@ RESIDUAL_SCALE = 100
 _KINDS = {"named": SKY_BLUE, "stars": SKY_BLUE, "unidentified": ORANGE, "hot": VERMILLION, "planets": PINK}
 """Kinds of objects, with their colours."""
 
+_KIND = "U12"
 _LABELLED = ("named", "hot", "planets")
 """In radians."""
 
@@ -76,18 +76,28 @@ class Picture:
             show_labels=True,
         )
 
-    def send(self, stream: rr.RecordingStream, frames: Sequence[FrameResult]) -> None:
-        """The objects of some frames: named stars, other stars, unidentified, hot pixels and planets apart."""
-        panoramas = [frame.panorama for frame in frames]
-        at = times([panorama.utc_ns for panorama in panoramas])
-        xy_px = np.concatenate([panorama.xy_px for panorama in panoramas]).reshape(-1, 2).astype(np.float32)
-        radii = self._radii(np.concatenate([panorama.brightness for panorama in panoramas]))
-        row = np.repeat(np.arange(len(frames)), [len(panorama.brightness) for panorama in panoramas])
-        objects = [_objects(frame, self.catalog) for frame in frames]
-        kinds = np.array([kind for each in objects for kind in each.kinds], dtype=np.str_)
+    def send(
+        self,
+        stream: rr.RecordingStream,
+        columns: NDArray[np.void],
+        matches: NDArray[np.void],
+        others: NDArray[np.void],
+        name_of: Callable[[int], str],
+    ) -> None:
+        """The objects of some frames: named stars, other stars, unidentified, hot pixels and planets apart.
+
+        Frames are rows of FRAME; rows of MATCH and OTHER count them from the first of these. ``name_of`` knows the
+        stars.
+        """
+        at, matches = times(columns["utc_ns"]), matches[matches["named"]]
+        row = np.concatenate([matches["frame"], others["frame"]])
+        xy_px = np.concatenate([_xy_px(matches), _xy_px(others)])
+        radii = self._radii(np.concatenate([matches["brightness"], others["brightness"]]))
+        stars = np.concatenate([matches["star"], np.full(len(others), -1)])
+        objects = [self._of_stars(matches, name_of), _of_others(others)]
+        kinds = np.concatenate([each.kinds for each in objects])
         labels = [label for each in objects for label in each.labels]
         facts = [fact for each in objects for fact in each.facts]
-        stars = np.array([star for each in objects for star in each.stars], dtype=np.int64)
         for kind in _KINDS:
             # A named star is drawn as a star with its facts on hover; its name alone is the label that always shows, of
             # a point without size: rerun shows no facts of an entity with a single point, and none of six components.
@@ -97,13 +107,27 @@ class Picture:
             # before, and in the order of a panorama it would tell the facts of another star.
             chosen = chosen[np.lexsort((stars[chosen], row[chosen]))]
             shown = facts if kind == "stars" else labels
-            columns = rr.Points2D.columns(
+            points = rr.Points2D.columns(
                 positions=xy_px[chosen],
                 radii=radii[chosen] * (kind != "named"),
-                labels=[shown[place] for place in chosen],
+                labels=[shown[place] for place in chosen.tolist()],
             )
-            lengths = np.bincount(row[chosen], minlength=len(frames))
-            stream.send_columns(f"/panorama/{kind}", [at], columns.partition(lengths))
+            lengths = np.bincount(row[chosen], minlength=len(columns))
+            stream.send_columns(f"/panorama/{kind}", [at], points.partition(lengths))
+
+    def _of_stars(self, matches: NDArray[np.void], name_of: Callable[[int], str]) -> "_Objects":
+        """Stars, each with its name, and with its residual."""
+        stars, places = np.unique(matches["star"], return_inverse=True)
+        names = [name_of(star) for star in stars.tolist()]
+        magnitudes = ["" if self.catalog is None else f", {self.catalog.magnitude[star]:.1f} mag" for star in stars]
+        kinds = np.array(["stars" if name.startswith(_ANONYMOUS) else "named" for name in names], dtype=_KIND)
+        residuals_arcsec = np.hypot(matches["residual_x_arcsec"], matches["residual_y_arcsec"]).tolist()
+        # Figures first: rerun shows 27 characters beside a star in the left half of the picture.
+        facts = [
+            f"{residual_arcsec:.1f} arcsec{magnitudes[place]}, {names[place]}"
+            for residual_arcsec, place in zip(residuals_arcsec, places.tolist(), strict=True)
+        ]
+        return _Objects(kinds[places], [names[place] for place in places.tolist()], facts)
 
     def _radii(self, brightness: NDArray[np.float64]) -> NDArray[np.float32]:
         share = np.sqrt(np.clip(brightness / self.index_max, 0, 1))
@@ -122,28 +146,21 @@ class Picture:
         stream.send_columns("/panorama/residuals", [times(columns["utc_ns"])], arrows.partition(lengths))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Objects:
-    """Kind, label, facts and row in the catalogue (-1: none) of each object of a frame."""
+    """Kind, label and facts of each object."""
 
-    kinds: list[str]
+    kinds: NDArray[np.str_]
     labels: list[str]
     facts: list[str]
-    stars: list[int]
 
 
-def _objects(frame: FrameResult, catalog: StarCatalog | None) -> _Objects:
-    """The objects of a frame, each with the name of its star or planet, or its class."""
-    count = len(frame.panorama.brightness)
-    objects = _Objects(["unidentified"] * count, [UNKNOWN] * count, [""] * count, [-1] * count)
-    for row, name in frame.others:
-        if name != UNKNOWN:
-            objects.kinds[row], objects.labels[row] = "hot" if name == HOT_PIXEL else "planets", name
-    for match, star in zip(frame.matches, frame.matches.stars.tolist(), strict=True):
-        row, name = match.object, match.star
-        magnitude = f", {catalog.magnitude[star]:.1f} mag" if catalog is not None else ""
-        # Figures first: rerun shows 27 characters beside a star in the left half of the picture.
-        objects.facts[row] = f"{match.residual_arcsec:.1f} arcsec{magnitude}, {name}"
-        objects.kinds[row], objects.labels[row] = "stars" if name.startswith(_ANONYMOUS) else "named", name
-        objects.stars[row] = star
-    return objects
+def _of_others(others: NDArray[np.void]) -> _Objects:
+    """Objects without a star, each with its class, or with the name of its planet."""
+    kind_of = ["unidentified" if name == UNKNOWN else "hot" if name == HOT_PIXEL else "planets" for name in KINDS]
+    labels = [KINDS[kind] for kind in others["kind"].tolist()]
+    return _Objects(np.array(kind_of, dtype=_KIND)[others["kind"]], labels, [""] * len(others))
+
+
+def _xy_px(rows: NDArray[np.void]) -> NDArray[np.float32]:
+    return np.column_stack([rows["x_px"], rows["y_px"]])

@@ -3,7 +3,8 @@
 import math
 import re
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from operator import itemgetter
 
 import numpy as np
 import rerun as rr
@@ -19,6 +20,7 @@ from gse.instant import NS_PER_S
 from gse.recording.event_kinds import RecorderKind
 from gse.station.event_kinds import StationKind
 from gse.station.frame_results import FrameResults
+from gse.station.frame_table import STATUSES, FrameTable
 from gse.station.results import FrameResult, Status
 from gse.view.blueprint import LIVE_WINDOW_S, layout
 from gse.view.event_lines import EventLines
@@ -122,23 +124,47 @@ class Scene:
 
     def add(self, frames: Sequence[FrameResult], *, pictures: int) -> None:
         """Show some frames, in order of time; only the last ``pictures`` of them as panoramas."""
-        self.add_objects(frames, pictures=pictures)
-        self.add_columns(FrameResults.of(frames).rows())
-        shown = FrameResults.of(frames[-pictures:])
-        self.add_residuals(shown.rows(), shown.match_rows())
+        self._send_pictures(self._stream, frames[-pictures:])
+        rows = FrameResults.of(frames).rows()
+        self.running.add(rows)
+        for row, frame in zip(rows, frames, strict=True):
+            self._log_change(row, frame.detail)
+        self.add_columns(rows)
         self._latest.add(self._next(), frames[-1].panorama.utc_ns, frames[-1])
 
     def _send_pictures(self, stream: rr.RecordingStream, frames: Sequence[FrameResult]) -> None:
-        self._picture.send(stream, frames)
         shown = FrameResults.of(frames)
-        self._picture.send_residuals(stream, shown.rows(), shown.match_rows())
+        matches = shown.match_rows()
+        self._picture.send(stream, shown.rows(), matches, shown.other_rows(), shown.star_name)
+        self._picture.send_residuals(stream, shown.rows(), matches)
 
-    def add_objects(self, frames: Sequence[FrameResult], *, pictures: int) -> None:
-        """Show the objects of the last ``pictures`` of some frames, log what changes, and count."""
-        self._picture.send(self._stream, frames[-pictures:])
-        self.running.add(FrameResults.of(frames).rows())
-        for frame in frames:
-            self._log_change(frame)
+    def add_whole(self, frames: FrameTable, events: Sequence[LinkEvent], star_name: Callable[[int], str]) -> None:
+        """Show all frames of a session that has ended, and its events.
+
+        Of a long session every second, fourth, ... frame is shown as a panorama.
+        """
+        rows = frames.columns.rows()
+        changed = np.flatnonzero(np.diff(rows["status"], prepend=255)).tolist()
+        moments: list[tuple[int, LinkEvent | int]] = [(event.utc_ns, event) for event in events]
+        begin = 0
+        for at_ns, moment in sorted([*moments, *((int(rows["utc_ns"][k]), k) for k in changed)], key=itemgetter(0)):
+            if isinstance(moment, LinkEvent):
+                until = max(begin, int(np.searchsorted(rows["utc_ns"], at_ns, "right")))
+                self.running.add(rows[begin:until])
+                self.running.add_event(moment)
+                self.event(moment)
+                begin = until
+            else:
+                self._log_change(rows[moment])
+        self.running.add(rows[begin:])
+        self.add_columns(rows)
+        shown = np.arange(0, len(rows), frames.picture_stride)
+        parts = (kept[kept["frame"] % frames.picture_stride == 0] for kept in (frames.matches, frames.others))
+        matches, others = (part[np.argsort(part["frame"], kind="stable")] for part in parts)
+        matches["frame"] //= frames.picture_stride
+        others["frame"] //= frames.picture_stride
+        self._picture.send(self._stream, rows[shown], matches, others, star_name)
+        self._picture.send_residuals(self._stream, rows[shown], matches)
 
     def add_own_answers(self, errors: NDArray[np.void]) -> None:
         """Show errors of the sensor's own answers, rows of OWN_ERROR."""
@@ -197,10 +223,6 @@ class Scene:
         self._number += 1
         return self._number
 
-    def add_residuals(self, columns: NDArray[np.void], matches: NDArray[np.void]) -> None:
-        """Show the residuals of some frames: rows of FRAME, and their rows of MATCH."""
-        self._picture.send_residuals(self._stream, columns, matches)
-
     def add_columns(self, columns: NDArray[np.void]) -> None:
         """Show all but the objects of some frames, rows of FRAME."""
         self._break_lines(columns["utc_ns"])
@@ -231,13 +253,13 @@ class Scene:
         send_sky(self._stream, columns, self._picture.camera)
         send_scatter(self._stream, columns, self._station.limits, (self.running.d_ra, self.running.d_de))
 
-    def _log_change(self, frame: FrameResult) -> None:
+    def _log_change(self, row: np.void, detail: str = "") -> None:
         """A cloud gives ten unidentified frames a second: only the first and the last are logged."""
-        if frame.status != self._status:
-            text = f"frame {frame.panorama.frame_no}: {frame.status.value} {frame.detail}".rstrip()
-            level = "INFO" if frame.status is Status.IDENTIFIED else "WARN"
-            self.log(frame.panorama.utc_ns, text, level)
-        self._status = frame.status
+        status = STATUSES[row["status"]]
+        if status != self._status:
+            text = f"frame {row['frame_no']}: {status.value} {detail}".rstrip()
+            self.log(int(row["utc_ns"]), text, "INFO" if status is Status.IDENTIFIED else "WARN")
+        self._status = status
 
     def _lay_out(self, columns: NDArray[np.void]) -> None:
         """Send the layout anew when boresight or own answers of the sensor first come, and after ten minutes.

@@ -16,4 +16,4 @@ def add_frames(frames: FrameTable, made: Sequence[FrameResult]) -> None:
     """Add results to the frames of a session: together they take a fifth of the time that they take one by one."""
     if made:
         results = FrameResults.of(made)
-        frames.extend(results.rows(), results.match_rows())
+        frames.extend(results.rows(), results.match_rows(), results.other_rows())

@@ -82,7 +82,6 @@ def _frame(number, utc_ns, true, camera, catalog, generator, noise_arcsec, bias_
         true.ra_deg + d_ra / 3600 / math.cos(math.radians(true.de_deg)), true.de_deg + d_de / 3600, true.roll_deg
     )
     residuals = generator.normal(0, 0.2 * camera.pixel_rad / ARCSEC, (len(stars), 2))
-    names = [catalog.name(star) if row else "Alphard" for row, star in enumerate(stars.tolist())]
     return FrameResult(
         panorama,
         Status.IDENTIFIED,
@@ -90,7 +89,7 @@ def _frame(number, utc_ns, true, camera, catalog, generator, noise_arcsec, bias_
         "neighbour",
         Identification(np.arange(len(stars)), stars, 1e-12),
         measured,
-        Matches(np.arange(len(stars)), np.arange(len(stars)), residuals, names.__getitem__),
+        Matches(np.arange(len(stars)), stars, residuals, catalog.name),
         float(60 + generator.exponential(20)),
         measured,
         AttitudeError(float(d_ra), float(d_de), d_roll, float(-d_ra), float(d_de)),
@@ -119,6 +118,7 @@ def synthetic_night(count, **options):
     session.link = LinkCounters(count * 216 + 40, count * 216, 40, count, {"no sync": 40}, 1, 3, 0, 1)
     session.earth_orientation = EarthOrientation.from_disk(START_NS)
     session.raw_sha256 = "0" * 64
+    session.stars = small_catalog().listed
     session.catalog = {"source": "Gaia DR3", "stars": 4200, "sha256": "1" * 64}
     session.versions = {"gse-star-sensor": "0.1.0", "numpy": "2"}
     return session

@@ -88,6 +88,9 @@ def test_every_field_of_a_session_comes_back(session, folder: Path) -> None:
         else:
             assert found == was, field.name
     assert back.frames.matches.tobytes() == session.frames.matches.tobytes()
+    assert back.frames.others.dtype == session.frames.others.dtype
+    assert back.frames.others.tobytes() == session.frames.others.tobytes() != b""
+    assert back.frames.picture_stride == session.frames.picture_stride
     assert [type(event) for event in back.events] == [type(event) for event in session.events]
 
 
@@ -128,7 +131,7 @@ def test_results_of_another_key_are_not_found(session, folder: Path) -> None:
         of(folder, session, other)
 
 
-@pytest.mark.parametrize("name", ["frames.parquet", "stars.parquet", "answers.parquet", CONTEXT])
+@pytest.mark.parametrize("name", ["frames.parquet", "stars.parquet", "answers.parquet", "others.parquet", CONTEXT])
 def test_a_damaged_file_is_told(session, folder: Path, name: str) -> None:
     path = folder / KEY.text / name
     content = bytearray(path.read_bytes())

@@ -10,7 +10,8 @@ from gse.attitude import Attitude
 from gse.identifier import Answers, Identification, Reason, Unidentified
 from gse.panorama import Panorama
 from gse.station.frame_results import FrameResults, NewResults
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, MATCH, STATUSES
+from gse.station.frame_table import ANSWER_CHECKS, FRAME, MATCH, OTHER, STATUSES
+from gse.station.non_stellar import KINDS
 from gse.station.results import AnswerCheck, AttitudeError, FrameResult, Matches, Starlight, Status
 
 RAW, GEOMETRIC, TRUE = (Attitude.from_angles(10.0 + k, -20.0 + k, 30.0 + k) for k in range(3))
@@ -220,6 +221,20 @@ def test_rows_of_stars_stand_by_frame_those_that_were_left_out_behind_those_that
 def test_rows_of_stars_are_those_that_were_named_where_none_was_left_out():
     rows = FrameResults.of(MADE[1:]).match_rows()
     assert rows.tolist() == [(1, 8, 201.0, 701.0, -1.0, 2.0, 200.0, True)]
+
+
+def test_rows_of_other_objects_are_those_that_no_answer_names_each_with_its_kind():
+    """Of the second panorama, which has no answer, all of them."""
+    rows = FrameResults.of([replace(MADE[0], others=((1, "hot pixel"),)), *MADE[1:]]).other_rows()
+    assert rows.dtype == OTHER
+    hot, unknown = KINDS.index("hot pixel"), KINDS.index("unknown")
+    assert rows[rows["frame"] == 0].tolist() == [(0, 101.0, 601.0, 200.0, hot)]
+    unnamed = rows[rows["frame"] == 1]
+    assert unnamed["x_px"].tolist() == MADE[1].panorama.xy_px[:, 0].tolist()
+    assert unnamed["brightness"].tolist() == MADE[1].panorama.brightness.tolist()
+    assert set(unnamed["kind"].tolist()) <= {unknown}
+    named = len(MADE[2].matches)
+    assert int((rows["frame"] == 2).sum()) == len(MADE[2].panorama.brightness) - named
 
 
 def test_new_results_are_a_part_of_the_results_with_their_rows():

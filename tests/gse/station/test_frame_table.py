@@ -11,7 +11,7 @@ from gse.identifier import Identification
 from gse.panorama import Panorama
 from gse.station import frame_table
 from gse.station.frame_results import FrameResults
-from gse.station.frame_table import FRAME, MATCH, FrameTable
+from gse.station.frame_table import FRAME, MATCH, OTHER, FrameTable
 from gse.station.results import FrameResult, Matches, Starlight, Status
 
 
@@ -84,6 +84,12 @@ def rows_of_frames(count):
     return rows
 
 
+def others_of(*frames):
+    rows = np.zeros(len(frames), OTHER)
+    rows["frame"] = frames
+    return rows
+
+
 def matches_of(*frames):
     rows = np.zeros(len(frames), MATCH)
     rows["frame"] = frames
@@ -144,6 +150,20 @@ def test_a_quarter_of_a_million_matches_are_kept_and_one_more_costs_those_of_eve
     table.extend(rows_of_frames(1), matches_of(0))
     assert (len(table), len(table.matches)) == (2, 250_000)
     assert table.matches["frame"][-1] == latest_frame
+
+
+def test_other_objects_are_thinned_by_themselves_and_pictures_are_of_frames_with_all_of_theirs():
+    table, four = FrameTable(), rows_of_frames(4)
+    table.extend(four, matches_of(0, 1, 2, 3), others_of(0, 1, 2, 3))
+    assert (table.picture_stride, len(table.others)) == (1, 4)
+    table.extend(four, matches_of(0, 1, 2, 3), others_of(*[1] * 250_000, 2))
+    assert (table.picture_stride, table.matches["frame"].tolist()) == (2, [0, 1, 2, 3, 4, 5, 6, 7])
+    assert table.others["frame"].tolist() == [0, 2, 6]
+    taken = table.snapshot()
+    table.extend(four, matches_of(), others_of(0, 1))
+    assert (len(taken.others), table.others["frame"].tolist()) == (3, [0, 2, 6, 8])
+    given = FrameTable.with_rows(8, table.matches, table.others, stride=2)
+    assert (given.picture_stride, given.others["frame"].tolist()) == (2, [0, 2, 6, 8])
 
 
 def test_a_snapshot_stays_as_it_was_while_the_table_goes_on():

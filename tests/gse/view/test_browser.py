@@ -19,7 +19,7 @@ from gse.drawing.palette import ORANGE, PINK, SKY_BLUE, VERMILLION
 from gse.station.frame_results import NewResults
 from gse.view.glance import Glance
 from gse.view.live import LiveView
-from gse.view.saved_view import SavedView
+from gse.view.saved_view import save_view
 from gse.view.server import Content, ViewServer
 
 FRAMES = 299
@@ -100,10 +100,7 @@ def test_the_live_page_draws_what_is_sent_and_no_request_leaves_the_machine(visi
 
 def test_a_saved_night_is_shown_by_the_same_page(visit: Visits, tmp_path: Path) -> None:
     session = synthetic_night(FRAMES)
-    saved = SavedView(session.station, small_catalog(), tmp_path / "night.rrd")
-    for frame in synthetic_frames(FRAMES):
-        saved.on_results(NewResults.of([frame]), session)
-    saved.finish(session, "PASS", ["all limits are kept"])
+    save_view(session, small_catalog(), tmp_path / "night.rrd", "PASS", ["all limits are kept"])
     with ViewServer("127.0.0.1", 0, Content(recording=tmp_path / "night.rrd")) as page, visit() as seen:
         seen.page.goto(page.url)
         assert missing_in_the_end(seen.page) == []
