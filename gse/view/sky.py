@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gse.attitude import Attitude
 from gse.camera import Camera
 from gse.catalog import StarCatalog
-from gse.drawing.outline import field_outline_icrs
+from gse.drawing.outline import field_outline_sensor
 from gse.drawing.palette import GREEN, GREY, PALE, SKY_BLUE, VERMILLION, YELLOW
 from gse.instant import NS_PER_S
 from gse.limits import Limits
@@ -55,7 +55,8 @@ def send_sky(stream: rr.RecordingStream, columns: NDArray[np.void], camera: Came
     answered = columns[np.isfinite(columns["ra_deg"])]
     if len(answered):
         lasts = answered[grouped(answered["utc_ns"])[0]]
-        fields = [_field_of(frame, camera) for frame in lasts]
+        border = field_outline_sensor(camera)
+        fields = [(border @ _attitude_of(frame).icrs_to_sensor).astype(np.float32) for frame in lasts]
         strips = rr.LineStrips3D.columns(strips=fields).partition(np.ones(len(fields), dtype=np.int64))
         stream.send_columns("/sky/field", [times(lasts["utc_ns"])], strips)
 
@@ -70,9 +71,8 @@ def grouped(utc_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.in
     return ends, np.diff(ends, prepend=-1)
 
 
-def _field_of(frame: np.void, camera: Camera) -> NDArray[np.float32]:
-    attitude = Attitude.from_angles(frame["ra_deg"], frame["de_deg"], np.nan_to_num(frame["roll_deg"]))
-    return field_outline_icrs(attitude, camera).astype(np.float32)
+def _attitude_of(frame: np.void) -> Attitude:
+    return Attitude.from_angles(frame["ra_deg"], frame["de_deg"], np.nan_to_num(frame["roll_deg"]))
 
 
 def unit_vectors(ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64]) -> NDArray[np.float64]:
