@@ -79,6 +79,7 @@ class SkyWatch:
         self._reference_due = 1
         self._condition = SkyCondition.UNKNOWN
         self._is_day: bool | None = None
+        self._told: StationKind | None = None
 
     def take(self, frames: FrameColumns, first: int) -> list[tuple[int, list[LinkEvent]]]:
         """Look at the frames (all rows of FRAME so far), new from row ``first`` on: the events, and at which row."""
@@ -136,12 +137,16 @@ class SkyWatch:
     def _changes(self, utc_ns: int, found: SkyEvidence) -> Iterator[LinkEvent]:
         """Events of the Sun, then of the stars."""
         is_day = not found.lights.is_dark
-        if is_day != bool(self._is_day):
-            yield LinkEvent(utc_ns, 0, StationKind.DAYLIGHT if is_day else StationKind.DARK_NIGHT, str(found.lights))
-        self._is_day = is_day
         condition = self._judged(found, self._clear, self._condition)
+        # After the last star of a dawn the sky is daylight again, not as it was when that was seen.
+        is_day_again = condition is SkyCondition.DAYLIGHT and self._told in _KINDS.values()
+        if is_day != bool(self._is_day) or is_day_again:
+            self._told = StationKind.DAYLIGHT if is_day else StationKind.DARK_NIGHT
+            yield LinkEvent(utc_ns, 0, self._told, str(found.lights))
+        self._is_day = is_day
         if condition is not self._condition and condition in _KINDS:
-            yield LinkEvent(utc_ns, 0, _KINDS[condition], words_of(condition, found, self._clear))
+            self._told = _KINDS[condition]
+            yield LinkEvent(utc_ns, 0, self._told, words_of(condition, found, self._clear))
         self._condition = condition
 
     def _judged(self, found: SkyEvidence, clear: ClearSky, before: SkyCondition) -> SkyCondition:

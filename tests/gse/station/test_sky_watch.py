@@ -288,6 +288,14 @@ def test_the_end_of_twilight_is_told_once() -> None:
     assert kinds == ["DAYLIGHT", "CLEAR", "DARK_NIGHT"]
 
 
+def test_behind_the_last_star_of_a_dawn_it_is_daylight_again() -> None:
+    """Told once for each time that stars were seen: the sky is not clear because it was so half an hour ago."""
+    twilight_ns, none = from_text("2026-03-20T11:30:00Z"), rows(60, stars=0, objects=0)
+    kinds, conditions = watched(rows(stars=14), none, rows(stars=14), none, begin_ns=twilight_ns)
+    assert kinds == ["DAYLIGHT", "CLEAR", "DAYLIGHT", "CLEAR", "DAYLIGHT"]
+    assert conditions[-1] is SkyCondition.DAYLIGHT
+
+
 # Evidence by hand
 
 
