@@ -62,6 +62,7 @@ _GOOD_EVENTS = {
 }
 
 
+_ROWS_AT_ONCE = 1 << 14
 _MOST_RECENT = 700
 _MOST_LINES = 40
 """Lines of the log."""
@@ -157,7 +158,8 @@ class Scene:
             else:
                 self._log_change(rows[moment])
         self.running.add(rows[begin:])
-        self.add_columns(rows)
+        for first in range(0, len(rows), _ROWS_AT_ONCE):
+            self.add_columns(rows[first : first + _ROWS_AT_ONCE])
         shown = np.arange(0, len(rows), frames.picture_stride)
         parts = (kept[kept["frame"] % frames.picture_stride == 0] for kept in (frames.matches, frames.others))
         matches, others = (part[np.argsort(part["frame"], kind="stable")] for part in parts)

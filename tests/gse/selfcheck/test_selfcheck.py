@@ -70,11 +70,11 @@ class Altered(FrameTable):
         super().__init__()
         self.signs = signs
 
-    def extend(self, rows, matches):
+    def extend(self, rows, matches, others):
         rows = rows.copy()
         for axis in self.signs:
             rows[f"{axis}_arcsec"] *= -1
-        super().extend(rows, matches)
+        super().extend(rows, matches, others)
 
 
 def with_sign_of(*axes):
