@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 
 from drivers.chunk import Chunk, LinkEvent, LinkKind
@@ -24,24 +25,29 @@ def session_items(path: Path, from_utc_ns: int | None = None, to_utc_ns: int | N
     Damage in the file and a missing end come as events DAMAGED and TRUNCATED, in the place where they are.
     """
     capture = read_capture(path, from_utc_ns=from_utc_ns, only=(RX, EVENTS))
-    return _session_items(path, capture, from_utc_ns or 0, _NEVER_NS if to_utc_ns is None else to_utc_ns)
+    parts = _session_parts(path, capture, from_utc_ns or 0, _NEVER_NS if to_utc_ns is None else to_utc_ns)
+    return chain.from_iterable(parts)
 
 
-def _session_items(path: Path, capture: Capture, from_utc_ns: int, to_utc_ns: int) -> Iterator[Item]:
+def _session_parts(path: Path, capture: Capture, from_utc_ns: int, to_utc_ns: int) -> Iterator[list[Item]]:
+    """The items of each part of the file, and of its end."""
     stamp = (from_utc_ns, 0)
-    for record in capture:
-        if isinstance(record, Message):
-            topic, utc_ns, mono_ns, data = record
-            if from_utc_ns <= utc_ns < to_utc_ns:
-                stamp = (utc_ns, mono_ns)
-                yield Chunk(utc_ns, mono_ns, data) if topic == RX else record.event()
-        elif isinstance(record, Damage) and record.reason != "cut off":
-            text = f"{record.file}: {record.size} bytes from {record.offset} on are damaged: {record.reason}"
-            yield LinkEvent(*stamp, LinkKind.DAMAGED, text)
+    for part in capture.parts():
+        items: list[Item] = []
+        for record in part:
+            if isinstance(record, Message):
+                topic, utc_ns, mono_ns, data = record
+                if from_utc_ns <= utc_ns < to_utc_ns:
+                    stamp = (utc_ns, mono_ns)
+                    items.append(Chunk(utc_ns, mono_ns, data) if topic == RX else record.event())
+            elif isinstance(record, Damage) and record.reason != "cut off":
+                text = f"{record.file}: {record.size} bytes from {record.offset} on are damaged: {record.reason}"
+                items.append(LinkEvent(*stamp, LinkKind.DAMAGED, text))
+        yield items
     if capture.missing:
-        yield LinkEvent(*stamp, LinkKind.DAMAGED, f"missing: {', '.join(capture.missing)}")
+        yield [LinkEvent(*stamp, LinkKind.DAMAGED, f"missing: {', '.join(capture.missing)}")]
     elif capture.truncated:
-        yield LinkEvent(*stamp, LinkKind.TRUNCATED, f"{path.name} was not closed: its end may be missing")
+        yield [LinkEvent(*stamp, LinkKind.TRUNCATED, f"{path.name} was not closed: its end may be missing")]
 
 
 def raw_items(path: Path, start_utc_ns: int) -> Iterator[Item]:

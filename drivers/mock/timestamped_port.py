@@ -7,6 +7,7 @@ stamps of the data, so that time need not come from the host.
 import threading
 import time
 from collections.abc import Iterator
+from itertools import chain
 from typing import TYPE_CHECKING, Protocol
 
 from serial import PortNotOpenError, SerialBase, SerialException
@@ -119,11 +120,13 @@ class TimestampedSerial(SerialBase):
             rest, self._rest = self._rest, b""
             yield Chunk(*self.stamp(), rest)
         pace, items = self._pace, self._items
-        while (item := self._next or next(items, None)) is not None:
+        if self._next is not None:
+            items, self._next = chain([self._next], items), None
+        for item in items:
             if not (pace.is_endless or pace.wait(item.mono_ns, self.timeout)):
                 self._next = item
                 return
-            self._next, self._latest = None, item
+            self._latest = item
             yield item
         self._ended = True
 

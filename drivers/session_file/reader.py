@@ -6,7 +6,8 @@ gives all its whole records. Memory is bounded by the largest record that is bel
 """
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 from drivers.errors import CaptureError
@@ -44,9 +45,10 @@ class Capture:
         self.damage_count = 0
         self.damaged_bytes = 0
         self._from_utc_ns = from_utc_ns
-        self._only = None if only is None else {*only, CONTINUED}
+        self._only = None if only is None else frozenset(only)
         self._alone = alone
-        self._records = self._read()
+        self._parts = self._read()
+        self._records = chain.from_iterable(self._parts)
 
     def __iter__(self) -> Iterator[Record]:
         return self._records
@@ -54,36 +56,43 @@ class Capture:
     def __next__(self) -> Record:
         return next(self._records)
 
+    def parts(self) -> Iterator[Sequence[Record]]:
+        """The records in parts, those of a chunk of the file together: to be read instead of the records."""
+        return self._parts
+
     @property
     def is_damaged(self) -> bool:
         """Whether something is missing of what was read so far."""
         return self.truncated or self.damage_count > 0
 
-    def _read(self) -> Iterator[Record]:
+    def _read(self) -> Iterator[Sequence[Record]]:
         attached: set[str] = set()
+        searched = None if self._only is None else {*self._only, CONTINUED}
         for segment in self.segments:
             continued = False
             with FileWindow(segment) as window:
-                walk = RecordScanner(window, segment.name, from_utc_ns=self._from_utc_ns, only=self._only)
-                for record in walk.records():
-                    if isinstance(record, Message):
-                        if record.topic == CONTINUED:
-                            continued = True
-                            if not self._alone:
-                                continue
-                        elif self._only is not None and record.topic not in self._only:
-                            continue
-                    elif isinstance(record, Damage):
-                        self._count(record)
-                    elif record.name in attached:
-                        continue
-                    elif len(attached) < MOST_ATTACHMENTS:
-                        attached.add(record.name)
-                    yield record
+                walk = RecordScanner(window, segment.name, from_utc_ns=self._from_utc_ns, only=searched)
+                for part in walk.parts():
+                    kinds = {record.topic if isinstance(record, Message) else None for record in part}
+                    continued |= CONTINUED in kinds
+                    is_plain = kinds <= self._only if self._only is not None else kinds.isdisjoint((None, CONTINUED))
+                    yield part if is_plain else [record for record in part if self._gives(record, attached)]
             self.truncated |= not walk.ended
             if continued and segment == self.segments[-1] and not self._alone:
                 self.missing.append(f"what follows {segment.name}")
         self.truncated |= bool(self.missing)
+
+    def _gives(self, record: Record, attached: set[str]) -> bool:
+        """Whether a record is for the reader: a wanted message, damage, which is counted, or a new attachment."""
+        if isinstance(record, Message):
+            return self._alone if record.topic == CONTINUED else self._only is None or record.topic in self._only
+        if isinstance(record, Damage):
+            self._count(record)
+            return True
+        is_new = record.name not in attached
+        if is_new and len(attached) < MOST_ATTACHMENTS:
+            attached.add(record.name)
+        return is_new
 
     def _count(self, damage: Damage) -> None:
         self.damage_count += 1

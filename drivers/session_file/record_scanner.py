@@ -8,7 +8,8 @@ checksum says so, and after damage scans for the next record that can be believe
 import re
 import struct
 import zlib
-from collections.abc import Container, Generator, Iterator
+from collections.abc import Container, Iterator, Sequence
+from itertools import chain
 
 import zstandard
 from mcap.exceptions import McapError
@@ -63,6 +64,7 @@ _MESSAGE = struct.Struct("<HIQQ")
 _HEAD_AND_MESSAGE = struct.Struct("<BQHIQQ")
 _STAMPS_AT = _HEAD.size + struct.calcsize("<HI")
 _DATA_AT = _HEAD_AND_MESSAGE.size
+_HEAD_BYTES = _HEAD.size
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a look into an enumeration takes a tenth of the time of a message
 _CANDIDATE = re.compile(rb"[\x04-\x06\x09\x0f\x02](?=...\x00\x00\x00\x00\x00)", re.DOTALL)
 # What the mcap package and zstandard raise on damaged content, seen by flipping bits.
@@ -140,31 +142,37 @@ class RecordScanner:
 
     def records(self) -> Iterator[Record]:
         """All that can be believed, in order of the file, with the damage between."""
+        return chain.from_iterable(self.parts())
+
+    def parts(self) -> Iterator[Sequence[Record]]:
+        """The same in parts: the records of a chunk together, because a night has a million of them."""
         offset = len(MAGIC)
         if self._window.size and self._window.get(0, offset) != MAGIC:
-            offset = yield from self._pass_damage(0, "no MCAP magic")
-        yield from self.inner_records(offset)
+            damage, offset = self._damage(0, "no MCAP magic")
+            yield [damage]
+        yield from self._parts(offset)
 
-    def inner_records(self, offset: int = 0) -> Iterator[Record]:
+    def _parts(self, offset: int) -> Iterator[Sequence[Record]]:
         """The same from an offset on, without the magic of a file."""
         while offset < self._window.size and not self.ended:
             messages, offset = self._messages(offset)
-            yield from messages
+            yield messages
             if offset == self._window.size:
                 break
             try:
                 found, following = self._try(offset)
             except (NotBelievedError, *_BROKEN) as error:
-                offset = yield from self._pass_damage(offset, reason_of(error))
+                damage, offset = self._damage(offset, reason_of(error))
+                yield [damage]
             else:
-                yield from found
+                yield found
                 offset = following
 
-    def _pass_damage(self, offset: int, reason: str) -> Generator[Damage, None, int]:
+    def _damage(self, offset: int, reason: str) -> tuple[Damage, int]:
+        """The damage from an offset on, and its end: the next record that proves true."""
         following = self._scan(offset + 1, self._window.size)
         end = self._window.size if following is None else following
-        yield Damage(self._file, offset, end - offset, "cut off" if following is None else reason)
-        return end
+        return Damage(self._file, offset, end - offset, "cut off" if following is None else reason), end
 
     def _scan(self, offset: int, end: int) -> int | None:
         """The offset of the next record that proves true, or None."""
@@ -253,16 +261,21 @@ class RecordScanner:
         messages: list[Message] = []
         if isinstance(self._window, FileWindow):
             return messages, offset
-        block, size, topics, count = self._window.block, self._window.size, self._topics, 0
-        while offset + _DATA_AT <= size:
+        block, size, count = self._window.block, self._window.size, 0
+        channels = {
+            number: (topic, topic_checksum(topic), self._only is None or topic in self._only)
+            for number, topic in self._topics.items()
+        }
+        while (data_at := offset + _DATA_AT) <= size:
             opcode, length, channel, crc, utc_ns, mono_ns = _HEAD_AND_MESSAGE.unpack_from(block, offset)
-            following, topic = offset + _HEAD.size + length, topics.get(channel)
-            if opcode != _MESSAGE_OPCODE or following < offset + _DATA_AT or following > size or topic is None:
+            following = offset + _HEAD_BYTES + length
+            if opcode != _MESSAGE_OPCODE or not data_at <= following <= size or channel not in channels:
                 break
-            if zlib.crc32(block[offset + _STAMPS_AT : following], topic_checksum(topic)) != crc:
+            topic, seed, is_wanted = channels[channel]
+            if zlib.crc32(block[offset + _STAMPS_AT : following], seed) != crc:
                 break
-            if self._only is None or topic in self._only:
-                messages.append(Message(topic, utc_ns, mono_ns, block[offset + _DATA_AT : following]))
+            if is_wanted:
+                messages.append(Message(topic, utc_ns, mono_ns, block[data_at:following]))
             count += 1
             offset = following
         self._limit.spend(STEP_BYTES * count)
@@ -291,7 +304,8 @@ class RecordScanner:
         block = unpacked(chunk)
         self._limit.spend(len(block))
         whole = len(block) == chunk.uncompressed_size and zlib.crc32(block) == chunk.uncompressed_crc
-        records = list(self._inside(block, offset, self._only if whole else None).inner_records())
+        inside = self._inside(block, offset, self._only if whole else None)
+        records = [record for part in inside._parts(0) for record in part]
         if not whole:
             if not any(isinstance(record, Message) for record in records):
                 raise NotBelievedError("chunk with a wrong checksum")
