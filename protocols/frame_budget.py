@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterable
+
 SLACK = 8
 """Frames that may be missing although no time has passed for them: they were read from a buffer at once."""
 _SAMPLES = 15

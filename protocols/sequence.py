@@ -1,6 +1,7 @@
 """Sequence accounting: duplicates, gaps and restarts of one direction of a link."""
 
 from collections import deque
+from collections.abc import Callable
 from enum import Enum
 
 from protocols.frame_budget import FrameBudget
@@ -73,17 +74,17 @@ class SequenceTracker:
         time_us: int | None = None,
         restarted: bool = False,
         elapsed_s: float | None = None,
-        copy: bool = True,
+        is_copy: Callable[[], bool] = lambda: True,
     ) -> Arrival:
         """What this frame is, counted.
 
         ``time_us`` is the sensor's clock where the message carries it; leave it out for stored data, which is older
         than what came before. ``restarted`` is the sensor's own word that its clock was reset. ``elapsed_s`` is the
-        host's time since the frame before, where it is known; else the sensor's clock bounds what can be lost. ``copy``
-        is false where its bytes are known to be others than those of the frame that had its number before.
+        host's time since the frame before, where it is known; else the sensor's clock bounds what can be lost.
+        ``is_copy`` tells, where it is asked, whether its bytes are those of the frame that had its number before.
         """
         arrival = self._classify(sequence, time_us, restarted)
-        if arrival is _DUPLICATE and not copy:
+        if arrival is _DUPLICATE and not is_copy():
             arrival = _CHAOS
         if arrival is _DUPLICATE:
             self.duplicates += 1
@@ -116,8 +117,8 @@ class SequenceTracker:
     def _pass_time(self, sequence: int, time_us: int | None, elapsed_s: float | None) -> bool:
         """Account for the time since the frame before, in which others can have been sent; whether it is known."""
         sensor_s = None
-        if None not in (time_us, self._last_time_us):
-            sensor_s = (time_us - self._last_time_us) / 1e6  # type: ignore[operator]
+        if time_us is not None and self._last_time_us is not None:
+            sensor_s = (time_us - self._last_time_us) / 1e6
         if elapsed_s is None and sensor_s is not None:
             elapsed_s = min(sensor_s, LONGEST_GAP_S)
         if elapsed_s is not None:
@@ -129,7 +130,7 @@ class SequenceTracker:
         return elapsed_s is not None
 
     def _classify(self, sequence: int, time_us: int | None, restarted: bool) -> Arrival:
-        clock_back = None not in (time_us, self._last_time_us) and time_us < self._last_time_us  # type: ignore[operator]
+        clock_back = time_us is not None and self._last_time_us is not None and time_us < self._last_time_us
         if self._modulus == 0:
             return _RESET if restarted or clock_back else _NEXT
         if (sequence, time_us) in self._seen or (sequence == self._last and not clock_back):
@@ -138,11 +139,11 @@ class SequenceTracker:
             return _RESET
         if self._last is None:
             return _NEXT
-        if sequence in self._missing and (self._last - sequence) % self._modulus <= RECENT:
+        step = (sequence - self._last) % self._modulus
+        if self._missing and (self._last - sequence) % self._modulus <= RECENT and sequence in self._missing:
             return _LATE
         if clock_back:
             return _RESET
-        step = (sequence - self._last) % self._modulus
         if step == 1:
             return _NEXT
         # Without a clock, more than half a turn forward is taken for a step back: the counter started anew.

@@ -47,8 +47,7 @@ class Arrivals:
         self._counters = counters
         self._has_times = has_times
         self._sequence = SequenceTracker(protocol.sequence_modulus)
-        self._latest: deque[bytes] = deque()
-        self._latest_counts: dict[bytes, int] = {}
+        self._latest: deque[bytes] = deque(maxlen=RECENT)
         self._before: _Stamped | None = None
         self._frame_mono_ns: int | None = None
         self._repeats = 0
@@ -81,12 +80,17 @@ class Arrivals:
         elapsed_s = None
         if self._has_times and self._frame_mono_ns is not None:
             elapsed_s = (mono_ns - self._frame_mono_ns) / NS_PER_S
-        copy = self._is_copy(frame)
         if frame.flags and "stored" in self._protocol.flags_of(frame):
             time_us, restarted = None, False
+        # What bears a number again need not be a copy: that has the same bytes as one of the latest frames.
         arrival = self._sequence.accept(
-            frame.sequence, time_us=time_us, restarted=restarted, elapsed_s=elapsed_s, copy=copy
+            frame.sequence,
+            time_us=time_us,
+            restarted=restarted,
+            elapsed_s=elapsed_s,
+            is_copy=lambda: frame.payload in self._latest,
         )
+        self._latest.append(frame.payload)
         if arrival is not Arrival.DUPLICATE:
             self._frame_mono_ns = mono_ns
         self._counters.duplicates = self._sequence.duplicates
@@ -98,19 +102,6 @@ class Arrivals:
     def last(self) -> int | None:
         """The sequence number of the latest frame; None before the first."""
         return self._sequence.last
-
-    def _is_copy(self, frame: Frame) -> bool:
-        """Whether the same bytes came among the latest frames: what bears a number again need not be a copy."""
-        payload, counts = frame.payload, self._latest_counts
-        found = counts.get(payload, 0)
-        counts[payload] = found + 1
-        self._latest.append(payload)
-        if len(self._latest) > RECENT:
-            oldest = self._latest.popleft()
-            counts[oldest] -= 1
-            if not counts[oldest]:
-                del counts[oldest]
-        return found > 0
 
     def new_panorama(self, frame_no: int) -> None:
         """A panorama came that is not a copy.

@@ -184,23 +184,36 @@ def arrivals_of(*, has_times=True):
     return Arrivals(load_protocol("panorama-v1"), counters, has_times=has_times), counters
 
 
-@pytest.mark.parametrize(
-    ("others", "is_copy"),
-    [(0, True), (62, True), (63, True), (64, False), (65, False)],
-)
-def test_the_same_bytes_among_the_latest_sixty_four_frames_are_a_copy(others, is_copy):
-    arrivals, _ = arrivals_of()
-    copies = [arrivals._is_copy(Frame(0, 40, "PANORAMA", 0, 1, payload, 40)) for payload in
-              (b"same", *(b"%d" % number for number in range(others)), b"same")]  # fmt: skip
-    assert copies == [False] * (others + 1) + [is_copy]
+def after_others(arrivals, others, payload):
+    """The class of frame 7 that comes again as ``payload`` after so many other frames."""
+    for number in range(others):
+        assert accepted(arrivals, 8 + number, b"%d" % number) is Arrival.NEXT
+    return accepted(arrivals, 7, payload)
 
 
-@pytest.mark.parametrize(("others", "is_copy"), [(63, True), (64, False)])
-def test_of_two_copies_the_later_one_counts(others, is_copy):
-    arrivals, _ = arrivals_of()
-    payloads = [b"same", b"same", *(b"%d" % number for number in range(others)), b"same"]
-    copies = [arrivals._is_copy(Frame(0, 40, "PANORAMA", 0, 1, payload, 40)) for payload in payloads]
-    assert copies == [False, True] + [False] * others + [is_copy]
+@pytest.mark.parametrize("others", [0, 1, 62, 63])
+@pytest.mark.parametrize(("payload", "arrival"), [(b"same", Arrival.DUPLICATE), (b"other", Arrival.CHAOS)])
+def test_a_number_comes_again_as_a_copy_where_its_bytes_are_among_those_of_the_latest_sixty_four_frames(
+    others, payload, arrival
+):
+    arrivals, counters = arrivals_of()
+    accepted(arrivals, 7, b"same")
+    assert after_others(arrivals, others, payload) is arrival
+    assert counters.duplicates == (arrival is Arrival.DUPLICATE)
+
+
+def test_a_number_that_comes_again_later_is_a_restart():
+    arrivals, counters = arrivals_of()
+    accepted(arrivals, 7, b"same")
+    assert after_others(arrivals, 64, b"same") is Arrival.RESET
+    assert counters.duplicates == 0
+
+
+def test_of_two_copies_the_later_one_counts():
+    arrivals, counters = arrivals_of()
+    assert [accepted(arrivals, 7, b"same") for _ in range(2)] == [Arrival.NEXT, Arrival.DUPLICATE]
+    assert after_others(arrivals, 63, b"same") is Arrival.DUPLICATE
+    assert counters.duplicates == 2
 
 
 def test_a_number_that_comes_again_with_other_bytes_is_no_copy():
