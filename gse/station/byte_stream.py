@@ -67,17 +67,18 @@ class ByteStream:
     def _take(self, pieces: Sequence[Frame | Discard], kept: int) -> list[FrameAt]:
         """The frames of pieces; ``kept`` chunks are older than those that completed them."""
         self.latest_reasons = {}
+        chunks, starts, counters = self._chunks, self._starts, self._counters
         frames = []
         for piece in pieces:
-            completed = bisect_left(self._starts, piece.known_at) - 1
+            completed = bisect_left(starts, piece.known_at) - 1
             if isinstance(piece, Discard):
                 self._count_discard(piece)
                 self.latest_reasons.setdefault(completed - kept, set()).add(piece.reason)
                 continue
-            self._counters.frames += 1
-            self._counters.bytes_framed += piece.size
-            utc_ns, mono_ns, _ = self._chunks[bisect_right(self._starts, piece.start) - 1]
-            frames.append(FrameAt(piece, utc_ns, mono_ns, self._chunks[completed].utc_ns, completed - kept))
+            utc_ns, mono_ns, _ = chunks[bisect_right(starts, piece.start) - 1]
+            frames.append(FrameAt(piece, utc_ns, mono_ns, chunks[completed].utc_ns, completed - kept))
+        counters.frames += len(frames)
+        counters.bytes_framed += sum(at.frame.size for at in frames)
         return frames
 
     def _count_discard(self, discard: Discard) -> None:
