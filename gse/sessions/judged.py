@@ -13,11 +13,13 @@ from gse.assessment.verdict import Assessment, judge
 from gse.catalog.readers import GAIA
 from gse.errors import UsageError
 from gse.recording.session_format import read_attachments
+from gse.release_memory import give_back
 from gse.sessions.kept_results import KeptResultsError, keep, kept, results_folder
 from gse.sessions.replay import Replay, StationInForce, StationText, station_in_force
 from gse.sessions.sealed_station import names_program
 from gse.sessions.status_document import read_status
 from gse.sessions.status_file import is_running
+from gse.station.frame_table import MOST_IN_MEMORY
 from gse.station.session_data import SessionData
 from gse.station.setup import clear_caches
 from gse.tables.key import ResultKey, session_sha256, software_sha256
@@ -56,6 +58,8 @@ def judged_session(
     place = _place(path, station)
     session = _kept(place, tell) if place and not anew else None
     if session is not None:
+        if len(session.frames) > MOST_IN_MEMORY:  # of a shorter one it would take more time than it is worth
+            give_back()
         return Judged(session, judge(session), array("d"))
     replay = derive()
     clear_caches()

@@ -62,6 +62,8 @@ _GOOD_EVENTS = {
 }
 
 
+_PICTURES_AT_ONCE = 1 << 10
+"""Their labels are lists of words, and Arrow copies them: a night at once would take 150 MB."""
 _ROWS_AT_ONCE = 1 << 14
 _MOST_RECENT = 700
 _MOST_LINES = 40
@@ -160,13 +162,13 @@ class Scene:
         self.running.add(rows[begin:])
         for first in range(0, len(rows), _ROWS_AT_ONCE):
             self.add_columns(rows[first : first + _ROWS_AT_ONCE])
-        shown = np.arange(0, len(rows), frames.picture_stride)
-        parts = (kept[kept["frame"] % frames.picture_stride == 0] for kept in (frames.matches, frames.others))
-        matches, others = (part[np.argsort(part["frame"], kind="stable")] for part in parts)
-        matches["frame"] //= frames.picture_stride
-        others["frame"] //= frames.picture_stride
-        self._picture.send(self._stream, rows[shown], matches, others, star_name)
-        self._picture.send_residuals(self._stream, rows[shown], matches)
+        shown = rows[:: frames.picture_stride]
+        matches, others = (_of_shown(kept, frames.picture_stride) for kept in (frames.matches, frames.others))
+        for first in range(0, len(shown), _PICTURES_AT_ONCE):
+            part = shown[first : first + _PICTURES_AT_ONCE]
+            named, unnamed = (_of_part(objects, first, first + len(part)) for objects in (matches, others))
+            self._picture.send(self._stream, part, named, unnamed, star_name)
+            self._picture.send_residuals(self._stream, part, named)
 
     def add_own_answers(self, errors: NDArray[np.void]) -> None:
         """Show errors of the sensor's own answers, rows of OWN_ERROR."""
@@ -344,6 +346,21 @@ class Scene:
         """The same, wherever the time cursor stands."""
         for path, text in (("/verdict", markdown), ("/metrics", _headed(metrics))):
             self._stream.log(path, rr.TextDocument(text, media_type="text/markdown"), static=True)
+
+
+def _of_shown(objects: NDArray[np.void], stride: int) -> NDArray[np.void]:
+    """The objects of every ``stride``-th frame, in the order of these frames, which they count."""
+    chosen = np.flatnonzero(objects["frame"] % stride == 0)
+    shown: NDArray[np.void] = objects[chosen[np.argsort(objects["frame"][chosen], kind="stable")]]
+    shown["frame"] //= stride
+    return shown
+
+
+def _of_part(objects: NDArray[np.void], begin: int, end: int) -> NDArray[np.void]:
+    """The objects of the frames from ``begin`` to before ``end``, counted from the first of these."""
+    part: NDArray[np.void] = objects[slice(*np.searchsorted(objects["frame"], [begin, end]))].copy()
+    part["frame"] -= begin
+    return part
 
 
 def _send_words(stream: rr.RecordingStream, utc_ns: int, markdown: str, metrics: str) -> None:
