@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,7 +62,10 @@ def session_comparison(
     The second is worse in a value where the difference is beyond ``sigmas`` and larger than ``allowed_share`` of the
     first station's limit for it. With ``bias_is_regression`` a bias that changed either way is one.
     """
-    one, two = ComparedSession.of(first), ComparedSession.of(second)
+    with ThreadPoolExecutor(1) as beside:  # most of it is numpy's work, which lets the other one go on
+        of_second = beside.submit(ComparedSession.of, second)
+        one = ComparedSession.of(first)
+    two = of_second.result()
     pairs = _pairs(first.frames.columns, second.frames.columns)
     limits = first.station.limits
     axes = (("d_ra_cosde", "dRA*", limits.d_ra_cosde_arcsec), ("d_de", "dDE", limits.d_de_arcsec))

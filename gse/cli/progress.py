@@ -15,6 +15,7 @@ from gse.cli.progress_bar import time_left
 from gse.sessions.replay import MOST_THREADS, Replay, ReplayOptions, StationText, replay_session
 from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
+from gse.station.session_data import SessionData
 
 if TYPE_CHECKING:
     from gse.sessions.judged import Judged
@@ -78,6 +79,23 @@ def judged_with_progress(
         replay = derive()
         return Judged(replay.session, judge(replay.session), replay.own_elapsed_us)
     return judged_session(path, station=station, derive=derive, tell=say, anew=anew)
+
+
+def session_with_progress(
+    path: Path, *, options: ReplayOptions, station: Callable[[StationText], StationText], anew: bool
+) -> SessionData:
+    """The session of ``judged_with_progress`` without its assessment, which kept results do not hold."""
+    from gse.sessions.judged import session_alone
+    from gse.without_pandas import spare_pandas
+
+    spare_pandas()
+
+    def derive() -> Replay:
+        return replay_with_progress(path, options=options, station=station)
+
+    if options != ReplayOptions():
+        return derive().session
+    return session_alone(path, station=station, derive=derive, tell=say, anew=anew)
 
 
 class ReplayedShare:

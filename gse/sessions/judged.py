@@ -57,10 +57,19 @@ def judged_session(
     """
     place = _place(path, station)
     session = _kept(place, tell) if place and not anew else None
-    if session is not None:
-        if len(session.frames) > MOST_IN_MEMORY:  # of a shorter one it would take more time than it is worth
-            give_back()
-        return Judged(session, judge(session), array("d"))
+    return _derived(place, derive, tell) if session is None else Judged(session, judge(session), array("d"))
+
+
+def session_alone(
+    path: Path, *, station: Change, derive: Callable[[], Replay], tell: Callable[[str], None], anew: bool = False
+) -> SessionData:
+    """The session of ``judged_session`` without its assessment: of kept results nothing is judged again."""
+    place = _place(path, station)
+    session = _kept(place, tell) if place and not anew else None
+    return _derived(place, derive, tell).session if session is None else session
+
+
+def _derived(place: _Place | None, derive: Callable[[], Replay], tell: Callable[[str], None]) -> Judged:
     replay = derive()
     clear_caches()
     assessment = judge(replay.session)
@@ -77,6 +86,8 @@ def _kept(place: _Place, tell: Callable[[str], None]) -> SessionData | None:
         return None
     if session is not None:
         tell(f"results kept in {place.folder} are used")
+        if len(session.frames) > MOST_IN_MEMORY:  # of a shorter one it would take more time than it is worth
+            give_back()
     elif place.folder.is_dir():
         tell("derived anew: the session, its station file or gse changed since results were kept")
     return session
