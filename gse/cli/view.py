@@ -34,10 +34,6 @@ def command(
     clock_error_s: float | None,
 ) -> None:
     """Show the session FILE in rerun: in a window, unless --web, --save or --screenshot is given."""
-    from gse.view.screenshot import save_screenshot
-    from gse.view.server import Content, ViewServer
-    from gse.view.viewer import open_native_viewer
-
     with ExitStack() as stack:
         recording = save
         if recording is None:
@@ -48,12 +44,18 @@ def command(
         if save is not None:
             click.echo(f"saved: {save}", err=True)
         if screenshot is not None:
+            from gse.view.screenshot import save_screenshot
+
             save_screenshot(recording, screenshot)
             click.echo(f"picture: {screenshot}", err=True)
         if web:
+            from gse.view.server import Content, ViewServer
+
             server = stack.enter_context(ViewServer(bind, http_port, Content(recording=recording, verdict=verdict)))
             _serve_until_interrupt(server.url)
         elif save is None and screenshot is None:
+            from gse.view.viewer import open_native_viewer
+
             open_native_viewer(str(recording))
             click.echo(f"opened in rerun: {recording}", err=True)
     ctx.exit(code)

@@ -160,8 +160,8 @@ class Running:
         self.false_answers += int(np.count_nonzero(rows["answer_check"] == _FALSE))
         self.utc_ns, self.objects = utc_ns[-1], int(rows["objects"][-1])
         is_answered = rows["status"] == _IDENTIFIED
-        for at_ns, has_answer in zip(utc_ns, is_answered.tolist(), strict=True):
-            self._count_silent(at_ns, has_answer)
+        for row in np.flatnonzero(~is_answered | ~np.append(False, is_answered[:-1])).tolist():
+            self._count_silent(utc_ns[row], bool(is_answered[row]))  # an answer after another one changes nothing
         answered = rows["utc_ns"][is_answered]
         if len(answered):
             self._answered_utc_ns = int(answered[-1])

@@ -1,6 +1,7 @@
 """Sky views: the track of the boresight on the celestial sphere, and the scatter of dRA* and dDE."""
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import rerun as rr
@@ -46,17 +47,17 @@ def begin_sky(stream: rr.RecordingStream, catalog: StarCatalog | None) -> None:
 def send_sky(stream: rr.RecordingStream, columns: NDArray[np.void], camera: Camera) -> None:
     """Measured and true boresights of some frames (rows of FRAME), and the field of view of the last of each row."""
     for kind, suffix in (("true", "_true_deg"), ("measured", "_deg")):
-        known = columns[np.isfinite(columns["ra" + suffix])]
-        if len(known):
-            ends, lengths = grouped(known["utc_ns"])
-            places = unit_vectors(known["ra" + suffix], known["de" + suffix]).astype(np.float32)
-            track = rr.Points3D.columns(positions=places).partition(lengths)
-            stream.send_columns(f"/sky/{kind}", [times(known["utc_ns"][ends])], track)
-    answered = columns[np.isfinite(columns["ra_deg"])]
+        known = np.isfinite(columns["ra" + suffix])
+        if known.any():
+            utc_ns, ra_deg, de_deg = (columns[name][known] for name in ("utc_ns", "ra" + suffix, "de" + suffix))
+            ends, lengths = grouped(utc_ns)
+            track = rr.Points3D.columns(positions=unit_vectors(ra_deg, de_deg).astype(np.float32)).partition(lengths)
+            stream.send_columns(f"/sky/{kind}", [times(utc_ns[ends])], track)
+    answered = np.flatnonzero(np.isfinite(columns["ra_deg"]))
     if len(answered):
-        lasts = answered[grouped(answered["utc_ns"])[0]]
-        border = field_outline_sensor(camera)
-        fields = [(border @ _attitude_of(frame).icrs_to_sensor).astype(np.float32) for frame in lasts]
+        lasts = columns[answered[grouped(columns["utc_ns"][answered])[0]]]
+        rotations = np.array([attitude.icrs_to_sensor for attitude in _attitudes_of(lasts)])
+        fields = (field_outline_sensor(camera) @ rotations).astype(np.float32)
         strips = rr.LineStrips3D.columns(strips=fields).partition(np.ones(len(fields), dtype=np.int64))
         stream.send_columns("/sky/field", [times(lasts["utc_ns"])], strips)
 
@@ -71,8 +72,11 @@ def grouped(utc_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.in
     return ends, np.diff(ends, prepend=-1)
 
 
-def _attitude_of(frame: np.void) -> Attitude:
-    return Attitude.from_angles(frame["ra_deg"], frame["de_deg"], np.nan_to_num(frame["roll_deg"]))
+def _attitudes_of(frames: NDArray[np.void]) -> Iterator[Attitude]:
+    """Of frames (rows of FRAME) with an answer, which may have no roll."""
+    roll_deg = np.nan_to_num(frames["roll_deg"])
+    for angles_deg in zip(frames["ra_deg"].tolist(), frames["de_deg"].tolist(), roll_deg.tolist(), strict=True):
+        yield Attitude.from_angles(*angles_deg)
 
 
 def unit_vectors(ra_deg: NDArray[np.float64], de_deg: NDArray[np.float64]) -> NDArray[np.float64]:
