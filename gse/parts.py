@@ -17,8 +17,9 @@ class Parts:
     @classmethod
     def of_counts(cls, counts: ArrayLike) -> Self:
         """Parts of so many rows each."""
-        first = np.zeros(np.size(counts) + 1, dtype=np.int64)
-        np.cumsum(counts, out=first[1:])
+        counts = np.asarray(counts)
+        first = np.zeros(len(counts) + 1, dtype=np.int64)
+        counts.cumsum(out=first[1:])
         return cls(first)
 
     def __len__(self) -> int:

@@ -25,11 +25,11 @@ def refusals(objects: ObjectColumns, fewest: int) -> dict[int, Unidentified]:
     """Why panoramas cannot be identified at all, by their place: the sensor's faults are answers."""
     counts = objects.parts.counts
     refused: dict[int, Unidentified] = {}
-    for k in np.flatnonzero((counts > MAX_OBJECTS) | (counts < fewest)).tolist():
+    for k in ((counts > MAX_OBJECTS) | (counts < fewest)).nonzero()[0].tolist():
         refused[k] = _wrong_number(int(counts[k]), fewest)
     complaints = np.empty(len(objects), dtype=np.int64)
     _put_complaints(objects.directions_sensor, objects.brightness, objects.parts.first, complaints)
-    for k in np.flatnonzero(complaints).tolist():
+    for k in complaints.nonzero()[0].tolist():
         refused.setdefault(k, Unidentified(Reason.SENSOR_FAULT, _COMPLAINTS[int(complaints[k])]))
     return refused
 

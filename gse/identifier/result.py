@@ -65,10 +65,11 @@ class ObjectColumns:
         """The columns of panoramas given one by one; ValueError where shapes do not belong together."""
         for panorama in panoramas:
             check_shapes(*panorama)
+        directions, brightness = zip(*panoramas, strict=True) if panoramas else ((np.zeros((0, 3)),), (np.zeros(0),))
         return cls(
-            np.concatenate([np.zeros((0, 3)), *(directions for directions, _ in panoramas)], dtype=np.float64),
-            np.concatenate([np.zeros(0), *(brightness for _, brightness in panoramas)], dtype=np.float64),
-            Parts.of_counts([len(brightness) for _, brightness in panoramas]),
+            np.concatenate(directions, dtype=np.float64),
+            np.concatenate(brightness, dtype=np.float64),
+            Parts.of_counts([len(of_one) for _, of_one in panoramas]),
         )
 
     def __len__(self) -> int:

@@ -191,13 +191,12 @@ def _believed(
 
     ``evidence`` (K, 2) are the logarithms of the best and of the second best. Rows (M,) of objects and stars are parts.
     """
-    best, second = evidence.T
-    probability = np.array([_false_match_probability(value) for value in best.tolist()])
-    alone = np.where(best < LOG_ACCEPTED, math.inf, best)  # minus infinity less minus infinity is not a number
-    wrong = np.flatnonzero(mirrored | (best < LOG_ACCEPTED) | (alone - second < LOG_UNAMBIGUOUS)).tolist()
+    found = list(zip(*evidence.T.tolist(), mirrored.tolist(), strict=True))
+    probability = np.array([_false_match_probability(best) for best, _, _ in found])
     refused = {
-        k: _unidentified(float(best[k]), float(second[k]), bool(mirrored[k]), int(parts.counts[k]), int(counts[k]))
-        for k in wrong
+        k: _unidentified(best, second, is_mirrored, int(parts.counts[k]), int(counts[k]))
+        for k, (best, second, is_mirrored) in enumerate(found)
+        if is_mirrored or best < LOG_ACCEPTED or best - second < LOG_UNAMBIGUOUS
     }
     return Answers(parts, objects, stars, probability, {}).but(refused)
 
