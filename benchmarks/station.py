@@ -54,11 +54,8 @@ def main() -> None:
     yardstick_s = _additions_s()
     print(f"20 million additions in a Python loop: {yardstick_s:.2f} s of CPU")
     measures: list[Callable[[Path], Sequence[Row]]] = [start, lambda folder: replay(folder, yardstick_s)]
-    measures += (
-        [lambda folder: night(folder, yardstick_s)] * options.night
-        + [first_run] * options.first_run
-        + [live, latency, fast]
-    )
+    measures += [lambda folder: night(folder, yardstick_s)] * options.night
+    measures += [first_run] * options.first_run + [live, latency, fast]
     for measure in measures:
         with tempfile.TemporaryDirectory() as folder:
             for name, value, goal in measure(Path(folder)):
@@ -132,8 +129,7 @@ def replay(folder: Path, yardstick_s: float) -> list[Row]:
 
 
 def night(folder: Path, yardstick_s: float) -> list[Row]:
-    """8 hours at 10 Hz, from bytes to report, and a frame of them: what a report of few frames does without is left
-    out of it."""
+    """8 hours at 10 Hz, from bytes to report; and a frame of them, without what a report of few frames does without."""
     begin, whole = (_recorded(folder, frames) for frames in (REPLAY_FRAMES, NIGHT_FRAMES))
     begin_1, begin_2 = (_replayed(begin, folder / f"begin-{threads}", threads) for threads in (1, 2))
     one, two = (_replayed(whole, folder / f"night-{threads}", threads) for threads in (1, 2))

@@ -10,7 +10,6 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from itertools import islice
 from types import TracebackType
 
 import serial
@@ -115,7 +114,7 @@ class SerialLink:
         items: list[Item] = []
         until_ns = self._stamped.stamp()[1] + round(timeout_s * 1e9)
         self._stamped.timeout = timeout_s
-        for item in islice(self._stamped.due(), most):
+        for item in self._stamped.due():
             if not items:
                 self._stamped.timeout = 0
             if isinstance(item, LinkEvent):
@@ -128,6 +127,8 @@ class SerialLink:
             else:
                 break
             items.append(item)
+            if len(items) == most:
+                break
         return items
 
     def send(self, data: bytes) -> Chunk:

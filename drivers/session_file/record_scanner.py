@@ -62,9 +62,9 @@ _ALWAYS = (RX, TX, EVENTS, CLOCK, CONTINUED)
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _HEAD_AND_MESSAGE = struct.Struct("<BQHIQQ")
-_STAMPS_AT = _HEAD.size + struct.calcsize("<HI")
-_DATA_AT = _HEAD_AND_MESSAGE.size
 _HEAD_BYTES = _HEAD.size
+_STAMPS_AT = _HEAD_BYTES + struct.calcsize("<HI")
+_DATA_AT = _HEAD_AND_MESSAGE.size
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a look into an enumeration takes a tenth of the time of a message
 _CANDIDATE = re.compile(rb"[\x04-\x06\x09\x0f\x02](?=...\x00\x00\x00\x00\x00)", re.DOTALL)
 # What the mcap package and zstandard raise on damaged content, seen by flipping bits.

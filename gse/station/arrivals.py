@@ -66,8 +66,6 @@ class Arrivals:
         if before is None or not self._has_times:
             return None
         step_ns = at.utc_ns - at.mono_ns - (before[0] - before[1])
-        if -CLOCK_STEP_NS < step_ns < CLOCK_STEP_NS:
-            return None
         slewed_ns = min(max(at.mono_ns - before[1], 0) // _SLEWED_SHARE, _SLEWED_MOST_NS)
         if abs(step_ns) < CLOCK_STEP_NS + slewed_ns:
             return None

@@ -1,5 +1,6 @@
 """Sequence accounting: duplicates, gaps, wrap, late frames, resets."""
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -45,6 +46,15 @@ def test_one_pair_of_numbers_a_few_apart_tells_no_period_and_a_second_does() -> 
     tracker.accept(504, time_us=60_200_000)
     assert tracker.accept(904, time_us=70_200_000) is Arrival.GAP
     assert tracker.lost == 3 + 3 + 399
+
+
+@pytest.mark.parametrize(("behind", "arrival"), [(64, Arrival.LATE), (65, Arrival.RESET)])
+def test_a_straggler_is_known_sixty_four_numbers_later_and_no_more(behind: int, arrival: Arrival) -> None:
+    tracker = SequenceTracker()
+    arrivals(0, *range(2, 2 + behind), tracker=tracker)
+    assert tracker.last == 1 + behind
+    assert tracker.accept(1) is arrival
+    assert (tracker.late, tracker.resets) == ((1, 0) if arrival is Arrival.LATE else (0, 1))
 
 
 def test_a_number_that_goes_back_without_a_clock_is_a_restart_not_sixty_thousand_lost_frames() -> None:

@@ -1,6 +1,8 @@
 """Session files: what goes in comes out, and nothing else, whatever is done to the file."""
 
+import itertools
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ from mcap.reader import make_reader
 
 from drivers.chunk import Chunk, LinkEvent
 from drivers.errors import CaptureError
+from drivers.session_file.compaction import compact
 from drivers.session_file.reader import Capture, read_capture, segment_path
 from drivers.session_file.records import EVENTS, RX, TX, Attachment, Damage, Message
 from drivers.session_file.writer import CaptureWriter
@@ -199,6 +202,21 @@ def test_segments_are_read_as_one_session_and_a_missing_one_is_named(tmp_path: P
     segment_path(first, 3).unlink()
     _, capture = whole(first)
     assert capture.missing == ["what follows session.mcap"]
+
+
+def test_a_missing_successor_is_named_whatever_topics_are_wanted_and_none_wanted_gives_none(tmp_path: Path) -> None:
+    first, closed = tmp_path / "session.mcap", tmp_path / "compact.mcap"
+    with CaptureWriter(first) as writer:
+        writer.attach("station.yaml", "application/yaml", b"version: 1\n")
+        writer.rx(Chunk(1, 1, b"a"))
+        writer.continued("session.part2.mcap", 2, 2)
+    shutil.copy(first, closed)
+    assert compact(closed)
+    for path, only in itertools.product((first, closed), ((), (RX,), (EVENTS,), None)):
+        capture = read_capture(path, only=only)
+        topics = [record.topic for record in capture if isinstance(record, Message)]
+        assert topics == ([RX] if only is None or RX in only else [])
+        assert capture.missing == [f"what follows {path.name}"]
 
 
 @settings(max_examples=150)

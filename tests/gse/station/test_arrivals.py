@@ -105,6 +105,8 @@ def step_of(utc_ns, mono_ns, tag_us=None, *, has_times=True):
     [
         (4_999_999, 0, False),
         (5_000_000, 0, True),
+        (-4_999_999, 0, False),
+        (-5_000_000, 0, True),
         (10 * NS_PER_S + 14_999_999, 10 * NS_PER_S, False),  # 10 s may be slewed by 10 ms
         (10 * NS_PER_S + 15_000_000, 10 * NS_PER_S, True),
         (100 * NS_PER_S + 54_999_999, 100 * NS_PER_S, False),  # and any time by 50 ms

@@ -180,6 +180,23 @@ def test_of_a_long_session_those_frames_are_pictures_that_keep_all_of_their_obje
         )
 
 
+def test_of_more_pictures_than_are_sent_at_once_each_shows_its_own_objects(tmp_path: Path) -> None:
+    """Whatever the order in which the objects of different frames were kept."""
+    session, path = synthetic_night(1100, trouble=False), tmp_path / "many.rrd"
+    table, last_first = session.frames, np.argsort(-session.frames.matches["frame"], kind="stable")
+    session.frames = FrameTable.with_rows(1100, table.matches[last_first], table.others, stride=1)
+    for name in FRAME.names or ():
+        session.frames.columns[name] = table.columns[name]
+    save_view(session, small_catalog(), path, "PASS", [])
+    pictures = moving(rows_of(path)["/panorama/stars"])
+    assert [row["utc"] for row in pictures] == table.columns["utc_ns"].tolist()
+    stars = [table.matches[(table.matches["frame"] == k) & table.matches["named"]] for k in range(1100)]
+    for row, of_frame in zip(pictures, stars, strict=True):
+        expected = np.column_stack([of_frame["x_px"], of_frame["y_px"]]).astype(np.float32)
+        assert set(map(tuple, row["Points2D:positions"])) <= set(map(tuple, expected.tolist()))
+        assert row["Points2D:positions"]
+
+
 def test_frames_without_a_sky_are_left_out_of_the_shares_of_a_saved_view(tmp_path: Path) -> None:
     """The event that says so comes among the frames: what it says holds from there on."""
     session, path = synthetic_night(400, trouble=False), tmp_path / "cloud.rrd"
