@@ -55,7 +55,7 @@ from gse.catalog import StarCatalog, merge_doubles
 from gse.catalog.mission import MERGED_WITHIN_PX
 from gse.identifier.evidence import CHANCE_OF_EVIDENCE, LOG_ACCEPTED, LOG_UNAMBIGUOUS, TRUSTED_SCALE_SIGMA
 from gse.identifier.hypotheses import best_evidence, search_many
-from gse.identifier.input_checks import refusals
+from gse.identifier.input_checks import refusal, refusals
 from gse.identifier.result import Answers, Identification, ObjectColumns, Reason, Unidentified, answered
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
@@ -136,8 +136,24 @@ class RobustIdentifier:
     def identify(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
     ) -> Identification | Unidentified:
-        """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first."""
-        return self.identify_many(ObjectColumns.of([(directions_sensor, brightness)]))[0]
+        """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first.
+
+        As one of many panoramas, without columns of answers: these take as long as the search.
+        """
+        refused = refusal(directions_sensor, brightness, _FEWEST_OBJECTS)
+        if refused:
+            return refused
+        directions, brightness = _contiguous(directions_sensor, brightness)
+        first, outside = np.array([0, len(brightness)]), np.empty(1, dtype=np.int64)
+        outside_fields(directions, first, self._field, outside)
+        if outside[0] >= 0:
+            return _outside(int(outside[0]))
+        evidence, mirrored, _, objects, stars = search_many(
+            self._sky, directions, brightness, first, self._plan, self._noise
+        )
+        best, second = evidence[0].tolist()
+        wrong = _wrong(best, second, bool(mirrored[0]), len(objects), len(brightness))
+        return wrong or Identification(objects, stars, _false_match_probability(best))
 
     def best_false_match_probability(
         self, directions_sensor: NDArray[np.float64], brightness: NDArray[np.float64]
@@ -193,16 +209,13 @@ def _believed(
     """
     found = list(zip(*evidence.T.tolist(), mirrored.tolist(), strict=True))
     probability = np.array([_false_match_probability(best) for best, _, _ in found])
-    refused = {
-        k: _unidentified(best, second, is_mirrored, int(parts.counts[k]), int(counts[k]))
-        for k, (best, second, is_mirrored) in enumerate(found)
-        if is_mirrored or best < LOG_ACCEPTED or best - second < LOG_UNAMBIGUOUS
-    }
+    each = zip(found, parts.counts.tolist(), counts.tolist(), strict=True)
+    refused = {k: wrong for k, (one, *sizes) in enumerate(each) if (wrong := _wrong(*one, *sizes))}
     return Answers(parts, objects, stars, probability, {}).but(refused)
 
 
-def _unidentified(best: float, second: float, mirrored: bool, stars: int, count: int) -> Unidentified:
-    """Why a panorama of ``count`` objects has no answer."""
+def _wrong(best: float, second: float, mirrored: bool, stars: int, count: int) -> Unidentified | None:
+    """Why a panorama of ``count`` objects has no answer; None where it has one."""
     if mirrored:
         return Unidentified(
             Reason.MIRRORED,
@@ -210,9 +223,11 @@ def _unidentified(best: float, second: float, mirrored: bool, stars: int, count:
         )
     if best < LOG_ACCEPTED:
         return Unidentified(Reason.NO_MATCH, "no attitude explains the objects better than chance")
-    return Unidentified(
-        Reason.AMBIGUOUS, f"two attitudes explain the objects, one {math.exp(best - second):.1f} times better"
-    )
+    if best - second < LOG_UNAMBIGUOUS:
+        return Unidentified(
+            Reason.AMBIGUOUS, f"two attitudes explain the objects, one {math.exp(best - second):.1f} times better"
+        )
+    return None
 
 
 def _false_match_probability(log_evidence: float) -> float:

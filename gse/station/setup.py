@@ -17,7 +17,7 @@ from gse.config.station import Station
 from gse.external.identifier import AnswerSource, ExternalIdentifier, RunningIdentifier
 from gse.external.panoramas import SensorDescription, WireUnit
 from gse.external.plugs import plug_of
-from gse.identifier import Identification, Identifier, make_identifier
+from gse.identifier import Identification, Identifier, ObjectColumns, make_identifier
 from gse.identifier.first_compilation import FirstCompilation, is_compiled
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
 from gse.installation import package_version
@@ -204,7 +204,7 @@ def _warm_up(identifier: Identifier | ExternalIdentifier, camera: Camera) -> Non
         return
     xy_px, brightness = example_places(identifier.catalog, camera)
     directions_sensor = camera.directions(np.round(xy_px))
-    answer = identifier.identify(directions_sensor, brightness)
+    (answer,) = identifier.identify_many(ObjectColumns.of([(directions_sensor, brightness)]))
     if isinstance(answer, Identification):  # with any stars: only the types matter
         solve_attitude(directions_sensor[answer.objects], identifier.catalog.icrs[answer.stars], 1e-4)
 

@@ -230,13 +230,16 @@ def test_many_panoramas_in_one_call_give_the_answers_one_by_one(wide: RobustIden
     panoramas += [
         (frame.directions_sensor[:count], frame.brightness[:count]) for frame in seen[:2] for count in (0, 2, 4, 9)
     ]
+    beside = np.vstack([seen[0].directions_sensor[:-1], [np.sqrt(0.5), 0.0, np.sqrt(0.5)]])
+    panoramas.append((beside, seen[0].brightness))
     panoramas.append((np.where(seen[0].directions_sensor > 0.1, np.nan, seen[0].directions_sensor), seen[0].brightness))
     panoramas = [panoramas[k] for k in np.random.default_rng(7).permutation(len(panoramas))]
     many = wide.identify_many(ObjectColumns.of(panoramas))
     ones = [wide.identify(directions, brightness) for directions, brightness in panoramas]
     assert len(many) == len(ones)
     reasons = {one.reason for one in ones if isinstance(one, Unidentified)}
-    assert reasons >= {Reason.TOO_FEW, Reason.NO_MATCH, Reason.MIRRORED}
+    assert reasons >= {Reason.TOO_FEW, Reason.NO_MATCH, Reason.MIRRORED, Reason.SENSOR_FAULT}
+    assert any("outside the detector" in one.detail for one in ones if isinstance(one, Unidentified))
     for one, answer in zip(ones, many, strict=True):
         if isinstance(one, Unidentified):
             assert answer == one
