@@ -219,6 +219,21 @@ def test_a_missing_successor_is_named_whatever_topics_are_wanted_and_none_wanted
         assert capture.missing == [f"what follows {path.name}"]
 
 
+def test_a_chunk_with_a_wrong_checksum_is_read_in_part_whichever_of_its_topics_are_wanted(tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    with CaptureWriter(path) as writer:
+        writer.rx(Chunk(1, 1, b"the only message"))
+    assert compact(path)
+    content = bytearray(path.read_bytes())
+    chunk_at = 8 + 9 + int.from_bytes(content[9:17], "little")  # after the magic and the header
+    assert content[chunk_at] == 6
+    content[chunk_at + 9 + 24] ^= 1  # the checksum, after the times and the size
+    path.write_bytes(content)
+    for only in ((RX,), (EVENTS,), None):
+        (damage,) = [record for record in read_capture(path, only=only) if isinstance(record, Damage)]
+        assert damage.reason == "chunk with a wrong checksum, read in part"
+
+
 @settings(max_examples=150)
 @given(content=st.binary(max_size=400), cuts=st.lists(st.integers(0, 2000), max_size=4))
 def test_the_reader_bears_any_bytes_after_a_true_head(
