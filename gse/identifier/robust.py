@@ -138,7 +138,7 @@ class RobustIdentifier:
     ) -> Identification | Unidentified:
         """Name the stars among objects given as unit vectors (N, 3) and brightness (N,), brightest first.
 
-        As one of many panoramas, without columns of answers: these take as long as the search.
+        As one of many panoramas, without columns of answers: these take nearly as long as the search.
         """
         refused = refusal(directions_sensor, brightness, _FEWEST_OBJECTS)
         if refused:
