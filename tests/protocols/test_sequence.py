@@ -48,6 +48,16 @@ def test_one_pair_of_numbers_a_few_apart_tells_no_period_and_a_second_does() -> 
     assert tracker.lost == 3 + 3 + 399
 
 
+@pytest.mark.parametrize(("missing", "arrival"), [(140, Arrival.GAP), (170, Arrival.CHAOS)])
+def test_a_pause_of_the_sensor_among_its_frames_is_not_its_period(missing: int, arrival: Arrival) -> None:
+    """Nor are two frames that come close together: in 5 s and 10 s more 150 frames can be missing, and few more."""
+    tracker = SequenceTracker()
+    times_us = [0, 100_000, 200_000, 201_000, 300_000, 5_300_000, 5_400_000, 5_500_000]
+    for sequence, time_us in enumerate(times_us):
+        tracker.accept(sequence, time_us=time_us)
+    assert tracker.accept(8 + missing, time_us=times_us[-1] + 10_000_000) is arrival
+
+
 @pytest.mark.parametrize(("behind", "arrival"), [(64, Arrival.LATE), (65, Arrival.RESET)])
 def test_a_straggler_is_known_sixty_four_numbers_later_and_no_more(behind: int, arrival: Arrival) -> None:
     tracker = SequenceTracker()

@@ -111,6 +111,12 @@ def test_the_pace_changes_nothing_in_what_is_given(session: Path, speed: str) ->
     assert chunks(replay_url(session, speed=speed)) == CHUNKS
 
 
+def test_no_more_is_given_at_once_than_is_asked_for_and_the_rest_later(session: Path) -> None:
+    with SerialLink(replay_url(session)) as link:
+        assert [link.receive(1.0, most) for most in (1, 2)] == [CHUNKS[:1], CHUNKS[1:3]]
+        assert link.receive(1.0)[0] == CHUNKS[3]
+
+
 def test_a_paced_port_gives_nothing_before_it_is_due(session: Path) -> None:
     with SerialLink(replay_url(session, speed=0.001)) as link:
         assert link.receive(0) == [CHUNKS[0]]
