@@ -1,7 +1,9 @@
-"""The structure of the source: rooms, floors, import arrows, longest function and module, tests per line of code.
+"""The structure of the source: files, rooms, floors, lines, names that mean several things, and the walks.
 
-python benchmarks/structure.py [REV]    a table, before (git revision REV, default 8993bd7) and after (this tree)
+python benchmarks/structure.py [REV]    a table, before (git revision REV, default ff1ed200) and after (this tree)
 python benchmarks/structure.py --rooms  the rooms of this tree, floor by floor, with what each imports
+python benchmarks/structure.py --walks  what a reader passes from a chunk to its result, in a verdict, in a session of a
+                                        campaign: files and functions of this tree that run, traced on golden replays
 
 A room is a package below gse, or a module that lies flat in it; drivers and protocols are one room each. An arrow is
 one room that imports another. A room stands one floor above the highest room that it imports. Lines are counted as
@@ -13,13 +15,24 @@ import io
 import subprocess
 import sys
 import tarfile
+import tempfile
+import threading
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("gse", "drivers", "protocols")
-BEFORE = "8993bd7"
+BEFORE = "ff1ed200"
+
+NAMES_OF_OTHERS = {"Serial"}
+"""pyserial looks for a class of this name in each module of a URL handler."""
+
+WALKED = ("clear", "faults", "own-answers")
+"""Golden replays that are traced: all well, damaged bytes, and a sensor with answers of its own."""
 
 Sources = Mapping[str, str]
 """Text of each Python file, by its path from the root."""
@@ -45,6 +58,9 @@ class Structure:
     arrows: int
     circles: int
     modules: int
+    packages: int
+    flat_modules: int
+    ambiguous_classes: int
     median_function: int
     longest_function: Longest
     longest_module: Longest
@@ -58,7 +74,10 @@ class Structure:
             ("floors", str(self.floors)),
             ("import arrows", str(self.arrows)),
             ("import circles", str(self.circles)),
-            ("modules", str(self.modules)),
+            ("files of gse, drivers, protocols", str(self.modules)),
+            ("packages in gse", str(self.packages)),
+            ("flat modules in gse", str(self.flat_modules)),
+            ("class names that mean several things", str(self.ambiguous_classes)),
             ("median function", f"{self.median_function} lines"),
             ("longest function", str(self.longest_function)),
             ("longest module", str(self.longest_module)),
@@ -101,6 +120,11 @@ def structure_of(sources: Sources) -> Structure:
         arrows=sum(len(below) for below in imports.values()),
         circles=sum(room in _reachable(imports, room) for room in imports),
         modules=len(modules),
+        packages=sum(
+            path.count("/") == 2 and path.startswith("gse/") for path in sources if path.endswith("/__init__.py")
+        ),
+        flat_modules=sum(path.count("/") == 1 and path.startswith("gse/") for path in sources),
+        ambiguous_classes=sum(count > 1 for name, count in _classes(modules).items() if name not in NAMES_OF_OTHERS),
         median_function=functions[len(functions) // 2].lines,
         longest_function=functions[-1],
         longest_module=Longest(longest, lengths[longest]),
@@ -172,6 +196,12 @@ def _reachable(imports: Mapping[str, set[str]], start: str) -> set[str]:
     return found
 
 
+def _classes(modules: Mapping[str, str]) -> Counter[str]:
+    """How many modules define a class of each name."""
+    trees = (ast.parse(text) for text in modules.values())
+    return Counter(node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
+
+
 def _functions(modules: Mapping[str, str]) -> Iterator[Longest]:
     """Every function, from ``def`` to its last line, docstring included."""
     for name, text in modules.items():
@@ -188,7 +218,68 @@ def print_rooms(sources: Sources) -> None:
         print(f"{floor_of[room]:2}  {room:22} -> {', '.join(sorted(imports[room])) or '-'}")
 
 
+class Walk:
+    """Files and functions of this tree that ran, on any thread, while it was open."""
+
+    def __init__(self) -> None:
+        self._below = tuple(f"{ROOT / package}/" for package in PACKAGES)
+        self.functions: set[tuple[str, str, int]] = set()
+
+    def __enter__(self) -> "Walk":
+        threading.setprofile(self._see)
+        sys.setprofile(self._see)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        sys.setprofile(None)
+        threading.setprofile(None)
+
+    def __str__(self) -> str:
+        return f"{len({file for file, _, _ in self.functions})} / {len(self.functions)}"
+
+    def _see(self, frame: FrameType, event: str, argument: object) -> None:
+        code = frame.f_code
+        if event == "call" and code.co_filename.startswith(self._below) and not code.co_name.startswith("<"):
+            self.functions.add((code.co_filename, code.co_name, code.co_firstlineno))
+
+
+def print_walks() -> None:
+    """Files and functions that run: what is done once in a process was done before, but for the campaign's session."""
+    from gse.assessment.verdict import judge
+    from gse.campaign.dataset import DataSet
+    from gse.campaign.engine import plan_campaign
+    from gse.campaign.judging import judge_source
+    from gse.campaign.sources import find_sources
+    from gse.sessions.replay import replay_session
+    from gse.station.loop import StationLoop
+
+    print("| golden replay | chunk to result: files / functions | verdict | session of a campaign |\n|---|---|---|---|")
+    take = StationLoop.take
+    for name in WALKED:
+        path = ROOT / "replays" / "golden" / f"{name}.mcap"
+        judge(replay_session(path).session)
+        chunk, verdict, campaign = Walk(), Walk(), Walk()
+
+        def traced(loop: StationLoop, items: Any, chunk: Walk = chunk) -> Any:
+            with chunk:
+                return take(loop, items)
+
+        StationLoop.take = traced  # type: ignore[method-assign]
+        session = replay_session(path).session
+        StationLoop.take = take  # type: ignore[method-assign]
+        with verdict:
+            judge(session)
+        with tempfile.TemporaryDirectory() as folder:
+            planned = plan_campaign(find_sources([str(path)]), DataSet.at(f"{folder}/data", create=True))
+            with campaign:
+                judge_source(planned.todo[0], planned.job)
+        print(f"| {name} | {chunk} | {verdict} | {campaign} |")
+
+
 def main() -> None:
+    if "--walks" in sys.argv:
+        print_walks()
+        return
     if "--rooms" in sys.argv:
         print_rooms(tree())
         return
