@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's matrices here are small: more threads wait for each other
 
+from gse.process import own_packages
+
+own_packages.claim()
+
 if TYPE_CHECKING:
     from gse.api import identify as identify
     from gse.api import judge as judge

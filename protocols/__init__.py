@@ -1,4 +1,7 @@
-"""The frame protocols of star sensors: bytes to messages and back, without port, clock or thread."""
+"""The frame protocols of star sensors: bytes to messages and back, without port, clock or thread.
+
+Part of gse-star-sensor, which gse/process/own_packages.py looks for here.
+"""
 
 from protocols.errors import DescriptionError, EncodeError, ProtocolError
 from protocols.frame import REASONS, Discard, Frame
