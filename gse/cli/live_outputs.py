@@ -197,7 +197,8 @@ class LiveOutputs:
             metrics=self.metrics,
         )
         if view.url:
-            click.echo(f"live page: {view.url} (rerun: {view.url}rerun)", err=True)
+            in_rerun = f" (rerun: {view.rerun_url})" if view.rerun_url else ""
+            click.echo(f"live page: {view.url}{in_rerun}", err=True)
         if view.url and self._options.bind not in _LOOPBACK and self._notes is not None:
             click.echo(f"notes from other machines: {view.url}#token={view.token}", err=True)
         self._live = view

@@ -34,6 +34,9 @@ def command(
     clock_error_s: float | None,
 ) -> None:
     """Show the session FILE in rerun: in a window, unless --web, --save or --screenshot is given."""
+    from gse.view.viewer import check_rerun
+
+    check_rerun()
     with ExitStack() as stack:
         recording = save
         if recording is None:

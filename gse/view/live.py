@@ -19,6 +19,7 @@ from gse.station.notes import Notes
 from gse.station.session_data import SessionData
 from gse.view.glance import Glance
 from gse.view.server import USUAL_PORT, Content, ViewServer
+from gse.view.viewer import check_rerun, open_native_viewer
 
 if TYPE_CHECKING:
     from gse.view.rerun_feed import RerunFeed
@@ -57,6 +58,11 @@ class LiveView:
         self._server: ViewServer | None = None
         if mode == "web":
             self._serve(bind, port, notes)
+
+    @property
+    def rerun_url(self) -> str:
+        """Of the page with rerun's view; empty without one."""
+        return f"{self.url}rerun" if self.url and self._feed else ""
 
     @property
     def dropped(self) -> int:
@@ -128,8 +134,8 @@ def _feed(
 ) -> "RerunFeed | None":
     """rerun's part of the view; None where it cannot be had, which a line says."""
     try:
+        check_rerun()
         from gse.view.rerun_feed import RerunFeed
-        from gse.view.viewer import open_native_viewer
 
         feed = RerunFeed(
             station,

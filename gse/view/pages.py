@@ -8,7 +8,7 @@ import hmac
 import json
 import re
 from http import HTTPStatus
-from importlib import metadata, resources
+from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import jinja2
@@ -17,6 +17,7 @@ from tornado.websocket import WebSocketHandler
 
 from gse.station.notes import note_text
 from gse.view.host_names import host_of
+from gse.view.viewer import rerun_version
 from gse.view.viewer_files import MEDIA_TYPES
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ class _OwnFile(_Page):
                 fed=json.dumps(self.server.content.piece_after is not None),
                 live=json.dumps(self.server.content.glance is not None),
                 verdict=json.dumps(self.server.content.verdict),
-                version=metadata.version("rerun-sdk"),
+                version=rerun_version(),
             )
         self.set_header("Content-Type", _FILES[name])
         self.finish(text)

@@ -1,17 +1,39 @@
 """The rerun program: found, and started without its telemetry."""
 
+import importlib.metadata
+import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
 
-import rerun_cli  # type: ignore[import-untyped]
-
 from gse.errors import GseError, UsageError
+
+_MISSING = (
+    "rerun-sdk is not installed, which draws this view; install it with: pip install 'rerun-sdk>=0.41,<0.42'\n"
+    "there is none for Macs with Intel processors: '--view web' has the page at a glance, 'gse report' the plots"
+)
+
+
+def check_rerun() -> None:
+    """UsageError where rerun is not installed; everything but a view in rerun works without it."""
+    if importlib.util.find_spec("rerun") is None:
+        raise UsageError(_MISSING)
+
+
+def rerun_version() -> str:
+    """Of the installed rerun, empty without one."""
+    try:
+        return importlib.metadata.version("rerun-sdk")
+    except importlib.metadata.PackageNotFoundError:
+        return ""
 
 
 def rerun_program() -> Path:
     """The rerun binary itself; ``bin/rerun`` is a wrapper, and killing it would orphan the binary."""
+    check_rerun()
+    import rerun_cli  # type: ignore[import-untyped]
+
     folder = Path(rerun_cli.__file__).parent
     for name in ("rerun", "rerun.exe", "Rerun.app/Contents/MacOS/Rerun"):
         if (folder / name).is_file():
