@@ -36,7 +36,7 @@ from gse.identifier.robust_tables import SkyTables, sky_tables
 from gse.identifier.tangent_plane import Attempt, Noise, Objects, objects_of, place
 from gse.identifier.verify import grow
 from gse.identifier.votes import axis, pair_rotation, stars_near
-from gse.jit import compiled
+from gse.process.jit import compiled
 
 FALSE_MAGNITUDES = 4.0
 SIGMAS_OF_PLACE, SIGMAS_OF_BRIGHTNESS = 5.0, 4.0

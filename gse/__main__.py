@@ -9,7 +9,7 @@ import signal
 import sys
 from typing import Any
 
-from gse import sign_of_life
+from gse.process import sign_of_life
 
 _EXIT_INTERRUPTED = 130
 """gse.cli.EXIT_INTERRUPTED, which takes numpy and pydantic to import."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gse.davenport import attitude_covariance, davenport
-from gse.jit import compiled
+from gse.process.jit import compiled
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.jit import compiled_part
+from gse.process.jit import compiled_part
 
 _MIN_SEPARATION_RAD = 1e-7
 """Directions closer than this (0.02 arcsec) to one line do not fix the roll."""

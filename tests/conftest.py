@@ -17,7 +17,7 @@ from astropy.utils import iers
 from devices.command_line import Gse, runner
 from hypothesis import settings
 
-from gse.release_memory import keep_for_many_sessions
+from gse.process.release_memory import keep_for_many_sessions
 
 TESTS = Path(__file__).parent
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.end_with_parent import end_with_parent
 from gse.identifier.first_compilation import is_compiled
+from gse.process.end_with_parent import end_with_parent
 from gse.sessions.replay import replay_session
 from gse.simulator.recording import record_simulation
 from gse.truth import EarthOrientation

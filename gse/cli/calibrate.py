@@ -14,7 +14,7 @@ from gse.cli.options import change_to, fit_options, say, with_identifier
 from gse.config.edit import with_values
 from gse.errors import TruthError
 from gse.percent import percent
-from gse.sign_of_life import working
+from gse.process.sign_of_life import working
 from gse.truth import EarthOrientation, SiderealTruth
 
 if TYPE_CHECKING:

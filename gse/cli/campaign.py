@@ -159,8 +159,8 @@ def report_command(
     from gse.campaign.document import campaign_document
     from gse.campaign.files import write_campaign_report
     from gse.campaign.keys import OWN_STATION, station_sha256
+    from gse.process.without_pandas import spare_pandas
     from gse.report.printing import find_browser, print_to_pdf
-    from gse.without_pandas import spare_pandas
 
     spare_pandas()
     if out.exists():

@@ -16,7 +16,7 @@ from gse.cli.new_files import write_new
 from gse.cli.options import json_option, station_of, station_option
 from gse.config.station import Station
 from gse.errors import UsageError
-from gse.sign_of_life import working
+from gse.process.sign_of_life import working
 
 if TYPE_CHECKING:
     from gse.catalog import StarCatalog

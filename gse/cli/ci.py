@@ -33,7 +33,7 @@ def command(
     The reports must be equal; only the versions of packages may differ. The exit code is 1 if a report differs, is
     missing, or cannot be made.
     """
-    from gse.release_memory import keep_for_many_sessions
+    from gse.process.release_memory import keep_for_many_sessions
     from gse.sessions.golden import check, junit_of, recordings_in
     from gse.sessions.replay import ReplayOptions
 

@@ -11,7 +11,7 @@ from gse.cli import EXIT_FAIL
 from gse.cli.damage import damage_code
 from gse.cli.options import change_to, say, start_utc_option
 from gse.errors import UsageError
-from gse.sign_of_life import working
+from gse.process.sign_of_life import working
 
 if TYPE_CHECKING:
     from gse.attitude_convention import AttitudeConvention

@@ -14,8 +14,8 @@ from pathlib import Path
 import click
 
 from drivers.host_files import APPEND, READ
-from gse import sign_of_life
 from gse.errors import UsageError
+from gse.process import sign_of_life
 
 LOG_NAME, OLDER_LOG_NAME = "run.log", "run.1.log"
 MOST_LOG_BYTES = 16 << 20

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gse import sign_of_life
 from gse.cli.durations import duration_option
 from gse.cli.folding import folded
 from gse.cli.options import station_of, station_option
 from gse.errors import UsageError
+from gse.process import sign_of_life
 
 if TYPE_CHECKING:
     from gse.simulator.endpoints import Endpoint

@@ -28,7 +28,7 @@ def judge_as_stated(
 ) -> "Assessment":
     """Judge a session with the clock error and the excluded times that the operator states."""
     from gse.assessment.verdict import judge
-    from gse.release_memory import give_back
+    from gse.process.release_memory import give_back
     from gse.station.setup import clear_caches
 
     clear_caches()
@@ -49,13 +49,13 @@ def conclude(
 ) -> dict[str, Any]:
     """Write the report of a judged session and this host's own times into a folder; returns the report."""
     from drivers.whole_file import write_whole
-    from gse.release_memory import give_back
+    from gse.process.release_memory import give_back
 
     give_back()  # what judging took, before that which draws is imported
+    from gse.process.without_pandas import spare_pandas
     from gse.report import summarise
     from gse.report.files import write_report
     from gse.report.provenance import provenance
-    from gse.without_pandas import spare_pandas
 
     report = summarise(session, assessment)
     spare_pandas()

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO, cast
 
-from gse import sign_of_life
+from gse.process import sign_of_life
 from gse.station.event_kinds import StationKind
 
 LIMIT_CHARS = 16 << 20

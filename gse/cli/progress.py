@@ -67,8 +67,8 @@ def judged_with_progress(
     With options the session is another one: then results are neither used nor kept.
     """
     from gse.assessment.verdict import judge
+    from gse.process.without_pandas import spare_pandas
     from gse.sessions.judged import Judged, judged_session
-    from gse.without_pandas import spare_pandas
 
     spare_pandas()
 
@@ -85,8 +85,8 @@ def session_with_progress(
     path: Path, *, options: ReplayOptions, station: Callable[[StationText], StationText], anew: bool
 ) -> SessionData:
     """The session of ``judged_with_progress`` without its assessment, which kept results do not hold."""
+    from gse.process.without_pandas import spare_pandas
     from gse.sessions.judged import session_alone
-    from gse.without_pandas import spare_pandas
 
     spare_pandas()
 

@@ -30,7 +30,7 @@ from gse.cli.options import (
     threads_option,
 )
 from gse.errors import UsageError
-from gse.sign_of_life import working
+from gse.process.sign_of_life import working
 from gse.station.exclusions import Exclusion
 from gse.station.results import Verdict
 from gse.truth.iers_tables import GivenTables

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import click
 
-from gse import sign_of_life
 from gse.cli.damage import damage_code
 from gse.cli.options import bind_option, clock_error_option, http_port_option
+from gse.process import sign_of_life
 
 
 @click.command("view")
@@ -68,7 +68,7 @@ def _write_recording(path: Path, recording: Path, clock_error_s: float | None) -
     """Write it; returns the verdict and its level, for the bar of the page, and the exit code."""
     from gse.cli.finish import judge_as_stated
     from gse.cli.progress import judged_with_progress
-    from gse.release_memory import give_back
+    from gse.process.release_memory import give_back
     from gse.report.metric_table import metrics_in_markdown
     from gse.report.terminal import headline
     from gse.station.setup import catalog_of

@@ -11,7 +11,7 @@ from gse.catalog import StarCatalog
 from gse.constants import ARCSEC_RAD
 from gse.davenport import davenport
 from gse.identifier.result import Identification, Reason, Unidentified
-from gse.jit import compiled
+from gse.process.jit import compiled
 
 _GATE = 16.0
 """Area, in squares of the tolerance, where an object fits two distances: a rhombus of (2 d_m)^2 / sin of the angle at

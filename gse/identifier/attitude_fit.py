@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.tangent_plane import Attempt, Noise, Objects, place
-from gse.jit import compiled_part
+from gse.process.jit import compiled_part
 
 
 @compiled_part

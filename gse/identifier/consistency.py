@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.jit import compiled, compiled_part
+from gse.process.jit import compiled, compiled_part
 
 MOST_CANDIDATES = 64
 """A true star of a mean field has some 25; of more, the most distant from the alpha star are excluded."""

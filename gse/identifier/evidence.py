@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.tangent_plane import Attempt, Noise, Objects, with_noise
 from gse.identifier.verify import grow, squared_residuals
-from gse.jit import compiled_part
+from gse.process.jit import compiled_part
 
 CHANCE_OF_EVIDENCE = 0.05
 """A random panorama reaches a Bayes factor of x with a probability of at most this over x. Markov's inequality gives 1,

@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from gse.attitude import solve_attitude, solve_attitudes
-from gse.end_with_parent import end_with_parent
 from gse.identifier.acceptance import wahba_residual_rad
 from gse.identifier.hypotheses import search_many
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
-from gse.jit import is_on_disk
+from gse.process.end_with_parent import end_with_parent
+from gse.process.jit import is_on_disk
 
 _LONGEST_S = 300.0
 """A slow computer takes a minute; a process that hangs must not hold a session for ever."""

@@ -13,7 +13,7 @@ from gse.identifier.search_plan import search_pass
 from gse.identifier.tangent_plane import Attempt, Noise, Objects, attempt_at, noise_of, objects_of, with_noise
 from gse.identifier.verify import named, squared_residuals
 from gse.identifier.votes import FEW_LOOKED_AT, hypotheses_of, pair_rotation
-from gse.jit import compiled, compiled_part
+from gse.process.jit import compiled, compiled_part
 
 _SAME_ATTITUDE_COS = math.cos(math.radians(0.5))
 

@@ -10,7 +10,7 @@ from gse.identifier.input_checks import distinct_objects
 from gse.identifier.neighbour_level_1 import Blocks
 from gse.identifier.neighbour_search import Limits, best_vote, first_fit
 from gse.identifier.tables import PairTable
-from gse.jit import compiled, compiled_part
+from gse.process.jit import compiled, compiled_part
 
 
 class Found(NamedTuple):

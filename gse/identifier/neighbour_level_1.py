@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gse.identifier.consistency import MOST_CANDIDATES, Separations, angle_urad, candidate_of
 from gse.identifier.tables import PairTable
-from gse.jit import compiled, compiled_part
+from gse.process.jit import compiled, compiled_part
 
 BLOCK = 256
 """Stars looked at together: half a block is looked at in vain, and each block costs a search for each distance."""

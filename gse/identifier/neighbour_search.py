@@ -33,7 +33,7 @@ from gse.identifier.neighbour_level_1 import (
 )
 from gse.identifier.neighbour_votes import most_voted
 from gse.identifier.tables import PairTable
-from gse.jit import compiled, compiled_part
+from gse.process.jit import compiled, compiled_part
 
 _MOST_WORK = 100_000_000
 """Comparisons after which a search gives up, in less than a second: 30 random objects over 4200 stars take 24 million.

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from gse.identifier.neighbour_level_1 import Alpha
 from gse.identifier.tables import PairTable
-from gse.jit import compiled_part
+from gse.process.jit import compiled_part
 
 _VOTERS = 10
 _BRIGHT_OBJECTS = 15

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gse.identifier.consistency import angle_urad, stars_fit
 from gse.identifier.tables import PairTable
-from gse.jit import compiled, compiled_part
+from gse.process.jit import compiled, compiled_part
 
 PIVOT_MEMBERS = 4
 """K of the pivot paper, the pivot and its members: four, or five."""

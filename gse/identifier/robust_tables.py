@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.identifier.table_cache import Columns, cache_file, cached_columns
-from gse.jit import compiled, compiled_part
+from gse.process.jit import compiled, compiled_part
 
 MAX_FIELD_STARS = 96
 """No more of the brightest catalogue stars in a field are looked at: a panorama has 30 objects."""

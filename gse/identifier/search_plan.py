@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.jit import compiled_part
+from gse.process.jit import compiled_part
 
 _ALL = 1e6
 

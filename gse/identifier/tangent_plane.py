@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.identifier.robust_tables import MAX_FIELD_STARS, SkyTables
-from gse.jit import compiled, compiled_part
+from gse.process.jit import compiled, compiled_part
 
 U_BINS = 64
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gse.identifier.attitude_fit import fit
 from gse.identifier.robust_tables import SkyTables
 from gse.identifier.tangent_plane import SMALLEST_RANGE, U_BINS, Attempt, Noise, Objects, place
-from gse.jit import compiled_part
+from gse.process.jit import compiled_part
 
 GATE_CHI2 = 13.0
 """Squared gate in sigmas of a two-dimensional normal: 0.15 % of true stars fall outside."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gse.identifier.robust_tables import SkyTables, near_bit
 from gse.identifier.search_plan import SearchPass
-from gse.jit import compiled_part
+from gse.process.jit import compiled_part
 
 FEW_LOOKED_AT = 12
 """A random object has a star near it with a probability of 1 to 3 %."""

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.jit import compiled, compiled_part
+from gse.process.jit import compiled, compiled_part
 
 _TILE_PX = 64
 _SAMPLE_EVERY = 4

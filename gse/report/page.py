@@ -16,8 +16,8 @@ from markupsafe import Markup, escape
 from drivers.outside_text import plain_lines
 from gse import instant
 from gse.assessment.verdict import Assessment
-from gse.jit import compiled_folder
-from gse.release_memory import all_else_kept
+from gse.process.jit import compiled_folder
+from gse.process.release_memory import all_else_kept
 from gse.report.fingerprint import canonical, fingerprint
 from gse.report.metric_table import metric_table
 from gse.report.provenance import Provenance

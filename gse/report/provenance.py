@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.outside_text import plain_lines
-from gse.installation import package_version
+from gse.process.installation import package_version
 
 SCHEMA = "gse.provenance/1"
 _DRAWN_WITH = ("matplotlib", "jinja2", "scipy")

@@ -9,7 +9,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from gse.drawing.palette import GREY, hex_of
-from gse.release_memory import all_else_kept, give_back_garbage
+from gse.process.release_memory import all_else_kept, give_back_garbage
 
 WIDTH_IN = 7.2
 """The printed width of A4 less its margins."""

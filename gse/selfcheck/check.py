@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from gse.calibration.session_fit import PanoramaSample, calibrate_session
 from gse.config.station import parse_station
-from gse.installation import source_sha256
+from gse.process.installation import source_sha256
 from gse.selfcheck.expected import expected_arcsec, noise_arcsec
 from gse.selfcheck.known_errors import KNOWN_ERRORS, KnownError
 from gse.selfcheck.made_session import (

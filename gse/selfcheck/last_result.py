@@ -8,7 +8,7 @@ from pathlib import Path
 
 from platformdirs import user_state_path
 
-from gse.installation import source_sha256
+from gse.process.installation import source_sha256
 from gse.selfcheck.result import SelfCheckResult, from_json
 from gse.station.setup import versions
 

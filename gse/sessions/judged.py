@@ -12,8 +12,8 @@ from drivers.session_file.reader import find_segments, session_file
 from gse.assessment.verdict import Assessment, judge
 from gse.catalog.readers import GAIA
 from gse.errors import UsageError
+from gse.process.release_memory import give_back
 from gse.recording.session_format import read_attachments
-from gse.release_memory import give_back
 from gse.sessions.kept_results import KeptResultsError, keep, kept, results_folder
 from gse.sessions.replay import Replay, StationInForce, StationText, station_in_force
 from gse.sessions.sealed_station import names_program

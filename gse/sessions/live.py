@@ -17,6 +17,7 @@ from gse import instant
 from gse.config.station import Station
 from gse.errors import UsageError
 from gse.external.recorded import recorded_json
+from gse.process.release_memory import give_back
 from gse.recording.recorder import CLOSE_S, Recorder
 from gse.recording.session_format import (
     ANSWER_TOPIC,
@@ -30,7 +31,6 @@ from gse.recording.session_format import (
     clock_json,
     timing_json,
 )
-from gse.release_memory import give_back
 from gse.sessions.ending import Ending
 from gse.sessions.status_file import StatusFile
 from gse.station.event_kinds import StationKind

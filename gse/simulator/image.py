@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gse.config.station import Station
 from gse.imaging.extraction import extract, extract_sub_pixel
-from gse.jit import compiled, compiled_part
+from gse.process.jit import compiled, compiled_part
 from gse.simulator.panorama import OVEREXPOSED, Exposure
 from gse.simulator.photometry import BIAS_INDEX, Photometry
 from gse.simulator.scenario import Scenario

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gse.attitude import Attitude
 from gse.constants import ARCSEC_PER_RAD
-from gse.jit import compiled
+from gse.process.jit import compiled
 from gse.station.results import AttitudeError
 
 

@@ -20,10 +20,10 @@ from gse.external.plugs import plug_of
 from gse.identifier import Identification, Identifier, ObjectColumns, make_identifier
 from gse.identifier.first_compilation import FirstCompilation, is_compiled
 from gse.identifier.robust import RobustIdentifier, stars_looked_at
-from gse.installation import package_version
 from gse.instant import NS_PER_S, to_julian_year
 from gse.panorama import MAX_OBJECTS
-from gse.release_memory import give_back, gives_back
+from gse.process.installation import package_version
+from gse.process.release_memory import give_back, gives_back
 from protocols import Protocol, load_protocol, parse_protocol
 
 ORION_RA_DE_DEG = (83.0, 0.0)

@@ -15,8 +15,8 @@ from gse.camera import Camera
 from gse.catalog import StarCatalog
 from gse.constants import ARCSEC_PER_RAD
 from gse.identifier import Answers, ObjectColumns
-from gse.jit import compiled
 from gse.parts import Parts
+from gse.process.jit import compiled
 from gse.station.results import MatchColumns
 from gse.station.starlight import rows_of
 from gse.truth import SiderealTruth

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from gse.jit import compiled, compiled_part
+from gse.process.jit import compiled, compiled_part
 
 _MAX_STEPS = 100
 _ACCURACY = 1e-6

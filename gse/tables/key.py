@@ -7,7 +7,7 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 
 from drivers.host_files import only_a_file
-from gse.installation import source_sha256
+from gse.process.installation import source_sha256
 from gse.station.setup import versions
 
 _READ_AT_ONCE = 1 << 20

@@ -8,7 +8,7 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from gse.jit import compiled
+from gse.process.jit import compiled
 from gse.site import Site
 
 WAVELENGTH_UM = 0.6

@@ -19,7 +19,7 @@ from skies.synthetic_night import START_NS, synthetic_frames, synthetic_night
 
 from gse.assessment.verdict import judge
 from gse.errors import UsageError
-from gse.jit import compiled_folder
+from gse.process.jit import compiled_folder
 from gse.report import summarise
 from gse.report.files import write_report
 from gse.report.frames_csv import frames_csv

@@ -9,7 +9,7 @@ import pytest
 from devices.command_line import runner
 
 from drivers.chunk import Chunk
-from gse.installation import source_sha256
+from gse.process.installation import source_sha256
 from gse.selfcheck.check import selfcheck
 from gse.selfcheck.known_errors import KNOWN_ERRORS
 from gse.selfcheck.last_result import keep_result, last_result

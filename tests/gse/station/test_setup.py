@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from devices.programs import program
 
-from gse import release_memory
 from gse.camera import Camera
 from gse.catalog import StarCatalog, load_catalog, stars_searched
 from gse.config.station import BUILT_IN_TEXT, parse_station
@@ -20,6 +19,7 @@ from gse.external.panoramas import WireUnit
 from gse.identifier.robust import stars_looked_at
 from gse.instant import from_text
 from gse.panorama import Panorama
+from gse.process import release_memory
 from gse.station.setup import (
     ORION_RA_DE_DEG,
     PACKAGES,

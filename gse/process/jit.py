@@ -14,9 +14,9 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLoca
 from numba.core.runtime import rtsys
 from platformdirs import user_cache_dir
 
-from gse.installation import code_sha256
+from gse.process.installation import code_sha256
 
-_PACKAGE = Path(__file__).parent
+_PACKAGE = Path(__file__).parents[1]
 _KEPT_FOLDERS = 4
 _Function = TypeVar("_Function", bound=Callable[..., object])
 

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-_GSE = Path(__file__).parent
+_GSE = Path(__file__).parents[1]
 _PACKAGES = tuple(_GSE.with_name(name) for name in ("drivers", "gse", "protocols"))
 _LEFT_OUT = "__pycache__"
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 import gse
-from gse.jit import compiled, compiled_part, is_on_disk
+from gse.process.jit import compiled, compiled_part, is_on_disk
 
 _RUN = """
-from gse.jit import is_on_disk
+from gse.process.jit import is_on_disk
 from gse.truth.refraction import _remove as function
 import numpy as np
 print(is_on_disk(function))

@@ -5,7 +5,7 @@ import sys
 
 _LINES = """
 import sys
-from gse.without_pandas import spare_pandas
+from gse.process.without_pandas import spare_pandas
 spare_pandas()
 import pyarrow
 assert pyarrow.array([1.0]).to_pylist() == [1.0]

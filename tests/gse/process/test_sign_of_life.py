@@ -8,12 +8,12 @@ from io import StringIO
 
 import pytest
 
-from gse.sign_of_life import SILENT_S, SignOfLife
+from gse.process.sign_of_life import SILENT_S, SignOfLife
 
 LINE_OFTEN = 3
 SAYS_NOTHING = """
 import sys, threading
-from gse import sign_of_life
+from gse.process import sign_of_life
 sign_of_life.start("gse test: working")
 print("begins")
 threading.Event().wait(2.0)

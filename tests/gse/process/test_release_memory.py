@@ -6,14 +6,14 @@ import sys
 import pytest
 
 from gse.config.station import BUILT_IN_TEXT, parse_station
-from gse.release_memory import keep_for_many_sessions
+from gse.process.release_memory import keep_for_many_sessions
 from gse.station.setup import clear_caches, set_up
 
 _HOLES = """
 import resource
 from pathlib import Path
 import numpy as np
-from gse.release_memory import give_back
+from gse.process.release_memory import give_back
 
 def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
@@ -36,7 +36,7 @@ def test_a_large_array_is_given_back_once_it_is_freed_though_others_lie_behind_i
 
 _LOADED_LATER = r"""
 import re
-from gse.release_memory import give_back
+from gse.process.release_memory import give_back
 
 def resident_kib():
     maps = open("/proc/self/smaps").read()
