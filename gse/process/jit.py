@@ -1,23 +1,32 @@
-"""Typed front of numba's compiler."""
+"""numba's compiler, with types, and with a place for machine code.
+
+numba's own cache on disk (``cache=True``) keeps machine code beside the source or wherever NUMBA_CACHE_DIR says, and
+knows a function by the content of its file. Neither is enough here. What an uninstalled program leaves beside the
+source makes Python take that folder for the program; and machine code holds the functions and constants of other
+modules. So numba is told a folder for exactly this program while it takes our functions, and has its own setting back
+after that: we are guests in a notebook's process.
+
+What it buys, in CPU: a minute of compilation at each start but the first.
+"""
 
 import functools
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
-from numba.core.runtime import rtsys
 from platformdirs import user_cache_dir
 
 from gse.process.installation import code_sha256
 
-_PACKAGE = Path(__file__).parents[1]
 _KEPT_FOLDERS = 4
+_ROOM_BYTES = 32 << 20
+"""Free on the disk before numba keeps anything: all code takes 11 MB, and numba ends with an error where it finds no
+room."""
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
@@ -25,22 +34,31 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 def compiled_folder() -> Path | None:
     """Where machine code, and else what is compiled, of exactly this program is kept, below the user's cache directory.
 
-    Not beside the source, as numba has it: what an uninstalled program leaves there makes Python take that folder for
-    the program. Not by the source of each function alone either: machine code holds the functions and constants of
-    other modules. None where no such folder can be written, or where it is another user's.
+    None where no such folder can be written, or where it is another user's: who writes there has his code run here.
     """
     folder = Path(user_cache_dir("gse")) / "machine-code" / code_sha256()[:32]
-    try:
-        is_new = not folder.exists()
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError:
-        return None
-    if hasattr(os, "getuid") and folder.stat().st_uid != os.getuid():
+    is_new = not folder.exists()
+    if not _takes_files(folder) or (hasattr(os, "getuid") and folder.stat().st_uid != os.getuid()):
         return None
     if is_new:
         _remove_oldest(folder.parent)
     return folder
+
+
+@functools.cache
+def machine_code_folder() -> Path | None:
+    """Where numba keeps machine code: where its user asks for it, or in ``compiled_folder``; None where nowhere."""
+    asked = numba.config.CACHE_DIR
+    return Path(asked) if asked and _takes_files(Path(asked)) else compiled_folder()
+
+
+def _takes_files(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        tempfile.TemporaryFile(dir=folder).close()
+        return shutil.disk_usage(folder).free > _ROOM_BYTES
+    except OSError:
+        return False
 
 
 def _remove_oldest(parent: Path) -> None:
@@ -50,64 +68,15 @@ def _remove_oldest(parent: Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-class _Place(_CacheLocator):  # type: ignore[misc]
-    """Where the machine code of one function of this program is: in the folder of its room."""
-
-    def __init__(self, function: Any, source: Path, folder: Path) -> None:
-        self._lineno = function.__code__.co_firstlineno
-        self._py_file = str(source)
-        self._path = folder / "-".join(source.parent.relative_to(_PACKAGE.parent).parts)
-
-    def ensure_cache_path(self) -> None:
-        self._path.mkdir(parents=True, exist_ok=True)
-
-    def get_cache_path(self) -> str:
-        return str(self._path)
-
-    def get_source_stamp(self) -> str:
-        return code_sha256()
-
-    def get_disambiguator(self) -> str:
-        return str(self._lineno)
-
-    @classmethod
-    def from_function(cls, function: Any, source: str) -> "_Place | None":
-        folder = compiled_folder()
-        is_ours = Path(source).is_relative_to(_PACKAGE)
-        return cls(function, Path(source), folder) if is_ours and folder is not None else None
-
-
-class _MachineCode(CompileResultCacheImpl):  # type: ignore[misc]
-    """In the folder that NUMBA_CACHE_DIR names, as numba has it, or in this program's own."""
-
-    _locator_classes = (CompileResultCacheImpl._locator_classes[0], _Place)
-
-
-class _CodeOnDisk(FunctionCache):  # type: ignore[misc]
-    """numba's cache on disk, read without its compiler: machine code needs the runtime only.
-
-    numba fills the tables of its compiler (0.2 s) before it reads; it does so again when it has to compile. The key of
-    each piece of code holds the processor and its features, so code of another processor is never run.
-    """
-
-    _impl_class = _MachineCode
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The machine code for a signature, None where it is not on disk.
-
-        What an older version kept may name types that are no more: it is removed.
-        """
-        rtsys.initialize(target_context)
-        try:
-            return self._load_overload(sig, target_context)
-        except AttributeError:
-            self.flush()
-            return None
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the machine code; a disk that is full is not an error."""
-        with suppress(OSError):
-            self._save_overload(sig, data)
+@contextmanager
+def _numba_keeps_here() -> Iterator[bool]:
+    """numba with our folder in the place of its own; whether there is one."""
+    folder, own = machine_code_folder(), numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(folder or "")
+    try:
+        yield folder is not None
+    finally:
+        numba.config.CACHE_DIR = own
 
 
 def compiled(function: _Function) -> _Function:
@@ -116,11 +85,8 @@ def compiled(function: _Function) -> _Function:
     Floats divide by zero as in numpy, without a test for each. Never with fastmath: the same bytes must give the same
     answer on every machine.
     """
-    machine_code: Any = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
-    if hasattr(machine_code, "_cache"):  # not where NUMBA_DISABLE_JIT is set
-        with suppress(RuntimeError):  # numba's word for a function without a place
-            machine_code._cache = _CodeOnDisk(function)
-    typed: _Function = machine_code
+    with _numba_keeps_here() as keeps:
+        typed: _Function = numba.njit(cache=keeps, nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
     return typed
 
 

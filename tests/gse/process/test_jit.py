@@ -31,10 +31,10 @@ def program(tmp_path: Path) -> Path:
     return tmp_path / "program"
 
 
-def before_and_after(program: Path, cache: Path) -> list[str]:
+def before_and_after(program: Path, cache: Path, wanted: Path | str = "") -> list[str]:
     """Whether machine code of a function is on disk: at the start of a new process, and once the function ran."""
     own = dict.fromkeys(("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"), str(cache))
-    own |= {"NUMBA_CACHE_DIR": "", "PYTHONPATH": str(program), "PYTHONDONTWRITEBYTECODE": "1"}
+    own |= {"NUMBA_CACHE_DIR": str(wanted), "PYTHONPATH": str(program), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(
         [sys.executable, "-P", "-c", _RUN], env=os.environ | own, capture_output=True, text=True, check=True
     )
@@ -45,14 +45,32 @@ def test_machine_code_is_kept_for_exactly_this_program_and_never_beside_it(progr
     files = set(program.rglob("*"))
     cache = tmp_path / "cache"
     assert before_and_after(program, cache) == ["False", "True"]
-    moved = program.rename(tmp_path / "moved")
-    assert before_and_after(moved, cache) == ["True", "True"]
+    assert before_and_after(program, cache) == ["True", "True"]
     # A function holds what it takes from other modules: a change in one of them makes it another function.
-    with (moved / "gse" / "constants.py").open("a", encoding="utf-8") as file:
+    with (program / "gse" / "constants.py").open("a", encoding="utf-8") as file:
         file.write("\n# Changed.\n")
-    assert before_and_after(moved, cache) == ["False", "True"]
-    moved.rename(program)
+    assert before_and_after(program, cache) == ["False", "True"]
     assert set(program.rglob("*")) == files
+
+
+def test_machine_code_is_kept_where_the_user_of_numba_wants_it(program: Path, tmp_path: Path) -> None:
+    cache, wanted = tmp_path / "cache", tmp_path / "wanted"
+    assert before_and_after(program, cache, wanted) == ["False", "True"]
+    assert [*wanted.rglob("refraction._remove-*.nbi")]
+    assert not cache.exists()
+    assert before_and_after(program, cache, Path(os.devnull) / "wanted") == ["False", "True"]
+    assert [*cache.rglob("refraction._remove-*.nbi")]
+
+
+def test_numba_keeps_the_code_of_others_where_it_did_before_gse_was_imported(tmp_path: Path) -> None:
+    code = """
+import numba
+before = numba.config.CACHE_DIR
+from gse.truth.refraction import _remove
+assert numba.config.CACHE_DIR == before, numba.config.CACHE_DIR
+"""
+    own = {"NUMBA_CACHE_DIR": "", "XDG_CACHE_HOME": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", code], env=os.environ | own, check=True)
 
 
 def test_where_nothing_can_be_kept_the_function_runs_all_the_same(program: Path) -> None:
