@@ -15,6 +15,7 @@ from gse.assessment.verdict import judge
 from gse.config.station import BUILT_IN_TEXT, parse_station
 from gse.identifier.first_compilation import is_compiled
 from gse.process.end_with_parent import end_with_parent
+from gse.process.jit import machine_code_folder
 from gse.sessions.replay import replay_session
 from gse.simulator.recording import record_simulation
 from gse.truth import EarthOrientation
@@ -24,8 +25,8 @@ _LONGEST_S = 600.0
 
 
 def compile_first(tell: Callable[[str], None]) -> None:
-    """Wait until the code is on disk; returns at once where it is."""
-    if is_compiled():
+    """Wait until the code is on disk; returns at once where it is, or cannot be kept."""
+    if is_compiled() or machine_code_folder() is None:
         return
     tell("compiling the identifiers, once on this computer")
     # -P: a folder named gse where the user stands is not this package.

@@ -39,7 +39,7 @@ def command(
     out: Path,
     as_json: bool,
 ) -> None:
-    """Check station file, port, clock, disk, Earth orientation, catalogue, field, mount, night and viewer.
+    """Check station file, port, clock, disk, cache, Earth orientation, catalogue, field, mount, night and viewer.
 
     Each has its advice. It says when it is dark tonight, where Sun and Moon are, how many stars the field will hold,
     and how long a session must be.

@@ -21,7 +21,7 @@ from gse.identifier.hypotheses import search_many
 from gse.identifier.robust_tables import sky_tables
 from gse.identifier.search_plan import search_plan
 from gse.process.end_with_parent import end_with_parent
-from gse.process.jit import is_on_disk
+from gse.process.jit import is_on_disk, machine_code_folder
 
 _LONGEST_S = 300.0
 """A slow computer takes a minute; a process that hangs must not hold a session for ever."""
@@ -36,7 +36,7 @@ class FirstCompilation:
     """The other process, if there has to be one; it ends with the ``with`` block or this process at the latest."""
 
     def __init__(self) -> None:
-        self.process = None if is_compiled() else _started()
+        self.process = _started() if machine_code_folder() is not None and not is_compiled() else None
 
     def __enter__(self) -> "FirstCompilation":
         return self

@@ -23,6 +23,7 @@ from gse.inspection.check import Check, Outcome
 from gse.inspection.external_identifier import check_external_identifier
 from gse.inspection.plausibility import plausibility
 from gse.limits import Limits
+from gse.process.jit import WITHOUT_A_PLACE, machine_code_folder, why_without_a_place
 from gse.site import Site
 from gse.station.unreadable_bytes import what_fits
 from gse.truth import EarthOrientation
@@ -57,6 +58,7 @@ def checks(
     yield _port(station)
     yield _clock(station)
     yield _disk(station, out, hours)
+    yield _cache()
     yield _earth_orientation(now_ns + round(hours * 3600 * instant.NS_PER_S), given_orientation)
     yield _catalog(station)
     if station.identifier.algorithm == "external":
@@ -160,6 +162,14 @@ def _disk(station: Station, out: Path, hours: float) -> Check:
     if free < needed:
         return Check("disk", Outcome.FAIL, text, "make room, or choose another disk with --out")
     return Check("disk", Outcome.OK, text)
+
+
+def _cache() -> Check:
+    """Machine code and star tables, without which each start takes as long as the first."""
+    folder = machine_code_folder()
+    if folder is None:
+        return Check("cache", Outcome.WARN, f"{why_without_a_place()}: each start compiles anew", WITHOUT_A_PLACE)
+    return Check("cache", Outcome.OK, f"machine code is kept in {folder}")
 
 
 def _size(count: int) -> str:

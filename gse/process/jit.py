@@ -10,6 +10,7 @@ What it buys, in CPU: a minute of compilation at each start but the first.
 """
 
 import functools
+import logging
 import os
 import shutil
 import tempfile
@@ -27,6 +28,13 @@ _KEPT_FOLDERS = 4
 _ROOM_BYTES = 32 << 20
 """Free on the disk before numba keeps anything: all code takes 11 MB, and numba ends with an error where it finds no
 room."""
+WITHOUT_A_PLACE = (
+    "set XDG_CACHE_HOME, or NUMBA_CACHE_DIR for machine code alone, to a folder that this user can write; "
+    "in a container, to a folder on a volume"
+)
+"""What to do where machine code cannot be kept."""
+
+_LOG = logging.getLogger("gse")
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
@@ -36,7 +44,7 @@ def compiled_folder() -> Path | None:
 
     None where no such folder can be written, or where it is another user's: who writes there has his code run here.
     """
-    folder = Path(user_cache_dir("gse")) / "machine-code" / code_sha256()[:32]
+    folder = _machine_code() / code_sha256()[:32]
     is_new = not folder.exists()
     if not _takes_files(folder) or (hasattr(os, "getuid") and folder.stat().st_uid != os.getuid()):
         return None
@@ -47,9 +55,25 @@ def compiled_folder() -> Path | None:
 
 @functools.cache
 def machine_code_folder() -> Path | None:
-    """Where numba keeps machine code: where its user asks for it, or in ``compiled_folder``; None where nowhere."""
+    """Where numba keeps machine code: where its user asks for it, or in ``compiled_folder``; None where nowhere.
+
+    In that case the log gets one line, which the command line shows on stderr.
+    """
     asked = numba.config.CACHE_DIR
-    return Path(asked) if asked and _takes_files(Path(asked)) else compiled_folder()
+    folder = Path(asked) if asked and _takes_files(Path(asked)) else compiled_folder()
+    if folder is None:
+        _LOG.warning("%s: each start compiles anew, 10 to 60 s; %s", why_without_a_place(), WITHOUT_A_PLACE)
+    return folder
+
+
+def why_without_a_place() -> str:
+    """What is wrong with the folders in which machine code would be kept."""
+    tried = " and ".join(str(folder) for folder in (numba.config.CACHE_DIR, _machine_code()) if str(folder))
+    return f"machine code cannot be kept in {tried} (not writable, of another user, or less than 32 MiB free)"
+
+
+def _machine_code() -> Path:
+    return Path(user_cache_dir("gse")) / "machine-code"
 
 
 def _takes_files(folder: Path) -> bool:

@@ -23,6 +23,7 @@ from gse.identifier.robust import RobustIdentifier, stars_looked_at
 from gse.instant import NS_PER_S, to_julian_year
 from gse.panorama import MAX_OBJECTS
 from gse.process.installation import package_version
+from gse.process.jit import machine_code_folder
 from gse.process.release_memory import give_back, gives_back
 from protocols import Protocol, load_protocol, parse_protocol
 
@@ -96,7 +97,8 @@ def set_up(
     if is_compiled():
         tell = no_words
     began_ns = read_clock().mono_ns
-    tell("first run on this computer: compiling for its processor, 10 to 60 s")
+    keeps_code = machine_code_folder() is not None
+    tell(f"{'first run on this computer: ' if keeps_code else ''}compiling for its processor, 10 to 60 s")
     with FirstCompilation() as robust_code:
         if protocol_text is None:
             protocol = load_protocol(station.protocol)
@@ -109,7 +111,8 @@ def set_up(
             tell("compiling the reference identifier")
             robust_code.finish()
             _warm_up(setup.reference, setup.camera)
-    tell(f"compiled in {(read_clock().mono_ns - began_ns) / NS_PER_S:.0f} s; the next run starts without this")
+    from_now_on = "; the next run starts without this" if keeps_code else ""
+    tell(f"compiled in {(read_clock().mono_ns - began_ns) / NS_PER_S:.0f} s{from_now_on}")
     give_back()
     return setup
 

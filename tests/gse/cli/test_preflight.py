@@ -2,6 +2,8 @@
 
 import json
 import os
+import subprocess
+import sys
 import threading
 import tty
 from collections.abc import Iterator
@@ -44,7 +46,7 @@ def checked(*arguments: object) -> tuple[dict[str, dict[str, Any]], int]:
 
 def test_a_simulated_night_is_ready(tmp_path: Path) -> None:
     found, exit_code = checked("--out", tmp_path, "--at", NIGHT)
-    technical = ["station", "protocol", "air", "port", "clock", "disk", "earth", "catalogue"]
+    technical = ["station", "protocol", "air", "port", "clock", "disk", "cache", "earth", "catalogue"]
     sky = ["field", "mount", "baud rate", "night", "Sun", "Moon", "stars", "length"]
     assert list(found) == [*technical, *sky, "viewer"]
     assert {check["outcome"] for check in found.values()} == {"OK"}
@@ -98,7 +100,7 @@ def test_a_full_disk_is_seen_before_the_night(tmp_path: Path) -> None:
 
 def test_the_text_names_each_check_and_its_outcome(tmp_path: Path) -> None:
     text = CliRunner().invoke(preflight, ["--out", str(tmp_path), "--at", NIGHT]).stdout
-    assert text.count("OK ") == 17
+    assert text.count("OK ") == 18
 
 
 def test_a_pressure_that_is_not_that_of_the_height_is_doubted_with_a_number(tmp_path: Path) -> None:
@@ -126,6 +128,17 @@ def test_ports_says_what_there_is(tmp_path: Path) -> None:
     result = CliRunner().invoke(ports, [])
     assert result.exit_code == 0
     assert result.output.count("\n") == max(1, len(document["ports"]))
+
+
+def test_a_user_without_a_folder_for_machine_code_is_told_that_each_start_will_compile(tmp_path: Path) -> None:
+    nowhere = dict.fromkeys(("HOME", "XDG_CACHE_HOME"), os.devnull) | {"NUMBA_CACHE_DIR": "", "PYTHONWARNINGS": ""}
+    command = [sys.executable, "-m", "gse", "preflight", "--at", NIGHT, "--json"]
+    done = subprocess.run(command, cwd=tmp_path, env=os.environ | nowhere, capture_output=True, text=True)
+    (cache,) = (check for check in json.loads(done.stdout)["checks"] if check["name"] == "cache")
+    assert (cache["outcome"], done.returncode) == ("WARN", 0)
+    assert "/dev/null/gse/machine-code" in cache["text"]
+    assert "NUMBA_CACHE_DIR" in cache["advice"]
+    assert done.stderr.count("each start compiles anew") == 1
 
 
 @pytest.mark.parametrize(("d_ra_arcsec", "d_de_arcsec"), [(30.0, 60.0), (60.0, 30.0)])
