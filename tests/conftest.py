@@ -3,11 +3,14 @@
 astropy reads the installed tables whatever the date, and signals are not ignored.
 """
 
+import atexit
 import functools
 import gc
 import os
+import shutil
 import signal
 import sys
+import tempfile
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as gse does, where it comes before numpy
@@ -17,9 +20,20 @@ from astropy.utils import iers
 from devices.command_line import Gse, runner
 from hypothesis import settings
 
+from gse.process.cache_folder import cache_folder
 from gse.process.release_memory import keep_for_many_sessions
 
 TESTS = Path(__file__).parent
+
+# What commands keep of sessions goes into a cache directory of this run; machine code and star tables are the user's.
+_CACHE = Path(tempfile.mkdtemp(prefix="gse-tests-"), "gse")
+_CACHE.mkdir()
+cache_folder("machine-code").mkdir(parents=True, exist_ok=True)
+for kept in cache_folder().iterdir():
+    if kept.name != "results":
+        (_CACHE / kept.name).symlink_to(kept)
+os.environ["XDG_CACHE_HOME"] = str(_CACHE.parent)
+atexit.register(shutil.rmtree, _CACHE.parent, ignore_errors=True)
 
 keep_for_many_sessions()  # which the tests of memory, in processes of their own, do not
 

@@ -142,7 +142,7 @@ _output = gathered(
 def command(ctx: click.Context, *, paths: tuple[Path, ...], judging: _Judging, output: _Output) -> None:
     """Write report.html, report.json, frames.csv, junit.xml and provenance.json of a session FILE.
 
-    The same session gives the same report, byte for byte. Results that an earlier run kept beside FILE are used where
+    The same session gives the same report, byte for byte. Results that an earlier run kept are used where
     session, station file and gse are the same. The exit code is the verdict's.
 
     Of several FILEs, of one sensor or of several: one page with their verdicts and table 4-1 of the LAPAN paper, a row

@@ -11,17 +11,15 @@ What it buys, in CPU: a minute of compilation at each start but the first.
 
 import functools
 import logging
-import os
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from platformdirs import user_cache_dir
 
+from gse.process.cache_folder import cache_folder, own_cache_folder, takes_files
 from gse.process.installation import code_sha256
 
 _KEPT_FOLDERS = 4
@@ -44,9 +42,10 @@ def compiled_folder() -> Path | None:
 
     None where no such folder can be written, or where it is another user's: who writes there has his code run here.
     """
-    folder = _machine_code() / code_sha256()[:32]
-    is_new = not folder.exists()
-    if not _takes_files(folder) or (hasattr(os, "getuid") and folder.stat().st_uid != os.getuid()):
+    place = "machine-code", code_sha256()[:32]
+    is_new = not cache_folder(*place).exists()
+    folder = own_cache_folder(*place)
+    if folder is None or not _has_room(folder):
         return None
     if is_new:
         _remove_oldest(folder.parent)
@@ -60,7 +59,7 @@ def machine_code_folder() -> Path | None:
     In that case the log gets one line, which the command line shows on stderr.
     """
     asked = numba.config.CACHE_DIR
-    folder = Path(asked) if asked and _takes_files(Path(asked)) else compiled_folder()
+    folder = Path(asked) if asked and takes_files(Path(asked)) and _has_room(Path(asked)) else compiled_folder()
     if folder is None:
         _LOG.warning("%s: each start compiles anew, 10 to 60 s; %s", why_without_a_place(), WITHOUT_A_PLACE)
     return folder
@@ -68,21 +67,14 @@ def machine_code_folder() -> Path | None:
 
 def why_without_a_place() -> str:
     """What is wrong with the folders in which machine code would be kept."""
-    tried = " and ".join(str(folder) for folder in (numba.config.CACHE_DIR, _machine_code()) if str(folder))
+    tried = " and ".join(
+        str(folder) for folder in (numba.config.CACHE_DIR, cache_folder("machine-code")) if str(folder)
+    )
     return f"machine code cannot be kept in {tried} (not writable, of another user, or less than 32 MiB free)"
 
 
-def _machine_code() -> Path:
-    return Path(user_cache_dir("gse")) / "machine-code"
-
-
-def _takes_files(folder: Path) -> bool:
-    try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        tempfile.TemporaryFile(dir=folder).close()
-        return shutil.disk_usage(folder).free > _ROOM_BYTES
-    except OSError:
-        return False
+def _has_room(folder: Path) -> bool:
+    return shutil.disk_usage(folder).free > _ROOM_BYTES
 
 
 def _remove_oldest(parent: Path) -> None:

@@ -53,7 +53,8 @@ def judged_session(
 
     ``station`` changes the recorded station, as ``derive`` does. ``tell`` gets a line about the results that are used,
     or why they are not. ``anew`` uses none. Results of a recording that has no station of its own, of one that is
-    still written, or of a station file that names files besides itself are not kept: such a file may change.
+    still written, or of a station file that names files besides itself are not kept: such a file may change. Nor are
+    any where this user has no cache directory.
     """
     place = _place(path, station)
     session = _kept(place, tell) if place and not anew else None
@@ -119,7 +120,8 @@ def _place(path: Path, station: Change) -> _Place | None:
 def _place_of(path: Path, station: Change) -> _Place | None:
     first = session_file(path)
     force = station_in_force(read_attachments(path), station)
-    return _Place(results_folder(first), result_key(first, force.text), force) if _follows_from_text(force) else None
+    folder = results_folder(first) if _follows_from_text(force) else None
+    return _Place(folder, result_key(first, force.text), force) if folder else None
 
 
 def _follows_from_text(force: StationInForce) -> bool:

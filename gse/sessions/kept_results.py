@@ -1,21 +1,21 @@
-"""Kept results: what was derived from a session, in a folder beside its file, for the next report, view or comparison.
+"""Kept results: what was derived from a session, for the next report, view or comparison of this user.
 
-    session.mcap
-    session.results/<key>/   sessions.parquet, frames.parquet, stars.parquet   docs/tables.md
-                             answers.parquet                                   the sensor's own answers as they came
-                             others.parquet                                    objects that no answer names
-                             context.json                                      the rest, SHA-256 of each file, a seal
+    results/<path>/<key>/   sessions.parquet, frames.parquet, stars.parquet   docs/tables.md
+                            answers.parquet                                   the sensor's own answers as they came
+                            others.parquet                                    objects that no answer names
+                            context.json                                      the rest; SHA-256 of itself and each file
 
-The key is the SHA-256 of session, station file and software (gse.tables.ResultKey): whatever changes, the results are
-no longer found, and are derived anew. One rename puts a whole folder in place. A folder whose files do not match the
-hashes in it, or whose tables have other columns, is not used; nor is one that this user did not keep on this computer
-(gse.sessions.own_seal): a session may come from anybody, with results that were never derived.
+They are in the user's cache directory, in a folder for the path of the session, never beside it: a session may come
+from anybody, with results that were never derived. The key is the SHA-256 of session, station file and software
+(gse.tables.ResultKey): whatever changes, the results are no longer found, and are derived anew. One rename puts a
+whole folder in place. A folder whose files do not match the hashes in it, or whose tables have other columns, is not
+used.
 """
 
 import contextlib
 import hashlib
+import itertools
 import os
-import re
 import shutil
 from collections.abc import Mapping
 from io import BufferedReader
@@ -29,8 +29,8 @@ from pydantic import BaseModel, PositiveInt
 from gse.assessment.verdict import Assessment
 from gse.config.station import Station
 from gse.errors import TruthError
+from gse.process.cache_folder import own_cache_folder
 from gse.sessions.kept_context import KeptContext
-from gse.sessions.own_seal import is_sealed, seal
 from gse.station.attitude_table import OWN_ANSWER, AttitudeTable
 from gse.station.frame_table import OTHER
 from gse.station.session_data import SessionData
@@ -39,11 +39,10 @@ from gse.tables.parquet import ParquetColumns, read_parquet, write_parquet
 from gse.tables.restored import restored_frames, restored_stars
 
 CONTEXT = "context.json"
-MOST_KEPT = 4
-"""Folders of results of one session, for several station files; the oldest goes first."""
+MOST_BYTES = 2 << 30
+"""Of all kept results; those that were used longest ago go first. A night of 8 h at 10 Hz takes 60 MB."""
 MOST_CONTEXT_BYTES = 64 << 20
 """20,000 events, 50,000 readings of the clock and as many STATUS messages take 30 MB."""
-_KEY = re.compile(r"[0-9a-f]{64}")
 _DAMAGED = (OSError, ValueError, KeyError, TypeError, pa.ArrowException, TruthError)
 """What reading a damaged or foreign file raises."""
 
@@ -61,9 +60,11 @@ class _Manifest(BaseModel):
     context: KeptContext
 
 
-def results_folder(session_file: Path) -> Path:
-    """The folder with all kept results of a session."""
-    return session_file.with_name(f"{session_file.stem}.results")
+def results_folder(session_file: Path) -> Path | None:
+    """The folder for all kept results of a session, where one rename puts them; None where nothing can be kept."""
+    path = hashlib.sha256(os.fsencode(session_file.resolve())).hexdigest()[:32]
+    results = own_cache_folder("results")
+    return results / path if results else None
 
 
 def keep(session: SessionData, assessment: Assessment, key: ResultKey, folder: Path) -> Path:
@@ -83,7 +84,7 @@ def keep(session: SessionData, assessment: Assessment, key: ResultKey, folder: P
     except BaseException:
         shutil.rmtree(part, ignore_errors=True)
         raise
-    _drop_oldest(folder)
+    _drop_oldest(folder.parent)
     return whole
 
 
@@ -94,7 +95,9 @@ def kept(key: ResultKey, folder: Path, station: Station, station_text: str) -> S
     if not whole.is_dir():
         return None
     try:
-        return _read(key, whole, station, station_text)
+        session = _read(key, whole, station, station_text)
+        os.utime(whole)
+        return session
     except _DAMAGED as error:
         line = " ".join(str(error).split())[:200]
         raise KeptResultsError(f"{whole} is not used: {line}") from error
@@ -110,7 +113,7 @@ def _write(session: SessionData, assessment: Assessment, key: ResultKey, part: P
     stride, context = session.frames.picture_stride, KeptContext.of(session)
     manifest = _Manifest.model_construct(key=key.text, files=files, picture_stride=stride, context=context)
     text = manifest.model_dump_json()
-    (part / CONTEXT).write_text(f"{seal(text.encode())}\n{text}\n", encoding="utf-8")
+    (part / CONTEXT).write_text(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}", encoding="utf-8")
 
 
 def _read(key: ResultKey, whole: Path, station: Station, station_text: str) -> SessionData:
@@ -143,8 +146,8 @@ def _manifest(whole: Path) -> _Manifest:
     if len(content) > MOST_CONTEXT_BYTES:
         raise ValueError(f"{CONTEXT} is larger than {MOST_CONTEXT_BYTES} bytes")
     stated, _, text = content.partition(b"\n")
-    if not is_sealed(text.rstrip(b"\n"), stated):
-        raise ValueError(f"{CONTEXT} was changed, or kept by another user or on another computer")
+    if hashlib.sha256(text).hexdigest().encode() != stated:
+        raise ValueError(f"{CONTEXT} does not have its SHA-256")
     return _Manifest.model_validate_json(text)
 
 
@@ -180,7 +183,13 @@ def _rows(columns: ParquetColumns, dtype: "np.dtype[np.void]") -> NDArray[np.voi
     return rows
 
 
-def _drop_oldest(folder: Path) -> None:
-    found = [path for path in folder.iterdir() if _KEY.fullmatch(path.name) and path.is_dir()]
-    for path in sorted(found, key=lambda path: path.stat().st_mtime_ns)[:-MOST_KEPT]:
-        shutil.rmtree(path, ignore_errors=True)
+def _drop_oldest(results: Path) -> None:
+    """Remove those that were used longest ago, where all of them take too much; the latest stay."""
+    with contextlib.suppress(FileNotFoundError):  # another process removes the same
+        latest_first = sorted(results.glob("*/*"), key=lambda path: path.stat().st_mtime_ns, reverse=True)
+        sizes = [sum(file.stat().st_size for file in path.iterdir()) for path in latest_first]
+        for path, up_to_it in list(zip(latest_first, itertools.accumulate(sizes), strict=True))[1:]:
+            if up_to_it > MOST_BYTES:
+                shutil.rmtree(path, ignore_errors=True)
+                with contextlib.suppress(OSError):  # the session has results under other keys
+                    path.parent.rmdir()

@@ -4,7 +4,6 @@ import dataclasses
 import hashlib
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +15,9 @@ from skies.synthetic_night import START_NS, small_catalog, synthetic_night
 from gse.assessment.verdict import judge
 from gse.report import summarise
 from gse.report.files import write_report
-from gse.sessions.judged import judged_session, result_key
-from gse.sessions.kept_results import CONTEXT, MOST_KEPT, KeptResultsError, keep, kept, results_folder
-from gse.sessions.own_seal import seal
+from gse.sessions import kept_results
+from gse.sessions.judged import Judged, judged_session, result_key
+from gse.sessions.kept_results import CONTEXT, KeptResultsError, keep, kept, results_folder
 from gse.sessions.replay import replay_session
 from gse.station.event_kinds import ClockStep, StationKind
 from gse.station.session_data import SessionData
@@ -108,7 +107,8 @@ def test_the_report_from_kept_results_has_the_bytes_of_a_derivation(tmp_path: Pa
         write_report(judged.session, judged.assessment, out, MADE_BY)
         reports.append({file.name: file.read_bytes() for file in out.iterdir()})
         assert bool(judged.own_elapsed_us) == (number != 1)
-    assert told == [f"results kept in {tmp_path / 'clear.results'} are used"]
+    assert told == [f"results kept in {results_folder(path)} are used"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["0", "1", "2", "clear.mcap"]  # and nothing beside it
     assert reports[0] == reports[1] == reports[2]
 
 
@@ -137,38 +137,37 @@ def test_a_damaged_file_is_told(session, folder: Path, name: str) -> None:
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
-    with pytest.raises(KeptResultsError, match=f"is not used: {name} (was changed|does not have its SHA-256)"):
+    with pytest.raises(KeptResultsError, match=f"is not used: {name} does not have its SHA-256"):
         of(folder, session)
     path.unlink()
     with pytest.raises(KeptResultsError, match="is not a file"):
         of(folder, session)
 
 
-def forge(folder: Path, table: pa.Table, sealed: Callable[[bytes], str] = seal) -> None:
-    """Another table as the frames, with the hashes and the seal that belong to it: only its content is wrong."""
+def forge(folder: Path, table: pa.Table) -> None:
+    """Another table as the frames, with the hashes that belong to it: only its content is wrong."""
     whole = folder / KEY.text
     before = hashlib.sha256((whole / "frames.parquet").read_bytes()).hexdigest()
     (whole / "frames.parquet").unlink()
     write_parquet([table], whole / "frames.parquet")
     after = hashlib.sha256((whole / "frames.parquet").read_bytes()).hexdigest()
-    text = (whole / CONTEXT).read_text().split("\n")[1].replace(before, after)
-    (whole / CONTEXT).write_text(f"{sealed(text.encode())}\n{text}\n")
+    text = (whole / CONTEXT).read_text().partition("\n")[2].replace(before, after)
+    (whole / CONTEXT).write_text(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}")
 
 
-def test_results_that_somebody_else_made_are_not_used(session, folder: Path) -> None:
-    table = pq.read_table(folder / KEY.text / "frames.parquet")
-    forge(folder, table.slice(1), lambda text: hashlib.sha256(text).hexdigest())
-    with pytest.raises(KeptResultsError, match="kept by another user or on another computer"):
-        of(folder, session)
-
-
-def test_results_of_another_user_are_not_used(session, folder: Path, tmp_path: Path, monkeypatch) -> None:
-    assert of(folder, session) is not None
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "another"))
-    with pytest.raises(KeptResultsError, match="kept by another user or on another computer"):
-        of(folder, session)
-    (secret,) = (tmp_path / "another").rglob("*.secret")
-    assert secret.stat().st_mode & 0o777 == 0o600
+@pytest.mark.parametrize("folder_of_it", [Path("session.results"), Path("results")])
+def test_results_that_lie_beside_a_session_of_somebody_else_are_not_looked_at(
+    tmp_path: Path, folder_of_it: Path
+) -> None:
+    mine, theirs = tmp_path / "mine" / "session.mcap", tmp_path / "theirs" / "session.mcap"
+    for path in (mine, theirs):
+        path.parent.mkdir()
+        shutil.copy(GOLDEN / "clear.mcap", path)
+    assert judged(mine)[1] == []
+    shutil.copytree(results_folder(mine), theirs.parent / folder_of_it)
+    derived, told = judged(theirs)
+    assert derived.own_elapsed_us
+    assert told == []
 
 
 def test_a_table_with_other_columns_is_not_used(session, folder: Path) -> None:
@@ -196,44 +195,58 @@ def test_a_writer_that_was_killed_leaves_nothing_that_counts(session, tmp_path: 
     assert of(folder, session) is not None
 
 
-def test_only_the_latest_results_are_kept(session, folder: Path) -> None:
-    assessment = judge(session)
-    for number in range(MOST_KEPT):
-        os.utime(folder / KEY.text, ns=(1, 1))
-        keep(session, assessment, ResultKey(str(number) * 64, "b" * 64, "c" * 64), folder)
-    assert len(list(folder.iterdir())) == MOST_KEPT
-    assert of(folder, session) is None
+def test_what_was_used_longest_ago_goes_where_all_kept_results_take_too_much(
+    session, tmp_path: Path, monkeypatch
+) -> None:
+    assessment, folders = judge(session), [tmp_path / "results" / name for name in ("first", "second", "third")]
+    keep(session, assessment, KEY, folders[0])
+    size = sum(file.stat().st_size for file in (folders[0] / KEY.text).iterdir())
+    monkeypatch.setattr(kept_results, "MOST_BYTES", round(2.5 * size))
+    keep(session, assessment, KEY, folders[1])
+    for number, folder in enumerate(folders[:2]):
+        os.utime(folder / KEY.text, ns=(number, number))
+    assert of(folders[0], session) is not None  # it was used just now
+    keep(session, assessment, KEY, folders[2])
+    assert [folder.exists() for folder in folders] == [True, False, True]
+
+
+def judged(path: Path) -> tuple[Judged, list[str]]:
+    """A session as a command has it, and what that says."""
+    told: list[str] = []
+    found = judged_session(path, station=lambda own: own, derive=lambda: replay_session(path), tell=told.append)
+    return found, told
 
 
 def test_damaged_results_are_derived_anew_with_a_line_and_kept_again(tmp_path: Path) -> None:
     path = tmp_path / "session.mcap"
     shutil.copy(GOLDEN / "clear.mcap", path)
-    told: list[str] = []
-
-    def judged() -> None:
-        judged_session(path, station=lambda own: own, derive=lambda: replay_session(path), tell=told.append)
-
-    judged()
-    context = next(results_folder(path).iterdir()) / CONTEXT
-    context.write_text("{}")
-    judged()
+    judged(path)
+    (kept_in,) = results_folder(path).iterdir()
+    (kept_in / CONTEXT).write_text("{}")
+    again, told = judged(path)
+    assert again.own_elapsed_us
     assert len(told) == 1
-    assert told[0].endswith(f"{CONTEXT} was changed, or kept by another user or on another computer; derived anew")
-    judged()
-    assert told[1] == f"results kept in {results_folder(path)} are used"
-    report = summarise(
-        *(lambda found: (found.session, found.assessment))(
-            judged_session(path, station=lambda own: own, derive=lambda: replay_session(path), tell=told.append)
-        )
-    )
-    assert report["session"]["raw_sha256"]
+    assert told[0].startswith(f"{kept_in} is not used: ")
+    assert told[0].endswith("; derived anew")
+    found, told = judged(path)
+    assert told == [f"results kept in {kept_in.parent} are used"]
+    assert summarise(found.session, found.assessment)["session"]["raw_sha256"]
 
 
 def test_a_folder_that_cannot_be_written_costs_only_a_line(tmp_path: Path) -> None:
     path = tmp_path / "session.mcap"
     shutil.copy(GOLDEN / "clear.mcap", path)
     results_folder(path).write_text("a file where the folder should be")
-    told: list[str] = []
-    judged = judged_session(path, station=lambda own: own, derive=lambda: replay_session(path), tell=told.append)
-    assert judged.assessment.verdict
+    found, told = judged(path)
+    assert found.assessment.verdict
     assert told == [f"results cannot be kept in {results_folder(path)}: Not a directory"]
+
+
+def test_a_user_without_a_cache_directory_derives_anew_each_time_without_a_word(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)
+    path = tmp_path / "session.mcap"
+    shutil.copy(GOLDEN / "clear.mcap", path)
+    for _ in range(2):
+        found, told = judged(path)
+        assert found.own_elapsed_us
+        assert told == []
