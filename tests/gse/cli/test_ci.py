@@ -3,7 +3,9 @@
 import json
 import shutil
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -99,3 +101,65 @@ def test_a_folder_without_sessions_is_told_so(tmp_path: Path) -> None:
         result = ci(folder)
         assert isinstance(result.exception, UsageError)
         assert words in str(result.exception)
+
+
+def edit(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    report = json.loads(path.read_text())
+    change(report)
+    path.write_text(json.dumps(report))
+
+
+def test_what_the_expected_report_does_not_have_is_new_and_no_difference(folder: Path, tmp_path: Path) -> None:
+    def older(report: dict[str, Any]) -> None:
+        del report["clock"]["source"], report["measurements"][0]["n_eff"], report["metrics"][3]
+        report["measurements"].pop(1)  # it is PASS in the report of today
+        report["not_tested"].pop()
+
+    junit = tmp_path / "junit.xml"
+    edit(folder / "night.report.json", older)
+    result = ci(folder, "--junit", junit)
+    assert result.exit_code == 0, result.stdout
+    for place in ("clock.source", "measurements[onboard mean |dRA*|].n_eff", "measurements[onboard 95 % of |dRA*|]"):
+        assert f"new: {place}\n" in result.stdout
+        assert f"new: {place}" in (ET.parse(junit).getroot().findtext("testcase/system-out") or "")
+    assert "new: not_tested: " in result.stdout
+    assert len(json.loads(ci(folder, "--json").stdout)["recordings"][0]["new"]) == 5
+
+
+def test_a_row_without_a_limit_that_the_expected_report_does_not_have_is_new(folder: Path) -> None:
+    def older(report: dict[str, Any]) -> None:
+        report["measurements"] = [row for row in report["measurements"] if row["limit"] is not None]
+
+    edit(folder / "night.report.json", older)
+    result = ci(folder)
+    assert "new: measurements[onboard half-cone of 95 % of the boresights]\n" in result.stdout
+    assert result.exit_code == 0
+
+
+def test_a_new_row_that_is_not_pass_is_a_difference(folder: Path) -> None:
+    time = "onboard identification time on this host, 99 %"
+    edit(folder / "night.report.json", lambda report: report["measurements"].pop())
+    result = ci(folder)
+    assert f"measurements[{time}] is new, and not tested: {time}: no frame has it\n" in result.stdout
+    assert result.exit_code == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda report: report["clock"].update(colour=3), "clock.colour is missing: expected 3"),
+        (lambda report: report["measurements"][0].update(colour=None), "].colour is missing: expected null"),
+        (lambda report: report["measurements"].append({"name": "warmth"}), "measurements[warmth] is missing"),
+        (lambda report: report["measurements"].reverse(), "measurements: the rows are in another order"),
+        (lambda report: report["not_tested"].append("sensor: x"), 'not_tested lacks the line "sensor: x"'),
+        (lambda report: report["reasons"].append("x"), "reasons: expected 1 items, got 0"),
+        (lambda report: report["sky"]["stretches"].pop(), "sky.stretches: expected 0 items, got 1"),
+    ],
+)
+def test_what_only_the_expected_report_has_is_a_difference(
+    change: Callable[[dict[str, Any]], None], words: str, folder: Path
+) -> None:
+    edit(folder / "night.report.json", change)
+    result = ci(folder)
+    assert words in result.stdout
+    assert result.exit_code == 1
