@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from drivers.session_file.reader import session_file
 from gse import instant
 from gse.assessment.verdict import Assessment
-from gse.cli.options import change_to, station_of, with_identifier
+from gse.config.choice import change_to, station_of, with_identifier
 from gse.errors import UsageError
 from gse.imaging.panorama_table import read_panorama_table
 from gse.panorama import Panorama

@@ -20,8 +20,8 @@ from gse.campaign.judging import LIMIT_S, Job, Judged, judge_source
 from gse.campaign.keys import OWN_STATION, software_sha256
 from gse.campaign.sources import Source
 from gse.campaign.storage import StorageError, with_patience
+from gse.config.choice import StationText
 from gse.errors import CampaignError
-from gse.sessions.replay import StationText
 
 
 @dataclass(frozen=True, slots=True)

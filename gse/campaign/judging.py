@@ -44,11 +44,12 @@ from gse.campaign.packed_row import packed
 from gse.campaign.sources import Source
 from gse.campaign.storage import StorageError, copy_here, explained, protocol_of, with_patience
 from gse.campaign.time_limit import time_limit, was_too_long
+from gse.config.choice import StationText
 from gse.errors import GseError
 from gse.process.release_memory import give_back
 from gse.process.without_pandas import spare_pandas
 from gse.report import summarise
-from gse.sessions.replay import StationText, replay_session
+from gse.sessions.replay import replay_session
 from gse.station.setup import keep_one_sky
 from gse.tables import ResultKey, failed_session, frames_parts, sessions_table, stars_parts
 from gse.tables.parquet import write_parquet

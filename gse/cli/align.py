@@ -13,7 +13,8 @@ from gse.attitude import Attitude
 from gse.cli import EXIT_FAIL
 from gse.cli.damage import damage_code
 from gse.cli.new_files import write_new
-from gse.cli.options import change_to, fit_options
+from gse.cli.options import fit_options
+from gse.config.choice import change_to
 from gse.config.edit import with_values
 from gse.mount import Mount
 from gse.station.attitude_error import attitude_error

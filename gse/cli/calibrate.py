@@ -10,7 +10,8 @@ from gse.calibration.camera_fit import Calibration
 from gse.calibration.session_fit import PanoramaSample, SessionCalibration, calibrate_session
 from gse.cli.damage import damage_code
 from gse.cli.new_files import write_new
-from gse.cli.options import change_to, fit_options, say, with_identifier
+from gse.cli.options import fit_options, say
+from gse.config.choice import change_to, with_identifier
 from gse.config.edit import with_values
 from gse.errors import TruthError
 from gse.percent import percent

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gse.cli import EXIT_DATA_LOST, EXIT_FAIL, EXIT_INCONCLUSIVE, EXIT_INTERRUPTED
-from gse.cli.options import station_of
 from gse.cli.progress_bar import ProgressBar
+from gse.config.choice import station_of
 from gse.errors import UsageError
 
 if TYPE_CHECKING:

@@ -13,7 +13,8 @@ import click
 from gse.camera import Camera
 from gse.cli.folding import folded
 from gse.cli.new_files import write_new
-from gse.cli.options import json_option, station_of, station_option
+from gse.cli.options import json_option, station_option
+from gse.config.choice import station_of
 from gse.config.station import Station
 from gse.errors import UsageError
 from gse.process.sign_of_life import working

@@ -13,7 +13,8 @@ from gse.assessment.compared_axis import Row
 from gse.assessment.session_comparison import SessionComparison, session_comparison
 from gse.cli import EXIT_FAIL, EXIT_INCONCLUSIVE
 from gse.cli.damage import damage_code
-from gse.cli.options import IDENTIFIER, PLUG_HELP, anew_option, change_to, start_utc_option
+from gse.cli.options import IDENTIFIER, PLUG_HELP, anew_option, start_utc_option
+from gse.config.choice import change_to
 from gse.errors import UsageError
 
 if TYPE_CHECKING:

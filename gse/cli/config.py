@@ -10,8 +10,9 @@ import click
 
 from drivers.whole_file import new_file
 from gse.cli.folding import folded
-from gse.cli.options import at_option, station_of
+from gse.cli.options import at_option
 from gse.cli.station_questions import asked, draft_options, unasked
+from gse.config.choice import station_of
 from gse.config.draft import draft_text
 from gse.config.station import BUILT_IN_TEXT, parse_station, read_station
 from gse.errors import ConfigError

@@ -9,7 +9,8 @@ import click
 
 from gse.cli import EXIT_FAIL
 from gse.cli.damage import damage_code
-from gse.cli.options import change_to, say, start_utc_option
+from gse.cli.options import say, start_utc_option
+from gse.config.choice import change_to
 from gse.errors import UsageError
 from gse.process.sign_of_life import working
 

@@ -8,7 +8,8 @@ import click
 
 from gse.cli.durations import duration_option
 from gse.cli.folding import folded
-from gse.cli.options import station_of, station_option
+from gse.cli.options import station_option
+from gse.config.choice import station_of
 from gse.errors import UsageError
 from gse.process import sign_of_life
 

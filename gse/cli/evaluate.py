@@ -13,8 +13,9 @@ import click
 
 from gse.cli import EXIT_INTERRUPTED, was_interrupted
 from gse.cli.evaluation_table import table
-from gse.cli.options import IDENTIFIER, PLUG_HELP, station_of, station_option, with_identifier
+from gse.cli.options import IDENTIFIER, PLUG_HELP, station_option
 from gse.cli.progress_bar import ProgressBar
+from gse.config.choice import station_of, with_identifier
 from gse.errors import UsageError
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import click
 
 from drivers.host_files import only_a_file
 from gse.cli.new_files import write_new
-from gse.cli.options import station_of
+from gse.config.choice import station_of
 from gse.errors import TableError
 
 if TYPE_CHECKING:

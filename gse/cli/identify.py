@@ -7,7 +7,8 @@ from pathlib import Path
 import click
 
 from gse import instant
-from gse.cli.options import identifier_option, say, station_of, station_option, with_identifier
+from gse.cli.options import identifier_option, say, station_option
+from gse.config.choice import station_of, with_identifier
 from gse.errors import UsageError
 from gse.station.results import FrameResult, Status
 

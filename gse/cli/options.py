@@ -1,29 +1,20 @@
 """Options shared by several commands."""
 
 import functools
-import shlex
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from gse import instant
 from gse.cli.folding import folded
-from gse.config.edit import with_values
-from gse.config.station import BUILT_IN_TEXT, Station, parse_station, read_station
+from gse.config.choice import ALGORITHMS, plug_values
 from gse.errors import UsageError
-from gse.identifier_options import PLUG_KEYS, Algorithm
 
 if TYPE_CHECKING:
-    from gse.sessions.replay import StationText
     from gse.station.exclusions import Exclusion
     from gse.truth.iers_tables import GivenTables
-
-ALGORITHMS = tuple(name for name in get_args(Algorithm) if name != "external")
-
-_PLUGS = ("command:", "library:", "entry-point:")
 
 
 class IdentifierName(click.types.StringParamType):
@@ -183,80 +174,6 @@ def fit_options(*, write_help: str, schema: str) -> Callable[[Any], Any]:
         return command
 
     return decorated
-
-
-def change_to(path: Path | None, algorithm: str | None = None) -> "Callable[[StationText], StationText]":
-    """What a replay does to the recorded station: another file in its place, another identifier under test.
-
-    The file is read here, once: results, and the key that they are kept under, follow from the same text.
-    """
-    given = station_of(path) if path else None
-
-    def change(recorded: "StationText") -> "StationText":
-        return with_identifier(*(given or recorded), algorithm)
-
-    return change
-
-
-def station_of(path: Path | None) -> tuple[Station, str]:
-    """The station of a file, or the built-in one, with its text."""
-    if path is None:
-        return parse_station(BUILT_IN_TEXT), BUILT_IN_TEXT
-    station, text = read_station(path)
-    return _beside(station, path), text
-
-
-def with_identifier(station: Station, text: str, name: str | None) -> tuple[Station, str]:
-    """The station with another identifier under test, and its text for the session file.
-
-    An external one is named by its plug: ``command:./onboard --flight``, ``library:./libonboard.so,symbol=identify``,
-    ``entry-point:tetra3rs``; further options of the plug follow after commas. Paths are those of the working directory.
-    """
-    if name is None or name == station.identifier.algorithm:
-        return station, text
-    if name == "external":
-        raise UsageError("--identifier external names no program; expected one of command:, library:, entry-point:")
-    values = {"algorithm": name} if name in ALGORITHMS else plug_values(name)
-    text = with_values(text, "identifier", values, drop=PLUG_KEYS)
-    return station.model_copy(update={"identifier": parse_station(text).identifier}), text
-
-
-def plug_values(text: str) -> dict[str, object]:
-    """The section ``identifier`` of an external one that is named by its plug; UsageError."""
-    plug = next((prefix for prefix in _PLUGS if text.startswith(prefix)), None)
-    if plug is None:
-        known = ", ".join((*ALGORITHMS, *(f"{prefix}..." for prefix in _PLUGS)))
-        raise UsageError(f"there is no identifier {text!r:.60}; known are {known}")
-    rest = text.removeprefix(plug)
-    try:
-        words = shlex.split(rest) if plug == "command:" else rest.split(",")
-    except ValueError as error:
-        raise UsageError(f"{text!r:.60}: {error}") from error
-    if not words or not words[0]:
-        raise UsageError(f"{plug} names no program; expected for example command:./onboard or library:./libonboard.so")
-    values: dict[str, object] = {"algorithm": "external", "directory": str(Path.cwd())}
-    if plug == "command:":
-        return values | {"command": words}
-    values["library" if plug == "library:" else "entry_point"] = words[0]
-    for word in words[1:]:
-        key, _, value = word.partition("=")
-        if key not in ("symbol", "config"):
-            raise UsageError(f"{text!r:.60}: unknown option {key!r:.30}; known are symbol=NAME and config=FILE")
-        values[key] = value
-    return values
-
-
-def _beside(station: Station, path: Path) -> Station:
-    """Paths in a station file are relative to the file, not to the working directory."""
-    changes: dict[str, object] = {}
-    if station.catalog != "gaia":
-        changes["catalog"] = str(path.parent / station.catalog)
-    if station.protocol.endswith((".yaml", ".yml")):
-        changes["protocol"] = str(path.parent / station.protocol)
-    if station.identifier.algorithm == "external":
-        folder = (path.parent / (station.identifier.directory or ".")).absolute()
-        changes["identifier"] = replace(station.identifier, directory=str(folder))
-    return station.model_copy(update=changes) if changes else station
 
 
 def _clock_error_s(text: str | None) -> float | None:

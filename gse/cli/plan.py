@@ -11,7 +11,7 @@ import click
 
 from gse.cli import EXIT_FAIL
 from gse.cli.folding import folded
-from gse.cli.options import station_of
+from gse.config.choice import station_of
 from gse.errors import UsageError
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ import click
 
 from gse.cli import EXIT_FAIL
 from gse.cli.folding import folded
-from gse.cli.options import at_option, earth_orientation_option, out_option, station_of, station_option
+from gse.cli.options import at_option, earth_orientation_option, out_option, station_option
+from gse.config.choice import station_of
 from gse.errors import ConfigError
 from gse.truth.iers_tables import GivenTables
 

@@ -12,7 +12,8 @@ from drivers.session_file.reader import messages
 from drivers.session_file.records import RX
 from gse.cli.options import say
 from gse.cli.progress_bar import time_left
-from gse.sessions.replay import MOST_THREADS, Replay, ReplayOptions, StationText, replay_session
+from gse.config.choice import StationText
+from gse.sessions.replay import MOST_THREADS, Replay, ReplayOptions, replay_session
 from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
 from gse.station.session_data import SessionData

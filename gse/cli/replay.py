@@ -19,7 +19,6 @@ from gse.cli.finish import (
 )
 from gse.cli.live_outputs import LiveOptions, LiveOutputs, live_options
 from gse.cli.options import (
-    change_to,
     clock_error_option,
     earth_orientation_option,
     gathered,
@@ -33,6 +32,7 @@ from gse.cli.options import (
     station_option,
     threads_option,
 )
+from gse.config.choice import change_to
 from gse.errors import UsageError
 from gse.station.exclusions import Exclusion
 

@@ -20,7 +20,6 @@ from gse.cli.finish import (
 )
 from gse.cli.options import (
     anew_option,
-    change_to,
     clock_error_option,
     earth_orientation_option,
     gathered,
@@ -29,6 +28,7 @@ from gse.cli.options import (
     start_utc_option,
     threads_option,
 )
+from gse.config.choice import change_to
 from gse.errors import UsageError
 from gse.process.sign_of_life import working
 from gse.station.exclusions import Exclusion
@@ -36,8 +36,8 @@ from gse.station.results import Verdict
 from gse.truth.iers_tables import GivenTables
 
 if TYPE_CHECKING:
+    from gse.config.choice import StationText
     from gse.sessions.judged import Judged
-    from gse.sessions.replay import StationText
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,11 +20,10 @@ from gse.cli.options import (
     json_option,
     out_option,
     plots_option,
-    station_of,
     station_option,
-    with_identifier,
 )
 from gse.cli.output import News, Outputs, queued_output
+from gse.config.choice import station_of, with_identifier
 from gse.config.edit import with_values
 from gse.config.station import Station
 from gse.errors import GseError

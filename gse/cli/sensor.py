@@ -10,7 +10,8 @@ import click
 
 from drivers.urlhandlers.protocol_sim import register
 from gse.cli import EXIT_DATA_LOST
-from gse.cli.options import out_option, station_of, station_option
+from gse.cli.options import out_option, station_option
+from gse.config.choice import station_of
 from protocols import Message, Ping, Request, SetExposure, Start, StatusMessage, Stop
 
 

@@ -6,7 +6,8 @@ import click
 
 from gse.cli import EXIT_DATA_LOST
 from gse.cli.folding import folded
-from gse.cli.options import out_option, station_of, station_option
+from gse.cli.options import out_option, station_option
+from gse.config.choice import station_of
 
 
 @click.command("simulate")

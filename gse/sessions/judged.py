@@ -11,11 +11,12 @@ from drivers.mock.playback import is_session
 from drivers.session_file.reader import find_segments, session_file
 from gse.assessment.verdict import Assessment, judge
 from gse.catalog.readers import GAIA
+from gse.config.choice import StationText
 from gse.errors import UsageError
 from gse.process.release_memory import give_back
 from gse.recording.session_format import read_attachments
 from gse.sessions.kept_results import KeptResultsError, keep, kept, results_folder
-from gse.sessions.replay import Replay, StationInForce, StationText, station_in_force
+from gse.sessions.replay import Replay, StationInForce, station_in_force
 from gse.sessions.sealed_station import names_program
 from gse.sessions.status_document import read_status
 from gse.sessions.status_file import is_running

@@ -8,11 +8,12 @@ from drivers.chunk import Chunk
 from drivers.errors import CaptureError
 from drivers.link import SerialLink
 from drivers.mock.playback import is_session
+from gse.config.choice import StationText
 from gse.config.station import BUILT_IN_TEXT, Station, parse_station
 from gse.errors import UsageError
 from gse.panorama import Panorama
 from gse.recording.session_format import EARTH_ORIENTATION, PROTOCOL, STATION, read_recorded
-from gse.sessions.replay import ReplayOptions, StationText
+from gse.sessions.replay import ReplayOptions
 from gse.sessions.sealed_station import sealed, unsealed
 from gse.station.reception import Reception
 from gse.truth import EarthOrientation

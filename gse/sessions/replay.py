@@ -13,6 +13,7 @@ from drivers.link import SerialLink
 from drivers.mock.playback import is_session
 from drivers.mock.urls import replay_url
 from gse import instant
+from gse.config.choice import StationText
 from gse.config.station import BUILT_IN_TEXT, Port, Station, parse_station
 from gse.errors import TruthError, UsageError
 from gse.external.recorded import RecordedAnswers, read_identity
@@ -38,7 +39,6 @@ from gse.truth.iers_tables import GivenTables
 FIRST_WITHIN_S = 1.0
 MOST_THREADS = 2
 """A third would have nothing to do: identification is half of the work, and all else holds Python's lock."""
-StationText = tuple[Station, str]
 _NO_STATION = "the session has no station file, so the built-in station is used; give the right one with --station"
 
 

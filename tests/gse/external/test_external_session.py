@@ -7,7 +7,7 @@ from devices.programs import program
 from drivers.session_file.reader import read_capture
 from drivers.session_file.records import Message
 from gse.cli import main
-from gse.cli.options import change_to
+from gse.config.choice import change_to
 from gse.config.station import BUILT_IN_TEXT
 from gse.recording.session_format import ANSWER_TOPIC, LOG_TOPIC
 from gse.sessions.expected_answers import ExpectedAnswers
