@@ -1,7 +1,7 @@
 """The options of the identifier under test."""
 
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from annotated_types import Interval, Len
 
@@ -51,6 +51,12 @@ class IdentifierOptions:
     timeout_ms: Annotated[float, Interval(gt=0, le=600_000)] = 200.0
     """Of ``external``: the time for one panorama."""
 
+    def __post_init__(self) -> None:
+        for key, words in _CHOICES.items():
+            if getattr(self, key) not in words:
+                known = ", ".join(map(str, words))
+                raise ValueError(f"identifier.{key} is {getattr(self, key)!r:.60}; expected one of {known}")
+
     @property
     def label(self) -> str:
         """The algorithm, or the name of an external program."""
@@ -69,3 +75,8 @@ class IdentifierOptions:
 
 PLUG_KEYS = ("command", "library", "symbol", "entry_point", "config", "directory", "timeout_ms")
 """The options of an external identifier alone."""
+
+_CHOICES = {
+    key: get_args(hint) for key, hint in get_type_hints(IdentifierOptions).items() if get_origin(hint) is Literal
+}
+"""The words that each key may have. A station file is checked before; from Python any word can come."""

@@ -5,7 +5,7 @@ time nor where the sensor should look.
 """
 
 import math
-from typing import Protocol
+from typing import Protocol, assert_never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,8 @@ def make_identifier(options: IdentifierOptions, camera: Camera, source: StarCata
         from gse.identifier.pivot import PivotIdentifier
 
         return PivotIdentifier.for_camera(brightest, camera, options)
-    from gse.identifier.match_group import MatchGroupIdentifier
+    if options.algorithm == "match-group":
+        from gse.identifier.match_group import MatchGroupIdentifier
 
-    return MatchGroupIdentifier.for_camera(brightest, camera, options)
+        return MatchGroupIdentifier.for_camera(brightest, camera, options)
+    assert_never(options.algorithm)

@@ -134,3 +134,12 @@ def test_cells_known_from_the_frame_before_name_what_the_whole_sky_leaves_open(c
 
 def test_a_sky_that_jumps_is_looked_for_everywhere(catalog, frames):
     assert sequence(catalog, frames, a_priori="cells") == sequence(catalog, frames)
+
+
+@pytest.mark.parametrize(
+    ("key", "word"),
+    [("algorithm", "neighbor"), ("selection", "any"), ("check", "wabha"), ("alpha", "bright"), ("pivot_members", 6)],
+)
+def test_a_word_that_no_option_knows_is_refused(key, word):
+    with pytest.raises(ValueError, match=f"identifier.{key} is {word!r}; expected one of "):
+        IdentifierOptions(**{key: word})
