@@ -19,6 +19,7 @@ from drivers.errors import CaptureError, CommandError, DriverError, UrlError
 from drivers.outside_text import is_plain, plain_line, plain_lines
 from gse.cli.examples import epilog
 from gse.cli.folding import folded
+from gse.cli.retired import retired
 from gse.errors import GseError
 from protocols.errors import ProtocolError
 
@@ -64,10 +65,10 @@ _COMMANDS = {
     "ports": "list the serial ports and the programs that hold them",
     "preflight": "check that everything is ready for a session",
     "sensor": "send a command to the sensor",
-    "plan": "show how long a session must be for a verdict",
+    "plan": "show how much longer a session must be for a verdict",
     "selfcheck": "check the installation with sessions of known errors",
     "campaign": "judge many sessions on a cluster, report on them, query them",
-    "ci": "replay a folder of sessions and compare their reports",
+    "ci": "replay a folder of sessions and compare their reports or answers",
     "completion": "print the script that completes commands in a shell",
 }
 
@@ -156,7 +157,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except click.exceptions.Exit as done:
         code = done.exit_code
     except click.ClickException as error:
-        error.show()
+        _show(error)
         code = EXIT_USAGE
     except (click.Abort, KeyboardInterrupt):
         click.echo("gse: interrupted", err=True)
@@ -167,6 +168,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except Exception as error:
         code = unexpected(error)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _show(error: click.ClickException) -> None:
+    """Print what is wrong with a command line; of a retired option only what does it now."""
+    if isinstance(error, click.NoSuchOption) and error.ctx is not None:
+        sentence = retired(error.ctx.command_path, error.option_name)
+        if sentence is not None:
+            click.echo(folded(f"gse: {sentence}", err=True), err=True)
+            return
+    error.show()
 
 
 def unexpected(error: BaseException) -> int:

@@ -3,7 +3,7 @@
 import functools
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,9 @@ from gse.config.choice import change_to
 from gse.errors import UsageError
 
 if TYPE_CHECKING:
+    from gse.config.choice import StationText
+    from gse.sessions.expected_attitudes import ExpectedAttitudes
+    from gse.station.loop import StationLoop
     from gse.station.session_data import SessionData
 
 _OPEN = "nothing can be compared: no answer counts in one of the sessions"
@@ -56,6 +59,11 @@ _OPEN = "nothing can be compared: no answer counts in one of the sessions"
     help="Share of a limit by which a value may become worse: 0.01 of a limit of 60 arcsec is 0.6 arcsec.",
 )
 @click.option("--bias-is-regression", is_flag=True, help="A bias that changed, either way, is a regression too.")
+@click.option(
+    "--with-sensor",
+    is_flag=True,
+    help="Compare each answer of A with the one that the sensor sent to the same panorama, on the counts of the wire.",
+)
 @start_utc_option
 @anew_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object, schema gse.compare/1.")
@@ -70,6 +78,7 @@ def command(
     sigmas: float,
     allowed_share: float,
     bias_is_regression: bool,
+    with_sensor: bool,
     start_utc: str | None,
     anew: bool,
     as_json: bool,
@@ -80,7 +89,15 @@ def command(
     the answers of the identifier, or in the sensor's own where both sessions have some; 5 if nothing can be compared.
     Sessions of different panoramas are compared as over the star fields of the first. More than two sessions, of one
     sensor or of several, get a row each in the table of the LAPAN paper, and each is compared with A.
+
+    --with-sensor asks whether the identifier on the host is the one in the sensor: the exit code is 1 if an answer
+    differs from the ATTITUDE frame of its panorama, 5 if there is no answer to compare.
     """
+    if with_sensor:
+        if others or len(identifiers) > 1 or len(stations) > 1:
+            raise UsageError("--with-sensor compares one session with its sensor; leave out B and second options")
+        change = change_to(stations[0] if stations else None, identifiers[0] if identifiers else None)
+        ctx.exit(_with_sensor(first, change, start_utc, as_json=as_json))
     compared = functools.partial(
         session_comparison, sigmas=sigmas, allowed_share=allowed_share, bias_is_regression=bias_is_regression
     )
@@ -108,6 +125,36 @@ def command(
     document = compare_report(result) | programs
     click.echo(json.dumps(document) if as_json else "\n".join([*_lines(result), *_program_lines(programs)]))
     ctx.exit(lost or _exit_code([result]))
+
+
+def _with_sensor(
+    path: Path, change: "Callable[[StationText], StationText]", start_utc: str | None, *, as_json: bool
+) -> int:
+    """Compare the answers to a session with the sensor's own; returns the exit code."""
+    from gse.cli.progress import replay_with_progress
+    from gse.sessions.expected_attitudes import ExpectedAttitudes
+    from gse.sessions.replay import ReplayOptions
+
+    attitudes: list[ExpectedAttitudes] = []
+
+    def listeners_of(loop: "StationLoop", folder: Path | None) -> "list[ExpectedAttitudes]":
+        protocol = loop.setup.protocol
+        if not protocol.slots:
+            raise UsageError(
+                f"--with-sensor: {protocol.name} has no panoramas, so nothing is identified that the sensor's answers "
+                "could be compared with; their errors are in the report"
+            )
+        attitudes.append(ExpectedAttitudes(protocol, loop.setup.station.sensor.attitude))
+        return attitudes
+
+    replay = replay_with_progress(path, listeners_of, ReplayOptions(start_utc=start_utc), change)
+    (sent,) = attitudes
+    sent.finish(replay.session)
+    names = ("compared", "answered", "different", "missing", "unused")
+    document = {name: getattr(sent, name) for name in names} | {"differences": sent.listed}
+    click.echo(json.dumps({"schema": "gse.compare-sensor/1", **document}) if as_json else sent.text())
+    lost = damage_code(path, damaged=replay.session.truncated)
+    return lost or (EXIT_FAIL if not sent.is_same else 0 if sent.answered else EXIT_INCONCLUSIVE)
 
 
 def _exit_code(comparisons: Sequence[SessionComparison]) -> int:

@@ -31,9 +31,13 @@ EXAMPLES = {
     "ports": ("gse ports", "gse ports --json"),
     "preflight": ("gse preflight --station roof.yaml", "gse preflight --station roof.yaml --hours 8"),
     "sensor": ("gse sensor status --station roof.yaml", "gse sensor exposure 0.2 --station roof.yaml"),
-    "plan": ("gse plan --noise 10arcsec --tau 3s --rate 10Hz", "gse plan session.mcap"),
+    "plan": ("gse plan", "gse plan session.mcap"),
     "selfcheck": ("gse selfcheck", "gse selfcheck --json"),
-    "ci": ("gse ci replays", "gse ci replays --update"),
+    "ci": (
+        "gse ci replays",
+        "gse ci replays --update",
+        'gse ci replays --identifier "command:./onboard" --within 1arcsec',
+    ),
     "campaign": (
         "gse campaign judge 'nights/*' --to dataset",
         'gse campaign query dataset "select night, verdict from sessions"',

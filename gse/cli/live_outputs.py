@@ -1,7 +1,6 @@
 """Outputs of a running session: live view, status line, frames as JSON lines."""
 
 import json
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,24 +69,6 @@ class JsonFrames:
         """Events are not frames."""
 
 
-class Steps:
-    """Each frame as a line on stderr, and a pause until Enter; any other input before Enter ends the pauses."""
-
-    def __init__(self) -> None:
-        self._pausing = True
-        click.echo("Enter: next panorama; c and Enter: go on to the end", err=True)
-
-    def on_results(self, results: NewResults, session: SessionData) -> None:
-        """Print each frame's result, and wait for Enter."""
-        for result in results:
-            if self._pausing:
-                click.echo(_frame_text(result), err=True)
-                self._pausing = sys.stdin.readline() == "\n"
-
-    def on_event(self, event: LinkEvent) -> None:
-        """Events are shown by the status line."""
-
-
 class LiveOutputs:
     """The listeners of a session, opened after the setup and closed with the session.
 
@@ -99,7 +80,6 @@ class LiveOutputs:
         self,
         options: LiveOptions,
         *,
-        step: bool = False,
         diagnose: bool = True,
         notes: Notes | None = None,
         progress: Callable[[int], str] = lambda replayed_bytes: "",
@@ -107,7 +87,7 @@ class LiveOutputs:
         self._progress = progress
         self._options = options
         self._notes = notes
-        self._step, self._diagnose = step, diagnose
+        self._diagnose = diagnose
         self._live: LiveView | None = None
         self._forecast: Forecast | None = None
         self._status: StatusLine | None = None
@@ -123,9 +103,6 @@ class LiveOutputs:
         listeners.append(self._open_status(loop, folder))
         if self._options.view != "none" or self._options.save_rrd is not None:
             listeners.append(self._open_view(loop, folder))
-        if self._step:
-            loop.most_at_once = 1
-            listeners.append(Steps())
         return [*listeners, _live_diagnosis(listeners)] if self._diagnose else listeners
 
     @property

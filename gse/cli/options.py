@@ -55,15 +55,6 @@ start_utc_option: Callable[[Any], Any] = click.option(
 )
 
 
-threads_option: Callable[[Any], Any] = click.option(
-    "--threads",
-    type=click.IntRange(1, 2),
-    default=2,
-    show_default=True,
-    help="Threads of the replay, e.g. 1 where many run at once; the results are the same.",
-)
-
-
 def _instant(ctx: click.Context, param: click.Parameter, text: str | None) -> int | None:
     """UTC nanoseconds of an option; a usage error where the text is not an instant."""
     try:

@@ -13,7 +13,7 @@ from drivers.session_file.records import RX
 from gse.cli.options import say
 from gse.cli.progress_bar import time_left
 from gse.config.choice import StationText
-from gse.sessions.replay import MOST_THREADS, Replay, ReplayOptions, replay_session
+from gse.sessions.replay import Replay, ReplayOptions, replay_session
 from gse.station.frame_results import FrameResults
 from gse.station.loop import Listener, StationLoop
 from gse.station.session_data import SessionData
@@ -29,12 +29,9 @@ def replay_with_progress(
     make_listeners: ListenerMaker = lambda loop, folder: (),
     options: ReplayOptions | None = None,
     station: Callable[[StationText], StationText] = lambda recorded: recorded,
-    threads: int = MOST_THREADS,
 ) -> Replay:
     """Replay a session at full speed; a bar shows its progress where stderr is a terminal."""
-    replayed = partial(
-        replay_session, path, options=options or ReplayOptions(), station=station, tell=say, threads=threads
-    )
+    replayed = partial(replay_session, path, options=options or ReplayOptions(), station=station, tell=say)
     console = Console(stderr=True)
     if not console.is_terminal or not path.exists():
         return replayed(make_listeners=make_listeners)
@@ -61,7 +58,6 @@ def judged_with_progress(
     options: ReplayOptions | None = None,
     station: Callable[[StationText], StationText] = lambda recorded: recorded,
     anew: bool = False,
-    threads: int = MOST_THREADS,
 ) -> "Judged":
     """A session and its assessment, from kept results or, with progress, derived; stderr says which.
 
@@ -74,7 +70,7 @@ def judged_with_progress(
     spare_pandas()
 
     def derive() -> Replay:
-        return replay_with_progress(path, options=options, station=station, threads=threads)
+        return replay_with_progress(path, options=options, station=station)
 
     if options not in (None, ReplayOptions()):
         replay = derive()

@@ -26,7 +26,6 @@ from gse.cli.options import (
     leave_out_option,
     plots_option,
     start_utc_option,
-    threads_option,
 )
 from gse.config.choice import change_to
 from gse.errors import UsageError
@@ -50,7 +49,6 @@ class _Judging:
     excluded: tuple[Exclusion, ...]
     start_utc: str | None
     anew: bool
-    threads: int
 
     def judged(self, path: Path, *, anew: bool = False) -> "Judged":
         """A session as it is judged with these options; ``anew``: not from kept results."""
@@ -62,7 +60,6 @@ class _Judging:
             options=ReplayOptions(given_orientation=self.given_orientation, start_utc=self.start_utc),
             station=self.station,
             anew=anew or self.anew,
-            threads=self.threads,
         )
         if self.clock_error_s is None and not self.excluded:
             return found
@@ -105,7 +102,6 @@ _judging = gathered(
     leave_out_option,
     start_utc_option,
     anew_option,
-    threads_option,
 )
 
 _output = gathered(

@@ -192,12 +192,13 @@ def _plan(station: Station) -> Check:
     try:
         plan = planned_session(station)
     except GseError as error:
-        return Check("length", Outcome.WARN, str(error), "gse plan says what it needs")
+        return Check("length", Outcome.WARN, str(error), "see the limits in the station file")
     minutes = plan.minutes(plan.frames)
     if minutes is None:
-        advice = "see which row with 'gse plan', and widen its limit or state smaller uncertainties"
+        rows = " and ".join(row.name for row in plan.rows if row.frames is None)
+        advice = f"{rows} cannot keep the limit: widen it, or state smaller uncertainties"
         return Check("length", Outcome.WARN, "no length of session gives a PASS", advice)
-    text = f"{plan.frames} frames, {minutes:.1f} min at {RATE_HZ:g} Hz, for a PASS with 90 % probability (gse plan)"
+    text = f"{plan.frames} frames, {minutes:.1f} min at {RATE_HZ:g} Hz, for a PASS with 90 % probability"
     return Check("length", Outcome.OK, text)
 
 

@@ -6,21 +6,26 @@ were answered, so that a wire of double precision is compared to the last bit; o
 which costs the last of 52 bits. A quaternion and its negative are the same rotation.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.chunk import LinkEvent
 from gse.attitude_convention import AttitudeConvention, state_angles, state_quaternions
+from gse.count_text import count_text
 from gse.external.answers import ExternalAnswer
-from gse.sessions.expected_answers import Comparison
 from gse.station.attitude_table import ACQUIRED, ANGLES, QUATERNION
+from gse.station.frame_results import NewResults
 from gse.station.results import FrameResult, Subject
 from gse.station.session_data import SessionData
 from gse.truth.frames import icrs_to_frame
 from protocols import AttitudeMessage, Protocol
 
+MOST_LISTED = 5
+"""Most differences that are described; all are counted."""
 MOST_WAITING = 1000
 """Results without an ATTITUDE frame yet, and ATTITUDE frames without a result: more than a minute at 10 Hz."""
 
@@ -35,11 +40,16 @@ class _Given:
     document: dict[str, Any]
 
 
-class ExpectedAttitudes(Comparison):
-    """The expected answers are the ATTITUDE frames of the session itself, in the sensor's convention."""
+class ExpectedAttitudes:
+    """A listener that compares answers with the ATTITUDE frames of the session itself, in the sensor's convention.
+
+    ``compared`` panoramas have one, ``different`` of them were answered otherwise, ``missing`` panoramas have none; in
+    ``answered`` of those compared there is an attitude on either side. ``listed`` describes the first differences.
+    """
 
     def __init__(self, protocol: Protocol, convention: AttitudeConvention) -> None:
-        super().__init__()
+        self.compared = self.answered = self.different = self.missing = 0
+        self.listed: list[str] = []
         self._protocol, self._convention = protocol, convention
         self._taken = self._dropped = 0
         self._results: dict[int, _Given] = {}
@@ -49,6 +59,28 @@ class ExpectedAttitudes(Comparison):
     def unused(self) -> int:
         """ATTITUDE frames without a panorama in the replay."""
         return self._dropped + len(self._sent)
+
+    @property
+    def is_same(self) -> bool:
+        """Whether each panorama was answered as the sensor did, and each ATTITUDE frame has its panorama."""
+        return not (self.different or self.missing or self.unused)
+
+    def text(self) -> str:
+        """The result in one line, and the first differences."""
+        without = self.compared - self.answered
+        head = f"{self.different:,} of {self.compared:,} answers differ from the sensor's"
+        head += f"; {without:,} of them are no answer on both sides" if without else ""
+        head += f"; {count_text(self.missing, 'panorama')} without an ATTITUDE frame" if self.missing else ""
+        head += f"; {count_text(self.unused, 'ATTITUDE frame')} without a panorama" if self.unused else ""
+        return "\n".join([head, *(f"  {line}" for line in self.listed)])
+
+    def on_event(self, event: LinkEvent) -> None:
+        """Nothing: events are not compared."""
+
+    def on_results(self, results: NewResults, session: SessionData) -> None:
+        """Compare results."""
+        for result in results:
+            self.compare(result, session)
 
     def compare(self, result: FrameResult, session: SessionData) -> None:
         """Compare as soon as a panorama and its ATTITUDE frame are there."""
@@ -76,10 +108,18 @@ class ExpectedAttitudes(Comparison):
         for time_us in [time_us for time_us in self._sent if time_us in self._results]:
             given, sent = self._results.pop(time_us), self._sent.pop(time_us)
             answered = given.icrs_to_sensor is not None or bool(sent["acquired"])
-            self.note(given.frame_no, self._differences(given, sent), answered=answered)
+            self._count(given.frame_no, self._differences(given, sent), answered=answered)
         while len(self._sent) > MOST_WAITING:
             self._sent.pop(next(iter(self._sent)))
             self._dropped += 1
+
+    def _count(self, frame_no: int, differences: Sequence[str], *, answered: bool) -> None:
+        self.compared += 1
+        self.answered += answered
+        if differences:
+            self.different += 1
+            if len(self.listed) < MOST_LISTED:
+                self.listed.append(f"frame {frame_no}: {'; '.join(differences)}")
 
     def _differences(self, given: _Given, sent: np.void) -> list[str]:
         if sent["frame_no"] not in (0, given.frame_no):

@@ -1,4 +1,4 @@
-"""Regression test of recordings: each must give its expected report, in all that the expected one states."""
+"""Regression test of recordings: each must give its expected report, or an identifier its expected answers to it."""
 
 import json
 import xml.etree.ElementTree as ET
@@ -12,8 +12,17 @@ from drivers.host_files import only_a_file
 from drivers.session_file.reader import find_segments
 from drivers.whole_file import write_whole
 from gse.assessment.verdict import judge
+from gse.config.choice import change_to
 from gse.errors import GseError, UsageError
 from gse.report import summarise
+from gse.sessions.expected_answers import (
+    SUFFIX,
+    AnswerComparison,
+    GivenAnswers,
+    compare_answers,
+    read_answers,
+    write_answers,
+)
 from gse.sessions.replay import ReplayOptions, replay_session
 from gse.statistics.decision import Outcome
 from protocols import ProtocolError
@@ -35,7 +44,8 @@ class Checked:
     """Result of one recording; ``differences`` is empty where the report is as expected.
 
     ``new`` are the places that the expected report does not have, which is no difference. ``error`` is the reason why
-    it could not be replayed or compared, one or two lines.
+    it could not be replayed or compared, one or two lines. ``answers`` is a comparison of answers instead of reports;
+    ``note`` says what came of it.
     """
 
     name: str
@@ -43,11 +53,14 @@ class Checked:
     differences: tuple[str, ...] = ()
     new: tuple[str, ...] = ()
     error: str = ""
+    note: str = ""
+    answers: AnswerComparison | None = None
 
     @property
-    def new_lines(self) -> list[str]:
-        """The new places as lines for a person."""
-        return [f"new: {place}" for place in self.new]
+    def lines(self) -> list[str]:
+        """What a person must know beside the verdict."""
+        lines = [*self.error.splitlines(), self.note, *self.differences, *(f"new: {place}" for place in self.new)]
+        return [line for line in lines if line]
 
     @property
     def passed(self) -> bool:
@@ -88,6 +101,30 @@ def check(recording: Path, name: str, options: ReplayOptions, *, update: bool = 
     return Checked(name, report["verdict"], differences[:MOST_DIFFERENCES], tuple(new[:MOST_DIFFERENCES]))
 
 
+def check_answers(
+    recording: Path, name: str, options: ReplayOptions, identifier: str, *, within_arcsec: float | None, update: bool
+) -> Checked:
+    """Replay a recording under an identifier and compare its answers with the expected ones; ``update`` writes them."""
+    path, given = recording.with_name(recording.name.removesuffix(".mcap") + SUFFIX), GivenAnswers()
+    try:
+        expected = None if update else read_answers(path)
+        session = replay_session(
+            recording, options=options, station=change_to(None, identifier), make_listeners=lambda loop, folder: [given]
+        ).session
+        verdict, rows = judge(session).verdict.value, given.rows()
+        if expected is None:
+            write_answers(path, given.lines, session)
+            kept = compare_answers(rows, rows)
+            return Checked(name, verdict, note=kept.text_kept, answers=kept)
+        expected.check_session(session)
+    except (GseError, DriverError, ProtocolError) as error:
+        return Checked(name, "", error=str(error))
+    answers = compare_answers(expected.rows, rows, within_arcsec=within_arcsec)
+    differences = () if answers.is_same else answers.listed or (answers.text,)
+    note = "; ".join(text for text in (answers.text, expected.other_program(session)) if text)
+    return Checked(name, verdict, differences, note=note, answers=answers)
+
+
 def report_of(recording: Path, options: ReplayOptions) -> dict[str, Any]:
     """The report of a recording."""
     session = replay_session(recording, options=options).session
@@ -111,7 +148,7 @@ def junit_of(outcomes: list[Checked], folder: Path) -> str:
         elif outcome.differences:
             text = "\n".join(outcome.differences)
             ET.SubElement(case, "failure", message=outcome.differences[0]).text = text
-        ET.SubElement(case, "system-out").text = "\n".join([outcome.verdict, *outcome.new_lines])
+        ET.SubElement(case, "system-out").text = "\n".join([outcome.verdict, *outcome.lines])
     ET.indent(suite)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(suite, encoding="unicode") + "\n"
 

@@ -52,7 +52,7 @@ class Replay:
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """How a recording is replayed: speed, part, passes, and the start of a raw capture.
+    """How a recording is replayed: speed, part, and the start of a raw capture.
 
     ``given_orientation`` replaces the Earth orientation in the session.
     """
@@ -60,7 +60,6 @@ class ReplayOptions:
     speed: str = "max"
     from_utc: str | None = None
     to_utc: str | None = None
-    loop: int | None = None
     chunk_bytes: int | None = None
     start_utc: str | None = None
     given_orientation: GivenTables | None = None
@@ -72,7 +71,6 @@ class ReplayOptions:
             speed=self.speed,
             from_=self.from_utc,
             to=self.to_utc,
-            loop=self.loop,
             cut=self.chunk_bytes,
             start_utc=self.start_utc,
         )

@@ -1,6 +1,5 @@
-"""What is left of a session, and bad input to ``gse plan`` in words."""
+"""What is left of a session, and the plan of another one."""
 
-import json
 import math
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.stats
-from devices.command_line import runner
 from skies.synthetic_night import synthetic_night
 
 from gse.assessment.planning import Expected, availability_frames
@@ -81,11 +79,10 @@ def test_another_session_is_planned_from_the_figures_of_one_that_was_judged(few)
     assert plan.minutes(plan.frames) == pytest.approx(plan.rows[3].frames / 600)
 
 
-def test_a_session_of_many_frames_a_second_is_planned_for_the_ten_seconds_that_bounds_need(capsys) -> None:
-    done = runner(capsys)("plan", "--noise", "5arcsec", "--tau", "0s", "--rate", "100Hz", "--json")
-    plan = json.loads(done.out)
-    assert [row["frames"] for row in plan["rows"][:3]] == [1001] * 3
-    assert plan["frames"] == 1001
+def test_a_session_of_many_frames_a_second_is_planned_for_the_ten_seconds_that_bounds_need() -> None:
+    axis = AxisQuestion("dRA*", Expected(0.0, 5.0, 0.0, 100.0), 60.0, 0.0)
+    plan = session_plan((axis,), Limits(), availability=1.0, frames_per_s=100.0)
+    assert plan.rows[0].frames == 1001
 
 
 def test_a_session_of_one_frame_plans_nothing() -> None:
@@ -98,38 +95,9 @@ def test_a_plan_with_a_row_that_cannot_pass_has_no_length() -> None:
     assert SessionPlan(rows[:1], 10.0).minutes(600) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("--noise", "10"),
-        ("--noise", "10parsec"),
-        ("--noise", "-1arcsec"),
-        ("--noise", "0arcsec"),
-        ("--roll-noise", "0arcsec"),
-        ("--noise", "1e999arcsec"),
-        ("--limit", "0arcsec"),
-        ("--tau", "nan s"),
-        ("--rate", "0Hz"),
-        ("--truth", ""),
-    ],
-)
-def test_bad_input_gets_a_word_with_an_example(capsys, arguments) -> None:
-    done = runner(capsys)("plan", *arguments)
-    assert done.code == 2
-    assert arguments[0] in done.err
-    assert "for example" in done.err
-
-
-def test_a_session_and_options_together_are_refused(capsys, tmp_path) -> None:
-    done = runner(capsys)("plan", tmp_path / "session.mcap", "--noise", "10arcsec")
-    assert done.code == 2
-    assert "not both" in done.err
-
-
-def test_noise_beyond_the_limit_never_passes(capsys) -> None:
-    done = runner(capsys)("plan", "--noise", "100arcsec", "--roll-noise", "1000arcsec", "--truth", "1arcsec")
-    assert done.code == 1
-    assert "no length of session gives a PASS: dRA* and dDE and roll" in done.out
+def test_noise_beyond_the_limit_never_passes() -> None:
+    axis = AxisQuestion("dRA*", Expected(0.0, 100.0, 1.0, 10.0), 60.0, 1.0)
+    assert session_plan((axis,), Limits(), availability=1.0, frames_per_s=10.0).rows[0].frames is None
 
 
 def test_answers_are_planned_as_independent_where_nothing_is_said_of_their_runs():

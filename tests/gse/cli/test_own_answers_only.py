@@ -30,9 +30,9 @@ def session(gse, tmp_path):
 
 def test_its_answers_are_no_panoramas_and_are_expected_of_nothing(gse, session, tmp_path):
     assert "60 answers of its own, no panoramas, 60 identified, 0 lost" in gse("why", session).out
-    refused = gse("replay", session, "--expect", "sensor", "--out", tmp_path)
+    refused = gse("compare", session, "--with-sensor")
     assert refused.code == 2
-    assert "--expect sensor: attitude-quaternion has no panoramas" in refused.err
+    assert "--with-sensor: attitude-quaternion has no panoramas" in refused.err
     assert "has no report" not in gse("session", "info", session).err
 
 

@@ -5,10 +5,7 @@ import itertools
 import json
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
-from subprocess import DEVNULL, PIPE
 
 import pytest
 from devices.command_line import Gse
@@ -138,22 +135,6 @@ def test_a_session_without_its_station_file_neither_passes_nor_fails(gse: Gse, s
     lines = done.out.splitlines()
     assert (done.code, lines[0]) == (5, "INCONCLUSIVE (SIMULATED)")
     assert "set-up: station file: the session has no station file, so the built-in station is used" in lines[1]
-
-
-def test_a_replay_in_steps_waits_for_enter_after_each_panorama_until_it_is_told_to_go_on(
-    session: Path, tmp_path: Path
-) -> None:
-    command = [sys.executable, "-m", "gse", "replay", session, "--step", "--no-plots", "--out", tmp_path]
-    with subprocess.Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=PIPE, text=True) as replay:
-        assert replay.stdin is not None
-        assert replay.stderr is not None
-        for number in range(3):
-            assert f" frame {number}:" in next(line for line in replay.stderr if ONE_PANORAMA.search(line))
-            replay.stdin.write("\n" if number < 2 else "c\n")
-            replay.stdin.flush()
-        assert not any(ONE_PANORAMA.search(line) for line in replay.stderr)
-    assert replay.returncode == 0
-    assert (only_folder(tmp_path) / "report.json").exists()
 
 
 def test_frames_are_one_json_object_a_line(gse: Gse, session: Path, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from gse.errors import CatalogError, ConfigError, TableError, TruthError, UsageE
 from gse.imaging.image_file import read_image
 from gse.imaging.panorama_table import read_panorama_table
 from gse.report.verification import read_page
-from gse.sessions.expected_answers import ExpectedAnswers
+from gse.sessions.expected_answers import read_answers
 from gse.sessions.status_file import is_unfinished
 from gse.simulator.scenario import load_scenario
 from gse.truth.iers_tables import read_given
@@ -213,11 +213,11 @@ def test_a_name_that_no_file_can_have_is_answered_as_one(command: str, words: st
 
 
 HOSTILE_ANSWERS = {
-    "a pipe": (None, "is not a file"),
+    "a pipe": (None, "is a pipe or a device"),
     "a line without end": ('{"frame_no": 1, "ra_deg": "' + "x" * 200_000, "longer than"),
     "deep": ("[" * 50_000, "expected an answer"),
-    "no number": ('{"frame_no": NaN}', "expected an answer"),
-    "a list": ('{"frame_no": [1]}', "expected an answer"),
+    "no number": ('{"frame_no": NaN}', "frame_no is nan; expected the number of a panorama"),
+    "a list": ('{"frame_no": [1]}', "frame_no is .1.; expected the number of a panorama"),
     "no text": ('{"frame_no": 1, "status": "\\ud800"}\n\xff', "not UTF-8"),
 }
 
@@ -230,15 +230,15 @@ def test_expected_answers_of_a_stranger_are_refused(name: str, pipe: Path, tmp_p
         path = tmp_path / "expected.jsonl"
         path.write_bytes(text.encode("latin-1"))
     with pytest.raises(TableError, match=told):
-        ExpectedAnswers(path)
+        read_answers(path)
 
 
 @pytest.mark.parametrize("wrong", ['"ra_deg": [[1e999]]', '"de_deg": NaN', '"roll_deg": {"a": 1}', '"ra_deg": 1e999'])
 def test_expected_angles_that_are_no_numbers_are_refused_in_words(tmp_path: Path, wrong: str) -> None:
     path = tmp_path / "expected.jsonl"
-    path.write_text(f'{{"frame_no": 1, "detail": [1], {wrong}}}\n')
-    with pytest.raises(TableError, match=r"line 1: \w+ is .*: expected numbers, or no answer"):
-        ExpectedAnswers(path)
+    path.write_text(f'{{"frame_no": 1, "detail": [1], "ra_deg": 1, "de_deg": 2, {wrong}}}\n')
+    with pytest.raises(TableError, match=r"line 1: \w+ is .*; expected a number, or no answer"):
+        read_answers(path)
 
 
 @pytest.mark.parametrize(

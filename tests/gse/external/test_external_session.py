@@ -10,7 +10,6 @@ from gse.cli import main
 from gse.config.choice import change_to
 from gse.config.station import BUILT_IN_TEXT
 from gse.recording.session_format import ANSWER_TOPIC, LOG_TOPIC
-from gse.sessions.expected_answers import ExpectedAnswers
 from gse.sessions.replay import replay_session
 from gse.station.frame_json import frame_json
 
@@ -194,57 +193,3 @@ def test_a_station_file_names_a_program_beside_it(folder, gse):
     (folder / "beside").chmod(0o644)
     refused = gse("config", "check", station)
     assert (refused.code, "is not executable" in refused.err) == (2, True)
-
-
-def compared(session, path):
-    """The result of a replay against expected answers."""
-    expected = ExpectedAnswers(path)
-    replay_session(session, make_listeners=lambda loop, folder: [expected])
-    return expected
-
-
-def test_answers_are_compared_with_expected_ones_to_the_bit(sessions, folder):
-    messages = [record for record in read_capture(sessions[1] / "session.mcap") if isinstance(record, Message)]
-    answers = [json.loads(message.data).get("answer") for message in messages if message.topic == ANSWER_TOPIC]
-    lines = [answer for answer in answers if answer]
-    lines[7]["ra_deg"] += 1e-9
-    path = folder / "answers.ndjson"
-    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    other = compared(sessions[1], path)
-    assert (other.compared, other.different, other.missing, other.unused) == (119, 1, 1, 0)
-    assert "1 of 119 answers differ from the expected ones; 1 frame without an expected answer" in other.text()
-    assert f"frame {lines[7]['frame_no']}: ra_deg is" in other.text()
-
-
-def test_the_lines_of_a_replay_are_expected_of_the_next_one(sessions, folder, gse):
-    assert compared(sessions[0], folder / "own.ndjson").is_same
-    path = folder / "broken.ndjson"
-    path.write_text('{"frame_no": 1}\nnonsense\n')
-    broken = gse("replay", sessions[0], "--expect", path, "--out", folder / "expect-broken")
-    assert (broken.code, "broken.ndjson, line 2: expected an answer" in broken.err) == (2, True)
-
-
-def test_an_expected_quaternion_is_compared_and_an_empty_expectation_refused(sessions, folder, gse):
-    path = folder / "expected.ndjson"
-    lines = (folder / "own.ndjson").read_text().splitlines()
-    turned = [{"frame_no": json.loads(line)["frame_no"], "quaternion": [1, 0, 0, 0]} for line in lines]
-    path.write_text("".join(json.dumps(line) + "\n" for line in turned))
-    assert compared(sessions[0], path).different == 120
-    for text, reason in (
-        ("\n", "has no answer: expected a line of JSON for each frame"),
-        ('{"frame_no": 1, "ra_deg": NaN, "de_deg": NaN}', "line 1: ra_deg is nan: expected numbers"),
-        ('{"frame_no": 1, "quaternion": [1, 0, 0, "0"]}', "line 1: quaternion is [1, 0, 0, '0']: expected numbers"),
-    ):
-        path.write_text(text)
-        refused = gse("replay", sessions[0], "--expect", path, "--out", folder / "refused-expectation")
-        assert (refused.code, reason in refused.err) == (2, True)
-
-
-def test_no_answers_on_both_sides_show_nothing(sessions, folder, gse):
-    blind = program(folder, "for line in sys.stdin: answer(json.loads(line), status='NO_MATCH')\n", name="blind")
-    path = folder / "none.ndjson"
-    path.write_text("".join(json.dumps({"frame_no": number}) + "\n" for number in range(120)))
-    options = ("--identifier", f"command:{blind}", "--expect", path, "--out", folder / "blind-replay")
-    done = gse("replay", sessions[0], *options)
-    assert "0 of 120 answers differ from the expected ones; 120 of them are no answer on both sides" in done.err
-    assert "there was no answer to compare with an expected one (5)" in done.err

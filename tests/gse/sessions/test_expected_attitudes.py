@@ -22,6 +22,8 @@ from protocols import AttitudeMessage, load_protocol
 
 SESSION = Path(__file__).parents[3] / "replays" / "golden" / "own-answers.mcap"
 
+SCHEMA = "gse.compare-sensor/1"
+
 FLIGHT = """\
 import json, sys
 own = {answer["frame_no"]: answer for answer in map(json.loads, open(sys.argv[1]))}
@@ -55,18 +57,23 @@ def answers_of(session, path, *, changed=0, has_roll=True):
     return len(lines)
 
 
-@pytest.mark.parametrize(("changed", "has_roll"), [(0, True), (3, False)])
-def test_a_program_that_says_what_the_sensor_said_differs_nowhere(session, tmp_path, capsys, changed, has_roll):
+@pytest.mark.parametrize(("changed", "has_roll", "as_json"), [(0, True, False), (3, False, False), (3, True, True)])
+def test_a_program_that_says_what_the_sensor_said_differs_nowhere(
+    session, tmp_path, capsys, changed, has_roll, as_json
+):
     count = answers_of(session, tmp_path / "own.ndjson", changed=changed, has_roll=has_roll)
     flight = program(tmp_path, FLIGHT, head="")
     done = runner(capsys)(
-        *("replay", SESSION, "--identifier", f"command:{flight} {tmp_path / 'own.ndjson'}"),
-        *("--expect", "sensor", "--out", tmp_path / "out"),
+        *("compare", SESSION, "--identifier", f"command:{flight} {tmp_path / 'own.ndjson'}", "--with-sensor"),
+        *(["--json"] if as_json else []),
     )
-    assert f"{changed} of {count} answers differ from the expected ones" in done.err
-    assert done.err.count("the sensor sent") == changed
-    assert done.code == 1
-    assert ("answers differ from the expected ones" in done.err.splitlines()[-1]) == (changed > 0)
+    assert done.code == (changed > 0)
+    if as_json:
+        document = json.loads(done.out)
+        assert (document["schema"], document["compared"], document["different"]) == (SCHEMA, count, changed)
+    else:
+        assert f"{changed} of {count} answers differ from the sensor's" in done.out
+        assert done.out.count("the sensor sent") == changed
 
 
 class Sent:

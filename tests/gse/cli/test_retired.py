@@ -1,0 +1,74 @@
+"""Options that are gone: a script that still has one reads in one line what does it now."""
+
+import re
+import shlex
+import shutil
+
+import click
+import pytest
+from devices.command_line import runner
+
+from gse.cli import cli
+from gse.cli.retired import _RETIRED, retired
+
+GONE = [key for key in _RETIRED if key[1]]
+_QUOTED = re.compile(r"'(gse [^']+)'")
+
+
+def command_of(words):
+    """A command of the program by its words, and the words after it."""
+    command = cli
+    while isinstance(command, click.Group) and words:
+        command = command.get_command(click.Context(command), words[0])
+        assert command is not None, words
+        words = words[1:]
+    return command, words
+
+
+def options_of(command):
+    return {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+
+
+@pytest.mark.parametrize(("command", "option"), GONE)
+def test_a_retired_option_ends_with_2_and_one_line(command, option, capsys):
+    done = runner(capsys)(*command.split()[1:], "session.mcap", f"{option}=1")
+    assert done.code == 2
+    assert done.out == ""
+    assert done.err == f"gse: '{command} {option}' is retired: {_RETIRED[command, option]}\n"
+
+
+@pytest.mark.parametrize(("command", "option"), GONE)
+def test_a_retired_option_is_no_option_any_more(command, option):
+    assert option not in options_of(command_of(command.split()[1:])[0])
+
+
+@pytest.mark.parametrize("sentence", sorted(set(_RETIRED.values())))
+def test_a_command_that_does_it_now_exists_with_its_options(sentence):
+    for line in _QUOTED.findall(sentence):
+        command, words = command_of(shlex.split(line)[1:])
+        assert {word for word in words if word.startswith("--")} <= options_of(command)
+
+
+def test_an_option_that_never_was_gets_the_usual_words(capsys):
+    assert retired("gse replay", "--thread") is None
+    done = runner(capsys)("replay", "session.mcap", "--thread", "1")
+    assert (done.code, "No such option" in done.err) == (2, True)
+
+
+def test_a_plan_without_any_session_says_what_plans_now(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    done = runner(capsys)("plan")
+    assert done.code == 2
+    assert done.err.startswith("gse: there is no session below ./sessions; 'gse plan' is retired: 'gse plan SESSION'")
+    assert done.err.count("\n") == 1
+
+
+def test_a_plan_without_an_argument_is_of_the_newest_session(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    gse = runner(capsys)
+    for frames in (40, 60):
+        gse("run", "--port", f"sim://?frames={frames}")
+    older, newer = sorted((tmp_path / "sessions").iterdir())
+    assert gse("plan").out == gse("plan", newer).out != gse("plan", older).out
+    shutil.rmtree(newer)
+    assert gse("plan").out == gse("plan", older).out
