@@ -156,7 +156,7 @@ def _cost_us(identifier: RunningIdentifier, made: list[Panorama], batch: int) ->
 
 
 def solvers(count: int) -> None:
-    """Robust and tetra3rs on cameras A, B and C."""
+    """Robust and tetra3rs on cameras A, B and C; pip install tetra3rs ./benchmarks/solvers."""
     sets = []
     for name, optics in CAMERAS.items():
         sensor = SensorDescription(name, optics.camera, 4096)

@@ -29,8 +29,6 @@ from gse.panorama import Panorama
 ENTRY_POINTS = "gse.identifiers"
 MOST_AHEAD = 64
 """Panoramas sent before the first answer is awaited."""
-_OWN = {"tetra3rs": "gse.external.tetra3rs_solver:make", "cedar-solve": "gse.external.cedar_solver:make"}
-"""Adapters of solvers from PyPI; the solvers themselves are installed by those who use them."""
 _HELLO = b'"gse.identifier/1"'
 _CHECK_S = 60.0
 """Time in which a library or an entry point must load: a solver with scipy takes 20 s of a busy host."""
@@ -158,10 +156,13 @@ class EntryPointPlug(CommandPlug):
     """A Python entry point of the group gse.identifiers, in a process of its own."""
 
     def __init__(self, name: str, directory: Path, config: Path | None, sensor: SensorDescription) -> None:
-        found = _OWN | {point.name: point.value for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
+        found = {point.name: point.value for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
         if name not in found:
-            known = ", ".join(sorted(found))
-            raise UsageError(f"identifier.entry_point: {name} is not installed; known in {ENTRY_POINTS}: {known}")
+            known = ", ".join(sorted(found)) or "none"
+            raise UsageError(
+                f"identifier.entry_point: {name} is not installed; known in {ENTRY_POINTS}: {known}; "
+                "docs/external-identifiers.md says how one is installed"
+            )
         self._command = _host("entry_point_host.py", found[name], config, json.dumps(sys.path))
         self._directory, self._sensor = directory, sensor
         source = _check(self._command, directory, f"identifier.entry_point: {name}")

@@ -1,12 +1,9 @@
-import json
 import sys
 
 import numpy as np
 import pytest
-from skies.made_frames import FIELD_14_DEG, Noise, made_frame, sky_of
+from skies.made_frames import FIELD_14_DEG
 
-from gse.camera import Camera
-from gse.catalog import load_catalog
 from gse.errors import UsageError
 from gse.external.answers import ExternalAnswer, Failure, FailureKind
 from gse.external.identifier import RunningIdentifier
@@ -14,7 +11,6 @@ from gse.external.panoramas import SensorDescription
 from gse.external.plugs import plug_of
 from gse.identifier_options import IdentifierOptions
 from gse.panorama import Panorama
-from gse.spiral import spiral_directions
 
 SENSOR = SensorDescription("made", FIELD_14_DEG, 4096)
 
@@ -86,9 +82,7 @@ def test_an_entry_point_that_cannot_be_loaded_is_refused_before_a_session(instal
         running("absent")
     with pytest.raises(UsageError, match="made_solver:constant is int; expected a function of the sensor"):
         running("constant")
-    with pytest.raises(
-        UsageError, match=r"none is not installed; known in gse\.identifiers: absent, broken, cedar-solve, constant"
-    ):
+    with pytest.raises(UsageError, match=r"none is not installed; known in gse\.identifiers: absent, broken, constant"):
         running("none")
 
 
@@ -106,46 +100,3 @@ def test_one_that_fails_to_start_costs_its_panoramas(installed):
     identifier.close()
     assert all(isinstance(one.answer, Failure) and one.answer.kind is FailureKind.CRASH for one in given)
     assert b"OSError: no database" in identifier.take_log()
-
-
-def _panoramas(camera, limit, count):
-    sky = sky_of(load_catalog(stars=40_000), camera, limit)
-    rng = np.random.default_rng(5)
-    noise = Noise(limit=limit, whole_pixels=False)
-    frames = [made_frame(sky, camera, direction, noise, rng) for direction in spiral_directions(count)]
-    return frames, [Panorama(n, frame.xy_px, frame.brightness, n) for n, frame in enumerate(frames)]
-
-
-@pytest.mark.parametrize("name", ["tetra3rs", "cedar-solve"])
-def test_a_solver_from_pypi_finds_boresight_and_roll(name):
-    pytest.importorskip(name.partition("-")[0] if name == "tetra3rs" else "tetra3")
-    mirrored = Camera(1024, 1024, FIELD_14_DEG.focal_length_px, (500.0, 520.0), mirrored=name == "tetra3rs")
-    frames, panoramas = _panoramas(mirrored, 6.0, 12)
-    plug = plug_of(IdentifierOptions(algorithm="external", entry_point=name), SensorDescription("made", mirrored, 4096))
-    identifier = RunningIdentifier(plug, 20.0)
-    given = identifier.answers(panoramas)
-    identifier.close()
-    attitudes = [one.answer.attitude if isinstance(one.answer, ExternalAnswer) else None for one in given]
-    found = [(frame, attitude) for frame, attitude in zip(frames, attitudes, strict=True) if attitude]
-    assert len(found) >= 9
-    for frame, attitude in found:
-        error = attitude.icrs_to_sensor @ frame.icrs_to_sensor.T
-        across, roll = np.hypot(*error[:2, 2]), np.arctan2(error[1, 0], error[0, 0])
-        assert np.degrees(across) < 0.02
-        assert abs(np.degrees(roll)) < 0.2
-
-
-def test_the_stars_that_tetra3rs_names_are_those_of_the_station_s_catalogue():
-    pytest.importorskip("tetra3rs")
-    frames, panoramas = _panoramas(FIELD_14_DEG, 6.0, 6)
-    identifier = running("tetra3rs")
-    given = identifier.answers(panoramas)
-    identifier.close()
-    named = right = 0
-    for frame, one in zip(frames, given, strict=True):
-        if isinstance(one.answer, ExternalAnswer) and one.answer.attitude:
-            named += len(one.answer.objects)
-            right += int((frame.ids[one.answer.objects] == one.answer.star_ids).sum())
-    assert named > 40
-    assert right > 0.9 * named
-    assert json.dumps(identifier.identity)

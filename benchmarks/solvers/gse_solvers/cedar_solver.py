@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import tetra3
 
-from gse.external.pinhole import brightest_first
+from gse_solvers.pinhole import brightest_first
 
 version = metadata.version("cedar-solve")
 program = tetra3.tetra3.__file__

@@ -11,7 +11,7 @@ from typing import Any
 
 import tetra3rs
 
-from gse.external.pinhole import brightest_first
+from gse_solvers.pinhole import brightest_first
 
 version = metadata.version("tetra3rs")
 program = sys.modules["tetra3rs.tetra3rs"].__file__

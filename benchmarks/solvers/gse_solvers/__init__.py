@@ -1,0 +1,1 @@
+"""Solvers from PyPI as identifiers under test: entry points of the group gse.identifiers."""
