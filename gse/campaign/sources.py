@@ -20,7 +20,7 @@ _GLOB = re.compile(r"[*?\[]")
 class Source:
     """A session as it lies: URL of its first segment, those of all, and what tells whether it changed.
 
-    ``state`` is size and time of change (an ETag where the storage has one) of each segment.
+    ``state`` is size and time of change of each segment.
     """
 
     url: str
@@ -106,7 +106,7 @@ def _url(fs: Any, name: str, asked: str) -> str:
 
 
 def _state(info: dict[str, Any]) -> str:
-    changed = info.get("mtime") or info.get("LastModified") or ""
+    changed = info.get("mtime") or ""
     if isinstance(changed, datetime):
         changed = changed.isoformat()
-    return f"{info.get('size')} {changed} {info.get('ETag', '')}".strip().replace('"', "")
+    return f"{info.get('size')} {changed}".strip()

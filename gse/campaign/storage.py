@@ -1,10 +1,11 @@
 """Storage by fsspec: folders here, on an SFTP server, or in an S3 bucket.
 
 A file is written whole or not at all: under another name and then renamed where the storage can rename (a folder, an
-SFTP server), by one PUT where it cannot (S3). Storage that fails for a while is asked again by tenacity, up to
+SFTP server), by one upload where it cannot (S3). Storage that fails for a while is asked again by tenacity, up to
 PATIENCE_S; a wrong name, refused credentials and a full disk are errors at once.
 
-Credentials come from where fsspec, boto and ssh look for them (docs/campaigns.md); none is ever written to a data set.
+Credentials come from where fsspec, AWS's library and ssh look for them (docs/campaigns.md); none is ever written to a
+data set.
 """
 
 import errno
@@ -36,9 +37,17 @@ PARTS = ".parts"
 _RENAMES = ("file", "local", "sftp", "ssh")
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _LASTING = (*_FULL, errno.EROFS, errno.ELOOP, errno.ENAMETOOLONG)
-_REFUSED = ("AuthenticationException", "BadHostKeyException", "NoCredentialsError", "PartialCredentialsError")
-_REFUSED_TEXTS = ("not found in known_hosts", "InvalidAccessKeyId", "SignatureDoesNotMatch", "AccessDenied")
-_LIBRARIES = ("paramiko", "botocore", "aiobotocore", "aiohttp", "s3fs")
+_REFUSED = ("AuthenticationException", "BadHostKeyException")
+_REFUSED_TEXTS = (
+    "not found in known_hosts",
+    "INVALID_ACCESS_KEY_ID",
+    "SIGNATURE_DOES_NOT_MATCH",
+    "ACCESS_DENIED",
+    "ExpiredToken",
+    "InvalidToken",
+)
+_ELSEWHERE = "(HTTP status 301)"
+"""A bucket of another region, which Arrow names."""
 
 _given_up: set[str] = set()
 """Servers that failed for PATIENCE_S: else each of a thousand sessions would wait as long for one that is gone."""
@@ -60,15 +69,20 @@ def open_storage(url: str) -> tuple[Any, str]:
     protocol = protocol_of(url)
     if protocol != "file" and not url.split("://", 1)[1].split("/", 1)[0]:
         raise UsageError(f"{url} names no server; expected for example sftp://user@host/folder or s3://bucket/folder")
+    if protocol == "s3" and "@" in url.split("/", 3)[2]:
+        raise UsageError(
+            "no credentials belong into the URL of a bucket; docs/campaigns.md says where they are read from"
+        )
     if protocol in ("sftp", "ssh"):
         _use_known_hosts()
     try:
-        # A cached file system would keep a connection that is gone.
-        fs, path = url_to_fs(url, use_listings_cache=False) if protocol == "s3" else url_to_fs(url)
+        fs, path = _bucket(url) if protocol == "s3" else url_to_fs(url)
     except ImportError as error:
         raise UsageError(
             f"{url} needs a package that is not installed ({error}); pip install 'gse-star-sensor[campaign]'"
         ) from error
+    except UsageError:
+        raise
     except FileNotFoundError as error:  # of a key or of known_hosts: the path of the URL was not looked at yet
         raise StorageError(
             f"{url} cannot be reached: {error}; docs/campaigns.md says where keys and credentials are read from", url
@@ -201,11 +215,12 @@ def _may_pass(error: BaseException) -> bool:
         return isinstance(error.__cause__, Exception) and _may_pass(error.__cause__)
     if isinstance(error, FileNotFoundError | PermissionError | IsADirectoryError | NotADirectoryError):
         return False
-    return _is_of_storage(error) and not _is_refused(error) and getattr(error, "errno", None) not in _LASTING
+    lasts = getattr(error, "errno", None) in _LASTING or _is_refused(error) or _ELSEWHERE in str(error)
+    return _is_of_storage(error) and not lasts
 
 
 def _is_of_storage(error: BaseException) -> bool:
-    return isinstance(error, OSError | EOFError) or type(error).__module__.startswith(_LIBRARIES)
+    return isinstance(error, OSError | EOFError) or type(error).__module__.startswith("paramiko")
 
 
 def _is_refused(error: BaseException) -> bool:
@@ -228,6 +243,13 @@ def _can_rename(fs: Any) -> bool:
 
 def _protocols(fs: Any) -> tuple[str, ...]:
     return (fs.protocol,) if isinstance(fs.protocol, str) else tuple(fs.protocol)
+
+
+def _bucket(url: str) -> tuple[Any, str]:
+    import gse.campaign.s3  # starts AWS's library
+
+    path = url.removeprefix("s3://")
+    return gse.campaign.s3.S3(path.split("/", 1)[0]), path
 
 
 def _use_known_hosts() -> None:

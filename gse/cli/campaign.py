@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from gse.campaign.judging import Judged
 
 SCHEMA = "gse.campaign-run/1"
-PACKAGES = ("dask", "distributed", "duckdb", "fsspec", "s3fs", "paramiko", "tenacity", "pyarrow")
+PACKAGES = ("dask", "distributed", "duckdb", "fsspec", "paramiko", "tenacity", "pyarrow")
 _MOST_LINES = 20
 
 

@@ -17,9 +17,9 @@ from pathlib import Path
 import psutil
 import pytest
 from devices.patience import PATIENCE_S
+from devices.s3_server import S3Server, s3_server
 
 WORKER_TTL_S = 6
-BUCKET = "nights"
 
 
 @dataclass
@@ -131,31 +131,20 @@ class Cluster:
     address: str
     sshd: Sshd
     scheduler: Started
-    s3: dict[str, str]
+    s3: S3Server
 
 
 @contextmanager
 def cluster(folder: Path, workers: int = 2):
     """A scheduler, workers with credentials of an SFTP server and an S3 server, and these servers."""
-    from moto.server import ThreadedMotoServer
-
     with ExitStack() as stack:
         sshd = Sshd(folder)
         sshd.start()
         stack.callback(sshd.stop)
-        moto = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
-        moto.start()
-        stack.callback(moto.stop)
-        host, port = moto.get_host_and_port()
-        s3 = {
-            "AWS_ENDPOINT_URL": f"http://{host}:{port}",
-            "AWS_ACCESS_KEY_ID": "test",
-            "AWS_SECRET_ACCESS_KEY": "test",
-            "AWS_DEFAULT_REGION": "us-east-1",
-        }
+        s3 = stack.enter_context(s3_server())
         env = (
             os.environ
-            | s3
+            | s3.environment
             | {
                 "FSSPEC_SFTP": json.dumps(sshd.options()),
                 "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": f"{WORKER_TTL_S}s",

@@ -1,14 +1,21 @@
-"""A TCP proxy that says something of its own to the client, as a faulty server does."""
+"""A TCP proxy that says something of its own to the client, as a faulty server does, or that refuses something."""
 
 import contextlib
 import socket
+import ssl
 import threading
 
 
 class Proxy:
-    """Between a client and a server on this computer; a context manager."""
+    """Between a client and a server on this computer; a context manager.
 
-    def __init__(self, port: int) -> None:
+    It ends the connection of a client that says what it ``refuses``. With ``tls`` its clients speak TLS with it.
+    """
+
+    def __init__(self, port: int, refuses: bytes | None = None, tls: ssl.SSLContext | None = None) -> None:
+        self.refused = 0
+        self._refuses = refuses
+        self._tls = tls
         self._server = ("127.0.0.1", port)
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.port = self._listening.getsockname()[1]
@@ -34,14 +41,27 @@ class Proxy:
             while True:
                 client, _ = self._listening.accept()
                 try:
+                    if self._tls is not None:
+                        client = self._tls.wrap_socket(client, server_side=True)
                     server = socket.create_connection(self._server)
-                except OSError:  # it does not listen yet
+                except OSError:  # it does not listen yet, or its client does not trust it
                     client.close()
                     continue
                 self._clients.append(client)
                 self._servers.append(server)
                 for pair in ((client, server), (server, client)):
-                    threading.Thread(target=_hand_on, args=pair, daemon=True).start()
+                    threading.Thread(target=self._hand_on, args=pair, daemon=True).start()
+
+    def _hand_on(self, source: socket.socket, sink: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while data := source.recv(65536):
+                if self._refuses is not None and self._refuses in data:
+                    self.refused += 1
+                    break
+                sink.sendall(data)
+        for connection in (source, sink):
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
 
     def __enter__(self) -> "Proxy":
         return self
@@ -49,12 +69,3 @@ class Proxy:
     def __exit__(self, *error: object) -> None:
         for connection in (self._listening, *self._clients, *self._servers):
             connection.close()
-
-
-def _hand_on(source: socket.socket, sink: socket.socket) -> None:
-    with contextlib.suppress(OSError):
-        while data := source.recv(4096):
-            sink.sendall(data)
-    for connection in (source, sink):
-        with contextlib.suppress(OSError):
-            connection.shutdown(socket.SHUT_RDWR)

@@ -16,7 +16,8 @@ import fsspec
 import fsspec.config
 import psutil
 import pytest
-from devices.cluster import BUCKET, Started, cluster, start
+from devices.cluster import Started, cluster, start
+from devices.s3_server import BUCKET
 
 from gse.campaign.cluster import cluster as connected
 from gse.campaign.cluster import past_lost_workers
@@ -197,11 +198,9 @@ def test_two_campaigns_into_one_data_set_give_what_one_gives(running, nights, tm
 
 
 def test_sessions_in_a_bucket_are_judged_into_a_bucket(running, gse, nights, monkeypatch):
-    for name, value in running.s3.items():
+    for name, value in running.s3.environment.items():
         monkeypatch.setenv(name, value)
-    bucket = fsspec.filesystem("s3", skip_instance_cache=True)
-    bucket.mkdir(BUCKET)
-    bucket.put_file(str(nights / "night-1.mcap"), f"{BUCKET}/in/night-1.mcap")
+    running.s3.put("in/night-1.mcap", (nights / "night-1.mcap").read_bytes())
     arguments = ("campaign", "judge", f"s3://{BUCKET}/in", "--to", f"s3://{BUCKET}/dataset", "--json")
     done = gse(*arguments, "--scheduler", running.address)
     assert done.code == 0, done.err
