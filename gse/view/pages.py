@@ -67,8 +67,8 @@ class _Page(RequestHandler):
         self.extra = extra
 
     def host(self) -> str | None:
-        """The name of this server by which it was asked; None where it has no such name."""
-        return host_of(self.request.headers.get("Host", ""), bind=self.server.bind, port=self.server.port)
+        """The name of this server, with the port, by which it was asked; None where it has no such name."""
+        return host_of(self.request.headers.get("Host", ""), bind=self.server.bind)
 
     def prepare(self) -> None:
         host = self.host()
@@ -77,7 +77,7 @@ class _Page(RequestHandler):
             self.finish("this server has another name\n")
             return
         content = self.server.content
-        live = f" ws://{host}:{self.server.port}" if content.glance else ""
+        live = f" ws://{host}" if content.glance else ""
         self.set_header(
             "Content-Security-Policy",
             f"default-src 'none'; script-src 'self' '{_glance_script_hash()}' 'wasm-unsafe-eval'; "

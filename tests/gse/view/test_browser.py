@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 from devices.browser import Visits, browser
 from devices.patience import PATIENCE_S
+from devices.proxy import Proxy
 from PIL import Image
 from skies.synthetic_night import small_catalog, synthetic_frames, synthetic_night
 
 from gse.drawing.palette import ORANGE, PINK, SKY_BLUE, VERMILLION
 from gse.station.frame_results import NewResults
+from gse.station.notes import Notes
 from gse.view.glance import Glance
 from gse.view.live import LiveView
 from gse.view.saved_view import save_view
@@ -114,6 +116,23 @@ def test_the_page_cannot_call_out_even_if_it_tries(visit: Visits) -> None:
         blocked = seen.page.evaluate("fetch('http://localhost:1/').then(() => 'sent', e => String(e))")
         assert "sent" not in blocked
         assert any("Content Security Policy" in error for error in seen.errors)
+
+
+def test_the_glance_page_works_through_a_tunnel_with_another_port(visit: Visits) -> None:
+    session, notes = synthetic_night(20), Notes()
+    glance = Glance(session.station)
+    for frame in synthetic_frames(20, trouble=False):
+        glance.on_results(NewResults.of([frame]), session)
+    content = Content(glance=glance, notes=notes)
+    with ViewServer("0.0.0.0", 0, content) as server, Proxy(server.port) as tunnel, visit() as seen:
+        seen.page.goto(f"http://localhost:{tunnel.port}/")
+        seen.page.wait_for_selector("#axis-1")
+        assert seen.page.inner_text("#word-text") not in ("", "CONNECTING")
+        seen.page.fill("#note-text", "clouds from the west")
+        seen.page.press("#note-text", "Enter")
+        seen.page.wait_for_selector("#note-answer:has-text('noted: clouds from the west')")
+        assert notes.take() == ["clouds from the west"]
+        assert seen.errors == []
 
 
 SIZES = {"phone": (390, 844), "laptop": (1280, 720), "wide": (1920, 1080)}

@@ -12,7 +12,9 @@ from pathlib import Path
 
 import pytest
 from devices.patience import PATIENCE_S
+from devices.proxy import Proxy
 from skies.synthetic_night import synthetic_frames, synthetic_night
+from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from gse.station.frame_results import NewResults
@@ -39,7 +41,9 @@ def server(glance: Glance, notes: Notes) -> Iterator[ViewServer]:
         yield server
 
 
-def post(server: ViewServer, body: object, *, address: str = "127.0.0.1", **headers: str) -> tuple[int, dict[str, str]]:
+def post(
+    server: ViewServer | Proxy, body: object, *, address: str = "127.0.0.1", **headers: str
+) -> tuple[int, dict[str, str]]:
     connection = http.client.HTTPConnection(address, server.port, timeout=PATIENCE_S)
     wanted = {"Content-Type": "application/json"} | {name.replace("_", "-"): text for name, text in headers.items()}
     connection.request("POST", "/note", json.dumps(body), wanted)
@@ -196,6 +200,32 @@ def test_a_page_of_somebody_else_leaves_no_note(server: ViewServer, notes: Notes
     assert post(server, {"text": "x"}, Origin="http://attacker.example")[0] == 403
     assert post(server, {"text": "x"}, Content_Type="text/plain")[0] == 403
     assert notes.take() == []
+
+
+def test_notes_and_documents_come_through_a_tunnel_with_another_port(
+    server: ViewServer, glance: Glance, notes: Notes
+) -> None:
+    with Proxy(server.port) as tunnel:
+        own = f"http://localhost:{tunnel.port}"
+        assert post(tunnel, {"text": "x"}, Host=f"localhost:{tunnel.port}", Origin=own) == (200, {"note": "x"})
+        assert notes.take() == ["x"]
+        for foreign in (f"http://localhost:{server.port}", "http://attacker.example", "null"):
+            assert post(tunnel, {"text": "x"}, Host=f"localhost:{tunnel.port}", Origin=foreign)[0] == 403
+            assert asyncio.run(status_of_live(tunnel.port, foreign)) == 403
+        assert notes.take() == []
+        assert asyncio.run(status_of_live(tunnel.port, own)) == 101
+
+
+async def status_of_live(port: int, origin: str) -> int:
+    """101 where a page of this origin gets the documents, else the answer's status."""
+    request = HTTPRequest(f"ws://localhost:{port}/live", headers={"Origin": origin})
+    try:
+        socket = await websocket_connect(request)
+    except HTTPClientError as error:
+        return error.code
+    assert json.loads(str(await socket.read_message()))
+    await leave(socket)
+    return 101
 
 
 def test_a_note_from_another_address_needs_the_token(glance: Glance, notes: Notes) -> None:

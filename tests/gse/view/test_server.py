@@ -1,6 +1,7 @@
 """The web view answers to its own name alone: DNS rebinding, and a Host that would enter a header."""
 
 import http.client
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from devices.patience import PATIENCE_S
 from skies.synthetic_night import synthetic_night
 
 from gse.view.glance import Glance
+from gse.view.host_names import names_of_machine
 from gse.view.server import Content, ViewServer
 
 
@@ -41,10 +43,14 @@ def ask(page: ViewServer, *hosts: str, path: str = "/session.rrd") -> tuple[int,
     "host",
     [
         "attacker.example:{port}",
+        "attacker.example:1",
         "127.0.0.1.attacker.example:{port}",
         "localhost.attacker.example:{port}",
-        "127.0.0.1",
-        "127.0.0.1:1",
+        "attacker.localhost:{port}",
+        "{machine}.attacker.example:{port}",
+        "{machine}.local:{port}",
+        "127.0.0.1:123456",
+        "127.0.0.1:",
         "192.0.2.1:{port}",
         "127.0.0.1:{port}; script-src *",
         "127.0.0.1:{port}@attacker.example",
@@ -53,7 +59,7 @@ def ask(page: ViewServer, *hosts: str, path: str = "/session.rrd") -> tuple[int,
     ],
 )
 def test_a_host_that_is_not_this_servers_is_refused_and_enters_no_header(page: ViewServer, host: str) -> None:
-    status, headers, body = ask(page, host.format(port=port_of(page)))
+    status, headers, body = ask(page, host.format(port=port_of(page), machine=socket.gethostname()))
     assert status in (400, 421)
     assert "attacker" not in headers + body.decode()
     assert "script" not in headers + body.decode()
@@ -67,16 +73,36 @@ def test_two_hosts_or_none_are_refused(page: ViewServer) -> None:
     assert ask(page, own, "attacker.example")[0] in (400, 421)
 
 
-@pytest.mark.parametrize("name", ["127.0.0.1", "localhost"])
-def test_its_own_names_are_answered_with_the_policy_of_that_name(name: str) -> None:
+@pytest.mark.parametrize("host", ["127.0.0.1:{port}", "localhost:{port}", "[::1]:9000", "localhost:9000", "127.0.0.1"])
+def test_its_own_names_are_answered_at_any_port_with_the_policy_of_that_name(host: str) -> None:
     with ViewServer("127.0.0.1", 0, Content(glance=Glance(synthetic_night(1).station))) as page:
-        status, headers, _ = ask(page, f"{name}:{port_of(page)}", path="/")
+        name = host.format(port=page.port)
+        status, headers, _ = ask(page, name, path="/")
     assert status == 200
-    assert f"connect-src 'self' ws://{name}:{page.port};" in headers
+    assert f"connect-src 'self' ws://{name};" in headers
+
+
+@pytest.mark.parametrize("host", ["{machine}:{port}", "{machine}.local:{port}", "{machine}.LOCAL:9000", "192.0.2.7"])
+def test_bound_to_all_addresses_it_answers_to_the_names_of_its_machine(host: str) -> None:
+    with ViewServer("0.0.0.0", 0, Content()) as page:
+        assert ask(page, host.format(port=page.port, machine=socket.gethostname()), path="/")[0] == 200
+
+
+def test_the_names_of_a_machine_are_its_own_and_those_with_a_domain_in_its_hosts_file() -> None:
+    lines = [
+        "127.0.1.1 station.obs.example Station ads.example",
+        "# 10.0.0.1 station.old.example",
+        "10.0.0.2 stations.b",
+    ]
+    own = {"station", "station.local", "station.obs.example"}
+    assert names_of_machine("Station", lines) == own
+    assert names_of_machine("station.obs.example", []) == own
 
 
 def test_bound_to_all_addresses_it_answers_to_an_address_and_to_no_foreign_name(tmp_path: Path) -> None:
     with ViewServer("0.0.0.0", 0, Content()) as page:
         port = port_of(page)
         assert ask(page, f"192.0.2.7:{port}", path="/")[0] == 200
-        assert ask(page, f"attacker.example:{port}", path="/")[0] == 421
+        machine = socket.gethostname()
+        for name in ("attacker.example", "attacker.local", f"{machine}.attacker.example", f"attacker.{machine}.local"):
+            assert ask(page, f"{name}:{port}", path="/")[0] == 421
