@@ -21,6 +21,7 @@ from scipy.stats import chi2
 from drivers.mock.urls import sim_url
 from gse.assessment.compared_axis import ComparedAxis, axis_rows
 from gse.assessment.compared_subject import ComparedSession
+from gse.axis import ON_SKY
 from gse.calibration.camera_fit import calibrate
 from gse.calibration.session_fit import PanoramaSample, star_fields
 from gse.config.edit import with_values
@@ -98,7 +99,7 @@ def chi_square_rows(name, labels, found):
 def compared(session):
     """Both axes of a session, for compare."""
     table = ComparedSession.of(session).table
-    return {label: ComparedAxis.of(table, axis) for axis, label in (("d_ra_cosde", "dRA*"), ("d_de", "dDE"))}
+    return {axis.label: ComparedAxis.of(table, axis) for axis in ON_SKY}
 
 
 def compare_rows(skies):

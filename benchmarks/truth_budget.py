@@ -16,9 +16,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gse.attitude import Attitude
+from gse.axis import AXES
 from gse.budget.star_terms import PARALLAX_ARCSEC, FieldOfStars, star_terms
 from gse.budget.truth_budget import SessionFacts, truth_budget
-from gse.budget.uncertainty import AXES, TO_STANDARD
+from gse.budget.uncertainty import TO_STANDARD
 from gse.constants import ARCSEC_PER_RAD, ARCSEC_RAD
 from gse.instant import NS_PER_S, from_text
 from gse.mount import Mount, MountUncertainty
@@ -167,16 +168,17 @@ def main() -> None:
     for _ in range(options.sessions):
         one = drawn(random)
         axes = truth_budget(one.facts).axes
-        inside.append([abs(error) <= axes[axis].expanded_arcsec for axis, error in zip(AXES, one.errors, strict=True)])
-        k.append([axes[axis].k for axis in AXES])
-        width.append([axes[axis].expanded_arcsec for axis in AXES])
+        known = [axes[axis.key] for axis in AXES]
+        inside.append([abs(error) <= of.expanded_arcsec for of, error in zip(known, one.errors, strict=True)])
+        k.append([of.k for of in known])
+        width.append([of.expanded_arcsec for of in known])
     print(f"{options.sessions} sessions, seed {options.seed}; the true error is inside U95 (to reach: 93 to 97 %)")
     print("| axis | inside U95 | U95, median (arcsec) | k, smallest to greatest |")
     print("|---|---|---|---|")
     for place, axis in enumerate(AXES):
         share, values = np.mean([row[place] for row in inside]), [row[place] for row in k]
         middle = np.median([row[place] for row in width])
-        print(f"| {axis} | {share:.1%} | {middle:.1f} | {min(values):.2f} to {max(values):.2f} |")
+        print(f"| {axis.key} | {share:.1%} | {middle:.1f} | {min(values):.2f} to {max(values):.2f} |")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,8 @@ from typing import Annotated
 
 from annotated_types import Interval
 
+from gse.axis import Axis
+
 Arcsec = Annotated[float, Interval(gt=0, le=648_000)]
 """Up to half a turn: a limit that nothing exceeds tests nothing."""
 
@@ -32,3 +34,8 @@ class Limits:
     availability: Annotated[float, Interval(gt=0, le=1)] = 0.95
     false_share: Annotated[float, Interval(gt=0, lt=1)] = 0.01
     decision: Decision = Decision.GUARDED
+
+    def of(self, axis: Axis) -> float:
+        """The limit of the errors along an axis on the sky."""
+        limit: float = getattr(self, axis.column)
+        return limit

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.assessment.compared_subject import ComparedSubject
+from gse.axis import Axis
 from gse.diagnosis.field_content import FieldContent
 from gse.statistics.autocorrelation import mean_error
 from gse.statistics.axis_statistics import AxisStatistics, quick_errors
@@ -50,12 +51,12 @@ class ComparedAxis(NamedTuple):
     noise_time_share: float
 
     @classmethod
-    def of(cls, subject: ComparedSubject, axis: str) -> "ComparedAxis":
-        errors = subject.errors[f"{axis}_arcsec"][subject.good]
+    def of(cls, subject: ComparedSubject, axis: Axis) -> "ComparedAxis":
+        errors = subject.errors[axis.column][subject.good]
         square = quick_errors(subject.utc_ns[subject.good], errors) ** 2
         noise_share = error_of_mean(square) / 2 / max(float(square.mean()), 1e-300) if len(square) else _NAN
         by_time = error_of_mean(errors), error_of_mean(np.abs(errors)), noise_share
-        return cls(subject.statistics.axes[axis], subject.fields.get(axis, _NO_FIELD), *by_time)
+        return cls(subject.statistics.axes[axis.key], subject.fields.get(axis.key, _NO_FIELD), *by_time)
 
     def growth(self, other: "ComparedAxis") -> float:
         """What takes the noise of another session to the fields of this one; 1 where they do not tell."""

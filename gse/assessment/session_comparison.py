@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gse.assessment.compared_axis import Change, ComparedAxis, Row, axis_rows, error_of_mean, sigmas_of
 from gse.assessment.compared_subject import ComparedSession, ComparedSubject, Pairs
+from gse.axis import OF_SENSOR, ON_SKY, Axis
 from gse.instant import NS_PER_S
 from gse.station.frame_columns import Columns
 from gse.station.results import Subject
@@ -68,10 +69,9 @@ def session_comparison(
     two = of_second.result()
     pairs = _pairs(first.frames.columns, second.frames.columns)
     limits = first.station.limits
-    axes = (("d_ra_cosde", "dRA*", limits.d_ra_cosde_arcsec), ("d_de", "dDE", limits.d_de_arcsec))
 
     def judged(subjects: _Both) -> Iterator[Row]:
-        for axis, label, limit in axes:
+        for axis in ON_SKY:
             both = ComparedAxis.of(subjects[0], axis), ComparedAxis.of(subjects[1], axis)
             # The same panoramas have the same fields: fewer stars identified in them is a loss of the second.
             growth = 1.0 if pairs is not None else both[0].growth(both[1])
@@ -79,10 +79,10 @@ def session_comparison(
                 growth = min(growth, 1.0)
             change = _paired_change(axis, subjects, pairs)
             yield from axis_rows(
-                label,
+                axis.label,
                 *both,
                 paired=change,
-                allowed=allowed_share * limit,
+                allowed=allowed_share * limits.of(axis),
                 growth=growth,
                 bias_is_regression=bias_is_regression,
             )
@@ -102,7 +102,7 @@ def session_comparison(
     return SessionComparison(tuple(rows), pairs is not None, shown)
 
 
-_AXIS_NAMES = {"cross_x": ", x", "cross_y": ", y", "d_roll": ", roll", None: ""}
+_AXIS_NAMES = {axis.key: f", {axis.label}" for axis in OF_SENSOR} | {None: ""}
 
 
 def _metric_rows(first: Statistics, second: Statistics, *, independent: bool) -> Iterator[Row]:
@@ -145,11 +145,11 @@ def _pairs(first: Columns, second: Columns) -> Pairs | None:
     return one[same], two[same]
 
 
-def _paired_change(axis: str, subjects: _Both, pairs: Pairs | None) -> Change | None:
+def _paired_change(axis: Axis, subjects: _Both, pairs: Pairs | None) -> Change | None:
     """None of different panoramas, or where none of them was answered well in both sessions."""
     if pairs is None:
         return None
-    errors = [np.abs(subject.errors[f"{axis}_arcsec"]) for subject in subjects]
+    errors = [np.abs(subject.errors[axis.column]) for subject in subjects]
     both = subjects[0].good[pairs[0]] & subjects[1].good[pairs[1]]
     change = (errors[1][pairs[1]] - errors[0][pairs[0]])[both]
     return Change(float(change.mean()), error_of_mean(change)) if len(change) else None

@@ -17,6 +17,7 @@ from gse.assessment.planning import (
     false_answer_frames,
 )
 from gse.assessment.verdict import SLOW_SHARE, Assessment
+from gse.axis import AXES
 from gse.limits import Decision, Limits
 from gse.station.results import Subject, Verdict
 from gse.statistics.axis_statistics import MIN_S
@@ -29,7 +30,6 @@ NEVER = math.inf
 
 _MOST_TIMES = 1_000_000
 _HALVINGS = 50
-_AXES = (("dRA*", "d_ra_cosde"), ("dDE", "d_de"), ("roll", "d_roll"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ def plan_like(assessment: Assessment, subject: Subject, limits: Limits) -> Sessi
     frames_per_s = (stats.frames - 1) / stats.duration_s
     axes = tuple(_questions(assessment, of_subject, frames_per_s))
     share = of_subject.available
-    if len(axes) < len(_AXES) or not share.of:
+    if len(axes) < len(AXES) or not share.of:
         return None
     return session_plan(
         axes,
@@ -125,11 +125,11 @@ def plan_like(assessment: Assessment, subject: Subject, limits: Limits) -> Sessi
 
 def _questions(assessment: Assessment, subject: SubjectStatistics, frames_per_s: float) -> Iterator[AxisQuestion]:
     rows = {row.name: row for row in assessment.rows if row.subject is subject.subject}
-    for label, axis in _AXES:
-        figures, row = subject.axes[axis], rows[f"95 % of |{label}|"]
+    for axis in AXES:
+        figures, row = subject.axes[axis.key], rows[f"95 % of |{axis.label}|"]
         values = (figures.bias_arcsec, figures.std_arcsec, figures.tau_s)
         if all(map(math.isfinite, values)) and math.isfinite(row.truth_uncertainty):
-            yield AxisQuestion(label, Expected(*values, frames_per_s), row.limit, row.truth_uncertainty)
+            yield AxisQuestion(axis.label, Expected(*values, frames_per_s), row.limit, row.truth_uncertainty)
 
 
 @dataclass(frozen=True, slots=True)

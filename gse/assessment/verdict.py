@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 from gse.assessment.not_run import under_stop
 from gse.assessment.obstacles import obstacles
+from gse.axis import AXES, ON_SKY, Axis
 from gse.budget.mount_terms import STABILITY
 from gse.budget.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
 from gse.budget.uncertainty import AxisUncertainty
@@ -161,18 +162,13 @@ def _rows(
     limits: Limits,
     relative: bool,
 ) -> Iterator[Row]:
-    axes = (
-        ("dRA*", "d_ra_cosde", limits.d_ra_cosde_arcsec),
-        ("dDE", "d_de", limits.d_de_arcsec),
-        ("roll", "d_roll", limits.d_roll_arcsec),
-    )
     truth = budget.own_axes if subject.subject is Subject.SENSOR else budget.axes
-    for label, axis, limit in axes:
-        for name, which in ((f"mean |{label}|", "mean_abs"), (f"95 % of |{label}|", "p95_abs")):
+    for axis in AXES:
+        for name, which in ((f"mean |{axis.label}|", "mean_abs"), (f"95 % of |{axis.label}|", "p95_abs")):
             yield judge_figure(
-                Requirement(subject.subject, name, limit, limits.decision, "arcsec"),
-                figure_of(subject.axes[axis], which, stats.duration_s),
-                truth_uncertainty=_standard(truth[axis]),
+                Requirement(subject.subject, name, limits.of(axis), limits.decision, axis.unit),
+                figure_of(subject.axes[axis.key], which, stats.duration_s),
+                truth_uncertainty=_standard(truth[axis.key]),
                 relative=relative,
                 settles=_settles(budget, axis),
             )
@@ -181,7 +177,7 @@ def _rows(
     yield judge_figure(
         Requirement(subject.subject, name, cone_arcsec, limits.decision, "arcsec"),
         figure_of(subject.half_cone_95, "p95_abs", stats.duration_s),
-        truth_uncertainty=math.hypot(*(_standard(truth[axis]) for axis in ("d_ra_cosde", "d_de"))),
+        truth_uncertainty=math.hypot(*(_standard(truth[axis.key]) for axis in ON_SKY)),
         relative=relative,
     )
     yield from _shares(subject, limits, lost=stats.frames_expected - int(stats.counted.expected.sum()))
@@ -193,10 +189,10 @@ def _standard(truth: AxisUncertainty) -> float:
     return truth.one_sided_arcsec / COVERAGE_FACTOR
 
 
-def _settles(budget: TruthUncertaintyBudget, axis: str) -> bool:
+def _settles(budget: TruthUncertaintyBudget, axis: Axis) -> bool:
     """Whether the stability of the mount, better known after a longer time, makes most of what truth leaves open."""
     stability = math.hypot(*(term.of(axis) for term in budget.terms if term.name == STABILITY))
-    return stability**2 > budget.axes[axis].standard_arcsec ** 2 / 2
+    return stability**2 > budget.axes[axis.key].standard_arcsec ** 2 / 2
 
 
 def _shares(subject: SubjectStatistics, limits: Limits, *, lost: int) -> Iterator[Row]:
@@ -255,8 +251,7 @@ def _without_sensor(own_answers: int) -> str:
 
 def _complaints(session: SessionData, budget: TruthUncertaintyBudget) -> list[str]:
     limits = session.station.limits
-    rows = (("dRA*", limits.d_ra_cosde_arcsec), ("dDE", limits.d_de_arcsec))
-    lines = [line for axis, limit in rows if (line := budget.complaint(axis, limit, TRUTH_SHARE))]
+    lines = [line for axis in ON_SKY if (line := budget.complaint(axis, limits.of(axis), TRUTH_SHARE))]
     if lines or not len(session.sensor_attitudes):
         return lines
-    return [line for axis, limit in rows if (line := budget.complaint(axis, limit, TRUTH_SHARE, own=True))]
+    return [line for axis in ON_SKY if (line := budget.complaint(axis, limits.of(axis), TRUTH_SHARE, own=True))]

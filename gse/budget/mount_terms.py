@@ -10,8 +10,9 @@ from functools import partial
 
 import numpy as np
 
+from gse.axis import AXES
 from gse.budget.truth_sensitivity import LARGEST_STEP_ARCSEC, ChangedTruth, Vector, scaled, together
-from gse.budget.uncertainty import AXES, TO_STANDARD, Distribution, Term
+from gse.budget.uncertainty import TO_STANDARD, Distribution, Term
 from gse.mount import Mount
 from gse.truth import Alignment
 
@@ -81,7 +82,7 @@ def stability(drift_arcsec_per_h: Mapping[str, float], duration_s: float, *, fit
     hours = duration_s / 3600
     # A stated mount was surveyed at some time; a fitted one is that of the session's beginning.
     reach = hours if fitted else hours / 2
-    ra, de, roll = (_half_width(reach * drift_arcsec_per_h.get(axis, 0.0)) / math.sqrt(3) for axis in AXES)
+    ra, de, roll = (_half_width(reach * drift_arcsec_per_h.get(axis.key, 0.0)) / math.sqrt(3) for axis in AXES)
     return Term(
         STABILITY,
         math.hypot(ra, de),

@@ -1,7 +1,7 @@
 """The truth uncertainty budget: each input of the truth, how well it is known, and what that leaves open.
 
 For the verdict: ``truth_budget(session_facts(session, clock_error_s=...))`` gives a TruthUncertaintyBudget; its
-``axes["d_ra_cosde" | "d_de" | "d_roll"]`` are AxisUncertainty (standard, expanded with k, one-sided 95 %, the part that
+``axes``, by the key of each of AXES, are AxisUncertainty (standard, expanded with k, one-sided 95 %, the part that
 is common to all frames and the part that changes with the field, and whether all terms are known), ``terms`` the rows
 of the report, and ``complaint`` a sentence where it is too much for a limit.
 
@@ -18,12 +18,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gse.axis import AXES, D_DE, D_RA_COSDE, Axis
 from gse.budget.inertial_terms import inertial_terms
 from gse.budget.mount_terms import clock, fitted_mount, stability, stated_mount, time_stamp
 from gse.budget.sky_terms import air_terms, earth_terms, model_terms, site_terms
 from gse.budget.star_terms import OWN_STARS, FieldOfStars, own_stars, star_terms
 from gse.budget.truth_sensitivity import ChangedTruth
-from gse.budget.uncertainty import AXES, AxisUncertainty, Term, combined
+from gse.budget.uncertainty import AxisUncertainty, Term, combined
 from gse.mount import Mount
 from gse.site import Site
 from gse.station.clock_steps import instants_ns
@@ -32,7 +33,6 @@ from gse.statistics.middle_instant import middle_instant_ns
 from gse.statistics.sensor_answers import by_other_stars_arcsec
 from gse.truth import Alignment, EarthOrientation
 
-_NAMES = {"dRA*": "d_ra_cosde", "dDE": "d_de", "roll": "d_roll"}
 _USUAL_FIELD = FieldOfStars()
 
 
@@ -72,30 +72,30 @@ class TruthUncertaintyBudget:
     @property
     def ra_arcsec(self) -> float:
         """The expanded uncertainty (95 %) in dRA*."""
-        return self.axes["d_ra_cosde"].expanded_arcsec
+        return self.axes[D_RA_COSDE.key].expanded_arcsec
 
     @property
     def de_arcsec(self) -> float:
         """The expanded uncertainty (95 %) in dDE."""
-        return self.axes["d_de"].expanded_arcsec
+        return self.axes[D_DE.key].expanded_arcsec
 
-    def complaint(self, axis: str, limit_arcsec: float, share: float, *, own: bool = False) -> str | None:
-        """One line where the expanded uncertainty of dRA*, dDE or roll is above a limit / ``share``, else None.
+    def complaint(self, axis: Axis, limit_arcsec: float, share: float, *, own: bool = False) -> str | None:
+        """One line where the expanded uncertainty on an axis is above a limit / ``share``, else None.
 
         ``own``: that of the sensor's own answers.
         """
-        total = (self.own_axes if own else self.axes)[_NAMES[axis]].expanded_arcsec
+        total = (self.own_axes if own else self.axes)[axis.key].expanded_arcsec
         if total * share <= limit_arcsec:
             return None
         terms = [term for term in self.terms if own or term.name != OWN_STARS]
-        alone = {term: combined([term], _NAMES[axis]).expanded_arcsec for term in terms}
+        alone = {term: combined([term], axis).expanded_arcsec for term in terms}
         large = sorted((term for term in alone if alone[term] >= total / 2), key=alone.__getitem__, reverse=True)
         parts = " and ".join(f"{term.name} leaves {_amount(alone[term])}" for term in large) or "all terms together"
         whole = f" of {total:.1f} arcsec" if math.isfinite(total) else ""
         remark = f"; {large[0].remedy}" if large and large[0].remedy else ""
         allowed = f"a third of the limit is {limit_arcsec / share:.3g} arcsec"
         whose = "the sensor's " if own else ""
-        return f"truth is not good enough for {whose}{axis}: {parts}{whole}, and {allowed}{remark}"
+        return f"truth is not good enough for {whose}{axis.label}: {parts}{whole}, and {allowed}{remark}"
 
 
 def _amount(arcsec: float) -> str:
@@ -134,7 +134,7 @@ def truth_budget(facts: SessionFacts) -> TruthUncertaintyBudget:
     else:
         terms = tuple(_terms(facts, facts.earth_orientation))
     common = [term for term in terms if term.name != OWN_STARS]
-    axes, own_axes = ({axis: combined(some, axis) for axis in AXES} for some in (common, terms))
+    axes, own_axes = ({axis.key: combined(some, axis) for axis in AXES} for some in (common, terms))
     return TruthUncertaintyBudget(terms, axes, own_axes)
 
 

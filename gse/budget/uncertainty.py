@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri, stdtr
 
-AXES = ("d_ra_cosde", "d_de", "d_roll")
+from gse.axis import AXES, Axis
+
 COVERAGE = 0.95
 TO_STANDARD = 1 / 1.959964
 """From the half-width of a 95 % interval to a standard uncertainty, of a normal distribution."""
@@ -61,9 +62,9 @@ class Term:
     common: bool = True
     absorbed: bool = False
 
-    def of(self, axis: str) -> float:
-        """The standard uncertainty on an axis: ``d_ra_cosde``, ``d_de`` or ``d_roll``."""
-        return dict(zip(AXES, (self.ra_arcsec, self.de_arcsec, self.roll_arcsec), strict=True))[axis]
+    def of(self, axis: Axis) -> float:
+        """The standard uncertainty on an axis of AXES."""
+        return (self.ra_arcsec, self.de_arcsec, self.roll_arcsec)[AXES.index(axis)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +85,7 @@ class AxisUncertainty:
     known: bool
 
 
-def combined(terms: Iterable[Term], axis: str) -> AxisUncertainty:
+def combined(terms: Iterable[Term], axis: Axis) -> AxisUncertainty:
     """The terms on one axis, combined and expanded."""
     terms = [term for term in terms if term.of(axis) > 0]
     common = math.hypot(*(term.of(axis) for term in terms if term.common))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.axis import ON_SKY
 from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
 from gse.diagnosis.answer_definitions import by_each_idea
 from gse.finding import Finding
@@ -77,7 +78,7 @@ def _offset(session: SessionData, own: SensorAnswers, explained: Explained) -> I
     if len(both) < _FEWEST:
         return
     least = _PIXEL_SIGMAS * _of_pixels_arcsec(session, both)
-    columns = ("d_ra_cosde_arcsec", "d_de_arcsec")
+    columns = [axis.column for axis in ON_SKY]
     apart = np.column_stack([getattr(own, name)[both] - frames[name][both] for name in columns])
     off = _Off.of(frames, both, apart)
     by_stars_arcsec = max(least, explained.shift_arcsec)
@@ -214,7 +215,7 @@ def _noisy(session: SessionData, own: SensorAnswers, explained_arcsec: float) ->
     of_sensor = math.hypot(*(_scatter(frames, both, getattr(own, name)[both]) for name in names))
     here = math.hypot(*(_scatter(frames, both, frames[name][both].astype(np.float64)) for name in names))
     limits = session.station.limits
-    least_arcsec = _OF_LIMIT * min(limits.d_ra_cosde_arcsec, limits.d_de_arcsec)
+    least_arcsec = _OF_LIMIT * min(limits.of(axis) for axis in ON_SKY)
     if of_sensor > max(_NOISY * here, least_arcsec, explained_arcsec):
         yield Finding(
             "sensor noise",

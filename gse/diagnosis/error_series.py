@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.axis import D_ROLL, OF_SENSOR
 from gse.camera import Camera
 from gse.constants import ARCSEC_PER_RAD
 from gse.star_influence import FrameFits, boresight_shifts
@@ -81,12 +82,12 @@ def often_answered(used: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def error_series(frames: Columns, used: NDArray[np.bool_]) -> ErrorSeries | None:
     """Of the used (M,) rows of FRAME that have a roll, in the order of time; None of too few."""
-    rows = np.flatnonzero(used & np.isfinite(frames["d_roll_arcsec"]))
+    rows = np.flatnonzero(used & np.isfinite(frames[D_ROLL.column]))
     rows = rows[np.argsort(frames["utc_ns"][rows], kind="stable")]
     if len(rows) < FEWEST_FRAMES:
         return None
     utc_ns = frames["utc_ns"][rows]
-    x, y, roll = (frames[f"{name}_arcsec"][rows] / ARCSEC_PER_RAD for name in ("cross_x", "cross_y", "d_roll"))
+    x, y, roll = (frames[axis.column][rows] / ARCSEC_PER_RAD for axis in OF_SENSOR)
     turns = _rotation_vectors(x, y, roll) * ARCSEC_PER_RAD
     return ErrorSeries(rows, (utc_ns - utc_ns[0]) / 1e9, boresight_shifts(turns))
 

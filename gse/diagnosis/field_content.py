@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
+from gse.axis import ON_SKY
 from gse.star_influence import (
     StarCells,
     attitude_operators,
@@ -29,7 +30,6 @@ MIN_STARS = 5
 """Fewer do not tell by how much stars differ."""
 _LEAST_LEFT = 0.1
 """Of the variance of a star's error in its residual: what is smaller tells nothing of it."""
-_AXES = {"d_ra_cosde": 0, "d_de": 1}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class FieldContent:
 
 
 def field_content(session: SessionData) -> dict[str, FieldContent]:
-    """By axis (``d_ra_cosde``, ``d_de``); empty where the matches are of too few stars."""
+    """By the key of each of ON_SKY; empty where the matches are of too few stars."""
     frames, matches = session.frames.columns, session.frames.matches
     good = np.isfinite(frames["roll_true_deg"]) & ~false_answers(frames)
     matches = matches.compress(good[matches["frame"]] & matches["named"])
@@ -67,13 +67,13 @@ def field_content(session: SessionData) -> dict[str, FieldContent]:
     seen = SeenStars(directions, stars, matches["frame"])
     quick, wandering = residuals - _means(residuals, stars, blocks), residuals - _means(residuals, stars, 0 * blocks)
     return {
-        axis: FieldContent(
+        axis.key: FieldContent(
             math.sqrt(float((operators[:, row] ** 2).sum()) / count),
             share_error(operators[:, row], quick, seen),
             share_error(operators[:, row], wandering, seen),
             math.sqrt(float(persistent[row, row])),
         )
-        for axis, row in _AXES.items()
+        for row, axis in enumerate(ON_SKY)
     }
 
 

@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.axis import D_DE, D_RA_COSDE, D_ROLL
 from gse.diagnosis.fine_findings import CLOCK_SCALES
 from gse.diagnosis.misplaced_stars import STARS_FALL_OUT, stars_fall_out
 from gse.diagnosis.session_gross_cause import gross_cause_of, left_under
@@ -83,8 +84,8 @@ def _hides_all(session: SessionData, counted: CountedFrames, finding: Finding) -
 def _keeps(left_arcsec: NDArray[np.float64], limits: Limits) -> bool:
     if not len(left_arcsec):
         return False
-    across = np.hypot(left_arcsec[:, 0], left_arcsec[:, 1]) <= np.hypot(limits.d_ra_cosde_arcsec, limits.d_de_arcsec)
-    return bool((across & (np.abs(left_arcsec[:, 2]) <= limits.d_roll_arcsec)).mean() >= _KEPT_SHARE)
+    across = np.hypot(left_arcsec[:, 0], left_arcsec[:, 1]) <= np.hypot(limits.of(D_RA_COSDE), limits.of(D_DE))
+    return bool((across & (np.abs(left_arcsec[:, 2]) <= limits.of(D_ROLL))).mean() >= _KEPT_SHARE)
 
 
 def excused(row: Row, mistake: Finding) -> Row:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gse.axis import AXES, ON_SKY
 from gse.constants import ARCSEC_RAD
 from gse.finding import Finding
 from gse.station.session_data import SessionData
@@ -19,25 +20,20 @@ _FITTED = 1.5
 def unexplained(session: SessionData, stats: Statistics) -> Iterator[Finding]:
     """What is over its limit, as one finding; nothing where nothing is."""
     limits = session.station.limits
-    over = [
-        f"95 % of |{name}| is {stats.onboard.axes[axis].p95_abs_arcsec:.0f} arcsec"
-        for name, axis, limit in (
-            ("dRA*", "d_ra_cosde", limits.d_ra_cosde_arcsec),
-            ("dDE", "d_de", limits.d_de_arcsec),
-            ("roll", "d_roll", limits.d_roll_arcsec),
-        )
-        if stats.onboard.axes[axis].p95_abs_bounds_arcsec.lower > limit
-    ]
-    across = [line for line in over if "roll" not in line]
-    if across and (noise := _noise_of_stars(session, stats)):
-        size = f"{', '.join(over)}: {noise}"
+    over = {
+        axis: f"95 % of |{axis.label}| is {stats.onboard.axes[axis.key].p95_abs_arcsec:.0f} arcsec"
+        for axis in AXES
+        if stats.onboard.axes[axis.key].p95_abs_bounds_arcsec.lower > limits.of(axis)
+    }
+    if over.keys() & set(ON_SKY) and (noise := _noise_of_stars(session, stats)):
+        size = f"{', '.join(over.values())}: {noise}"
         yield Finding(
             "centroid noise", size, ("seeing",), "see to focus and exposure; gse plan tells what noise passes"
         )
     elif over:
         yield Finding(
             "none of these",
-            f"{', '.join(over)}, and no cause that is known here fits",
+            f"{', '.join(over.values())}, and no cause that is known here fits",
             (),
             "look at the errors over time: gse view SESSION; for a maintainer: gse why SESSION --bundle FILE",
         )

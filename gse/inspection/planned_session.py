@@ -6,6 +6,7 @@ import math
 from drivers.clock import read_clock
 from gse.assessment.planning import Expected
 from gse.assessment.session_plan import AxisQuestion, SessionPlan, session_plan
+from gse.axis import D_ROLL, ON_SKY
 from gse.budget.truth_budget import SessionFacts, truth_budget
 from gse.config.station import Station
 from gse.constants import ARCSEC_PER_RAD, EARTH_RATE_ARCSEC_PER_S
@@ -40,9 +41,8 @@ def _questions(station: Station) -> tuple[AxisQuestion, ...]:
     tau_s, truth_arcsec = pixel_arcsec / EARTH_RATE_ARCSEC_PER_S, _truth_arcsec(station)
     on_sky, about = Expected(0.0, noise, tau_s, RATE_HZ), Expected(0.0, noise / reach_rad, tau_s, RATE_HZ)
     return (
-        AxisQuestion("dRA*", on_sky, limits.d_ra_cosde_arcsec, truth_arcsec),
-        AxisQuestion("dDE", on_sky, limits.d_de_arcsec, truth_arcsec),
-        AxisQuestion("roll", about, limits.d_roll_arcsec, 0.0),
+        *(AxisQuestion(axis.label, on_sky, limits.of(axis), truth_arcsec) for axis in ON_SKY),
+        AxisQuestion(D_ROLL.label, about, limits.of(D_ROLL), 0.0),
     )
 
 
@@ -50,4 +50,4 @@ def _truth_arcsec(station: Station) -> float:
     """The standard uncertainty of truth for a session now, with a perfect clock; the greater of both axes."""
     utc_ns = read_clock().utc_ns
     budget = truth_budget(SessionFacts(station.site, station.mount, EarthOrientation.from_disk(utc_ns), utc_ns, 0.0))
-    return round(max(budget.axes[axis].one_sided_arcsec for axis in ("d_ra_cosde", "d_de")) / COVERAGE_FACTOR, 3)
+    return round(max(budget.axes[axis.key].one_sided_arcsec for axis in ON_SKY) / COVERAGE_FACTOR, 3)

@@ -14,6 +14,7 @@ from drivers.link_state import SAMPLE_BYTES
 from drivers.ports import is_device, is_mock
 from drivers.uart import USUAL_BAUDS
 from gse import instant
+from gse.axis import ON_SKY
 from gse.catalog.mission import stars_for_field
 from gse.catalog.readers import load_catalog
 from gse.config.station import Station
@@ -149,7 +150,7 @@ def _clock(station: Station) -> Check:
 
 
 def _tightest(limits: Limits) -> float:
-    return min(limits.d_ra_cosde_arcsec, limits.d_de_arcsec)
+    return min(limits.of(axis) for axis in ON_SKY)
 
 
 def _disk(station: Station, out: Path, hours: float) -> Check:

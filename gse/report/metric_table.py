@@ -2,18 +2,19 @@
 
 from typing import Any
 
+from gse.axis import OF_SENSOR
 from gse.report.summary import plain
 from gse.report.terminal import quantity
-from gse.statistics.metrics import AXES, metrics
+from gse.statistics.metrics import metrics
 from gse.statistics.session_statistics import Statistics
 
-_AXIS_WORDS = dict(zip(AXES, ("x", "y", "roll"), strict=True))
+_AXIS_WORDS = {axis.key: axis.label for axis in OF_SENSOR}
 
 Line = tuple[str, str, str, tuple[str, ...], str]
 
 
 def metric_table(documents: list[dict[str, Any]], subject: str) -> list[Line]:
-    """Lines of name, ECSS term, interpretation, cells of AXES (one cell where a metric has no axis), and note."""
+    """Lines of name, ECSS term, interpretation, cells of its axes (one where a metric has none), and note."""
     lines: dict[str, list[dict[str, Any]]] = {}
     for metric in documents:
         if metric["subject"] == subject:
@@ -39,7 +40,7 @@ def _name(metric: dict[str, Any], *, of_several: bool) -> str:
 
 def _line(name: str, found: list[dict[str, Any]]) -> Line:
     of_axis = {metric["axis"]: metric for metric in found}
-    cells = [_cell(of_axis[None])] if None in of_axis else [_cell(of_axis.get(axis)) for axis in AXES]
+    cells = [_cell(of_axis[None])] if None in of_axis else [_cell(of_axis.get(axis.key)) for axis in OF_SENSOR]
     notes = dict.fromkeys(metric["note"] for metric in found if metric["note"])
     return name, found[0]["ecss_term"], found[0]["interpretation"], tuple(cells), "; ".join(notes)
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from gse.axis import AXES, CROSS_X, CROSS_Y, D_DE
 from gse.calibration.session_fit import PanoramaSample, calibrate_session
 from gse.config.station import parse_station
 from gse.process.installation import source_sha256
@@ -124,17 +125,13 @@ def _attitude(sky: MadeSky, watched: _Watched) -> Iterator[_Compared]:
 
 
 def _angles(watched: _Watched, subject: Subject, expected: tuple[float, float, float]) -> Iterator[_Compared]:
-    names = (
-        ("dRA*", "d_ra_cosde", _BORESIGHT_ARCSEC),
-        ("dDE", "d_de", _BORESIGHT_ARCSEC),
-        ("roll", "d_roll", _ROLL_ARCSEC),
-    )
+    tolerances = _BORESIGHT_ARCSEC, _BORESIGHT_ARCSEC, _ROLL_ARCSEC
     axes = watched.stats.subjects[subject].axes
     spread = 3 / math.sqrt(POINTINGS * watched.error.frames)
-    for (name, axis, tolerance), injected in zip(names, expected, strict=True):
+    for axis, tolerance, injected in zip(AXES, tolerances, expected, strict=True):
         # What noise adds to a mean of so many frames, three times.
-        noise = spread * axes[axis].nea_arcsec if watched.error.noise_px else 0.0
-        yield f"{subject} {name}", "arcsec", injected, axes[axis].bias_arcsec, tolerance + noise
+        noise = spread * axes[axis.key].nea_arcsec if watched.error.noise_px else 0.0
+        yield f"{subject} {axis.label}", axis.unit, injected, axes[axis.key].bias_arcsec, tolerance + noise
 
 
 def _own(sky: MadeSky, watched: _Watched) -> Iterator[_Compared]:
@@ -146,7 +143,7 @@ def _own(sky: MadeSky, watched: _Watched) -> Iterator[_Compared]:
         good, false = (POINTINGS * count for count in (error.frames - error.own_false, error.own_false))
         yield from _answers(watched, Subject.SENSOR, good, false)
     if error.poleward_arcsec_per_h:
-        drift = onboard.axes["d_de"].drift_arcsec_per_h
+        drift = onboard.axes[D_DE.key].drift_arcsec_per_h
         yield f"{Subject.ONBOARD} drift of dDE", "arcsec/h", error.poleward_arcsec_per_h, drift, _DRIFT_ARCSEC_PER_H
     if error.false_objects:
         injected = POINTINGS * error.frames * error.false_objects
@@ -165,8 +162,8 @@ def _answers(watched: _Watched, subject: Subject, good: int, false: int) -> Iter
 
 def _noise(sky: MadeSky, watched: _Watched) -> Iterator[_Compared]:
     expected = noise_arcsec(stated_sensor(), sky.first_of_each(), watched.error.noise_px)
-    for name, axis, injected in zip(("columns", "rows"), ("cross_x", "cross_y"), expected, strict=True):
-        found = watched.stats.onboard.axes[axis].nea_arcsec
+    for name, axis, injected in zip(("columns", "rows"), (CROSS_X, CROSS_Y), expected, strict=True):
+        found = watched.stats.onboard.axes[axis.key].nea_arcsec
         yield f"{Subject.ONBOARD} NEA along {name}", "arcsec", injected, found, _NOISE_SHARE * injected
 
 

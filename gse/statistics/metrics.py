@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gse.axis import D_ROLL, OF_SENSOR
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import AxisStatistics
 from gse.statistics.session_statistics import Statistics
@@ -13,8 +14,6 @@ from gse.statistics.spatial_errors import Part, SpatialErrors
 from gse.statistics.subject_statistics import SubjectStatistics
 from gse.statistics.thermal import ThermalError
 
-AXES = ("cross_x", "cross_y", "d_roll")
-"""Across the boresight along columns and rows, and about it."""
 _DRIFT_NEEDS_S = 3600.0
 _NAN = float("nan")
 
@@ -41,11 +40,11 @@ def metrics(stats: Statistics) -> tuple[Metric, ...]:
 
 
 def _of_subject(subject: SubjectStatistics, stats: Statistics) -> Iterator[Metric]:
-    for axis in AXES:
+    for place, axis in enumerate(axis.key for axis in OF_SENSOR):
         of_axis, which = subject.axes[axis], subject.subject
         yield _bias(which, axis, of_axis)
-        if which is Subject.ONBOARD and axis != "d_roll":
-            yield from _spatial(axis, stats.spatial[AXES.index(axis)] if stats.spatial else None)
+        if which is Subject.ONBOARD and axis != D_ROLL.key:
+            yield from _spatial(axis, stats.spatial[place] if stats.spatial else None)
         yield _nea(which, axis, of_axis)
         yield _drift(which, axis, of_axis, stats.duration_s)
         yield _thermal(which, axis, subject.thermal[axis])

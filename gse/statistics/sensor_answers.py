@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gse.attitude_convention import AttitudeConvention, state_angles
+from gse.axis import ALL_AXES, D_ROLL
 from gse.instant import NS_PER_DAY, UNIX_EPOCH_MJD
 from gse.station.attitude_error import attitude_errors
 from gse.station.attitude_table import ANGLES, QUATERNION
@@ -22,7 +23,7 @@ _ROWS_AT_ONCE = 1 << 14
 """Rotations of more rows than these are large: those of 8 h at 10 Hz have 20 MB."""
 
 _ANGLES = ("ra_deg", "de_deg", "roll_deg")
-ERRORS = ("d_ra_cosde_arcsec", "d_de_arcsec", "d_roll_arcsec", "cross_x_arcsec", "cross_y_arcsec")
+ERRORS = tuple(axis.column for axis in ALL_AXES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,7 +155,7 @@ def _measure(
         for name, values in zip(ERRORS, errors.T, strict=True):
             columns[name][rows[part][with_truth]] = values
     without_roll = rows[np.isnan(answers["roll_deg"][places]) & np.isfinite(answers["ra_deg"][places])]
-    columns["roll_deg"][without_roll] = columns["d_roll_arcsec"][without_roll] = np.nan
+    columns["roll_deg"][without_roll] = columns[D_ROLL.column][without_roll] = np.nan
 
 
 def _compared(session: SessionData, utc_ns: NDArray[np.int64]) -> NDArray[np.bool_]:

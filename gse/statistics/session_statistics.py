@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.axis import ALL_AXES
 from gse.station.clock_steps import instants_ns
 from gse.station.exclusions import Exclusion, excluded
 from gse.station.frame_columns import Columns
@@ -21,7 +22,7 @@ from gse.statistics.percentiles import Percentiles
 from gse.statistics.sensor_answers import SensorAnswers, sensor_answers
 from gse.statistics.sensor_convention import is_wrong, session_convention
 from gse.statistics.spatial_errors import SpatialErrors, spatial_errors
-from gse.statistics.subject_statistics import AXES, NO_EARTH_RATE, Answers, SubjectStatistics, subject_statistics
+from gse.statistics.subject_statistics import NO_EARTH_RATE, Answers, SubjectStatistics, subject_statistics
 
 _MOST_STAR_ERRORS = 20_000
 """Of a longer session every second, third, ... frame enters the spatial errors: each costs 300 bytes in the fit."""
@@ -108,7 +109,7 @@ def _statuses(status: NDArray[np.uint8]) -> dict[str, int]:
 
 def _of_frames(session: SessionData, counted: CountedFrames) -> Answers:
     frames, given = session.frames.columns, session.external_counts
-    columns = {f"{axis}_arcsec": frames[f"{axis}_arcsec"] for axis in AXES}
+    columns = {axis.column: frames[axis.column] for axis in ALL_AXES}
     columns |= {name: frames[name] for name in ("ra_deg", "de_deg")}
     return Answers(
         columns,
@@ -124,7 +125,7 @@ def _of_frames(session: SessionData, counted: CountedFrames) -> Answers:
 
 
 def _sensor(own: SensorAnswers, frames: Columns, counted: CountedFrames) -> Answers:
-    columns = {f"{axis}_arcsec": getattr(own, f"{axis}_arcsec") for axis in AXES}
+    columns = {axis.column: getattr(own, axis.column) for axis in ALL_AXES}
     columns |= {"ra_deg": own.ra_deg, "de_deg": own.de_deg}
     false, used = sensor_masks(own, frames, counted)
     masks = counted.expected, ~counted.excluded, own.acquired, false, used

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.axis import ALL_AXES, CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, OF_SENSOR, Axis
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.station.frame_columns import Columns
 from gse.station.results import Subject
@@ -21,8 +22,6 @@ from gse.statistics.percentiles import Percentiles, percentiles
 from gse.statistics.sampling import effective_number
 from gse.statistics.thermal import ThermalError, thermal_error
 
-AXES = ("d_ra_cosde", "d_de", "d_roll", "cross_x", "cross_y")
-_THERMAL_AXES = ("cross_x", "cross_y", "d_roll")
 _TURN_ARCSEC = 360 * 3600.0
 _MAX_DE_FOR_RA_DEG = 89.9
 _NAN = float("nan")
@@ -115,11 +114,11 @@ def subject_statistics(
     used = used[np.argsort(frames["utc_ns"][used], kind="stable")]  # a step of the clock may turn the order
     used_ns = frames["utc_ns"][used]
 
-    def errors(axis: str) -> NDArray[np.float64]:
-        selected: NDArray[np.float64] = answers.columns[f"{axis}_arcsec"][used]
-        return about_circular_mean(selected) if axis == "d_roll" else selected
+    def errors(axis: Axis) -> NDArray[np.float64]:
+        selected: NDArray[np.float64] = answers.columns[axis.column][used]
+        return about_circular_mean(selected) if axis.wraps else selected
 
-    axes = {axis: _axis(used_ns, errors(axis)) for axis in AXES}
+    axes = {axis.key: _axis(used_ns, errors(axis)) for axis in ALL_AXES}
     good = answers.answered & ~answers.false
     counts = answers.expected | answers.false
     kept_ns = frames["utc_ns"][answers.timed]
@@ -130,10 +129,10 @@ def subject_statistics(
         false_answers=_share(answers.false[counts & answers.answered]),
         star_fields=_star_fields(answers.columns["ra_deg"][used], answers.columns["de_deg"][used], field_rad),
         axes=axes,
-        half_cone_95=axis_statistics(used_ns, np.hypot(errors("cross_x"), errors("cross_y"))),
-        mean_abs_d_ra_deg=_mean_abs_d_ra_deg(errors("d_ra_cosde"), _true_de_deg(frames, answers, used)),
-        mean_abs_d_de_deg=axes["d_de"].mean_abs_arcsec / 3600,
-        earth_rate=_earth_rate(_true_de_deg(frames, answers, used), axes["d_ra_cosde"]),
+        half_cone_95=axis_statistics(used_ns, np.hypot(errors(CROSS_X), errors(CROSS_Y))),
+        mean_abs_d_ra_deg=_mean_abs_d_ra_deg(errors(D_RA_COSDE), _true_de_deg(frames, answers, used)),
+        mean_abs_d_de_deg=axes[D_DE.key].mean_abs_arcsec / 3600,
+        earth_rate=_earth_rate(_true_de_deg(frames, answers, used), axes[D_RA_COSDE.key]),
         time_ms=percentiles(timed),
         time_is_stated=answers.time_is_stated,
         slow=_share(timed > limit_ms),
@@ -162,9 +161,9 @@ def _axis(used_ns: NDArray[np.int64], errors_arcsec: NDArray[np.float64]) -> Axi
 
 
 def _thermal(
-    used_ns: NDArray[np.int64], errors: Callable[[str], NDArray[np.float64]], temperature_c: NDArray[np.float32]
+    used_ns: NDArray[np.int64], errors: Callable[[Axis], NDArray[np.float64]], temperature_c: NDArray[np.float32]
 ) -> dict[str, ThermalError | None]:
-    return {axis: thermal_error(used_ns, errors(axis), temperature_c) for axis in _THERMAL_AXES}
+    return {axis.key: thermal_error(used_ns, errors(axis), temperature_c) for axis in OF_SENSOR}
 
 
 def available_share(good: NDArray[np.bool_], *, missing: int) -> Share:

@@ -9,6 +9,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from gse import instant
+from gse.axis import AXES
 from gse.camera import Camera
 from gse.identifier_options import IdentifierOptions
 from gse.limits import Limits
@@ -26,7 +27,7 @@ from gse.tables.units import joined
 _NO_CONDITIONS = (
     *("utc_ns", "host_utc_ns", "time_us", "frame_no", "sequence", "status", "answer_check"),
     *("false_match_probability", "elapsed_us", "ra_deg", "de_deg", "roll_deg"),
-    *("ra_true_deg", "de_true_deg", "roll_true_deg", "d_ra_cosde_arcsec", "d_de_arcsec", "d_roll_arcsec"),
+    *("ra_true_deg", "de_true_deg", "roll_true_deg", *(axis.column for axis in AXES)),
     *("cross_x_arcsec", "cross_y_arcsec", "sky_condition", "mode"),
 )
 """Columns of FRAME that say nothing of the circumstances of a frame; a new column is taken for one that does."""

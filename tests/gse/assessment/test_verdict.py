@@ -23,6 +23,7 @@ from gse.assessment.verdict import (
     is_simulated,
     judge,
 )
+from gse.axis import AXES, D_DE, D_RA_COSDE, ON_SKY
 from gse.budget.mount_terms import STABILITY
 from gse.budget.truth_budget import TruthUncertaintyBudget
 from gse.budget.uncertainty import Term, combined
@@ -165,10 +166,10 @@ def test_a_longer_session_helps_where_the_drift_of_the_mount_is_more_than_half_o
     drift_arcsec, settles
 ):
     terms = term(STABILITY, 0.1, drift_arcsec), term("clock", 9.0, 3.0)
-    axes = {axis: combined(terms, axis) for axis in ("d_ra_cosde", "d_de")}
+    axes = {axis.key: combined(terms, axis) for axis in ON_SKY}
     budget = TruthUncertaintyBudget(terms, axes, axes)
-    assert _settles(budget, "d_de") is settles
-    assert not _settles(budget, "d_ra_cosde")
+    assert _settles(budget, D_DE) is settles
+    assert not _settles(budget, D_RA_COSDE)
 
 
 def test_truth_leaves_a_boresight_open_on_both_of_its_axes():
@@ -607,9 +608,7 @@ def test_a_mistake_of_the_set_up_is_told_first_and_other_obstacles_after_the_row
 def budget_of(ra_arcsec, de_arcsec, own_arcsec=0.0):
     """Truth with these standard uncertainties, and more of them for the sensor's own answers."""
     terms = term("clock", ra_arcsec, de_arcsec), term("own choice of stars", own_arcsec, own_arcsec)
-    axes, own_axes = (
-        {axis: combined(some, axis) for axis in ("d_ra_cosde", "d_de", "d_roll")} for some in (terms[:1], terms)
-    )
+    axes, own_axes = ({axis.key: combined(some, axis) for axis in AXES} for some in (terms[:1], terms))
     return TruthUncertaintyBudget(terms, axes, own_axes)
 
 

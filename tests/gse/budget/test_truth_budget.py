@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from skies.known_nights import START_NS, STATION, TABLE, session
 
+from gse.axis import AXES, D_DE, D_RA_COSDE, D_ROLL
 from gse.budget.truth_budget import SessionFacts, TruthUncertaintyBudget, session_facts, truth_budget
-from gse.budget.uncertainty import AXES, Distribution, Term, combined, half_width
+from gse.budget.uncertainty import Distribution, Term, combined, half_width
 from gse.constants import EARTH_RATE_ARCSEC_PER_S
 from gse.instant import from_text
 from gse.mount import Mount, MountUncertainty
@@ -58,7 +59,8 @@ def test_rectangular_terms_are_expanded_without_an_error_of_the_grid(terms_of_on
 
 def test_standard_uncertainties_combine_as_squares_and_each_term_has_its_evidence():
     budget = truth_budget(FACTS)
-    for axis, found in budget.axes.items():
+    for axis in AXES:
+        found = budget.axes[axis.key]
         assert found.standard_arcsec == pytest.approx(math.sqrt(sum(term.of(axis) ** 2 for term in budget.terms)))
         assert found.standard_arcsec == pytest.approx(math.hypot(found.common_arcsec, found.varying_arcsec))
         assert found.one_sided_arcsec < found.expanded_arcsec == pytest.approx(found.k * found.standard_arcsec)
@@ -215,7 +217,7 @@ def part(name, arcsec, remedy="", *, de_arcsec=None):
 def budget_of(*parts, own=0.0):
     """Of normal errors; the sensor's own answers have a term more."""
     own_part = part("own choice of stars", own, "point the sensor higher")
-    axes, own_axes = ({axis: combined(some, axis) for axis in AXES} for some in (parts, (*parts, own_part)))
+    axes, own_axes = ({axis.key: combined(some, axis) for axis in AXES} for some in (parts, (*parts, own_part)))
     return TruthUncertaintyBudget((*parts, own_part), axes, own_axes)
 
 
@@ -249,32 +251,32 @@ def budget_of(*parts, own=0.0):
     ],
 )  # fmt: skip
 def test_a_complaint_names_what_is_half_of_the_whole_or_more_the_greatest_first(parts, whole):
-    said = budget_of(*parts).complaint("dRA*", 6.0, 3.0)
+    said = budget_of(*parts).complaint(D_RA_COSDE, 6.0, 3.0)
     assert said == f"truth is not good enough for dRA*: {whole}"
 
 
-@pytest.mark.parametrize(("axis", "arcsec"), [("dRA*", 2.0), ("dDE", 5.0)])
+@pytest.mark.parametrize(("axis", "arcsec"), [(D_RA_COSDE, 2.0), (D_DE, 5.0)])
 @pytest.mark.parametrize("share", [3.0, 4.0])
 def test_a_complaint_is_made_beyond_the_share_of_a_limit_of_each_axis(axis, arcsec, share):
     budget = budget_of(part("clock", 2.0, de_arcsec=5.0))
     most = 1.959963984540054 * arcsec * share
     assert budget.complaint(axis, most * (1 + 1e-12), share) is None
     assert budget.complaint(axis, most * (1 - 1e-6), share) is not None
-    assert budget.complaint("roll", 1e-9, share) is None
+    assert budget.complaint(D_ROLL, 1e-9, share) is None
     assert (budget.ra_arcsec, budget.de_arcsec) == pytest.approx((1.96 * 2.0, 1.96 * 5.0), rel=1e-4)
 
 
 def test_the_sensors_choice_of_stars_is_complained_of_with_its_own_answers_alone():
     budget = budget_of(part("clock", 3.0, "set it"), own=4.0)
-    assert budget.complaint("dDE", 6.0, 3.0) == (
+    assert budget.complaint(D_DE, 6.0, 3.0) == (
         "truth is not good enough for dDE: clock leaves 5.9 of 5.9 arcsec, and a third of the limit is 2 arcsec; set it"
     )
-    assert budget.complaint("dDE", 6.0, 3.0, own=True) == (
+    assert budget.complaint(D_DE, 6.0, 3.0, own=True) == (
         "truth is not good enough for the sensor's dDE: own choice of stars leaves 7.8 and clock leaves 5.9 of 9.8 "
         "arcsec, and a third of the limit is 2 arcsec; point the sensor higher"
     )
-    assert budget.complaint("dDE", 18.0, 3.0) is None
-    assert budget.complaint("dDE", 18.0, 3.0, own=True) is not None
+    assert budget.complaint(D_DE, 18.0, 3.0) is None
+    assert budget.complaint(D_DE, 18.0, 3.0, own=True) is not None
 
 
 def test_without_earth_orientation_one_unknown_term_leaves_all_open():

@@ -9,6 +9,7 @@ import scipy.optimize
 import scipy.special
 import scipy.stats
 
+from gse.axis import AXES, D_DE, D_RA_COSDE, D_ROLL
 from gse.budget.uncertainty import TO_STANDARD, Distribution, Term, combined, half_width
 
 NORMAL, RECTANGULAR, STUDENT = Distribution.NORMAL, Distribution.RECTANGULAR, Distribution.STUDENT
@@ -61,26 +62,26 @@ def test_a_distribution_of_heavy_tails_is_cut_where_less_than_a_thousandth_is_le
 
 def test_terms_add_in_squares_apart_by_what_they_share() -> None:
     terms = (TERM, replace(TERM, ra_arcsec=4.0, de_arcsec=0.0), replace(TERM, ra_arcsec=12.0, common=False))
-    found = combined(terms, "d_ra_cosde")
+    found = combined(terms, D_RA_COSDE)
     assert (found.common_arcsec, found.varying_arcsec, found.standard_arcsec) == pytest.approx((5.0, 12.0, 13.0))
     assert found.expanded_arcsec == pytest.approx(13 * 1.9599640)
     assert found.k == pytest.approx(1.9599640)
     assert found.one_sided_arcsec == pytest.approx(13 * 1.6448536)
     assert found.known
-    assert combined(terms, "d_de").standard_arcsec == pytest.approx(math.hypot(4.0, 4.0))
-    assert combined(terms, "d_roll").varying_arcsec == 5.0
+    assert combined(terms, D_DE).standard_arcsec == pytest.approx(math.hypot(4.0, 4.0))
+    assert combined(terms, D_ROLL).varying_arcsec == 5.0
 
 
 def test_one_large_rectangle_is_expanded_by_less_than_a_normal_error() -> None:
-    found = combined((replace(TERM, distribution=RECTANGULAR), replace(TERM, ra_arcsec=0.01)), "d_ra_cosde")
+    found = combined((replace(TERM, distribution=RECTANGULAR), replace(TERM, ra_arcsec=0.01)), D_RA_COSDE)
     assert found.k == pytest.approx(0.95 * math.sqrt(3), rel=1e-3)
     assert found.one_sided_arcsec == pytest.approx(0.9 * math.sqrt(3) * 3.0, rel=1e-3)
-    few = combined((replace(TERM, distribution=STUDENT, degrees_of_freedom=4.0),), "d_de")
+    few = combined((replace(TERM, distribution=STUDENT, degrees_of_freedom=4.0),), D_DE)
     assert few.expanded_arcsec == pytest.approx(4 * scipy.stats.t.ppf(0.975, 4), rel=1e-3)
 
 
 def test_a_term_that_is_unknown_leaves_all_open() -> None:
-    found = combined((TERM, replace(TERM, ra_arcsec=math.inf, common=False)), "d_ra_cosde")
+    found = combined((TERM, replace(TERM, ra_arcsec=math.inf, common=False)), D_RA_COSDE)
     assert (found.standard_arcsec, found.expanded_arcsec, found.one_sided_arcsec) == (math.inf, math.inf, math.inf)
     assert (found.common_arcsec, found.varying_arcsec) == (3.0, math.inf)
     assert math.isnan(found.k)
@@ -89,7 +90,7 @@ def test_a_term_that_is_unknown_leaves_all_open() -> None:
 
 def test_without_terms_nothing_is_open() -> None:
     for terms in ((), (replace(TERM, de_arcsec=0.0),)):
-        found = combined(terms, "d_de")
+        found = combined(terms, D_DE)
         assert (found.standard_arcsec, found.expanded_arcsec, found.one_sided_arcsec) == (0.0, 0.0, 0.0)
         assert math.isnan(found.k)
         assert found.known
@@ -99,12 +100,12 @@ def test_a_term_is_a_normal_error_of_all_frames_that_is_corrected_unless_it_says
     assert (TERM.distribution, TERM.degrees_of_freedom) == (NORMAL, math.inf)
     assert (TERM.corrected, TERM.common, TERM.absorbed) == (True, True, False)
     assert math.isnan(TERM.size_arcsec)
-    assert [TERM.of(axis) for axis in ("d_ra_cosde", "d_de", "d_roll")] == [3.0, 4.0, 5.0]
+    assert [TERM.of(axis) for axis in AXES] == [3.0, 4.0, 5.0]
     assert np.isfinite(TERM.standard)
 
 
 def test_a_small_term_counts_and_half_an_interval_of_95_percent_is_two_standard_uncertainties() -> None:
-    found = combined((replace(TERM, ra_arcsec=0.3), replace(TERM, ra_arcsec=0.4)), "d_ra_cosde")
+    found = combined((replace(TERM, ra_arcsec=0.3), replace(TERM, ra_arcsec=0.4)), D_RA_COSDE)
     assert found.standard_arcsec == pytest.approx(0.5)
     assert pytest.approx(scipy.stats.norm.ppf(0.975), rel=1e-7) == 1 / TO_STANDARD
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from skies.known_nights import session
 
+from gse.axis import D_DE
 from gse.budget.truth_budget import session_facts, truth_budget
 from gse.config.edit import with_values
 from gse.config.station import BUILT_IN_TEXT, parse_station
@@ -100,7 +101,7 @@ def test_the_stars_that_a_sensor_takes_in_a_low_field_are_a_term_of_its_own_rows
         both = np.hypot(budget.axes[axis].standard_arcsec, each_arcsec)
         assert budget.own_axes[axis].standard_arcsec == pytest.approx(both)
     assert budget.own_axes["d_roll"].standard_arcsec > 5 * each_arcsec
-    assert budget.complaint("dDE", 60.0, 3.0) is None
-    line = budget.complaint("dDE", 60.0, 3.0, own=True)
+    assert budget.complaint(D_DE, 60.0, 3.0) is None
+    line = budget.complaint(D_DE, 60.0, 3.0, own=True)
     assert line.startswith("truth is not good enough for the sensor's dDE: own choice of stars leaves ")
     assert line.endswith("; point the sensor higher")

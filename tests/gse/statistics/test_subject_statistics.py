@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gse.axis import ALL_AXES
 from gse.instant import NS_PER_S
 from gse.station.frame_table import FRAME
 from gse.station.results import Subject
 from gse.statistics.axis_statistics import axis_statistics
 from gse.statistics.sampling import effective_number
 from gse.statistics.subject_statistics import (
-    AXES,
     Answers,
     _earth_rate,
     _mean_abs_d_ra_deg,
@@ -46,7 +46,7 @@ def frames(seconds=SECONDS):
 def answers(count=10, **changes):
     """All frames are expected, timed and answered well, with errors that no two frames and no two axes share."""
     every = np.ones(count, dtype=bool)
-    columns = {f"{axis}_arcsec": 100.0 * place + np.arange(count) for place, axis in enumerate(AXES, 1)}
+    columns = {axis.column: 100.0 * place + np.arange(count) for place, axis in enumerate(ALL_AXES, 1)}
     columns |= {"ra_deg": np.zeros(count), "de_deg": np.zeros(count)}
     times = np.full(count, np.nan)
     usual = Answers(columns, every, every, every, ~every, every, times, times, False)
@@ -60,10 +60,10 @@ def found(given, rows=None, *, lost=0, limit_ms=100.0, field_rad=0.25):
 
 def test_errors_are_those_of_the_used_frames_in_the_order_of_time():
     stats = found(answers(used=mask(0, 1, 4, 9)))
-    for place, axis in enumerate(AXES, 1):
-        assert stats.axes[axis].n == 4
-        assert stats.axes[axis].bias_arcsec == pytest.approx(100.0 * place + (0 + 1 + 4 + 9) / 4)
-        assert stats.axes[axis].max_abs_arcsec == 100.0 * place + 9
+    for place, axis in enumerate(ALL_AXES, 1):
+        assert stats.axes[axis.key].n == 4
+        assert stats.axes[axis.key].bias_arcsec == pytest.approx(100.0 * place + (0 + 1 + 4 + 9) / 4)
+        assert stats.axes[axis.key].max_abs_arcsec == 100.0 * place + 9
     assert stats.mean_abs_d_de_deg == pytest.approx(203.5 / 3600)
     assert stats.mean_abs_d_ra_deg == pytest.approx(103.5 / 0.5 / 3600)
     cones = [math.hypot(400.0 + row, 500.0 + row) for row in (0, 1, 4, 9)]
@@ -163,8 +163,8 @@ def test_the_error_per_kelvin_is_of_the_used_frames_with_their_temperature():
     rows = frames(np.arange(200.0))
     rows["temperature_c"] = 20.0 + 3.0 * np.sin(np.arange(200) / 20)
     rng = np.random.default_rng(3)
-    columns = {f"{axis}_arcsec": place * rows["temperature_c"] + rng.normal(0, 0.3, count) for place, axis in
-               enumerate(AXES, 1)} | {"ra_deg": np.zeros(count), "de_deg": np.zeros(count)}  # fmt: skip
+    columns = {axis.column: place * rows["temperature_c"] + rng.normal(0, 0.3, count) for place, axis in
+               enumerate(ALL_AXES, 1)} | {"ra_deg": np.zeros(count), "de_deg": np.zeros(count)}  # fmt: skip
     columns["d_roll_arcsec"][7::10] = np.nan
     thermal = found(answers(count, columns=columns, used=used), rows).thermal
     assert list(thermal) == ["cross_x", "cross_y", "d_roll"]
