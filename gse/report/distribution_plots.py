@@ -10,6 +10,7 @@ from matplotlib.patches import Ellipse, Rectangle
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
+from gse.axis import D_DE, D_RA_COSDE, ON_SKY
 from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
 from gse.report.decimation import sample
 from gse.report.plot_data import PlotData, edge_of, unit_of
@@ -19,15 +20,14 @@ _MAX_POINTS = 3000
 _BINS = 60
 _POINT = 1.0
 """Diameter of a point, in points."""
-_AXES = (("d_ra_cosde_arcsec", "dRA*", SKY_BLUE), ("d_de_arcsec", "dDE", ORANGE))
 
 
 def draw_scatter(figure: Figure, data: PlotData) -> None:
     """dRA* and dDE of the frames, as they lie within the limits, and close up with the 1 and 3 sigma rings."""
     wide, close = figure.subplots(1, 2)
     limits = data.session.station.limits
-    x, y = data.used("d_ra_cosde_arcsec"), data.used("d_de_arcsec")
-    box = (limits.d_ra_cosde_arcsec, limits.d_de_arcsec)
+    x, y = (data.used(axis.column) for axis in ON_SKY)
+    box = (limits.of(D_RA_COSDE), limits.of(D_DE))
     scale, unit = unit_of(max(edge_of(x, box[0]), edge_of(y, box[1])))
     x, y, box = x * scale, y * scale, (box[0] * scale, box[1] * scale)
     style: dict[str, Any] = {"fill": False, "edgecolor": hex_of(VERMILLION), "zorder": 3}
@@ -45,8 +45,8 @@ def draw_scatter(figure: Figure, data: PlotData) -> None:
         axes.set_aspect("equal")
         axes.axhline(0, color=hex_of(GREY), linewidth=0.5)
         axes.axvline(0, color=hex_of(GREY), linewidth=0.5)
-        axes.set_xlabel(f"dRA* ({unit})")
-        axes.set_ylabel(f"dDE ({unit})")
+        axes.set_xlabel(f"{D_RA_COSDE.label} ({unit})")
+        axes.set_ylabel(f"{D_DE.label} ({unit})")
 
 
 def _points(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
@@ -69,11 +69,11 @@ def _rings(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
 
 def draw_histogram(figure: Figure, data: PlotData) -> None:
     """Histograms of both errors with the normal curve of the same mean and standard deviation."""
-    for axes, (name, label, colour) in zip(figure.subplots(1, 2), _AXES, strict=True):
-        values = data.used(name)
+    for axes, axis, colour in zip(figure.subplots(1, 2), ON_SKY, (SKY_BLUE, ORANGE), strict=True):
+        values = data.used(axis.column)
         scale, unit = unit_of(abs(float(values.mean())) if len(values) else 0.0)
         values = values * scale
-        axes.set_xlabel(f"{label} ({unit})")
+        axes.set_xlabel(f"{axis.label} ({unit})")
         axes.set_ylabel("frames")
         if len(values) < 2:
             continue
@@ -86,7 +86,7 @@ def draw_histogram(figure: Figure, data: PlotData) -> None:
         axes.plot(at, normal * len(values) * (edges[1] - edges[0]), color=hex_of(GREY))
         digits = 4 if unit == "deg" else 2
         far = len(values) - len(inside)
-        axes.set_title(f"{label}: mean {mean:+z.{digits}f}, std {std:.{digits}f} {unit}")
+        axes.set_title(f"{axis.label}: mean {mean:+z.{digits}f}, std {std:.{digits}f} {unit}")
         if far:
             axes.text(0.98, 0.95, f"{far} beyond 5 std", transform=axes.transAxes, ha="right", va="top", fontsize=7)
         axes.set_ylim(0, 1.15 * float(np.max(counts)))
@@ -96,18 +96,18 @@ def draw_spectrum(figure: Figure, data: PlotData) -> None:
     """Power spectral density of both errors."""
     axes = figure.subplots()
     time_s, first = _instants(data)
-    for (name, label, _), colour in zip(_AXES, (BLUE, ORANGE), strict=True):
-        frequency, density = power_density(time_s, data.used(name)[first])
+    for axis, colour in zip(ON_SKY, (BLUE, ORANGE), strict=True):
+        frequency, density = power_density(time_s, data.used(axis.column)[first])
         if len(frequency):
-            axes.loglog(frequency, density, color=hex_of(colour), label=label)
+            axes.loglog(frequency, density, color=hex_of(colour), label=axis.label)
     axes.set_title(f"{data.subject}: spectrum of the errors less their mean")
     axes.set_xlabel("frequency (Hz)")
     axes.set_ylabel("arcsec² / Hz")
     if axes.lines:
         axes.legend()
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_formatter("{x:g}")
-            axis.set_minor_locator(LogLocator(subs=(2, 5)))
+        for side in (axes.xaxis, axes.yaxis):
+            side.set_major_formatter("{x:g}")
+            side.set_minor_locator(LogLocator(subs=(2, 5)))
 
 
 def _instants(data: PlotData) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

@@ -18,6 +18,7 @@ from gse import instant
 from gse.assessment.verdict import Assessment
 from gse.process.jit import compiled_folder
 from gse.process.release_memory import all_else_kept
+from gse.axis import AXES, CROSS_X, CROSS_Y
 from gse.report.fingerprint import canonical, fingerprint
 from gse.report.metric_table import metric_table
 from gse.report.provenance import Provenance
@@ -28,11 +29,8 @@ from gse.statistics.metrics import is_drift_given
 from gse.statistics.sky_summary import zero_point_mag
 
 _AXIS_NAMES = {
-    "d_ra_cosde": "dRA*",
-    "d_de": "dDE",
-    "d_roll": "roll",
-    "cross_x": "cross-boresight x",
-    "cross_y": "cross-boresight y",
+    **{axis.key: axis.label for axis in AXES},
+    **{axis.key: f"cross-boresight {axis.label}" for axis in (CROSS_X, CROSS_Y)},
     "half_cone_95": "off the boresight",
 }
 _AXIS_COLUMNS = (

@@ -6,6 +6,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.axis import CROSS_X, CROSS_Y, ON_SKY
 from gse.instant import NS_PER_S
 from gse.station.exclusions import Exclusion
 from gse.station.frame_columns import Columns, InOrder
@@ -14,7 +15,7 @@ from gse.station.session_data import SessionData
 from gse.statistics.counted_frames import CountedFrames
 from gse.statistics.sensor_answers import SensorAnswers
 
-_OF_ANSWERS = ("utc_ns", "de_true_deg", "d_ra_cosde_arcsec", "d_de_arcsec", "cross_x_arcsec", "cross_y_arcsec")
+_OF_ANSWERS = ("utc_ns", "de_true_deg", *(axis.column for axis in (*ON_SKY, CROSS_X, CROSS_Y)))
 """What the plots of a subject are drawn from."""
 _GAP_STEPS = 3
 """Frames are missing where two are this many median steps apart, and a second."""

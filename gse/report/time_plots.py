@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, PercentFormatter
 from numpy.typing import NDArray
 
+from gse.axis import D_DE, D_RA_COSDE, ON_SKY, Axis
 from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
 from gse.report.decimation import extremes, sample
 from gse.report.paper import LIMIT_DEG
@@ -29,16 +30,16 @@ def draw_errors(figure: Figure, data: PlotData) -> None:
     limits = data.session.station.limits
     set_margins(figure, bottom_in=_WITH_LEGEND_IN)
     top, bottom = figure.subplots(2, 1, sharex=True)
-    _error_panel(top, data, "d_ra_cosde_arcsec", "dRA*", limits.d_ra_cosde_arcsec)
-    _error_panel(bottom, data, "d_de_arcsec", "dDE", limits.d_de_arcsec)
+    for panel, axis in zip((top, bottom), ON_SKY, strict=True):
+        _error_panel(panel, data, axis, limits.of(axis))
     top.set_title(f"{data.subject}: dRA* = dRA cos DE, and dDE, against their limits")
     handles, labels = top.get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=5)
     time_axis(bottom)
 
 
-def _error_panel(axes: Axes, data: PlotData, name: str, label: str, limit: float) -> None:
-    values = np.where(data.good, data.frames[name], np.nan)
+def _error_panel(axes: Axes, data: PlotData, axis: Axis, limit: float) -> None:
+    values = np.where(data.good, data.frames[axis.column], np.nan)
     scale, unit = unit_of(edge_of(values, limit))
     text: str | None = f"limit {limit:g} arcsec"
     values, limit = values * scale, limit * scale
@@ -58,7 +59,7 @@ def _error_panel(axes: Axes, data: PlotData, name: str, label: str, limit: float
     axes.plot(data.utc[missing], ground, marker="|", color=hex_of(ORANGE), label="no answer", **style)
     _shade(axes, data)
     axes.set_ylim(-1.05 * edge, 1.05 * edge)
-    axes.set_ylabel(f"{label} ({unit})")
+    axes.set_ylabel(f"{axis.label} ({unit})")
 
 
 def _shade(axes: Axes, data: PlotData) -> None:
@@ -80,8 +81,8 @@ def draw_paper(figure: Figure, data: PlotData) -> None:
     """dRA (not times cos DE) and dDE in degrees, as [S] draws them for each of its sensors."""
     top, bottom = figure.subplots(2, 1, sharex=True)
     cos_de = np.cos(np.radians(data.frames["de_true_deg"]))
-    d_ra_deg = np.where(data.good, data.frames["d_ra_cosde_arcsec"], np.nan) / cos_de / 3600
-    d_de_deg = np.where(data.good, data.frames["d_de_arcsec"], np.nan) / 3600
+    d_ra_deg = np.where(data.good, data.frames[D_RA_COSDE.column], np.nan) / cos_de / 3600
+    d_de_deg = np.where(data.good, data.frames[D_DE.column], np.nan) / 3600
     for axes, values, label in ((top, d_ra_deg, "dRA (deg)"), (bottom, d_de_deg, "dDE (deg)")):
         for sign in (1, -1):
             axes.axhline(sign * LIMIT_DEG, color=hex_of(VERMILLION), linewidth=1, linestyle="--")
