@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from gse.axis import AXES
 from gse.campaign.nights import Session, nightly
 from gse.station.results import Subject
 from gse.statistics.theil_sen import theil_sen
@@ -59,9 +60,9 @@ def trends(nights: dict[str, list[Session]], subject: Subject, scale: dict[str, 
         return []
     who = subject.value
     wanted: list[tuple[str, str, dict[str, float]]] = [
-        (f"{label} {what}", "arcsec", nightly(nights, f"{who}_{axis}_{column}"))
+        (f"{axis.label} {what}", axis.unit, nightly(nights, f"{who}_{axis.key}_{column}"))
         for what, column in (("bias", "bias_arcsec"), ("NEA", "nea_arcsec"))
-        for axis, label in (("d_ra_cosde", "dRA*"), ("d_de", "dDE"), ("d_roll", "roll"))
+        for axis in AXES
     ]
     wanted.append(("availability", "%", _availability(nights, who)))
     focal = nightly(nights, "camera_focal_length_px")
@@ -95,15 +96,15 @@ def thermal(nights: dict[str, list[Session]], subject: Subject) -> list[Thermal]
     """Arcsec per kelvin of each axis, where the nights tell it."""
     temperature = nightly(nights, "temperature_median_c")
     found = []
-    for axis, label in (("d_ra_cosde", "dRA*"), ("d_de", "dDE"), ("d_roll", "roll")):
-        bias = nightly(nights, f"{subject.value}_{axis}_bias_arcsec")
+    for axis in AXES:
+        bias = nightly(nights, f"{subject.value}_{axis.key}_bias_arcsec")
         both = [night for night in bias if night in temperature]
         kelvin, arcsec = (np.array([of[night] for night in both]) for of in (temperature, bias))
         between = _slope(kelvin, arcsec)
-        within = _mean(np.array(list(nightly(nights, f"{subject.value}_{axis}_thermal_arcsec_per_k").values())))
+        within = _mean(np.array(list(nightly(nights, f"{subject.value}_{axis.key}_thermal_arcsec_per_k").values())))
         range_k = float(np.ptp(kelvin)) if len(kelvin) else _NAN
         if any(math.isfinite(value) for value in (*between, *within)):
-            found.append(Thermal(label, *between, *within, len(both), range_k))
+            found.append(Thermal(axis.label, *between, *within, len(both), range_k))
     return found
 
 
