@@ -7,6 +7,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from drivers.clock import ClockReading
+from gse.axis import CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, D_ROLL
 from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
 from gse.instant import NS_PER_S
 from gse.limits import Limits
@@ -18,10 +19,13 @@ EDGE = 1.4
 OUTAGE_NS = 3 * NS_PER_S
 """Longest time without a frame over which a line is drawn."""
 
+_PATHS = {"d_ra": D_RA_COSDE, "d_de": D_DE}
+"""The series that have a limit."""
+
 OWN_PATHS = {
-    "/sensor/d_ra": "d_ra_cosde_arcsec",
-    "/sensor/d_de": "d_de_arcsec",
-    "/sensor/roll": "d_roll_arcsec",
+    "/sensor/d_ra": D_RA_COSDE.column,
+    "/sensor/d_de": D_DE.column,
+    "/sensor/roll": D_ROLL.column,
     "/sensor/latency_ms": "latency_ms",
 }
 """The series of the sensor's own answers, beside those of the identifier under test."""
@@ -37,7 +41,7 @@ def times(utc_ns: Sequence[int] | NDArray[np.int64]) -> rr.TimeColumn:
 
 def begin_series(stream: rr.RecordingStream) -> None:
     """Names, colours and widths of every series; they hold for the whole recording."""
-    for path in ("d_ra", "d_de"):
+    for path in _PATHS:
         _lines(stream, f"/{path}/value", ["value", "limit", "limit"], [SKY_BLUE, VERMILLION, VERMILLION])
         points = rr.SeriesPoints(colors=[VERMILLION], markers=["cross"], names=["outside limit"], marker_sizes=[5.0])
         stream.log(f"/{path}/outside", points, static=True)
@@ -62,19 +66,16 @@ def send_series(stream: rr.RecordingStream, columns: NDArray[np.void], limits: L
     """All series of some frames (rows of FRAME); frames without a value leave a gap."""
     utc_ns = columns["utc_ns"]
     at = times(utc_ns)
-    for path, name, limit in (
-        ("d_ra", "d_ra_cosde_arcsec", limits.d_ra_cosde_arcsec),
-        ("d_de", "d_de_arcsec", limits.d_de_arcsec),
-    ):
-        values = columns[name]
+    for path, axis in _PATHS.items():
+        values, limit = columns[axis.column], limits.of(axis)
         bounds = np.full((len(values), 2), limit) * (1, -1)
         _send(stream, f"/{path}/value", at, np.column_stack([values, bounds]))
         outside = np.flatnonzero(np.abs(values) > limit)
         if len(outside):
             edge = np.clip(values[outside], -EDGE * limit, EDGE * limit)
             _send(stream, f"/{path}/outside", times(utc_ns[outside]), edge[:, None])
-    _send(stream, "/cross", at, _stacked(columns, "cross_x_arcsec", "cross_y_arcsec"))
-    _send(stream, "/roll", at, _stacked(columns, "d_roll_arcsec"))
+    _send(stream, "/cross", at, _stacked(columns, CROSS_X.column, CROSS_Y.column))
+    _send(stream, "/roll", at, _stacked(columns, D_ROLL.column))
     _send(stream, "/identification_ms", at, _stacked(columns, "elapsed_us") / 1000)
     _send(stream, "/temperature_c", at, _stacked(columns, "temperature_c"))
     _send(stream, "/stars", at, _stacked(columns, "stars_seen", "limiting_mag"))
@@ -93,8 +94,8 @@ def send_own_answers(stream: rr.RecordingStream, errors: NDArray[np.void]) -> No
 def send_outages(stream: rr.RecordingStream, utc_ns: NDArray[np.int64], limits: Limits) -> None:
     """Break the lines of all series where no frames came, right after the last frames before (their instants, (M,))."""
     at, nothing = times(utc_ns + 1), np.full((len(utc_ns), 1), np.nan)
-    for path, limit in (("d_ra", limits.d_ra_cosde_arcsec), ("d_de", limits.d_de_arcsec)):
-        bounds = np.full((len(utc_ns), 2), limit) * (1, -1)
+    for path, axis in _PATHS.items():
+        bounds = np.full((len(utc_ns), 2), limits.of(axis)) * (1, -1)
         _send(stream, f"/{path}/value", at, np.column_stack([nothing, bounds]))
     for path in ("/cross", "/stars"):
         _send(stream, path, at, np.repeat(nothing, 2, axis=1))
