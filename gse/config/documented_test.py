@@ -34,7 +34,7 @@ class Instrument(_Section):
     calibrated: datetime.date | None = None
 
 
-class Requirement(_Section):
+class VerifiedRequirement(_Section):
     """The requirement that a row verifies, and the verification method."""
 
     id: Text
@@ -54,7 +54,7 @@ class DocumentedTest(_Section):
     sensor_serial: Text | None = None
     sensor_firmware: Text | None = None
     instruments: Annotated[tuple[Instrument, ...], Field(max_length=_MOST)] = ()
-    requirements: Annotated[dict[Text, Requirement], Field(max_length=_MOST)] = {}
+    requirements: Annotated[dict[Text, VerifiedRequirement], Field(max_length=_MOST)] = {}
     """By the name of the row of the verdict."""
     deviations: Annotated[tuple[Text, ...], Field(max_length=_MOST)] | None = None
     """An empty list states that there are none."""
