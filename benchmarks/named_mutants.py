@@ -44,7 +44,7 @@ _OF_VALUE = "(share.value, share.value)"
 NAMED = (
     Named("never FALSE", _FRAMES, "_RAD, _CORRECT, _FALSE)", "_RAD, _CORRECT, _CORRECT)", _TO_FRAMES),
     Named("FALSE from 5 deg on", _FRAMES, "= SAME_BORESIGHT_ARCSEC *", "= 100 * SAME_BORESIGHT_ARCSEC *", _TO_FRAMES),
-    Named("time never fails", "gse/assessment/verdict.py", "name, SLOW_SHARE,", "name, 1.0,", _TO_VERDICT),
+    Named("time never fails", "gse/assessment/requirements.py", "limit=SLOW_SHARE", "limit=1.0", _TO_VERDICT),
     Named(
         "FAIL though truth may be it", _GUARD, "guard(value - lower, truth_standard)", "(value - lower)", _TO_DECISION
     ),

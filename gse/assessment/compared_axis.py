@@ -24,6 +24,7 @@ class Row:
     ``alike`` is the second session's value as it would be over the fields of the first; ``difference`` is that less
     the first. ``sigmas`` says how significant the difference is, positive where the second session is worse (NaN: not
     known); ``worse`` is a regression: significant, and larger than ``allowed``. A value without ``gate`` is only shown.
+    The second is worse with a larger value, ``at_least`` with a smaller one, ``either_way`` with any other one.
     """
 
     name: str
@@ -36,6 +37,8 @@ class Row:
     allowed: float
     worse: bool = False
     gate: bool = True
+    at_least: bool = False
+    either_way: bool = False
 
 
 class ComparedAxis(NamedTuple):
@@ -161,4 +164,4 @@ def _bias(name: str, one: ComparedAxis, two: ComparedAxis, allowed: float, *, ga
     """It may go either way; mean |error| has a large one."""
     a, b = one.statistics.bias_arcsec, two.statistics.bias_arcsec
     error = math.hypot(one.bias_error_arcsec, two.bias_error_arcsec)
-    return Row(name, "arcsec", a, b, b, b - a, sigmas_of(b - a, error), allowed, gate=gate)
+    return Row(name, "arcsec", a, b, b, b - a, sigmas_of(b - a, error), allowed, gate=gate, either_way=True)

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.chunk import LinkKind
+from gse.assessment.requirements import requirement_of
 from gse.instant import NS_PER_S
 from gse.station.session_data import SessionData
-from gse.statistics.decision import Outcome, Row
+from gse.statistics.decision import Claim, Outcome, Row
 from gse.statistics.session_statistics import Statistics
 
 _FOUND_WITHIN_NS = 5 * NS_PER_S
@@ -33,7 +34,7 @@ def lost_while_not_run(session: SessionData) -> int:
 
 def under_stop(row: Row, session: SessionData, stats: Statistics) -> Row:
     """An availability that fails by frames that were lost while the station was not run: INCONCLUSIVE."""
-    if (row.name, row.outcome) != ("availability", Outcome.FAIL):
+    if row.outcome is not Outcome.FAIL or requirement_of(row).claim is not Claim.ABSENCE:
         return row
     lost, available = lost_while_not_run(session), stats.subjects[row.subject].available
     if lost == 0 or available.count < row.limit * (available.of - lost):

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.assessment.requirements import REQUIREMENTS
 from gse.assessment.uncounted import uncounted
 from gse.constants import ARCSEC_PER_RAD
 from gse.mount import Mount, MountUncertainty
@@ -46,16 +47,14 @@ def obstacles(session: SessionData, stats: Statistics, rows: tuple[Row, ...]) ->
     yield from _untested_core(rows)
 
 
-_CORE = ("mean |dRA*|", "95 % of |dRA*|", "mean |dDE|", "95 % of |dDE|", "availability", "false answers")
-
-
 def _untested_core(rows: tuple[Row, ...]) -> Iterator[str]:
     """PASS needs the core rows of one subject at least."""
+    core = {requirement.name for requirement in REQUIREMENTS if requirement.core}
     tested = [
         {row.name for row in rows if row.subject is subject and row.outcome is not Outcome.NOT_TESTED}
         for subject in {row.subject for row in rows}
     ]
-    if not any(names.issuperset(_CORE) for names in tested):
+    if not any(core <= names for names in tested):
         yield "no subject has errors against truth, availability and false answers: nothing can pass"
 
 

@@ -8,13 +8,16 @@ root of the length. The generator starts from a constant: the same question has 
 
 import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrik, betaincinv, ndtr, ndtri
 
-from gse.statistics.guard_band import COVERAGE_FACTOR
+from gse.limits import Decision
+from gse.statistics.decision import Outcome, Row, Share, share_of, share_outcome
+from gse.statistics.guard_band import COVERAGE_FACTOR, further_share
 from gse.statistics.sampling import MIN_FRAMES, error_bounds
 
 PROBABILITY = 0.9
@@ -22,6 +25,9 @@ PROBABILITY = 0.9
 SESSIONS, SETTLING_SESSIONS = 120, 400
 """To search for the length, and for each of those about it: of 120 sessions nine in ten are known to 2.7 % only."""
 MAX_SIMULATED = 400
+
+NEVER = math.inf
+"""Minutes, or lengths of a session, after which a row is decided that no length of session decides."""
 
 _SEED = 1
 _FIRST_N_EFF = 60.0
@@ -36,6 +42,8 @@ _LAST_STRETCH = 1e6
 _ABOUT = np.array([0.85, 1.0, 1.2])
 _HALVINGS = 40
 _MAX_FRAMES = 1_000_000
+_MOST_TIMES = 1_000_000
+_SHARE_HALVINGS = 50
 _RISK = 0.05
 
 
@@ -194,3 +202,30 @@ def _availability_passes(n: int, expected: float, limit: float) -> bool:
     """Whether PROBABILITY of the sessions of n frames have enough answers."""
     missing = math.ceil(bdtrik(PROBABILITY, n, 1 - expected)) if expected < 1 else 0
     return bool(betaincinv(n - missing, missing + 1, _RISK) >= limit)  # NaN where all are missing
+
+
+def figure_times(row: Row) -> float:
+    """Further lengths of the session after which a figure is decided."""
+    if math.isnan(row.uncertainty):
+        return math.nan
+    sampling = math.sqrt(max(row.uncertainty**2 - (COVERAGE_FACTOR * row.truth_uncertainty) ** 2, 0.0))
+    return further_share(row.limit - row.value, sampling, row.truth_uncertainty, row.n_eff)
+
+
+def share_times(share: Share, limit: float, *, at_least: bool) -> float:
+    """The same of a share, by bisection: its bounds come closer to it with every frame."""
+
+    def is_decided(times: float) -> bool:
+        longer = share_of(share.count * _MOST_TIMES, share.of * _MOST_TIMES, share.n_eff * times)
+        outcome = share_outcome(longer, limit, at_least=at_least, decision=Decision.GUARDED)
+        return outcome is not Outcome.INCONCLUSIVE
+
+    return _first(is_decided) - 1 if is_decided(_MOST_TIMES) else NEVER
+
+
+def _first(is_so: Callable[[float], bool]) -> float:
+    low, high = 1.0, float(_MOST_TIMES)
+    for _ in range(_SHARE_HALVINGS):
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if is_so(middle) else (middle, high)
+    return high

@@ -6,12 +6,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
-from numpy.typing import NDArray
 
-from gse.assessment.compared_axis import Change, ComparedAxis, Row, axis_rows, error_of_mean, sigmas_of
+from gse.assessment.compared_axis import Row, sigmas_of
+from gse.assessment.compared_rows import Compared
 from gse.assessment.compared_subject import ComparedSession, ComparedSubject, Pairs
-from gse.axis import OF_SENSOR, ON_SKY, Axis
+from gse.assessment.requirements import REQUIREMENTS
+from gse.axis import OF_SENSOR
 from gse.instant import NS_PER_S
 from gse.station.frame_columns import Columns
 from gse.station.results import Subject
@@ -68,35 +68,18 @@ def session_comparison(
         one = ComparedSession.of(first)
     two = of_second.result()
     pairs = _pairs(first.frames.columns, second.frames.columns)
-    limits = first.station.limits
 
-    def judged(subjects: _Both) -> Iterator[Row]:
-        for axis in ON_SKY:
-            both = ComparedAxis.of(subjects[0], axis), ComparedAxis.of(subjects[1], axis)
-            # The same panoramas have the same fields: fewer stars identified in them is a loss of the second.
-            growth = 1.0 if pairs is not None else both[0].growth(both[1])
-            if subjects[0] is one.sensor:  # which stars it took is not known: a poorer field only excuses its noise
-                growth = min(growth, 1.0)
-            change = _paired_change(axis, subjects, pairs)
-            yield from axis_rows(
-                axis.label,
-                *both,
-                paired=change,
-                allowed=allowed_share * limits.of(axis),
-                growth=growth,
-                bias_is_regression=bias_is_regression,
-            )
-        yield _availability(subjects, pairs, allowed_share)
-        yield _false(subjects, pairs)
-        if all(subject.statistics.time_is_stated for subject in subjects):
-            yield _slow(subjects, pairs)
+    def judged(subjects: _Both, *, stars_are_known: bool = True) -> Iterator[Row]:
+        both = Compared(subjects, pairs, first.station.limits, allowed_share, bias_is_regression, stars_are_known)
+        for requirement in REQUIREMENTS:
+            yield from requirement.compare(both)
 
     rows = [_judged(row, sigmas) for row in judged((one.table, two.table))]
     if pairs is None:
         rows.append(_time((one.table, two.table)))
     if one.sensor is not None and two.sensor is not None and not (pairs and one.sensor_said_the_same(two, pairs)):
         own = one.sensor, two.sensor
-        of_sensor = [_judged(row, sigmas) for row in judged(own)]
+        of_sensor = [_judged(row, sigmas) for row in judged(own, stars_are_known=False)]
         rows += [replace(row, name=f"{Subject.SENSOR} {row.name}") for row in of_sensor]
     shown = tuple(_metric_rows(one.statistics, two.statistics, independent=pairs is None))
     return SessionComparison(tuple(rows), pairs is not None, shown)
@@ -127,10 +110,10 @@ _Both = tuple[ComparedSubject, ComparedSubject]
 
 
 def _judged(row: Row, sigmas: float) -> Row:
-    if row.name.startswith("bias"):
+    if row.either_way:
         worse = abs(row.sigmas) > sigmas and abs(row.difference) > row.allowed
     else:
-        loss = -row.difference if row.name == "availability" else row.difference
+        loss = -row.difference if row.at_least else row.difference
         worse = row.sigmas > sigmas and loss > row.allowed
     return replace(row, worse=row.gate and worse)
 
@@ -143,60 +126,6 @@ def _pairs(first: Columns, second: Columns) -> Pairs | None:
     if len(common) == 0 or same.sum() < PAIRED_SHARE * min(len(first), len(second)):
         return None
     return one[same], two[same]
-
-
-def _paired_change(axis: Axis, subjects: _Both, pairs: Pairs | None) -> Change | None:
-    """None of different panoramas, or where none of them was answered well in both sessions."""
-    if pairs is None:
-        return None
-    errors = [np.abs(subject.errors[axis.column]) for subject in subjects]
-    both = subjects[0].good[pairs[0]] & subjects[1].good[pairs[1]]
-    change = (errors[1][pairs[1]] - errors[0][pairs[0]])[both]
-    return Change(float(change.mean()), error_of_mean(change)) if len(change) else None
-
-
-def _availability(subjects: _Both, pairs: Pairs | None, allowed: float) -> Row:
-    a, b = (subject.statistics.available for subject in subjects)
-    missed = [subject.missed for subject in subjects]
-    sigmas = _more_often(missed, pairs, (a.of - a.count, a.of), (b.of - b.count, b.of))
-    return Row("availability", "", a.value, b.value, b.value, b.value - a.value, sigmas, allowed)
-
-
-def _false(subjects: _Both, pairs: Pairs | None) -> Row:
-    a, b = (subject.statistics.false_answers for subject in subjects)
-    false = [subject.false for subject in subjects]
-    sigmas = _more_often(false, pairs, (a.count, a.of), (b.count, b.of))
-    return Row("false answers", "", a.count, b.count, b.count, b.count - a.count, sigmas, 0.0)
-
-
-def _slow(subjects: _Both, pairs: Pairs | None) -> Row:
-    """Answers that took longer than the limit by the clock of who gave them, which is no matter of a host."""
-    a, b = (subject.statistics.slow for subject in subjects)
-    sigmas = _more_often([subject.slow for subject in subjects], pairs, (a.count, a.of), (b.count, b.of))
-    return Row("slow answers", "", a.count, b.count, b.count, b.count - a.count, sigmas, 0.0)
-
-
-def _more_often(
-    happened: list[NDArray[np.bool_]], pairs: Pairs | None, first: tuple[int, int], second: tuple[int, int]
-) -> float:
-    """Whether something happens more often in the second session, in sigmas, negative for less often.
-
-    McNemar's exact test where every frame has its pair, else Fisher's; 0 where neither direction is likelier.
-    """
-    if pairs is not None and len(pairs[0]) == len(happened[0]) == len(happened[1]):
-        one, two = happened[0][pairs[0]], happened[1][pairs[1]]
-        only_one, only_two = int((one & ~two).sum()), int((two & ~one).sum())
-        if only_one + only_two == 0:
-            return 0.0
-        both = only_one + only_two
-        p = [float(scipy.stats.binomtest(count, both, alternative="greater").pvalue) for count in (only_two, only_one)]
-    elif min(first[1], second[1]) == 0:
-        return _NAN
-    else:
-        table = np.array([[second[0], second[1] - second[0]], [first[0], first[1] - first[0]]])
-        p = [float(scipy.stats.fisher_exact(rows, alternative="greater").pvalue) for rows in (table, table[::-1])]
-    more, less = (float(scipy.stats.norm.isf(min(max(value, 1e-300), 0.5))) for value in p)
-    return more if more >= less else -less
 
 
 def _time(subjects: _Both) -> Row:

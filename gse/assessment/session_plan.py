@@ -1,55 +1,31 @@
 """How long a session must be for a PASS, and how much longer one that was begun.
 
-The plan of a session asks each row of the verdict (gse.assessment.planning); what is left of a session is the time
+The plan of a session asks each requirement (gse.assessment.requirements); what is left of a session is the time
 after which each of its rows would be decided if its figures stayed as they are. The live view asks the same as
 ``gse plan``.
 """
 
-import functools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from gse.assessment.planning import (
-    Expected,
-    accuracy_frames,
-    availability_frames,
-    false_answer_frames,
+from gse.assessment.planning import NEVER, Expected
+from gse.assessment.requirements import (
+    REQUIREMENTS,
+    AxisQuestion,
+    Case,
+    ExpectedSession,
+    Requirement,
+    RowPlan,
+    requirement_of,
 )
-from gse.assessment.verdict import SLOW_SHARE, Assessment
+from gse.assessment.verdict import Assessment
 from gse.axis import AXES
-from gse.limits import Decision, Limits
+from gse.limits import Limits
 from gse.station.results import Subject, Verdict
-from gse.statistics.axis_statistics import MIN_S
-from gse.statistics.decision import Outcome, Row, Share, share_of, share_outcome
-from gse.statistics.guard_band import COVERAGE_FACTOR, further_share
+from gse.statistics.decision import Outcome, Row
+from gse.statistics.session_statistics import Statistics
 from gse.statistics.subject_statistics import SubjectStatistics
-
-NEVER = math.inf
-"""Minutes after which a row is decided that no length of session decides."""
-
-_MOST_TIMES = 1_000_000
-_HALVINGS = 50
-
-
-@dataclass(frozen=True, slots=True)
-class AxisQuestion:
-    """What is expected of one axis, its limit, and the standard uncertainty of truth."""
-
-    name: str
-    expected: Expected
-    limit_arcsec: float
-    truth_arcsec: float
-
-
-@dataclass(frozen=True, slots=True)
-class RowPlan:
-    """Frames after which a row of the verdict passes with 90 %; None where no length of session does."""
-
-    name: str
-    limit: float
-    unit: str
-    frames: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,33 +47,10 @@ class SessionPlan:
         return None if frames is None else frames / self.frames_per_s / 60
 
 
-def session_plan(
-    axes: tuple[AxisQuestion, ...],
-    limits: Limits,
-    *,
-    availability: float,
-    frames_per_s: float,
-    frames_per_answer: float = 1.0,
-) -> SessionPlan:
-    """Plan a session without false answers; answers come and fail in runs of ``frames_per_answer`` frames.
-
-    No axis has bounds before MIN_S.
-    """
-    least = math.ceil(MIN_S * frames_per_s) + 1
-    rows = []
-    for axis in axes:
-        frames = _frames_of(axis.expected, axis.limit_arcsec, axis.truth_arcsec)
-        rows.append(RowPlan(axis.name, axis.limit_arcsec, "arcsec", None if frames is None else max(frames, least)))
-    answered = availability_frames(availability, limits.availability, frames_per_value=frames_per_answer)
-    rows.append(RowPlan("availability", limits.availability, "", answered))
-    rows.append(RowPlan("false answers", limits.false_share, "", false_answer_frames(limits.false_share)))
-    return SessionPlan(tuple(rows), frames_per_s)
-
-
-@functools.lru_cache(maxsize=16)
-def _frames_of(expected: Expected, limit_arcsec: float, truth_arcsec: float) -> int | None:
-    """Both axes on the sky are often asked the same, and it takes seconds."""
-    return accuracy_frames(expected, limit_arcsec, truth_arcsec=truth_arcsec)
+def session_plan(expected: ExpectedSession) -> SessionPlan:
+    """Plan a session without false answers."""
+    rows = dict.fromkeys(row for requirement in REQUIREMENTS if (row := requirement.planned(expected)))
+    return SessionPlan(tuple(rows), expected.frames_per_s)
 
 
 def plan_like(assessment: Assessment, subject: Subject, limits: Limits) -> SessionPlan | None:
@@ -110,32 +63,43 @@ def plan_like(assessment: Assessment, subject: Subject, limits: Limits) -> Sessi
     if stats.duration_s <= 0:
         return None
     frames_per_s = (stats.frames - 1) / stats.duration_s
-    axes = tuple(_questions(assessment, of_subject, frames_per_s))
+    axes = tuple(_questions(assessment, of_subject, limits, frames_per_s))
     share = of_subject.available
     if len(axes) < len(AXES) or not share.of:
         return None
+    left = [item for item in rows_left(assessment) if item.row.subject is subject and item.requirement.plan is None]
+    if any(math.isnan(item.minutes) for item in left):
+        return None
+    seen = {item.row.name: _frames_for(item, stats) for item in left}
     return session_plan(
-        axes,
-        limits,
-        availability=share.value,
-        frames_per_s=frames_per_s,
-        frames_per_answer=share.of / share.n_eff,
+        ExpectedSession(axes, limits, share.value, frames_per_s, frames_per_answer=share.of / share.n_eff, seen=seen)
     )
 
 
-def _questions(assessment: Assessment, subject: SubjectStatistics, frames_per_s: float) -> Iterator[AxisQuestion]:
-    rows = {row.name: row for row in assessment.rows if row.subject is subject.subject}
+def _frames_for(item: "RowLeft", stats: Statistics) -> int | None:
+    """Frames after which a row like that passes, which are no more than it had where it does."""
+    will_pass = item.row.outcome is not Outcome.FAIL and item.requirement.keeps(item.row.value, item.row.limit)
+    if not will_pass or item.minutes == NEVER:
+        return None
+    return math.ceil(stats.frames * (1 + item.minutes * 60 / stats.duration_s))
+
+
+def _questions(
+    assessment: Assessment, subject: SubjectStatistics, limits: Limits, frames_per_s: float
+) -> Iterator[AxisQuestion]:
+    case = Case(subject, assessment.statistics, assessment.budget, limits, relative=False)
     for axis in AXES:
-        figures, row = subject.axes[axis.key], rows[f"95 % of |{axis.label}|"]
+        figures, truth_arcsec = subject.axes[axis.key], case.truth_standard((axis,))
         values = (figures.bias_arcsec, figures.std_arcsec, figures.tau_s)
-        if all(map(math.isfinite, values)) and math.isfinite(row.truth_uncertainty):
-            yield AxisQuestion(axis.label, Expected(*values, frames_per_s), row.limit, row.truth_uncertainty)
+        if all(map(math.isfinite, values)) and math.isfinite(truth_arcsec):
+            yield AxisQuestion(axis, Expected(*values, frames_per_s), limits.of(axis), truth_arcsec)
 
 
 @dataclass(frozen=True, slots=True)
 class RowLeft:
     """Minutes after which a row of a session is decided: 0 where it is, NEVER, or NaN where that cannot be told yet."""
 
+    requirement: Requirement
     row: Row
     minutes: float
 
@@ -155,44 +119,8 @@ def rows_left(assessment: Assessment) -> tuple[RowLeft, ...]:
     """What is left for each row that was tested."""
     stats = assessment.statistics
     minutes = stats.duration_s / 60
-    tested = [row for row in assessment.rows if row.outcome is not Outcome.NOT_TESTED]
-    return tuple(RowLeft(row, minutes * _times_left(row, stats.subjects[row.subject])) for row in tested)
-
-
-def _times_left(row: Row, subject: SubjectStatistics) -> float:
-    """Further lengths of the session."""
-    if row.outcome is not Outcome.INCONCLUSIVE:
-        return 0.0
-    if row.unit == "arcsec":
-        return _figure_times(row)
-    if row.name == "availability":
-        return _share_times(subject.available, row.limit, at_least=True)
-    if row.name == "false answers":
-        return _share_times(subject.false_answers, row.limit, at_least=False)
-    return _share_times(subject.slow, SLOW_SHARE, at_least=False)
-
-
-def _figure_times(row: Row) -> float:
-    if math.isnan(row.uncertainty):
-        return math.nan
-    sampling = math.sqrt(max(row.uncertainty**2 - (COVERAGE_FACTOR * row.truth_uncertainty) ** 2, 0.0))
-    return further_share(row.limit - row.value, sampling, row.truth_uncertainty, row.n_eff)
-
-
-def _share_times(share: Share, limit: float, *, at_least: bool) -> float:
-    """By bisection: the bounds of a share come closer to it with every frame."""
-
-    def is_decided(times: float) -> bool:
-        longer = share_of(share.count * _MOST_TIMES, share.of * _MOST_TIMES, share.n_eff * times)
-        outcome = share_outcome(longer, limit, at_least=at_least, decision=Decision.GUARDED)
-        return outcome is not Outcome.INCONCLUSIVE
-
-    return _first(is_decided) - 1 if is_decided(_MOST_TIMES) else NEVER
-
-
-def _first(is_so: Callable[[float], bool]) -> float:
-    low, high = 1.0, float(_MOST_TIMES)
-    for _ in range(_HALVINGS):
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if is_so(middle) else (middle, high)
-    return high
+    tested = [(requirement_of(row), row) for row in assessment.rows if row.outcome is not Outcome.NOT_TESTED]
+    return tuple(
+        RowLeft(requirement, row, minutes * requirement.times_left(row, stats.subjects[row.subject]))
+        for requirement, row in tested
+    )

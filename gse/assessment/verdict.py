@@ -1,42 +1,31 @@
 """The verdict: the statistics of a session against the limits of its station, by a stated decision rule.
 
-Each subject on trial has its rows: mean |dRA*| and mean |dDE|, as in table 4-1 of the LAPAN paper; that 95 % of the
-frames have |dRA*| and |dDE| within the same limit; the same of roll against a limit of its own; the half-cone that
-holds 95 % of the boresights; availability; false answers; and time. gse.statistics.decision gives the rule.
+Each subject on trial has the rows of gse.assessment.requirements; gse.statistics.decision gives the rule.
 
 FAIL where a row fails. A row that fails by a mistake of the set-up is INCONCLUSIVE (gse.diagnosis.set_up_mistake); so
 is a session where a row of the accuracy, availability or false answers cannot be decided, or where something stands in
 the way of PASS (gse.assessment.obstacles). PASS otherwise, with what was not tested.
 """
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from gse.assessment.not_run import under_stop
 from gse.assessment.obstacles import obstacles
-from gse.axis import AXES, ON_SKY, Axis
-from gse.budget.mount_terms import STABILITY
+from gse.assessment.requirements import REQUIREMENTS, Case
+from gse.axis import ON_SKY
 from gse.budget.truth_budget import TruthUncertaintyBudget, session_facts, truth_budget
-from gse.budget.uncertainty import AxisUncertainty
 from gse.diagnosis.diagnosis import findings
 from gse.diagnosis.low_field import under_air
 from gse.diagnosis.sensor_findings import sensor_findings
 from gse.diagnosis.sensor_health import SensorHealth, health_findings, sensor_health
 from gse.diagnosis.set_up_mistake import excused, lost_station, set_up_mistake
 from gse.finding import Finding
-from gse.limits import Limits
-from gse.percent import percent
 from gse.station.results import Subject, Verdict
 from gse.station.session_data import SessionData
-from gse.statistics.decision import Outcome, Requirement, Row, judge_figure, judge_share
-from gse.statistics.guard_band import COVERAGE_FACTOR
+from gse.statistics.decision import Outcome, Row
 from gse.statistics.no_sky import under_cloud
 from gse.statistics.session_statistics import Statistics, statistics
-from gse.statistics.subject_statistics import SubjectStatistics, figure_of
-
-SLOW_SHARE = 0.01
-"""99 % of the frames must keep the limit of time."""
 
 TRUTH_SHARE = 3.0
 """Truth that is worse than this share of a limit is named where a session does not pass."""
@@ -79,9 +68,10 @@ def judge(session: SessionData) -> Assessment:
     budget = _budget(session, stats)
     relative = session.station.mount.align is not None
     rows = tuple(
-        row
+        requirement.row(Case(subject, stats, budget, session.station.limits, relative))
         for subject in stats.subjects.values()
-        for row in _rows(subject, stats, budget, session.station.limits, relative)
+        for requirement in REQUIREMENTS
+        if requirement.applies(subject)
     )
     found = _causes(session, stats)
     mistake = lost_station(session)
@@ -153,76 +143,6 @@ def _verdict(rows: tuple[Row, ...], in_the_way: tuple[str, ...]) -> Verdict:
     if Outcome.INCONCLUSIVE in outcomes or in_the_way:
         return Verdict.INCONCLUSIVE
     return Verdict.PASS
-
-
-def _rows(
-    subject: SubjectStatistics,
-    stats: Statistics,
-    budget: TruthUncertaintyBudget,
-    limits: Limits,
-    relative: bool,
-) -> Iterator[Row]:
-    truth = budget.own_axes if subject.subject is Subject.SENSOR else budget.axes
-    for axis in AXES:
-        for name, which in ((f"mean |{axis.label}|", "mean_abs"), (f"95 % of |{axis.label}|", "p95_abs")):
-            yield judge_figure(
-                Requirement(subject.subject, name, limits.of(axis), limits.decision, axis.unit),
-                figure_of(subject.axes[axis.key], which, stats.duration_s),
-                truth_uncertainty=_standard(truth[axis.key]),
-                relative=relative,
-                settles=_settles(budget, axis),
-            )
-    cone_arcsec = math.nan if limits.boresight_arcsec is None else limits.boresight_arcsec
-    name = "half-cone of 95 % of the boresights"
-    yield judge_figure(
-        Requirement(subject.subject, name, cone_arcsec, limits.decision, "arcsec"),
-        figure_of(subject.half_cone_95, "p95_abs", stats.duration_s),
-        truth_uncertainty=math.hypot(*(_standard(truth[axis.key]) for axis in ON_SKY)),
-        relative=relative,
-    )
-    yield from _shares(subject, limits, lost=stats.frames_expected - int(stats.counted.expected.sum()))
-    yield _time(subject, limits)
-
-
-def _standard(truth: AxisUncertainty) -> float:
-    """The standard uncertainty whose 1.645-fold is the one-sided 95 % bound of truth, whatever its distribution."""
-    return truth.one_sided_arcsec / COVERAGE_FACTOR
-
-
-def _settles(budget: TruthUncertaintyBudget, axis: Axis) -> bool:
-    """Whether the stability of the mount, better known after a longer time, makes most of what truth leaves open."""
-    stability = math.hypot(*(term.of(axis) for term in budget.terms if term.name == STABILITY))
-    return stability**2 > budget.axes[axis.key].standard_arcsec ** 2 / 2
-
-
-def _shares(subject: SubjectStatistics, limits: Limits, *, lost: int) -> Iterator[Row]:
-    never_came = f", {lost} of which never came" if lost else ""
-    count = subject.star_fields
-    fields = f" in {count} star field{'' if count == 1 else 's'}" if count else ""
-    for name, share, limit, at_least, beside in (
-        ("availability", subject.available, limits.availability, True, never_came),
-        ("false answers", subject.false_answers, limits.false_share, False, fields),
-    ):
-        asked = Requirement(subject.subject, name, limit, limits.decision)
-        yield judge_share(asked, share, at_least=at_least, beside=beside)
-
-
-def _time(subject: SubjectStatistics, limits: Limits) -> Row:
-    """The 99th percentile of the time; the share of the slow frames decides, by its exact bounds."""
-    name = "processing time as it states, 99 %" if subject.time_is_stated else "identification time on this host, 99 %"
-    asked = Requirement(subject.subject, name, SLOW_SHARE, limits.decision)
-    row = judge_share(asked, subject.slow, at_least=False)
-    reason = row.reason
-    undecided = row.outcome is Outcome.INCONCLUSIVE
-    if row.outcome is Outcome.FAIL or undecided:
-        reason = f"{row.label} is {subject.time_ms.p99:.1f} ms, the limit is {limits.identification_ms:g} ms"
-        reason += f" ({subject.slow.count} of {subject.slow.of} frames are slower"
-        reason += (
-            f", which shows at most {percent(subject.slow.upper, 1)}: a longer session decides)" if undecided else ")"
-        )
-    return replace(
-        row, value=subject.time_ms.p99, unit="ms", limit=limits.identification_ms, reason=reason, uncertainty=math.nan
-    )
 
 
 def _relative_to(session: SessionData) -> str:

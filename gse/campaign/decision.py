@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
+from gse.assessment.requirements import Requirement, requirement_named
 from gse.campaign.nights import Session, weighted
 from gse.count_text import count_text
 from gse.limits import Decision
@@ -25,8 +26,6 @@ from gse.statistics.decision import Outcome, Share, share_of, share_outcome
 from gse.statistics.guard_band import exceeds, further_share, guard, keeps
 
 ONE_SIDED = 0.95
-SHARES = {"availability": "available", "false answers": "false_answers"}
-"""Rows that are shares, and the names of their columns."""
 _AGAINST = (Outcome.FAIL, Outcome.INCONCLUSIVE)
 ONE_NIGHT = "figures of one night say nothing of how nights differ; 2 nights are needed"
 """The reason of each row that is not a share."""
@@ -124,19 +123,19 @@ def _row(nights: dict[str, list[Session]], subject: str, name: str) -> CampaignR
     decisions = {session.row["limit_decision"] for sessions in nights.values() for session in sessions}
     decision = Decision.SIMPLE if decisions == {Decision.SIMPLE.value} else Decision.GUARDED
     limit = limits[0] if len(limits) == 1 else _NAN
-    label = f"{subject} {name}"
+    label, requirement = f"{subject} {name}", requirement_named(name)
     if not values or not limits:
         why = "no limit is stated" if values else "no night has it"
         outcome, value, above, reason = Outcome.NOT_TESTED, _mean(values), _NAN, f"{label}: {why}"
     elif len(limits) > 1:
         outcome, value, above = Outcome.INCONCLUSIVE, _mean(values), _NAN
         reason = f"{label}: the sessions have {len(limits)} different limits; judge them with one --station"
-    elif name in SHARES:
-        outcome, value, above, reason = _share(nights, subject, name, limit, decision)
+    elif requirement is not None and requirement.share_column is not None:
+        outcome, value, above, reason = _share(nights, subject, requirement, limit, decision)
     else:
         truth = max(of.all("truth_uncertainty"), default=0.0)
         outcome, value, above, reason = _figure(label, list(values.values()), limit, truth, of.all("unit")[0], decision)
-    at_least = name == "availability"
+    at_least = requirement is not None and requirement.at_least
     worst_night = (min if at_least else max)(values, key=values.__getitem__, default="")
     single = of.outcomes()
     failed = sum(Outcome.FAIL in one for one in single)
@@ -192,11 +191,14 @@ def length_text(hours: float) -> str:
     return f"{hours:.1f} h" if hours >= 1 else f"{hours * 60:.1f} min"
 
 
-def _share(nights: dict[str, list[Session]], subject: str, name: str, limit: float, decision: Decision) -> _Decided:
-    share, at_least = campaign_share(nights, subject, name), name == "availability"
+def _share(
+    nights: dict[str, list[Session]], subject: str, requirement: Requirement, limit: float, decision: Decision
+) -> _Decided:
+    share, at_least = campaign_share(nights, subject, requirement), requirement.at_least
     towards_limit = share.value - share.lower if share.value >= limit else share.upper - share.value
     outcome = share_outcome(share, limit, at_least=at_least, decision=decision)
-    text = f"{subject} {name}: {percent(share.value, 3)} of {share.of} frames in {count_text(len(nights), 'night')}"
+    seen = f"{percent(share.value, 3)} of {share.of} frames in {count_text(len(nights), 'night')}"
+    text = f"{subject} {requirement.name}: {seen}"
     reason = ""
     if outcome is Outcome.FAIL:
         reason = f"{text}, the limit is {percent(limit, 2)}"
@@ -206,9 +208,9 @@ def _share(nights: dict[str, list[Session]], subject: str, name: str, limit: flo
     return outcome, share.value, towards_limit, reason
 
 
-def campaign_share(nights: dict[str, list[Session]], subject: str, name: str) -> Share:
+def campaign_share(nights: dict[str, list[Session]], subject: str, requirement: Requirement) -> Share:
     """The share of all frames, with the effective number that its scatter between nights leaves (Korn & Graubard)."""
-    stem = f"{subject}_{SHARES[name]}"
+    stem = f"{subject}_{requirement.share_column}"
     counts = [
         [sum(float(session.row[f"{stem}_{part}"] or 0) for session in sessions) for part in ("count", "of", "n_eff")]
         for sessions in nights.values()

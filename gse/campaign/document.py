@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from gse.assessment.requirements import HOST_TIME, STATED_TIME
 from gse.campaign.dataset import UNKNOWN, DataSet
 from gse.campaign.decision import CampaignRow, campaign_rows, reasons_of, verdict_of
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
@@ -24,6 +25,7 @@ from gse.statistics.decision import DECISION_TEXT, Outcome
 SCHEMA = "gse.campaign-report/1"
 MOST_STARS = 20
 DIGITS = 8
+_TIMES = (STATED_TIME.name, HOST_TIME.name)
 _WORST_FIRST = (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.PASS)
 
 
@@ -148,7 +150,7 @@ def _causes(session: Session) -> dict[str, int]:
 def _table_row(name: str, nights: dict[str, list[Session]], subject: str, rows: list[CampaignRow]) -> dict[str, Any]:
     means = [list(nightly(nights, f"{subject}_mean_abs_{axis}_deg").values()) for axis in ("d_ra", "d_de")]
     d_ra, d_de = (float(np.mean(values)) if values else math.nan for values in means)
-    time_ms = next((row.value for row in rows if row.subject == subject and row.unit == "ms"), math.nan)
+    time_ms = next((row.value for row in rows if row.subject == subject and row.name in _TIMES), math.nan)
     return {
         "name": f"{name}, {subject}, {count_text(len(nights), 'night')}",
         "own": True,

@@ -12,6 +12,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from gse.assessment.requirements import REQUIREMENTS
 from gse.axis import AXES
 from gse.campaign.dataset import DataSet
 from gse.campaign.hot_pixels import COLUMN
@@ -25,8 +26,9 @@ from gse.statistics.sampling import MIN_FRAMES
 MOST_WITHOUT_SKY = 0.5
 _INSTANTS = ("first_utc", "last_utc")
 _OF_AXIS = ("bias_arcsec", "bias_error_arcsec", "nea_arcsec", "std_arcsec", "thermal_arcsec_per_k")
+_SHARES = [requirement.share_column for requirement in REQUIREMENTS if requirement.share_column]
 _OF_SUBJECT = (
-    *(f"{share}_{part}" for share in ("available", "false_answers") for part in ("count", "of", "n_eff")),
+    *(f"{share}_{part}" for share in _SHARES for part in ("count", "of", "n_eff")),
     *("mean_abs_d_ra_deg", "mean_abs_d_de_deg", "time_p99_ms"),
     *(f"{axis.key}_{name}" for axis in AXES for name in _OF_AXIS),
     "d_de_n",

@@ -10,7 +10,8 @@ import jinja2
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from gse.campaign.decision import SHARES, length_text
+from gse.assessment.requirements import requirement_named
+from gse.campaign.decision import length_text
 from gse.campaign.plots import (
     draw_field,
     draw_phase,
@@ -75,7 +76,9 @@ def _number(value: float | None, digits: int = 3) -> str:
 
 def _of_row(value: float | None, row: dict[str, Any]) -> str:
     """A value of a row of the verdict with its unit: shares in per cent."""
-    return quantity_text(value, row["unit"]) if value is None or row["name"] not in SHARES else percent(value, 2)
+    requirement = requirement_named(row["name"])
+    is_share = requirement is not None and requirement.share_column is not None
+    return percent(value, 2) if is_share and value is not None else quantity_text(value, row["unit"])
 
 
 def with_digits_of(value: float | None, scatter: float | None) -> str:

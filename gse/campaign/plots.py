@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from matplotlib.figure import Figure
 
+from gse.assessment.requirements import REQUIREMENTS
 from gse.campaign.star_places import SIGMAS
 from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, SKY_BLUE, VERMILLION, hex_of
 
@@ -137,10 +138,9 @@ def draw_rows(figure: Figure, sensor: dict[str, Any]) -> None:
 
 
 def rows_with_upper_limit(sensor: dict[str, Any]) -> list[dict[str, Any]]:
-    """The rows that draw_rows draws: those with a value and a limit, but availability, whose limit is a lower one."""
-    return [
-        row for row in sensor["rows"] if row["limit"] and row["value"] is not None and row["name"] != "availability"
-    ]
+    """The rows that draw_rows draws: those with a value and an upper limit."""
+    lowest = {requirement.name for requirement in REQUIREMENTS if requirement.at_least}
+    return [row for row in sensor["rows"] if row["limit"] and row["value"] is not None and row["name"] not in lowest]
 
 
 def _date_axis(axes: Axes, days: Any) -> None:

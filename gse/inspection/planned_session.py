@@ -5,7 +5,8 @@ import math
 
 from drivers.clock import read_clock
 from gse.assessment.planning import Expected
-from gse.assessment.session_plan import AxisQuestion, SessionPlan, session_plan
+from gse.assessment.requirements import AxisQuestion, ExpectedSession
+from gse.assessment.session_plan import SessionPlan, session_plan
 from gse.axis import D_ROLL, ON_SKY
 from gse.budget.truth_budget import SessionFacts, truth_budget
 from gse.config.station import Station
@@ -28,7 +29,7 @@ def planned_session(station: Station) -> SessionPlan:
 @functools.lru_cache(maxsize=8)
 def _planned(axes: tuple[AxisQuestion, ...], limits: Limits, availability: float) -> SessionPlan:
     """Cached: it takes some seconds of simulation."""
-    return session_plan(axes, limits, availability=availability, frames_per_s=RATE_HZ)
+    return session_plan(ExpectedSession(axes, limits, availability, RATE_HZ))
 
 
 def _questions(station: Station) -> tuple[AxisQuestion, ...]:
@@ -41,8 +42,8 @@ def _questions(station: Station) -> tuple[AxisQuestion, ...]:
     tau_s, truth_arcsec = pixel_arcsec / EARTH_RATE_ARCSEC_PER_S, _truth_arcsec(station)
     on_sky, about = Expected(0.0, noise, tau_s, RATE_HZ), Expected(0.0, noise / reach_rad, tau_s, RATE_HZ)
     return (
-        *(AxisQuestion(axis.label, on_sky, limits.of(axis), truth_arcsec) for axis in ON_SKY),
-        AxisQuestion(D_ROLL.label, about, limits.of(D_ROLL), 0.0),
+        *(AxisQuestion(axis, on_sky, limits.of(axis), truth_arcsec) for axis in ON_SKY),
+        AxisQuestion(D_ROLL, about, limits.of(D_ROLL), 0.0),
     )
 
 

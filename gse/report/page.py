@@ -16,9 +16,9 @@ from markupsafe import Markup, escape
 from drivers.outside_text import plain_lines
 from gse import instant
 from gse.assessment.verdict import Assessment
+from gse.axis import AXES, CROSS_X, CROSS_Y
 from gse.process.jit import compiled_folder
 from gse.process.release_memory import all_else_kept
-from gse.axis import AXES, CROSS_X, CROSS_Y
 from gse.report.fingerprint import canonical, fingerprint
 from gse.report.metric_table import metric_table
 from gse.report.provenance import Provenance

@@ -106,11 +106,12 @@ def snapshot(session: SessionData) -> SessionData:
 def forecast_text(assessment: "Assessment") -> str:
     """When a verdict is to be expected, in a line."""
     from gse.assessment.session_plan import minutes_left, rows_left
+    from gse.statistics.decision import Claim
 
     if assessment.verdict is not Verdict.INCONCLUSIVE:
         return f"{assessment.word}, if it ended now"
     left = rows_left(assessment)
-    if not any(item.row.unit == "arcsec" for item in left):
+    if not any(item.requirement.claim is Claim.ACCURACY for item in left):
         return "no verdict as it goes: no answer was compared with truth"
     minutes = minutes_left(assessment)
     if math.isnan(minutes):

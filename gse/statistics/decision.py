@@ -45,6 +45,15 @@ _BY_DRIFT = "most of it a drift that a longer session tells better"
 _NAN = float("nan")
 
 
+class Claim(StrEnum):
+    """What a row that is not PASS says of a sensor: what may excuse it goes by that (gse.statistics.excuses)."""
+
+    ACCURACY = "its answers lie too far from truth"
+    ABSENCE = "it does not answer"
+    FALSEHOOD = "its answers are of other stars"
+    SLOWNESS = "its answers take too long"
+
+
 class Outcome(StrEnum):
     """The word on one row."""
 
@@ -100,7 +109,7 @@ class Figure:
 
 
 @dataclass(frozen=True, slots=True)
-class Requirement:
+class Criterion:
     """What is asked of a figure or share of one subject, and by which rule it is decided."""
 
     subject: Subject
@@ -116,7 +125,7 @@ class Requirement:
 
 
 def judge_figure(
-    asked: Requirement, figure: Figure, *, truth_uncertainty: float, relative: bool = False, settles: bool = False
+    asked: Criterion, figure: Figure, *, truth_uncertainty: float, relative: bool = False, settles: bool = False
 ) -> Row:
     """The row of a figure that must not exceed its limit.
 
@@ -151,7 +160,7 @@ def judge_figure(
     )
 
 
-def _outcome(asked: Requirement, figure: Figure, truth_uncertainty: float) -> Outcome:
+def _outcome(asked: Criterion, figure: Figure, truth_uncertainty: float) -> Outcome:
     if figure.frames == 0 or math.isnan(asked.limit):
         return Outcome.NOT_TESTED
     if figure.is_of_few_frames:
@@ -169,7 +178,7 @@ def _risk(value: float, above: float, limit: float) -> float:
     return float(ndtr(-(limit - value) * COVERAGE_FACTOR / above)) if above > 0 else _NAN
 
 
-def _why_undecided(asked: Requirement, figure: Figure, uncertainty: float, truth_uncertainty: float, left: str) -> str:
+def _why_undecided(asked: Criterion, figure: Figure, uncertainty: float, truth_uncertainty: float, left: str) -> str:
     """What follows the name of the row; ``left`` says what a longer session does to what truth leaves open."""
     if figure.is_of_few_frames:
         return f": {count_text(figure.frames, 'frame')} compared with truth, {MIN_FRAMES} are needed"
@@ -231,7 +240,7 @@ def share_of(count: int, of: int, n_eff: float | None = None) -> Share:
     return Share(count, of, count / of, number, lower, upper)
 
 
-def judge_share(asked: Requirement, share: Share, *, at_least: bool, beside: str = "") -> Row:
+def judge_share(asked: Criterion, share: Share, *, at_least: bool, beside: str = "") -> Row:
     """The row of a share that must keep below its limit, or reach it (``at_least``); ``beside`` joins the reason."""
     uncertainty = share.value - share.lower if at_least else share.upper - share.value
     outcome = share_outcome(share, asked.limit, at_least=at_least, decision=asked.decision)

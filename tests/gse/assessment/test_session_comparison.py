@@ -13,20 +13,25 @@ from skies.one_by_one import add_frame, add_frames
 from skies.own_answers import with_answers, without_error
 
 from gse.assessment.compared_axis import Row
-from gse.assessment.session_comparison import (
-    SessionComparison,
-    _availability,
-    _false,
-    _judged,
+from gse.assessment.compared_rows import (
+    Compared,
     _more_often,
     _paired_change,
+    false_answers,
+    good_answers,
+    slow_answers,
+)
+from gse.assessment.session_comparison import (
+    SessionComparison,
+    _judged,
     _pairs,
-    _slow,
     _time,
     session_comparison,
 )
+from gse.axis import D_DE
 from gse.diagnosis.field_content import SeenStars, share_error
 from gse.instant import NS_PER_S
+from gse.limits import Limits
 from gse.star_influence import attitude_operators
 from gse.station.results import AnswerCheck, AttitudeError, Subject
 from gse.statistics.decision import share_of
@@ -285,26 +290,26 @@ def test_a_richer_field_does_not_blame_the_sensor_and_a_poorer_one_excuses_it():
 
 
 @pytest.mark.parametrize(
-    ("name", "difference", "sigmas", "gate", "is_worse"),
+    ("side", "difference", "sigmas", "gate", "is_worse"),
     [
-        ("NEA dDE", 1.0, 3.1, True, True),
-        ("NEA dDE", 1.0, 3.0, True, False),
-        ("NEA dDE", 0.6, 9.0, True, False),
-        ("NEA dDE", 0.7, 9.0, True, True),
-        ("NEA dDE", -1.0, -9.0, True, False),
-        ("NEA dDE", 1.0, math.nan, True, False),
-        ("NEA dDE", 1.0, 9.0, False, False),
-        ("availability", -1.0, 9.0, True, True),
-        ("availability", 1.0, 9.0, True, False),
-        ("bias dDE", -1.0, -3.1, True, True),
-        ("bias dDE", -1.0, -3.0, True, False),
-        ("bias dDE", -0.6, -9.0, True, False),
-        ("bias dDE", 1.0, 9.0, True, True),
-        ("bias dDE", 1.0, 9.0, False, False),
+        ({}, 1.0, 3.1, True, True),
+        ({}, 1.0, 3.0, True, False),
+        ({}, 0.6, 9.0, True, False),
+        ({}, 0.7, 9.0, True, True),
+        ({}, -1.0, -9.0, True, False),
+        ({}, 1.0, math.nan, True, False),
+        ({}, 1.0, 9.0, False, False),
+        ({"at_least": True}, -1.0, 9.0, True, True),
+        ({"at_least": True}, 1.0, 9.0, True, False),
+        ({"either_way": True}, -1.0, -3.1, True, True),
+        ({"either_way": True}, -1.0, -3.0, True, False),
+        ({"either_way": True}, -0.6, -9.0, True, False),
+        ({"either_way": True}, 1.0, 9.0, True, True),
+        ({"either_way": True}, 1.0, 9.0, False, False),
     ],
 )
-def test_a_value_is_worse_beyond_the_sigmas_and_beyond_what_is_allowed(name, difference, sigmas, gate, is_worse):
-    row = Row(name, "", 0.0, difference, difference, difference, sigmas, 0.6, gate=gate)
+def test_a_value_is_worse_beyond_the_sigmas_and_beyond_what_is_allowed(side, difference, sigmas, gate, is_worse):
+    row = Row("a row", "", 0.0, difference, difference, difference, sigmas, 0.6, gate=gate, **side)
     assert _judged(row, 3.0).worse is is_worse
 
 
@@ -396,6 +401,10 @@ def test_panoramas_of_other_numbers_are_not_the_same():
     assert _pairs(frames_of(range(10)), frames_of(range(10), tag_off=1)) is None
 
 
+def compared(one, two, pairs):
+    return Compared((one, two), pairs, Limits(), 0.25, bias_is_regression=False)
+
+
 def subject_of(errors, good):
     return SimpleNamespace(errors={"d_de_arcsec": np.array(errors)}, good=np.array(good))
 
@@ -405,12 +414,13 @@ def test_the_change_of_each_panorama_counts_where_both_answered_well():
     one = subject_of([9.0, -1.0, 2.0, 3.0, 4.0], [True, True, True, True, False])
     two = subject_of([2.0, -5.0, 8.0, 1.0, 7.0], [True, True, True, True, True])
     pairs = np.array([1, 2, 3, 4]), np.array([0, 1, 2, 3])
-    change = _paired_change("d_de", (one, two), pairs)
+    change = _paired_change(D_DE, compared(one, two, pairs))
     assert change.mean == pytest.approx(3.0)
     assert change.error == pytest.approx(2 / math.sqrt(3))
-    assert _paired_change("d_de", (one, two), None) is None
-    assert _paired_change("d_de", (subject_of([1.0], [False]), subject_of([1.0], [True])), (pairs[1][:1],) * 2) is None
-    assert _paired_change("d_de", (subject_of([1.0], [True]), subject_of([1.0], [False])), (pairs[1][:1],) * 2) is None
+    assert _paired_change(D_DE, compared(one, two, None)) is None
+    for good in ((True, False), (False, True)):
+        once = [subject_of([1.0], [was_good]) for was_good in good]
+        assert _paired_change(D_DE, compared(*once, (pairs[1][:1],) * 2)) is None
 
 
 def counted(available, false, slow, p99):
@@ -420,6 +430,7 @@ def counted(available, false, slow, p99):
         false_answers=share_of(false, 100),
         slow=share_of(slow, 100),
         time_ms=SimpleNamespace(p99=p99),
+        time_is_stated=True,
     )
     rows = np.arange(100)
     return SimpleNamespace(statistics=statistics, missed=rows >= available, false=rows < false, slow=rows < slow)
@@ -432,15 +443,15 @@ BOTH = counted(99, 1, 2, 40.0), counted(90, 3, 9, 70.0)
 @pytest.mark.parametrize(
     ("row_of", "values", "counts", "more"),
     [
-        (lambda pairs: _availability(BOTH, pairs, 0.25), (0.99, 0.9, -0.09, 0.25), (1, 10), 9),
-        (lambda pairs: _false(BOTH, pairs), (1, 3, 2, 0.0), (1, 3), 2),
-        (lambda pairs: _slow(BOTH, pairs), (2, 9, 7, 0.0), (2, 9), 7),
+        (good_answers, (0.99, 0.9, -0.09, 0.25), (1, 10), 9),
+        (false_answers, (1, 3, 2, 0.0), (1, 3), 2),
+        (slow_answers, (2, 9, 7, 0.0), (2, 9), 7),
     ],
     ids=["availability", "false", "slow"],
 )
 def test_what_happens_more_often_is_compared_with_how_often_it_happened(row_of, values, counts, more, paired):
     """Paired, all that are more are heads of a coin."""
-    row = row_of((np.arange(100), np.arange(100)) if paired else None)
+    (row,) = row_of(compared(*BOTH, (np.arange(100), np.arange(100)) if paired else None))
     p = 0.5**more if paired else scipy.stats.hypergeom(200, sum(counts), 100).sf(counts[1] - 1)
     first, second, difference, allowed = values
     assert (row.first, row.second, row.alike) == (first, second, second)
@@ -450,7 +461,7 @@ def test_what_happens_more_often_is_compared_with_how_often_it_happened(row_of, 
 
 
 def test_pairs_that_leave_frames_out_are_compared_as_different_ones():
-    row = _slow(BOTH, (np.arange(99), np.arange(99)))
+    (row,) = slow_answers(compared(*BOTH, (np.arange(99), np.arange(99))))
     assert row.sigmas == pytest.approx(scipy.stats.norm.isf(scipy.stats.hypergeom(200, 11, 100).sf(8)))
 
 

@@ -10,26 +10,22 @@ import scipy.optimize
 import scipy.stats
 from skies.synthetic_night import synthetic_night
 
-from gse.assessment.planning import Expected, availability_frames
-from gse.assessment.session_plan import (
+from gse.assessment.planning import (
     NEVER,
-    AxisQuestion,
-    RowPlan,
-    SessionPlan,
-    _figure_times,
+    Expected,
     _first,
-    _share_times,
-    _times_left,
-    minutes_left,
-    plan_like,
-    rows_left,
-    session_plan,
+    availability_frames,
+    figure_times,
+    share_times,
 )
+from gse.assessment.requirements import HOST_TIME, AxisQuestion, ExpectedSession, RowPlan, requirement_of
+from gse.assessment.session_plan import SessionPlan, minutes_left, plan_like, rows_left, session_plan
 from gse.assessment.verdict import Assessment, judge
+from gse.axis import D_DE, D_RA_COSDE
 from gse.limits import Decision, Limits
 from gse.station.results import Subject, Verdict
 from gse.statistics.axis_statistics import axis_statistics
-from gse.statistics.decision import Figure, Outcome, Requirement, Row, judge_figure, minutes_more, share_of
+from gse.statistics.decision import Criterion, Figure, Outcome, Row, judge_figure, minutes_more, share_of
 from gse.statistics.sampling import Bounds
 
 
@@ -52,7 +48,7 @@ def test_a_row_is_decided_after_the_minutes_that_were_said(few) -> None:
 
 def test_a_figure_is_decided_after_the_minutes_that_its_reason_says(few) -> None:
     figure = Figure(50.0, Bounds(0.0, 0.0, 30.0, 70.0), 100.0, 240, few.statistics.duration_s)
-    asked = Requirement(Subject.ONBOARD, "mean |dDE|", 60.0, Decision.GUARDED, "arcsec")
+    asked = Criterion(Subject.ONBOARD, "mean |dDE|", 60.0, Decision.GUARDED, "arcsec")
     row = judge_figure(asked, figure, truth_uncertainty=2.0)
     (left,) = rows_left(replace(few, rows=(row,)))
     assert left.minutes == pytest.approx(minutes_more(figure, 60.0, 2.0))
@@ -101,8 +97,8 @@ def test_noise_beyond_the_limit_never_passes() -> None:
 
 
 def test_answers_are_planned_as_independent_where_nothing_is_said_of_their_runs():
-    alone = session_plan((), Limits(), availability=0.99, frames_per_s=10.0)
-    in_runs = session_plan((), Limits(), availability=0.99, frames_per_s=10.0, frames_per_answer=3.0)
+    alone = session_plan(ExpectedSession((), Limits(), 0.99, 10.0))
+    in_runs = session_plan(ExpectedSession((), Limits(), 0.99, 10.0, frames_per_answer=3.0))
     assert alone.rows[0].frames == availability_frames(0.99, 0.95)
     assert in_runs.rows[0].frames == availability_frames(0.99, 0.95, frames_per_value=3.0)
 
@@ -115,10 +111,10 @@ def test_a_plan_has_a_row_of_each_axis_and_share_of_ten_seconds_at_least(hz, fra
     """Far within its limit an axis takes 30 frames, and 10 s end with one more frame than they have steps."""
     limits = Limits(availability=0.9, false_share=0.05)
     axes = (
-        AxisQuestion("dRA*", Expected(0.0, 1.0, 0.0, hz), 1000.0, 0.0),
-        AxisQuestion("dDE", Expected(70.0, 0.0, 0.0, hz), 60.0, 0.0),
+        AxisQuestion(D_RA_COSDE, Expected(0.0, 1.0, 0.0, hz), 1000.0, 0.0),
+        AxisQuestion(D_DE, Expected(70.0, 0.0, 0.0, hz), 60.0, 0.0),
     )
-    plan = session_plan(axes, limits, availability=1.0, frames_per_s=hz)
+    plan = session_plan(ExpectedSession(axes, limits, 1.0, hz))
     assert plan.rows == (
         RowPlan("dRA*", 1000.0, "arcsec", frames),
         RowPlan("dDE", 60.0, "arcsec", None),
@@ -172,7 +168,7 @@ def times_until(decides):
     ],
 )
 def test_a_share_is_decided_when_its_bounds_have_come_to_its_limit(share, limit, at_least, expected):
-    assert _share_times(share, limit, at_least=at_least) == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    assert share_times(share, limit, at_least=at_least) == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
 def row_of(name, outcome=Outcome.INCONCLUSIVE, *, unit="", limit=0.01, value=0.0, **more):
@@ -190,15 +186,18 @@ def row_of(name, outcome=Outcome.INCONCLUSIVE, *, unit="", limit=0.01, value=0.0
     ],
 )
 def test_a_figure_is_decided_when_what_sampling_leaves_open_fits_into_the_room(uncertainty, truth, n_eff, times):
-    row = row_of("mean", unit="arcsec", limit=60.0, value=50.0, uncertainty=uncertainty, truth_uncertainty=truth)
-    assert _figure_times(replace(row, n_eff=n_eff)) == pytest.approx(times, nan_ok=True)
+    row = row_of("mean |dDE|", unit="arcsec", limit=60.0, value=50.0, uncertainty=uncertainty, truth_uncertainty=truth)
+    assert figure_times(replace(row, n_eff=n_eff)) == pytest.approx(times, nan_ok=True)
 
 
 def test_a_figure_of_few_independent_values_is_decided_earlier():
-    row = row_of("mean", unit="arcsec", limit=60.0, value=50.0, uncertainty=20.0, truth_uncertainty=0.0, n_eff=3.0)
-    assert 0 < _figure_times(row) < 2
+    row = row_of(
+        "mean |dDE|", unit="arcsec", limit=60.0, value=50.0, uncertainty=20.0, truth_uncertainty=0.0, n_eff=3.0
+    )
+    assert 0 < figure_times(row) < 2
 
 
+TIME = HOST_TIME.name
 SUBJECT = SimpleNamespace(available=share_of(50, 50), false_answers=share_of(0, 100), slow=share_of(0, 150))
 
 
@@ -207,15 +206,15 @@ SUBJECT = SimpleNamespace(available=share_of(50, 50), false_answers=share_of(0, 
     [
         (row_of("availability", limit=0.95), 58.4040 / 50 - 1),
         (row_of("false answers", limit=0.02), 148.2837 / 100 - 1),
-        (row_of("slow answers", limit=0.5), 298.0729 / 150 - 1),  # 1 %, whatever the time that is allowed
-        (row_of("mean", unit="arcsec", limit=10.0, uncertainty=20.0, truth_uncertainty=0.0, n_eff=math.inf), 3.0),
+        (row_of(TIME, limit=0.5), 298.0729 / 150 - 1),  # 1 %, whatever the time that is allowed
+        (row_of("mean |dDE|", unit="arcsec", limit=10.0, uncertainty=20.0, truth_uncertainty=0.0, n_eff=math.inf), 3.0),
         (row_of("availability", Outcome.PASS, limit=0.95), 0.0),
-        (row_of("mean", Outcome.FAIL, unit="arcsec", limit=10.0, uncertainty=20.0), 0.0),
+        (row_of("mean |dDE|", Outcome.FAIL, unit="arcsec", limit=10.0, uncertainty=20.0), 0.0),
     ],
 )
 def test_each_row_is_decided_by_its_own_share_or_figure(row, times):
     """0.95, 0.98 and 0.99 to these powers are 5 %."""
-    assert _times_left(row, SUBJECT) == pytest.approx(times, abs=1e-5)
+    assert requirement_of(row).times_left(row, SUBJECT) == pytest.approx(times, abs=1e-5)
 
 
 def judged(*rows, verdict=Verdict.INCONCLUSIVE):
@@ -223,8 +222,8 @@ def judged(*rows, verdict=Verdict.INCONCLUSIVE):
     return SimpleNamespace(verdict=verdict, statistics=statistics, rows=rows)
 
 
-FALSE, SLOW = row_of("false answers", limit=0.02), row_of("slow answers")
-UNKNOWN = row_of("mean", unit="arcsec", limit=10.0)
+FALSE, SLOW = row_of("false answers", limit=0.02), row_of(TIME)
+UNKNOWN = row_of("mean |dDE|", unit="arcsec", limit=10.0)
 
 
 @pytest.mark.parametrize(
@@ -233,7 +232,7 @@ UNKNOWN = row_of("mean", unit="arcsec", limit=10.0)
         (judged(FALSE, SLOW), 10 * (298.0729 / 150 - 1)),
         (judged(SLOW, FALSE), 10 * (298.0729 / 150 - 1)),
         (judged(FALSE), 10 * (148.2837 / 100 - 1)),
-        (judged(FALSE, row_of("slow answers", Outcome.NOT_TESTED)), 10 * (148.2837 / 100 - 1)),
+        (judged(FALSE, row_of(TIME, Outcome.NOT_TESTED)), 10 * (148.2837 / 100 - 1)),
         (judged(FALSE, UNKNOWN), math.nan),
         (judged(), NEVER),
         (judged(row_of("false answers", Outcome.PASS)), NEVER),  # what is not a row stands against it
@@ -246,7 +245,7 @@ def test_a_session_has_its_verdict_after_the_minutes_of_its_slowest_row(assessme
 
 
 def test_rows_that_were_not_tested_are_left_out():
-    rows = (FALSE, row_of("slow answers", Outcome.NOT_TESTED), row_of("availability", Outcome.PASS))
+    rows = (FALSE, row_of(TIME, Outcome.NOT_TESTED), row_of("availability", Outcome.PASS))
     left = rows_left(judged(*rows))
     assert [item.row for item in left] == [rows[0], rows[2]]
     assert [item.minutes for item in left] == pytest.approx([10 * (148.2837 / 100 - 1), 0.0], abs=1e-4)
@@ -259,18 +258,20 @@ def seen(*, available, tau_s=0.0, duration_s=600.0, truth=1.0, frames=1201):
     figures = replace(NOTHING, bias_arcsec=1.0, std_arcsec=2.0, tau_s=0.0)
     axes = {"d_ra_cosde": figures, "d_de": figures, "d_roll": replace(figures, tau_s=tau_s)}
     subject = SimpleNamespace(subject=Subject.ONBOARD, axes=axes, available=available)
-    rows = [
-        Row(subject, f"95 % of |{label}|", 0.0, "arcsec", limit, Outcome.PASS, truth_uncertainty=uncertainty)
-        for subject in (Subject.ONBOARD, Subject.SENSOR)
-        for label, limit, uncertainty in (("dRA*", 900.0, 1.0), ("dDE", 1000.0, 1.0), ("roll", 1100.0, truth))
-    ]
     statistics = SimpleNamespace(duration_s=duration_s, frames=frames, subjects={Subject.ONBOARD: subject})
-    return SimpleNamespace(statistics=statistics, rows=tuple(rows))
+    standards = {"d_ra_cosde": 1.0, "d_de": 1.0, "d_roll": truth}
+    budget = SimpleNamespace(
+        axes={key: SimpleNamespace(one_sided_arcsec=1.645 * one) for key, one in standards.items()}
+    )
+    return SimpleNamespace(statistics=statistics, budget=budget, rows=())
+
+
+WIDE = Limits(d_ra_cosde_arcsec=900.0, d_de_arcsec=1000.0, d_roll_arcsec=1100.0)
 
 
 def test_a_session_like_another_has_its_rate_its_axes_and_its_runs_of_answers():
     """1201 frames in 600 s are two a second; 2.5 of them tell as much as one that is independent."""
-    plan = plan_like(seen(available=share_of(1000, 1000, 400.0)), Subject.ONBOARD, Limits())
+    plan = plan_like(seen(available=share_of(1000, 1000, 400.0)), Subject.ONBOARD, WIDE)
     assert plan.frames_per_s == 2.0
     assert plan.rows == (
         RowPlan("dRA*", 900.0, "arcsec", 30),
@@ -285,12 +286,12 @@ def test_a_session_like_another_has_its_rate_its_axes_and_its_runs_of_answers():
     "changes", [{"tau_s": math.nan}, {"truth": math.inf}, {"duration_s": 0.0}, {"duration_s": -1.0}]
 )
 def test_a_session_that_says_too_little_plans_no_other(changes):
-    assert plan_like(seen(available=share_of(9, 9), **changes), Subject.ONBOARD, Limits()) is None
+    assert plan_like(seen(available=share_of(9, 9), **changes), Subject.ONBOARD, WIDE) is None
 
 
 def test_short_sessions_and_those_without_answers_are_planned_too():
-    short = plan_like(seen(available=share_of(9, 9), duration_s=0.5, frames=2), Subject.ONBOARD, Limits())
+    short = plan_like(seen(available=share_of(9, 9), duration_s=0.5, frames=2), Subject.ONBOARD, WIDE)
     assert short.frames_per_s == 2.0
-    none = plan_like(seen(available=share_of(0, 1000)), Subject.ONBOARD, Limits())
+    none = plan_like(seen(available=share_of(0, 1000)), Subject.ONBOARD, WIDE)
     assert none.rows[3].frames is None
-    assert plan_like(seen(available=share_of(0, 0)), Subject.ONBOARD, Limits()) is None
+    assert plan_like(seen(available=share_of(0, 0)), Subject.ONBOARD, WIDE) is None

@@ -11,14 +11,12 @@ from skies.one_by_one import add_frame
 
 from drivers.chunk import LinkEvent
 from drivers.clock import ClockReading
+from gse.assessment.requirements import HOST_TIME, REQUIREMENTS, STATED_TIME, Case
 from gse.assessment.verdict import (
     _causes,
     _complaints,
     _not_tested,
     _relative_to,
-    _rows,
-    _settles,
-    _time,
     _verdict,
     is_simulated,
     judge,
@@ -168,8 +166,9 @@ def test_a_longer_session_helps_where_the_drift_of_the_mount_is_more_than_half_o
     terms = term(STABILITY, 0.1, drift_arcsec), term("clock", 9.0, 3.0)
     axes = {axis.key: combined(terms, axis) for axis in ON_SKY}
     budget = TruthUncertaintyBudget(terms, axes, axes)
-    assert _settles(budget, D_DE) is settles
-    assert not _settles(budget, D_RA_COSDE)
+    case = Case(None, None, budget, Limits(), relative=False)
+    assert case.truth_settles((D_DE,)) is settles
+    assert not case.truth_settles((D_RA_COSDE,))
 
 
 def test_truth_leaves_a_boresight_open_on_both_of_its_axes():
@@ -702,14 +701,16 @@ def timed(slow, of, *, is_stated=False, p99=123.45):
     ],
 )
 def test_one_frame_in_a_hundred_may_be_slow(slow, of, outcome, reason):
-    row = _time(timed(slow, of, p99=123.46), Limits(identification_ms=150.0))
+    row = HOST_TIME.row(Case(timed(slow, of, p99=123.46), None, None, Limits(identification_ms=150.0), relative=False))
     assert (row.outcome, row.reason) == (outcome, reason)
     assert (row.value, row.unit, row.limit) == (123.46, "ms", 150.0)
     assert math.isnan(row.uncertainty)
 
 
 def test_a_time_that_the_sensor_states_is_called_so():
-    assert _time(timed(0, 9, is_stated=True), Limits()).name == "processing time as it states, 99 %"
+    for is_stated in (True, False):
+        applying = [one for one in (STATED_TIME, HOST_TIME) if one.applies(timed(0, 9, is_stated=is_stated))]
+        assert applying == [STATED_TIME if is_stated else HOST_TIME]
 
 
 def test_without_panoramas_or_before_a_star_simulator_nothing_is_looked_for_in_the_sky():
@@ -746,7 +747,8 @@ def rows_of(subject=Subject.ONBOARD, *, star_fields=0, lost=0, relative=False, *
     counted = SimpleNamespace(expected=np.arange(1000) < 1000 - lost)
     stats = SimpleNamespace(duration_s=600.0, frames_expected=1000, counted=counted)
     budget = budget_of(3.0, 4.0, own_arcsec=12.0)
-    return {row.name: row for row in _rows(given, stats, budget, Limits(**limits), relative)}
+    case = Case(given, stats, budget, Limits(**limits), relative)
+    return {requirement.name: requirement.row(case) for requirement in REQUIREMENTS}
 
 
 @pytest.mark.parametrize("relative", [False, True])

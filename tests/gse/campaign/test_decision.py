@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from gse.assessment.requirements import AVAILABILITY
 from gse.campaign.decision import ONE_NIGHT, campaign_rows, campaign_share, reasons_of, verdict_of
 from gse.campaign.hot_pixels import COLUMN, hot_pixels
 from gse.campaign.nights import COLUMNS, Session, _reasons, by_night, without_copies
@@ -63,7 +64,7 @@ def test_what_fails_is_named_first_and_one_reason_once():
 @pytest.mark.parametrize(("count", "outcome"), [(900, Outcome.FAIL), (1000, Outcome.PASS)])
 def test_the_uncertainty_of_a_share_reaches_towards_its_limit(count, outcome):
     nights = [night(number, 0.0, name="availability", limit=0.95, count=count) for number in range(1, 9)]
-    row, share = one_row(nights), campaign_share(by_night(nights), "onboard", "availability")
+    row, share = one_row(nights), campaign_share(by_night(nights), "onboard", AVAILABILITY)
     assert row.outcome is outcome
     bound = share.upper if outcome is Outcome.FAIL else share.lower
     assert row.uncertainty == pytest.approx(abs(share.value - bound), rel=1e-9)
@@ -120,8 +121,8 @@ def test_nights_of_unequal_availability_count_as_few_frames():
     unlike = by_night(
         night(number, 0.99, name="availability", count=1000 if number % 2 else 980) for number in range(1, 9)
     )
-    assert campaign_share(unlike, "onboard", "availability").n_eff < 1000
-    assert campaign_share(alike, "onboard", "availability").n_eff == 8000
+    assert campaign_share(unlike, "onboard", AVAILABILITY).n_eff < 1000
+    assert campaign_share(alike, "onboard", AVAILABILITY).n_eff == 8000
 
 
 def test_the_worst_known_truth_of_the_nights_counts():

@@ -8,9 +8,9 @@ import scipy.stats
 from gse.limits import Decision
 from gse.station.results import Subject
 from gse.statistics.decision import (
+    Criterion,
     Figure,
     Outcome,
-    Requirement,
     Share,
     amount,
     judge_figure,
@@ -27,7 +27,7 @@ LIMIT = 60.0
 def row(value, half_width, *, truth=0.0, limit=LIMIT, decision=Decision.GUARDED, frames=600, duration_s=600.0):
     bounds = Bounds(value - 2, value + 2, value - half_width, value + half_width) if half_width else NO_BOUNDS
     figure = Figure(value, bounds, 100.0, frames, duration_s)
-    asked = Requirement(Subject.ONBOARD, "mean |dDE|", limit, decision, "arcsec")
+    asked = Criterion(Subject.ONBOARD, "mean |dDE|", limit, decision, "arcsec")
     return judge_figure(asked, figure, truth_uncertainty=truth)
 
 
@@ -133,7 +133,7 @@ def test_the_bounds_of_a_share_are_those_of_the_binomial_test(count, of):
 )
 def test_a_share_says_why_it_does_not_pass(count, limit, at_least, reason):
     share = share_of(count, 600)
-    asked = Requirement(Subject.ONBOARD, "false answers", limit, Decision.GUARDED)
+    asked = Criterion(Subject.ONBOARD, "false answers", limit, Decision.GUARDED)
     found = judge_share(asked, share, at_least=at_least).reason
     assert reason in found
     assert bool(found) == bool(reason)
@@ -141,7 +141,7 @@ def test_a_share_says_why_it_does_not_pass(count, limit, at_least, reason):
 
 def false_answers(count, of, decision=Decision.GUARDED):
     share = share_of(count, of)
-    return judge_share(Requirement(Subject.ONBOARD, "false answers", 0.01, decision), share, at_least=False).outcome
+    return judge_share(Criterion(Subject.ONBOARD, "false answers", 0.01, decision), share, at_least=False).outcome
 
 
 @pytest.mark.parametrize(
@@ -169,7 +169,7 @@ def test_simple_acceptance_of_a_share_takes_the_limit_itself(count, expected):
 
 def available(count, of, n_eff=None, decision=Decision.GUARDED, limit=0.95):
     share = share_of(count, of, n_eff)
-    return judge_share(Requirement(Subject.ONBOARD, "availability", limit, decision), share, at_least=True).outcome
+    return judge_share(Criterion(Subject.ONBOARD, "availability", limit, decision), share, at_least=True).outcome
 
 
 @pytest.mark.parametrize(
@@ -195,10 +195,10 @@ def test_simple_acceptance_of_availability_takes_the_limit_itself():
 
 def test_simple_acceptance_of_a_share_states_the_risk_that_the_true_one_is_beyond_the_limit():
     """After 0 of 30 with nothing known before: 0.99 to the power of 31 are above 1 %."""
-    asked = Requirement(Subject.ONBOARD, "false answers", 0.01, Decision.SIMPLE)
+    asked = Criterion(Subject.ONBOARD, "false answers", 0.01, Decision.SIMPLE)
     assert judge_share(asked, share_of(0, 30), at_least=False).false_pass_risk == pytest.approx(0.99**31)
     assert math.isnan(judge_share(asked, share_of(0, 0), at_least=False).false_pass_risk)
-    asked = Requirement(Subject.ONBOARD, "availability", 0.95, Decision.SIMPLE)
+    asked = Criterion(Subject.ONBOARD, "availability", 0.95, Decision.SIMPLE)
     assert judge_share(asked, share_of(30, 30), at_least=True).false_pass_risk == pytest.approx(0.95**31)
 
 
@@ -241,7 +241,7 @@ def test_a_share_is_decided_by_its_bounds_and_the_limit_itself_keeps_it(at_least
 def test_a_row_has_the_uncertainty_towards_its_limit(value, outcome, uncertainty, words):
     """Bounds 3 arcsec below and 7 above."""
     figure = Figure(value, Bounds(value - 4, value + 8, value - 3, value + 7), 100.0, 600, 600.0)
-    asked = Requirement(Subject.ONBOARD, "mean |dDE|", LIMIT, Decision.GUARDED, "arcsec")
+    asked = Criterion(Subject.ONBOARD, "mean |dDE|", LIMIT, Decision.GUARDED, "arcsec")
     found = judge_figure(asked, figure, truth_uncertainty=0.0)
     assert (found.outcome, found.uncertainty) == (outcome, pytest.approx(uncertainty))
     assert words in found.reason
@@ -250,7 +250,7 @@ def test_a_row_has_the_uncertainty_towards_its_limit(value, outcome, uncertainty
 
 @pytest.mark.parametrize(("at_least", "uncertainty"), [(True, 0.05), (False, 0.02)])
 def test_a_share_has_the_uncertainty_towards_its_limit(at_least, uncertainty):
-    asked = Requirement(Subject.ONBOARD, "availability", 0.9, Decision.GUARDED)
+    asked = Criterion(Subject.ONBOARD, "availability", 0.9, Decision.GUARDED)
     found = judge_share(asked, Share(90, 100, 0.9, 100.0, 0.85, 0.92), at_least=at_least)
     assert found.uncertainty == pytest.approx(uncertainty)
 
@@ -274,7 +274,7 @@ def test_an_amount_is_told_in_degrees_from_one_degree_on(value, unit, text):
 
 
 def undecided(figure, *, decision=Decision.GUARDED, truth=0.0, limit=LIMIT, **options):
-    asked = Requirement(Subject.ONBOARD, "mean |dDE|", limit, decision, "arcsec")
+    asked = Criterion(Subject.ONBOARD, "mean |dDE|", limit, decision, "arcsec")
     return judge_figure(asked, figure, truth_uncertainty=truth, **options)
 
 
@@ -327,7 +327,7 @@ def test_a_row_keeps_what_it_was_judged_by():
     assert not found.relative
     assert undecided(figure, relative=True).relative
     assert not judge_share(
-        Requirement(Subject.ONBOARD, "availability", 0.9, Decision.GUARDED), share_of(9, 10), at_least=True
+        Criterion(Subject.ONBOARD, "availability", 0.9, Decision.GUARDED), share_of(9, 10), at_least=True
     ).relative
 
 
@@ -387,7 +387,7 @@ def test_a_share_of_nothing_is_not_known():
     found = share_of(0, 0)
     assert (found.count, found.of, found.n_eff) == (0, 0, 0.0)
     assert all(math.isnan(value) for value in (found.value, found.lower, found.upper))
-    asked = Requirement(Subject.ONBOARD, "availability", 0.9, Decision.GUARDED)
+    asked = Criterion(Subject.ONBOARD, "availability", 0.9, Decision.GUARDED)
     assert judge_share(asked, found, at_least=True).reason == "onboard availability: no frame has it"
 
 
@@ -396,7 +396,7 @@ def test_one_frame_bounds_a_share_by_the_risk_itself(count, lower, upper):
     share = share_of(count, 1)
     assert (share.lower, share.upper) == pytest.approx((lower, upper))
     assert (share.value, share.n_eff) == (count, 1.0)
-    asked = Requirement(Subject.ONBOARD, "false answers", 0.5, Decision.SIMPLE)
+    asked = Criterion(Subject.ONBOARD, "false answers", 0.5, Decision.SIMPLE)
     risk = judge_share(asked, share, at_least=False).false_pass_risk
     assert risk == pytest.approx(0.25 if count == 0 else 0.75)  # half of a triangle that falls, or grows
 
@@ -410,7 +410,7 @@ def test_an_effective_number_is_no_more_than_the_frames():
 
 
 def test_a_reason_of_a_share_has_what_stands_beside_it():
-    asked = Requirement(Subject.SENSOR, "availability", 0.95, Decision.GUARDED)
+    asked = Criterion(Subject.SENSOR, "availability", 0.95, Decision.GUARDED)
     found = judge_share(asked, share_of(540, 600), at_least=True, beside=" of the sky")
     assert found.reason == "sensor availability: 540 of 600 frames of the sky (90.00 %), the limit is 95.00 %"
     assert found.n_eff == 600.0
