@@ -5,8 +5,8 @@ is added there is a column here. Answers begin with their subject. A sensor that
 the frame table itself: then those of ``onboard`` are null.
 """
 
-import typing
 from collections.abc import Iterator
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,12 @@ _COMMON = tuple(name for name in FRAME.names or () if name not in ONBOARD_COLUMN
 _COUNTED = ("expected", "excluded")
 _COUNTED_OF_SUBJECT = ("false", "used")
 """Masks of CountedFrames that are of the whole frame, and of the answers in the frame table."""
+_SENSOR_KINDS = dict.fromkeys((of.name for of in fields(SensorAnswers)), pa.float64()) | {
+    "sent": pa.bool_(),
+    "acquired": pa.bool_(),
+    "matched": pa.uint16(),
+}
+"""The columns of SensorAnswers: numbers, but for these three."""
 
 
 def frames_schema() -> pa.Schema:
@@ -42,7 +48,7 @@ def frames_schema() -> pa.Schema:
     for subject in Subject:
         kinds |= {f"{subject}_{name}": _kind(name) for name in ONBOARD_COLUMNS}
         kinds |= {f"{subject}_{name}": pa.bool_() for name in _COUNTED_OF_SUBJECT}
-    kinds |= {f"{Subject.SENSOR}_{name}": kind for name, kind in _sensor_kinds().items()}
+    kinds |= {f"{Subject.SENSOR}_{name}": kind for name, kind in _SENSOR_KINDS.items()}
     return schema("frames", [field(name, kind) for name, kind in kinds.items()])
 
 
@@ -117,17 +123,10 @@ def _own(frames: Columns) -> dict[str, NDArray[Any]]:
 
 
 def _beside_panoramas(own: SensorAnswers | None, rows: slice) -> dict[str, NDArray[Any]]:
-    return {} if own is None else {name: getattr(own, name)[rows] for name in typing.get_type_hints(SensorAnswers)}
+    return {} if own is None else {name: getattr(own, name)[rows] for name in _SENSOR_KINDS}
 
 
 def _kind(name: str) -> pa.DataType:
     if name.endswith("utc_ns"):
         return UTC
     return _WORD if name in WORDS else pa.from_numpy_dtype(FRAME[name])
-
-
-def _sensor_kinds() -> dict[str, pa.DataType]:
-    """From the types of the arrays: NDArray[np.bool_], NDArray[np.float64]."""
-    hints = typing.get_type_hints(SensorAnswers)
-    scalars = {name: typing.get_args(typing.get_args(hint)[1])[0] for name, hint in hints.items()}
-    return {name: pa.from_numpy_dtype(np.dtype(scalar)) for name, scalar in scalars.items()}

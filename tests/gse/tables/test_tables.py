@@ -1,6 +1,7 @@
 """Tables of judged sessions: true to the session, readable by others, with units in names and metadata."""
 
 import sys
+from dataclasses import fields
 from datetime import date
 from pathlib import Path
 
@@ -8,11 +9,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from skies.own_answers import with_answers
 from skies.synthetic_night import small_catalog, synthetic_night
 
 from gse.assessment.verdict import judge
 from gse.instant import from_text
 from gse.station.frame_table import FRAME, MATCH, ONBOARD_COLUMNS
+from gse.statistics.sensor_answers import sensor_answers
 from gse.tables import (
     ResultKey,
     failed_session,
@@ -78,6 +81,16 @@ def test_each_column_of_the_frame_table_is_a_column_with_its_values(session, tab
             unknown = np.isnan(frames[name]) if frames[name].dtype.kind == "f" else np.zeros(len(frames), bool)
             np.testing.assert_array_equal(np.array(column.is_null()), unknown)
             np.testing.assert_array_equal(column.to_numpy()[~unknown], frames[name][~unknown])
+
+
+def test_each_column_of_the_sensors_own_answers_has_the_type_of_its_array(session) -> None:
+    frames = session.frames.columns
+    angles = np.column_stack([frames[name] for name in ("ra_deg", "de_deg", "roll_deg")])
+    answered = with_answers(session, angles, frames["matched"])
+    own = sensor_answers(answered)
+    for column in fields(own):
+        kind = pa.from_numpy_dtype(getattr(own, column.name).dtype)
+        assert frames_schema().field(f"sensor_{column.name}").type == kind, column.name
 
 
 @pytest.mark.parametrize("rows_at_once", [60, 99, 100, 700, 701])
