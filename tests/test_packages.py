@@ -1,6 +1,7 @@
 """The three packages are ours, and stand side by side."""
 
 import tomllib
+from importlib import metadata
 from pathlib import Path
 
 import drivers
@@ -33,6 +34,10 @@ def test_type_checkers_of_those_who_use_them_see_the_types() -> None:
     for package in (drivers, gse, protocols):
         assert (folder_of(package) / "py.typed").exists()
         assert "py.typed" in data[package.__name__]
+
+
+def test_the_version_is_the_one_that_was_built() -> None:
+    assert gse.__version__ == metadata.version("gse-star-sensor")
 
 
 def test_the_application_is_not_for_upload() -> None:

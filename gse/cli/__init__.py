@@ -21,6 +21,7 @@ from gse.cli.examples import epilog
 from gse.cli.folding import folded
 from gse.cli.retired import retired
 from gse.errors import GseError
+from gse.version import __version__
 from protocols.errors import ProtocolError
 
 EXIT_FAIL = 1
@@ -127,7 +128,7 @@ def _quiet_on_a_closed_pipe() -> Iterator[None]:
 
 
 @click.group(cls=_Commands, epilog=epilog("gse"), context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="gse-star-sensor", prog_name="gse")
+@click.version_option(__version__, prog_name="gse")
 def cli() -> None:
     """Ground test station for a star sensor.
 

@@ -5,7 +5,6 @@ clock, identification, truth and statistics.
 """
 
 import functools
-import importlib.metadata
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -34,6 +33,7 @@ from gse.station.session_data import SessionData
 from gse.station.setup import Setup, set_up, versions
 from gse.statistics.session_statistics import Statistics, statistics
 from gse.truth import SiderealTruth
+from gse.version import __version__
 
 Station = Callable[[Setup], StationLoop]
 
@@ -42,7 +42,6 @@ _NOISE_SHARE = 0.06
 """Three standard deviations of a scatter that 1,600 frames show."""
 _FOCAL_PERCENT = 0.002
 _DIGITS = 4
-_PROGRAM = "gse-star-sensor"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +83,7 @@ def selfcheck(
     for row in _rows(set_up_selfcheck(), station, errors):
         rows.append(row)
         each(row)
-    return SelfCheckResult(importlib.metadata.version(_PROGRAM), source_sha256(), versions(), tuple(rows), utc)
+    return SelfCheckResult(__version__, source_sha256(), versions(), tuple(rows), utc)
 
 
 @functools.lru_cache(maxsize=1)

