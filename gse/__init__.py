@@ -5,6 +5,8 @@ functions that many rooms share. ARCHITECTURE.md is the plan. For notebooks: ``g
 ``gse.identify`` (gse.api), imported when they are first used.
 """
 
+from __future__ import annotations  # for the Pythons that gse.__main__ answers and does not run on
+
 import os
 from typing import TYPE_CHECKING, Any
 

@@ -7,13 +7,13 @@ import os
 import platform
 import signal
 import sys
+import warnings
 from typing import Any
 
-from gse.process import sign_of_life
+_EXIT_USAGE, _EXIT_INTERRUPTED = 2, 130
+"""Those of gse.cli, which takes numpy and pydantic to import."""
 
-_EXIT_INTERRUPTED = 130
-"""gse.cli.EXIT_INTERRUPTED, which takes numpy and pydantic to import."""
-
+_OLDEST_PYTHON = (3, 11)
 
 _NEW_OBJECTS = 300_000
 """Python looks for garbage each time so many objects are new: more than a start imports, since what is imported stays.
@@ -26,10 +26,16 @@ so that its answer went out only after all that follows on it."""
 
 def main() -> None:
     """Run the command line; Ctrl-C while its packages are still being imported ends it without a word."""
+    if sys.version_info < _OLDEST_PYTHON:  # before anything of ours is imported that such a Python cannot read
+        sys.stderr.write(f"gse: Python 3.11 or newer is needed; this is {sys.version.split()[0]}\n")
+        sys.exit(_EXIT_USAGE)
+    from gse.process import sign_of_life
+
     gc.set_threshold(_NEW_OBJECTS)
     sys.setswitchinterval(_TURN_S)
     _compute_as_on_any_processor()
     _share_one_allocator()
+    _leave_warnings_to_developers()
     atexit.register(_leave_garbage)
     _fill_standard_descriptors()
     sys.stdin = sys.stdin or os.fdopen(0, closefd=False)
@@ -39,7 +45,10 @@ def main() -> None:
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, lambda number, frame: os._exit(_EXIT_INTERRUPTED))
-    from gse.cli import main as command_line
+    try:
+        from gse.cli import main as command_line
+    except Exception as error:
+        sys.exit(_said_of_package(error))
 
     signal.signal(signal.SIGINT, before)
     try:
@@ -60,6 +69,23 @@ def _compute_as_on_any_processor() -> None:
 def _share_one_allocator() -> None:
     """Let Arrow take memory as all else does: its own allocator keeps what was used once."""
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+
+
+def _leave_warnings_to_developers() -> None:
+    """Show none of a package to a user, who can do nothing about it; ``python -W`` and PYTHONWARNINGS do."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+
+
+def _said_of_package(error: Exception) -> int:
+    """Say which package of others is missing or broken; returns the exit code. Raises an error that is our own."""
+    from gse.broken_package import broken_package
+
+    text = broken_package(error)
+    if text is None:
+        raise error
+    sys.stderr.write(f"gse: {text}\n")
+    return _EXIT_USAGE
 
 
 def _leave_garbage() -> None:

@@ -17,6 +17,7 @@ import click
 
 from drivers.errors import CaptureError, CommandError, DriverError, UrlError
 from drivers.outside_text import is_plain, plain_line, plain_lines
+from gse.broken_package import broken_package
 from gse.cli.examples import epilog
 from gse.cli.folding import folded
 from gse.cli.retired import retired
@@ -197,6 +198,9 @@ def unexpected(error: BaseException) -> int:
         what = plain_line(str(error))[:200] or type(error).__name__
         click.echo(f"gse: not enough memory: {what}; {_GIVE_ROOM}", err=True)
         return EXIT_INTERNAL
+    if package := broken_package(error):
+        click.echo(f"gse: {package}", err=True)
+        return EXIT_USAGE
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{place.filename}:{place.lineno}"
     what = f"{type(error).__name__}: {plain_lines(str(error))}"

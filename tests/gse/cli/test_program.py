@@ -47,6 +47,31 @@ def test_ctrl_c_while_the_packages_are_imported_ends_without_a_traceback() -> No
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
+WARNED_AT_AN_IMPORT = """
+import runpy, sys, warnings
+
+class Finder:
+    @staticmethod
+    def find_spec(name, path=None, target=None):
+        if name == "click":
+            warnings.warn("click is old", FutureWarning)
+            compile("'\\\\d'", "click.py", "eval")
+
+sys.meta_path.insert(0, Finder)
+sys.argv[1:] = ["--version"]
+runpy.run_module("gse", run_name="__main__")
+"""
+
+
+@pytest.mark.parametrize(("options", "is_shown"), [((), False), (("-W", "default"), True)])
+def test_a_package_s_warning_is_shown_to_those_who_ask_for_it(options: tuple[str, ...], is_shown: bool) -> None:
+    command = [sys.executable, *options, "-c", WARNED_AT_AN_IMPORT]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0
+    assert ("FutureWarning: click is old" in done.stderr) == is_shown
+    assert ("invalid escape sequence" in done.stderr) == is_shown
+
+
 def test_the_program_starts_as_a_module() -> None:
     done = subprocess.run([sys.executable, "-m", "gse", "--version"], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
