@@ -14,7 +14,8 @@ number that the protocol does not carry is NaN or 0, a word is empty.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,15 @@ class Message:
     """Common part of all messages: invalid values, in words for the operator."""
 
     problems: tuple[str, ...] = field(default=(), kw_only=True)
+
+    def __eq__(self, other: object) -> bool:
+        """Equal in each field. Messages with numbers that may be NaN take this instead of a dataclass's own equality.
+
+        From Python 3.13 on a dataclass that holds NaN does not even equal itself.
+        """
+        if type(other) is not type(self):
+            return NotImplemented
+        return all(_same(getattr(self, of.name), getattr(other, of.name)) for of in fields(self))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,11 +102,11 @@ class PanoramaColumns:
         )
 
 
-def _same(a: float, b: float) -> bool:
-    return a == b or (math.isnan(a) and math.isnan(b))
+def _same(a: Any, b: Any) -> bool:
+    return bool(a == b) or (isinstance(a, float) and isinstance(b, float) and math.isnan(a) and math.isnan(b))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class StatusMessage(Message):
     """The sensor's housekeeping; ``mode`` is ``standby`` or ``streaming``, ``firmware`` (major, minor, patch)."""
 
@@ -112,7 +122,7 @@ class StatusMessage(Message):
     serial: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class AttitudeMessage(Message):
     """The sensor's own solution for the exposure ``frame_no``; ``state`` is ``lost`` or ``acquired``.
 
@@ -156,7 +166,7 @@ class Ping(Message):
     """Asks for a STATUS."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Start(Message):
     """Asks for panoramas at this period."""
 

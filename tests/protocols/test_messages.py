@@ -130,6 +130,17 @@ def test_every_other_message_comes_back_as_it_was_sent(message: Message, sequenc
     assert there_and_back(PIXEL, message, sequence) == message
 
 
+@pytest.mark.parametrize("of", [StatusMessage(), AttitudeMessage(1), Start()], ids=lambda of: type(of).__name__)
+def test_messages_are_equal_where_neither_has_a_number(of: Message) -> None:
+    numbers = {name: float("nan") for name in of.__slots__ if isinstance(getattr(of, name), float)}
+    assert numbers
+    assert replace(of, **numbers) == of
+    for name in numbers:
+        assert replace(of, **{name: 0.5}) != of
+    assert replace(of, problems=("late",)) != of
+    assert of != Ack("START")
+
+
 @every
 @given(data=st.data())
 @settings(max_examples=200)
