@@ -4,11 +4,11 @@
 # As another user (--user), or read-only: -v gse-cache:/cache -e XDG_CACHE_HOME=/cache, a volume that this user can write.
 FROM python:3.11-slim-bookworm AS build
 WORKDIR /source
-COPY pyproject.toml README.md LICENSE ./
+COPY pyproject.toml constraints.txt README.md LICENSE ./
 COPY gse gse
 COPY drivers drivers
 COPY protocols protocols
-RUN python -m venv /opt/gse && /opt/gse/bin/pip install --no-cache-dir .
+RUN python -m venv /opt/gse && /opt/gse/bin/pip install --no-cache-dir -c constraints.txt .
 
 FROM python:3.11-slim-bookworm
 COPY --from=build /opt/gse /opt/gse
