@@ -10,6 +10,8 @@ from pathlib import Path
 import pyarrow as pa
 
 from gse.campaign.atlas_table import atlas_schema
+from gse.station.columns import COLUMNS, OWN_COLUMNS, Column
+from gse.station.results import Subject
 from gse.tables import SCHEMA_VERSION, frames_schema, sessions_schema, stars_schema
 
 HEAD = f"""\
@@ -58,6 +60,9 @@ def page() -> str:
     parts = [HEAD]
     schemas = {"sessions": sessions_schema, "frames": frames_schema, "stars": stars_schema, "atlas": atlas_schema}
     for name, schema in schemas.items():
+        if name == "frames":
+            parts += ["\n## frames\n\n| column | type | unit | meaning |\n|---|---|---|---|\n", *_frame_lines()]
+            continue
         parts.append(f"\n## {name}\n\n| column | type | unit |\n|---|---|---|\n")
         parts += dict.fromkeys(_lines(schema(), is_figures=name == "sessions"))
         if name == "sessions":
@@ -74,6 +79,28 @@ def _lines(schema: pa.Schema, *, is_figures: bool) -> Iterator[str]:
         if is_figures:
             name = _AXIS.sub("_AXIS_", _SUBJECT.sub("SUBJECT_", name)) if _AXIS.search(name) else name
         yield f"| `{name}` | {_kind(field.type)} | {field.metadata[b'unit'].decode()} |\n"
+
+
+def _frame_lines() -> Iterator[str]:
+    """A line per column of the frames, with what it says; words are listed."""
+    says = {
+        "key": "joins the tables",
+        "frame": "number of the frame in its session, from 0",
+        "expected": "whether an answer was expected",
+        "excluded": "whether the statistics leave the frame out",
+    }
+    for subject in Subject:
+        says[f"{subject}_false"] = "whether the answer is false"
+        says[f"{subject}_used"] = "whether the statistics of errors use the answer"
+        says |= {column.name_of(subject): _says(column) for column in COLUMNS}
+    says |= {f"{Subject.SENSOR}_{column.name}": column.says for column in OWN_COLUMNS}
+    for line, field in zip(_lines(frames_schema(), is_figures=False), frames_schema(), strict=True):
+        yield f"{line.rstrip()} {says[field.name]} |\n"
+
+
+def _says(column: Column) -> str:
+    words = ", ".join(f"`{word.value}`" for word in column.words)
+    return f"{column.says}: {words}" if words else column.says
 
 
 def _kind(kind: pa.DataType) -> str:

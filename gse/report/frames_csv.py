@@ -1,7 +1,6 @@
 """frames.csv: one line per panorama, for a spreadsheet."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -9,9 +8,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow.csv import WriteOptions, write_csv
 
+from gse.station.columns import COLUMNS, OWN_COLUMNS, Column
 from gse.station.frame_columns import Columns
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
-from gse.station.housekeeping import MODES, firmware_text, latest_status
+from gse.station.housekeeping import firmware_text, latest_status
 from gse.station.results import Subject
 from gse.statistics.sensor_answers import SensorAnswers
 from protocols import StatusMessage
@@ -20,26 +19,10 @@ _ROWS_AT_ONCE = 1 << 12
 """More take more memory, and hardly less time."""
 _DIGITS = 20
 """A number with more is of a sensor gone wrong: it is written as Python writes it."""
-_DECIMALS = {
-    "_altitude_deg": 2,
-    "_separation_deg": 2,
-    "_deg": 7,
-    "_arcsec": 3,
-    "_us": 1,
-    "_s": 6,
-    "_ms": 3,
-    "_c": 2,
-    "_mag": 3,
-    "transparency": 3,
-    "_expected": 0,
-    "_v": 3,
-}
-"""By the end of a column's name; the first that fits counts."""
-_COMMON = tuple(name for name in FRAME.names or () if name not in (*ONBOARD_COLUMNS, "utc_ns"))
-"""Columns of the panorama itself, its sky and truth."""
-
-_WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS, "sky_condition": SKY_CONDITIONS, "mode": MODES}
-_SENSOR = tuple(field.name for field in fields(SensorAnswers))
+_INSTANT = "utc_ns"
+"""It comes first, in words."""
+_COMMON = tuple(column for column in COLUMNS if not column.of_answer and column.name != _INSTANT)
+_OF_ANSWER = tuple(column for column in COLUMNS if column.of_answer)
 _OF_STATUS = ("firmware", "serial")
 
 
@@ -54,18 +37,19 @@ def frames_csv(
     Columns of answers begin with their ``subject``; those that came beside panoramas with ``sensor_``. Firmware and
     serial number are those of the latest of ``statuses``, each with its host UTC.
     """
-    sensor = _SENSOR if own is not None else ()
-    answers = [*(f"{subject}_{name}" for name in ONBOARD_COLUMNS), *(f"sensor_{name}" for name in sensor)]
-    yield ",".join(["utc", *_COMMON, *_OF_STATUS, *answers]) + "\n"
+    beside = OWN_COLUMNS if own is not None else ()
+    answers = [column.name_of(subject) for column in _OF_ANSWER]
+    answers += [f"{Subject.SENSOR}_{column.name}" for column in beside]
+    yield ",".join(["utc", *(column.name for column in _COMMON), *_OF_STATUS, *answers]) + "\n"
     known = [pa.array([word or None for word in words], pa.string()) for words in _words_of(statuses)]
     latest = latest_status(frames["host_utc_ns"], statuses)
     for first in range(0, len(frames), _ROWS_AT_ONCE):
         rows = slice(first, first + _ROWS_AT_ONCE)
-        columns = [_utc(frames["utc_ns"][rows])]
-        columns += [_texts(name, frames[name][rows]) for name in _COMMON]
+        columns = [_utc(frames[_INSTANT][rows])]
+        columns += [_texts(column, frames[column.name][rows]) for column in _COMMON]
         columns += [words.take(pa.array(latest[rows] % len(words))) for words in known]
-        columns += [_texts(name, frames[name][rows]) for name in ONBOARD_COLUMNS]
-        columns += [_texts(name, getattr(own, name)[rows]) for name in sensor]
+        columns += [_texts(column, frames[column.name][rows]) for column in _OF_ANSWER]
+        columns += [_texts(column, getattr(own, column.name)[rows]) for column in beside]
         yield _lines(columns)
 
 
@@ -88,19 +72,19 @@ def _utc(utc_ns: NDArray[np.int64]) -> pa.Array:
     return pa.array(np.datetime_as_string((utc_ns // 1000).astype("datetime64[us]"), timezone="UTC"))
 
 
-def _texts(name: str, values: NDArray[Any]) -> pa.Array:
+def _texts(column: Column, values: NDArray[Any]) -> pa.Array:
     """A column as Arrow writes it: words, whole numbers, numbers with a fixed count of decimals, null where unknown."""
     values = np.ascontiguousarray(values)
-    if name in _WORDS:
-        words = pa.array([word.value for word in _WORDS[name]])
+    if column.words:
+        words = pa.array([word.value for word in column.words])
         return words.take(pa.array(values))
     if values.dtype.kind != "f":
         return pa.array(values.astype(np.uint8) if values.dtype.kind == "b" else values)
-    if name == "false_match_probability":
+    if column.significant:
         distinct, places = np.unique(values, return_inverse=True)  # it follows from a few counts of stars
-        words = pa.array([f"{value:.3g}" for value in distinct.tolist()])
+        words = pa.array([f"{value:.{column.significant}g}" for value in distinct.tolist()])
         return words.take(pa.array(places, mask=np.isnan(values)))
-    decimals = next(digits for end, digits in _DECIMALS.items() if name.endswith(end))
+    decimals = column.shown_decimals
     try:
         return pa.array(values.astype(np.float64), from_pandas=True).cast(pa.decimal128(_DIGITS, decimals))
     except pa.ArrowInvalid:

@@ -10,22 +10,13 @@ from numpy.typing import NDArray
 from gse.attitude import Attitudes, angles_deg
 from gse.identifier import Answers, Identification
 from gse.panorama import Panoramas
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, MATCH, OTHER, STATUSES
+from gse.station.columns import ANSWER_CHECKS, STATUSES, empty_rows
+from gse.station.frame_table import MATCH, OTHER
 from gse.station.non_stellar import HOT_PIXEL, KINDS, UNKNOWN, Others
 from gse.station.results import NO_MATCHES, AttitudeError, FrameResult, MatchColumns, Matches, Starlights
 from gse.station.starlight import rows_of
 
 ERRORS = tuple(field.name for field in fields(AttitudeError))
-_NOT_KNOWN_YET = (
-    "transparency",
-    "stars_expected",
-    "sun_altitude_deg",
-    "sun_separation_deg",
-    "moon_altitude_deg",
-    "moon_separation_deg",
-    "supply_v",
-)
-"""Columns of FRAME that are filled later."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +107,7 @@ class FrameResults(Sequence[FrameResult]):
 
     def rows(self) -> NDArray[np.void]:
         """The rows (K,) of FRAME."""
-        rows, panoramas, light = np.zeros(len(self), dtype=FRAME), self.panoramas, self.light
+        rows, panoramas, light = empty_rows(len(self)), self.panoramas, self.light
         for name in ("utc_ns", "host_utc_ns", "time_us", "frame_no", "sequence", "exposure_s", "temperature_c"):
             rows[name] = getattr(panoramas, name)
         rows["status"], rows["answer_check"], rows["elapsed_us"] = self.status, self.answer_check, self.elapsed_us
@@ -126,8 +117,6 @@ class FrameResults(Sequence[FrameResult]):
         rows["stars_seen"] = np.minimum(light.stars, 255)
         rows["zero_point_mag"], rows["limiting_mag"] = light.zero_point_mag, light.limiting_mag
         rows["hot_pixels"], rows["false_objects"] = self.others.count(HOT_PIXEL), self._false_objects()
-        for name in _NOT_KNOWN_YET:
-            rows[name] = np.nan
         answered, true = angles_deg(self.attitudes.icrs_to_sensor), angles_deg(self.true.icrs_to_sensor)
         answered[[k for k, result in enumerate(self.made) if not result.has_roll], 2] = np.nan
         for axis, name in enumerate(("ra", "de", "roll")):

@@ -7,12 +7,25 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gse.station.columns import ANSWER_CHECKS, FRAME, SKY_CONDITIONS, STATUSES
 from gse.station.frame_columns import ColumnStore, FrameColumns
-from gse.station.results import AnswerCheck, SkyCondition, Status
 
-STATUSES = tuple(Status)
-ANSWER_CHECKS = tuple(AnswerCheck)
-SKY_CONDITIONS = tuple(SkyCondition)
+__all__ = [
+    "ANSWER_CHECKS",
+    "FRAME",
+    "MATCH",
+    "MOST_IN_MEMORY",
+    "MOST_MATCHES",
+    "NO_OTHERS",
+    "OTHER",
+    "SKY_CONDITIONS",
+    "STATUSES",
+    "FrameTable",
+    "residuals_of",
+    "thinned",
+    "xy_px_of",
+]
+
 _ROOM_ROWS = 1 << 19
 """14 h at 10 Hz; the capacity doubles when it is full."""
 MOST_IN_MEMORY = 1 << 16
@@ -20,76 +33,6 @@ MOST_IN_MEMORY = 1 << 16
 MOST_MATCHES = 250_000
 """In a longer session only every second, fourth, ... frame keeps its matches: 5 MB are enough for maps and fits. And so
 for its other objects, which pictures show."""
-
-FRAME = np.dtype(
-    [
-        ("utc_ns", "i8"),
-        ("host_utc_ns", "i8"),
-        ("time_us", "u8"),
-        ("frame_no", "u4"),
-        ("sequence", "u2"),
-        ("status", "u1"),
-        ("answer_check", "u1"),
-        ("objects", "u1"),
-        ("matched", "u1"),
-        ("hot_pixels", "u1"),
-        ("exposure_s", "f4"),
-        ("temperature_c", "f4"),
-        ("false_match_probability", "f4"),
-        ("zero_point_mag", "f4"),
-        ("elapsed_us", "f4"),
-        ("ra_deg", "f8"),
-        ("de_deg", "f8"),
-        ("roll_deg", "f8"),
-        ("ra_true_deg", "f8"),
-        ("de_true_deg", "f8"),
-        ("roll_true_deg", "f8"),
-        ("d_ra_cosde_arcsec", "f8"),
-        ("d_de_arcsec", "f8"),
-        ("d_roll_arcsec", "f8"),
-        ("cross_x_arcsec", "f8"),
-        ("cross_y_arcsec", "f8"),
-        ("stars_seen", "u1"),
-        ("limiting_mag", "f4"),
-        ("sky_condition", "u1"),
-        ("transparency", "f4"),
-        ("stars_expected", "f4"),
-        ("sun_altitude_deg", "f4"),
-        ("sun_separation_deg", "f4"),
-        ("moon_altitude_deg", "f4"),
-        ("moon_separation_deg", "f4"),
-        ("false_objects", "u1"),
-        ("supply_v", "f4"),
-        ("mode", "u1"),
-    ]
-)
-"""One row per panorama; NaN where a value is missing; status, answer_check and sky_condition are places in STATUSES,
-ANSWER_CHECKS and SKY_CONDITIONS. ``zero_point_mag`` is the median of catalogue magnitude + 2.5 log10(index value) of
-the named stars: the same sensor under clear sky keeps it, and a cloud of one magnitude lowers it by one. ``stars_seen``
-are those that were named, by the reference identifier where the one under test has no answer; ``limiting_mag`` is the
-magnitude of the faintest of them. The columns behind it are of the sky, the same for the frames of 5 s:
-``transparency`` is the share of the starlight of the session's clearest part, ``stars_expected`` the number of
-catalogue stars in the field, at most as many as a panorama holds; separations are from the boresight.
-``false_objects`` are as bright as stars of the mission catalogue and are neither star, planet nor hot pixel.
-``supply_v`` and ``mode`` (a place in MODES of gse.station.housekeeping) are those of the latest STATUS frame."""
-
-ONBOARD_COLUMNS = (
-    "status",
-    "answer_check",
-    "matched",
-    "false_match_probability",
-    "zero_point_mag",
-    "elapsed_us",
-    "ra_deg",
-    "de_deg",
-    "roll_deg",
-    "d_ra_cosde_arcsec",
-    "d_de_arcsec",
-    "d_roll_arcsec",
-    "cross_x_arcsec",
-    "cross_y_arcsec",
-)
-"""Columns of FRAME that are of the identifier under test; the others are of the panorama, its sky, or truth."""
 
 MATCH = np.dtype(
     [

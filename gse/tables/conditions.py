@@ -9,28 +9,19 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from gse import instant
-from gse.axis import AXES
 from gse.camera import Camera
 from gse.identifier_options import IdentifierOptions
 from gse.limits import Limits
 from gse.mount import Mount
 from gse.site import Site
-from gse.station.frame_table import FRAME
+from gse.station.columns import COLUMNS
 from gse.station.results import LinkCounters
 from gse.station.session_data import SessionData
 from gse.statistics.session_statistics import Statistics
 from gse.statistics.sky_summary import sky_summary
-from gse.tables.frames import plain_name
 from gse.tables.records import COUNT, FLAG, NUMBER, TEXT, Column, column, columns_of, records
 from gse.tables.units import joined
 
-_NO_CONDITIONS = (
-    *("utc_ns", "host_utc_ns", "time_us", "frame_no", "sequence", "status", "answer_check"),
-    *("false_match_probability", "elapsed_us", "ra_deg", "de_deg", "roll_deg"),
-    *("ra_true_deg", "de_true_deg", "roll_true_deg", *(axis.column for axis in AXES)),
-    *("cross_x_arcsec", "cross_y_arcsec", "sky_condition", "mode"),
-)
-"""Columns of FRAME that say nothing of the circumstances of a frame; a new column is taken for one that does."""
 _RANGE = (("min", 0), ("median", 50), ("max", 100))
 """Names of percentiles."""
 
@@ -57,9 +48,9 @@ class ExcludedStretch:
 def conditions(session: SessionData | None, stats: Statistics | None) -> Iterator[Column]:
     """The columns of the conditions; null without a session."""
     station = session.station if session else None
-    for name in FRAME.names or ():
-        if name not in _NO_CONDITIONS:
-            yield from _range(plain_name(name), session.frames.columns[name] if session else np.zeros(0))
+    for ranged in COLUMNS:
+        if ranged.ranged:
+            yield from _range(ranged.name, session.frames.columns[ranged.name] if session else np.zeros(0))
     yield column("sky_condition", TEXT, _sky_condition(session) if session else None)
     yield records(ExcludedStretch, _stretches(stats) if stats else None, "exclusions")
     yield from _link(session)

@@ -1,21 +1,18 @@
 """The table of frames: one row per panorama, with time, the subjects' answers, their errors, and the sky.
 
-Its columns are those of the frame table (gse.station.frame_table.FRAME) and of the sensor's own answers; a column that
-is added there is a column here. Answers begin with their subject. A sensor that sends no panoramas is the subject of
-the frame table itself: then those of ``onboard`` are null.
+Its columns are those of gse.station.columns; one that is added there is a column here. Answers begin with their
+subject. A sensor that sends no panoramas is the subject of the frame table itself: then those of ``onboard`` are null.
 """
 
 from collections.abc import Iterator
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from gse.station.columns import COLUMNS, OWN_COLUMNS, STATUSES, Column
 from gse.station.frame_columns import Columns
-from gse.station.frame_table import ANSWER_CHECKS, FRAME, ONBOARD_COLUMNS, SKY_CONDITIONS, STATUSES
-from gse.station.housekeeping import MODES
 from gse.station.results import Status, Subject
 from gse.station.session_data import SessionData
 from gse.statistics.sensor_answers import SensorAnswers
@@ -27,28 +24,23 @@ from gse.tables.units import field, schema
 KEY = pa.dictionary(pa.int32(), pa.string())
 """The key in each row of frames and stars: stored once."""
 
-WORDS = {"status": STATUSES, "answer_check": ANSWER_CHECKS, "sky_condition": SKY_CONDITIONS, "mode": MODES}
 _WORD = pa.dictionary(pa.int8(), pa.string())
-_COMMON = tuple(name for name in FRAME.names or () if name not in ONBOARD_COLUMNS)
+_COMMON = tuple(column for column in COLUMNS if not column.of_answer)
+_OF_ANSWER = tuple(column for column in COLUMNS if column.of_answer)
 _COUNTED = ("expected", "excluded")
 _COUNTED_OF_SUBJECT = ("false", "used")
 """Masks of CountedFrames that are of the whole frame, and of the answers in the frame table."""
-_SENSOR_KINDS = dict.fromkeys((of.name for of in fields(SensorAnswers)), pa.float64()) | {
-    "sent": pa.bool_(),
-    "acquired": pa.bool_(),
-    "matched": pa.uint16(),
-}
-"""The columns of SensorAnswers: numbers, but for these three."""
 
 
 def frames_schema() -> pa.Schema:
     """The schema of the table of frames."""
     kinds = {"key": KEY, "frame": pa.uint32()}
-    kinds |= {plain_name(name): _kind(name) for name in _COMMON} | dict.fromkeys(_COUNTED, pa.bool_())
+    kinds |= {column.name_of(Subject.ONBOARD): _kind(column) for column in _COMMON}
+    kinds |= dict.fromkeys(_COUNTED, pa.bool_())
     for subject in Subject:
-        kinds |= {f"{subject}_{name}": _kind(name) for name in ONBOARD_COLUMNS}
+        kinds |= {column.name_of(subject): _kind(column) for column in _OF_ANSWER}
         kinds |= {f"{subject}_{name}": pa.bool_() for name in _COUNTED_OF_SUBJECT}
-    kinds |= {f"{Subject.SENSOR}_{name}": kind for name, kind in _SENSOR_KINDS.items()}
+    kinds |= {f"{Subject.SENSOR}_{column.name}": _kind(column) for column in OWN_COLUMNS}
     return schema("frames", [field(name, kind) for name, kind in kinds.items()])
 
 
@@ -70,9 +62,8 @@ def _part(session: SessionData, stats: Statistics, key: str, rows: slice) -> pa.
     frames, counted = session.frames.columns[rows], stats.counted
     numbered = np.arange(rows.start, rows.stop, dtype=np.uint32)
     arrays = {"key": same_key(key, len(frames)), "frame": pa.array(numbered)}
-    arrays |= {plain_name(name): arrow_column(name, frames[name]) for name in _COMMON}
+    arrays |= {column.name_of(session.subject): arrow_column(column, frames[column.name]) for column in COLUMNS}
     arrays |= {name: pa.array(getattr(counted, name)[rows]) for name in _COUNTED}
-    arrays |= {f"{session.subject}_{name}": arrow_column(name, frames[name]) for name in ONBOARD_COLUMNS}
     arrays |= {f"{session.subject}_{name}": pa.array(getattr(counted, name)[rows]) for name in _COUNTED_OF_SUBJECT}
     of_sensor = _own(frames) if session.subject is Subject.SENSOR else _beside_panoramas(stats.own, rows)
     arrays |= {f"{Subject.SENSOR}_{name}": numbers(values) for name, values in of_sensor.items()}
@@ -85,20 +76,19 @@ def table_of(arrays: dict[str, pa.Array], like: pa.Schema, count: int) -> pa.Tab
     return pa.table(columns, schema=like)
 
 
-def plain_name(name: str) -> str:
-    """The name in the tables of a column of FRAME that is of no subject: UTC is an instant, not a number."""
-    return name.removesuffix("_ns") if name.endswith("utc_ns") else name
-
-
-def arrow_column(name: str, values: NDArray[Any]) -> pa.Array:
-    """A column of FRAME or MATCH in Arrow: instants, words for their places, null for unknown numbers."""
+def arrow_column(column: Column, values: NDArray[Any]) -> pa.Array:
+    """Values of a column in Arrow: instants, words for their places, null for unknown numbers."""
     values = np.ascontiguousarray(values)
-    if name.endswith("utc_ns"):
-        return pa.array(values, pa.int64()).cast(UTC)
-    if name in WORDS:
-        places = pa.array(values.astype(np.int8))
-        return pa.DictionaryArray.from_arrays(places, [word.value for word in WORDS[name]])
+    if column.is_instant:
+        return instants(values)
+    if column.words:
+        return pa.DictionaryArray.from_arrays(pa.array(values.astype(np.int8)), [word.value for word in column.words])
     return numbers(values)
+
+
+def instants(utc_ns: NDArray[np.int64]) -> pa.Array:
+    """UTC in nanoseconds as instants."""
+    return pa.array(utc_ns, pa.int64()).cast(UTC)
 
 
 def numbers(values: NDArray[Any]) -> pa.Array:
@@ -123,10 +113,10 @@ def _own(frames: Columns) -> dict[str, NDArray[Any]]:
 
 
 def _beside_panoramas(own: SensorAnswers | None, rows: slice) -> dict[str, NDArray[Any]]:
-    return {} if own is None else {name: getattr(own, name)[rows] for name in _SENSOR_KINDS}
+    return {} if own is None else {column.name: getattr(own, column.name)[rows] for column in OWN_COLUMNS}
 
 
-def _kind(name: str) -> pa.DataType:
-    if name.endswith("utc_ns"):
+def _kind(column: Column) -> pa.DataType:
+    if column.is_instant:
         return UTC
-    return _WORD if name in WORDS else pa.from_numpy_dtype(FRAME[name])
+    return _WORD if column.words else pa.from_numpy_dtype(np.dtype(column.dtype))

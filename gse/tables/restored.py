@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from gse.catalog.names import Designation
 from gse.catalog.stars import ListedStars
-from gse.station.frame_table import FRAME, MATCH, MOST_IN_MEMORY, ONBOARD_COLUMNS, FrameTable
+from gse.station.columns import COLUMNS, Column
+from gse.station.frame_table import MATCH, MOST_IN_MEMORY, FrameTable
 from gse.station.results import Subject
-from gse.tables.frames import WORDS, plain_name
 from gse.tables.parquet import ParquetColumns
 
 
@@ -26,9 +26,9 @@ def restored_frames(
     for name in MATCH.names or ():
         matches[name] = _numbers(stars["star_row" if name == "star" else name])
     table = FrameTable.with_rows(frames.num_rows, matches, others, stride=stride, most_in_memory=MOST_IN_MEMORY)
-    for name in FRAME.names or ():
-        column = frames[f"{subject}_{name}" if name in ONBOARD_COLUMNS else plain_name(name)]
-        table.columns[name] = _places(name, column) if name in WORDS else _numbers(column)
+    for column in COLUMNS:
+        values = frames[column.name_of(subject)]
+        table.columns[column.name] = _places(column, values) if column.words else _numbers(values)
     return table
 
 
@@ -41,9 +41,9 @@ def restored_stars(stars: ParquetColumns, designation: Designation) -> ListedSta
     return ListedStars(designation, ids, magnitude)
 
 
-def _places(name: str, column: pa.ChunkedArray) -> NDArray[Any]:
-    words = pa.array([word.value for word in WORDS[name]])
-    return np.asarray(pc.index_in(column.cast(pa.string()), words).to_numpy(zero_copy_only=False))
+def _places(column: Column, values: pa.ChunkedArray) -> NDArray[Any]:
+    words = pa.array([word.value for word in column.words])
+    return np.asarray(pc.index_in(values.cast(pa.string()), words).to_numpy(zero_copy_only=False))
 
 
 def _numbers(column: pa.ChunkedArray) -> NDArray[Any]:

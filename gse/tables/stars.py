@@ -15,7 +15,7 @@ from gse.catalog.stars import ListedStars
 from gse.constants import ARCSEC_PER_RAD
 from gse.station.frame_table import MATCH, xy_px_of
 from gse.station.session_data import SessionData
-from gse.tables.frames import KEY, arrow_column, numbers, same_key, table_of
+from gse.tables.frames import KEY, instants, numbers, same_key, table_of
 from gse.tables.parquet import ROWS_AT_ONCE
 from gse.tables.records import UTC
 from gse.tables.units import field, schema
@@ -63,11 +63,11 @@ def _part(session: SessionData, matches: NDArray[np.void], key: str) -> pa.Table
     arrays = {
         "key": same_key(key, len(matches)),
         "frame": pa.array(np.ascontiguousarray(of_frame)),
-        "utc": arrow_column("utc_ns", frames["utc_ns"][of_frame]),
+        "utc": instants(frames["utc_ns"][of_frame]),
         "star_row": pa.array(np.ascontiguousarray(matches["star"])),
         "temperature_c": numbers(frames["temperature_c"][of_frame]),
         **_names(matches["star"], session.stars),
-        **{name: arrow_column(name, matches[name]) for name in _OF_MATCH},
+        **{name: numbers(np.ascontiguousarray(matches[name])) for name in _OF_MATCH},
         **_places(matches, session.station.sensor.camera()),
     }
     return table_of(arrays, stars_schema(), len(matches))

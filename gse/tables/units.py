@@ -2,43 +2,15 @@
 
 import pyarrow as pa
 
+from gse.station.columns import UNITS, unit_of
 from gse.station.results import Subject
 
 SCHEMA_VERSION = 1
 """Of the three tables: one more where a column goes, or changes its name, type or meaning; not for a new column."""
 
-_UNITS = {
-    "mag_per_h": "mag/h",
-    "arcsec_per_h": "arcsec/h",
-    "arcsec_per_k": "arcsec/K",
-    "arcsec_per_s": "arcsec/s",
-    "arcsec2": "arcsec²",
-    "arcsec": "arcsec",
-    "deg": "deg",
-    "px2": "px²",
-    "px": "px",
-    "ns": "ns",
-    "us": "us",
-    "ms": "ms",
-    "s": "s",
-    "c": "degC",
-    "k": "K",
-    "mag": "mag",
-    "hpa": "hPa",
-    "v": "V",
-    "m": "m",
-    "ppm": "ppm",
-    "jyear": "Julian year",
-    "bytes": "bytes",
-}
 _UTC = "UTC"
 _PURE_NUMBERS = ("n", "n_eff", "count", "of", "k", "known", "stars")
 """Parts of a figure that have no unit, whatever the figure has."""
-
-
-def unit_of(name: str) -> str:
-    """The unit that the end of a column's name states; empty for counts, shares and words."""
-    return next((unit for end, unit in _UNITS.items() if name.endswith(f"_{end}")), "")
 
 
 def joined(stem: str, part: str) -> str:
@@ -54,7 +26,7 @@ def joined(stem: str, part: str) -> str:
 
 def _split(name: str) -> tuple[str, str]:
     """A name without its unit, and the unit as the name writes it."""
-    end = next((end for end in _UNITS if name.endswith(f"_{end}")), "")
+    end = next((end for end in UNITS if name.endswith(f"_{end}")), "")
     return (name.removesuffix(f"_{end}"), end) if end else (name, "")
 
 

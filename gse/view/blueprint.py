@@ -8,14 +8,17 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from gse.config.station import Station
+from gse.station.columns import UNITS, unit_of
 from gse.view.picture import LEGEND_ENDS
-from gse.view.series import TIMELINE
+from gse.view.series import GRAPHS, TIMELINE
 from gse.view.sky import SCATTER_LEGEND_ENDS
 
 LIVE_WINDOW_S = 600.0
 """A live view shows the last ten minutes."""
 
 
+_PLACED = ("stars", "cross", "roll", "identification_ms", "temperature_c")
+"""Graphs with a title of their own; those of other columns stand behind them."""
 _ROOM = 1.2
 _FEWEST_POWERS, _MOST_POWERS = 1.2, 2.4
 
@@ -45,6 +48,7 @@ def layout(
             _graph("/identification_ms", _time_title(station), axis, "/sensor/latency_ms"),
             _graph("/clock", "Clock (ms)", axis),
             _graph("/temperature_c", "Detector (degC)", axis),
+            *(_graph(f"/{path}", _title(path), axis) for path in GRAPHS if path not in _PLACED),
         ),
         rrb.StateTimelineView(origin="/state", name="Link, sky, verdict", time_view=axis),
         row_shares=[2.8, 2.8, 2.1, 2.0, 3.8],
@@ -109,6 +113,13 @@ def _graph(path: str, name: str, axis: rrb.TimeAxis, *beside: str) -> rrb.TimeSe
     legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
     contents = ["$origin/**", *beside]
     return rrb.TimeSeriesView(origin=path, contents=contents, name=name, axis_x=axis, plot_legend=legend)
+
+
+def _title(path: str) -> str:
+    """The title of a graph by its name, its unit in brackets: boresight_drift_arcsec is Boresight drift (arcsec)."""
+    end = next((end for end in UNITS if path.endswith(f"_{end}")), "")
+    words = path.removesuffix(f"_{end}").replace("_", " ").capitalize()
+    return f"{words} ({unit_of(path)})" if end else words
 
 
 def _time_title(station: Station) -> str:

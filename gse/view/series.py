@@ -7,10 +7,11 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from drivers.clock import ClockReading
-from gse.axis import CROSS_X, CROSS_Y, D_DE, D_RA_COSDE, D_ROLL
+from gse.axis import D_DE, D_RA_COSDE, D_ROLL
 from gse.drawing.palette import BLUE, GREEN, GREY, ORANGE, PINK, SKY_BLUE, VERMILLION, YELLOW
 from gse.instant import NS_PER_S
 from gse.limits import Limits
+from gse.station.columns import COLUMNS, Column, unit_of
 
 TIMELINE = "utc"
 EDGE = 1.4
@@ -30,6 +31,20 @@ OWN_PATHS = {
 }
 """The series of the sensor's own answers, beside those of the identifier under test."""
 
+GRAPHS: dict[str, list[Column]] = {}
+"""The columns that are drawn, by graph."""
+for _column in COLUMNS:
+    if _column.graph:
+        GRAPHS.setdefault(_column.graph, []).append(_column)
+_COLOURS = {
+    "temperature_c": (ORANGE,),
+    "identification_ms": (GREEN,),
+    "roll": (PINK,),
+    "stars": (SKY_BLUE, YELLOW),
+}
+_OTHER_COLOURS = (SKY_BLUE, ORANGE, YELLOW, PINK, GREEN)
+"""Of the lines of a graph that has none of its own."""
+
 _DECIMALS = 3
 """Milliarcseconds, microseconds: rerun's tooltips print every digit there is."""
 
@@ -45,11 +60,9 @@ def begin_series(stream: rr.RecordingStream) -> None:
         _lines(stream, f"/{path}/value", ["value", "limit", "limit"], [SKY_BLUE, VERMILLION, VERMILLION])
         points = rr.SeriesPoints(colors=[VERMILLION], markers=["cross"], names=["outside limit"], marker_sizes=[5.0])
         stream.log(f"/{path}/outside", points, static=True)
-    _lines(stream, "/cross", ["x (columns)", "y (rows)"], [SKY_BLUE, ORANGE])
-    _lines(stream, "/roll", ["roll"], [PINK])
-    _lines(stream, "/identification_ms", ["identification"], [GREEN])
-    _lines(stream, "/temperature_c", ["detector"], [ORANGE])
-    _lines(stream, "/stars", ["named", "limiting magnitude"], [SKY_BLUE, YELLOW])
+    for path, columns in GRAPHS.items():
+        colours = list(_COLOURS.get(path, _OTHER_COLOURS))[: len(columns)]
+        _lines(stream, f"/{path}", [column.line or column.name for column in columns], colours)
     for path in ("/sensor/d_ra", "/sensor/d_de"):
         _lines(stream, path, ["sensor's own"], [ORANGE])
     _lines(stream, "/sensor/roll", ["sensor's own"], [YELLOW])
@@ -74,11 +87,9 @@ def send_series(stream: rr.RecordingStream, columns: NDArray[np.void], limits: L
         if len(outside):
             edge = np.clip(values[outside], -EDGE * limit, EDGE * limit)
             _send(stream, f"/{path}/outside", times(utc_ns[outside]), edge[:, None])
-    _send(stream, "/cross", at, _stacked(columns, CROSS_X.column, CROSS_Y.column))
-    _send(stream, "/roll", at, _stacked(columns, D_ROLL.column))
-    _send(stream, "/identification_ms", at, _stacked(columns, "elapsed_us") / 1000)
-    _send(stream, "/temperature_c", at, _stacked(columns, "temperature_c"))
-    _send(stream, "/stars", at, _stacked(columns, "stars_seen", "limiting_mag"))
+    for path, drawn in GRAPHS.items():
+        scale = 1000 if unit_of(path) == "ms" else 1  # of columns in microseconds
+        _send(stream, f"/{path}", at, _stacked(columns, *(column.name for column in drawn)) / scale)
 
 
 def send_own_answers(stream: rr.RecordingStream, errors: NDArray[np.void]) -> None:
@@ -97,10 +108,8 @@ def send_outages(stream: rr.RecordingStream, utc_ns: NDArray[np.int64], limits: 
     for path, axis in _PATHS.items():
         bounds = np.full((len(utc_ns), 2), limits.of(axis)) * (1, -1)
         _send(stream, f"/{path}/value", at, np.column_stack([nothing, bounds]))
-    for path in ("/cross", "/stars"):
-        _send(stream, path, at, np.repeat(nothing, 2, axis=1))
-    for path in ("/roll", "/identification_ms", "/temperature_c"):
-        _send(stream, path, at, nothing)
+    for path, drawn in GRAPHS.items():
+        _send(stream, f"/{path}", at, np.repeat(nothing, len(drawn), axis=1))
 
 
 def _stacked(columns: NDArray[np.void], *names: str) -> NDArray[np.float64]:

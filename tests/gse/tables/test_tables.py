@@ -14,7 +14,9 @@ from skies.synthetic_night import small_catalog, synthetic_night
 
 from gse.assessment.verdict import judge
 from gse.instant import from_text
-from gse.station.frame_table import FRAME, MATCH, ONBOARD_COLUMNS
+from gse.station.columns import COLUMNS
+from gse.station.frame_table import MATCH
+from gse.station.results import Subject
 from gse.statistics.sensor_answers import sensor_answers
 from gse.tables import (
     ResultKey,
@@ -26,10 +28,9 @@ from gse.tables import (
     stars_parts,
     stars_schema,
 )
-from gse.tables.frames import WORDS, plain_name
 from gse.tables.parquet import write_parquet
 from gse.tables.sessions import night_of
-from gse.tables.units import joined, unit_of
+from gse.tables.units import joined
 
 KEY = ResultKey("a" * 64, "b" * 64, "c" * 64)
 ROOT = Path(__file__).parents[3]
@@ -71,10 +72,10 @@ def test_no_two_columns_have_one_name() -> None:
 
 def test_each_column_of_the_frame_table_is_a_column_with_its_values(session, tables) -> None:
     frames = session.frames.columns
-    for name in FRAME.names or ():
-        column = tables.frames[f"onboard_{name}" if name in ONBOARD_COLUMNS else plain_name(name)]
-        if name in WORDS:
-            assert column.to_pylist() == [WORDS[name][place].value for place in frames[name].tolist()]
+    for declared in COLUMNS:
+        name, column = declared.name, tables.frames[declared.name_of(Subject.ONBOARD)]
+        if declared.words:
+            assert column.to_pylist() == [declared.words[place].value for place in frames[name].tolist()]
         elif name.endswith("utc_ns"):
             np.testing.assert_array_equal(column.cast(pa.int64()).to_numpy(), frames[name])
         else:
@@ -176,8 +177,6 @@ def test_a_name_has_its_unit_last() -> None:
     assert joined("onboard_d_de", "nea_arcsec") == "onboard_d_de_nea_arcsec"
     assert joined("d_de_bias_bounds_arcsec", "low") == "d_de_bias_low_arcsec"
     assert joined("onboard_available", "value") == "onboard_available"
-    assert unit_of("drift_arcsec_per_h") == "arcsec/h"
-    assert unit_of("star_fields") == ""
 
 
 def test_the_documentation_lists_the_columns() -> None:

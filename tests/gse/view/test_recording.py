@@ -18,9 +18,10 @@ from gse.errors import UsageError
 from gse.instant import NS_PER_S
 from gse.station.frame_table import FRAME, STATUSES, FrameTable
 from gse.station.results import FrameResult, Status
-from gse.view.blueprint import layout
+from gse.view.blueprint import _title, layout
 from gse.view.saved_view import save_view
 from gse.view.scene import Scene
+from gse.view.series import GRAPHS
 
 FRAMES = 700
 
@@ -53,6 +54,27 @@ def test_each_frame_is_one_row_of_each_series_at_its_own_instant(rows, frames) -
         assert len(moving(rows[path])) == FRAMES, path
     utc_ns = [row["utc"] for row in moving(rows["/d_ra/value"])]
     assert utc_ns == [frame.panorama.utc_ns for frame in frames]
+
+
+@pytest.mark.parametrize("graph", GRAPHS)
+def test_a_declared_graph_has_its_columns_and_a_place_on_the_screen(rows, tmp_path: Path, graph) -> None:
+    frames, per_unit = synthetic_night(FRAMES).frames.columns, 1000 if graph == "identification_ms" else 1
+    drawn = np.column_stack([frames[column.name].astype(np.float64) for column in GRAPHS[graph]])
+    assert np.allclose(values(rows, f"/{graph}"), drawn / per_unit, atol=0.0006, equal_nan=True)
+    layout(synthetic_night(1).station).save("gse", str(tmp_path / "layout.rbl"))
+    reader = RrdReader(str(tmp_path / "layout.rbl"))
+    batches = [chunk.to_record_batch() for chunk in reader.stream(store=reader.blueprints()[0]).to_chunks()]
+    origins = [batch["ViewBlueprint:space_origin"].to_pylist() for batch in batches if _has_origin(batch)]
+    assert [[f"/{graph}"]] in origins
+
+
+def _has_origin(batch: Any) -> bool:
+    return "ViewBlueprint:space_origin" in batch.schema.names
+
+
+def test_a_graph_without_a_title_is_called_by_its_name() -> None:
+    assert _title("boresight_drift_arcsec") == "Boresight drift (arcsec)"
+    assert _title("transparency") == "Transparency"
 
 
 def test_errors_stand_between_their_limits_and_a_frame_without_answer_is_a_gap(rows, frames) -> None:
